@@ -1,0 +1,689 @@
+//! The syntax tree: what a PDDL text says, before anyone asks what it means.
+//!
+//! - Built by the parser, printed by the printer, read by `check`, `capability` and `planner`.
+//! - Everything here is *lifted*: parameters are variables. Ground things live in `planner`.
+//! - Two trees are equal when they say the same: spans and the author's spelling take no part.
+
+use std::borrow::Borrow;
+use std::fmt;
+use std::hash::{Hash, Hasher};
+use std::sync::Arc;
+
+/// A range of bytes in the author's text, `start..end`.
+///
+/// All spans are equal, so that trees compare by what they say and not by where they say it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Span {
+    /// First byte.
+    pub start: u32,
+    /// One past the last byte.
+    pub end: u32,
+}
+
+/// A PDDL symbol: compared without case, shown as its author wrote it.
+///
+/// Variables are names too, without the question mark.
+#[derive(Clone)]
+pub struct Name {
+    canonical: Arc<str>,
+    spelled: Arc<str>,
+    span: Span,
+}
+
+/// `TYPE | (either TYPE+)`; the empty list stands for an omitted type, which is `object`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+pub struct TypeExpr {
+    /// One type, or the alternatives of an `either`, in the author's order.
+    pub alternatives: Vec<Name>,
+}
+
+/// A name with a type: a variable, a constant, an object, or a type with its supertype.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Typed {
+    /// The name; of a variable, without `?`.
+    pub name: Name,
+    /// Its type; of a type, its supertype.
+    pub ty: TypeExpr,
+}
+
+/// A variable or an object in argument position.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Term {
+    /// `?name`
+    Variable(Name),
+    /// `name`: a constant or an object.
+    Object(Name),
+}
+
+/// `(PREDICATE TERM*)`
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Atom {
+    /// The predicate symbol.
+    pub predicate: Name,
+    /// One term per parameter of the predicate.
+    pub arguments: Vec<Term>,
+    /// From `(` to `)`.
+    pub span: Span,
+}
+
+/// `(FUNCTION TERM*)`, or `FUNCTION` alone where the function takes no argument.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct FluentTerm {
+    /// The function symbol.
+    pub function: Name,
+    /// One term per parameter of the function.
+    pub arguments: Vec<Term>,
+    /// From `(` to `)`.
+    pub span: Span,
+}
+
+/// A finite number. Equal by value, so `1`, `1.0` and `1e0` are one number.
+#[derive(Clone, Copy, Debug)]
+pub struct Number(pub f64);
+
+/// A condition: of an action, an effect, an axiom, or a goal.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Condition {
+    /// `(PREDICATE TERM*)`
+    Atom(Atom),
+    /// `(= TERM TERM)`
+    Equal(Term, Term, Span),
+    /// `(< EXPRESSION EXPRESSION)` and its kin.
+    Compare(Box<Compare>),
+    /// `(not CONDITION)`
+    Not(Box<Condition>),
+    /// `(and CONDITION*)`; empty, it is true. An omitted or empty `()` condition is this too.
+    And(Vec<Condition>),
+    /// `(or CONDITION*)`; empty, it is false.
+    Or(Vec<Condition>),
+    /// `(imply CONDITION CONDITION)`
+    Imply(Box<Condition>, Box<Condition>),
+    /// `(exists (VARIABLES) CONDITION)`
+    Exists(Vec<Typed>, Box<Condition>),
+    /// `(forall (VARIABLES) CONDITION)`
+    Forall(Vec<Typed>, Box<Condition>),
+}
+
+/// `(COMPARISON EXPRESSION EXPRESSION)`
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Compare {
+    /// Which comparison.
+    pub comparison: Comparison,
+    /// The left side.
+    pub left: Expression,
+    /// The right side.
+    pub right: Expression,
+    /// From `(` to `)`.
+    pub span: Span,
+}
+
+/// A numeric comparison.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Comparison {
+    /// `<`
+    Less,
+    /// `<=`
+    LessOrEqual,
+    /// `=` between numbers.
+    Equal,
+    /// `>=`
+    GreaterOrEqual,
+    /// `>`
+    Greater,
+}
+
+/// A numeric expression.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Expression {
+    /// A number.
+    Number(Number),
+    /// `(FUNCTION TERM*)`
+    Fluent(FluentTerm),
+    /// `(- EXPRESSION)`
+    Negate(Box<Expression>),
+    /// `(+ E E+)`, `(- E E)`, `(* E E+)`, `(/ E E)`; `+` and `*` take two or more operands.
+    Apply(Operator, Vec<Expression>),
+    /// `?duration`, in the constraints, conditions and effects of a durative action.
+    Duration(Span),
+    /// `#t`, in a continuous effect.
+    ContinuousTime(Span),
+    /// `total-time`, in a metric.
+    TotalTime(Span),
+}
+
+/// An arithmetic operator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Operator {
+    /// `+`
+    Add,
+    /// `-`
+    Subtract,
+    /// `*`
+    Multiply,
+    /// `/`
+    Divide,
+}
+
+/// An effect of an action.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Effect {
+    /// `(and EFFECT*)`; empty, nothing happens.
+    And(Vec<Effect>),
+    /// `(PREDICATE TERM*)`
+    Add(Atom),
+    /// `(not (PREDICATE TERM*))`
+    Delete(Atom),
+    /// `(increase FLUENT EXPRESSION)` and its kin.
+    Assign(Box<Assign>),
+    /// `(forall (VARIABLES) EFFECT)`
+    Forall(Vec<Typed>, Box<Effect>),
+    /// `(when CONDITION EFFECT)`
+    When(Box<Condition>, Box<Effect>),
+}
+
+/// `(ASSIGNMENT FLUENT EXPRESSION)`
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Assign {
+    /// What is done with the value.
+    pub assignment: Assignment,
+    /// The fluent that changes.
+    pub fluent: FluentTerm,
+    /// The value, read in the state before the action.
+    pub value: Expression,
+    /// From `(` to `)`.
+    pub span: Span,
+}
+
+/// A numeric effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Assignment {
+    /// `assign`
+    Assign,
+    /// `increase`
+    Increase,
+    /// `decrease`
+    Decrease,
+    /// `scale-up`
+    ScaleUp,
+    /// `scale-down`
+    ScaleDown,
+}
+
+/// Who may know a predicate or an object (MA-PDDL).
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Privacy {
+    /// Everyone.
+    #[default]
+    Public,
+    /// Its agent alone: `(:private …)`, or `(:private ?agent - TYPE …)` where one text speaks of
+    /// several agents (unfactored privacy).
+    Private(Option<Typed>),
+}
+
+/// `(PREDICATE VARIABLES)` in `:predicates`
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct PredicateDeclaration {
+    /// The predicate symbol.
+    pub name: Name,
+    /// Its parameters.
+    pub parameters: Vec<Typed>,
+    /// Whether others may know it.
+    pub privacy: Privacy,
+}
+
+/// `(FUNCTION VARIABLES) [- number]` in `:functions`
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct FunctionDeclaration {
+    /// The function symbol.
+    pub name: Name,
+    /// Its parameters.
+    pub parameters: Vec<Typed>,
+    /// Whether others may know it.
+    pub privacy: Privacy,
+}
+
+/// `(:derived (PREDICATE VARIABLES) CONDITION)`: an axiom.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Derived {
+    /// The predicate it derives.
+    pub predicate: Name,
+    /// The variables of the head.
+    pub parameters: Vec<Typed>,
+    /// The body.
+    pub condition: Condition,
+    /// From `(` to `)`.
+    pub span: Span,
+}
+
+/// `(:action NAME …)`
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct ActionSchema {
+    /// The action's name.
+    pub name: Name,
+    /// `:agent ?a - TYPE`: who acts (MA-PDDL). It precedes the parameters in a plan's step.
+    pub agent: Option<Typed>,
+    /// The parameters, without the agent.
+    pub parameters: Vec<Typed>,
+    /// The precondition.
+    pub precondition: Condition,
+    /// The effect.
+    pub effect: Effect,
+    /// From `(` to `)`.
+    pub span: Span,
+}
+
+/// `(:durative-action NAME …)` (PDDL 2.1). Read and printed; no planner here uses it yet.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct DurativeAction {
+    /// The action's name.
+    pub name: Name,
+    /// Who acts.
+    pub agent: Option<Typed>,
+    /// The parameters, without the agent.
+    pub parameters: Vec<Typed>,
+    /// `:duration`
+    pub duration: Vec<DurationConstraint>,
+    /// `:condition`, flattened over `and` and `forall`.
+    pub conditions: Vec<TimedCondition>,
+    /// `:effect`
+    pub effects: TimedEffect,
+    /// From `(` to `)`.
+    pub span: Span,
+}
+
+/// `[(at start|at end] (= ?duration EXPRESSION)`
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct DurationConstraint {
+    /// When the expression is read; `None` where the author left it out.
+    pub when: Option<TimeSpecifier>,
+    /// `=`, `<=` or `>=`.
+    pub comparison: Comparison,
+    /// The bound.
+    pub value: Expression,
+}
+
+/// A point or the interval of a durative action.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum TimeSpecifier {
+    /// `at start`
+    Start,
+    /// `at end`
+    End,
+    /// `over all`; of conditions only.
+    OverAll,
+}
+
+/// `[(forall (VARIABLES)] (at start CONDITION)`
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct TimedCondition {
+    /// The variables of enclosing `forall`s, outermost first.
+    pub forall: Vec<Typed>,
+    /// When it must hold.
+    pub when: TimeSpecifier,
+    /// What must hold.
+    pub condition: Condition,
+}
+
+/// An effect of a durative action.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum TimedEffect {
+    /// `(and …)`
+    And(Vec<TimedEffect>),
+    /// `(at start|at end EFFECT)`
+    At(TimeSpecifier, Effect),
+    /// `(forall (VARIABLES) …)`
+    Forall(Vec<Typed>, Box<TimedEffect>),
+    /// `(when (at start CONDITION) (at end EFFECT))`
+    When(Vec<TimedCondition>, Box<TimedEffect>),
+    /// `(increase FLUENT (* #t EXPRESSION))`: continuous change.
+    Continuous(Box<Assign>),
+}
+
+/// `(define (domain NAME) …)`
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Domain {
+    /// The domain's name.
+    pub name: Name,
+    /// Requirement flags, with their colon, in the author's order.
+    pub requirements: Vec<Name>,
+    /// Types, each with its supertype.
+    pub types: Vec<Typed>,
+    /// Objects that every problem has.
+    pub constants: Vec<Typed>,
+    /// Predicates.
+    pub predicates: Vec<PredicateDeclaration>,
+    /// Numeric functions.
+    pub functions: Vec<FunctionDeclaration>,
+    /// Axioms.
+    pub derived: Vec<Derived>,
+    /// Actions.
+    pub actions: Vec<ActionSchema>,
+    /// Durative actions.
+    pub durative_actions: Vec<DurativeAction>,
+}
+
+/// An object of a problem or an action model.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct ObjectDeclaration {
+    /// The object and its type.
+    pub object: Typed,
+    /// Whether others may know it.
+    pub privacy: Privacy,
+}
+
+/// One element of `:init`.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum InitElement {
+    /// `(PREDICATE OBJECT*)`
+    Atom(Atom),
+    /// `(not (PREDICATE OBJECT*))`: false already, and said so.
+    Not(Atom),
+    /// `(= FLUENT NUMBER)`
+    Assign(FluentTerm, Number),
+    /// `(at TIME (…))`: a timed initial literal.
+    At(Number, Box<InitElement>),
+}
+
+/// `(:metric minimize|maximize EXPRESSION)`
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Metric {
+    /// Which way is better.
+    pub direction: Direction,
+    /// What is measured at the end of the plan.
+    pub expression: Expression,
+    /// From `(` to `)`.
+    pub span: Span,
+}
+
+/// Which way a metric is better.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Direction {
+    /// `minimize`
+    Minimize,
+    /// `maximize`
+    Maximize,
+}
+
+/// `(define (problem NAME) …)`
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Problem {
+    /// The problem's name.
+    pub name: Name,
+    /// The domain it belongs to.
+    pub domain: Name,
+    /// Requirement flags, with their colon.
+    pub requirements: Vec<Name>,
+    /// Objects.
+    pub objects: Vec<ObjectDeclaration>,
+    /// The initial state.
+    pub init: Vec<InitElement>,
+    /// What is to be true at the end; a problem without `:goal` (a map) asks for nothing.
+    pub goal: Condition,
+    /// What is to be small or great at the end.
+    pub metric: Option<Metric>,
+}
+
+/// `(define (agent NAME) (:domain ONTOLOGY) …)`: what an agent says of itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ActionModel {
+    /// The agent.
+    pub agent: Name,
+    /// The shared ontology it builds on.
+    pub domain: Name,
+    /// Requirement flags, with their colon.
+    pub requirements: Vec<Name>,
+    /// Types it adds.
+    pub types: Vec<Typed>,
+    /// Predicates it adds.
+    pub predicates: Vec<PredicateDeclaration>,
+    /// Functions it adds.
+    pub functions: Vec<FunctionDeclaration>,
+    /// Objects it brings, itself among them.
+    pub objects: Vec<ObjectDeclaration>,
+    /// What it knows to be true.
+    pub init: Vec<InitElement>,
+    /// Axioms it adds.
+    pub derived: Vec<Derived>,
+    /// Actions it offers.
+    pub actions: Vec<ActionSchema>,
+    /// Durative actions it offers.
+    pub durative_actions: Vec<DurativeAction>,
+}
+
+/// A plan in the IPC's format: one step per line, `(ACTION OBJECT*)`.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Plan {
+    /// The steps, in order.
+    pub steps: Vec<PlanStep>,
+    /// What a `; cost = N` comment claims. Never believed; recomputed.
+    pub cost: Option<Number>,
+}
+
+/// `[TIME:] (ACTION OBJECT*) [[DURATION]]`
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct PlanStep {
+    /// The action's name.
+    pub action: Name,
+    /// The agent, if the schema has one, then one object per parameter.
+    pub arguments: Vec<Name>,
+    /// Start time, in a temporal plan.
+    pub time: Option<Number>,
+    /// Duration, in a temporal plan.
+    pub duration: Option<Number>,
+    /// From `(` to `)`.
+    pub span: Span,
+}
+
+/// Any PDDL text that stands in a file of its own.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Document {
+    /// `(define (domain …) …)`
+    Domain(Domain),
+    /// `(define (problem …) …)`
+    Problem(Problem),
+    /// `(define (agent …) …)`
+    ActionModel(ActionModel),
+}
+
+// === impl Span ===
+
+impl Span {
+    /// The bytes `start..end`.
+    pub fn new(start: usize, end: usize) -> Span {
+        let clamp = |offset: usize| u32::try_from(offset).unwrap_or(u32::MAX);
+        Span { start: clamp(start), end: clamp(end) }
+    }
+
+    /// The range to slice the text with.
+    pub fn range(self) -> std::ops::Range<usize> {
+        self.start as usize..self.end as usize
+    }
+}
+
+impl PartialEq for Span {
+    fn eq(&self, _: &Span) -> bool {
+        true
+    }
+}
+
+impl Eq for Span {}
+
+impl Hash for Span {
+    fn hash<H: Hasher>(&self, _: &mut H) {}
+}
+
+// === impl Name ===
+
+impl Name {
+    /// A name as its author spelled it, without a place in a text.
+    pub fn new(spelled: &str) -> Name {
+        Name::spanned(spelled, Span::default())
+    }
+
+    /// A name as its author spelled it at `span`.
+    pub fn spanned(spelled: &str, span: Span) -> Name {
+        let spelled: Arc<str> = Arc::from(spelled);
+        let canonical = if spelled.chars().any(char::is_uppercase) {
+            Arc::from(spelled.to_lowercase())
+        } else {
+            Arc::clone(&spelled)
+        };
+        Name { canonical, spelled, span }
+    }
+
+    /// In lower case: what names are compared by.
+    pub fn as_str(&self) -> &str {
+        &self.canonical
+    }
+
+    /// As the author wrote it.
+    pub fn spelled(&self) -> &str {
+        &self.spelled
+    }
+
+    /// Where the author wrote it.
+    pub fn span(&self) -> Span {
+        self.span
+    }
+}
+
+impl PartialEq for Name {
+    fn eq(&self, other: &Name) -> bool {
+        self.canonical == other.canonical
+    }
+}
+
+impl Eq for Name {}
+
+impl PartialEq<str> for Name {
+    fn eq(&self, other: &str) -> bool {
+        *self.canonical == *other
+    }
+}
+
+impl PartialEq<&str> for Name {
+    fn eq(&self, other: &&str) -> bool {
+        *self.canonical == **other
+    }
+}
+
+impl PartialOrd for Name {
+    fn partial_cmp(&self, other: &Name) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Name {
+    fn cmp(&self, other: &Name) -> std::cmp::Ordering {
+        self.canonical.cmp(&other.canonical)
+    }
+}
+
+impl Hash for Name {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.canonical.hash(state);
+    }
+}
+
+impl Borrow<str> for Name {
+    fn borrow(&self) -> &str {
+        &self.canonical
+    }
+}
+
+impl From<&str> for Name {
+    fn from(spelled: &str) -> Name {
+        Name::new(spelled)
+    }
+}
+
+impl fmt::Display for Name {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.spelled)
+    }
+}
+
+impl fmt::Debug for Name {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Debug::fmt(&*self.spelled, f)
+    }
+}
+
+// === impl TypeExpr ===
+
+impl TypeExpr {
+    /// One type.
+    pub fn of(name: impl Into<Name>) -> TypeExpr {
+        TypeExpr { alternatives: vec![name.into()] }
+    }
+
+    /// Whether the author left the type out or wrote `object`.
+    pub fn is_object(&self) -> bool {
+        self.alternatives.is_empty() || self.alternatives.iter().any(|name| *name == "object")
+    }
+}
+
+// === impl Number ===
+
+impl PartialEq for Number {
+    fn eq(&self, other: &Number) -> bool {
+        self.0.total_cmp(&other.0).is_eq() || self.0 == other.0
+    }
+}
+
+impl Eq for Number {}
+
+impl Hash for Number {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        // `0.0 == -0.0`, so they must hash alike.
+        let value = if self.0 == 0.0 { 0.0 } else { self.0 };
+        value.to_bits().hash(state);
+    }
+}
+
+impl fmt::Display for Number {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+// === impl Condition ===
+
+impl Condition {
+    /// The condition that always holds.
+    pub fn always() -> Condition {
+        Condition::And(Vec::new())
+    }
+
+    /// Whether this is the empty conjunction.
+    pub fn is_always(&self) -> bool {
+        matches!(self, Condition::And(parts) if parts.is_empty())
+    }
+}
+
+impl Effect {
+    /// The effect that changes nothing.
+    pub fn nothing() -> Effect {
+        Effect::And(Vec::new())
+    }
+}
+
+impl ActionSchema {
+    /// The agent, if there is one, then the parameters: the order of a plan's arguments.
+    pub fn all_parameters(&self) -> impl Iterator<Item = &Typed> {
+        self.agent.iter().chain(&self.parameters)
+    }
+}
+
+impl PlanStep {
+    /// A step without time and place.
+    pub fn new(action: impl Into<Name>, arguments: impl IntoIterator<Item = Name>) -> PlanStep {
+        PlanStep {
+            action: action.into(),
+            arguments: arguments.into_iter().collect(),
+            time: None,
+            duration: None,
+            span: Span::default(),
+        }
+    }
+}
