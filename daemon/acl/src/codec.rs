@@ -1,0 +1,189 @@
+//! JSON in and out. A text that is no message still yields what is needed to answer it.
+
+use bytes::Bytes;
+use serde::Deserialize;
+use serde_json::Value;
+
+use crate::message::SCHEMA_VERSION;
+use crate::{AgentId, ConversationId, Message, MessageId, ReplyToken};
+
+/// The largest message that is read, in bytes: a model of a hundred actions is below 64 KiB, and
+/// a domain of a hundred agents below 1 MiB.
+pub const MESSAGE_BYTES_MAX: usize = 4 << 20;
+
+/// Why a text is no message.
+#[derive(Debug, thiserror::Error)]
+#[error("read an ACL message: {problem}")]
+pub struct DecodeError {
+    /// What is wrong with it.
+    pub problem: Problem,
+    /// What could be read all the same.
+    pub sketch: Box<Sketch>,
+}
+
+/// What is wrong with a text that is no message.
+#[derive(Debug, thiserror::Error)]
+pub enum Problem {
+    /// Too large to be looked at.
+    #[error("{bytes} bytes are more than the {MESSAGE_BYTES_MAX} that are read")]
+    TooLarge {
+        /// Its size.
+        bytes: usize,
+    },
+    /// Not JSON, a field missing, or a field of another shape.
+    #[error("{0}")]
+    Shape(serde_json::Error),
+    /// A version this crate does not know.
+    #[error("version {version} of the envelope is not known here, only {SCHEMA_VERSION}")]
+    UnknownVersion {
+        /// The version it claims.
+        version: u64,
+    },
+}
+
+/// What could be read of an unreadable message: enough to answer it with `not-understood`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sketch {
+    /// Its id.
+    pub id: Option<MessageId>,
+    /// Its sender.
+    pub sender: Option<AgentId>,
+    /// Its conversation.
+    pub conversation_id: Option<ConversationId>,
+    /// Its exchange.
+    pub exchange: Option<ReplyToken>,
+    /// Its performative, known or not.
+    pub performative: Option<String>,
+}
+
+/// Writes a message.
+pub fn encode(message: &Message) -> Bytes {
+    // A `Message` has string keys only and no failing `Serialize`, so JSON cannot fail; an empty
+    // payload would be answered with `not-understood`, not believed.
+    serde_json::to_vec(message).map(Bytes::from).unwrap_or_default()
+}
+
+/// Reads a message.
+///
+/// # Errors
+///
+/// If the bytes are too many, are not JSON of this shape, or claim an unknown version. The error
+/// carries what is needed to answer.
+pub fn decode(bytes: &[u8]) -> Result<Message, DecodeError> {
+    if bytes.len() > MESSAGE_BYTES_MAX {
+        let problem = Problem::TooLarge { bytes: bytes.len() };
+        return Err(DecodeError { problem, sketch: Box::default() });
+    }
+    match serde_json::from_slice::<Message>(bytes) {
+        Ok(message) if message.version == SCHEMA_VERSION => Ok(message),
+        Ok(message) => {
+            let problem = Problem::UnknownVersion { version: u64::from(message.version) };
+            Err(DecodeError { problem, sketch: Box::new(sketch(bytes)) })
+        }
+        Err(error) => {
+            let sketch = Box::new(sketch(bytes));
+            Err(DecodeError { problem: problem_of(bytes, error), sketch })
+        }
+    }
+}
+
+/// A newer version may have another shape: then the version is the better explanation.
+fn problem_of(bytes: &[u8], error: serde_json::Error) -> Problem {
+    let version = serde_json::from_slice::<Value>(bytes)
+        .ok()
+        .and_then(|value| value.get("version").and_then(Value::as_u64));
+    match version {
+        Some(version) if version != u64::from(SCHEMA_VERSION) => {
+            Problem::UnknownVersion { version }
+        }
+        _ => Problem::Shape(error),
+    }
+}
+
+fn sketch(bytes: &[u8]) -> Sketch {
+    let Ok(value) = serde_json::from_slice::<Value>(bytes) else { return Sketch::default() };
+    let token = |field| opt::<ReplyToken>(&value, field);
+    Sketch {
+        id: opt(&value, "id"),
+        sender: opt(&value, "sender"),
+        conversation_id: opt(&value, "conversation_id"),
+        exchange: token("in_reply_to").or_else(|| token("reply_with")),
+        performative: opt(&value, "performative"),
+    }
+}
+
+fn opt<'a, T: Deserialize<'a>>(value: &'a Value, field: &str) -> Option<T> {
+    value.get(field).and_then(|field| T::deserialize(field).ok())
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+    use serde_json::json;
+
+    use super::*;
+
+    fn minimal() -> Value {
+        json!({
+            "version": 1, "id": "m1", "performative": "request", "sender": "keyboard",
+            "incarnation": 1, "conversation_id": "c1"
+        })
+    }
+
+    fn with(field: &str, value: Value) -> Vec<u8> {
+        let mut message = minimal();
+        message[field] = value;
+        message.to_string().into_bytes()
+    }
+
+    #[test]
+    fn unknown_fields_survive_a_round_trip() {
+        let bytes = with("x-signature", json!({"key": [1, 2, 3]}));
+        let message = decode(&bytes).expect("an unknown field is no error");
+        let again: Value = serde_json::from_slice(&encode(&message)).expect("JSON");
+        assert_eq!(again, serde_json::from_slice::<Value>(&bytes).expect("JSON"));
+    }
+
+    #[test]
+    fn an_unknown_version_can_be_answered() {
+        let error = decode(&with("version", json!(7))).expect_err("version 7");
+        assert!(matches!(error.problem, Problem::UnknownVersion { version: 7 }));
+        assert_eq!(error.sketch.sender, AgentId::new("keyboard").ok());
+        assert_eq!(error.sketch.conversation_id, Some(ConversationId::new("c1")));
+    }
+
+    #[test]
+    fn an_unknown_version_of_another_shape_is_still_a_version() {
+        let bytes = json!({"version": 2, "from": "keyboard", "sender": "keyboard"}).to_string();
+        let error = decode(bytes.as_bytes()).expect_err("version 2");
+        assert!(matches!(error.problem, Problem::UnknownVersion { version: 2 }), "{error}");
+    }
+
+    #[test]
+    fn a_wrong_field_is_named() {
+        let error = decode(&with("performative", json!("shout"))).expect_err("no such act");
+        assert!(error.to_string().contains("shout"), "{error}");
+        assert_eq!(error.sketch.performative.as_deref(), Some("shout"));
+        let error = decode(&with("sender", json!("Key/board"))).expect_err("no such name");
+        assert!(error.to_string().contains("cannot be the name of an agent"), "{error}");
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_panic(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+            let _ = decode(&bytes);
+        }
+
+        #[test]
+        fn no_json_panics(field in "[a-z_]{1,12}", text in ".{0,20}") {
+            let _ = decode(&with(&field, json!(text)));
+        }
+
+        #[test]
+        fn content_survives(number in any::<i64>(), text in ".{0,40}") {
+            let bytes = with("content", json!({"n": number, "t": text}));
+            let message = decode(&bytes).expect("any content is fine");
+            prop_assert_eq!(decode(&encode(&message)).expect("what was written"), message);
+        }
+    }
+}

@@ -1,0 +1,443 @@
+//! What the paper's roles put inside a message (Table 1; design, “Messages”).
+//!
+//! Facts, goals, models and plans travel as PDDL text inside these shapes. All of them tolerate
+//! fields they do not know; none is understood by the envelope.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::{AgentId, ConversationId, Deadline};
+
+/// Content of a `request`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "act", rename_all = "kebab-case")]
+pub enum Request {
+    /// To the Plan Requester: plan and achieve this goal, or keep it.
+    Achieve(Achieve),
+    /// To the Planning Agent: compute a plan for this domain and problem.
+    Plan(PlanRequest),
+    /// To the Plan Executor: execute this plan.
+    Execute(Box<Execute>),
+    /// To an actuator: execute this action, translated into its method.
+    Act(Box<Act>),
+    /// To the Domain Maintainer: change the state.
+    ChangeState(ChangeState),
+}
+
+/// Ask for a goal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Achieve {
+    /// A PDDL condition over the ecosystem's ontology.
+    pub goal: String,
+    /// Reach it once, or keep it.
+    #[serde(default)]
+    pub keep: Keep,
+    /// Greater goes first.
+    #[serde(default)]
+    pub priority: i32,
+}
+
+/// How long a goal lasts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Keep {
+    /// It ends when it is reached.
+    #[default]
+    Achieve,
+    /// It stays, and is planned for again whenever the state stops satisfying it.
+    Maintain,
+}
+
+/// Ask for a plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PlanRequest {
+    /// PDDL domain.
+    pub domain: String,
+    /// PDDL problem.
+    pub problem: String,
+    /// The capability epoch both belong to.
+    pub epoch: u64,
+}
+
+/// Ask for the execution of a plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Execute {
+    /// The PDDL domain the plan belongs to.
+    pub domain: String,
+    /// The PDDL problem: objects, the state as known, the goal.
+    pub problem: String,
+    /// The plan, one step per line.
+    pub plan: String,
+    /// The capability epoch all three belong to.
+    pub epoch: u64,
+    /// Counts the plans of this conversation, from 1.
+    pub round: u32,
+    /// Names inside the domain → the names their agents know, where they differ.
+    #[serde(default)]
+    pub qualified: BTreeMap<String, String>,
+    /// The methods of the agents in the plan.
+    #[serde(default)]
+    pub methods: BTreeMap<AgentId, Methods>,
+}
+
+/// An agent's actions, each with the method that carries it out.
+pub type Methods = BTreeMap<String, Method>;
+
+/// What an actuator runs when an action is asked of it (design, “Action models”).
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Method {
+    /// The method's name.
+    pub method: String,
+    /// Its arguments: a variable of the action (`?to`) or a literal.
+    #[serde(default)]
+    pub arguments: BTreeMap<String, String>,
+    /// The longest it may take.
+    pub timeout: Deadline,
+}
+
+/// Ask an actuator to act.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Act {
+    /// The ground action under the name the actuator knows.
+    pub action: String,
+    /// The method to run.
+    pub method: String,
+    /// Its arguments, bound.
+    pub arguments: BTreeMap<String, String>,
+    /// Executed at most once.
+    pub token: ActionToken,
+}
+
+/// Names one commitment to act. The actuator executes it at most once, and refuses a token of
+/// an older executor epoch than the newest it has seen (design, “Execution”).
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct ActionToken {
+    /// The acting executor's epoch.
+    pub epoch: u64,
+    /// The goal's conversation.
+    pub conversation: ConversationId,
+    /// Which plan of that conversation.
+    pub round: u32,
+    /// Which step of that plan, from 0.
+    pub step: u32,
+}
+
+/// Ask for a change of the state as believed.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ChangeState {
+    /// PDDL facts to believe: `(door-open d1) (= (price) 3)`.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub believe: String,
+    /// PDDL facts to believe no longer.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub retract: String,
+    /// Whose word it is: the agent whose confirmed action had these effects; without it, the
+    /// asker's own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub owner: Option<AgentId>,
+}
+
+/// Content of a `cfp`: propose plans for these conjuncts of a goal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CallForProposals {
+    /// Ground PDDL conditions.
+    pub conjuncts: Vec<String>,
+    /// Whether one proposal for all conjuncts together is wanted and nothing else: the second
+    /// round, after an agent was cheapest for several conjuncts alone.
+    #[serde(default)]
+    pub together: bool,
+}
+
+/// Content of an actuator's `agree` to a `cfp`. At most one of the proposals can be accepted.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bid {
+    /// The alternatives.
+    pub proposals: Vec<Proposal>,
+    /// Digest of the local domain the bidder planned in; ask it for `domain` to read it.
+    pub domain_digest: String,
+}
+
+/// One alternative of a bid.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Proposal {
+    /// The conjuncts it covers, as the call spelled them.
+    pub covers: Vec<String>,
+    /// The plan, one step per line.
+    pub plan: String,
+    /// Its cost in the bidder's local domain.
+    pub cost: f64,
+}
+
+/// Content of an actuator's `agree` to an action.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Agreement {
+    /// The commitment taken on.
+    pub token: ActionToken,
+}
+
+/// Content of the Planning Agent's `propose`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PlanProposal {
+    /// How the search ended.
+    pub status: PlanStatus,
+    /// The plan, one step per line, where one was found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plan: Option<String>,
+    /// Its cost, recomputed by the validator.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cost: Option<f64>,
+    /// Why there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub detail: Option<String>,
+}
+
+/// How a search ended; proof and resignation are never confused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PlanStatus {
+    /// There is a plan.
+    Solved,
+    /// It is proven that there is none.
+    Unsolvable,
+    /// The search ended without a plan and without a proof.
+    Exhausted,
+    /// A limit on work, memory or time ended it.
+    Limit,
+    /// The request was cancelled.
+    Cancelled,
+    /// The problem uses what the planner does not support.
+    Unsupported,
+}
+
+/// Content of `accept-proposal` and `reject-proposal`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Choice {
+    /// What was chosen of the receiver's proposals; empty in a rejection.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub covers: Vec<String>,
+    /// Why.
+    pub detail: String,
+}
+
+/// Content of a `refuse` and of a `not-understood`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Refusal {
+    /// Why, for a program.
+    pub reason: Reason,
+    /// Why, for a person.
+    pub detail: String,
+}
+
+/// Why something was declined.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Reason {
+    /// The text could not be read as a message of this version.
+    Unreadable,
+    /// The content could not be read, or names things that do not exist.
+    BadContent,
+    /// Nothing this agent's callbacks know how to take.
+    UnexpectedPerformative,
+    /// The protocol does not allow this turn here.
+    OutOfTurn,
+    /// Outside what this agent's action model offers now.
+    Incapable,
+    /// No plan reaches the goal.
+    Unreachable,
+    /// The mailbox is full.
+    MailboxFull,
+    /// Something else has to finish first, or the bound on work in progress is reached.
+    Busy,
+    /// The token's executor epoch is older than the newest seen.
+    StaleToken,
+    /// The token was executed before.
+    AlreadyExecuted,
+    /// There is nothing under this name.
+    Unknown,
+    /// Part of the design, not built yet.
+    NotBuilt,
+    /// The daemon is draining.
+    Stopping,
+    /// A reason of a newer version.
+    #[serde(other)]
+    Other,
+}
+
+/// Content of a `confirm`: progress and outcome of an action, a plan or a goal; observations.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// How it stands.
+    pub outcome: Outcome,
+    /// For a person: one line.
+    pub detail: String,
+    /// The ground action it is about, under its agent's name for it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub action: Option<String>,
+    /// The plan that was chosen, where this is the news.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plan: Option<String>,
+    /// The cost of that plan.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cost: Option<f64>,
+    /// PDDL facts observed.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub observations: String,
+}
+
+/// How an action, a plan or a goal stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Outcome {
+    /// On its way.
+    Progress,
+    /// A maintained goal holds now; it goes on being watched.
+    Holds,
+    /// Done: the last word.
+    Done,
+    /// Failed: the last word.
+    Failed,
+    /// Given up as asked: the last word.
+    Cancelled,
+}
+
+/// Content of an `inform`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "of", rename_all = "kebab-case")]
+pub enum Inform {
+    /// An actuator: my whole action model; on activation, on change, and when asked for.
+    Model(Box<ModelAnnouncement>),
+    /// An actuator: I work, my model is still the one of this digest, and this is my state.
+    Heartbeat(Heartbeat),
+    /// The Domain Maintainer: a new capability epoch or a changed state, and what changed.
+    Epoch(EpochChange),
+}
+
+/// An actuator's whole self-description.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ModelAnnouncement {
+    /// `(define (agent NAME) …)`
+    pub model: String,
+    /// Which method carries out which action.
+    #[serde(default)]
+    pub methods: Methods,
+    /// The state that comes with it.
+    #[serde(flatten)]
+    pub heartbeat: Heartbeat,
+}
+
+/// An actuator's state, complete for what it owns: what it does not say is false.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Heartbeat {
+    /// Digest of the model and the methods.
+    pub digest: String,
+    /// Counts this incarnation's heartbeats, from 1; an older one is not believed after a newer.
+    pub sequence: u64,
+    /// All PDDL facts it owns now.
+    #[serde(default)]
+    pub facts: String,
+    /// Facts that are known for a while only: each with the time left.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub known_for: BTreeMap<String, Deadline>,
+    /// When the next heartbeat is due at the latest.
+    pub period: Deadline,
+}
+
+/// A change of what the ecosystem can do, or of its state as believed.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct EpochChange {
+    /// Counts changes of the set of capabilities.
+    pub epoch: u64,
+    /// Counts changes of anything; two announcements with a gap between them mean a lost one.
+    pub revision: u64,
+    /// Agents whose capabilities are there now.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub joined: Vec<AgentId>,
+    /// Agents whose capabilities are gone or masked.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left: Vec<AgentId>,
+    /// PDDL facts that are believed now.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub believed: String,
+    /// PDDL facts that are believed no longer.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub retracted: String,
+}
+
+/// Content of a `query-ref`: a question to a person.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Question {
+    /// The question.
+    pub text: String,
+}
+
+/// Turns a content into what an envelope carries.
+///
+/// Contents are plain data, so this cannot fail; were it to, the receiver answers
+/// `not-understood` to a null content.
+pub fn value(content: &impl Serialize) -> Value {
+    serde_json::to_value(content).unwrap_or(Value::Null)
+}
+
+impl Outcome {
+    /// Whether nothing more follows.
+    pub fn is_final(self) -> bool {
+        matches!(self, Outcome::Done | Outcome::Failed | Outcome::Cancelled)
+    }
+}
+
+impl Report {
+    /// A report of `outcome` with one line for a person.
+    pub fn new(outcome: Outcome, detail: impl Into<String>) -> Report {
+        Report {
+            outcome,
+            detail: detail.into(),
+            action: None,
+            plan: None,
+            cost: None,
+            observations: String::new(),
+        }
+    }
+}
+
+impl Refusal {
+    /// A refusal for a program and a person.
+    pub fn new(reason: Reason, detail: impl Into<String>) -> Refusal {
+        Refusal { reason, detail: detail.into() }
+    }
+}
+
+impl fmt::Display for ActionToken {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ActionToken { epoch, conversation, round, step } = self;
+        write!(f, "{epoch}/{conversation}/{round}/{step}")
+    }
+}
+
+impl fmt::Display for Outcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Outcome::Progress => "progress",
+            Outcome::Holds => "holds",
+            Outcome::Done => "done",
+            Outcome::Failed => "failed",
+            Outcome::Cancelled => "cancelled",
+        })
+    }
+}
+
+impl fmt::Display for PlanStatus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            PlanStatus::Solved => "solved",
+            PlanStatus::Unsolvable => "proven unsolvable",
+            PlanStatus::Exhausted => "search ended without a plan or a proof",
+            PlanStatus::Limit => "a limit was reached",
+            PlanStatus::Cancelled => "cancelled",
+            PlanStatus::Unsupported => "unsupported",
+        })
+    }
+}

@@ -1,0 +1,143 @@
+//! Names of agents, daemons and ecosystems: made precise at the border, trusted inside.
+//!
+//! Each is one chunk of a Zenoh key expression, and an agent's name is its PDDL object too, so
+//! the alphabet is what both allow. Names are lower case: PDDL compares without case, Zenoh with.
+
+use std::borrow::Borrow;
+use std::fmt;
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+/// The longest name accepted, in bytes. Six of them stand in one key expression, which small
+/// devices limit to 256 bytes.
+pub(crate) const NAME_BYTES_MAX: usize = 64;
+
+/// A text that cannot be a name.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`{name}` cannot be the name of {what}: {rule}")]
+pub struct InvalidName {
+    /// The text.
+    pub name: String,
+    /// What it was to name, with its article.
+    pub what: &'static str,
+    /// What a name looks like.
+    pub rule: &'static str,
+}
+
+const RULE: &str = "use 1 to 64 of `a-z`, `0-9`, `-` and `_`, and begin with a letter";
+
+fn is_name(text: &str) -> bool {
+    let rest_is_plain =
+        text.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b"-_".contains(&b));
+    let begins_with_letter = text.bytes().next().is_some_and(|b| b.is_ascii_lowercase());
+    rest_is_plain && begins_with_letter && text.len() <= NAME_BYTES_MAX
+}
+
+macro_rules! name_type {
+    ($(#[$doc:meta])* $name:ident, $what:literal) => {
+        $(#[$doc])*
+        #[derive(Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+        #[serde(try_from = "String", into = "String")]
+        pub struct $name(Arc<str>);
+
+        impl $name {
+            /// Reads a name.
+            ///
+            /// # Errors
+            ///
+            /// If `text` is not 1 to 64 of `a-z`, `0-9`, `-`, `_`, beginning with a letter.
+            pub fn new(text: &str) -> Result<$name, InvalidName> {
+                if is_name(text) {
+                    return Ok($name(Arc::from(text)));
+                }
+                Err(InvalidName { name: text.to_owned(), what: $what, rule: RULE })
+            }
+
+            /// The name as text.
+            pub fn as_str(&self) -> &str {
+                &self.0
+            }
+        }
+
+        impl TryFrom<String> for $name {
+            type Error = InvalidName;
+
+            fn try_from(text: String) -> Result<$name, InvalidName> {
+                $name::new(&text)
+            }
+        }
+
+        impl std::str::FromStr for $name {
+            type Err = InvalidName;
+
+            fn from_str(text: &str) -> Result<$name, InvalidName> {
+                $name::new(text)
+            }
+        }
+
+        impl From<$name> for String {
+            fn from(name: $name) -> String {
+                name.0.as_ref().to_owned()
+            }
+        }
+
+        impl Borrow<str> for $name {
+            fn borrow(&self) -> &str {
+                &self.0
+            }
+        }
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.pad(&self.0)
+            }
+        }
+
+        impl fmt::Debug for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                fmt::Debug::fmt(&*self.0, f)
+            }
+        }
+    };
+}
+
+name_type! {
+    /// The name of an agent: one chunk of a key expression, and a PDDL object.
+    AgentId, "an agent"
+}
+name_type! {
+    /// The name of a daemon: one `althing` process.
+    DaemonId, "a daemon"
+}
+name_type! {
+    /// The name of an ecosystem: agents sharing a substrate and a root key expression.
+    EcosystemId, "an ecosystem"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_chunks_and_pddl_objects() {
+        for good in ["a", "turtlebot-1", "ir_2", &"x".repeat(64)] {
+            assert!(AgentId::new(good).is_ok(), "{good}");
+        }
+        for bad in
+            ["", "1a", "-a", "A", "a/b", "a*", "@a", "a b", "ä", "a.b", "a$b", &"x".repeat(65)]
+        {
+            assert!(AgentId::new(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn the_error_says_what_would_be_right() {
+        let error = DaemonId::new("Office Pi").expect_err("a space and capitals");
+        assert_eq!(
+            error.to_string(),
+            "`Office Pi` cannot be the name of a daemon: use 1 to 64 of `a-z`, `0-9`, `-` and `_`, \
+             and begin with a letter"
+        );
+    }
+}
