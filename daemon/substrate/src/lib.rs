@@ -1,0 +1,240 @@
+//! What carries messages (the paper, “Shared Communication Channel”): the trait a Communication
+//! Agent speaks through, and a substrate within one process.
+//!
+//! - [`Substrate`] is how a daemon speaks, [`Inbound`] is how it is spoken to.
+//! - [`memory`] carries messages within one process; `substrate-zenoh` carries them between
+//!   machines. The same agents run unchanged on both.
+//!
+//! A substrate promises little: a message may be lost, late or doubled, and presence may err for
+//! the length of a lease. Receipts, retries and duplicates are the Communication Agent's.
+
+pub mod memory;
+
+use std::fmt;
+use std::future::Future;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::{AgentId, DaemonId, Incarnation, Performative};
+use bytes::Bytes;
+use serde::{Deserialize, Serialize};
+
+/// A future that a trait object can return.
+pub type BoxFuture<T> = Pin<Box<dyn Future<Output = T> + Send>>;
+
+/// How a daemon speaks. Sending never waits: it hands over, and promises nothing.
+pub trait Substrate: Send + Sync + 'static {
+    /// Sends to one agent.
+    ///
+    /// # Errors
+    ///
+    /// If the substrate is closed or refuses the message; success is not delivery.
+    fn send(&self, to: &Address, subject: Subject, payload: Bytes) -> Result<(), SendError>;
+
+    /// Sends to all: the paper's global topic per message type.
+    ///
+    /// # Errors
+    ///
+    /// As [`Substrate::send`].
+    fn broadcast(
+        &self,
+        sender: &AgentId,
+        performative: Performative,
+        payload: Bytes,
+    ) -> Result<(), SendError>;
+
+    /// Sends an agent's action model or heartbeat to all.
+    ///
+    /// # Errors
+    ///
+    /// As [`Substrate::send`].
+    fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError>;
+
+    /// Makes an agent present until the returned token is dropped or the process dies.
+    ///
+    /// # Errors
+    ///
+    /// If the substrate is closed.
+    fn announce(
+        &self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+    ) -> Result<PresenceToken, SendError>;
+
+    /// Asks daemons for a resource; resolves to all answers that came within `timeout`, which
+    /// may be none.
+    fn ask(&self, question: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>>;
+
+    /// Closes the substrate: what is still queued may go out, nothing comes in any more.
+    fn close(&self) -> BoxFuture<()>;
+}
+
+/// How a daemon is spoken to. Called on the substrate's own threads: must not block.
+pub trait Inbound: Send + Sync + 'static {
+    /// A message has come.
+    fn deliver(&self, delivery: Delivery);
+
+    /// An agent is here, or is not.
+    fn presence(&self, presence: Presence);
+
+    /// Somebody asks for a resource. Dropping the question answers nothing.
+    fn question(&self, question: Question);
+}
+
+/// Where an agent is reached.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Address {
+    /// The daemon that hosts it.
+    pub daemon: DaemonId,
+    /// The agent.
+    pub agent: AgentId,
+}
+
+/// What a message to one agent is, before anyone opens it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Subject {
+    /// An ACL message.
+    Message(Performative),
+    /// The receiver's Communication Agent has put a message into its agent's mailbox. No ACL
+    /// message; the payload is the message's id.
+    Receipt,
+}
+
+/// A message that has come.
+#[derive(Clone, Debug)]
+pub struct Delivery {
+    /// How it was addressed.
+    pub addressed: Addressed,
+    /// The bytes as they were sent.
+    pub payload: Bytes,
+}
+
+/// How a message was addressed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Addressed {
+    /// To one agent of this daemon.
+    To(AgentId, Subject),
+    /// To all, by its sender.
+    All(AgentId, Performative),
+    /// An action model or a heartbeat, by its sender.
+    Beat(AgentId),
+}
+
+/// One life of one agent at one place.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Resident {
+    /// The agent.
+    pub agent: AgentId,
+    /// The daemon that hosts it.
+    pub daemon: DaemonId,
+    /// Which life of it.
+    pub incarnation: Incarnation,
+}
+
+/// Our view of who is here.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Presence {
+    /// The process that hosts this agent lives and can be reached.
+    Joined(Resident),
+    /// It cannot be reached from here any more.
+    Left(Resident),
+}
+
+/// What a daemon can be asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Resource {
+    /// The agents this daemon hosts and the daemons it sees.
+    Directory,
+    /// The composite domain.
+    Domain,
+    /// The state of the world as believed, with provenance.
+    State,
+    /// Goals and their progress.
+    Goals,
+    /// One agent's action model, or all.
+    Model,
+}
+
+/// A question to daemons.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Ask {
+    /// Whom; `None` asks all.
+    pub daemon: Option<DaemonId>,
+    /// For what.
+    pub resource: Resource,
+    /// Of which agent, where the resource has one per agent.
+    pub agent: Option<AgentId>,
+}
+
+/// A question that has come.
+pub struct Question {
+    /// For what.
+    pub resource: Resource,
+    /// Of which agent.
+    pub agent: Option<AgentId>,
+    /// Gives one answer; may be called more than once, and not at all.
+    pub answer: Arc<dyn Fn(Bytes) + Send + Sync>,
+}
+
+/// Keeps an agent present while it lives.
+pub struct PresenceToken(Option<Box<dyn FnOnce() + Send + Sync>>);
+
+/// Why a message could not be handed over.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SendError {
+    /// The substrate is closed.
+    #[error("send on a closed substrate")]
+    Closed,
+    /// The substrate declined.
+    #[error("send: {0}")]
+    Declined(String),
+}
+
+impl PresenceToken {
+    /// A token that runs `withdraw` when it is dropped.
+    pub fn new(withdraw: impl FnOnce() + Send + Sync + 'static) -> PresenceToken {
+        PresenceToken(Some(Box::new(withdraw)))
+    }
+}
+
+impl Drop for PresenceToken {
+    fn drop(&mut self) {
+        if let Some(withdraw) = self.0.take() {
+            withdraw();
+        }
+    }
+}
+
+impl fmt::Debug for PresenceToken {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("PresenceToken")
+    }
+}
+
+impl Presence {
+    /// Who it is about.
+    pub fn resident(&self) -> &Resident {
+        match self {
+            Presence::Joined(resident) | Presence::Left(resident) => resident,
+        }
+    }
+}
+
+impl Resource {
+    /// All of them.
+    pub const ALL: [Resource; 5] =
+        [Resource::Directory, Resource::Domain, Resource::State, Resource::Goals, Resource::Model];
+
+    /// The name, as one chunk of a key expression.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Resource::Directory => "directory",
+            Resource::Domain => "domain",
+            Resource::State => "state",
+            Resource::Goals => "goals",
+            Resource::Model => "model",
+        }
+    }
+}

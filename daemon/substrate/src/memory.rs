@@ -1,0 +1,313 @@
+//! A substrate within one process: every daemon of the ecosystem is an [`Inbound`] in one map.
+//!
+//! Messages arrive on the sender's thread before `send` returns, in the order they were sent.
+//! Under paused time a test is therefore deterministic.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::time::Duration;
+
+use acl::{AgentId, DaemonId, Incarnation, Performative};
+use bytes::Bytes;
+use tokio::sync::mpsc;
+
+use crate::{
+    Address, Addressed, Ask, BoxFuture, Delivery, Inbound, Presence, PresenceToken, Question,
+    Resident, SendError, Subject, Substrate,
+};
+
+/// Answers to one question that wait to be read: one per agent of a large ecosystem.
+pub const ANSWERS_MAX: usize = 4096;
+
+/// One ecosystem's wire. Clones are the same wire.
+#[derive(Clone, Default)]
+pub struct Network(Arc<Mutex<Wire>>);
+
+#[derive(Default)]
+struct Wire {
+    daemons: BTreeMap<DaemonId, Arc<dyn Inbound>>,
+    residents: BTreeMap<(AgentId, DaemonId), Incarnation>,
+    /// A stranger that hears everything that is sent.
+    taps: Vec<Tap>,
+}
+
+type Tap = Arc<dyn Fn(&Addressed, &Bytes) + Send + Sync>;
+
+/// One daemon's end of the wire.
+struct Port {
+    daemon: DaemonId,
+    wire: Weak<Mutex<Wire>>,
+}
+
+impl Network {
+    /// A wire with nobody on it.
+    pub fn new() -> Network {
+        Network::default()
+    }
+
+    /// Connects a daemon; `inbound` hears at once who is already here.
+    pub fn open(&self, daemon: DaemonId, inbound: Arc<dyn Inbound>) -> Arc<dyn Substrate> {
+        let here = self.with(|wire| {
+            wire.daemons.insert(daemon.clone(), Arc::clone(&inbound));
+            wire.residents()
+        });
+        for resident in here {
+            inbound.presence(Presence::Joined(resident));
+        }
+        Arc::new(Port { daemon, wire: Arc::downgrade(&self.0) })
+    }
+
+    /// Takes a daemon off the wire as a SIGKILL of its process would: it hears nothing more, and
+    /// all its agents are gone for the others.
+    pub fn kill(&self, daemon: &DaemonId) {
+        let gone = self.with(|wire| {
+            wire.daemons.remove(daemon);
+            let gone = wire.residents().into_iter().filter(|resident| resident.daemon == *daemon);
+            gone.collect::<Vec<_>>()
+        });
+        for Resident { agent, daemon, incarnation } in gone {
+            withdraw(&self.0, &agent, &daemon, incarnation);
+        }
+    }
+
+    /// Lets `tap` hear everything that is sent from now on, as a stranger's tool would.
+    pub fn tap(&self, tap: impl Fn(&Addressed, &Bytes) + Send + Sync + 'static) {
+        self.with(|wire| wire.taps.push(Arc::new(tap)));
+    }
+
+    fn with<T>(&self, act: impl FnOnce(&mut Wire) -> T) -> T {
+        act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+// === impl Wire ===
+
+impl Wire {
+    fn residents(&self) -> Vec<Resident> {
+        let resident = |((agent, daemon), incarnation): (&(AgentId, DaemonId), &Incarnation)| {
+            Resident { agent: agent.clone(), daemon: daemon.clone(), incarnation: *incarnation }
+        };
+        self.residents.iter().map(resident).collect()
+    }
+
+    fn everyone(&self) -> Vec<Arc<dyn Inbound>> {
+        self.daemons.values().cloned().collect()
+    }
+}
+
+// === impl Port ===
+
+impl Port {
+    /// Runs `act` on the wire if this daemon is still on it.
+    fn with<T>(&self, act: impl FnOnce(&mut Wire) -> T) -> Result<T, SendError> {
+        let wire = self.wire.upgrade().ok_or(SendError::Closed)?;
+        let mut wire = wire.lock().unwrap_or_else(PoisonError::into_inner);
+        if !wire.daemons.contains_key(&self.daemon) {
+            return Err(SendError::Closed);
+        }
+        Ok(act(&mut wire))
+    }
+
+    fn carry(
+        &self,
+        addressed: Addressed,
+        payload: Bytes,
+        to: Option<&DaemonId>,
+    ) -> Result<(), SendError> {
+        let (receivers, taps) = self.with(|wire| {
+            let receivers = match to {
+                Some(daemon) => wire.daemons.get(daemon).cloned().into_iter().collect(),
+                None => wire.everyone(),
+            };
+            (receivers, wire.taps.clone())
+        })?;
+        // The lock is gone: a receiver may answer at once.
+        for tap in taps {
+            tap(&addressed, &payload);
+        }
+        for receiver in receivers {
+            let (addressed, payload) = (addressed.clone(), payload.clone());
+            receiver.deliver(Delivery { addressed, payload });
+        }
+        Ok(())
+    }
+}
+
+impl Substrate for Port {
+    fn send(&self, to: &Address, subject: Subject, payload: Bytes) -> Result<(), SendError> {
+        self.carry(Addressed::To(to.agent.clone(), subject), payload, Some(&to.daemon))
+    }
+
+    fn broadcast(
+        &self,
+        sender: &AgentId,
+        performative: Performative,
+        payload: Bytes,
+    ) -> Result<(), SendError> {
+        self.carry(Addressed::All(sender.clone(), performative), payload, None)
+    }
+
+    fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
+        self.carry(Addressed::Beat(sender.clone()), payload, None)
+    }
+
+    fn announce(
+        &self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+    ) -> Result<PresenceToken, SendError> {
+        let key = (agent.clone(), self.daemon.clone());
+        let everyone = self.with(|wire| {
+            wire.residents.insert(key.clone(), incarnation);
+            wire.everyone()
+        })?;
+        let (agent, daemon) = key;
+        let resident = Resident { agent: agent.clone(), daemon: daemon.clone(), incarnation };
+        for inbound in everyone {
+            inbound.presence(Presence::Joined(resident.clone()));
+        }
+        let wire = Weak::clone(&self.wire);
+        Ok(PresenceToken::new(move || {
+            if let Some(wire) = wire.upgrade() {
+                withdraw(&wire, &agent, &daemon, incarnation);
+            }
+        }))
+    }
+
+    fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
+        let asked: Result<Vec<_>, _> = self.with(|wire| match &ask.daemon {
+            Some(daemon) => wire.daemons.get(daemon).cloned().into_iter().collect(),
+            None => wire.everyone(),
+        });
+        let (answers, heard) = mpsc::channel(ANSWERS_MAX);
+        for inbound in asked.unwrap_or_default() {
+            let answers = answers.clone();
+            let answer = move |bytes| drop(answers.try_send(bytes));
+            let Ask { resource, ref agent, .. } = ask;
+            let answer = Arc::new(answer);
+            inbound.question(Question { resource, agent: agent.clone(), answer });
+        }
+        Box::pin(collect_answers(heard, timeout))
+    }
+
+    fn close(&self) -> BoxFuture<()> {
+        if let Some(wire) = self.wire.upgrade() {
+            Network(wire).kill(&self.daemon);
+        }
+        Box::pin(std::future::ready(()))
+    }
+}
+
+/// Collects answers until everyone asked has let go of the question, or `timeout` has passed.
+pub async fn collect_answers(mut heard: mpsc::Receiver<Bytes>, timeout: Duration) -> Vec<Bytes> {
+    let mut answers = Vec::new();
+    let all = async {
+        while let Some(answer) = heard.recv().await {
+            answers.push(answer);
+        }
+    };
+    // Late answers are lost, those that came in time are not.
+    let _ = tokio::time::timeout(timeout, all).await;
+    answers
+}
+
+fn withdraw(wire: &Mutex<Wire>, agent: &AgentId, daemon: &DaemonId, incarnation: Incarnation) {
+    let key = (agent.clone(), daemon.clone());
+    let everyone = {
+        let mut wire = wire.lock().unwrap_or_else(PoisonError::into_inner);
+        if wire.residents.get(&key) != Some(&incarnation) {
+            return;
+        }
+        wire.residents.remove(&key);
+        wire.everyone()
+    };
+    let (agent, daemon) = key;
+    for inbound in everyone {
+        let (agent, daemon) = (agent.clone(), daemon.clone());
+        inbound.presence(Presence::Left(Resident { agent, daemon, incarnation }));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Resource;
+
+    /// Writes down what it hears.
+    #[derive(Default)]
+    struct Ear(Mutex<Vec<String>>);
+
+    impl Ear {
+        fn note(&self, line: String) {
+            self.0.lock().expect("no test panics while it listens").push(line);
+        }
+
+        fn heard(&self) -> Vec<String> {
+            std::mem::take(&mut *self.0.lock().expect("as above"))
+        }
+    }
+
+    impl Inbound for Ear {
+        fn deliver(&self, delivery: Delivery) {
+            let text = String::from_utf8_lossy(&delivery.payload).into_owned();
+            self.note(format!("{:?} {text}", delivery.addressed));
+        }
+
+        fn presence(&self, presence: Presence) {
+            let word = if matches!(presence, Presence::Joined(_)) { "joined" } else { "left" };
+            self.note(format!("{word} {}", presence.resident().agent));
+        }
+
+        fn question(&self, question: Question) {
+            (question.answer)(Bytes::from_static(question.resource.as_str().as_bytes()));
+        }
+    }
+
+    fn daemon(name: &str) -> DaemonId {
+        DaemonId::new(name).expect("a name")
+    }
+
+    fn agent(name: &str) -> AgentId {
+        AgentId::new(name).expect("a name")
+    }
+
+    #[test]
+    fn a_killed_daemon_is_deaf_and_its_agents_are_gone() {
+        let network = Network::new();
+        let (a, b) = (Arc::new(Ear::default()), Arc::new(Ear::default()));
+        let port_a = network.open(daemon("a"), Arc::<Ear>::clone(&a) as _);
+        let port_b = network.open(daemon("b"), Arc::<Ear>::clone(&b) as _);
+        let _token = port_b.announce(&agent("robot"), Incarnation(1)).expect("open");
+        assert_eq!(a.heard(), ["joined robot"]);
+
+        network.kill(&daemon("b"));
+
+        assert_eq!(a.heard(), ["left robot"]);
+        assert_eq!(port_b.beat(&agent("robot"), Bytes::new()), Err(SendError::Closed));
+        b.heard();
+        port_a.broadcast(&agent("x"), Performative::Cfp, Bytes::new()).expect("open");
+        assert_eq!(b.heard(), [""; 0]);
+    }
+
+    #[test]
+    fn a_message_to_one_reaches_its_daemon_alone() {
+        let network = Network::new();
+        let (a, b) = (Arc::new(Ear::default()), Arc::new(Ear::default()));
+        let port = network.open(daemon("a"), Arc::<Ear>::clone(&a) as _);
+        network.open(daemon("b"), Arc::<Ear>::clone(&b) as _);
+        let to = Address { daemon: daemon("b"), agent: agent("robot") };
+        port.send(&to, Subject::Receipt, Bytes::from_static(b"m1")).expect("open");
+        assert_eq!(a.heard(), [""; 0]);
+        assert_eq!(b.heard(), [r#"To("robot", Receipt) m1"#]);
+    }
+
+    #[tokio::test]
+    async fn everyone_asked_may_answer() {
+        let network = Network::new();
+        let port = network.open(daemon("a"), Arc::new(Ear::default()));
+        network.open(daemon("b"), Arc::new(Ear::default()));
+        let ask = Ask { daemon: None, resource: Resource::Domain, agent: None };
+        let answers = port.ask(ask, Duration::from_secs(1)).await;
+        assert_eq!(answers, [&b"domain"[..], b"domain"]);
+    }
+}
