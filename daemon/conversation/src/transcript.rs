@@ -1,0 +1,221 @@
+//! All exchanges that a listener hears, each followed by its own state machine.
+
+use std::collections::BTreeMap;
+
+use acl::{AgentId, Message, Protocol, ReplyToken};
+
+use crate::exchange::{Exchange, Phase, Role, Violation};
+use crate::seen::Seen;
+
+/// Open exchanges a transcript follows at most. Beyond it the one whose token sorts first is
+/// forgotten, so that a listener that runs for months does not grow.
+pub const TRANSCRIPT_EXCHANGES_MAX: usize = 10_000;
+
+/// What a listener on the wire knows of the exchanges it heard.
+#[derive(Clone, Debug)]
+pub struct Transcript {
+    seen: Seen,
+    /// One per token and participant; `None` stands for a broadcast's opening, before anyone
+    /// has answered it.
+    exchanges: BTreeMap<(ReplyToken, Option<AgentId>), Exchange>,
+}
+
+impl Default for Transcript {
+    fn default() -> Transcript {
+        Transcript::new()
+    }
+}
+
+impl Transcript {
+    /// A transcript of nothing.
+    pub fn new() -> Transcript {
+        Transcript { seen: Seen::new(TRANSCRIPT_EXCHANGES_MAX), exchanges: BTreeMap::new() }
+    }
+
+    /// Takes a message as it was heard.
+    ///
+    /// A message outside any protocol (an `inform` to all) is always in order, and so are one
+    /// whose opening was not heard, for a listener may come late, and one that was heard before.
+    ///
+    /// # Errors
+    ///
+    /// If the protocol of its exchange does not allow it.
+    pub fn hear(&mut self, message: &Message) -> Result<Option<Phase>, Violation> {
+        let (Some(token), Some(protocol)) = (message.exchange(), message.protocol) else {
+            return Ok(None);
+        };
+        if !self.seen.note(&message.id) {
+            return Ok(None);
+        }
+        if message.opens_exchange() {
+            return self.open(token, protocol, message).map(Some);
+        }
+        let Some(participant) = self.participant(token, message) else { return Ok(None) };
+        let key = (token.clone(), Some(participant));
+        let Some(exchange) = self.exchange(&key) else { return Ok(None) };
+        let phase = exchange.advance(message)?;
+        if phase == Phase::Closed {
+            self.exchanges.remove(&key);
+        }
+        Ok(Some(phase))
+    }
+
+    fn open(
+        &mut self,
+        token: &ReplyToken,
+        protocol: Protocol,
+        message: &Message,
+    ) -> Result<Phase, Violation> {
+        let mut exchange = Exchange::new(protocol, message.sender.clone());
+        let phase = exchange.advance(message)?;
+        if self.exchanges.len() >= TRANSCRIPT_EXCHANGES_MAX {
+            self.exchanges.pop_first();
+        }
+        self.exchanges.insert((token.clone(), message.receiver.first().cloned()), exchange);
+        Ok(phase)
+    }
+
+    /// The participant of the exchange a message continues: its sender, or whom the initiator
+    /// addresses.
+    fn participant(&self, token: &ReplyToken, message: &Message) -> Option<AgentId> {
+        match self.role(token, &message.sender)? {
+            Role::Initiator => message.receiver.first().cloned(),
+            Role::Participant => Some(message.sender.clone()),
+        }
+    }
+
+    fn role(&self, token: &ReplyToken, sender: &AgentId) -> Option<Role> {
+        let (_, exchange) = self
+            .exchanges
+            .range((token.clone(), None)..)
+            .next()
+            .filter(|((found, _), _)| found == token)?;
+        let is_initiator = exchange.initiator() == sender;
+        Some(if is_initiator { Role::Initiator } else { Role::Participant })
+    }
+
+    /// The exchange under `key`; a broadcast's opening is copied for a participant that answers.
+    fn exchange(&mut self, key: &(ReplyToken, Option<AgentId>)) -> Option<&mut Exchange> {
+        if !self.exchanges.contains_key(key) {
+            let opening = self.exchanges.get(&(key.0.clone(), None))?.clone();
+            self.exchanges.insert(key.clone(), opening);
+        }
+        self.exchanges.get_mut(key)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::content::{Outcome, Report, value};
+    use acl::{ConversationId, Incarnation, MessageId, Performative, SCHEMA_VERSION};
+
+    use super::*;
+
+    /// `a>b request` opens, `b>a agree` continues, `b>a confirm+` is progress, `a>* cfp` is to all.
+    fn message(id: &str, line: &str, protocol: Protocol) -> Message {
+        let (who, act) = line.split_once(' ').expect("a test line has a space");
+        let (sender, receiver) = who.split_once('>').expect("a test line has an arrow");
+        let progress = act.ends_with('+');
+        let performative: Performative = act.trim_end_matches('+').parse().expect("an act");
+        let opens = matches!(
+            performative,
+            Performative::Request | Performative::Cfp | Performative::QueryRef
+        );
+        let outcome = if progress { Outcome::Progress } else { Outcome::Done };
+        let name = |text| AgentId::new(text).expect("a name");
+        let token = Some(ReplyToken::new("t"));
+        Message {
+            version: SCHEMA_VERSION,
+            id: MessageId::new(id),
+            performative,
+            sender: name(sender),
+            incarnation: Incarnation(1),
+            receiver: if receiver == "*" { vec![] } else { vec![name(receiver)] },
+            content: value(&Report::new(outcome, "")),
+            language: None,
+            ontology: None,
+            protocol: Some(protocol),
+            conversation_id: ConversationId::new("c"),
+            reply_with: token.clone().filter(|_| opens),
+            in_reply_to: token.filter(|_| !opens),
+            reply_by: None,
+            unknown: serde_json::Map::new(),
+        }
+    }
+
+    /// Hears the lines one by one; the number of the first that is out of order.
+    fn check(protocol: Protocol, lines: &[&str], out_of_order: Option<usize>) {
+        let mut transcript = Transcript::new();
+        let first =
+            lines.iter().position(|line| transcript.hear(&message(line, protocol)).is_err());
+        assert_eq!(first, out_of_order, "{lines:#?}");
+    }
+
+    #[test]
+    fn an_action_is_agreed_to_then_confirmed() {
+        let lines = ["e>s request", "s>e agree", "s>e confirm+", "s>e confirm+", "s>e confirm"];
+        check(Protocol::Action, &lines, None);
+        check(Protocol::Action, &["e>s request", "s>e confirm"], Some(1));
+        check(Protocol::Action, &["e>s request", "s>e agree", "s>e refuse"], Some(2));
+        check(Protocol::Action, &["e>s request", "s>e propose"], Some(1));
+    }
+
+    #[test]
+    fn a_cancel_may_cross_an_agree() {
+        check(Protocol::Action, &["e>s request", "e>s cancel", "s>e agree", "s>e confirm"], None);
+        check(Protocol::Action, &["e>s request", "e>s cancel", "e>s cancel"], Some(2));
+    }
+
+    #[test]
+    fn every_bidder_has_an_exchange_of_its_own() {
+        let lines = [
+            "r>* cfp",
+            "a>r agree",
+            "b>r refuse",
+            "c>r agree",
+            "r>a accept-proposal",
+            "r>c reject-proposal",
+        ];
+        check(Protocol::ContractNet, &lines, None);
+        check(Protocol::ContractNet, &["r>* cfp", "a>r agree", "r>b accept-proposal"], Some(2));
+        check(Protocol::ContractNet, &["r>* cfp", "r>a accept-proposal"], Some(1));
+        check(Protocol::ContractNet, &["r>* cfp", "a>r agree", "a>r agree"], Some(2));
+    }
+
+    #[test]
+    fn the_central_planner_proposes_and_is_answered() {
+        check(Protocol::Planning, &["r>p request", "p>r propose", "r>p accept-proposal"], None);
+        check(Protocol::Planning, &["r>p request", "p>r agree"], Some(1));
+    }
+
+    #[test]
+    fn every_protocol_opens_once_and_can_close() {
+        for protocol in [
+            Protocol::Goal,
+            Protocol::Planning,
+            Protocol::ContractNet,
+            Protocol::Execution,
+            Protocol::Action,
+            Protocol::StateChange,
+            Protocol::Query,
+        ] {
+            let of = |phase| {
+                crate::PROTOCOLS
+                    .iter()
+                    .filter(move |turn| turn.protocol == protocol && turn.phase == phase)
+            };
+            assert_eq!(of(Phase::Opening).count(), 1, "{protocol:?}");
+            assert_eq!(of(Phase::Closed).count(), 0, "{protocol:?}");
+            assert!(
+                crate::PROTOCOLS
+                    .iter()
+                    .any(|turn| turn.protocol == protocol && turn.next == Phase::Closed)
+            );
+        }
+    }
+
+    #[test]
+    fn a_listener_may_come_late() {
+        check(Protocol::Action, &["s>e confirm", "s>e agree"], None);
+    }
+}

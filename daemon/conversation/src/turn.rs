@@ -1,0 +1,99 @@
+//! Every turn of every protocol, as a table.
+
+use acl::{Performative, Protocol};
+
+use crate::exchange::{Phase, Role};
+
+/// In `phase`, `role` may say `performative`, and `next` follows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Turn {
+    /// The protocol.
+    pub protocol: Protocol,
+    /// Where the exchange stands.
+    pub phase: Phase,
+    /// Who speaks.
+    pub role: Role,
+    /// What is said.
+    pub performative: Performative,
+    /// Where the exchange stands afterwards.
+    pub next: Phase,
+}
+
+const fn turn(
+    protocol: Protocol,
+    phase: Phase,
+    role: Role,
+    performative: Performative,
+    next: Phase,
+) -> Turn {
+    Turn { protocol, phase, role, performative, next }
+}
+
+use Performative::{
+    AcceptProposal, Agree, Cancel, Cfp, Confirm, Inform, NotUnderstood, Propose, QueryRef, Refuse,
+    RejectProposal, Request,
+};
+use Phase::{Cancelling, Closed, Committed, Open, Opening, Proposed};
+use Protocol::{Action, ContractNet, Execution, Goal, Planning, Query, StateChange};
+use Role::{Initiator, Participant};
+
+/// All turns. A `confirm` without a final outcome stays in its phase; so says [`Exchange`].
+///
+/// [`Exchange`]: crate::Exchange
+pub const PROTOCOLS: &[Turn] = &[
+    // A user asks for a goal; the Plan Requester reports progress, then the outcome.
+    turn(Goal, Opening, Initiator, Request, Open),
+    turn(Goal, Open, Participant, Refuse, Closed),
+    turn(Goal, Open, Participant, NotUnderstood, Closed),
+    turn(Goal, Open, Participant, Confirm, Closed),
+    turn(Goal, Open, Initiator, Cancel, Cancelling),
+    turn(Goal, Cancelling, Participant, Confirm, Closed),
+    turn(Goal, Cancelling, Participant, Refuse, Closed),
+    // The Plan Requester asks the Planning Agent (centralised).
+    turn(Planning, Opening, Initiator, Request, Open),
+    turn(Planning, Open, Participant, Refuse, Closed),
+    turn(Planning, Open, Participant, NotUnderstood, Closed),
+    turn(Planning, Open, Participant, Propose, Proposed),
+    turn(Planning, Open, Initiator, Cancel, Cancelling),
+    turn(Planning, Cancelling, Participant, Propose, Closed),
+    turn(Planning, Cancelling, Participant, Refuse, Closed),
+    turn(Planning, Proposed, Initiator, AcceptProposal, Closed),
+    turn(Planning, Proposed, Initiator, RejectProposal, Closed),
+    // The Plan Requester calls for proposals; each actuator answers alone (decentralised).
+    turn(ContractNet, Opening, Initiator, Cfp, Open),
+    turn(ContractNet, Open, Participant, Agree, Proposed),
+    turn(ContractNet, Open, Participant, Refuse, Closed),
+    turn(ContractNet, Open, Participant, NotUnderstood, Closed),
+    turn(ContractNet, Proposed, Initiator, AcceptProposal, Closed),
+    turn(ContractNet, Proposed, Initiator, RejectProposal, Closed),
+    // The Plan Requester asks the Plan Executor to execute a plan.
+    turn(Execution, Opening, Initiator, Request, Open),
+    turn(Execution, Open, Participant, Refuse, Closed),
+    turn(Execution, Open, Participant, NotUnderstood, Closed),
+    turn(Execution, Open, Participant, Confirm, Closed),
+    turn(Execution, Open, Initiator, Cancel, Cancelling),
+    turn(Execution, Cancelling, Participant, Confirm, Closed),
+    turn(Execution, Cancelling, Participant, Refuse, Closed),
+    // The Plan Executor asks an actuator to act.
+    turn(Action, Opening, Initiator, Request, Open),
+    turn(Action, Open, Participant, Agree, Committed),
+    turn(Action, Open, Participant, Refuse, Closed),
+    turn(Action, Open, Participant, NotUnderstood, Closed),
+    turn(Action, Open, Initiator, Cancel, Cancelling),
+    turn(Action, Committed, Participant, Confirm, Closed),
+    turn(Action, Committed, Initiator, Cancel, Cancelling),
+    // The actuator may have agreed before it read the `cancel`.
+    turn(Action, Cancelling, Participant, Agree, Cancelling),
+    turn(Action, Cancelling, Participant, Confirm, Closed),
+    turn(Action, Cancelling, Participant, Refuse, Closed),
+    // Anyone asks the Domain Maintainer for a change of the state.
+    turn(StateChange, Opening, Initiator, Request, Open),
+    turn(StateChange, Open, Participant, Confirm, Closed),
+    turn(StateChange, Open, Participant, Refuse, Closed),
+    turn(StateChange, Open, Participant, NotUnderstood, Closed),
+    // Anyone asks a person.
+    turn(Query, Opening, Initiator, QueryRef, Open),
+    turn(Query, Open, Participant, Inform, Closed),
+    turn(Query, Open, Participant, Refuse, Closed),
+    turn(Query, Open, Participant, NotUnderstood, Closed),
+];
