@@ -24,9 +24,10 @@ impl Seen {
         if !self.ids.insert(id.clone()) {
             return false;
         }
-        if self.order.len() == self.ids_max {
-            let oldest = self.order.pop_front();
-            oldest.iter().for_each(|oldest| drop(self.ids.remove(oldest)));
+        if self.order.len() == self.ids_max
+            && let Some(oldest) = self.order.pop_front()
+        {
+            self.ids.remove(&oldest);
         }
         self.order.push_back(id.clone());
         true

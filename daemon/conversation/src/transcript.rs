@@ -146,8 +146,10 @@ mod tests {
     /// Hears the lines one by one; the number of the first that is out of order.
     fn check(protocol: Protocol, lines: &[&str], out_of_order: Option<usize>) {
         let mut transcript = Transcript::new();
-        let first =
-            lines.iter().position(|line| transcript.hear(&message(line, protocol)).is_err());
+        let mut numbered = lines.iter().enumerate();
+        let first = numbered.position(|(index, line)| {
+            transcript.hear(&message(&index.to_string(), line, protocol)).is_err()
+        });
         assert_eq!(first, out_of_order, "{lines:#?}");
     }
 
