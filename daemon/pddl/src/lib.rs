@@ -1,7 +1,35 @@
 //! PDDL, the language of facts, goals, models and plans: text in, tree out, and back.
 //!
-//! Start reading at [`tree`].
+//! - [`tree`] says what a text can say. Start reading there.
+//! - [`parse`] makes a tree of a text: `lexer` → `sexpr` → `grammar`.
+//! - `printer` makes a text of a tree: `Display` of every tree type.
+//! - [`check`] asks whether a tree makes sense; [`types`] is the hierarchy it asks.
+//! - [`diagnostic`] is how all of them speak of mistakes.
+//!
+//! Leaves to others: grounding and search (`planner`), composing several models into one domain
+//! (`capability`), drawing diagnostics in color (the binary).
+//!
+//! **Invariants:** nothing here reads a clock, a file or the environment. Whatever the text, parsing
+//! ends with a value and a list of diagnostics, never with a panic; and what it returns is nested no
+//! deeper than [`NESTING_MAX`], so that recursion over a tree is safe on any thread.
 
 pub mod tree;
 
+pub mod parse;
+
+pub mod diagnostic;
+
+mod grammar;
+mod lexer;
+mod nearest;
+mod printer;
+mod sexpr;
+
+pub use diagnostic::{Diagnostic, Note, Parsed, Severity, line_column};
+pub use nearest::nearest;
+pub use parse::{
+    parse_action_model, parse_condition, parse_document, parse_domain, parse_init_element,
+    parse_init_elements, parse_plan, parse_problem, parse_step, text_from_bytes,
+};
+pub use sexpr::NESTING_MAX;
 pub use tree::*;

@@ -31,7 +31,9 @@ pub struct Name {
 }
 
 /// `TYPE | (either TYPE+)`; the empty list stands for an omitted type, which is `object`.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+///
+/// `object` alone and the empty list are equal.
+#[derive(Clone, Debug, Default)]
 pub struct TypeExpr {
     /// One type, or the alternatives of an `either`, in the author's order.
     pub alternatives: Vec<Name>,
@@ -531,6 +533,11 @@ impl Name {
         Name { canonical, spelled, span }
     }
 
+    /// The same name at another place.
+    pub fn at(&self, span: Span) -> Name {
+        Name { span, ..self.clone() }
+    }
+
     /// In lower case: what names are compared by.
     pub fn as_str(&self) -> &str {
         &self.canonical
@@ -621,6 +628,28 @@ impl TypeExpr {
     pub fn is_object(&self) -> bool {
         self.alternatives.is_empty() || self.alternatives.iter().any(|name| *name == "object")
     }
+
+    /// The alternatives, none where the author wrote `object` for nothing.
+    fn told(&self) -> &[Name] {
+        match &self.alternatives[..] {
+            [only] if *only == "object" => &[],
+            told => told,
+        }
+    }
+}
+
+impl PartialEq for TypeExpr {
+    fn eq(&self, other: &TypeExpr) -> bool {
+        self.told() == other.told()
+    }
+}
+
+impl Eq for TypeExpr {}
+
+impl Hash for TypeExpr {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.told().hash(state);
+    }
 }
 
 // === impl Number ===
@@ -661,10 +690,73 @@ impl Condition {
     }
 }
 
+impl Default for Condition {
+    fn default() -> Condition {
+        Condition::always()
+    }
+}
+
+impl Default for Effect {
+    fn default() -> Effect {
+        Effect::nothing()
+    }
+}
+
 impl Effect {
     /// The effect that changes nothing.
     pub fn nothing() -> Effect {
         Effect::And(Vec::new())
+    }
+}
+
+impl Domain {
+    /// A domain that declares nothing yet.
+    pub fn named(name: impl Into<Name>) -> Domain {
+        Domain {
+            name: name.into(),
+            requirements: Vec::new(),
+            types: Vec::new(),
+            constants: Vec::new(),
+            predicates: Vec::new(),
+            functions: Vec::new(),
+            derived: Vec::new(),
+            actions: Vec::new(),
+            durative_actions: Vec::new(),
+        }
+    }
+}
+
+impl Problem {
+    /// A problem of `domain` without objects, facts and goal.
+    pub fn named(name: impl Into<Name>, domain: impl Into<Name>) -> Problem {
+        Problem {
+            name: name.into(),
+            domain: domain.into(),
+            requirements: Vec::new(),
+            objects: Vec::new(),
+            init: Vec::new(),
+            goal: Condition::always(),
+            metric: None,
+        }
+    }
+}
+
+impl ActionModel {
+    /// The model of an agent that can do nothing yet.
+    pub fn of(agent: impl Into<Name>, domain: impl Into<Name>) -> ActionModel {
+        ActionModel {
+            agent: agent.into(),
+            domain: domain.into(),
+            requirements: Vec::new(),
+            types: Vec::new(),
+            predicates: Vec::new(),
+            functions: Vec::new(),
+            objects: Vec::new(),
+            init: Vec::new(),
+            derived: Vec::new(),
+            actions: Vec::new(),
+            durative_actions: Vec::new(),
+        }
     }
 }
 

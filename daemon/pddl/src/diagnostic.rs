@@ -1,0 +1,255 @@
+//! How this crate speaks of mistakes: plain data that points into the author's text.
+//!
+//! - Made by the parser and by `check`; drawn by whoever shows it to a person.
+//! - Holds byte offsets; [`line_column`] turns one into what editors show.
+//! - A diagnostic and its notes speak of one and the same text.
+
+use std::borrow::Cow;
+use std::fmt;
+
+use crate::tree::Span;
+
+/// How bad it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Severity {
+    /// Worth a thought; the text means what it says.
+    Hint,
+    /// Probably not meant.
+    Warning,
+    /// The text cannot be used as it is.
+    Error,
+}
+
+/// One mistake in a text.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Diagnostic {
+    /// How bad it is.
+    pub severity: Severity,
+    /// What is wrong, in one lower-case clause: “unknown predicate `conected`”.
+    pub message: String,
+    /// The words it is about.
+    pub span: Span,
+    /// What to write beside the marked words.
+    pub label: Option<String>,
+    /// What would be right: “did you mean `connected`?”.
+    pub help: Option<String>,
+    /// The rule in PDDL notation: a production of the grammar, or the declaration concerned.
+    pub rule: Option<Cow<'static, str>>,
+    /// Other places of the same text that have to do with it.
+    pub notes: Vec<Note>,
+}
+
+/// Another place that a diagnostic refers to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Note {
+    /// The place.
+    pub span: Span,
+    /// What is there.
+    pub message: String,
+}
+
+/// What a text gave: a value as far as one could be made, and every mistake found on the way.
+#[derive(Clone, Debug)]
+pub struct Parsed<T> {
+    /// What could be made of the text; parts with an error are left out of it. `None` where not
+    /// even the kind of the text could be told.
+    pub value: Option<T>,
+    /// In the order of the text.
+    pub diagnostics: Vec<Diagnostic>,
+}
+
+/// The mistakes found so far, up to a number that no person reads and no message should carry.
+#[derive(Debug, Default)]
+pub(crate) struct Problems {
+    list: Vec<Diagnostic>,
+    omitted: usize,
+}
+
+/// One screenful is 50; a thousand is a text that is not PDDL at all.
+const DIAGNOSTICS_MAX: usize = 1_000;
+
+/// Line and column, both from 1, of a byte offset; columns count characters.
+///
+/// An offset past the end is the end, one inside a character is its first byte.
+pub fn line_column(text: &str, offset: usize) -> (usize, usize) {
+    let mut offset = offset.min(text.len());
+    while !text.is_char_boundary(offset) {
+        offset -= 1;
+    }
+    let before = &text[..offset];
+    let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
+    let line = before.bytes().filter(|byte| *byte == b'\n').count() + 1;
+    (line, before[line_start..].chars().count() + 1)
+}
+
+// === impl Severity ===
+
+impl fmt::Display for Severity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Severity::Hint => "hint",
+            Severity::Warning => "warning",
+            Severity::Error => "error",
+        })
+    }
+}
+
+// === impl Diagnostic ===
+
+impl Diagnostic {
+    /// An error at `span`.
+    pub fn error(span: Span, message: impl Into<String>) -> Diagnostic {
+        Diagnostic::new(Severity::Error, span, message.into())
+    }
+
+    /// A warning at `span`.
+    pub fn warning(span: Span, message: impl Into<String>) -> Diagnostic {
+        Diagnostic::new(Severity::Warning, span, message.into())
+    }
+
+    /// A hint at `span`.
+    pub fn hint(span: Span, message: impl Into<String>) -> Diagnostic {
+        Diagnostic::new(Severity::Hint, span, message.into())
+    }
+
+    fn new(severity: Severity, span: Span, message: String) -> Diagnostic {
+        Diagnostic {
+            severity,
+            message,
+            span,
+            label: None,
+            help: None,
+            rule: None,
+            notes: Vec::new(),
+        }
+    }
+
+    /// Says what would be right.
+    #[must_use]
+    pub fn with_help(mut self, help: impl Into<String>) -> Diagnostic {
+        self.help = Some(help.into());
+        self
+    }
+
+    /// Offers the likely intended name, if there is one.
+    #[must_use]
+    pub fn with_suggestion(mut self, name: Option<&str>) -> Diagnostic {
+        if let Some(name) = name {
+            self.help = Some(format!("did you mean `{name}`?"));
+        }
+        self
+    }
+
+    /// Writes something beside the marked words.
+    #[must_use]
+    pub fn with_label(mut self, label: impl Into<String>) -> Diagnostic {
+        self.label = Some(label.into());
+        self
+    }
+
+    /// Quotes the rule in PDDL notation.
+    #[must_use]
+    pub fn with_rule(mut self, rule: impl Into<Cow<'static, str>>) -> Diagnostic {
+        self.rule = Some(rule.into());
+        self
+    }
+
+    /// Points at another place of the same text.
+    #[must_use]
+    pub fn with_note(mut self, span: Span, message: impl Into<String>) -> Diagnostic {
+        self.notes.push(Note { span, message: message.into() });
+        self
+    }
+
+    /// Whether the text cannot be used because of it.
+    pub fn is_error(&self) -> bool {
+        self.severity == Severity::Error
+    }
+
+    /// One line with the place in `text`: `3:14: error: unknown predicate `conected``.
+    pub fn located(&self, text: &str) -> String {
+        let (line, column) = line_column(text, self.span.start as usize);
+        format!("{line}:{column}: {self}")
+    }
+}
+
+impl fmt::Display for Diagnostic {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.severity, self.message)?;
+        if let Some(help) = &self.help {
+            write!(f, "; {help}")?;
+        }
+        if let Some(rule) = &self.rule {
+            write!(f, " [{rule}]")?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for Diagnostic {}
+
+// === impl Problems ===
+
+impl Problems {
+    pub(crate) fn push(&mut self, diagnostic: Diagnostic) {
+        if self.list.len() < DIAGNOSTICS_MAX {
+            self.list.push(diagnostic);
+        } else {
+            self.omitted += 1;
+        }
+    }
+
+    /// Everything reported, in the order of the text.
+    pub(crate) fn into_sorted(mut self) -> Vec<Diagnostic> {
+        self.list.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
+        if let (1.., Some(last)) = (self.omitted, self.list.last()) {
+            let message = format!("{} more mistakes are not listed", self.omitted);
+            self.list.push(Diagnostic::error(last.span, message));
+        }
+        self.list
+    }
+}
+
+// === impl Parsed ===
+
+impl<T> Parsed<T> {
+    /// Whether there is a value, and no error; warnings and hints do not count.
+    pub fn is_ok(&self) -> bool {
+        self.value.is_some() && !self.diagnostics.iter().any(Diagnostic::is_error)
+    }
+
+    /// The value, if the text is free of errors; otherwise every diagnostic.
+    pub fn into_result(self) -> Result<T, Vec<Diagnostic>> {
+        match self.value {
+            Some(value) if !self.diagnostics.iter().any(Diagnostic::is_error) => Ok(value),
+            _ => Err(self.diagnostics),
+        }
+    }
+
+    /// The same diagnostics with another value.
+    pub fn map<U>(self, convert: impl FnOnce(T) -> U) -> Parsed<U> {
+        Parsed { value: self.value.map(convert), diagnostics: self.diagnostics }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn check(text: &str, offset: usize, expected: (usize, usize)) {
+        assert_eq!(line_column(text, offset), expected);
+    }
+
+    #[test]
+    fn columns_count_characters() {
+        check("büro\nflur", 3, (1, 3));
+        check("büro\nflur", 2, (1, 2));
+    }
+
+    #[test]
+    fn lines_end_with_a_newline_and_the_end_is_a_place() {
+        check("a\r\nb", 3, (2, 1));
+        check("a\n", 99, (2, 1));
+    }
+}

@@ -1,0 +1,197 @@
+//! Actions and axioms.
+
+use super::condition;
+use super::declarations;
+use super::durative;
+use super::effect;
+use super::names;
+use super::reader::{Keyword, Place, Reader, excerpt};
+use crate::diagnostic::Diagnostic;
+use crate::sexpr::{Items, Node};
+use crate::tree::{
+    ActionSchema, Condition, Derived, DurativeAction, Effect, Name, Span, TimedEffect, Typed,
+};
+
+const ACTION: &str = "(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] \
+    [:precondition CONDITION] [:effect EFFECT])";
+const DURATIVE_ACTION: &str = "(:durative-action NAME [:agent VARIABLE - TYPE] \
+    [:parameters (VARIABLES)] :duration DURATION [:condition TIMED] [:effect TIMED])";
+const DERIVED: &str = "(:derived (PREDICATE VARIABLES) CONDITION)";
+const AGENT: &str = ":agent VARIABLE - TYPE";
+
+/// `(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] [:precondition CONDITION]
+/// [:effect EFFECT])`, the parts in any order.
+pub(super) fn action<'f>(
+    reader: &mut Reader<'f>,
+    items: Items<'f>,
+    span: Span,
+) -> Option<ActionSchema> {
+    let mut parts = Parts::new(reader, items, ACTION)?;
+    let mut action = ActionSchema {
+        name: parts.name.clone(),
+        agent: None,
+        parameters: Vec::new(),
+        precondition: Condition::always(),
+        effect: Effect::nothing(),
+        span,
+    };
+    while let Some((key, node)) = parts.next(reader, &[PRECONDITION, EFFECT]) {
+        match key {
+            AGENT_KEY => action.agent = parts.opt_agent(reader),
+            PARAMETERS => action.parameters = parameters(reader, node),
+            PRECONDITION => {
+                action.precondition = condition::condition(reader, node).unwrap_or_default();
+            }
+            _ => action.effect = effect::effect(reader, node).unwrap_or_default(),
+        }
+    }
+    Some(action)
+}
+
+/// `(:durative-action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] :duration DURATION
+/// [:condition TIMED] [:effect TIMED])`, the parts in any order.
+pub(super) fn durative_action<'f>(
+    reader: &mut Reader<'f>,
+    items: Items<'f>,
+    span: Span,
+) -> Option<DurativeAction> {
+    let mut parts = Parts::new(reader, items, DURATIVE_ACTION)?;
+    let mut action = DurativeAction {
+        name: parts.name.clone(),
+        agent: None,
+        parameters: Vec::new(),
+        duration: Vec::new(),
+        conditions: Vec::new(),
+        effects: TimedEffect::And(Vec::new()),
+        span,
+    };
+    reader.within(Place::Durative, |reader| {
+        while let Some((key, node)) = parts.next(reader, &[DURATION, CONDITION, EFFECT]) {
+            match key {
+                AGENT_KEY => action.agent = parts.opt_agent(reader),
+                PARAMETERS => action.parameters = parameters(reader, node),
+                DURATION => action.duration = durative::duration(reader, node),
+                CONDITION => action.conditions = durative::conditions(reader, node),
+                _ => {
+                    action.effects =
+                        durative::effect(reader, node).unwrap_or(TimedEffect::And(Vec::new()));
+                }
+            }
+        }
+    });
+    Some(action)
+}
+
+/// `(:derived (PREDICATE VARIABLES) CONDITION)`
+pub(super) fn derived<'f>(
+    reader: &mut Reader<'f>,
+    mut items: Items<'f>,
+    span: Span,
+) -> Option<Derived> {
+    let head = reader.expect(&mut items, "head", DERIVED)?;
+    let head = declarations::signature(reader, head, DERIVED);
+    let body = reader.expect(&mut items, "condition", DERIVED)?;
+    let condition = condition::condition(reader, body);
+    reader.expect_end(items, "an axiom", DERIVED);
+    let (predicate, parameters) = head?;
+    Some(Derived { predicate, parameters, condition: condition?, span })
+}
+
+/// `(VARIABLES)`
+fn parameters<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Vec<Typed> {
+    let items = reader.expect_list(node, "a list of variables", ":parameters (VARIABLES)");
+    items.map(|items| names::variables(reader, items)).unwrap_or_default()
+}
+
+const AGENT_KEY: &str = ":agent";
+const PARAMETERS: &str = ":parameters";
+const PRECONDITION: &str = ":precondition";
+const DURATION: &str = ":duration";
+const CONDITION: &str = ":condition";
+const EFFECT: &str = ":effect";
+
+/// The parts of an action: `NAME (KEY VALUE)*`.
+struct Parts<'f> {
+    name: Name,
+    items: Items<'f>,
+    seen: Vec<(&'static str, Span)>,
+    rule: &'static str,
+}
+
+impl<'f> Parts<'f> {
+    fn new(reader: &mut Reader<'f>, items: Items<'f>, rule: &'static str) -> Option<Parts<'f>> {
+        let mut items = items;
+        let node = reader.expect(&mut items, "name", rule)?;
+        let name = names::name(reader, node, "the name of the action")?;
+        Some(Parts { name, items, seen: Vec::new(), rule })
+    }
+
+    /// The next key, one of `:agent`, `:parameters` and `keys`, with the node after it; what fits
+    /// nowhere and what is there twice is reported and passed over.
+    fn next(
+        &mut self,
+        reader: &mut Reader<'f>,
+        keys: &[&'static str],
+    ) -> Option<(&'static str, Node<'f>)> {
+        while let Some(node) = self.items.next() {
+            let Some(word) = node.symbol().filter(|word| word.starts_with(':')) else {
+                let message = format!("expected a keyword, found `{}`", excerpt(node));
+                reader.report(Diagnostic::error(node.span(), message).with_rule(self.rule));
+                continue;
+            };
+            let lower = Keyword::of(word);
+            let known = [AGENT_KEY, PARAMETERS].into_iter().chain(keys.iter().copied());
+            let key = known.clone().find(|key| *key == lower.as_str());
+            if key.is_none() {
+                reader.unknown(node, "keyword", &known.collect::<Vec<_>>());
+            }
+            let Some(value) = self.value(reader, node, word) else { continue };
+            match key {
+                Some(key) if self.is_first(reader, key, node.span()) => return Some((key, value)),
+                // An agent is not one node but up to three; read it away.
+                Some(AGENT_KEY) => drop(self.opt_agent(reader)),
+                _ => {}
+            }
+        }
+        None
+    }
+
+    /// The node after a key; an agent's is left for [`Parts::opt_agent`].
+    fn value(&mut self, reader: &mut Reader<'f>, key: Node<'f>, word: &str) -> Option<Node<'f>> {
+        match self.items.peek() {
+            Some(value) if !value.symbol().is_some_and(|word| word.starts_with(':')) => {
+                if !word.eq_ignore_ascii_case(AGENT_KEY) {
+                    self.items.next();
+                }
+                Some(value)
+            }
+            _ => {
+                let message = format!("nothing follows `{word}`");
+                reader.report(Diagnostic::error(key.span(), message).with_rule(self.rule));
+                None
+            }
+        }
+    }
+
+    fn is_first(&mut self, reader: &mut Reader<'f>, key: &'static str, span: Span) -> bool {
+        let Some((_, first)) = self.seen.iter().find(|(seen, _)| *seen == key) else {
+            self.seen.push((key, span));
+            return true;
+        };
+        let message = format!("`{key}` is given twice");
+        reader.report(Diagnostic::error(span, message).with_note(*first, "the first is here"));
+        false
+    }
+
+    /// `VARIABLE [- TYPE]`, with or without parentheses around it
+    fn opt_agent(&mut self, reader: &mut Reader<'f>) -> Option<Typed> {
+        let node = self.items.peek()?;
+        let Some(mut inner) = node.list() else {
+            return declarations::opt_typed_variable(reader, &mut self.items);
+        };
+        self.items.next();
+        let agent = declarations::opt_typed_variable(reader, &mut inner);
+        reader.expect_end(inner, "`:agent`", AGENT);
+        agent
+    }
+}

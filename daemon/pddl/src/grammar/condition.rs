@@ -1,0 +1,204 @@
+//! Conditions: of actions, effects, axioms, and goals.
+
+use super::expression;
+use super::names;
+use super::reader::{Keyword, Place, Reader, excerpt};
+use crate::diagnostic::Diagnostic;
+use crate::sexpr::{Items, Node, View};
+use crate::tree::{Atom, Compare, Comparison, Condition, Span, Typed};
+
+const CONDITION: &str = "CONDITION = (PREDICATE TERM*) | (= TERM TERM) | (not CONDITION) \
+    | (and CONDITION*) | (or CONDITION*) | (imply CONDITION CONDITION) \
+    | (exists (VARIABLES) CONDITION) | (forall (VARIABLES) CONDITION) \
+    | (COMPARISON EXPRESSION EXPRESSION)";
+const ATOM: &str = "(PREDICATE TERM*)";
+const NOT: &str = "(not CONDITION)";
+const IMPLY: &str = "(imply CONDITION CONDITION)";
+const QUANTIFIED: &str = "(exists|forall (VARIABLES) CONDITION)";
+const COMPARE: &str = "(COMPARISON EXPRESSION EXPRESSION)";
+const EQUAL: &str = "(= TERM TERM) | (= EXPRESSION EXPRESSION)";
+
+/// `() | (PREDICATE TERM*) | (= TERM TERM) | (COMPARISON EXPRESSION EXPRESSION) | (not CONDITION)
+/// | (and CONDITION*) | (or CONDITION*) | (imply CONDITION CONDITION)
+/// | (exists (VARIABLES) CONDITION) | (forall (VARIABLES) CONDITION)`
+pub(crate) fn condition<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Condition> {
+    let (word, items) = match headed(reader, node, "a condition", CONDITION)? {
+        Headed::Empty => return Some(Condition::always()),
+        Headed::By(word, items) => (word, items),
+    };
+    match Keyword::of(word).as_str() {
+        "and" => Some(Condition::And(conditions(reader, items))),
+        "or" => Some(Condition::Or(conditions(reader, items))),
+        "not" => not(reader, items),
+        "imply" => imply(reader, items),
+        "exists" => {
+            let (variables, body) = quantified(reader, items)?;
+            Some(Condition::Exists(variables, body))
+        }
+        "forall" => {
+            let (variables, body) = quantified(reader, items)?;
+            Some(Condition::Forall(variables, body))
+        }
+        "=" => equal(reader, items, node.span()),
+        "<" => compare(reader, Comparison::Less, items, node.span()),
+        "<=" => compare(reader, Comparison::LessOrEqual, items, node.span()),
+        ">=" => compare(reader, Comparison::GreaterOrEqual, items, node.span()),
+        ">" => compare(reader, Comparison::Greater, items, node.span()),
+        "preference" => unsupported(reader, node, "preferences"),
+        "when" => misplaced(reader, node, "`when` belongs to effects", "write `imply`"),
+        "assign" | "increase" | "decrease" | "scale-up" | "scale-down" => {
+            let help = "compare with `<`, `<=`, `=`, `>=` or `>`";
+            misplaced(reader, node, "a numeric effect is no condition", help)
+        }
+        _ => atom(reader, node).map(Condition::Atom),
+    }
+}
+
+/// `(PREDICATE TERM*)`
+pub(super) fn atom<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Atom> {
+    let mut items = reader.expect_list(node, "an atom", ATOM)?;
+    let head = reader.expect(&mut items, "predicate", ATOM)?;
+    let predicate = names::name(reader, head, "a predicate")?;
+    if names::is_reserved(predicate.as_str()) {
+        let message = format!("`{predicate}` cannot stand here");
+        reader.report(Diagnostic::error(head.span(), message).with_rule(ATOM));
+        return None;
+    }
+    let arguments = names::terms(reader, items)?;
+    Some(Atom { predicate, arguments, span: node.span() })
+}
+
+/// What a list begins with.
+pub(super) enum Headed<'f> {
+    /// `()`
+    Empty,
+    /// `(WORD …)`
+    By(&'f str, Items<'f>),
+}
+
+/// `() | (WORD …)`; anything else is reported as not being `what`.
+pub(super) fn headed<'f>(
+    reader: &mut Reader<'f>,
+    node: Node<'f>,
+    what: &str,
+    rule: &'static str,
+) -> Option<Headed<'f>> {
+    let mut items = match node.view() {
+        View::List(items) => items,
+        View::Symbol(word) => {
+            let message = format!("expected {what}, found `{word}`");
+            let diagnostic = Diagnostic::error(node.span(), message).with_rule(rule);
+            reader.report(diagnostic.with_help(format!("write `({word})`")));
+            return None;
+        }
+        View::Damaged => return None,
+    };
+    let Some(head) = items.next() else { return Some(Headed::Empty) };
+    match head.view() {
+        View::Symbol(word) => Some(Headed::By(word, items)),
+        View::List(_) => {
+            let message = format!("{what} begins with a word, not with `{}`", excerpt(head));
+            let diagnostic = Diagnostic::error(head.span(), message).with_rule(rule);
+            reader.report(diagnostic.with_help("several are joined by `(and …)`"));
+            None
+        }
+        View::Damaged => None,
+    }
+}
+
+/// Reports something of PDDL that this crate does not read.
+pub(super) fn unsupported<T>(reader: &mut Reader<'_>, node: Node<'_>, what: &str) -> Option<T> {
+    reader.report(Diagnostic::error(node.span(), format!("{what} are not supported")));
+    None
+}
+
+/// Reports something at the wrong place.
+pub(super) fn misplaced<T>(
+    reader: &mut Reader<'_>,
+    node: Node<'_>,
+    message: &str,
+    help: &str,
+) -> Option<T> {
+    reader.report(Diagnostic::error(node.span(), message).with_help(help));
+    None
+}
+
+/// `CONDITION*`
+fn conditions<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<Condition> {
+    items.filter_map(|node| condition(reader, node)).collect()
+}
+
+/// `(not CONDITION)`
+fn not<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<Condition> {
+    let node = reader.expect(&mut items, "condition", NOT)?;
+    let inner = condition(reader, node);
+    reader.expect_end(items, "`not`", NOT);
+    inner.map(|inner| Condition::Not(Box::new(inner)))
+}
+
+/// `(imply CONDITION CONDITION)`
+fn imply<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<Condition> {
+    let premise = reader.expect(&mut items, "condition", IMPLY)?;
+    let premise = condition(reader, premise);
+    let conclusion = reader.expect(&mut items, "second condition", IMPLY)?;
+    let conclusion = condition(reader, conclusion);
+    reader.expect_end(items, "`imply`", IMPLY);
+    Some(Condition::Imply(Box::new(premise?), Box::new(conclusion?)))
+}
+
+/// `(VARIABLES) CONDITION`
+fn quantified<'f>(
+    reader: &mut Reader<'f>,
+    mut items: Items<'f>,
+) -> Option<(Vec<Typed>, Box<Condition>)> {
+    let variables = reader.expect(&mut items, "list of variables", QUANTIFIED)?;
+    let variables = reader.expect_list(variables, "a list of variables", QUANTIFIED)?;
+    let variables = names::variables(reader, variables);
+    let body = reader.expect(&mut items, "condition", QUANTIFIED)?;
+    let body = condition(reader, body)?;
+    reader.expect_end(items, "a quantifier", QUANTIFIED);
+    Some((variables, Box::new(body)))
+}
+
+/// `(= TERM TERM) | (= EXPRESSION EXPRESSION)`
+///
+/// Two words are terms; a list or a number on either side makes it a comparison of numbers.
+fn equal<'f>(reader: &mut Reader<'f>, items: Items<'f>, span: Span) -> Option<Condition> {
+    if items.into_iter().any(|node| is_numeric(reader, node)) {
+        return compare(reader, Comparison::Equal, items, span);
+    }
+    let mut items = items;
+    let left = reader.expect(&mut items, "term", EQUAL)?;
+    let left = names::term(reader, left);
+    let right = reader.expect(&mut items, "second term", EQUAL)?;
+    let right = names::term(reader, right);
+    reader.expect_end(items, "`=`", EQUAL);
+    Some(Condition::Equal(left?, right?, span))
+}
+
+fn is_numeric(reader: &Reader<'_>, node: Node<'_>) -> bool {
+    match node.view() {
+        View::List(_) => true,
+        View::Symbol(word) => {
+            let is_special = word.eq_ignore_ascii_case("?duration") || word == "#t";
+            names::number(word).is_some() || (is_special && reader.place() == Place::Durative)
+        }
+        View::Damaged => false,
+    }
+}
+
+/// `(COMPARISON EXPRESSION EXPRESSION)`
+fn compare<'f>(
+    reader: &mut Reader<'f>,
+    comparison: Comparison,
+    mut items: Items<'f>,
+    span: Span,
+) -> Option<Condition> {
+    let left = reader.expect(&mut items, "expression", COMPARE)?;
+    let left = expression::expression(reader, left);
+    let right = reader.expect(&mut items, "second expression", COMPARE)?;
+    let right = expression::expression(reader, right);
+    reader.expect_end(items, "a comparison", COMPARE);
+    let compare = Compare { comparison, left: left?, right: right?, span };
+    Some(Condition::Compare(Box::new(compare)))
+}

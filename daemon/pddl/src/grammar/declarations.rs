@@ -1,0 +1,221 @@
+//! What a text declares: requirements, types, predicates, functions, objects.
+
+use super::names::{self, Entries};
+use super::reader::{Reader, excerpt};
+use crate::diagnostic::Diagnostic;
+use crate::sexpr::{Items, Node};
+use crate::tree::{
+    FunctionDeclaration, Name, ObjectDeclaration, PredicateDeclaration, Privacy, TypeExpr, Typed,
+};
+
+const REQUIREMENTS: &str = "(:requirements :NAME*)";
+const PREDICATES: &str = "(:predicates (NAME [VARIABLE* [- TYPE]]*)*)";
+const FUNCTIONS: &str = "(:functions ((NAME [VARIABLE* [- TYPE]]*)* [- number])*)";
+const PRIVATE: &str = "(:private [VARIABLE - TYPE] DECLARATION*)";
+
+/// `:NAME*`
+pub(super) fn requirements<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<Name> {
+    items.filter_map(|node| requirement(reader, node)).collect()
+}
+
+/// `:NAME`
+fn requirement<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Name> {
+    match node.symbol() {
+        Some(word) if word.starts_with(':') && word.len() > 1 => {
+            Some(reader.intern(word, node.span()))
+        }
+        _ => {
+            let word = excerpt(node);
+            let message = format!("expected a requirement, found `{word}`");
+            let diagnostic = Diagnostic::error(node.span(), message).with_rule(REQUIREMENTS);
+            reader.report(match node.symbol() {
+                Some(_) => diagnostic.with_help(format!("write `:{word}`")),
+                None => diagnostic,
+            });
+            None
+        }
+    }
+}
+
+/// `(NAME* [- TYPE])*`
+pub(super) fn types<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<Typed> {
+    names::typed_list(reader, items, Entries::Names)
+}
+
+/// `(NAME* [- TYPE])*`, where `(:private …)` is let in and, having no place in the tree, forgotten.
+pub(super) fn constants<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<Typed> {
+    let declared = objects(reader, items);
+    if let Some(private) = declared.iter().find(|object| object.privacy != Privacy::Public) {
+        let message = "constants of a domain are public; `:private` is passed over";
+        reader.report(Diagnostic::warning(private.object.name.span(), message));
+    }
+    declared.into_iter().map(|declaration| declaration.object).collect()
+}
+
+/// `(SIGNATURE | (:private [VARIABLE - TYPE] SIGNATURE*))*`
+pub(super) fn predicates<'f>(
+    reader: &mut Reader<'f>,
+    items: Items<'f>,
+) -> Vec<PredicateDeclaration> {
+    let mut declared = Vec::new();
+    for node in items {
+        let (signatures, privacy) = public_or_private(reader, node, PREDICATES);
+        for node in signatures.into_iter().flatten() {
+            if let Some((name, parameters)) = signature(reader, node, PREDICATES) {
+                declared.push(PredicateDeclaration { name, parameters, privacy: privacy.clone() });
+            }
+        }
+    }
+    declared
+}
+
+/// `((SIGNATURE | (:private [VARIABLE - TYPE] SIGNATURE*))* [- number])*`
+pub(super) fn functions<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<FunctionDeclaration> {
+    let mut declared = Vec::new();
+    let mut items = items;
+    while let Some(node) = items.next() {
+        if node.symbol() == Some("-") {
+            number_type(reader, &mut items, node);
+            continue;
+        }
+        let (signatures, privacy) = public_or_private(reader, node, FUNCTIONS);
+        let Some(mut signatures) = signatures else { continue };
+        while let Some(node) = signatures.next() {
+            if node.symbol() == Some("-") {
+                number_type(reader, &mut signatures, node);
+            } else if let Some((name, parameters)) = signature(reader, node, FUNCTIONS) {
+                declared.push(FunctionDeclaration { name, parameters, privacy: privacy.clone() });
+            }
+        }
+    }
+    declared
+}
+
+/// `- number`
+fn number_type<'f>(reader: &mut Reader<'f>, items: &mut Items<'f>, dash: Node<'f>) {
+    let Some(ty) = names::opt_type(reader, items, dash) else { return };
+    if ty.alternatives.iter().any(|name| *name != "number") {
+        let span = ty.alternatives[0].span();
+        let message = format!("functions have numbers as values, not `{}`", ty.alternatives[0]);
+        reader.report(Diagnostic::error(span, message).with_rule(FUNCTIONS));
+    }
+}
+
+/// The declarations at `node`: itself, or what its `:private` holds.
+fn public_or_private<'f>(
+    reader: &mut Reader<'f>,
+    node: Node<'f>,
+    rule: &'static str,
+) -> (Option<Items<'f>>, Privacy) {
+    let is_private = node.head().is_some_and(|head| head.eq_ignore_ascii_case(":private"));
+    if !is_private {
+        let wellformed = reader.expect_list(node, "a declaration", rule).is_some();
+        return (wellformed.then(|| node.alone()), Privacy::Public);
+    }
+    let mut items = node.list().unwrap_or(node.alone());
+    items.next();
+    let owner = opt_owner(reader, &mut items);
+    (Some(items), Privacy::Private(owner))
+}
+
+/// `[VARIABLE [- TYPE]]`
+fn opt_owner<'f>(reader: &mut Reader<'f>, items: &mut Items<'f>) -> Option<Typed> {
+    items.peek()?.symbol()?;
+    let typed = opt_typed_variable(reader, items);
+    if let Some(extra) = items.peek().filter(|node| node.symbol().is_some_and(|w| w != "-")) {
+        let message = format!("a `:private` has one owner, `{}` is another", excerpt(extra));
+        reader.report(Diagnostic::error(extra.span(), message).with_rule(PRIVATE));
+        items.next();
+    }
+    typed
+}
+
+/// `VARIABLE [- TYPE]`
+pub(super) fn opt_typed_variable<'f>(
+    reader: &mut Reader<'f>,
+    items: &mut Items<'f>,
+) -> Option<Typed> {
+    let name = names::variable(reader, items.next()?)?;
+    let mut ty = TypeExpr::default();
+    if let Some(dash) = items.peek().filter(|node| node.symbol() == Some("-")) {
+        items.next();
+        ty = names::opt_type(reader, items, dash).unwrap_or_default();
+    }
+    Some(Typed { name, ty })
+}
+
+/// `(NAME VARIABLES)`
+pub(super) fn signature<'f>(
+    reader: &mut Reader<'f>,
+    node: Node<'f>,
+    rule: &'static str,
+) -> Option<(Name, Vec<Typed>)> {
+    let mut items = reader.expect_list(node, "a declaration", rule)?;
+    let head = reader.expect(&mut items, "name", rule)?;
+    let name = names::name(reader, head, "a name")?;
+    if names::is_reserved(name.as_str()) && name != "=" {
+        let message = format!("`{name}` is a word of PDDL and cannot be declared");
+        reader.report(Diagnostic::error(head.span(), message));
+    }
+    Some((name, names::variables(reader, items)))
+}
+
+/// `((NAME* [- TYPE])* | (:private [NAME] (NAME* [- TYPE])*))*`
+pub(super) fn objects<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<ObjectDeclaration> {
+    let mut declared = Vec::new();
+    let mut from = items;
+    let mut public = items.until(is_private);
+    loop {
+        let typed = names::typed_list(reader, public, Entries::Names);
+        declared.extend(with_privacy(typed, &Privacy::Public));
+        from = from.after(public);
+        let Some(block) = from.next() else { return declared };
+        declared.extend(private_objects(reader, block, items));
+        public = from.until(is_private);
+    }
+}
+
+fn is_private(node: Node<'_>) -> bool {
+    node.head().is_some_and(|head| head.eq_ignore_ascii_case(":private"))
+}
+
+fn with_privacy(typed: Vec<Typed>, privacy: &Privacy) -> impl Iterator<Item = ObjectDeclaration> {
+    typed.into_iter().map(|object| ObjectDeclaration { object, privacy: privacy.clone() })
+}
+
+/// `(:private [NAME] (NAME* [- TYPE])*)`
+///
+/// The owner looks like an object. The first word is taken for the owner if it is not typed and
+/// either declared elsewhere in the section (agents are objects too) or one of several blocks
+/// stands there, which only a text that speaks of several agents has.
+fn private_objects<'f>(
+    reader: &mut Reader<'f>,
+    block: Node<'f>,
+    section: Items<'f>,
+) -> Vec<ObjectDeclaration> {
+    let Some(mut items) = block.list() else { return Vec::new() };
+    items.next();
+    let mut rest = items;
+    let mut owner = None;
+    if let (Some(first), true) = (rest.next(), starts_with_owner(items, section)) {
+        owner = names::name(reader, first, "an agent");
+        items = rest;
+    }
+    let owner = owner.map(|name| Typed { name, ty: TypeExpr::default() });
+    let typed = names::typed_list(reader, items, Entries::Names);
+    with_privacy(typed, &Privacy::Private(owner)).collect()
+}
+
+fn starts_with_owner(mut items: Items<'_>, section: Items<'_>) -> bool {
+    let Some(first) = items.next().and_then(Node::symbol) else { return false };
+    if items.peek().and_then(Node::symbol) == Some("-") {
+        return false;
+    }
+    let several_blocks = section.filter(|node| is_private(*node)).nth(1).is_some();
+    let words = section.flat_map(|node| match node.list() {
+        Some(inner) if is_private(node) => inner,
+        _ => node.alone(),
+    });
+    let is_first = |node: &Node<'_>| node.symbol().is_some_and(|w| w.eq_ignore_ascii_case(first));
+    several_blocks || words.filter(is_first).nth(1).is_some()
+}

@@ -1,0 +1,223 @@
+//! `(define (KIND NAME) SECTION*)`: the frame of every file.
+
+use super::names;
+use super::reader::{Keyword, Reader, excerpt};
+use super::{domain, model, problem};
+use crate::diagnostic::Diagnostic;
+use crate::nearest::nearest;
+use crate::sexpr::{Items, Node};
+use crate::tree::{Document, Name, Span};
+
+const DEFINE: &str = "(define (domain|problem|agent NAME) SECTION*)";
+
+/// The kinds of files.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum DocumentKind {
+    Domain,
+    Problem,
+    ActionModel,
+}
+
+/// `(define (domain NAME) …) | (define (problem NAME) …) | (define (agent NAME) …)`, one of them
+/// and of the kind that is expected.
+pub(crate) fn document<'f>(
+    reader: &mut Reader<'f>,
+    roots: Items<'f>,
+    expected: Option<DocumentKind>,
+) -> Option<Document> {
+    single(reader, roots, "definition", |reader, node| definition(reader, node, expected))
+}
+
+/// What stands alone in a text.
+pub(crate) fn single<'f, T>(
+    reader: &mut Reader<'f>,
+    mut roots: Items<'f>,
+    what: &str,
+    production: impl FnOnce(&mut Reader<'f>, Node<'f>) -> Option<T>,
+) -> Option<T> {
+    let Some(node) = roots.next() else {
+        reader.report(Diagnostic::error(roots.end(), format!("the text holds no {what}")));
+        return None;
+    };
+    let value = production(reader, node);
+    if let Some(more) = roots.next() {
+        let message = format!("one {what} is expected, `{}` is more", excerpt(more));
+        reader.report(Diagnostic::error(more.span(), message));
+    }
+    value
+}
+
+/// `(define (KIND NAME) SECTION*)`
+fn definition<'f>(
+    reader: &mut Reader<'f>,
+    node: Node<'f>,
+    expected: Option<DocumentKind>,
+) -> Option<Document> {
+    let mut items = reader.expect_list(node, "a definition", DEFINE)?;
+    let define = reader.expect(&mut items, "`define`", DEFINE)?;
+    if !define.symbol().is_some_and(|word| word.eq_ignore_ascii_case("define")) {
+        let message = format!("expected `define`, found `{}`", excerpt(define));
+        reader.report(Diagnostic::error(define.span(), message).with_rule(DEFINE));
+        return None;
+    }
+    let title = reader.expect(&mut items, "`(domain|problem|agent NAME)`", DEFINE)?;
+    let (kind, name) = title_of(reader, title, expected)?;
+    if expected.is_some_and(|expected| expected != kind) {
+        let message =
+            format!("expected {}, found {}", expected.unwrap_or(kind).noun(), kind.noun());
+        reader.report(Diagnostic::error(title.span(), message));
+    }
+    Some(match kind {
+        DocumentKind::Domain => Document::Domain(domain::domain(reader, name, items)),
+        DocumentKind::Problem => Document::Problem(problem::problem(reader, name, items)),
+        DocumentKind::ActionModel => {
+            Document::ActionModel(model::action_model(reader, name, items))
+        }
+    })
+}
+
+/// `(KIND NAME)`
+fn title_of<'f>(
+    reader: &mut Reader<'f>,
+    node: Node<'f>,
+    expected: Option<DocumentKind>,
+) -> Option<(DocumentKind, Name)> {
+    let mut items = reader.expect_list(node, "`(domain|problem|agent NAME)`", DEFINE)?;
+    let word = reader.expect(&mut items, "`domain`, `problem` or `agent`", DEFINE)?;
+    let kind = kind(reader, word).or(expected)?;
+    let name = items.next().and_then(|node| names::name(reader, node, "a name"));
+    if name.is_none() && items.peek().is_none() {
+        reader.report(Diagnostic::error(node.span(), "a definition has a name").with_rule(DEFINE));
+    }
+    reader.expect_end(items, "the name", DEFINE);
+    // Without a name of its own the rest is still worth reading.
+    let name = name.unwrap_or_else(|| reader.intern("unnamed", node.span()));
+    Some((kind, name))
+}
+
+fn kind<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<DocumentKind> {
+    match Keyword::of(node.symbol().unwrap_or("")).as_str() {
+        "domain" => Some(DocumentKind::Domain),
+        "problem" => Some(DocumentKind::Problem),
+        "agent" => Some(DocumentKind::ActionModel),
+        _ => {
+            reader.unknown(node, "kind of definition", &["domain", "problem", "agent"]);
+            None
+        }
+    }
+}
+
+impl DocumentKind {
+    fn noun(self) -> &'static str {
+        match self {
+            DocumentKind::Domain => "a domain",
+            DocumentKind::Problem => "a problem",
+            DocumentKind::ActionModel => "an action model",
+        }
+    }
+}
+
+/// The sections of a definition, one after the other.
+pub(super) struct Sections<'f> {
+    items: Items<'f>,
+    /// What this kind of file may hold.
+    known: &'static [&'static str],
+    seen: Vec<(&'static str, Span)>,
+}
+
+/// `(:KEYWORD ITEM*)`
+pub(super) struct Section<'f> {
+    pub(super) keyword: &'static str,
+    pub(super) items: Items<'f>,
+    pub(super) span: Span,
+}
+
+/// Sections that may be there any number of times.
+const REPEATED: &[&str] = &[":action", ":durative-action", ":derived"];
+
+/// Every section of any kind of file, and the kinds it belongs to.
+const ELSEWHERE: &[(&str, &str)] = &[
+    (":types", "domains and action models"),
+    (":constants", "domains"),
+    (":predicates", "domains and action models"),
+    (":functions", "domains and action models"),
+    (":action", "domains and action models"),
+    (":durative-action", "domains and action models"),
+    (":derived", "domains and action models"),
+    (":domain", "problems and action models"),
+    (":objects", "problems and action models"),
+    (":init", "problems and action models"),
+    (":goal", "problems"),
+    (":metric", "problems"),
+];
+
+impl<'f> Sections<'f> {
+    pub(super) fn new(items: Items<'f>, known: &'static [&'static str]) -> Sections<'f> {
+        Sections { items, known, seen: Vec::new() }
+    }
+
+    /// Where a missing section would have to stand.
+    pub(super) fn end(&self) -> Span {
+        self.items.end()
+    }
+
+    /// The next section; what is none, is unknown or is there twice is reported and passed over.
+    pub(super) fn next(&mut self, reader: &mut Reader<'f>) -> Option<Section<'f>> {
+        while let Some(node) = self.items.next() {
+            let Some(mut items) = reader.expect_list(node, "a section", "(:KEYWORD …)") else {
+                continue;
+            };
+            let Some(head) = reader.expect(&mut items, "keyword", "(:KEYWORD …)") else {
+                continue;
+            };
+            let word = head.symbol().unwrap_or("");
+            let lower = Keyword::of(word);
+            match self.known.iter().find(|known| **known == lower.as_str()) {
+                Some(keyword) if self.is_first(reader, keyword, head.span()) => {
+                    return Some(Section { keyword, items, span: node.span() });
+                }
+                Some(_) => {}
+                None => self.report_unknown(reader, head, lower.as_str()),
+            }
+        }
+        None
+    }
+
+    fn is_first(&mut self, reader: &mut Reader<'f>, keyword: &'static str, span: Span) -> bool {
+        if REPEATED.contains(&keyword) {
+            return true;
+        }
+        let Some((_, first)) = self.seen.iter().find(|(seen, _)| *seen == keyword) else {
+            self.seen.push((keyword, span));
+            return true;
+        };
+        let twice = Diagnostic::error(span, format!("a second `{keyword}` section"))
+            .with_help("join the two")
+            .with_note(*first, "the first is here");
+        reader.report(twice);
+        false
+    }
+
+    fn report_unknown(&self, reader: &mut Reader<'f>, head: Node<'f>, lower: &str) {
+        let word = excerpt(head);
+        if let Some((_, owners)) = ELSEWHERE.iter().find(|(keyword, _)| *keyword == lower) {
+            let message = format!("`{word}` belongs to {owners}");
+            return reader.report(Diagnostic::error(head.span(), message));
+        }
+        if matches!(lower, ":length" | ":situation") {
+            let message = format!("`{word}` is obsolete and passed over");
+            return reader.report(Diagnostic::warning(head.span(), message));
+        }
+        if matches!(lower, ":constraints" | ":event" | ":process") {
+            let message = format!("`{word}` is not supported");
+            return reader.report(Diagnostic::error(head.span(), message));
+        }
+        let everywhere = ELSEWHERE.iter().map(|(keyword, _)| *keyword);
+        let near = nearest(&word, self.known.iter().copied().chain(everywhere));
+        let unknown = Diagnostic::error(head.span(), format!("unknown section `{word}`"));
+        reader.report(match near {
+            Some(_) => unknown.with_suggestion(near),
+            None => unknown.with_help(format!("known are {}", self.known.join(" "))),
+        });
+    }
+}

@@ -1,0 +1,117 @@
+//! Numeric expressions.
+
+use super::condition::{Headed, headed};
+use super::names;
+use super::reader::{Keyword, Place, Reader};
+use crate::diagnostic::Diagnostic;
+use crate::sexpr::{Items, Node, View};
+use crate::tree::{Expression, FluentTerm, Operator, Span};
+
+const EXPRESSION: &str = "EXPRESSION = NUMBER | (FUNCTION TERM*) | (- EXPRESSION) \
+    | (+|* EXPRESSION EXPRESSION+) | (-|/ EXPRESSION EXPRESSION)";
+const FLUENT: &str = "(FUNCTION TERM*)";
+
+/// `NUMBER | FUNCTION | (FUNCTION TERM*) | ?duration | #t | total-time | (total-time)
+/// | (- EXPRESSION) | (+|* EXPRESSION EXPRESSION+) | (-|/ EXPRESSION EXPRESSION)`
+pub(super) fn expression<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Expression> {
+    if let View::Symbol(word) = node.view() {
+        return word_expression(reader, node, word);
+    }
+    let (word, items) = match headed(reader, node, "an expression", EXPRESSION)? {
+        Headed::By(word, items) => (word, items),
+        Headed::Empty => {
+            let empty = Diagnostic::error(node.span(), "expected an expression, found `()`");
+            reader.report(empty.with_rule(EXPRESSION));
+            return None;
+        }
+    };
+    match word {
+        "+" => apply(reader, Operator::Add, items, node.span()),
+        "-" => apply(reader, Operator::Subtract, items, node.span()),
+        "*" => apply(reader, Operator::Multiply, items, node.span()),
+        "/" => apply(reader, Operator::Divide, items, node.span()),
+        _ if is_total_time(reader, word) && items.peek().is_none() => {
+            Some(Expression::TotalTime(node.span()))
+        }
+        _ => fluent(reader, node).map(Expression::Fluent),
+    }
+}
+
+/// `(FUNCTION TERM*) | FUNCTION`
+pub(super) fn fluent<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<FluentTerm> {
+    let mut items = match node.view() {
+        View::List(items) => items,
+        View::Symbol(_) => node.alone(),
+        View::Damaged => return None,
+    };
+    let head = reader.expect(&mut items, "function", FLUENT)?;
+    let function = names::name(reader, head, "a function")?;
+    if names::is_reserved(function.as_str()) {
+        let message = format!("`{function}` cannot stand here");
+        reader.report(Diagnostic::error(head.span(), message).with_rule(FLUENT));
+        return None;
+    }
+    let arguments = names::terms(reader, items)?;
+    Some(FluentTerm { function, arguments, span: node.span() })
+}
+
+/// `NUMBER | FUNCTION | ?duration | #t | total-time`
+fn word_expression<'f>(
+    reader: &mut Reader<'f>,
+    node: Node<'f>,
+    word: &'f str,
+) -> Option<Expression> {
+    if let Some(number) = names::number(word) {
+        return Some(Expression::Number(number));
+    }
+    let durative = reader.place() == Place::Durative;
+    match Keyword::of(word).as_str() {
+        "?duration" if durative => Some(Expression::Duration(node.span())),
+        "#t" if durative => Some(Expression::ContinuousTime(node.span())),
+        _ if is_total_time(reader, word) => Some(Expression::TotalTime(node.span())),
+        special @ ("?duration" | "#t") => {
+            let message = format!("`{special}` has a value only in a durative action");
+            reader.report(Diagnostic::error(node.span(), message));
+            None
+        }
+        _ if word.starts_with('?') => {
+            let message = format!("expected an expression, found the variable `{word}`");
+            let diagnostic = Diagnostic::error(node.span(), message).with_rule(EXPRESSION);
+            reader.report(diagnostic.with_help(format!("apply a function: `(FUNCTION {word})`")));
+            None
+        }
+        _ => fluent(reader, node).map(Expression::Fluent),
+    }
+}
+
+fn is_total_time(reader: &Reader<'_>, word: &str) -> bool {
+    reader.place() == Place::Metric && word.eq_ignore_ascii_case("total-time")
+}
+
+/// `OPERATOR EXPRESSION+`
+fn apply<'f>(
+    reader: &mut Reader<'f>,
+    operator: Operator,
+    items: Items<'f>,
+    span: Span,
+) -> Option<Expression> {
+    let count = items.count();
+    let count_fits = match operator {
+        Operator::Add | Operator::Multiply => count >= 2,
+        Operator::Subtract => count == 1 || count == 2,
+        Operator::Divide => count == 2,
+    };
+    if !count_fits {
+        let message = format!("wrong number of operands: {count}");
+        reader.report(Diagnostic::error(span, message).with_rule(EXPRESSION));
+        return None;
+    }
+    let read: Vec<Expression> = items.filter_map(|node| expression(reader, node)).collect();
+    if read.len() < count {
+        return None;
+    }
+    match <[Expression; 1]>::try_from(read) {
+        Ok([operand]) => Some(Expression::Negate(Box::new(operand))),
+        Err(operands) => Some(Expression::Apply(operator, operands)),
+    }
+}

@@ -1,0 +1,95 @@
+//! Elements of `:init`.
+
+use super::condition;
+use super::expression;
+use super::names;
+use super::reader::{Keyword, Reader, excerpt};
+use crate::diagnostic::Diagnostic;
+use crate::sexpr::{Items, Node};
+use crate::tree::{FluentTerm, InitElement, Number, Term};
+
+const ELEMENT: &str = "(PREDICATE NAME*) | (not (PREDICATE NAME*)) | (= FLUENT NUMBER) \
+    | (at NUMBER ELEMENT)";
+const VALUE: &str = "(= FLUENT NUMBER)";
+
+/// `ELEMENT*`
+pub(crate) fn init_elements<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<InitElement> {
+    items.filter_map(|node| init_element(reader, node)).collect()
+}
+
+/// `(PREDICATE NAME*) | (not (PREDICATE NAME*)) | (= FLUENT NUMBER) | (at NUMBER ELEMENT)`
+pub(crate) fn init_element<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<InitElement> {
+    let mut items = reader.expect_list(node, "a fact", ELEMENT)?;
+    let head = reader.expect(&mut items, "predicate", ELEMENT)?;
+    match Keyword::of(head.symbol().unwrap_or("")).as_str() {
+        "not" => {
+            let inner = reader.expect(&mut items, "fact", ELEMENT)?;
+            reader.expect_end(items, "`not`", ELEMENT);
+            let atom = condition::atom(reader, inner)?;
+            ground(reader, &atom.arguments).then_some(InitElement::Not(atom))
+        }
+        "=" => value(reader, items),
+        "at" if is_timed(items) => timed(reader, items),
+        "and" => {
+            let and = Diagnostic::error(head.span(), "facts stand side by side");
+            reader.report(and.with_help("leave `and` out").with_rule(ELEMENT));
+            None
+        }
+        _ => {
+            let atom = condition::atom(reader, node)?;
+            ground(reader, &atom.arguments).then_some(InitElement::Atom(atom))
+        }
+    }
+}
+
+/// Whether what follows `at` is a time and an element, rather than the objects of a predicate.
+fn is_timed(mut items: Items<'_>) -> bool {
+    let time = items.next().and_then(Node::symbol).and_then(names::number);
+    time.is_some() && items.next().is_some_and(|node| node.list().is_some())
+}
+
+/// `(at NUMBER ELEMENT)`
+fn timed<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<InitElement> {
+    let time = items.next().and_then(Node::symbol).and_then(names::number)?;
+    let inner = reader.expect(&mut items, "fact", ELEMENT)?;
+    let element = init_element(reader, inner)?;
+    reader.expect_end(items, "a timed fact", ELEMENT);
+    if matches!(element, InitElement::At(..)) {
+        reader.report(Diagnostic::error(inner.span(), "a fact has one time").with_rule(ELEMENT));
+        return None;
+    }
+    Some(InitElement::At(time, Box::new(element)))
+}
+
+/// `(= FLUENT NUMBER)`
+fn value<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<InitElement> {
+    let fluent = reader.expect(&mut items, "function", VALUE)?;
+    let fluent: Option<FluentTerm> = expression::fluent(reader, fluent);
+    let node = reader.expect(&mut items, "number", VALUE)?;
+    let number = init_number(reader, node);
+    reader.expect_end(items, "`=`", VALUE);
+    let (fluent, number) = (fluent?, number?);
+    ground(reader, &fluent.arguments).then_some(InitElement::Assign(fluent, number))
+}
+
+fn init_number<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Number> {
+    let number = node.symbol().and_then(names::number);
+    if number.is_none() {
+        let message = format!("expected a number, found `{}`", excerpt(node));
+        reader.report(Diagnostic::error(node.span(), message).with_rule(VALUE));
+    }
+    number
+}
+
+/// Whether all arguments are objects; variables are reported.
+fn ground(reader: &mut Reader<'_>, arguments: &[Term]) -> bool {
+    let mut ground = true;
+    for argument in arguments {
+        if let Term::Variable(name) = argument {
+            ground = false;
+            let message = format!("`?{name}` is a variable, and facts are about objects");
+            reader.report(Diagnostic::error(name.span(), message));
+        }
+    }
+    ground
+}

@@ -1,0 +1,40 @@
+//! From parentheses to the syntax tree: one function per production.
+//!
+//! - Each function quotes its production. `NAME` is a symbol, `VARIABLE` is `?NAME`, `X*` is any
+//!   number of `X`, `[X]` is an optional `X`.
+//! - A function that meets a mistake reports it, yields `None`, and its caller reads on.
+//! - What the words stand for (is `conected` a predicate?) is left to `check`.
+
+mod names;
+
+mod declarations;
+
+mod condition;
+
+mod expression;
+
+mod effect;
+
+mod action;
+
+mod durative;
+
+mod facts;
+
+mod definition;
+
+mod domain;
+
+mod problem;
+
+mod model;
+
+mod plan;
+
+mod reader;
+
+pub(crate) use condition::condition;
+pub(crate) use definition::{DocumentKind, document, single};
+pub(crate) use facts::{init_element, init_elements};
+pub(crate) use plan::{plan_cost, plan_step, plan_steps};
+pub(crate) use reader::Reader;

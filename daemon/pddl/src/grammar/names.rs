@@ -1,0 +1,215 @@
+//! Names, variables, terms and typed lists.
+
+use super::reader::{Reader, excerpt};
+use crate::diagnostic::Diagnostic;
+use crate::sexpr::{Items, Node, View};
+use crate::tree::{Name, Number, Span, Term, TypeExpr, Typed};
+
+const NAME: &str = "NAME = a letter or digit, then letters, digits, `-` and `_`";
+const VARIABLE: &str = "VARIABLE = ?NAME";
+const TYPE: &str = "TYPE = NAME | (either NAME+)";
+
+/// What a typed list types.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Entries {
+    Variables,
+    Names,
+}
+
+/// Words with a meaning of their own where a predicate or a function could stand.
+pub(super) fn is_reserved(word: &str) -> bool {
+    let reserved = super::reader::Keyword::of(word);
+    matches!(
+        reserved.as_str(),
+        "and"
+            | "or"
+            | "not"
+            | "imply"
+            | "exists"
+            | "forall"
+            | "when"
+            | "either"
+            | "="
+            | "<"
+            | "<="
+            | ">"
+            | ">="
+            | "+"
+            | "-"
+            | "*"
+            | "/"
+            | "assign"
+            | "increase"
+            | "decrease"
+            | "scale-up"
+            | "scale-down"
+    )
+}
+
+/// `NAME`, where `what` says whose.
+pub(super) fn name<'f>(reader: &mut Reader<'f>, node: Node<'f>, what: &str) -> Option<Name> {
+    match node.view() {
+        View::Symbol(word) => checked_name(reader, word, word, node.span(), what),
+        View::List(_) => {
+            let message = format!("expected {what}, found `{}`", excerpt(node));
+            reader.report(Diagnostic::error(node.span(), message).with_rule(NAME));
+            None
+        }
+        View::Damaged => None,
+    }
+}
+
+/// `?NAME`
+pub(super) fn variable<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Name> {
+    let Some(word) = node.symbol() else {
+        return name(reader, node, "a variable");
+    };
+    if let Some(bare) = word.strip_prefix('?') {
+        return checked_name(reader, bare, word, node.span(), "a variable");
+    }
+    let diagnostic = Diagnostic::error(node.span(), format!("expected a variable, found `{word}`"));
+    reader.report(diagnostic.with_help(format!("write `?{word}`")).with_rule(VARIABLE));
+    None
+}
+
+/// `VARIABLE | NAME`
+pub(super) fn term<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Term> {
+    if node.symbol().is_some_and(|word| word.starts_with('?')) {
+        variable(reader, node).map(Term::Variable)
+    } else {
+        name(reader, node, "a variable or an object").map(Term::Object)
+    }
+}
+
+/// `TERM*`
+pub(super) fn terms<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Option<Vec<Term>> {
+    let mut terms = Vec::with_capacity(items.count());
+    let mut complete = true;
+    for node in items {
+        match term(reader, node) {
+            Some(term) => terms.push(term),
+            None => complete = false,
+        }
+    }
+    complete.then_some(terms)
+}
+
+/// A number, if the word is one.
+pub(super) fn number(word: &str) -> Option<Number> {
+    let digits = word.strip_prefix(['-', '+']).unwrap_or(word);
+    let starts_well =
+        digits.strip_prefix('.').unwrap_or(digits).starts_with(|c: char| c.is_ascii_digit());
+    if !starts_well {
+        return None;
+    }
+    word.parse().ok().filter(|value: &f64| value.is_finite()).map(Number)
+}
+
+/// `(VARIABLE* [- TYPE])*`: the variables of an action, a quantifier, an axiom.
+pub(super) fn variables<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<Typed> {
+    typed_list(reader, items, Entries::Variables)
+}
+
+/// `(ENTRY* [- TYPE])*`
+pub(super) fn typed_list<'f>(
+    reader: &mut Reader<'f>,
+    mut items: Items<'f>,
+    entries: Entries,
+) -> Vec<Typed> {
+    let mut typed: Vec<Typed> = Vec::new();
+    let mut untyped_from = 0;
+    while let Some(node) = items.next() {
+        let ty = match node.symbol() {
+            Some("-") => opt_type(reader, &mut items, node),
+            Some(word) if word.starts_with('-') => glued_type(reader, node, &word[1..]),
+            _ => {
+                let entry = match entries {
+                    Entries::Variables => variable(reader, node),
+                    Entries::Names => name(reader, node, "a name"),
+                };
+                typed.extend(entry.map(|name| Typed { name, ty: TypeExpr::default() }));
+                continue;
+            }
+        };
+        if let Some(ty) = ty {
+            // Only the last of a group is moved into; each other one has a copy of its own.
+            for entry in &mut typed[untyped_from..] {
+                entry.ty.clone_from(&ty);
+            }
+        }
+        untyped_from = typed.len();
+    }
+    typed
+}
+
+/// `TYPE`, after the dash at `dash`.
+pub(super) fn opt_type<'f>(
+    reader: &mut Reader<'f>,
+    items: &mut Items<'f>,
+    dash: Node<'f>,
+) -> Option<TypeExpr> {
+    let Some(node) = items.next() else {
+        let missing = Diagnostic::error(dash.span(), "no type after `-`").with_rule(TYPE);
+        reader.report(missing);
+        return None;
+    };
+    type_expr(reader, node)
+}
+
+/// `-TYPE`, which wants a space.
+fn glued_type<'f>(reader: &mut Reader<'f>, node: Node<'f>, word: &'f str) -> Option<TypeExpr> {
+    let span = Span { start: node.span().start + 1, ..node.span() };
+    let glued = Diagnostic::warning(node.span(), format!("no space between `-` and `{word}`"));
+    reader.report(glued.with_help(format!("write `- {word}`")));
+    let name = checked_name(reader, word, word, span, "a type")?;
+    Some(TypeExpr { alternatives: vec![name] })
+}
+
+/// `NAME | (either NAME+)`
+pub(super) fn type_expr<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<TypeExpr> {
+    let Some(mut items) = node.list() else {
+        return name(reader, node, "a type").map(|name| TypeExpr { alternatives: vec![name] });
+    };
+    let either = items.next().and_then(Node::symbol).unwrap_or("");
+    if !either.eq_ignore_ascii_case("either") || items.peek().is_none() {
+        let message = format!("expected a type, found `{}`", excerpt(node));
+        reader.report(Diagnostic::error(node.span(), message).with_rule(TYPE));
+        return None;
+    }
+    let alternatives = items.filter_map(|node| name(reader, node, "a type")).collect();
+    Some(TypeExpr { alternatives })
+}
+
+/// Interns `bare`, which is written as `word`, if it can be a name.
+fn checked_name<'f>(
+    reader: &mut Reader<'f>,
+    bare: &'f str,
+    word: &str,
+    span: Span,
+    what: &str,
+) -> Option<Name> {
+    let wrong_start = bare.starts_with(['-', ':', '?']) || bare.is_empty();
+    let stranger = bare.chars().find(|c| is_strange(*c));
+    if !wrong_start && stranger.is_none() {
+        return Some(reader.intern(bare, span));
+    }
+    let mut diagnostic =
+        Diagnostic::error(span, format!("expected {what}, found `{word}`")).with_rule(NAME);
+    if let Some(stranger) = stranger {
+        let code = u32::from(stranger);
+        diagnostic.help = Some(match stranger.is_whitespace() {
+            true => format!("U+{code:04X} looks like a space, but is none in PDDL"),
+            false => format!("a name cannot hold `{}`", stranger.escape_default()),
+        });
+    }
+    reader.report(diagnostic);
+    None
+}
+
+/// What no name holds, however lenient: the marks of other languages, and what cannot be seen.
+fn is_strange(c: char) -> bool {
+    match c {
+        '?' | '"' | '\'' | '`' | '[' | ']' | '{' | '}' | ',' | '\\' | '\u{feff}' => true,
+        _ => c.is_control() || (!c.is_ascii() && c.is_whitespace()),
+    }
+}

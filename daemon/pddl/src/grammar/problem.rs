@@ -1,0 +1,82 @@
+//! Problems.
+
+use super::definition::Sections;
+use super::reader::{Keyword, Place, Reader, excerpt};
+use super::{condition, declarations, expression, facts, names};
+use crate::diagnostic::Diagnostic;
+use crate::sexpr::{Items, Node};
+use crate::tree::{Condition, Direction, Metric, Name, Problem, Span};
+
+const SECTIONS: &[&str] = &[":domain", ":requirements", ":objects", ":init", ":goal", ":metric"];
+const DOMAIN: &str = "(:domain NAME)";
+const GOAL: &str = "(:goal CONDITION)";
+const METRIC: &str = "(:metric minimize|maximize EXPRESSION)";
+
+/// `(define (problem NAME) (:domain NAME) [REQUIREMENTS] [OBJECTS] [INIT] [GOAL] [METRIC])`, in any
+/// order.
+pub(super) fn problem<'f>(reader: &mut Reader<'f>, name: Name, items: Items<'f>) -> Problem {
+    let mut domain = None;
+    let mut problem = Problem::named(name, Name::new(""));
+    let mut sections = Sections::new(items, SECTIONS);
+    while let Some(section) = sections.next(reader) {
+        let items = section.items;
+        match section.keyword {
+            ":domain" => domain = domain_name(reader, items),
+            ":requirements" => problem.requirements = declarations::requirements(reader, items),
+            ":objects" => problem.objects = declarations::objects(reader, items),
+            ":init" => problem.init = facts::init_elements(reader, items),
+            ":goal" => problem.goal = goal(reader, items).unwrap_or_default(),
+            _ => problem.metric = metric(reader, items, section.span),
+        }
+    }
+    problem.domain = domain.unwrap_or_else(|| missing_domain(reader, sections.end()));
+    problem
+}
+
+/// `(:domain NAME)`
+pub(super) fn domain_name<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<Name> {
+    let node = reader.expect(&mut items, "name", DOMAIN)?;
+    reader.expect_end(items, "`:domain`", DOMAIN);
+    let name = names::name(reader, node, "a name");
+    // A name that is wrong is not missing too.
+    Some(name.unwrap_or_else(|| reader.intern("unnamed", node.span())))
+}
+
+/// Reports that the domain is not said, and gives it a name that nothing has.
+pub(super) fn missing_domain(reader: &mut Reader<'_>, end: Span) -> Name {
+    reader.report(Diagnostic::error(end, "missing `(:domain NAME)`").with_rule(DOMAIN));
+    reader.intern("unnamed", end)
+}
+
+/// `(:goal CONDITION)`
+fn goal<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<Condition> {
+    let node = reader.expect(&mut items, "condition", GOAL)?;
+    if let Some(more) = items.next() {
+        let message = format!("a goal is one condition, `{}` is another", excerpt(more));
+        let several = Diagnostic::error(more.span(), message).with_rule(GOAL);
+        reader.report(several.with_help("join them: `(and …)`"));
+    }
+    condition::condition(reader, node)
+}
+
+/// `(:metric minimize|maximize EXPRESSION)`
+fn metric<'f>(reader: &mut Reader<'f>, mut items: Items<'f>, span: Span) -> Option<Metric> {
+    let node = reader.expect(&mut items, "`minimize` or `maximize`", METRIC)?;
+    let direction = direction(reader, node);
+    let node = reader.expect(&mut items, "expression", METRIC)?;
+    let expression = reader.within(Place::Metric, |reader| expression::expression(reader, node));
+    reader.expect_end(items, "a metric", METRIC);
+    Some(Metric { direction: direction?, expression: expression?, span })
+}
+
+/// `minimize | maximize`
+fn direction<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Direction> {
+    match Keyword::of(node.symbol().unwrap_or("")).as_str() {
+        "minimize" => Some(Direction::Minimize),
+        "maximize" => Some(Direction::Maximize),
+        _ => {
+            reader.unknown(node, "direction", &["minimize", "maximize"]);
+            None
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! What every production carries along: the mistakes found so far, the names seen so far, and
+//! the kind of place that is being read.
+
+use std::collections::HashMap;
+
+use crate::diagnostic::{Diagnostic, Problems};
+use crate::nearest::nearest;
+use crate::sexpr::{Items, Node, View};
+use crate::tree::{Name, Span};
+
+/// Carried through all productions of one text.
+pub(crate) struct Reader<'f> {
+    /// A name is allocated once for each spelling, however often it occurs.
+    names: HashMap<&'f str, Name>,
+    problems: Problems,
+    place: Place,
+}
+
+/// Where expressions stand: it decides which special terms they may use.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Place {
+    /// Actions, goals, facts.
+    Plain,
+    /// Inside `:durative-action`, where `?duration` and `#t` have a meaning.
+    Durative,
+    /// Inside `:metric`, where `total-time` has a meaning.
+    Metric,
+}
+
+/// A word in lower case, without allocating; empty if it is longer than any keyword.
+pub(super) struct Keyword {
+    bytes: [u8; KEYWORD_BYTES],
+    length: usize,
+}
+
+/// Longer than the longest keyword, `:existential-preconditions`.
+const KEYWORD_BYTES: usize = 32;
+
+// === impl Reader ===
+
+impl<'f> Reader<'f> {
+    pub(crate) fn new(problems: Problems) -> Reader<'f> {
+        Reader { names: HashMap::new(), problems, place: Place::Plain }
+    }
+
+    pub(crate) fn into_diagnostics(self) -> Vec<Diagnostic> {
+        self.problems.into_sorted()
+    }
+
+    pub(super) fn report(&mut self, diagnostic: Diagnostic) {
+        self.problems.push(diagnostic);
+    }
+
+    /// The name that is spelled `word`, standing at `span`.
+    pub(super) fn intern(&mut self, word: &'f str, span: Span) -> Name {
+        self.names.entry(word).or_insert_with(|| Name::new(word)).at(span)
+    }
+
+    pub(super) fn place(&self) -> Place {
+        self.place
+    }
+
+    /// Runs `production` where special terms are those of `place`.
+    pub(super) fn within<T>(
+        &mut self,
+        place: Place,
+        production: impl FnOnce(&mut Reader<'f>) -> T,
+    ) -> T {
+        let outer = std::mem::replace(&mut self.place, place);
+        let value = production(self);
+        self.place = outer;
+        value
+    }
+
+    /// The next node; if there is none, reports that `what` is missing.
+    pub(super) fn expect(
+        &mut self,
+        items: &mut Items<'f>,
+        what: &str,
+        rule: &'static str,
+    ) -> Option<Node<'f>> {
+        let node = items.next();
+        if node.is_none() {
+            let missing = Diagnostic::error(items.end(), format!("missing {what}"));
+            self.report(missing.with_rule(rule));
+        }
+        node
+    }
+
+    /// The items of a list; reports anything else as not being `what`.
+    pub(super) fn expect_list(
+        &mut self,
+        node: Node<'f>,
+        what: &str,
+        rule: &'static str,
+    ) -> Option<Items<'f>> {
+        match node.view() {
+            View::List(items) => Some(items),
+            View::Symbol(word) => {
+                let message = format!("expected {what}, found `{word}`");
+                self.report(Diagnostic::error(node.span(), message).with_rule(rule));
+                None
+            }
+            View::Damaged => None,
+        }
+    }
+
+    /// Reports what stands where nothing more may stand.
+    pub(super) fn expect_end(&mut self, mut items: Items<'f>, what: &str, rule: &'static str) {
+        if let Some(node) = items.next() {
+            let message = format!("{what} ends before `{}`", excerpt(node));
+            self.report(Diagnostic::error(node.span(), message).with_rule(rule));
+        }
+    }
+
+    /// Reports a word that is none of `known`, with the likely intended one.
+    pub(super) fn unknown(&mut self, node: Node<'f>, what: &str, known: &[&'static str]) {
+        let word = excerpt(node);
+        let near = nearest(&word, known.iter().copied());
+        let mut unknown = Diagnostic::error(node.span(), format!("unknown {what} `{word}`"))
+            .with_suggestion(near);
+        if near.is_none() {
+            unknown = unknown.with_help(format!("known are {}", known.join(" ")));
+        }
+        self.report(unknown);
+    }
+}
+
+// === impl Keyword ===
+
+impl Keyword {
+    pub(super) fn of(word: &str) -> Keyword {
+        let mut bytes = [0; KEYWORD_BYTES];
+        let length = if word.len() <= KEYWORD_BYTES { word.len() } else { 0 };
+        for (lower, byte) in bytes.iter_mut().zip(word.bytes()) {
+            *lower = byte.to_ascii_lowercase();
+        }
+        Keyword { bytes, length }
+    }
+
+    pub(super) fn as_str(&self) -> &str {
+        std::str::from_utf8(&self.bytes[..self.length]).unwrap_or("")
+    }
+}
+
+/// The node as it is written, cut short where it is long.
+pub(super) fn excerpt(node: Node<'_>) -> String {
+    const CHARS_MAX: usize = 40;
+    let text = node.text();
+    let line = text.lines().next().unwrap_or("");
+    let mut short: String = line.chars().take(CHARS_MAX).collect();
+    if short.len() < text.len() {
+        short.push('…');
+    }
+    short
+}

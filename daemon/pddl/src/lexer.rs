@@ -1,0 +1,90 @@
+//! Words and parentheses: the only place that looks at single bytes.
+//!
+//! - Feeds `sexpr`, which builds the tree of parentheses.
+//! - Everything that delimits is ASCII, so a cut between two tokens is a character boundary
+//!   whatever the rest of the text is made of.
+//! - Does not know what a word means: `:action`, `?x`, `5` and `-` are all symbols here.
+
+use nom::branch::alt;
+use nom::bytes::complete::{tag, take_till, take_till1, take_while1};
+use nom::combinator::{map, value};
+use nom::multi::many0_count;
+use nom::sequence::{pair, preceded};
+use nom::{IResult, Parser};
+
+/// What is left to read.
+pub(crate) type Input<'a> = &'a [u8];
+
+type LexResult<'a, T> = IResult<Input<'a>, T, ()>;
+
+/// One lexeme; its place is the difference between the input before and after.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Token {
+    Open,
+    Close,
+    /// A word of this many bytes.
+    Symbol(usize),
+}
+
+/// `BLANK* ( "(" | ")" | SYMBOL )`; fails at the end of the text and nowhere else.
+pub(crate) fn token(input: Input<'_>) -> LexResult<'_, Token> {
+    preceded(
+        blanks,
+        alt((
+            map(take_till1(is_delimiter), |word: Input<'_>| Token::Symbol(word.len())),
+            value(Token::Open, tag("(")),
+            value(Token::Close, tag(")")),
+        )),
+    )
+    .parse(input)
+}
+
+/// `BLANK* = (SPACE | COMMENT)*`
+pub(crate) fn blanks(input: Input<'_>) -> LexResult<'_, ()> {
+    value((), many0_count(alt((take_while1(is_space), comment)))).parse(input)
+}
+
+/// `COMMENT = ";" up to the end of the line`
+fn comment(input: Input<'_>) -> LexResult<'_, Input<'_>> {
+    map(pair(tag(";"), take_till(|byte| byte == b'\n' || byte == b'\r')), |(mark, _)| mark)
+        .parse(input)
+}
+
+fn is_space(byte: u8) -> bool {
+    matches!(byte, b' ' | b'\t' | b'\n' | b'\r' | b'\x0b' | b'\x0c')
+}
+
+fn is_delimiter(byte: u8) -> bool {
+    is_space(byte) || matches!(byte, b'(' | b')' | b';')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn check(text: &str, expected: &[Token]) {
+        let mut rest = text.as_bytes();
+        let mut tokens = Vec::new();
+        while let Ok((left, token)) = token(rest) {
+            tokens.push(token);
+            rest = left;
+        }
+        assert_eq!(tokens, expected);
+    }
+
+    #[test]
+    fn parentheses_need_no_space() {
+        check("(?x)a", &[Token::Open, Token::Symbol(2), Token::Close, Token::Symbol(1)]);
+    }
+
+    #[test]
+    fn comments_end_with_their_line_and_cut_a_word() {
+        check("a;(\r\n;)\rb;", &[Token::Symbol(1), Token::Symbol(1)]);
+    }
+
+    #[test]
+    fn words_of_any_script_are_symbols() {
+        check("büro-2 (", &[Token::Symbol("büro-2".len()), Token::Open]);
+    }
+}

@@ -1,0 +1,46 @@
+//! The likely intended name: “did you mean …?”.
+//!
+//! Serves the parser, `check`, and any crate that looks up a name a person wrote.
+
+/// The candidate that `word` is most likely a slip of, if any is near enough to be worth offering.
+///
+/// One slip is forgiven in three letters, two in six, and so on; of candidates equally near the
+/// first wins. Case does not count.
+pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let word = word.to_lowercase();
+    let slips_max = word.chars().count().div_ceil(3);
+    let mut best = None;
+    for candidate in candidates {
+        if candidate.len().abs_diff(word.len()) > slips_max * 4 {
+            continue;
+        }
+        let slips = strsim::damerau_levenshtein(&word, &candidate.to_lowercase());
+        if slips <= slips_max && best.is_none_or(|(fewest, _)| slips < fewest) {
+            best = Some((slips, candidate));
+        }
+    }
+    best.map(|(_, candidate)| candidate)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::nearest;
+
+    #[track_caller]
+    fn check(word: &str, expected: Option<&str>) {
+        assert_eq!(nearest(word, ["at", "connected", "known-temperature"]), expected);
+    }
+
+    #[test]
+    fn a_slip_is_seen_through() {
+        check("conected", Some("connected"));
+        check("CONNETCED", Some("connected"));
+        check("known-temprature", Some("known-temperature"));
+    }
+
+    #[test]
+    fn another_word_is_left_alone() {
+        check("docked", None);
+        check("open", None);
+    }
+}

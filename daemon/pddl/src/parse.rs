@@ -1,0 +1,106 @@
+//! Text in, tree and diagnostics out: the parser's public face.
+//!
+//! Each function takes one kind of text. All of them read the whole text, report every mistake in
+//! it, and return what could be made of the rest; [`Parsed::into_result`] is for callers who want
+//! all or nothing.
+
+use crate::diagnostic::{Parsed, Problems};
+use crate::grammar::{self, Reader};
+use crate::sexpr::{Forest, Items};
+use crate::tree::{ActionModel, Condition, Document, Domain, InitElement, Plan, PlanStep, Problem};
+
+/// Parses a file of any kind: a domain, a problem or an action model.
+///
+/// ```
+/// let parsed = pddl::parse_document("(define (domain lamp) (:predicates (on)))");
+/// assert_eq!(parsed.into_result().unwrap().to_string(), "\
+/// (define (domain lamp)
+///   (:predicates (on)))
+/// ");
+/// ```
+pub fn parse_document(text: &str) -> Parsed<Document> {
+    read(text, |reader, roots| grammar::document(reader, roots, None))
+}
+
+/// Parses `(define (domain NAME) …)`.
+pub fn parse_domain(text: &str) -> Parsed<Domain> {
+    read(text, |reader, roots| {
+        match grammar::document(reader, roots, Some(grammar::DocumentKind::Domain))? {
+            Document::Domain(domain) => Some(domain),
+            Document::Problem(_) | Document::ActionModel(_) => None,
+        }
+    })
+}
+
+/// Parses `(define (problem NAME) …)`.
+pub fn parse_problem(text: &str) -> Parsed<Problem> {
+    read(text, |reader, roots| {
+        match grammar::document(reader, roots, Some(grammar::DocumentKind::Problem))? {
+            Document::Problem(problem) => Some(problem),
+            Document::Domain(_) | Document::ActionModel(_) => None,
+        }
+    })
+}
+
+/// Parses `(define (agent NAME) …)`.
+pub fn parse_action_model(text: &str) -> Parsed<ActionModel> {
+    read(text, |reader, roots| {
+        match grammar::document(reader, roots, Some(grammar::DocumentKind::ActionModel))? {
+            Document::ActionModel(model) => Some(model),
+            Document::Domain(_) | Document::Problem(_) => None,
+        }
+    })
+}
+
+/// Parses a condition that stands alone, such as a goal.
+pub fn parse_condition(text: &str) -> Parsed<Condition> {
+    read(text, |reader, roots| grammar::single(reader, roots, "condition", grammar::condition))
+}
+
+/// Parses one element of `:init`: a fact, its negation, or the value of a function.
+pub fn parse_init_element(text: &str) -> Parsed<InitElement> {
+    read(text, |reader, roots| grammar::single(reader, roots, "fact", grammar::init_element))
+}
+
+/// Parses any number of elements of `:init`, one after the other.
+pub fn parse_init_elements(text: &str) -> Parsed<Vec<InitElement>> {
+    read(text, |reader, roots| Some(grammar::init_elements(reader, roots)))
+}
+
+/// Parses a plan in the IPC's format, with its `; cost = N` comment if it has one.
+pub fn parse_plan(text: &str) -> Parsed<Plan> {
+    read(text, |reader, roots| {
+        let steps = grammar::plan_steps(reader, roots);
+        Some(Plan { steps, cost: grammar::plan_cost(text) })
+    })
+}
+
+/// Parses one step of a plan: `(move turtlebot-1 corridor office1)`.
+pub fn parse_step(text: &str) -> Parsed<PlanStep> {
+    read(text, |reader, roots| grammar::single(reader, roots, "step", grammar::plan_step))
+}
+
+/// The text of a file whatever its encoding: UTF-8 where it is, and Latin-1, as older competition
+/// files have it in their comments, where it is not.
+///
+/// ```
+/// assert_eq!(pddl::text_from_bytes(b"; Thi\xe9baux"), "; Thi\u{e9}baux");
+/// ```
+pub fn text_from_bytes(bytes: &[u8]) -> std::borrow::Cow<'_, str> {
+    match std::str::from_utf8(bytes) {
+        Ok(text) => text.into(),
+        Err(_) => bytes.iter().map(|byte| char::from(*byte)).collect::<String>().into(),
+    }
+}
+
+/// Reads the parentheses, then what they mean.
+fn read<T>(
+    text: &str,
+    meaning: impl for<'f> FnOnce(&mut Reader<'f>, Items<'f>) -> Option<T>,
+) -> Parsed<T> {
+    let mut problems = Problems::default();
+    let forest = Forest::read(text, &mut problems);
+    let mut reader = Reader::new(problems);
+    let value = meaning(&mut reader, forest.roots());
+    Parsed { value, diagnostics: reader.into_diagnostics() }
+}

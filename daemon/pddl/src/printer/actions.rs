@@ -1,0 +1,144 @@
+//! Actions, axioms and durative actions.
+
+use std::fmt;
+
+use super::conditions::{assign, comparison, condition, effect, expression, quantified};
+use super::layout::Layout;
+use super::words::{Entries, parameters, signature, typed_list, write};
+use crate::tree::{
+    ActionSchema, Derived, DurationConstraint, DurativeAction, Effect, Name, TimeSpecifier,
+    TimedCondition, TimedEffect, Typed,
+};
+
+pub(super) fn action(action: &ActionSchema) -> Layout<'_> {
+    let mut parts = head(":action", &action.name, action.agent.as_ref(), &action.parameters);
+    if !action.precondition.is_always() {
+        parts.push(labeled(":precondition", condition(&action.precondition)));
+    }
+    if action.effect != Effect::nothing() {
+        parts.push(labeled(":effect", effect(&action.effect)));
+    }
+    Layout::list(2, parts)
+}
+
+/// `KEYWORD NAME [:agent VARIABLE - TYPE] :parameters (VARIABLES)`
+fn head<'t>(
+    keyword: &'static str,
+    name: &'t Name,
+    agent: Option<&'t Typed>,
+    list: &'t [Typed],
+) -> Vec<Layout<'t>> {
+    let mut parts = vec![Layout::word(keyword), Layout::name(name)];
+    if let Some(agent) = agent {
+        let mut words = vec![Layout::word(":agent")];
+        words.extend(typed_list(std::slice::from_ref(agent), Entries::Variables));
+        parts.push(Layout::group(words));
+    }
+    parts.push(labeled(":parameters", parameters(list)));
+    parts
+}
+
+fn labeled<'t>(label: &'static str, value: Layout<'t>) -> Layout<'t> {
+    Layout::group(vec![Layout::word(label), value])
+}
+
+pub(super) fn derived(derived: &Derived) -> Layout<'_> {
+    let head = signature(&derived.predicate, &derived.parameters);
+    Layout::list(2, vec![Layout::word(":derived"), head, condition(&derived.condition)])
+}
+
+pub(super) fn durative_action(action: &DurativeAction) -> Layout<'_> {
+    let keyword = ":durative-action";
+    let mut parts = head(keyword, &action.name, action.agent.as_ref(), &action.parameters);
+    parts.push(labeled(":duration", one_or_and(&action.duration, duration)));
+    parts.push(labeled(":condition", one_or_and(&action.conditions, timed_condition)));
+    parts.push(labeled(":effect", timed_effect(&action.effects)));
+    Layout::list(2, parts)
+}
+
+/// `() | X | (and X X+)`
+fn one_or_and<'t, T>(items: &'t [T], layout: impl Fn(&'t T) -> Layout<'t>) -> Layout<'t> {
+    match items {
+        [] => Layout::list(0, Vec::new()),
+        [only] => layout(only),
+        several => Layout::headed("and", several.iter().map(layout)),
+    }
+}
+
+fn duration(constraint: &DurationConstraint) -> Layout<'_> {
+    let sides = [Layout::word("?duration"), expression(&constraint.value)];
+    let untimed = Layout::headed(comparison(constraint.comparison), sides);
+    match constraint.when {
+        Some(when) => timed(when, untimed),
+        None => untimed,
+    }
+}
+
+/// `(at start X) | (at end X) | (over all X)`
+fn timed<'t>(when: TimeSpecifier, inner: Layout<'t>) -> Layout<'t> {
+    let (preposition, time) = match when {
+        TimeSpecifier::Start => ("at", "start"),
+        TimeSpecifier::End => ("at", "end"),
+        TimeSpecifier::OverAll => ("over", "all"),
+    };
+    Layout::list(2, vec![Layout::word(preposition), Layout::word(time), inner])
+}
+
+fn timed_condition(timed_condition: &TimedCondition) -> Layout<'_> {
+    let inner = timed(timed_condition.when, condition(&timed_condition.condition));
+    match &timed_condition.forall[..] {
+        [] => inner,
+        variables => quantified("forall", variables, inner),
+    }
+}
+
+fn timed_effect(timed_effect: &TimedEffect) -> Layout<'_> {
+    match timed_effect {
+        TimedEffect::And(parts) => Layout::headed("and", parts.iter().map(self::timed_effect)),
+        TimedEffect::At(when, inner) => timed(*when, effect(inner)),
+        TimedEffect::Forall(variables, inner) => {
+            quantified("forall", variables, self::timed_effect(inner))
+        }
+        TimedEffect::When(conditions, inner) => {
+            let conditions = one_or_and(conditions, timed_condition);
+            Layout::headed("when", [conditions, self::timed_effect(inner)])
+        }
+        TimedEffect::Continuous(inner) => assign(inner),
+    }
+}
+
+impl fmt::Display for ActionSchema {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write(&action(self), f)
+    }
+}
+
+impl fmt::Display for Derived {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write(&derived(self), f)
+    }
+}
+
+impl fmt::Display for DurativeAction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write(&durative_action(self), f)
+    }
+}
+
+impl fmt::Display for TimedCondition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write(&timed_condition(self), f)
+    }
+}
+
+impl fmt::Display for TimedEffect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write(&timed_effect(self), f)
+    }
+}
+
+impl fmt::Display for DurationConstraint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write(&duration(self), f)
+    }
+}

@@ -1,0 +1,249 @@
+//! Domains, problems and action models, a section a line.
+
+use std::fmt;
+
+use super::actions::{action, derived, durative_action};
+use super::conditions::{condition, metric};
+use super::layout::{Layout, write_newline};
+use super::words::{Entries, atom, fluent, signature, typed_list, write};
+use crate::tree::{
+    ActionModel, ActionSchema, Derived, Document, Domain, DurativeAction, FunctionDeclaration,
+    InitElement, Name, ObjectDeclaration, PredicateDeclaration, Privacy, Problem, Typed,
+};
+
+/// A definition while it is written.
+struct Definition<'f, 'g> {
+    f: &'f mut fmt::Formatter<'g>,
+}
+
+impl<'f, 'g> Definition<'f, 'g> {
+    /// `(define (KIND NAME)`
+    fn begin(
+        f: &'f mut fmt::Formatter<'g>,
+        kind: &str,
+        name: &Name,
+    ) -> Result<Definition<'f, 'g>, fmt::Error> {
+        write!(f, "(define ({kind} {name})")?;
+        Ok(Definition { f })
+    }
+
+    /// `(KEYWORD ITEM*)`; nothing if there is no item.
+    fn section<'t>(&mut self, keyword: &'static str, items: Vec<Layout<'t>>) -> fmt::Result {
+        if items.is_empty() {
+            return Ok(());
+        }
+        write_newline(2, self.f)?;
+        Layout::headed(keyword, items).write(2, self.f)
+    }
+
+    fn layout(&mut self, layout: &Layout<'_>) -> fmt::Result {
+        write_newline(2, self.f)?;
+        layout.write_broken(2, self.f)
+    }
+
+    fn actions(
+        &mut self,
+        axioms: &[Derived],
+        actions: &[ActionSchema],
+        durative_actions: &[DurativeAction],
+    ) -> fmt::Result {
+        for axiom in axioms {
+            self.layout(&derived(axiom))?;
+        }
+        for schema in actions {
+            self.layout(&action(schema))?;
+        }
+        for schema in durative_actions {
+            self.layout(&durative_action(schema))?;
+        }
+        Ok(())
+    }
+
+    fn end(self) -> fmt::Result {
+        self.f.write_str(")\n")
+    }
+}
+
+fn names(list: &[Name]) -> Vec<Layout<'_>> {
+    list.iter().map(Layout::name).collect()
+}
+
+fn predicates(list: &[PredicateDeclaration]) -> Vec<Layout<'_>> {
+    let declared = list.iter().map(|it| (&it.privacy, signature(&it.name, &it.parameters)));
+    by_privacy(declared)
+}
+
+fn functions(list: &[FunctionDeclaration]) -> Vec<Layout<'_>> {
+    let declared = list.iter().map(|it| {
+        let signature = signature(&it.name, &it.parameters);
+        let words = vec![signature, Layout::word("-"), Layout::word("number")];
+        (&it.privacy, Layout::group(words))
+    });
+    by_privacy(declared)
+}
+
+/// `(DECLARATION | (:private [VARIABLE - TYPE] DECLARATION*))*`
+fn by_privacy<'t>(declared: impl Iterator<Item = (&'t Privacy, Layout<'t>)>) -> Vec<Layout<'t>> {
+    let mut items = Vec::new();
+    let mut private: Option<(&Privacy, Vec<Layout<'_>>)> = None;
+    for (privacy, layout) in declared {
+        match &mut private {
+            Some((same, block)) if *same == privacy => block.push(layout),
+            _ => {
+                items.extend(private.take().map(|(_, block)| Layout::list(1, block)));
+                match privacy {
+                    Privacy::Public => items.push(layout),
+                    Privacy::Private(owner) => {
+                        let mut head = vec![Layout::word(":private")];
+                        head.extend(typed_list(owner.as_slice(), Entries::Variables));
+                        private = Some((privacy, vec![Layout::group(head), layout]));
+                    }
+                }
+            }
+        }
+    }
+    items.extend(private.map(|(_, block)| Layout::list(1, block)));
+    items
+}
+
+/// `(NAME+ - TYPE | (:private [NAME] NAME+ - TYPE))*`
+fn objects(list: &[ObjectDeclaration]) -> Vec<Layout<'_>> {
+    let mut items = Vec::new();
+    let mut owners = Vec::new();
+    for block in list.chunk_by(|left, right| left.privacy == right.privacy) {
+        match &block[0].privacy {
+            Privacy::Public => items.extend(object_groups(block, false)),
+            Privacy::Private(owner) => {
+                let mut words = vec![Layout::word(":private")];
+                words.extend(owner.iter().map(|owner| Layout::name(&owner.name)));
+                owners.extend(owner);
+                words.extend(object_groups(block, owner.is_none()));
+                items.push(Layout::list(1 + usize::from(owner.is_some()), words));
+            }
+        }
+    }
+    // A single owner that is not an object here would be read as one; a second block tells.
+    if let [owner] = owners[..]
+        && list.iter().all(|declaration| declaration.object.name != owner.name)
+    {
+        items.push(Layout::headed(":private", [Layout::name(&owner.name)]));
+    }
+    items
+}
+
+/// Objects by type; where nothing may be mistaken for an owner, the first has its type alone.
+fn object_groups(block: &[ObjectDeclaration], first_alone: bool) -> Vec<Layout<'_>> {
+    let mut groups = Vec::new();
+    let (first, mut rest) = block.split_at(usize::from(first_alone));
+    groups.extend(first.iter().map(|declaration| object_group(std::slice::from_ref(declaration))));
+    while !rest.is_empty() {
+        let ty = &rest[0].object.ty;
+        let count = rest.iter().take_while(|declaration| declaration.object.ty == *ty).count();
+        let (group, others) = rest.split_at(count);
+        groups.push(object_group(group));
+        rest = others;
+    }
+    groups
+}
+
+/// `NAME+ - TYPE`
+fn object_group(group: &[ObjectDeclaration]) -> Layout<'_> {
+    let mut words: Vec<_> = group.iter().map(|it| Layout::name(&it.object.name)).collect();
+    words.extend([Layout::word("-"), super::words::type_expr(&group[0].object.ty)]);
+    Layout::group(words)
+}
+
+fn types(list: &[Typed]) -> Vec<Layout<'_>> {
+    typed_list(list, Entries::Names)
+}
+
+fn init_element(element: &InitElement) -> Layout<'_> {
+    match element {
+        InitElement::Atom(inner) => atom(inner),
+        InitElement::Not(inner) => Layout::headed("not", [atom(inner)]),
+        InitElement::Assign(inner, number) => {
+            Layout::headed("=", [fluent(inner), Layout::written(number)])
+        }
+        InitElement::At(time, inner) => {
+            Layout::headed("at", [Layout::written(time), self::init_element(inner)])
+        }
+    }
+}
+
+fn init(elements: &[InitElement]) -> Vec<Layout<'_>> {
+    elements.iter().map(init_element).collect()
+}
+
+impl fmt::Display for Domain {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut definition = Definition::begin(f, "domain", &self.name)?;
+        definition.section(":requirements", names(&self.requirements))?;
+        definition.section(":types", types(&self.types))?;
+        definition.section(":constants", types(&self.constants))?;
+        definition.section(":predicates", predicates(&self.predicates))?;
+        definition.section(":functions", functions(&self.functions))?;
+        definition.actions(&self.derived, &self.actions, &self.durative_actions)?;
+        definition.end()
+    }
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut definition = Definition::begin(f, "problem", &self.name)?;
+        definition.section(":domain", vec![Layout::name(&self.domain)])?;
+        definition.section(":requirements", names(&self.requirements))?;
+        definition.section(":objects", objects(&self.objects))?;
+        definition.section(":init", init(&self.init))?;
+        definition.section(":goal", vec![condition(&self.goal)])?;
+        if let Some(measure) = &self.metric {
+            write_newline(2, definition.f)?;
+            metric(measure).write(2, definition.f)?;
+        }
+        definition.end()
+    }
+}
+
+impl fmt::Display for ActionModel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut definition = Definition::begin(f, "agent", &self.agent)?;
+        definition.section(":domain", vec![Layout::name(&self.domain)])?;
+        definition.section(":requirements", names(&self.requirements))?;
+        definition.section(":types", types(&self.types))?;
+        definition.section(":predicates", predicates(&self.predicates))?;
+        definition.section(":functions", functions(&self.functions))?;
+        definition.section(":objects", objects(&self.objects))?;
+        definition.section(":init", init(&self.init))?;
+        definition.actions(&self.derived, &self.actions, &self.durative_actions)?;
+        definition.end()
+    }
+}
+
+impl fmt::Display for Document {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Document::Domain(domain) => domain.fmt(f),
+            Document::Problem(problem) => problem.fmt(f),
+            Document::ActionModel(model) => model.fmt(f),
+        }
+    }
+}
+
+impl fmt::Display for InitElement {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write(&init_element(self), f)
+    }
+}
+
+/// The declaration, whoever may know it.
+impl fmt::Display for PredicateDeclaration {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write(&signature(&self.name, &self.parameters), f)
+    }
+}
+
+/// The declaration, whoever may know it.
+impl fmt::Display for FunctionDeclaration {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write(&signature(&self.name, &self.parameters), f)
+    }
+}

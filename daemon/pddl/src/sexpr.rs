@@ -1,0 +1,388 @@
+//! The tree of parentheses, built without recursion.
+//!
+//! - Reads tokens from `lexer`; `grammar` reads the tree through [`Node`] and [`Items`].
+//! - All nodes lie in one vector in the order of the text, so neither building nor dropping a tree
+//!   recurses, and skipping a list is one look-up.
+//! - Mends what can be mended, so that one missing parenthesis costs one diagnostic and not the
+//!   rest of the file.
+
+use crate::diagnostic::{Diagnostic, Problems};
+use crate::lexer::{self, Token};
+use crate::tree::Span;
+
+/// How deep parentheses may nest.
+///
+/// Whoever recurses over a tree, here or in another crate, has 16 KiB of a 2 MiB stack for each
+/// level. The deepest of 224 competition files nests 14 deep.
+pub const NESTING_MAX: usize = 128;
+
+/// Words that begin a section of a `(define …)`, and nothing else anywhere.
+const SECTIONS: &[&str] = &[
+    ":domain",
+    ":requirements",
+    ":types",
+    ":constants",
+    ":predicates",
+    ":functions",
+    ":derived",
+    ":action",
+    ":durative-action",
+    ":objects",
+    ":init",
+    ":goal",
+    ":metric",
+];
+
+/// Everything a text holds between its parentheses.
+pub(crate) struct Forest<'t> {
+    text: &'t str,
+    entries: Vec<Entry>,
+}
+
+/// A node: list, word, or what could not be kept.
+#[derive(Clone, Copy)]
+pub(crate) struct Node<'f> {
+    forest: &'f Forest<'f>,
+    index: u32,
+}
+
+/// What a node is.
+pub(crate) enum View<'f> {
+    List(Items<'f>),
+    Symbol(&'f str),
+    /// Nested too deep; reported already, so nobody need complain again.
+    Damaged,
+}
+
+/// The nodes of a list that were not read yet.
+#[derive(Clone, Copy)]
+pub(crate) struct Items<'f> {
+    forest: &'f Forest<'f>,
+    next: u32,
+    stop: u32,
+    /// Where something missing would have to stand.
+    end: u32,
+}
+
+#[derive(Clone, Copy)]
+struct Entry {
+    start: u32,
+    end: u32,
+    /// The first entry after this node and all it holds.
+    next: u32,
+    kind: Kind,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    List,
+    Symbol,
+    Damaged,
+}
+
+// === impl Forest ===
+
+impl<'t> Forest<'t> {
+    /// Reads all of `text`.
+    pub(crate) fn read(text: &'t str, problems: &mut Problems) -> Forest<'t> {
+        let mut builder = Builder::new(text, problems);
+        builder.read();
+        Forest { text, entries: builder.entries }
+    }
+
+    /// The nodes that stand in no list.
+    pub(crate) fn roots(&self) -> Items<'_> {
+        Items {
+            forest: self,
+            next: 0,
+            stop: self.entries.len() as u32,
+            end: Span::new(self.text.len(), self.text.len()).end,
+        }
+    }
+}
+
+// === impl Node ===
+
+impl<'f> Node<'f> {
+    fn entry(self) -> &'f Entry {
+        &self.forest.entries[self.index as usize]
+    }
+
+    pub(crate) fn span(self) -> Span {
+        let entry = self.entry();
+        Span { start: entry.start, end: entry.end }
+    }
+
+    pub(crate) fn view(self) -> View<'f> {
+        let entry = self.entry();
+        match entry.kind {
+            Kind::List => View::List(Items {
+                forest: self.forest,
+                next: self.index + 1,
+                stop: entry.next,
+                end: entry.end.saturating_sub(1).max(entry.start),
+            }),
+            Kind::Symbol => View::Symbol(self.text()),
+            Kind::Damaged => View::Damaged,
+        }
+    }
+
+    pub(crate) fn symbol(self) -> Option<&'f str> {
+        match self.view() {
+            View::Symbol(word) => Some(word),
+            View::List(_) | View::Damaged => None,
+        }
+    }
+
+    pub(crate) fn list(self) -> Option<Items<'f>> {
+        match self.view() {
+            View::List(items) => Some(items),
+            View::Symbol(_) | View::Damaged => None,
+        }
+    }
+
+    /// The word that a list begins with.
+    pub(crate) fn head(self) -> Option<&'f str> {
+        self.list()?.peek()?.symbol()
+    }
+
+    /// This node and nothing else.
+    pub(crate) fn alone(self) -> Items<'f> {
+        let Entry { end, next, .. } = *self.entry();
+        Items { forest: self.forest, next: self.index, stop: next, end }
+    }
+
+    /// The text of the node, parentheses and all.
+    pub(crate) fn text(self) -> &'f str {
+        self.forest.text.get(self.span().range()).unwrap_or("")
+    }
+}
+
+// === impl Items ===
+
+impl<'f> Items<'f> {
+    pub(crate) fn peek(&self) -> Option<Node<'f>> {
+        (self.next < self.stop).then_some(Node { forest: self.forest, index: self.next })
+    }
+
+    /// The items before the first that is `last`.
+    pub(crate) fn until(self, last: impl Fn(Node<'f>) -> bool) -> Items<'f> {
+        let stop = self.into_iter().find(|node| last(*node)).map_or(self.stop, |node| node.index);
+        Items { stop, ..self }
+    }
+
+    /// The items after `part`, which [`Items::until`] gave.
+    pub(crate) fn after(self, part: Items<'f>) -> Items<'f> {
+        Items { next: part.stop, ..self }
+    }
+
+    /// Where something missing would have to stand: the closing parenthesis.
+    pub(crate) fn end(&self) -> Span {
+        Span { start: self.end, end: (self.end + 1).min(self.forest.text.len() as u32) }
+    }
+}
+
+impl<'f> Iterator for Items<'f> {
+    type Item = Node<'f>;
+
+    fn next(&mut self) -> Option<Node<'f>> {
+        let node = self.peek()?;
+        self.next = node.entry().next;
+        Some(node)
+    }
+}
+
+// === Building ===
+
+struct Builder<'t, 'd> {
+    text: &'t str,
+    entries: Vec<Entry>,
+    /// Lists that are open, outermost first.
+    open: Vec<u32>,
+    /// Parentheses that are open inside a list nested too deep.
+    open_skipped: usize,
+    /// Where the last token ended.
+    end: usize,
+    /// Whether the last token was a `)` that closes nothing.
+    after_stray: bool,
+    problems: &'d mut Problems,
+}
+
+impl<'t, 'd> Builder<'t, 'd> {
+    fn new(text: &'t str, problems: &'d mut Problems) -> Builder<'t, 'd> {
+        Builder {
+            text,
+            // Competition files have a token for every five to eight bytes.
+            entries: Vec::with_capacity(text.len() / 6),
+            open: Vec::new(),
+            open_skipped: 0,
+            end: 0,
+            after_stray: false,
+            problems,
+        }
+    }
+
+    fn read(&mut self) {
+        if u32::try_from(self.text.len()).is_err() {
+            let message = "the text is longer than 4 GiB";
+            self.problems.push(Diagnostic::error(Span::default(), message));
+            return;
+        }
+        let mut rest = self.text.strip_prefix('\u{feff}').unwrap_or(self.text).as_bytes();
+        while let Ok((left, token)) = lexer::token(rest) {
+            rest = left;
+            self.end = self.text.len() - left.len();
+            self.take(token);
+        }
+        self.finish();
+    }
+
+    fn take(&mut self, token: Token) {
+        match token {
+            Token::Open if self.open_skipped > 0 => self.open_skipped += 1,
+            Token::Open => self.open(),
+            Token::Close if self.open_skipped > 0 => self.close_skipped(),
+            Token::Close => self.close(),
+            Token::Symbol(_) if self.open_skipped > 0 => {}
+            Token::Symbol(length) => self.symbol(length),
+        }
+    }
+
+    fn push(&mut self, start: usize, kind: Kind) {
+        let Span { start, end } = Span::new(start, self.end);
+        let next = self.entries.len() as u32 + 1;
+        self.entries.push(Entry { start, end, next, kind });
+    }
+
+    fn open(&mut self) {
+        self.after_stray = false;
+        if self.open.len() < NESTING_MAX {
+            self.open.push(self.entries.len() as u32);
+            self.push(self.end - 1, Kind::List);
+            return;
+        }
+        self.open_skipped = 1;
+        self.push(self.end - 1, Kind::Damaged);
+        let message = format!("parentheses are nested more than {NESTING_MAX} deep");
+        self.problems.push(
+            Diagnostic::error(Span::new(self.end - 1, self.end), message)
+                .with_help("split the condition, for example with a derived predicate"),
+        );
+    }
+
+    fn close(&mut self) {
+        if let Some(index) = self.open.pop() {
+            self.seal(index, self.entries.len() as u32, self.end);
+        } else if !self.after_stray {
+            self.after_stray = true;
+            self.problems.push(
+                Diagnostic::error(Span::new(self.end - 1, self.end), "`)` closes nothing")
+                    .with_help("remove it, or add the `(` that it belongs to"),
+            );
+        }
+    }
+
+    fn close_skipped(&mut self) {
+        self.open_skipped -= 1;
+        if let (0, Some(damaged)) = (self.open_skipped, self.entries.last_mut()) {
+            damaged.end = Span::new(0, self.end).end;
+        }
+    }
+
+    fn symbol(&mut self, length: usize) {
+        self.after_stray = false;
+        let start = self.end - length;
+        let heads_a_list = self.open.last().is_some_and(|i| *i as usize + 1 == self.entries.len());
+        if heads_a_list && self.text.as_bytes()[start] == b':' {
+            self.mend_before_section(start);
+        }
+        self.push(start, Kind::Symbol);
+    }
+
+    fn seal(&mut self, index: u32, next: u32, end: usize) {
+        let entry = &mut self.entries[index as usize];
+        entry.next = next;
+        entry.end = Span::new(0, end).end;
+    }
+
+    /// A section stands in a `(define …)` and nowhere else: one that begins deeper shows where
+    /// parentheses are missing, one that begins outside where there is one too many.
+    fn mend_before_section(&mut self, start: usize) {
+        let word = &self.text[start..self.end];
+        if self.open.len() != 2 && SECTIONS.iter().any(|known| known.eq_ignore_ascii_case(word)) {
+            let opened = self.entries[self.entries.len() - 1].start as usize;
+            let section = Span::new(opened, self.end);
+            if self.open.len() > 2 && self.is_define(self.open[0]) {
+                self.close_before(section, word);
+            } else if self.open.len() == 1 {
+                self.reopen_before(section, word);
+            }
+        }
+    }
+
+    fn close_before(&mut self, section: Span, word: &str) {
+        let index = self.entries.len() as u32 - 1;
+        let missing = self.open.len() - 2;
+        let opener = self.entries[self.open[1] as usize].start as usize;
+        let end = self.text[..section.start as usize].trim_end().len();
+        for unclosed in self.open.drain(1..=missing).collect::<Vec<_>>() {
+            self.seal(unclosed, index, end);
+        }
+        self.problems.push(
+            Diagnostic::error(Span::new(opener, opener + 1), "unclosed `(`")
+                .with_label("opened here")
+                .with_help(format!("add `{}` before `({word}`", ")".repeat(missing)))
+                .with_note(section, format!("`({word}` begins while it is still open")),
+        );
+    }
+
+    fn reopen_before(&mut self, section: Span, word: &str) {
+        let index = self.open[0];
+        let Some(define) = self.last_root_before(index).filter(|root| self.is_define(*root)) else {
+            return;
+        };
+        let end = self.entries[define as usize].end as usize;
+        self.open.insert(0, define);
+        self.problems.push(
+            Diagnostic::error(Span::new(end - 1, end), "this `)` closes `(define` too early")
+                .with_help("remove it")
+                .with_note(section, format!("`({word}` stands outside of `(define`")),
+        );
+    }
+
+    fn last_root_before(&self, index: u32) -> Option<u32> {
+        // The entry before a root ends the root before it; only `(define` can be that root, and
+        // a `(define` that anything else follows is reported by the grammar.
+        let first = self.entries.first()?;
+        (index > 0 && first.next == index).then_some(0)
+    }
+
+    fn is_define(&self, index: u32) -> bool {
+        let Some(head) = self.entries.get(index as usize + 1) else { return false };
+        let word = &self.text[head.start as usize..head.end as usize];
+        head.kind == Kind::Symbol && word.eq_ignore_ascii_case("define")
+    }
+
+    fn finish(&mut self) {
+        let count = self.open.len() + self.open_skipped;
+        if let Some(damaged) = self.entries.last_mut().filter(|_| self.open_skipped > 0) {
+            damaged.end = Span::new(0, self.end).end;
+        }
+        let Some(innermost) = self.open.last() else { return };
+        let start = self.entries[*innermost as usize].start as usize;
+        let mut diagnostic = Diagnostic::error(Span::new(start, start + 1), "unclosed `(`")
+            .with_label("opened here");
+        diagnostic.help = Some(match count {
+            1 => "add `)` at the end".to_owned(),
+            _ => format!("{count} are open at the end of the text"),
+        });
+        if let [outermost, _, ..] = self.open[..] {
+            let start = self.entries[outermost as usize].start as usize;
+            diagnostic = diagnostic.with_note(Span::new(start, start + 1), "the outermost is here");
+        }
+        self.problems.push(diagnostic);
+        while let Some(index) = self.open.pop() {
+            self.seal(index, self.entries.len() as u32, self.end);
+        }
+    }
+}
