@@ -1,0 +1,298 @@
+//! The Base Agent (the paper, “The Base Agent”): the loop in which an agent lives.
+//!
+//! Waiting is async; deciding is not. Everything that can wake an agent is an [`Event`]; each is
+//! handled by one synchronous callback.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::content::Reason;
+use acl::{AgentId, Incarnation, Message};
+use substrate::{Presence, PresenceToken, Question, Resident, Resource, SendError};
+use tokio::sync::{broadcast, mpsc};
+use tokio::task::JoinHandle;
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+use tracing::Instrument;
+
+use crate::callbacks::Callbacks;
+use crate::communication_agent::{CommunicationAgent, Opened};
+use crate::context::{Context, Deferred};
+use crate::directory::Directory;
+use crate::mailbox::{Letter, Mailbox};
+use crate::switchboard::Switchboard;
+
+/// How long a name may be held by another before its new owner gives up. A daemon that was
+/// killed on the far side of a cut link keeps its agents' names for the length of Zenoh's lease.
+const NAME_AWAITED: Duration = Duration::from_secs(6);
+
+/// An agent: its state, and what it reacts to.
+pub trait Agent: Sized + Send + 'static {
+    /// What it reacts to.
+    fn callbacks(&self) -> Callbacks<Self>;
+
+    /// It is here: others see it, and its mailbox is open.
+    fn activated(&mut self, _ctx: &mut Context<Self>) {}
+
+    /// Another agent is here, or is not.
+    fn presence(&mut self, _presence: &Presence, _ctx: &mut Context<Self>) {}
+
+    /// Somebody asks for a resource; `None` if it is not this agent's to give.
+    fn asked(&mut self, _resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
+        None
+    }
+
+    /// The daemon is draining: the last chance to give up commitments. `false` while some are
+    /// still open; asked again after each event until the grace has passed.
+    fn drained(&mut self, _ctx: &mut Context<Self>) -> bool {
+        true
+    }
+}
+
+/// A place for an agent to live: its name, its life, its daemon.
+#[derive(Clone)]
+pub struct Berth {
+    /// Its name.
+    pub id: AgentId,
+    /// Which life of it.
+    pub incarnation: Incarnation,
+    /// The daemon's own end of the substrate.
+    pub switchboard: Arc<Switchboard>,
+    /// The name of the shared ontology, for envelopes.
+    pub ontology: Arc<str>,
+    /// Set when the daemon drains.
+    pub stopping: CancellationToken,
+}
+
+/// Why an agent could not be launched, or ended. Completes “failed to …”.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LaunchError {
+    /// Another agent has the name.
+    #[error(
+        "launch `{}`: an agent of that name is already at daemon `{}`; give one of them another \
+         name, or stop the other first",
+        holder.agent, holder.daemon
+    )]
+    NameTaken {
+        /// Who has it.
+        holder: Resident,
+    },
+    /// The substrate did not take its presence.
+    #[error("announce `{agent}`: {source}")]
+    Announce {
+        /// The agent.
+        agent: AgentId,
+        /// Why.
+        #[source]
+        source: SendError,
+    },
+}
+
+/// An agent of any kind, ready to live.
+pub trait Launch: Send {
+    /// Starts its life; it ends when the berth's daemon drains, or with an error.
+    fn launch(self: Box<Self>, berth: Berth) -> JoinHandle<Result<(), LaunchError>>;
+}
+
+impl<A: Agent> Launch for A {
+    fn launch(self: Box<Self>, berth: Berth) -> JoinHandle<Result<(), LaunchError>> {
+        let span = tracing::info_span!("agent", id = %berth.id);
+        tokio::spawn(live(*self, berth).instrument(span))
+    }
+}
+
+/// Everything that can wake an agent. Closed on purpose: this is all there is.
+enum Event<A: Agent> {
+    Letter(Letter),
+    Presence(Presence),
+    /// More changes of presence than could be kept: compare directories.
+    PresenceMissed,
+    /// Work aside has finished.
+    Finished(Deferred<A>),
+    /// A timer or a retry is due.
+    Due,
+    /// The daemon is draining.
+    Stopping,
+}
+
+struct Life<A: Agent> {
+    agent: A,
+    callbacks: Callbacks<A>,
+    ctx: Context<A>,
+    mailbox: Mailbox,
+    presence: broadcast::Receiver<Presence>,
+    /// What this agent was told of who is here.
+    told: Directory,
+    finished: mpsc::Receiver<Deferred<A>>,
+    stopping: CancellationToken,
+    /// Keeps the agent present.
+    _token: PresenceToken,
+}
+
+async fn live<A: Agent>(agent: A, berth: Berth) -> Result<(), LaunchError> {
+    let Berth { id, incarnation, switchboard, ontology, stopping } = berth;
+    await_name(&id, &switchboard).await?;
+    let callbacks = agent.callbacks();
+    let mailbox = switchboard.admit(&id, incarnation, callbacks.interests());
+    let (told, presence) = switchboard.presence_changes();
+    let announced = switchboard.announce(&id, incarnation);
+    let _token = announced.map_err(|source| LaunchError::Announce { agent: id.clone(), source })?;
+    let communication =
+        CommunicationAgent::new(id.clone(), incarnation, Arc::clone(&switchboard), ontology);
+    let (ctx, finished) = Context::new(communication);
+    let mut life =
+        Life { agent, callbacks, ctx, mailbox, presence, told, finished, stopping, _token };
+    let end = life.run().await;
+    switchboard.dismiss(&id, incarnation);
+    end
+}
+
+/// Waits until nobody else holds the name: a former life may still be seen for a lease.
+async fn await_name(id: &AgentId, switchboard: &Switchboard) -> Result<(), LaunchError> {
+    let (mut directory, mut changes) = switchboard.presence_changes();
+    let deadline = Instant::now() + NAME_AWAITED;
+    while let Some(holder) = directory.find(id).cloned() {
+        match tokio::time::timeout_at(deadline, changes.recv()).await {
+            Ok(_) => directory = switchboard.directory(),
+            Err(_) => return Err(LaunchError::NameTaken { holder }),
+        }
+    }
+    Ok(())
+}
+
+impl<A: Agent> Life<A> {
+    async fn run(&mut self) -> Result<(), LaunchError> {
+        let already: Vec<_> = self.told.iter().cloned().map(Presence::Joined).collect();
+        self.agent.activated(&mut self.ctx);
+        for presence in already {
+            self.agent.presence(&presence, &mut self.ctx);
+        }
+        let mut draining = false;
+        loop {
+            let event = self.next_event(draining).await;
+            draining |= matches!(event, Event::Stopping);
+            self.handle(event);
+            self.ctx.communication.flush_receipt();
+            if let Some(holder) = self.usurped() {
+                return Err(LaunchError::NameTaken { holder });
+            }
+            if draining && self.agent.drained(&mut self.ctx) {
+                return Ok(());
+            }
+        }
+    }
+
+    async fn next_event(&mut self, draining: bool) -> Event<A> {
+        let due = self.ctx.next_due();
+        let due_now = async {
+            match due {
+                Some(due) => tokio::time::sleep_until(due).await,
+                None => std::future::pending().await,
+            }
+        };
+        tokio::select! {
+            biased;
+            () = self.stopping.cancelled(), if !draining => Event::Stopping,
+            presence = self.presence.recv() => match presence {
+                Ok(presence) => Event::Presence(presence),
+                Err(_) => Event::PresenceMissed,
+            },
+            Some(deferred) = self.finished.recv() => Event::Finished(deferred),
+            () = due_now => Event::Due,
+            letter = self.mailbox.next() => match letter {
+                Some(letter) => Event::Letter(letter),
+                None => Event::Stopping,
+            },
+        }
+    }
+
+    fn handle(&mut self, event: Event<A>) {
+        match event {
+            Event::Letter(letter) => self.open(letter),
+            Event::Presence(presence) => self.tell(&presence),
+            Event::PresenceMissed => {
+                let now = self.ctx.directory();
+                for change in self.told.changes_to(&now) {
+                    self.tell(&change);
+                }
+            }
+            Event::Finished(deferred) => deferred(&mut self.agent, &mut self.ctx),
+            Event::Due => self.due(),
+            Event::Stopping => (),
+        }
+    }
+
+    fn open(&mut self, letter: Letter) {
+        match letter {
+            Letter::Direct(payload) => match self.ctx.communication.read(&payload) {
+                Opened::Continues(token, message) => self.continued(&token, message),
+                Opened::Opens(message) => {
+                    if self.ctx.communication.engage(&message) {
+                        self.call(*message);
+                    }
+                }
+                Opened::Nothing => (),
+            },
+            Letter::Broadcast(message) => {
+                if let Some(callback) = self.callbacks.broadcast(message.performative) {
+                    callback(&mut self.agent, Message::clone(&message), &mut self.ctx);
+                }
+            }
+            Letter::Receipt(id) => self.ctx.communication.receipt(&id),
+            Letter::Question(question) => self.asked(&question),
+        }
+    }
+
+    fn continued(&mut self, token: &acl::ReplyToken, message: Box<Message>) {
+        let Some(message) = self.ctx.take_answer(&mut self.agent, token, message) else { return };
+        if self.ctx.communication.continues_engagement(&message) {
+            self.call(*message);
+        } else {
+            tracing::debug!(id = %message.id, from = %message.sender, "a late turn");
+        }
+    }
+
+    fn call(&mut self, message: Message) {
+        match self.callbacks.direct(message.performative) {
+            Some(callback) => callback(&mut self.agent, message, &mut self.ctx),
+            None => {
+                let detail = format!(
+                    "`{}` takes no `{}`, only: {}",
+                    self.ctx.id(),
+                    message.performative,
+                    self.callbacks.understood()
+                );
+                let reason = Reason::UnexpectedPerformative;
+                self.ctx.communication.not_understood(&message, reason, detail);
+            }
+        }
+    }
+
+    fn asked(&mut self, question: &Question) {
+        if let Some(answer) = self.agent.asked(question.resource, &mut self.ctx) {
+            (question.answer)(answer.into());
+        }
+    }
+
+    fn tell(&mut self, presence: &Presence) {
+        self.told.update(presence);
+        let lost = self.ctx.communication.presence(presence);
+        self.ctx.undelivered(&mut self.agent, lost);
+        self.agent.presence(presence, &mut self.ctx);
+    }
+
+    fn due(&mut self) {
+        while let Some(timer) = self.ctx.due_timer() {
+            timer(&mut self.agent, &mut self.ctx);
+        }
+        let lost = self.ctx.communication.retry();
+        self.ctx.undelivered(&mut self.agent, lost);
+    }
+
+    /// Another agent that was here first holds this one's name.
+    fn usurped(&self) -> Option<Resident> {
+        let holder = self.told.find(self.ctx.id())?;
+        (holder.daemon != *self.ctx.switchboard().daemon()).then(|| holder.clone())
+    }
+}

@@ -1,0 +1,71 @@
+//! What an agent reacts to: to learn it, read its table of callbacks.
+
+use std::collections::BTreeMap;
+
+use acl::{Message, Performative};
+
+use crate::base_agent::Agent;
+use crate::context::Context;
+
+/// What a callback does with a message.
+pub(crate) type Callback<A> = fn(&mut A, Message, &mut Context<A>);
+
+/// One callback per performative, for messages to this agent and for messages to all.
+///
+/// Messages that continue an exchange this agent opened go to that exchange's own callback
+/// instead. A performative without a callback is answered with `not-understood`; a broadcast
+/// without one is not even delivered.
+pub struct Callbacks<A: Agent> {
+    direct: BTreeMap<Performative, Callback<A>>,
+    broadcast: BTreeMap<Performative, Callback<A>>,
+}
+
+impl<A: Agent> Default for Callbacks<A> {
+    fn default() -> Callbacks<A> {
+        Callbacks { direct: BTreeMap::new(), broadcast: BTreeMap::new() }
+    }
+}
+
+impl<A: Agent> Callbacks<A> {
+    /// A table without callbacks.
+    pub fn new() -> Callbacks<A> {
+        Callbacks::default()
+    }
+
+    /// Calls back for messages of this type to this agent.
+    #[must_use]
+    pub fn on(mut self, performative: Performative, callback: Callback<A>) -> Callbacks<A> {
+        self.direct.insert(performative, callback);
+        self
+    }
+
+    /// Calls back for messages of this type to all.
+    #[must_use]
+    pub fn on_broadcast(
+        mut self,
+        performative: Performative,
+        callback: Callback<A>,
+    ) -> Callbacks<A> {
+        self.broadcast.insert(performative, callback);
+        self
+    }
+
+    pub(crate) fn direct(&self, performative: Performative) -> Option<Callback<A>> {
+        self.direct.get(&performative).copied()
+    }
+
+    pub(crate) fn broadcast(&self, performative: Performative) -> Option<Callback<A>> {
+        self.broadcast.get(&performative).copied()
+    }
+
+    /// The types of messages to all that this agent listens to.
+    pub(crate) fn interests(&self) -> Vec<Performative> {
+        self.broadcast.keys().copied().collect()
+    }
+
+    /// The types of messages this agent takes, for a person.
+    pub(crate) fn understood(&self) -> String {
+        let names: Vec<_> = self.direct.keys().map(|performative| performative.as_str()).collect();
+        names.join(", ")
+    }
+}

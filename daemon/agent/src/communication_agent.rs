@@ -1,0 +1,463 @@
+//! The Communication Agent (the paper, “The Communication Agent”): one agent's interface to the
+//! substrate.
+//!
+//! - Decodes, answers what cannot be read, drops duplicates, sends receipts.
+//! - Retries commitments until a receipt or an answer comes; gives up with a reason.
+//! - Follows, as participant, the exchanges that others opened, so that a turn the protocol does
+//!   not have is answered and not acted on.
+//!
+//! Exchanges this agent opened, with their callbacks, are in `context`.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::codec::Sketch;
+use acl::content::{Reason, Refusal, value};
+use acl::{
+    AgentId, ConversationId, Deadline, DecodeError, Incarnation, Message, MessageId, Performative,
+    Protocol, ReplyToken, SCHEMA_VERSION,
+};
+use bytes::Bytes;
+use conversation::{Exchange, Phase, Seen};
+use serde_json::{Map, Value};
+use substrate::{Presence, Subject};
+use tokio::time::Instant;
+
+use crate::outbox::{Due, Outbox, Parcel};
+use crate::switchboard::Switchboard;
+
+/// Messages remembered as heard: more than a peer has under way while it retries any of them.
+const SEEN_MESSAGES_MAX: usize = 4_096;
+
+/// Exchanges of others that are followed at a time; beyond it the oldest is forgotten, and a
+/// later `cancel` of it is not understood.
+const ENGAGEMENTS_MAX: usize = 4_096;
+
+/// How long an answer is retried that carries no deadline of its own.
+const ANSWER_RETRIED: Duration = Duration::from_secs(30);
+
+/// The opening of an exchange.
+#[derive(Clone, Debug)]
+pub struct Opening {
+    /// Who is asked; `None` asks all.
+    pub to: Option<AgentId>,
+    /// With which act.
+    pub performative: Performative,
+    /// By which protocol.
+    pub protocol: Protocol,
+    /// About what.
+    pub conversation: ConversationId,
+    /// What is said.
+    pub content: Value,
+}
+
+/// What comes back to the one who opened an exchange.
+#[derive(Clone, Debug)]
+pub enum Answer {
+    /// A turn of the protocol.
+    Message(Box<Message>),
+    /// The deadline has passed; the exchange is closed.
+    Silence,
+    /// What this agent said could not be delivered; the exchange is closed.
+    Undelivered(Undelivered),
+}
+
+/// Why a message could not be delivered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Undelivered {
+    /// Nobody of that name came within the deadline.
+    #[error("nobody of that name is here")]
+    NotHere,
+    /// The receiver left, and the grace has passed.
+    #[error("it has left")]
+    Left,
+    /// The receiver was restarted and knows nothing of it.
+    #[error("it was restarted")]
+    Restarted,
+    /// The receiver is here and did not answer.
+    #[error("it gave no receipt in time")]
+    NoReceipt,
+    /// Too much is under way already.
+    #[error("too many messages are under way")]
+    OutboxFull,
+}
+
+/// The participant's end of an exchange: what it needs to go on answering.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Engagement {
+    /// Who asked.
+    pub initiator: AgentId,
+    /// Which exchange.
+    pub exchange: ReplyToken,
+    /// About what.
+    pub conversation: ConversationId,
+    /// By which protocol.
+    pub protocol: Option<Protocol>,
+}
+
+/// What to do with a letter after it was opened.
+#[derive(Debug)]
+pub(crate) enum Opened {
+    /// It continues an exchange, perhaps one of this agent's.
+    Continues(ReplyToken, Box<Message>),
+    /// It opens one, or belongs to none.
+    Opens(Box<Message>),
+    /// It is dealt with.
+    Nothing,
+}
+
+pub(crate) struct CommunicationAgent {
+    pub(crate) id: AgentId,
+    pub(crate) incarnation: Incarnation,
+    pub(crate) switchboard: Arc<Switchboard>,
+    ontology: Arc<str>,
+    outbox: Outbox,
+    seen: Seen,
+    engagements: BTreeMap<(ReplyToken, AgentId), Exchange>,
+    engagements_order: VecDeque<(ReplyToken, AgentId)>,
+    /// The message that is being handled, if a receipt for it is owed, and the exchange it
+    /// opened.
+    owed: Option<(AgentId, MessageId, Option<ReplyToken>)>,
+    messages_sent: u64,
+}
+
+impl Engagement {
+    /// The participant's end of the exchange that `message` opened.
+    ///
+    /// A foreign tool may name no exchange; its message's id stands in.
+    pub fn of(message: &Message) -> Engagement {
+        let own_id = || ReplyToken::new(message.id.as_str());
+        Engagement {
+            initiator: message.sender.clone(),
+            exchange: message.exchange().cloned().unwrap_or_else(own_id),
+            conversation: message.conversation_id.clone(),
+            protocol: message.protocol,
+        }
+    }
+}
+
+impl CommunicationAgent {
+    pub(crate) fn new(
+        id: AgentId,
+        incarnation: Incarnation,
+        switchboard: Arc<Switchboard>,
+        ontology: Arc<str>,
+    ) -> CommunicationAgent {
+        let outbox = Outbox::new(switchboard.settings());
+        CommunicationAgent {
+            id,
+            incarnation,
+            switchboard,
+            ontology,
+            outbox,
+            seen: Seen::new(SEEN_MESSAGES_MAX),
+            engagements: BTreeMap::new(),
+            engagements_order: VecDeque::new(),
+            owed: None,
+            messages_sent: 0,
+        }
+    }
+
+    // === saying ===
+
+    /// A message of this agent, without a receiver.
+    pub(crate) fn message(
+        &mut self,
+        performative: Performative,
+        conversation: ConversationId,
+        content: Value,
+    ) -> Message {
+        self.messages_sent += 1;
+        let id = format!("{}.{}.{}", self.id, self.incarnation, self.messages_sent);
+        Message {
+            version: SCHEMA_VERSION,
+            id: MessageId::new(&id),
+            performative,
+            sender: self.id.clone(),
+            incarnation: self.incarnation,
+            receiver: Vec::new(),
+            content,
+            language: Some("pddl".to_owned()),
+            ontology: Some(self.ontology.as_ref().to_owned()),
+            protocol: None,
+            conversation_id: conversation,
+            reply_with: None,
+            in_reply_to: None,
+            reply_by: None,
+            unknown: Map::new(),
+        }
+    }
+
+    /// A token that names a new exchange.
+    pub(crate) fn token(&mut self) -> ReplyToken {
+        self.messages_sent += 1;
+        ReplyToken::new(&format!("{}.{}.{}", self.id, self.incarnation, self.messages_sent))
+    }
+
+    /// Opens an exchange.
+    pub(crate) fn open(
+        &mut self,
+        opening: Opening,
+        token: &ReplyToken,
+        patience: Duration,
+    ) -> Result<(), Undelivered> {
+        let Opening { to, performative, protocol, conversation, content } = opening;
+        let mut message = self.message(performative, conversation, content);
+        message.protocol = Some(protocol);
+        message.reply_with = Some(token.clone());
+        message.reply_by = Some(Deadline(patience));
+        message.receiver.extend(to);
+        self.post(&message, patience)
+    }
+
+    /// Answers as the participant of an exchange.
+    pub(crate) fn answer(
+        &mut self,
+        engagement: &Engagement,
+        performative: Performative,
+        content: Value,
+    ) {
+        let Engagement { initiator, exchange, conversation, protocol } = engagement.clone();
+        let mut message = self.message(performative, conversation, content);
+        message.protocol = protocol;
+        message.in_reply_to = Some(exchange.clone());
+        message.receiver.push(initiator.clone());
+        self.advance_engagement(&(exchange, initiator), &message);
+        if let Err(why) = self.post(&message, ANSWER_RETRIED) {
+            tracing::warn!(agent = %self.id, conversation = %message.conversation_id, %why,
+                "an answer could not be sent");
+        }
+    }
+
+    /// Sends a message to its receiver, or to all.
+    pub(crate) fn post(
+        &mut self,
+        message: &Message,
+        patience: Duration,
+    ) -> Result<(), Undelivered> {
+        let payload = acl::encode(message);
+        tracing::debug!(agent = %self.id, conversation = %message.conversation_id,
+            performative = %message.performative, to = ?message.receiver, id = %message.id, "says");
+        let Some(to) = message.receiver.first() else {
+            self.switchboard.broadcast(&self.id, message.performative, payload);
+            return Ok(());
+        };
+        self.settle_receipt(to, message.in_reply_to.as_ref());
+        let resident = self.switchboard.find(to);
+        if message.performative.is_retried() {
+            let parcel = Parcel {
+                to: to.clone(),
+                performative: message.performative,
+                exchange: message.exchange().cloned(),
+                opens: message.opens_exchange(),
+                payload: payload.clone(),
+                give_up: Instant::now() + patience,
+            };
+            let life = resident.as_ref().map(|resident| resident.incarnation);
+            if !self.outbox.put(message.id.clone(), parcel, life, Instant::now()) {
+                return Err(Undelivered::OutboxFull);
+            }
+        }
+        if resident.is_some() {
+            self.switchboard.send(to, Subject::Message(message.performative), payload);
+        }
+        Ok(())
+    }
+
+    /// An answer replaces the receipt of the opening it answers. It does not replace that of a
+    /// `cancel`: the answer may have crossed it.
+    fn settle_receipt(&mut self, to: &AgentId, exchange: Option<&ReplyToken>) {
+        let replaced = self.owed.as_ref().is_some_and(|(sender, _, opened)| {
+            sender == to && exchange.is_some() && opened.as_ref() == exchange
+        });
+        if replaced {
+            self.owed = None;
+        }
+    }
+
+    /// Sends the receipt of the message that was just handled, unless an answer has gone out.
+    pub(crate) fn flush_receipt(&mut self) {
+        if let Some((to, id, _)) = self.owed.take() {
+            let payload = Bytes::copy_from_slice(id.as_str().as_bytes());
+            self.switchboard.send(&to, Subject::Receipt, payload);
+        }
+    }
+
+    /// Says that a message could not be understood. Never to a `not-understood`.
+    pub(crate) fn not_understood(&mut self, message: &Message, reason: Reason, detail: String) {
+        if message.performative == Performative::NotUnderstood {
+            return;
+        }
+        tracing::info!(agent = %self.id, from = %message.sender, performative = %message.performative,
+            conversation = %message.conversation_id, detail, "not understood");
+        let sketch = Sketch {
+            id: Some(message.id.clone()),
+            sender: Some(message.sender.clone()),
+            conversation_id: Some(message.conversation_id.clone()),
+            exchange: message.exchange().cloned(),
+            performative: None,
+        };
+        self.say_not_understood(sketch, message.protocol, reason, detail);
+    }
+
+    fn say_not_understood(
+        &mut self,
+        sketch: Sketch,
+        protocol: Option<Protocol>,
+        reason: Reason,
+        detail: String,
+    ) {
+        let Some(sender) = sketch.sender.filter(|sender| *sender != self.id) else { return };
+        let conversation = sketch.conversation_id.unwrap_or_else(|| ConversationId::new("unknown"));
+        let content = value(&Refusal::new(reason, detail));
+        let mut message = self.message(Performative::NotUnderstood, conversation, content);
+        message.protocol = protocol;
+        message.in_reply_to = sketch.exchange;
+        message.receiver.push(sender);
+        let _ = self.post(&message, ANSWER_RETRIED);
+    }
+
+    // === hearing ===
+
+    /// Opens a letter: what is in it is new and readable, or it is dealt with here.
+    pub(crate) fn read(&mut self, payload: &[u8]) -> Opened {
+        let message = match acl::decode(payload) {
+            Ok(message) => message,
+            Err(error) => {
+                self.unreadable(error);
+                return Opened::Nothing;
+            }
+        };
+        if message.performative.is_retried() {
+            let opened = message.in_reply_to.is_none().then(|| message.reply_with.clone());
+            self.owed = Some((message.sender.clone(), message.id.clone(), opened.flatten()));
+        }
+        if !self.seen.note(&message.id) {
+            tracing::debug!(agent = %self.id, id = %message.id, "heard before");
+            return Opened::Nothing;
+        }
+        tracing::debug!(agent = %self.id, conversation = %message.conversation_id,
+            performative = %message.performative, from = %message.sender, id = %message.id, "hears");
+        match message.in_reply_to.clone() {
+            Some(exchange) => {
+                self.outbox.answered(&exchange, &message.sender);
+                Opened::Continues(exchange, Box::new(message))
+            }
+            None => Opened::Opens(Box::new(message)),
+        }
+    }
+
+    fn unreadable(&mut self, error: DecodeError) {
+        tracing::info!(agent = %self.id, from = ?error.sketch.sender, %error, "unreadable");
+        let is_not_understood =
+            error.sketch.performative.as_deref() == Some(Performative::NotUnderstood.as_str());
+        if !is_not_understood {
+            let detail = error.problem.to_string();
+            self.say_not_understood(*error.sketch, None, Reason::Unreadable, detail);
+        }
+    }
+
+    /// Whether a message that opens an exchange may do so; if so, the exchange is followed.
+    pub(crate) fn engage(&mut self, message: &Message) -> bool {
+        let (Some(token), Some(protocol)) = (&message.reply_with, message.protocol) else {
+            return true;
+        };
+        let mut exchange = Exchange::new(protocol, message.sender.clone());
+        if let Err(violation) = exchange.advance(message) {
+            self.not_understood(message, Reason::OutOfTurn, violation.to_string());
+            return false;
+        }
+        let key = (token.clone(), message.sender.clone());
+        if self.engagements_order.len() >= ENGAGEMENTS_MAX
+            && let Some(oldest) = self.engagements_order.pop_front()
+        {
+            self.engagements.remove(&oldest);
+        }
+        self.engagements_order.push_back(key.clone());
+        self.engagements.insert(key, exchange);
+        true
+    }
+
+    /// Whether a message continues an exchange that its sender opened with this agent.
+    pub(crate) fn continues_engagement(&mut self, message: &Message) -> bool {
+        let Some(token) = &message.in_reply_to else { return false };
+        let key = (token.clone(), message.sender.clone());
+        let Some(exchange) = self.engagements.get_mut(&key) else { return false };
+        match exchange.advance(message) {
+            Ok(phase) => {
+                if phase == Phase::Closed {
+                    self.engagements.remove(&key);
+                }
+                true
+            }
+            Err(violation) => {
+                self.not_understood(message, Reason::OutOfTurn, violation.to_string());
+                false
+            }
+        }
+    }
+
+    fn advance_engagement(&mut self, key: &(ReplyToken, AgentId), message: &Message) {
+        let Some(exchange) = self.engagements.get_mut(key) else { return };
+        if let Err(violation) = exchange.advance(message) {
+            // Our own bug; the other side will say so too.
+            tracing::error!(agent = %self.id, %violation, "this agent speaks out of turn");
+        }
+        if exchange.is_closed() {
+            self.engagements.remove(key);
+        }
+    }
+
+    // === time and presence ===
+
+    pub(crate) fn receipt(&mut self, id: &MessageId) {
+        self.outbox.received(id);
+    }
+
+    pub(crate) fn forget_exchange(&mut self, exchange: &ReplyToken) {
+        self.outbox.forget(exchange);
+    }
+
+    pub(crate) fn next_due(&self) -> Option<Instant> {
+        self.outbox.next_due()
+    }
+
+    /// Sends what is due again; yields the exchanges whose messages nobody will receive.
+    pub(crate) fn retry(&mut self) -> Vec<(ReplyToken, Undelivered)> {
+        let due = self.outbox.due(Instant::now());
+        self.carry_out(due)
+    }
+
+    /// Queue operations on an agent's activation or death.
+    pub(crate) fn presence(&mut self, presence: &Presence) -> Vec<(ReplyToken, Undelivered)> {
+        let now = Instant::now();
+        match presence {
+            Presence::Joined(resident) => {
+                let due = self.outbox.joined(&resident.agent, resident.incarnation, now);
+                self.carry_out(due)
+            }
+            Presence::Left(resident) => {
+                self.outbox.left(&resident.agent, now);
+                Vec::new()
+            }
+        }
+    }
+
+    fn carry_out(&mut self, due: Vec<Due>) -> Vec<(ReplyToken, Undelivered)> {
+        let mut undelivered = Vec::new();
+        for due in due {
+            match due {
+                Due::Send(parcel) => {
+                    let subject = Subject::Message(parcel.performative);
+                    self.switchboard.send(&parcel.to, subject, parcel.payload);
+                }
+                Due::GiveUp(id, parcel, why) => {
+                    tracing::info!(agent = %self.id, to = %parcel.to, %id, %why, "undelivered");
+                    undelivered.extend(parcel.exchange.map(|exchange| (exchange, why)));
+                }
+            }
+        }
+        undelivered
+    }
+}

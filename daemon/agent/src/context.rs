@@ -1,0 +1,364 @@
+//! What a callback can do: open an exchange, answer, wait, work aside.
+//!
+//! Nothing here waits. A callback changes its agent's state and returns; whatever comes of what
+//! it began (an answer, silence, a finished piece of work) comes back as another callback, on the
+//! same task, so nothing else can touch the agent's state in between.
+
+use std::collections::{BTreeMap, HashMap};
+use std::future::Future;
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::content::{Inform, Reason, Refusal, value};
+use acl::{AgentId, ConversationId, Incarnation, Message, Performative, ReplyToken};
+use conversation::Exchange;
+use serde_json::Value;
+use substrate::Resident;
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+use tokio::time::Instant;
+use tracing::Instrument;
+
+use crate::base_agent::Agent;
+use crate::communication_agent::{Answer, CommunicationAgent, Engagement, Opening, Undelivered};
+use crate::directory::Directory;
+use crate::settings::Settings;
+use crate::switchboard::Switchboard;
+
+/// Pieces of work that have finished and wait for their callback.
+const FINISHED_WORK_MAX: usize = 256;
+
+pub(crate) type Deferred<A> = Box<dyn FnOnce(&mut A, &mut Context<A>) + Send>;
+type OnAnswer<A> = Box<dyn FnMut(&mut A, Answer, &mut Context<A>) + Send>;
+
+/// What a callback of `A` can do.
+pub struct Context<A: Agent> {
+    pub(crate) communication: CommunicationAgent,
+    exchanges: HashMap<ReplyToken, Open<A>>,
+    timers: BTreeMap<TimerId, Deferred<A>>,
+    timers_count: u64,
+    work: mpsc::Sender<Deferred<A>>,
+}
+
+/// The exchanges an agent opened and has not closed: what it waits for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Exchanges {
+    /// How many.
+    pub open_count: usize,
+}
+
+struct Open<A: Agent> {
+    opening: (acl::Protocol, ConversationId, Option<AgentId>),
+    /// One per participant that has answered, begun from this.
+    begun: Exchange,
+    participants: BTreeMap<AgentId, Exchange>,
+    timer: TimerId,
+    on_answer: Option<OnAnswer<A>>,
+}
+
+/// Names a timer: when it is due, and a number that keeps two of one instant apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct TimerId(Instant, u64);
+
+/// A piece of work aside; ends when it is dropped.
+#[derive(Debug)]
+pub struct Work(JoinHandle<()>);
+
+impl Drop for Work {
+    fn drop(&mut self) {
+        self.0.abort();
+    }
+}
+
+impl<A: Agent> Context<A> {
+    pub(crate) fn new(
+        communication: CommunicationAgent,
+    ) -> (Context<A>, mpsc::Receiver<Deferred<A>>) {
+        let (work, finished) = mpsc::channel(FINISHED_WORK_MAX);
+        let context = Context {
+            communication,
+            exchanges: HashMap::new(),
+            timers: BTreeMap::new(),
+            timers_count: 0,
+            work,
+        };
+        (context, finished)
+    }
+
+    // === who and where ===
+
+    /// This agent.
+    pub fn id(&self) -> &AgentId {
+        &self.communication.id
+    }
+
+    /// Which life of it.
+    pub fn incarnation(&self) -> Incarnation {
+        self.communication.incarnation
+    }
+
+    /// Times and bounds.
+    pub fn settings(&self) -> &Settings {
+        self.switchboard().settings()
+    }
+
+    /// The daemon's own end of the substrate.
+    pub fn switchboard(&self) -> &Arc<Switchboard> {
+        &self.communication.switchboard
+    }
+
+    /// Who is here.
+    pub fn directory(&self) -> Directory {
+        self.switchboard().directory()
+    }
+
+    /// Who holds a name.
+    pub fn find(&self, agent: &AgentId) -> Option<Resident> {
+        self.switchboard().find(agent)
+    }
+
+    /// Now, on the clock that all deadlines are told by.
+    pub fn now(&self) -> Instant {
+        Instant::now()
+    }
+
+    /// The exchanges this agent waits in.
+    pub fn exchanges(&self) -> Exchanges {
+        Exchanges { open_count: self.exchanges.len() }
+    }
+
+    // === saying ===
+
+    /// A name for a new conversation.
+    pub fn new_conversation(&mut self) -> ConversationId {
+        ConversationId::new(self.communication.token().as_str())
+    }
+
+    /// Opens an exchange. Every answer goes to `on_answer`, until the protocol ends it,
+    /// [`Context::close`] is called, or `patience` has passed ([`Answer::Silence`]).
+    pub fn open(
+        &mut self,
+        opening: Opening,
+        patience: Duration,
+        on_answer: impl FnMut(&mut A, Answer, &mut Context<A>) + Send + 'static,
+    ) -> ReplyToken {
+        let token = self.communication.token();
+        let about = (opening.protocol, opening.conversation.clone(), opening.to.clone());
+        let mut begun = Exchange::new(opening.protocol, self.id().clone());
+        let expired = token.clone();
+        let timer = self.after(patience, move |agent, ctx| {
+            ctx.end(agent, &expired, Answer::Silence);
+        });
+        let sent = self.communication.open(opening.clone(), &token, patience);
+        let mut heard =
+            self.communication.message(opening.performative, opening.conversation, Value::Null);
+        heard.reply_with = Some(token.clone());
+        if let Err(violation) = begun.advance(&heard) {
+            tracing::error!(agent = %self.id(), %violation, "this agent opens out of turn");
+        }
+        let participants = BTreeMap::new();
+        let on_answer: OnAnswer<A> = Box::new(on_answer);
+        let on_answer = Some(on_answer);
+        let open = Open { opening: about, begun, participants, timer, on_answer };
+        self.exchanges.insert(token.clone(), open);
+        if let Err(why) = sent {
+            let failed = token.clone();
+            self.after(Duration::ZERO, move |agent, ctx| {
+                ctx.end(agent, &failed, Answer::Undelivered(why));
+            });
+        }
+        token
+    }
+
+    /// Goes on as the initiator of an exchange: `cancel`, `accept-proposal`, `reject-proposal`.
+    pub fn go_on(
+        &mut self,
+        token: &ReplyToken,
+        to: &AgentId,
+        performative: Performative,
+        content: Value,
+    ) {
+        let Some(open) = self.exchanges.get(token) else { return };
+        let (protocol, conversation, _) = open.opening.clone();
+        let mut message = self.communication.message(performative, conversation, content);
+        message.protocol = Some(protocol);
+        message.in_reply_to = Some(token.clone());
+        message.receiver.push(to.clone());
+        if let Some(open) = self.exchanges.get_mut(token) {
+            let begun = &open.begun;
+            let exchange = open.participants.entry(to.clone()).or_insert_with(|| begun.clone());
+            if let Err(violation) = exchange.advance(&message) {
+                tracing::debug!(agent = %self.communication.id, %violation, "not said: out of turn");
+                return;
+            }
+        }
+        let patience = self.settings().answer_deadline;
+        if let Err(why) = self.communication.post(&message, patience) {
+            tracing::warn!(agent = %self.id(), %why, "a turn could not be sent");
+        }
+    }
+
+    /// Gives an exchange more time, from now.
+    pub fn extend(&mut self, token: &ReplyToken, patience: Duration) {
+        let expired = token.clone();
+        let Some(open) = self.exchanges.get(token) else { return };
+        let old = open.timer;
+        self.timers.remove(&old);
+        let timer = self.after(patience, move |agent, ctx| {
+            ctx.end(agent, &expired, Answer::Silence);
+        });
+        if let Some(open) = self.exchanges.get_mut(token) {
+            open.timer = timer;
+        }
+    }
+
+    /// Stops waiting in an exchange. What this agent said in it goes on being delivered.
+    pub fn close(&mut self, token: &ReplyToken) {
+        if let Some(open) = self.exchanges.remove(token) {
+            self.timers.remove(&open.timer);
+        }
+    }
+
+    /// Answers as the participant of an exchange.
+    pub fn answer(
+        &mut self,
+        engagement: &Engagement,
+        performative: Performative,
+        content: &impl serde::Serialize,
+    ) {
+        self.communication.answer(engagement, performative, value(content));
+    }
+
+    /// Declines, as the participant of an exchange.
+    pub fn refuse(&mut self, engagement: &Engagement, reason: Reason, detail: impl Into<String>) {
+        self.answer(engagement, Performative::Refuse, &Refusal::new(reason, detail));
+    }
+
+    /// Says that a message's content could not be understood.
+    pub fn not_understood(&mut self, message: &Message, detail: impl Into<String>) {
+        self.communication.not_understood(message, Reason::BadContent, detail.into());
+    }
+
+    /// Tells all.
+    pub fn inform_all(&mut self, inform: &Inform) {
+        let conversation = ConversationId::new(self.id().as_str());
+        let message = self.communication.message(Performative::Inform, conversation, value(inform));
+        let _ = self.communication.post(&message, Duration::ZERO);
+    }
+
+    /// Tells all this agent's model or heartbeat, as an `inform`.
+    pub fn beat(&mut self, inform: &Inform) {
+        let conversation = ConversationId::new(self.id().as_str());
+        let message = self.communication.message(Performative::Inform, conversation, value(inform));
+        let is_model = matches!(inform, Inform::Model(_));
+        self.switchboard().beat(&message.sender, acl::encode(&message), is_model);
+    }
+
+    // === waiting and working ===
+
+    /// Calls back after `wait`.
+    pub fn after(
+        &mut self,
+        wait: Duration,
+        then: impl FnOnce(&mut A, &mut Context<A>) + Send + 'static,
+    ) -> TimerId {
+        self.timers_count += 1;
+        let id = TimerId(Instant::now() + wait, self.timers_count);
+        self.timers.insert(id, Box::new(then));
+        id
+    }
+
+    /// Forgets a timer.
+    pub fn forget(&mut self, timer: TimerId) {
+        self.timers.remove(&timer);
+    }
+
+    /// Runs `work` aside and calls back with what came of it. It ends when the handle is dropped.
+    pub fn run<T: Send + 'static>(
+        &mut self,
+        work: impl Future<Output = T> + Send + 'static,
+        then: impl FnOnce(&mut A, T, &mut Context<A>) + Send + 'static,
+    ) -> Work {
+        let finished = self.work.clone();
+        let deferred = async move {
+            let outcome = work.await;
+            let deferred: Deferred<A> = Box::new(move |agent, ctx| then(agent, outcome, ctx));
+            // The agent has ended: nobody waits for this any more.
+            let _ = finished.send(deferred).await;
+        };
+        Work(tokio::spawn(deferred.instrument(tracing::Span::current())))
+    }
+
+    /// Computes aside, on a thread that may be busy for long, and calls back with what came of
+    /// it. A computation cannot be ended from outside: give it a flag of its own.
+    pub fn compute<T: Send + 'static>(
+        &mut self,
+        compute: impl FnOnce() -> T + Send + 'static,
+        then: impl FnOnce(&mut A, T, &mut Context<A>) + Send + 'static,
+    ) -> Work {
+        let computed = tokio::task::spawn_blocking(compute);
+        self.run(computed, |agent, outcome, ctx| match outcome {
+            Ok(outcome) => then(agent, outcome, ctx),
+            Err(error) => tracing::error!(agent = %ctx.id(), %error, "a computation was lost"),
+        })
+    }
+
+    // === for the Base Agent ===
+
+    /// Takes an answer to an exchange this agent opened; gives it back if it is none.
+    pub(crate) fn take_answer(
+        &mut self,
+        agent: &mut A,
+        token: &ReplyToken,
+        message: Box<Message>,
+    ) -> Option<Box<Message>> {
+        let Some(open) = self.exchanges.get_mut(token) else { return Some(message) };
+        let begun = &open.begun;
+        let exchange =
+            open.participants.entry(message.sender.clone()).or_insert_with(|| begun.clone());
+        if let Err(violation) = exchange.advance(&message) {
+            let detail = violation.to_string();
+            self.communication.not_understood(&message, Reason::OutOfTurn, detail);
+            return None;
+        }
+        let is_closed = exchange.is_closed() && open.opening.2.is_some();
+        self.call_back(agent, token, Answer::Message(message));
+        if is_closed {
+            self.communication.forget_exchange(token);
+            self.close(token);
+        }
+        None
+    }
+
+    /// Ends an exchange with `answer`.
+    pub(crate) fn end(&mut self, agent: &mut A, token: &ReplyToken, answer: Answer) {
+        self.call_back(agent, token, answer);
+        self.close(token);
+    }
+
+    fn call_back(&mut self, agent: &mut A, token: &ReplyToken, answer: Answer) {
+        let on_answer = self.exchanges.get_mut(token).and_then(|open| open.on_answer.take());
+        let Some(mut on_answer) = on_answer else { return };
+        on_answer(agent, answer, self);
+        if let Some(open) = self.exchanges.get_mut(token) {
+            open.on_answer = Some(on_answer);
+        }
+    }
+
+    /// What nobody will receive closes the exchange with its receiver.
+    pub(crate) fn undelivered(&mut self, agent: &mut A, lost: Vec<(ReplyToken, Undelivered)>) {
+        for (token, why) in lost {
+            self.end(agent, &token, Answer::Undelivered(why));
+        }
+    }
+
+    pub(crate) fn next_due(&self) -> Option<Instant> {
+        let timer = self.timers.keys().next().map(|TimerId(due, _)| *due);
+        timer.into_iter().chain(self.communication.next_due()).min()
+    }
+
+    pub(crate) fn due_timer(&mut self) -> Option<Deferred<A>> {
+        let first = self.timers.first_entry()?;
+        (first.key().0 <= Instant::now()).then(|| first.remove())
+    }
+}

@@ -1,0 +1,141 @@
+//! Who is here, where, and in which life: our view, fed by presence.
+
+use std::collections::BTreeMap;
+
+use acl::{AgentId, DaemonId};
+use substrate::{Address, Presence, Resident};
+
+/// The agents that can be reached from here.
+///
+/// Two agents of one name may appear at two daemons. The one that was there first (the smaller
+/// incarnation) keeps the name; the other is remembered as a rival and takes over when the first
+/// leaves.
+#[derive(Clone, Debug, Default)]
+pub struct Directory {
+    residents: BTreeMap<AgentId, Vec<Resident>>,
+}
+
+impl Directory {
+    /// Who holds the name.
+    pub fn find(&self, agent: &AgentId) -> Option<&Resident> {
+        self.residents.get(agent)?.first()
+    }
+
+    /// Where to send to.
+    pub fn address(&self, agent: &AgentId) -> Option<Address> {
+        let resident = self.find(agent)?;
+        Some(Address { daemon: resident.daemon.clone(), agent: agent.clone() })
+    }
+
+    /// Everyone who holds a name, in the order of names.
+    pub fn iter(&self) -> impl Iterator<Item = &Resident> {
+        self.residents.values().filter_map(|rivals| rivals.first())
+    }
+
+    /// Those who want a name that another holds.
+    pub fn rivals(&self) -> impl Iterator<Item = &Resident> {
+        self.residents.values().flat_map(|rivals| rivals.iter().skip(1))
+    }
+
+    /// The daemons that host anyone.
+    pub fn daemons(&self) -> impl Iterator<Item = &DaemonId> {
+        let mut daemons: Vec<_> = self.iter().map(|resident| &resident.daemon).collect();
+        daemons.sort();
+        daemons.dedup();
+        daemons.into_iter()
+    }
+
+    /// Takes a change; yields what it means for who holds the names: the holder may change
+    /// without anyone of that name joining or leaving.
+    pub fn update(&mut self, presence: &Presence) -> Vec<Presence> {
+        let agent = &presence.resident().agent;
+        let before = self.find(agent).cloned();
+        let rivals = self.residents.entry(agent.clone()).or_default();
+        match presence {
+            Presence::Joined(resident) => {
+                // A daemon has one life of an agent at a time; the newest token is the truth.
+                rivals.retain(|rival| rival.daemon != resident.daemon);
+                rivals.push(resident.clone());
+                rivals.sort_by(|a, b| (a.incarnation, &a.daemon).cmp(&(b.incarnation, &b.daemon)));
+            }
+            Presence::Left(resident) => rivals.retain(|rival| rival != resident),
+        }
+        let after = rivals.first().cloned();
+        if rivals.is_empty() {
+            self.residents.remove(agent);
+        }
+        match (before, after) {
+            (before, after) if before == after => Vec::new(),
+            (Some(before), Some(after)) => vec![Presence::Left(before), Presence::Joined(after)],
+            (Some(before), None) => vec![Presence::Left(before)],
+            (None, Some(after)) => vec![Presence::Joined(after)],
+            (None, None) => Vec::new(),
+        }
+    }
+
+    /// The changes that turn `self` into `other`: what a listener that missed some has missed.
+    pub fn changes_to(&self, other: &Directory) -> Vec<Presence> {
+        let left = self
+            .iter()
+            .filter(|resident| other.find(&resident.agent) != Some(*resident))
+            .map(|resident| Presence::Left(resident.clone()));
+        let joined = other
+            .iter()
+            .filter(|resident| self.find(&resident.agent) != Some(*resident))
+            .map(|resident| Presence::Joined(resident.clone()));
+        left.chain(joined).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::Incarnation;
+
+    use super::*;
+
+    fn resident(agent: &str, daemon: &str, incarnation: u64) -> Resident {
+        Resident {
+            agent: AgentId::new(agent).expect("a name"),
+            daemon: DaemonId::new(daemon).expect("a name"),
+            incarnation: Incarnation(incarnation),
+        }
+    }
+
+    #[test]
+    fn the_first_keeps_the_name_and_the_rival_inherits_it() {
+        let mut directory = Directory::default();
+        let (first, rival) = (resident("robot", "b", 1), resident("robot", "a", 2));
+        let joined = directory.update(&Presence::Joined(first.clone()));
+        assert_eq!(joined, [Presence::Joined(first.clone())]);
+        assert_eq!(directory.update(&Presence::Joined(rival.clone())), []);
+        assert_eq!(directory.rivals().collect::<Vec<_>>(), [&rival]);
+
+        let changes = directory.update(&Presence::Left(first.clone()));
+
+        assert_eq!(changes, [Presence::Left(first), Presence::Joined(rival.clone())]);
+        assert_eq!(directory.find(&rival.agent), Some(&rival));
+    }
+
+    #[test]
+    fn a_restart_is_a_leaving_and_a_joining() {
+        let mut directory = Directory::default();
+        let (old, new) = (resident("robot", "a", 1), resident("robot", "a", 2));
+        directory.update(&Presence::Joined(old.clone()));
+        let changes = directory.update(&Presence::Joined(new.clone()));
+        assert_eq!(changes, [Presence::Left(old.clone()), Presence::Joined(new)]);
+        assert_eq!(directory.update(&Presence::Left(old)), [], "the old token is gone already");
+    }
+
+    #[test]
+    fn what_was_missed_can_be_caught_up() {
+        let (mut then, mut now) = (Directory::default(), Directory::default());
+        then.update(&Presence::Joined(resident("gone", "a", 1)));
+        then.update(&Presence::Joined(resident("same", "a", 1)));
+        now.update(&Presence::Joined(resident("same", "a", 1)));
+        now.update(&Presence::Joined(resident("new", "a", 1)));
+        for change in then.changes_to(&now) {
+            then.update(&change);
+        }
+        assert_eq!(then.iter().collect::<Vec<_>>(), now.iter().collect::<Vec<_>>());
+    }
+}

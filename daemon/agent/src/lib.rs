@@ -1,0 +1,32 @@
+//! What a plugin sees: the Base Agent, its Communication Agent, its mailbox and its life.
+//!
+//! - [`Agent`] is the paper's Base Agent: what it reacts to is its [`Callbacks`].
+//! - [`Context`] is what a callback can do: open an exchange, answer, wait, work aside.
+//! - The Communication Agent behind it decodes, drops duplicates, sends receipts, retries
+//!   commitments, follows the protocols, and holds messages for agents that are not here yet.
+//! - [`Switchboard`] is the daemon's own end of the substrate: mailboxes, the [`Directory`], and
+//!   the broadcasts a newcomer has missed.
+//! - [`PluginEntry`] is what a plugin crate offers to a daemon.
+//!
+//! An agent sees no substrate and no other agent's code.
+
+mod base_agent;
+mod callbacks;
+mod communication_agent;
+mod context;
+mod directory;
+mod mailbox;
+mod outbox;
+mod plugin;
+mod settings;
+mod switchboard;
+
+pub use base_agent::{Agent, Berth, Launch, LaunchError};
+pub use callbacks::Callbacks;
+pub use communication_agent::{Answer, Engagement, Opening, Undelivered};
+pub use context::{Context, Exchanges, TimerId, Work};
+pub use directory::Directory;
+pub use plugin::{Blueprint, BuildError, Host, Mode, PluginEntry, Resources};
+pub use settings::Settings;
+pub use substrate::{Ask, Presence, Resident, Resource};
+pub use switchboard::{Counters, Switchboard};

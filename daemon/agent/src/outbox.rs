@@ -1,0 +1,269 @@
+//! Commitments under way: retried until a receipt comes, parked while their receiver is away.
+//!
+//! These are the paper's “queue operations on agent death/activation”: a message for an agent
+//! that is not here yet waits for its activation; one for an agent that has left waits for the
+//! grace and then comes back as undelivered.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use acl::{AgentId, Incarnation, MessageId, Performative, ReplyToken};
+use bytes::Bytes;
+use tokio::time::Instant;
+
+use crate::communication_agent::Undelivered;
+
+/// One message under way.
+#[derive(Clone, Debug)]
+pub(crate) struct Parcel {
+    pub(crate) to: AgentId,
+    pub(crate) performative: Performative,
+    pub(crate) exchange: Option<ReplyToken>,
+    /// Whether it opens that exchange.
+    pub(crate) opens: bool,
+    pub(crate) payload: Bytes,
+    /// When nobody waits for it any more.
+    pub(crate) give_up: Instant,
+}
+
+#[derive(Debug)]
+struct UnderWay {
+    parcel: Parcel,
+    state: State,
+}
+
+#[derive(Debug)]
+enum State {
+    /// Sent to this life of the receiver; sent again at `again`.
+    Sent { life: Incarnation, again: Instant, wait: Duration },
+    /// The receiver is not here. If it was here before, its return is awaited until `until`.
+    Parked { life: Option<Incarnation>, until: Instant },
+}
+
+/// What is to be done now.
+#[derive(Debug)]
+pub(crate) enum Due {
+    /// Send this.
+    Send(Parcel),
+    /// Nobody will receive this.
+    GiveUp(MessageId, Parcel, Undelivered),
+}
+
+/// The commitments of one agent that have no receipt yet.
+#[derive(Debug)]
+pub(crate) struct Outbox {
+    parcels: BTreeMap<MessageId, UnderWay>,
+    parcels_max: usize,
+    retry_first: Duration,
+    retry_max: Duration,
+    grace: Duration,
+}
+
+impl Outbox {
+    pub(crate) fn new(settings: &crate::Settings) -> Outbox {
+        Outbox {
+            parcels: BTreeMap::new(),
+            parcels_max: settings.outbox_messages_max,
+            retry_first: settings.retry_first,
+            retry_max: settings.retry_max,
+            grace: settings.grace,
+        }
+    }
+
+    /// Takes a message whose receiver lives its life `life`, or is not here. `false` if the
+    /// outbox is full.
+    pub(crate) fn put(
+        &mut self,
+        id: MessageId,
+        parcel: Parcel,
+        life: Option<Incarnation>,
+        now: Instant,
+    ) -> bool {
+        if self.parcels.len() >= self.parcels_max {
+            return false;
+        }
+        let state = match life {
+            Some(life) => {
+                State::Sent { life, again: now + self.retry_first, wait: self.retry_first }
+            }
+            None => State::Parked { life: None, until: parcel.give_up },
+        };
+        self.parcels.insert(id, UnderWay { parcel, state });
+        true
+    }
+
+    /// A receipt has come.
+    pub(crate) fn received(&mut self, id: &MessageId) {
+        self.parcels.remove(id);
+    }
+
+    /// An answer has come: it replaces the receipt of the message that opened the exchange, and
+    /// of no other: it may have crossed a `cancel`.
+    pub(crate) fn answered(&mut self, exchange: &ReplyToken, by: &AgentId) {
+        self.parcels.retain(|_, UnderWay { parcel, .. }| {
+            !parcel.opens || parcel.exchange.as_ref() != Some(exchange) || parcel.to != *by
+        });
+    }
+
+    /// The exchange is over for this agent: nothing of it is retried any more.
+    pub(crate) fn forget(&mut self, exchange: &ReplyToken) {
+        self.parcels.retain(|_, under_way| under_way.parcel.exchange.as_ref() != Some(exchange));
+    }
+
+    /// An agent is here: what waited for it is due. A new life knows nothing of the old one's
+    /// commitments.
+    pub(crate) fn joined(&mut self, agent: &AgentId, life: Incarnation, now: Instant) -> Vec<Due> {
+        let mut due = Vec::new();
+        let retry_first = self.retry_first;
+        self.parcels.retain(|id, under_way| {
+            if under_way.parcel.to != *agent {
+                return true;
+            }
+            let before = match under_way.state {
+                State::Sent { life, .. } => Some(life),
+                State::Parked { life, .. } => life,
+            };
+            if before.is_some_and(|before| before != life) {
+                let parcel = under_way.parcel.clone();
+                due.push(Due::GiveUp(id.clone(), parcel, Undelivered::Restarted));
+                return false;
+            }
+            under_way.state = State::Sent { life, again: now + retry_first, wait: retry_first };
+            due.push(Due::Send(under_way.parcel.clone()));
+            true
+        });
+        due
+    }
+
+    /// An agent is gone: what is under way to it waits for its return.
+    pub(crate) fn left(&mut self, agent: &AgentId, now: Instant) {
+        for under_way in self.parcels.values_mut().filter(|other| other.parcel.to == *agent) {
+            if let State::Sent { life, .. } = under_way.state {
+                let until = under_way.parcel.give_up.min(now + self.grace);
+                under_way.state = State::Parked { life: Some(life), until };
+            }
+        }
+    }
+
+    /// When something is due next.
+    pub(crate) fn next_due(&self) -> Option<Instant> {
+        self.parcels.values().map(UnderWay::due).min()
+    }
+
+    /// What is due by `now`.
+    pub(crate) fn due(&mut self, now: Instant) -> Vec<Due> {
+        let mut due = Vec::new();
+        let retry_max = self.retry_max;
+        self.parcels.retain(|id, under_way| {
+            if under_way.due() > now {
+                return true;
+            }
+            let parcel = &under_way.parcel;
+            match &mut under_way.state {
+                State::Sent { again, wait, .. } if parcel.give_up > now => {
+                    *wait = (*wait * 2).min(retry_max);
+                    *again = now + *wait;
+                    due.push(Due::Send(parcel.clone()));
+                    return true;
+                }
+                State::Sent { .. } => {
+                    due.push(Due::GiveUp(id.clone(), parcel.clone(), Undelivered::NoReceipt));
+                }
+                State::Parked { life, .. } => {
+                    let why = if life.is_some() { Undelivered::Left } else { Undelivered::NotHere };
+                    due.push(Due::GiveUp(id.clone(), parcel.clone(), why));
+                }
+            }
+            false
+        });
+        due
+    }
+}
+
+impl UnderWay {
+    fn due(&self) -> Instant {
+        match &self.state {
+            State::Sent { again, .. } => (*again).min(self.parcel.give_up),
+            State::Parked { until, .. } => *until,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn robot() -> AgentId {
+        AgentId::new("robot").expect("a name")
+    }
+
+    fn parcel(give_up: Instant) -> Parcel {
+        Parcel {
+            to: robot(),
+            performative: Performative::Request,
+            exchange: Some(ReplyToken::new("t")),
+            opens: true,
+            payload: Bytes::from_static(b"act"),
+            give_up,
+        }
+    }
+
+    /// An outbox with one message to `robot`, in life 1 or not here.
+    fn outbox(life: Option<u64>, now: Instant) -> Outbox {
+        let mut outbox = Outbox::new(&crate::Settings::default());
+        let parcel = parcel(now + Duration::from_secs(60));
+        assert!(outbox.put(MessageId::new("m"), parcel, life.map(Incarnation), now));
+        outbox
+    }
+
+    fn words(due: &[Due]) -> Vec<String> {
+        due.iter()
+            .map(|due| match due {
+                Due::Send(_) => "send".to_owned(),
+                Due::GiveUp(_, _, why) => format!("{why:?}"),
+            })
+            .collect()
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn retries_grow_rarer_and_end_with_the_receipt() {
+        let start = Instant::now();
+        let mut outbox = outbox(Some(1), start);
+        let mut waits = Vec::new();
+        for _ in 0..6 {
+            let next = outbox.next_due().expect("under way");
+            assert_eq!(words(&outbox.due(next)), ["send"]);
+            waits.push((next - start).as_millis());
+        }
+        assert_eq!(waits, [100, 300, 700, 1500, 2500, 3500]);
+        outbox.received(&MessageId::new("m"));
+        assert_eq!(outbox.next_due(), None);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_message_waits_for_an_activation() {
+        let now = Instant::now();
+        let mut outbox = outbox(None, now);
+        assert_eq!(words(&outbox.due(now + Duration::from_secs(1))), [""; 0]);
+        assert_eq!(words(&outbox.joined(&robot(), Incarnation(1), now)), ["send"]);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_blink_is_borne_and_a_death_is_not() {
+        let now = Instant::now();
+        let mut outbox = outbox(Some(1), now);
+        outbox.left(&robot(), now);
+        assert_eq!(words(&outbox.joined(&robot(), Incarnation(1), now)), ["send"], "a blink");
+        outbox.left(&robot(), now);
+        assert_eq!(words(&outbox.due(now + Duration::from_millis(499))), [""; 0]);
+        assert_eq!(words(&outbox.due(now + Duration::from_millis(500))), ["Left"]);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_new_life_is_not_bound_by_the_old_ones_word() {
+        let now = Instant::now();
+        let mut outbox = outbox(Some(1), now);
+        assert_eq!(words(&outbox.joined(&robot(), Incarnation(2), now)), ["Restarted"]);
+        assert_eq!(outbox.next_due(), None);
+    }
+}

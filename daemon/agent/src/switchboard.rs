@@ -1,0 +1,389 @@
+//! The daemon's own end of the substrate, shared by all its agents.
+//!
+//! - Puts what comes into mailboxes; a full mailbox answers `refuse`.
+//! - Keeps the [`Directory`], and tells agents who joined and who left.
+//! - Reads a message to all once for the whole daemon, and keeps the last model, heartbeat and
+//!   epoch of each sender for agents that start later (the paper's “cache broadcast messages”).
+//!
+//! Called on the substrate's threads: nothing here waits.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
+use std::time::Duration;
+
+use acl::content::{Inform, Reason, Refusal, value};
+use acl::{
+    AgentId, DaemonId, EcosystemId, Incarnation, Message, MessageId, Performative, SCHEMA_VERSION,
+};
+use bytes::Bytes;
+use serde_json::Map;
+use substrate::{
+    Addressed, Ask, BoxFuture, Delivery, Inbound, Presence, PresenceToken, Question, Resident,
+    Resource, SendError, Subject, Substrate,
+};
+use tokio::sync::broadcast;
+
+use crate::directory::Directory;
+use crate::mailbox::{Letter, Mailbox, Slot, mailbox};
+use crate::settings::Settings;
+
+/// Changes of presence an agent may lag behind before it compares directories instead.
+const PRESENCE_CHANGES_MAX: usize = 1_024;
+
+/// The daemon's own end of the substrate.
+pub struct Switchboard {
+    ecosystem: EcosystemId,
+    daemon: DaemonId,
+    settings: Settings,
+    state: RwLock<State>,
+    presence: broadcast::Sender<Presence>,
+    substrate: OnceLock<Arc<dyn Substrate>>,
+    counters: Counters,
+}
+
+/// What went wrong so far, for the operator.
+#[derive(Debug, Default)]
+pub struct Counters {
+    /// Messages refused because a mailbox was full.
+    pub mailbox_full: AtomicU64,
+    /// Messages to agents that this daemon does not host.
+    pub unknown_receiver: AtomicU64,
+    /// Messages to all that could not be read.
+    pub unreadable: AtomicU64,
+    /// Messages that the substrate did not take.
+    pub unsent: AtomicU64,
+}
+
+#[derive(Default)]
+struct State {
+    agents: BTreeMap<AgentId, Hosted>,
+    directory: Directory,
+    /// The last broadcasts of each sender, by kind.
+    heard: BTreeMap<(AgentId, Kind), Arc<Message>>,
+}
+
+struct Hosted {
+    slot: Slot,
+    incarnation: Incarnation,
+    interests: BTreeSet<Performative>,
+    /// The last model this agent sent to all; answers [`Resource::Model`].
+    model: Option<Bytes>,
+}
+
+/// Broadcasts worth keeping: each replaces its predecessor.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Kind {
+    Model,
+    Heartbeat,
+    Epoch,
+}
+
+impl Switchboard {
+    /// The end of a daemon that hosts nobody and speaks through nothing yet.
+    pub fn new(ecosystem: EcosystemId, daemon: DaemonId, settings: Settings) -> Arc<Switchboard> {
+        let (presence, _) = broadcast::channel(PRESENCE_CHANGES_MAX);
+        Arc::new(Switchboard {
+            ecosystem,
+            daemon,
+            settings,
+            state: RwLock::default(),
+            presence,
+            substrate: OnceLock::new(),
+            counters: Counters::default(),
+        })
+    }
+
+    /// Gives the switchboard what it speaks through, once.
+    pub fn connect(&self, substrate: Arc<dyn Substrate>) {
+        // A second substrate would split the daemon's agents; the first one stays.
+        let _ = self.substrate.set(substrate);
+    }
+
+    /// The ecosystem.
+    pub fn ecosystem(&self) -> &EcosystemId {
+        &self.ecosystem
+    }
+
+    /// This daemon.
+    pub fn daemon(&self) -> &DaemonId {
+        &self.daemon
+    }
+
+    /// Times and bounds.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// What went wrong so far.
+    pub fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// Who is here.
+    pub fn directory(&self) -> Directory {
+        self.read().directory.clone()
+    }
+
+    /// Who holds a name.
+    pub fn find(&self, agent: &AgentId) -> Option<Resident> {
+        self.read().directory.find(agent).cloned()
+    }
+
+    /// Asks daemons for a resource.
+    pub fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
+        match self.substrate.get() {
+            Some(substrate) => substrate.ask(ask, timeout),
+            None => Box::pin(std::future::ready(Vec::new())),
+        }
+    }
+
+    // === agents of this daemon ===
+
+    /// Gives an agent its mailbox, with what it has missed in it.
+    pub(crate) fn admit(
+        &self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+        interests: Vec<Performative>,
+    ) -> Mailbox {
+        let interests = BTreeSet::from_iter(interests);
+        let mut state = self.write();
+        let missed: Vec<_> = state
+            .heard
+            .values()
+            .filter(|message| interests.contains(&message.performative))
+            .cloned()
+            .collect();
+        let letters_max = self.settings.mailbox_messages_max + missed.len();
+        let (slot, mailbox) = mailbox(letters_max);
+        for message in missed {
+            // It fits: the mailbox was made for it.
+            let _ = slot.put(Letter::Broadcast(message));
+        }
+        state.agents.insert(agent.clone(), Hosted { slot, incarnation, interests, model: None });
+        mailbox
+    }
+
+    /// Takes an agent's mailbox away, if it is still that of this life.
+    pub(crate) fn dismiss(&self, agent: &AgentId, incarnation: Incarnation) {
+        let mut state = self.write();
+        if state.agents.get(agent).is_some_and(|hosted| hosted.incarnation == incarnation) {
+            state.agents.remove(agent);
+        }
+    }
+
+    pub(crate) fn presence_changes(&self) -> (Directory, broadcast::Receiver<Presence>) {
+        // Subscribed under the lock, so that no change falls between the two.
+        let state = self.read();
+        (state.directory.clone(), self.presence.subscribe())
+    }
+
+    pub(crate) fn announce(
+        &self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+    ) -> Result<PresenceToken, SendError> {
+        self.substrate.get().ok_or(SendError::Closed)?.announce(agent, incarnation)
+    }
+
+    // === saying ===
+
+    pub(crate) fn send(&self, to: &AgentId, subject: Subject, payload: Bytes) {
+        let Some(address) = self.read().directory.address(to) else { return };
+        self.hand_over(|substrate| substrate.send(&address, subject, payload));
+    }
+
+    pub(crate) fn broadcast(&self, sender: &AgentId, performative: Performative, payload: Bytes) {
+        self.hand_over(|substrate| substrate.broadcast(sender, performative, payload));
+    }
+
+    /// Sends a model or a heartbeat to all; a model is kept to answer those who ask for it.
+    pub(crate) fn beat(&self, sender: &AgentId, payload: Bytes, is_model: bool) {
+        if is_model && let Some(hosted) = self.write().agents.get_mut(sender) {
+            hosted.model = Some(payload.clone());
+        }
+        self.hand_over(|substrate| substrate.beat(sender, payload));
+    }
+
+    fn hand_over(&self, send: impl FnOnce(&dyn Substrate) -> Result<(), SendError>) {
+        let substrate = self.substrate.get().ok_or(SendError::Closed);
+        if let Err(error) = substrate.and_then(|substrate| send(&**substrate)) {
+            self.counters.unsent.fetch_add(1, Ordering::Relaxed);
+            tracing::debug!(%error, "the substrate did not take a message");
+        }
+    }
+
+    // === hearing ===
+
+    fn deliver_to(&self, agent: &AgentId, letter: Letter) {
+        let slot = self.read().agents.get(agent).map(|hosted| hosted.slot.clone());
+        let Some(slot) = slot else {
+            self.counters.unknown_receiver.fetch_add(1, Ordering::Relaxed);
+            tracing::debug!(%agent, "a message to an agent that is not hosted here");
+            return;
+        };
+        if let Err(Letter::Direct(payload)) = slot.put(letter) {
+            self.refuse_overflow(agent, &payload);
+        }
+    }
+
+    /// A full mailbox refuses: whoever asked learns it at once, and does not wait.
+    fn refuse_overflow(&self, agent: &AgentId, payload: &[u8]) {
+        let count = self.counters.mailbox_full.fetch_add(1, Ordering::Relaxed);
+        tracing::warn!(%agent, "mailbox full: a message is refused");
+        let Ok(message) = acl::decode(payload) else { return };
+        if !message.opens_exchange() {
+            // A turn of an open exchange is retried by its sender until there is room.
+            return;
+        }
+        let detail = format!("the mailbox of `{agent}` is full; ask again later");
+        let incarnation = self.read().agents.get(agent).map(|hosted| hosted.incarnation);
+        let refusal = Message {
+            version: SCHEMA_VERSION,
+            id: MessageId::new(&format!("{agent}.overflow.{}.{count}", message.id)),
+            performative: Performative::Refuse,
+            sender: agent.clone(),
+            incarnation: incarnation.unwrap_or_default(),
+            receiver: vec![message.sender.clone()],
+            content: value(&Refusal::new(Reason::MailboxFull, detail)),
+            in_reply_to: message.reply_with.clone(),
+            reply_with: None,
+            reply_by: None,
+            unknown: Map::new(),
+            ..message
+        };
+        let subject = Subject::Message(Performative::Refuse);
+        self.send(&message.sender, subject, acl::encode(&refusal));
+    }
+
+    fn deliver_to_all(&self, payload: &[u8], sender: &AgentId) {
+        let message = match acl::decode(payload) {
+            Ok(message) if message.sender == *sender => Arc::new(message),
+            Ok(message) => {
+                self.counters.unreadable.fetch_add(1, Ordering::Relaxed);
+                tracing::info!(%sender, claims = %message.sender, "a broadcast under another's name");
+                return;
+            }
+            Err(error) => {
+                self.counters.unreadable.fetch_add(1, Ordering::Relaxed);
+                tracing::info!(%sender, %error, "an unreadable broadcast");
+                return;
+            }
+        };
+        self.keep(&message);
+        let state = self.read();
+        for hosted in state.agents.values() {
+            if hosted.interests.contains(&message.performative) {
+                // A full mailbox misses a broadcast: it is repeated or asked for again.
+                let _ = hosted.slot.put(Letter::Broadcast(Arc::clone(&message)));
+            }
+        }
+    }
+
+    fn keep(&self, message: &Arc<Message>) {
+        let Some(kind) = kind_of(message) else { return };
+        let mut state = self.write();
+        // Only those who are here are kept, so that strangers cannot fill the cache.
+        if state.directory.find(&message.sender).is_some() {
+            state.heard.insert((message.sender.clone(), kind), Arc::clone(message));
+        }
+    }
+
+    fn answer_directory(&self, question: &Question) {
+        let state = self.read();
+        let residents: Vec<_> =
+            state.directory.iter().filter(|resident| resident.daemon == self.daemon).collect();
+        if let Ok(bytes) = serde_json::to_vec(&residents) {
+            (question.answer)(Bytes::from(bytes));
+        }
+    }
+
+    fn answer_model(&self, question: &Question) {
+        let state = self.read();
+        let asked = |agent: &AgentId| question.agent.as_ref().is_none_or(|asked| asked == agent);
+        let models = state.agents.iter().filter(|(agent, _)| asked(agent));
+        for model in models.filter_map(|(_, hosted)| hosted.model.clone()) {
+            (question.answer)(model);
+        }
+    }
+
+    fn read(&self) -> RwLockReadGuard<'_, State> {
+        self.state.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn write(&self) -> RwLockWriteGuard<'_, State> {
+        self.state.write().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Inbound for Switchboard {
+    fn deliver(&self, delivery: Delivery) {
+        let Delivery { addressed, payload } = delivery;
+        match addressed {
+            Addressed::To(agent, Subject::Message(_)) => {
+                self.deliver_to(&agent, Letter::Direct(payload));
+            }
+            Addressed::To(agent, Subject::Receipt) => {
+                let id = MessageId::new(&String::from_utf8_lossy(&payload));
+                self.deliver_to(&agent, Letter::Receipt(id));
+            }
+            Addressed::All(sender, _) | Addressed::Beat(sender) => {
+                self.deliver_to_all(&payload, &sender);
+            }
+        }
+    }
+
+    fn presence(&self, presence: Presence) {
+        let mut state = self.write();
+        for change in state.directory.update(&presence) {
+            if let Presence::Left(resident) = &change {
+                let agent = &resident.agent;
+                for kind in [Kind::Model, Kind::Heartbeat, Kind::Epoch] {
+                    state.heard.remove(&(agent.clone(), kind));
+                }
+            }
+            tracing::debug!(?change, "presence");
+            // Nobody listens where no agent runs.
+            let _ = self.presence.send(change);
+        }
+    }
+
+    fn question(&self, question: Question) {
+        match question.resource {
+            Resource::Directory => self.answer_directory(&question),
+            Resource::Model => self.answer_model(&question),
+            Resource::Domain | Resource::State | Resource::Goals => {
+                // Every agent here may be the one that knows; most let the question go.
+                let slots: Vec<_> = {
+                    let state = self.read();
+                    let asked = |agent: &&AgentId| {
+                        question.agent.as_ref().is_none_or(|asked| asked == *agent)
+                    };
+                    let agents = state.agents.iter().filter(|(agent, _)| asked(agent));
+                    agents.map(|(_, hosted)| hosted.slot.clone()).collect()
+                };
+                for slot in slots {
+                    let Question { resource, agent, answer } = &question;
+                    let question = Question {
+                        resource: *resource,
+                        agent: agent.clone(),
+                        answer: Arc::clone(answer),
+                    };
+                    let _ = slot.put(Letter::Question(question));
+                }
+            }
+        }
+    }
+}
+
+fn kind_of(message: &Message) -> Option<Kind> {
+    if message.performative != Performative::Inform {
+        return None;
+    }
+    match message.content_as::<Inform>().ok()? {
+        Inform::Model(_) => Some(Kind::Model),
+        Inform::Heartbeat(_) => Some(Kind::Heartbeat),
+        Inform::Epoch(_) => Some(Kind::Epoch),
+    }
+}

@@ -1,0 +1,321 @@
+//! Agents in conversation, over the in-memory substrate: receipts, retries, refusals, deaths.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::content::{Outcome, Reason, Refusal, Report, Request, value};
+use acl::{
+    AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message, Performative, Protocol,
+};
+use agent::{
+    Agent, Answer, Berth, Callbacks, Context, Engagement, Launch, LaunchError, Opening, Settings,
+    Switchboard,
+};
+use bytes::Bytes;
+use substrate::memory::Network;
+use substrate::{Address, Addressed, Subject, Substrate};
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+
+fn name(text: &str) -> AgentId {
+    AgentId::new(text).expect("a name")
+}
+
+/// A daemon on the wire.
+struct Daemon {
+    switchboard: Arc<Switchboard>,
+    port: Arc<dyn Substrate>,
+    stopping: CancellationToken,
+}
+
+impl Daemon {
+    fn open(network: &Network, daemon: &str, settings: Settings) -> Daemon {
+        let ecosystem = EcosystemId::new("test").expect("a name");
+        let daemon = DaemonId::new(daemon).expect("a name");
+        let switchboard = Switchboard::new(ecosystem, daemon.clone(), settings);
+        let port = network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _);
+        switchboard.connect(Arc::clone(&port));
+        Daemon { switchboard, port, stopping: CancellationToken::new() }
+    }
+
+    fn launch(
+        &self,
+        agent: impl Agent,
+        id: &str,
+        life: u64,
+    ) -> JoinHandle<Result<(), LaunchError>> {
+        Box::new(agent).launch(Berth {
+            id: name(id),
+            incarnation: Incarnation(life),
+            switchboard: Arc::clone(&self.switchboard),
+            ontology: Arc::from("test"),
+            stopping: self.stopping.clone(),
+        })
+    }
+}
+
+/// Answers a `request` with `agree`, then `confirm`s after `takes`; counts what it did.
+struct Worker {
+    takes: Duration,
+    done: mpsc::UnboundedSender<&'static str>,
+}
+
+impl Agent for Worker {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+            .on(Performative::Request, Self::requested)
+            .on(Performative::Cancel, Self::cancelled)
+    }
+}
+
+impl Worker {
+    fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let engagement = Engagement::of(&message);
+        ctx.answer(&engagement, Performative::Agree, &());
+        let _ = self.done.send("began");
+        ctx.after(self.takes, move |worker, ctx| {
+            let _ = worker.done.send("done");
+            ctx.answer(&engagement, Performative::Confirm, &Report::new(Outcome::Done, "done"));
+        });
+    }
+
+    fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let report = Report::new(Outcome::Cancelled, "given up");
+        ctx.answer(&Engagement::of(&message), Performative::Confirm, &report);
+    }
+}
+
+/// Asks `worker` once and writes down what comes back.
+struct Asker {
+    patience: Duration,
+    performative: Performative,
+    heard: mpsc::UnboundedSender<String>,
+}
+
+impl Agent for Asker {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        let goal =
+            acl::content::Achieve { goal: "(p)".into(), keep: Default::default(), priority: 0 };
+        let opening = Opening {
+            to: Some(name("worker")),
+            performative: self.performative,
+            protocol: Protocol::Action,
+            conversation: ConversationId::new("c"),
+            content: value(&Request::Achieve(goal)),
+        };
+        ctx.open(opening, self.patience, |asker, answer, ctx| {
+            let line = match answer {
+                Answer::Message(message) if message.performative == Performative::Refuse => {
+                    let refusal: Refusal = message.content_as().expect("a refusal");
+                    format!("refuse {:?}", refusal.reason)
+                }
+                Answer::Message(message) => message.performative.to_string(),
+                Answer::Silence => "silence".to_owned(),
+                Answer::Undelivered(why) => format!("{why:?}"),
+            };
+            let line = format!("{line} {}", ctx.exchanges().open_count);
+            let _ = asker.heard.send(line);
+        });
+    }
+}
+
+struct Room {
+    network: Network,
+    here: Daemon,
+    there: Daemon,
+    heard: mpsc::UnboundedReceiver<String>,
+    done: mpsc::UnboundedReceiver<&'static str>,
+    asker: Option<Asker>,
+    worker: Option<Worker>,
+}
+
+fn room(patience: Duration, takes: Duration) -> Room {
+    let network = Network::new();
+    let here = Daemon::open(&network, "here", Settings::default());
+    let there = Daemon::open(&network, "there", Settings::default());
+    let (hear, heard) = mpsc::unbounded_channel();
+    let (do_, done) = mpsc::unbounded_channel();
+    let asker = Some(Asker { patience, performative: Performative::Request, heard: hear });
+    let worker = Some(Worker { takes, done: do_ });
+    Room { network, here, there, heard, done, asker, worker }
+}
+
+impl Room {
+    fn ask(&mut self) {
+        self.here.launch(self.asker.take().expect("asks once"), "asker", 1);
+    }
+
+    fn work(&mut self) {
+        self.there.launch(self.worker.take().expect("works once"), "worker", 1);
+    }
+
+    /// The next line the asker hears.
+    async fn hears(&mut self) -> String {
+        self.heard.recv().await.expect("the asker lives")
+    }
+
+    async fn did(&mut self) -> &'static str {
+        self.done.recv().await.expect("the worker lives")
+    }
+}
+
+const SECOND: Duration = Duration::from_secs(1);
+
+#[tokio::test(start_paused = true)]
+async fn a_request_is_agreed_to_and_confirmed() {
+    let mut room = room(10 * SECOND, SECOND);
+    room.work();
+    room.ask();
+    assert_eq!(room.hears().await, "agree 1");
+    assert_eq!(room.hears().await, "confirm 1");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_request_waits_for_its_receivers_activation() {
+    let mut room = room(60 * SECOND, SECOND);
+    room.ask();
+    tokio::time::sleep(30 * SECOND).await;
+    room.work();
+    assert_eq!(room.hears().await, "agree 1");
+}
+
+#[tokio::test(start_paused = true)]
+async fn nobody_of_that_name_is_an_answer() {
+    let mut room = room(2 * SECOND, SECOND);
+    room.ask();
+    let heard = room.hears().await;
+    assert!(heard == "NotHere 1" || heard == "silence 1", "{heard}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_death_in_the_middle_is_silence_not_for_ever() {
+    let mut room = room(5 * SECOND, 60 * SECOND);
+    room.work();
+    room.ask();
+    assert_eq!(room.hears().await, "agree 1");
+    room.network.kill(room.there.switchboard.daemon());
+    assert_eq!(room.hears().await, "silence 1");
+}
+
+#[tokio::test(start_paused = true)]
+async fn lost_messages_are_retried_and_acted_on_once() {
+    let mut room = room(30 * SECOND, SECOND);
+    // The worker's daemon hears nothing of the first two tries.
+    let deaf = Arc::new(Lossy {
+        inner: Arc::clone(&room.there.switchboard),
+        lose: std::sync::atomic::AtomicU32::new(2),
+    });
+    let daemon = room.there.switchboard.daemon().clone();
+    let port = room.network.open(daemon, deaf);
+    room.there.port = port;
+    room.work();
+    room.ask();
+    assert_eq!(room.hears().await, "agree 1");
+    assert_eq!(room.hears().await, "confirm 1");
+    assert_eq!((room.did().await, room.did().await), ("began", "done"));
+    assert!(room.done.try_recv().is_err(), "once only");
+}
+
+/// Loses the first messages to its daemon's agents.
+struct Lossy {
+    inner: Arc<Switchboard>,
+    lose: std::sync::atomic::AtomicU32,
+}
+
+impl substrate::Inbound for Lossy {
+    fn deliver(&self, delivery: substrate::Delivery) {
+        use std::sync::atomic::Ordering::Relaxed;
+        let lossy = matches!(delivery.addressed, Addressed::To(_, Subject::Message(_)));
+        if lossy && self.lose.fetch_update(Relaxed, Relaxed, |left| left.checked_sub(1)).is_ok() {
+            return;
+        }
+        // What does come, comes twice.
+        self.inner.deliver(delivery.clone());
+        self.inner.deliver(delivery);
+    }
+
+    fn presence(&self, presence: substrate::Presence) {
+        self.inner.presence(presence);
+    }
+
+    fn question(&self, question: substrate::Question) {
+        self.inner.question(question);
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_has_no_callback_is_not_understood() {
+    let mut room = room(5 * SECOND, SECOND);
+    room.asker.as_mut().expect("not launched").performative = Performative::QueryRef;
+    room.work();
+    room.ask();
+    assert_eq!(room.hears().await, "silence 1", "out of turn in its own protocol, never sent");
+}
+
+#[tokio::test(start_paused = true)]
+async fn garbage_is_answered_and_hurts_nobody() {
+    let mut room = room(5 * SECOND, SECOND);
+    room.work();
+    let (tell, mut told) = mpsc::unbounded_channel();
+    room.network.tap(move |addressed, payload| {
+        if matches!(addressed, Addressed::To(_, Subject::Message(Performative::NotUnderstood))) {
+            let _ = tell.send(payload.clone());
+        }
+    });
+    // The stranger must be seen, or it cannot be answered.
+    let _token = room.here.port.announce(&name("stranger"), Incarnation(1)).expect("open");
+    let to = Address { daemon: room.there.switchboard.daemon().clone(), agent: name("worker") };
+    let subject = Subject::Message(Performative::Request);
+    let version_9 = r#"{"version": 9, "sender": "stranger", "conversation_id": "c9"}"#;
+    tokio::task::yield_now().await;
+    for garbage in [&b"\xff\xfe"[..], b"{}", b"[1,2", version_9.as_bytes()] {
+        room.here.port.send(&to, subject, Bytes::copy_from_slice(garbage)).expect("open");
+    }
+    let answer = acl::decode(&told.recv().await.expect("an answer")).expect("a message");
+    assert_eq!(answer.conversation_id, ConversationId::new("c9"));
+    let refusal: Refusal = answer.content_as().expect("a reason");
+    assert_eq!(refusal.reason, Reason::Unreadable);
+    assert!(refusal.detail.contains("version 9"), "{}", refusal.detail);
+    room.ask();
+    assert_eq!(room.hears().await, "agree 1", "the worker goes on");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_full_mailbox_refuses() {
+    let network = Network::new();
+    let settings = Settings { mailbox_messages_max: 1, ..Settings::default() };
+    let here = Daemon::open(&network, "here", settings);
+    let (do_, _done) = mpsc::unbounded_channel();
+    here.launch(Worker { takes: SECOND, done: do_ }, "worker", 1);
+    let mut heard = Vec::new();
+    for asker in ["a", "b", "c"] {
+        let (hear, hears) = mpsc::unbounded_channel();
+        let performative = Performative::Request;
+        here.launch(Asker { patience: 5 * SECOND, performative, heard: hear }, asker, 1);
+        heard.push(hears);
+    }
+    let mut lines = Vec::new();
+    for hears in &mut heard {
+        lines.push(hears.recv().await.expect("an answer"));
+    }
+    assert!(lines.contains(&"refuse MailboxFull 1".to_owned()), "{lines:?}");
+    assert!(lines.contains(&"agree 1".to_owned()), "{lines:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn two_agents_of_one_name_are_told_apart() {
+    let mut room = room(5 * SECOND, SECOND);
+    room.work();
+    tokio::task::yield_now().await;
+    let (do_, _done) = mpsc::unbounded_channel();
+    let second = room.here.launch(Worker { takes: SECOND, done: do_ }, "worker", 2);
+    let error = second.await.expect("no panic").expect_err("the name is taken");
+    assert!(error.to_string().contains("already at daemon `there`"), "{error}");
+    room.ask();
+    assert_eq!(room.hears().await, "agree 1", "the first goes on");
+}
