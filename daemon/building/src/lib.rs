@@ -1,1 +1,42 @@
-//! Being built.
+//! The simulated building: a world with its own truth.
+//!
+//! Simulated drivers act on it, the planner never sees it, and tests check the
+//! claims of the agents against it. Start reading at [`Layout`] (what is built),
+//! then [`Building`] (what happens), then [`Truth`] (what really happened).
+//!
+//! - A **driver** holds a [`BuildingHandle`], in-process or over a Unix socket,
+//!   and can do only what its device can do.
+//! - **Fate** (a test, a scenario) holds the [`Building`] itself: it breaks and
+//!   repairs devices, locks doors, changes temperatures and reads the truth.
+//!   None of that is reachable over the socket, so no agent can cheat.
+//! - [`Layout::seeded`] draws another building per seed, and [`check_scenario_1`]
+//!   says whether the paper's scenario 1 truly came to pass in it.
+//!
+//! Left to others: what an agent knows or says, PDDL beyond printing a map, and
+//! the substrate. **Invariant:** nothing here speaks Zenoh.
+
+mod building;
+mod client;
+mod error;
+mod handle;
+mod layout;
+mod map;
+mod random;
+mod scenario_1;
+mod seeded;
+mod server;
+mod truth;
+mod wire;
+mod world;
+
+#[cfg(test)]
+mod fixture;
+
+pub use building::Building;
+pub use error::{DeviceError, LayoutError, ServeError};
+pub use handle::BuildingHandle;
+pub use layout::{Connection, Device, Layout, Location, LocationKind};
+pub use scenario_1::check_scenario_1;
+pub use seeded::{Dies, SeededScenario};
+pub use server::{Server, serve};
+pub use truth::{Event, Fault, LOG_MAX, Occurrence, Reading, Truth};

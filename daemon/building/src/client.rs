@@ -1,0 +1,200 @@
+//! The far end of the socket: asks a building that lives in another process.
+//!
+//! One task per connection matches answers with questions. Every wait has a
+//! deadline, a dead server is noticed at once and a frozen one after
+//! [`SILENCE_MAX`], and a dropped question is called off at the server.
+//! What the questions mean is left to `server` and the building.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use tokio::net::UnixStream;
+use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
+use tokio::sync::{Mutex, mpsc, oneshot};
+use tokio::time::timeout;
+use tracing::Instrument as _;
+
+use crate::error::DeviceError;
+use crate::wire::{Answer, Ask, IN_FLIGHT_MAX, Line, Lines, Request, SILENCE_MAX, write_line};
+
+/// How long connecting, or a question that takes no time, may take.
+const ANSWER_MAX: Duration = SILENCE_MAX;
+
+/// How long a device may work on one question: a kilometer at walking pace. It
+/// only keeps a device that hangs from holding a caller for ever; actuators have
+/// time-outs of their own, and drop the question long before.
+const WORK_MAX: Duration = Duration::from_secs(15 * 60);
+
+/// Each question under way needs room for itself and for calling it off.
+const COMMANDS_MAX: usize = 2 * IN_FLIGHT_MAX;
+
+type Outcome = Result<Answer, DeviceError>;
+
+/// A connection that is made again when it breaks.
+#[derive(Clone, Debug)]
+pub(crate) struct Remote {
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    path: PathBuf,
+    id_next: AtomicU64,
+    /// The present connection's inbox; closed when that connection is.
+    commands: Mutex<mpsc::Sender<Command>>,
+}
+
+/// What a connection's task is told.
+enum Command {
+    Ask { request: Request, reply: oneshot::Sender<Outcome> },
+    CallOff { id: u64 },
+}
+
+impl Remote {
+    pub(crate) async fn connect(path: &Path) -> Result<Remote, DeviceError> {
+        let commands = Mutex::new(open(path).await?);
+        let id_next = AtomicU64::new(1);
+        Ok(Remote { shared: Arc::new(Shared { path: path.to_owned(), id_next, commands }) })
+    }
+
+    /// Asks, and waits for the answer. Dropping the future calls it off.
+    pub(crate) async fn ask(&self, ask: Ask) -> Outcome {
+        let limit = match &ask {
+            Ask::PlaceOf { .. } | Ask::Cancel => ANSWER_MAX,
+            Ask::ReadTemperature { .. } | Ask::Navigate { .. } => WORK_MAX,
+        };
+        let answered = timeout(limit, self.ask_without_limit(ask)).await;
+        answered.unwrap_or_else(|_| Err(unreachable(format!("no answer within {limit:?}"))))
+    }
+
+    async fn ask_without_limit(&self, ask: Ask) -> Outcome {
+        let gone = |_| unreachable("the connection broke".to_owned());
+        let commands = self.commands().await?;
+        let id = self.shared.id_next.fetch_add(1, Ordering::Relaxed);
+        // Room for calling off is reserved first, so that dropping never fails.
+        let room = commands.clone().reserve_owned().await.map_err(|_| gone(()))?;
+        let (reply, answer) = oneshot::channel();
+        let command = Command::Ask { request: Request { id, ask }, reply };
+        commands.send(command).await.map_err(|_| gone(()))?;
+        let mut call_off = CallOff { id, room: Some(room) };
+        let outcome = answer.await.unwrap_or_else(|_| Err(gone(())));
+        call_off.room = None;
+        outcome
+    }
+
+    /// The inbox of a connection that stands, made anew if the last one broke.
+    async fn commands(&self) -> Result<mpsc::Sender<Command>, DeviceError> {
+        let mut commands = self.shared.commands.lock().await;
+        if commands.is_closed() {
+            *commands = open(&self.shared.path).await?;
+        }
+        Ok(commands.clone())
+    }
+}
+
+/// Calls off the question it names when it is dropped before the answer came.
+struct CallOff {
+    id: u64,
+    room: Option<mpsc::OwnedPermit<Command>>,
+}
+
+impl Drop for CallOff {
+    fn drop(&mut self) {
+        if let Some(room) = self.room.take() {
+            room.send(Command::CallOff { id: self.id });
+        }
+    }
+}
+
+async fn open(path: &Path) -> Result<mpsc::Sender<Command>, DeviceError> {
+    let connected = timeout(ANSWER_MAX, UnixStream::connect(path)).await;
+    let stream =
+        connected.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into())).map_err(|err| {
+            unreachable(format!("no building is served at {}: {err}", path.display()))
+        })?;
+    let (reader, writer) = stream.into_split();
+    let (commands, inbox) = mpsc::channel(COMMANDS_MAX);
+    let connection = Connection { lines: Lines::new(reader), writer, inbox, open: BTreeMap::new() };
+    let span = tracing::info_span!("building", socket = %path.display());
+    tokio::spawn(connection.run().instrument(span));
+    Ok(commands)
+}
+
+/// One connection's task. When it ends, its inbox closes and what was open fails.
+struct Connection {
+    lines: Lines<OwnedReadHalf>,
+    writer: OwnedWriteHalf,
+    inbox: mpsc::Receiver<Command>,
+    open: BTreeMap<u64, oneshot::Sender<Outcome>>,
+}
+
+/// Everything that can wake a connection.
+enum Event {
+    Command(Command),
+    /// The last handle on this connection is gone.
+    InboxClosed,
+    Line(io::Result<Option<Vec<u8>>>),
+    Silence,
+}
+
+impl Connection {
+    async fn run(mut self) {
+        while let Ok(()) = self.step().await.inspect_err(|reason| {
+            tracing::debug!(%reason, open_count = self.open.len(), "connection to the building ends");
+        }) {}
+    }
+
+    /// Fails with the reason why the connection cannot go on.
+    async fn step(&mut self) -> Result<(), String> {
+        match self.next_event().await {
+            Event::Command(command) => self.obey(command).await.map_err(|err| err.to_string()),
+            Event::InboxClosed => Err("nobody needs it any more".to_owned()),
+            Event::Line(Ok(Some(line))) => self.hear(&line),
+            Event::Line(Ok(None)) => Err("the building closed it".to_owned()),
+            Event::Line(Err(err)) => Err(err.to_string()),
+            Event::Silence => Err(format!("the building was silent for {SILENCE_MAX:?}")),
+        }
+    }
+
+    async fn next_event(&mut self) -> Event {
+        tokio::select! {
+            line = timeout(SILENCE_MAX, self.lines.next()) => line.map_or(Event::Silence, Event::Line),
+            command = self.inbox.recv() => command.map_or(Event::InboxClosed, Event::Command),
+        }
+    }
+
+    async fn obey(&mut self, command: Command) -> io::Result<()> {
+        match command {
+            Command::Ask { request, reply } => {
+                self.open.insert(request.id, reply);
+                write_line(&mut self.writer, &request).await
+            }
+            Command::CallOff { id } => {
+                self.open.remove(&id);
+                write_line(&mut self.writer, &Request { id, ask: Ask::Cancel }).await
+            }
+        }
+    }
+
+    fn hear(&mut self, line: &[u8]) -> Result<(), String> {
+        let line = serde_json::from_slice(line).map_err(|err| format!("not understood: {err}"))?;
+        let (id, outcome) = match line {
+            Line::Alive => return Ok(()),
+            Line::Done { id, answer } => (id, Ok(answer)),
+            Line::Failed { id, error } => (id, Err(error)),
+        };
+        if let Some(reply) = self.open.remove(&id) {
+            // Whoever asked may have gone meanwhile; then nobody needs to know.
+            let _ = reply.send(outcome);
+        }
+        Ok(())
+    }
+}
+
+fn unreachable(reason: String) -> DeviceError {
+    DeviceError::Unreachable { reason }
+}

@@ -1,0 +1,30 @@
+//! Buildings and small helpers for the tests of this crate.
+
+use crate::{Building, Event, Layout, Truth};
+
+/// The paper's office, in real time on Tokio's (paused) clock.
+pub(crate) fn office() -> Building {
+    Building::new(Layout::seeded(0).layout, 1.0).expect("the time scale is possible")
+}
+
+/// What happened, one line per occurrence, as a test writes it down.
+pub(crate) fn story(truth: &Truth) -> Vec<String> {
+    truth.occurrences().map(|occurrence| line(&occurrence.event)).collect()
+}
+
+fn line(event: &Event) -> String {
+    match event {
+        Event::Asked { sensor } => format!("{sensor} is asked"),
+        Event::Read { sensor, location, celsius } => format!("{sensor} reads {location} {celsius}"),
+        Event::Departed { robot, from, to } => format!("{robot} departs {from} {to}"),
+        Event::Moved { robot, from, to } => format!("{robot} moves {from} {to}"),
+        Event::Stayed { robot, at } => format!("{robot} stays {at}"),
+        Event::Broken { device, fault } => format!("{device} breaks {fault:?}"),
+        Event::Repaired { device } => format!("{device} is repaired"),
+        Event::TemperatureSet { location, celsius } => format!("{location} becomes {celsius}"),
+        Event::Locked { a, b } => format!("{a} {b} is locked"),
+        Event::Unlocked { a, b } => format!("{a} {b} is unlocked"),
+        Event::Added { device } => format!("{device} is added"),
+        Event::Removed { device } => format!("{device} is removed"),
+    }
+}

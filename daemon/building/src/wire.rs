@@ -1,0 +1,134 @@
+//! The language of the building's socket: JSON lines, bounded in both directions.
+//!
+//! A client writes [`Request`]s, the server [`Line`]s. Unknown fields are passed
+//! over, so that a newer program can talk to an older one; an unknown request is
+//! answered with a refusal. Framing is here, meaning in `client` and `server`.
+
+use std::io;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use tokio::io::{AsyncBufReadExt as _, AsyncRead, AsyncWrite, AsyncWriteExt as _, BufReader};
+
+use crate::error::DeviceError;
+use crate::truth::Reading;
+
+/// The longest line. The longest that is written is a refusal that lists a
+/// corridor's neighbors: 100 names of 64 bytes.
+pub(crate) const LINE_MAX: usize = 8 * 1024;
+
+/// The server says this often that it lives.
+pub(crate) const ALIVE_PERIOD: Duration = Duration::from_secs(1);
+
+/// Silence after which a client takes the server for dead: five signs missed,
+/// so that a machine that is busy or swaps for a moment does not look dead.
+pub(crate) const SILENCE_MAX: Duration = Duration::from_secs(5);
+const _: () = assert!(SILENCE_MAX.as_millis() >= 5 * ALIVE_PERIOD.as_millis());
+
+/// The longest that writing one line may take before the other side, which does
+/// not read, is taken for dead.
+pub(crate) const WRITE_MAX: Duration = SILENCE_MAX;
+
+/// How many requests of one client may be under way. An actuator has one or two.
+pub(crate) const IN_FLIGHT_MAX: usize = 64;
+
+/// What a client asks.
+#[derive(Debug, Deserialize, Serialize)]
+pub(crate) struct Request {
+    /// Chosen by the client; no two requests under way have the same.
+    pub(crate) id: u64,
+    pub(crate) ask: Ask,
+}
+
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Ask {
+    ReadTemperature {
+        sensor: String,
+    },
+    Navigate {
+        robot: String,
+        to: String,
+    },
+    PlaceOf {
+        device: String,
+    },
+    /// Calls off the request of the same id. Has no answer of its own.
+    Cancel,
+}
+
+/// What the server says.
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Line {
+    /// The server lives, though it may have nothing to say.
+    Alive,
+    /// The request of this id was carried out.
+    Done { id: u64, answer: Answer },
+    /// The request of this id was not.
+    Failed { id: u64, error: DeviceError },
+}
+
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Answer {
+    Reading(Reading),
+    Arrived,
+    Place(String),
+}
+
+impl Answer {
+    /// The error for an answer that does not fit its request.
+    pub(crate) fn unexpected(self) -> DeviceError {
+        DeviceError::Unreachable { reason: format!("its answer does not fit: {self:?}") }
+    }
+}
+
+/// Reads lines of at most [`LINE_MAX`] bytes. Dropping `next` loses nothing.
+pub(crate) struct Lines<R> {
+    reader: BufReader<R>,
+    partial: Vec<u8>,
+}
+
+impl<R: AsyncRead + Unpin> Lines<R> {
+    pub(crate) fn new(reader: R) -> Lines<R> {
+        Lines { reader: BufReader::new(reader), partial: Vec::new() }
+    }
+
+    /// The next line without its end; `None` when the other side has closed.
+    pub(crate) async fn next(&mut self) -> io::Result<Option<Vec<u8>>> {
+        loop {
+            let arrived = self.reader.fill_buf().await?;
+            if arrived.is_empty() {
+                return Ok(None);
+            }
+            let end = arrived.iter().position(|byte| *byte == b'\n');
+            let (piece, used) = match end {
+                Some(end) => (&arrived[..end], end + 1),
+                None => (arrived, arrived.len()),
+            };
+            if self.partial.len() + piece.len() > LINE_MAX {
+                let reason = format!("a line is longer than {LINE_MAX} bytes");
+                return Err(io::Error::new(io::ErrorKind::InvalidData, reason));
+            }
+            self.partial.extend_from_slice(piece);
+            self.reader.consume(used);
+            if end.is_some() {
+                return Ok(Some(std::mem::take(&mut self.partial)));
+            }
+        }
+    }
+}
+
+/// Writes one line, in at most [`WRITE_MAX`].
+pub(crate) async fn write_line(
+    writer: &mut (impl AsyncWrite + Unpin),
+    line: &impl Serialize,
+) -> io::Result<()> {
+    let mut bytes = serde_json::to_vec(line).map_err(io::Error::other)?;
+    bytes.push(b'\n');
+    match tokio::time::timeout(WRITE_MAX, writer.write_all(&bytes)).await {
+        Ok(written) => written,
+        Err(_) => Err(io::Error::new(io::ErrorKind::TimedOut, "the other side does not read")),
+    }
+}

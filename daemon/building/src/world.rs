@@ -1,0 +1,309 @@
+//! The physics: how the truth changes, one instant at a time.
+//!
+//! Every method here is one instant: synchronous, all or nothing, and written
+//! into the log exactly where something changed. Waiting between the beginning
+//! and the end of an operation is [`Building`](crate::Building)'s work.
+
+use std::time::Duration;
+
+use crate::error::{DeviceError, LayoutError};
+use crate::layout::{Device, Layout, check_temperature};
+use crate::truth::{Event, Fault, Log, Reading, Truth, sides};
+
+/// How long a temperature sensor measures: a thermopile settles in about this.
+pub(crate) const MEASURING: Duration = Duration::from_millis(100);
+
+/// The longest that a fault can slow one use; keeps durations addable.
+const SLOW_MAX: Duration = Duration::from_secs(24 * 60 * 60);
+
+/// A trip that has begun.
+pub(crate) struct Trip {
+    /// The sequence number of the departure, which names the errand.
+    pub(crate) errand: u64,
+    /// How long it takes, in the building's time.
+    pub(crate) takes: Duration,
+}
+
+impl Truth {
+    pub(crate) fn of(layout: Layout) -> Truth {
+        let temperatures =
+            layout.locations().iter().map(|place| (place.name.clone(), place.celsius)).collect();
+        let robots = layout.devices().iter().filter_map(|device| match device {
+            Device::Robot { name, start, .. } => Some((name.clone(), start.clone())),
+            _ => None,
+        });
+        Truth {
+            robots: robots.collect(),
+            temperatures,
+            faults: Default::default(),
+            locked: Default::default(),
+            log: Log::default(),
+            traps: Default::default(),
+            errands: Default::default(),
+            layout,
+        }
+    }
+}
+
+// === impl Truth: what drivers do ===
+
+impl Truth {
+    /// A sensor is asked. Returns how long it will measure.
+    pub(crate) fn begin_reading(&mut self, sensor: &str) -> Result<Duration, DeviceError> {
+        self.require_sensor(sensor)?;
+        self.log.record(Event::Asked { sensor: sensor.to_owned() });
+        self.spring_trap(sensor);
+        self.require_unbroken(sensor)?;
+        Ok(MEASURING + self.slowness(sensor))
+    }
+
+    /// A sensor has measured for long enough.
+    pub(crate) fn finish_reading(&mut self, sensor: &str) -> Result<Reading, DeviceError> {
+        self.require_unbroken(sensor)?;
+        let location = self.require_place(sensor)?;
+        let celsius = self
+            .temperature(&location)
+            .expect("invariant: a device is at a location, and each location has a temperature");
+        self.log.record(Event::Read {
+            sensor: sensor.to_owned(),
+            location: location.clone(),
+            celsius,
+        });
+        Ok(Reading { location, celsius })
+    }
+
+    /// A robot is sent next door. `None` where it stands there already: an order
+    /// that is repeated because its answer was lost must not fail.
+    pub(crate) fn begin_trip(
+        &mut self,
+        robot: &str,
+        to: &str,
+    ) -> Result<Option<Trip>, DeviceError> {
+        let meters_per_second = self.require_robot(robot)?;
+        self.require_location(to)?;
+        if self.errands.contains_key(robot) {
+            return Err(DeviceError::Busy { device: robot.to_owned() });
+        }
+        self.spring_trap(robot);
+        self.require_unbroken(robot)?;
+        let from = self.require_place(robot)?;
+        if from == to {
+            return Ok(None);
+        }
+        let meters = self.require_way(&from, to)?;
+        let departed = Event::Departed { robot: robot.to_owned(), from, to: to.to_owned() };
+        let errand = self.log.record(departed);
+        self.errands.insert(robot.to_owned(), errand);
+        let takes = Duration::from_secs_f64(meters / meters_per_second) + self.slowness(robot);
+        Ok(Some(Trip { errand, takes }))
+    }
+
+    /// A robot has driven for long enough.
+    pub(crate) fn finish_trip(
+        &mut self,
+        robot: &str,
+        to: &str,
+        errand: u64,
+    ) -> Result<(), DeviceError> {
+        self.require_unbroken(robot)?;
+        if self.errands.get(robot) != Some(&errand) {
+            // It was taken away meanwhile, and another of its name was brought.
+            return Err(DeviceError::UnknownDevice { device: robot.to_owned(), nearest: None });
+        }
+        let from = self.require_place(robot)?;
+        self.require_way(&from, to)?;
+        self.errands.remove(robot);
+        self.robots.insert(robot.to_owned(), to.to_owned());
+        self.log.record(Event::Moved { robot: robot.to_owned(), from, to: to.to_owned() });
+        Ok(())
+    }
+
+    /// An errand is over; where the robot did not arrive, it has stayed.
+    pub(crate) fn end_errand(&mut self, robot: &str, errand: u64) {
+        if self.errands.get(robot) != Some(&errand) {
+            return;
+        }
+        self.errands.remove(robot);
+        if let Some(at) = self.robots.get(robot).cloned() {
+            self.log.record(Event::Stayed { robot: robot.to_owned(), at });
+        }
+    }
+}
+
+// === impl Truth: what fate does ===
+
+impl Truth {
+    pub(crate) fn set_temperature(
+        &mut self,
+        location: &str,
+        celsius: f64,
+    ) -> Result<(), LayoutError> {
+        check_temperature(location, celsius)?;
+        let Some(temperature) = self.temperatures.get_mut(location) else {
+            return Err(self.unknown_location(location));
+        };
+        *temperature = celsius;
+        self.log.record(Event::TemperatureSet { location: location.to_owned(), celsius });
+        Ok(())
+    }
+
+    pub(crate) fn break_device(&mut self, device: &str, fault: Fault) -> Result<u64, LayoutError> {
+        self.require_known(device)?;
+        self.traps.remove(device);
+        self.faults.insert(device.to_owned(), fault);
+        Ok(self.log.record(Event::Broken { device: device.to_owned(), fault }))
+    }
+
+    pub(crate) fn set_trap(&mut self, device: &str, fault: Fault) -> Result<(), LayoutError> {
+        self.require_known(device)?;
+        self.traps.insert(device.to_owned(), fault);
+        Ok(())
+    }
+
+    pub(crate) fn repair(&mut self, device: &str) -> Result<(), LayoutError> {
+        self.require_known(device)?;
+        self.traps.remove(device);
+        if self.faults.remove(device).is_some() {
+            self.log.record(Event::Repaired { device: device.to_owned() });
+        }
+        Ok(())
+    }
+
+    pub(crate) fn set_locked(&mut self, a: &str, b: &str, lock: bool) -> Result<(), LayoutError> {
+        for place in [a, b] {
+            if self.layout.location(place).is_none() {
+                return Err(self.unknown_location(place));
+            }
+        }
+        if self.layout.meters(a, b).or(self.layout.meters(b, a)).is_none() {
+            return Err(LayoutError::NoDoor { a: a.to_owned(), b: b.to_owned() });
+        }
+        let (a, b) = sides(a, b);
+        let door = (a.clone(), b.clone());
+        if lock && self.locked.insert(door.clone()) {
+            self.log.record(Event::Locked { a, b });
+        } else if !lock && self.locked.remove(&door) {
+            self.log.record(Event::Unlocked { a, b });
+        }
+        Ok(())
+    }
+
+    pub(crate) fn add_device(&mut self, device: Device) -> Result<(), LayoutError> {
+        self.layout.add_device(device.clone())?;
+        if let Device::Robot { name, start, .. } = &device {
+            self.robots.insert(name.clone(), start.clone());
+        }
+        self.log.record(Event::Added { device: device.name().to_owned() });
+        Ok(())
+    }
+
+    pub(crate) fn remove_device(&mut self, device: &str) -> Result<(), LayoutError> {
+        self.require_known(device)?;
+        for name in self.layout.remove_device(device) {
+            self.robots.remove(&name);
+            self.faults.remove(&name);
+            self.traps.remove(&name);
+            self.errands.remove(&name);
+            self.log.record(Event::Removed { device: name });
+        }
+        Ok(())
+    }
+}
+
+// === impl Truth: what must hold ===
+
+impl Truth {
+    fn spring_trap(&mut self, device: &str) {
+        if let Some(fault) = self.traps.remove(device) {
+            self.faults.insert(device.to_owned(), fault);
+            self.log.record(Event::Broken { device: device.to_owned(), fault });
+        }
+    }
+
+    fn slowness(&self, device: &str) -> Duration {
+        match self.fault_of(device) {
+            Some(Fault::Slow(longer)) => longer.min(SLOW_MAX),
+            _ => Duration::ZERO,
+        }
+    }
+
+    fn require_device(&self, device: &str) -> Result<&Device, DeviceError> {
+        self.layout.device(device).ok_or_else(|| DeviceError::UnknownDevice {
+            device: device.to_owned(),
+            nearest: self.layout.nearest_device(device),
+        })
+    }
+
+    fn require_sensor(&self, device: &str) -> Result<(), DeviceError> {
+        match self.require_device(device)? {
+            Device::FixedSensor { .. } | Device::MountedSensor { .. } => Ok(()),
+            other => Err(wrong_kind(other, "sensor")),
+        }
+    }
+
+    /// Returns the robot's speed.
+    fn require_robot(&self, device: &str) -> Result<f64, DeviceError> {
+        match self.require_device(device)? {
+            Device::Robot { meters_per_second, .. } => Ok(*meters_per_second),
+            other => Err(wrong_kind(other, "robot")),
+        }
+    }
+
+    /// Fails if the device has failed or has left; one that hangs passes.
+    pub(crate) fn require_unbroken(&self, device: &str) -> Result<(), DeviceError> {
+        self.require_device(device)?;
+        match self.fault_of(device) {
+            Some(Fault::Fails) => Err(DeviceError::Broken { device: device.to_owned() }),
+            Some(Fault::Hangs | Fault::Slow(_)) | None => Ok(()),
+        }
+    }
+
+    /// Returns where the device is.
+    pub(crate) fn require_place(&self, device: &str) -> Result<String, DeviceError> {
+        self.require_device(device)?;
+        let place = self.place_of(device);
+        Ok(place.expect("invariant: every device in the layout is somewhere").to_owned())
+    }
+
+    fn require_location(&self, location: &str) -> Result<(), DeviceError> {
+        if self.layout.location(location).is_some() {
+            return Ok(());
+        }
+        let nearest = self.layout.nearest_location(location);
+        Err(DeviceError::UnknownLocation { location: location.to_owned(), nearest })
+    }
+
+    /// Returns the length of the way to an open neighbor.
+    fn require_way(&self, from: &str, to: &str) -> Result<f64, DeviceError> {
+        let (from_name, to_name) = (from.to_owned(), to.to_owned());
+        let Some(meters) = self.layout.meters(from, to) else {
+            let ways = self.layout.neighbors(from).map(str::to_owned).collect();
+            return Err(DeviceError::NoWay { from: from_name, to: to_name, ways });
+        };
+        if self.is_locked(from, to) {
+            return Err(DeviceError::Locked { from: from_name, to: to_name });
+        }
+        Ok(meters)
+    }
+
+    fn require_known(&self, device: &str) -> Result<(), LayoutError> {
+        if self.layout.device(device).is_some() {
+            return Ok(());
+        }
+        let nearest = self.layout.nearest_device(device);
+        Err(LayoutError::UnknownDevice { name: device.to_owned(), nearest })
+    }
+
+    fn unknown_location(&self, name: &str) -> LayoutError {
+        let nearest = self.layout.nearest_location(name);
+        LayoutError::UnknownLocation { name: name.to_owned(), nearest }
+    }
+}
+
+fn wrong_kind(device: &Device, wanted: &str) -> DeviceError {
+    DeviceError::WrongKind {
+        device: device.name().to_owned(),
+        is: device.is().to_owned(),
+        wanted: wanted.to_owned(),
+    }
+}
