@@ -1,26 +1,38 @@
-//! Reads every PDDL file of a folder, prints it, reads it back, and says how it went.
+//! Reads every PDDL file of a folder, prints it, reads it back, checks it, and says how it went.
 //!
 //! `cargo run --release -p pddl --example roundtrip -- FOLDER`
 //!
-//! Exits with 1 if a file has an error or does not come back as the tree it was.
+//! A problem is checked against the domain beside or above it that is named like it. Exits with 1 if
+//! a file has an error or does not come back as the tree it was.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use pddl::{Diagnostic, Document, parse_document, text_from_bytes};
+use pddl::{
+    Diagnostic, Document, Domain, Problem, check_domain, check_problem, parse_document,
+    text_from_bytes,
+};
 
-/// Enough repetitions that a small file is not measured with a clock that is too coarse.
+/// A small file is over before the clock ticks; several readings tell.
 const REPETITIONS: u32 = 5;
+
+struct File {
+    path: PathBuf,
+    text: String,
+    document: Option<Document>,
+}
 
 #[derive(Default)]
 struct Tally {
-    files: usize,
     bytes: usize,
     errors: usize,
     warnings: usize,
     unequal: usize,
+    unpaired: usize,
     reading: Duration,
+    printing: Duration,
+    checking: Duration,
 }
 
 fn main() -> ExitCode {
@@ -28,53 +40,106 @@ fn main() -> ExitCode {
         eprintln!("usage: roundtrip FOLDER");
         return ExitCode::FAILURE;
     };
-    let mut files = Vec::new();
-    collect(&folder, &mut files);
-    files.sort();
+    let mut paths = Vec::new();
+    collect(&folder, &mut paths);
+    paths.sort();
     let mut tally = Tally::default();
+    let files: Vec<File> = paths.into_iter().filter_map(|path| tally.read(path)).collect();
     for file in &files {
-        match std::fs::read(file) {
-            Ok(bytes) => read(file, &text_from_bytes(&bytes), &mut tally),
-            Err(error) => eprintln!("{}: {error}", file.display()),
-        }
+        tally.check(file, &files);
     }
-    tally.print();
+    tally.print(files.len());
     if tally.errors + tally.unequal > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS }
 }
 
-fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
+fn collect(folder: &Path, paths: &mut Vec<PathBuf>) {
     let Ok(entries) = std::fs::read_dir(folder) else { return };
     for path in entries.flatten().map(|entry| entry.path()) {
         if path.is_dir() {
-            collect(&path, files);
+            collect(&path, paths);
         } else if path.extension().is_some_and(|extension| extension == "pddl") {
-            files.push(path);
+            paths.push(path);
         }
     }
 }
 
-fn read(file: &Path, text: &str, tally: &mut Tally) {
-    let started = Instant::now();
-    for _ in 1..REPETITIONS {
-        std::hint::black_box(parse_document(text));
+/// The domain of a problem: beside it or above it, of its name, and called most like it.
+fn domain_of<'a>(file: &File, problem: &Problem, files: &'a [File]) -> Option<&'a Domain> {
+    let stem = stem(&file.path);
+    let token = stem.split(['-', '_']).next().unwrap_or(stem);
+    let mut candidates = Vec::new();
+    for other in files {
+        let Some(Document::Domain(domain)) = &other.document else { continue };
+        let folder = other.path.parent();
+        let is_near =
+            folder == file.path.parent() || folder == file.path.parent().and_then(Path::parent);
+        if is_near && domain.name == problem.domain {
+            candidates.push((self::stem(&other.path), domain));
+        }
     }
-    let parsed = parse_document(text);
-    tally.reading += started.elapsed() / REPETITIONS;
-    tally.files += 1;
-    tally.bytes += text.len();
-    tally.count(file, text, &parsed.diagnostics);
-    let returned: Option<Document> =
-        parsed.value.as_ref().and_then(|document| parse_document(&document.to_string()).value);
-    if returned.is_none() || returned != parsed.value {
-        tally.unequal += 1;
-        println!("{}: comes back as another tree", file.display());
-    }
+    let alike = candidates.iter().find(|(other, _)| other.contains(token));
+    let usual = candidates.iter().find(|(other, _)| *other == "domain");
+    alike.or(usual).or(candidates.first()).map(|(_, domain)| *domain)
+}
+
+fn stem(path: &Path) -> &str {
+    path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("")
 }
 
 impl Tally {
-    fn count(&mut self, file: &Path, text: &str, diagnostics: &[Diagnostic]) {
+    fn read(&mut self, path: PathBuf) -> Option<File> {
+        let text = match std::fs::read(&path) {
+            Ok(bytes) => text_from_bytes(&bytes).into_owned(),
+            Err(error) => {
+                eprintln!("{}: {error}", path.display());
+                return None;
+            }
+        };
+        let started = Instant::now();
+        for _ in 1..REPETITIONS {
+            std::hint::black_box(parse_document(&text));
+        }
+        let parsed = parse_document(&text);
+        self.reading += started.elapsed() / REPETITIONS;
+        self.bytes += text.len();
+        self.count(&path, &text, &parsed.diagnostics);
+        let file = File { path, text, document: parsed.value };
+        self.print_and_return(&file);
+        Some(file)
+    }
+
+    fn print_and_return(&mut self, file: &File) {
+        let started = Instant::now();
+        let printed = file.document.as_ref().map(ToString::to_string);
+        self.printing += started.elapsed();
+        let returned = printed.and_then(|printed| parse_document(&printed).value);
+        if returned.is_none() || returned != file.document {
+            self.unequal += 1;
+            println!("{}: comes back as another tree", file.path.display());
+        }
+    }
+
+    fn check(&mut self, file: &File, files: &[File]) {
+        let started = Instant::now();
+        let diagnostics = match &file.document {
+            Some(Document::Domain(domain)) => check_domain(domain),
+            Some(Document::Problem(problem)) => match domain_of(file, problem, files) {
+                Some(domain) => check_problem(domain, problem),
+                None => {
+                    self.unpaired += 1;
+                    println!("{}: no domain found", file.path.display());
+                    Vec::new()
+                }
+            },
+            Some(Document::ActionModel(_)) | None => Vec::new(),
+        };
+        self.checking += started.elapsed();
+        self.count(&file.path, &file.text, &diagnostics);
+    }
+
+    fn count(&mut self, path: &Path, text: &str, diagnostics: &[Diagnostic]) {
         for diagnostic in diagnostics {
-            println!("{}:{}", file.display(), diagnostic.located(text));
+            println!("{}:{}", path.display(), diagnostic.located(text));
             if diagnostic.is_error() {
                 self.errors += 1;
             } else {
@@ -83,16 +148,19 @@ impl Tally {
         }
     }
 
-    fn print(&self) {
+    fn print(&self, files: usize) {
         let megabytes = self.bytes as f64 / 1e6;
+        let speed = |time: Duration| megabytes / time.as_secs_f64();
         println!(
-            "{} files, {} errors, {} warnings, {} come back unequal; {:.1} MB at {:.0} MB/s",
-            self.files,
-            self.errors,
-            self.warnings,
-            self.unequal,
-            megabytes,
-            megabytes / self.reading.as_secs_f64(),
+            "{files} files, {megabytes:.1} MB: {} errors, {} warnings, {} come back unequal, \
+             {} problems without a domain",
+            self.errors, self.warnings, self.unequal, self.unpaired,
+        );
+        println!(
+            "read at {:.0} MB/s, printed at {:.0} MB/s, checked at {:.0} MB/s",
+            speed(self.reading),
+            speed(self.printing),
+            speed(self.checking),
         );
     }
 }

@@ -17,6 +17,10 @@ pub mod tree;
 
 pub mod parse;
 
+pub mod check;
+
+pub mod types;
+
 pub mod diagnostic;
 
 mod grammar;
@@ -25,6 +29,10 @@ mod nearest;
 mod printer;
 mod sexpr;
 
+pub use check::{
+    check_action_model, check_condition, check_domain, check_init_elements, check_plan,
+    check_problem,
+};
 pub use diagnostic::{Diagnostic, Note, Parsed, Severity, line_column};
 pub use nearest::nearest;
 pub use parse::{
@@ -33,3 +41,4 @@ pub use parse::{
 };
 pub use sexpr::NESTING_MAX;
 pub use tree::*;
+pub use types::Types;

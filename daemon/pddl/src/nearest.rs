@@ -2,16 +2,22 @@
 //!
 //! Serves the parser, `check`, and any crate that looks up a name a person wrote.
 
+/// The cost of comparing grows with the square of the length; no person writes longer names.
+const BYTES_MAX: usize = 128;
+
 /// The candidate that `word` is most likely a slip of, if any is near enough to be worth offering.
 ///
 /// One slip is forgiven in three letters, two in six, and so on; of candidates equally near the
 /// first wins. Case does not count.
 pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    if word.len() > BYTES_MAX {
+        return None;
+    }
     let word = word.to_lowercase();
     let slips_max = word.chars().count().div_ceil(3);
     let mut best = None;
     for candidate in candidates {
-        if candidate.len().abs_diff(word.len()) > slips_max * 4 {
+        if candidate.len().abs_diff(word.len()) > slips_max * 4 || candidate.len() > BYTES_MAX {
             continue;
         }
         let slips = strsim::damerau_levenshtein(&word, &candidate.to_lowercase());

@@ -33,6 +33,9 @@ const SECTIONS: &[&str] = &[
     ":metric",
 ];
 
+/// Words that begin a part of an action, and nothing else anywhere.
+const PARTS: &[&str] = &[":parameters", ":precondition", ":condition", ":duration", ":effect"];
+
 /// Everything a text holds between its parentheses.
 pub(crate) struct Forest<'t> {
     text: &'t str,
@@ -292,8 +295,10 @@ impl<'t, 'd> Builder<'t, 'd> {
     fn symbol(&mut self, length: usize) {
         self.after_stray = false;
         let start = self.end - length;
-        let heads_a_list = self.open.last().is_some_and(|i| *i as usize + 1 == self.entries.len());
-        if heads_a_list && self.text.as_bytes()[start] == b':' {
+        if self.text.as_bytes()[start] == b':' && self.open.len() != 2 {
+            self.mend_before_part(start);
+        }
+        if self.text.as_bytes()[start] == b':' && self.open.len() != 2 {
             self.mend_before_section(start);
         }
         self.push(start, Kind::Symbol);
@@ -309,30 +314,49 @@ impl<'t, 'd> Builder<'t, 'd> {
     /// parentheses are missing, one that begins outside where there is one too many.
     fn mend_before_section(&mut self, start: usize) {
         let word = &self.text[start..self.end];
-        if self.open.len() != 2 && SECTIONS.iter().any(|known| known.eq_ignore_ascii_case(word)) {
-            let opened = self.entries[self.entries.len() - 1].start as usize;
-            let section = Span::new(opened, self.end);
-            if self.open.len() > 2 && self.is_define(self.open[0]) {
-                self.close_before(section, word);
-            } else if self.open.len() == 1 {
-                self.reopen_before(section, word);
-            }
+        let heads_a_list = self.open.last().is_some_and(|i| *i as usize + 1 == self.entries.len());
+        if !heads_a_list || !SECTIONS.iter().any(|known| known.eq_ignore_ascii_case(word)) {
+            return;
+        }
+        let list = self.entries.len() - 1;
+        let section = Span::new(self.entries[list].start as usize, self.end);
+        if self.open.len() > 2 && self.is_define(self.open[0]) {
+            let unclosed: Vec<u32> = self.open.drain(1..self.open.len() - 1).collect();
+            self.close_before(&unclosed, list as u32, section, &format!("({word}"));
+        } else if self.open.len() == 1 {
+            self.reopen_before(section, word);
         }
     }
 
-    fn close_before(&mut self, section: Span, word: &str) {
-        let index = self.entries.len() as u32 - 1;
-        let missing = self.open.len() - 2;
-        let opener = self.entries[self.open[1] as usize].start as usize;
-        let end = self.text[..section.start as usize].trim_end().len();
-        for unclosed in self.open.drain(1..=missing).collect::<Vec<_>>() {
-            self.seal(unclosed, index, end);
+    /// A part of an action stands in the action and nowhere else: one that begins deeper shows where
+    /// parentheses are missing.
+    fn mend_before_part(&mut self, start: usize) {
+        let word = &self.text[start..self.end];
+        let is_part = PARTS.iter().any(|known| known.eq_ignore_ascii_case(word));
+        let in_action = self.open.len() > 2
+            && self.is_define(self.open[0])
+            && (self.has_head(self.open[1], ":action")
+                || self.has_head(self.open[1], ":durative-action"));
+        if is_part && in_action {
+            let unclosed: Vec<u32> = self.open.drain(2..).collect();
+            let part = Span::new(start, self.end);
+            self.close_before(&unclosed, self.entries.len() as u32, part, word);
         }
+    }
+
+    /// Closes lists before the entry `next`, which stands at `place` and cannot be in them.
+    fn close_before(&mut self, unclosed: &[u32], next: u32, place: Span, word: &str) {
+        let end = self.text[..place.start as usize].trim_end().len();
+        let opener = unclosed.first().map_or(0, |index| self.entries[*index as usize].start);
+        for index in unclosed {
+            self.seal(*index, next, end);
+        }
+        let missing = ")".repeat(unclosed.len());
         self.problems.push(
-            Diagnostic::error(Span::new(opener, opener + 1), "unclosed `(`")
+            Diagnostic::error(Span { start: opener, end: opener + 1 }, "unclosed `(`")
                 .with_label("opened here")
-                .with_help(format!("add `{}` before `({word}`", ")".repeat(missing)))
-                .with_note(section, format!("`({word}` begins while it is still open")),
+                .with_help(format!("add `{missing}` before `{word}`"))
+                .with_note(place, format!("`{word}` begins while it is still open")),
         );
     }
 
@@ -358,9 +382,13 @@ impl<'t, 'd> Builder<'t, 'd> {
     }
 
     fn is_define(&self, index: u32) -> bool {
+        self.has_head(index, "define")
+    }
+
+    fn has_head(&self, index: u32, word: &str) -> bool {
         let Some(head) = self.entries.get(index as usize + 1) else { return false };
-        let word = &self.text[head.start as usize..head.end as usize];
-        head.kind == Kind::Symbol && word.eq_ignore_ascii_case("define")
+        let found = &self.text[head.start as usize..head.end as usize];
+        head.kind == Kind::Symbol && found.eq_ignore_ascii_case(word)
     }
 
     fn finish(&mut self) {

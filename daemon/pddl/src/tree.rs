@@ -23,11 +23,18 @@ pub struct Span {
 /// A PDDL symbol: compared without case, shown as its author wrote it.
 ///
 /// Variables are names too, without the question mark.
+///
+/// Cheap to clone: the parser allocates a spelling once for each text, however often it occurs.
 #[derive(Clone)]
 pub struct Name {
-    canonical: Arc<str>,
-    spelled: Arc<str>,
+    spelling: Arc<Spelling>,
     span: Span,
+}
+
+struct Spelling {
+    canonical: Box<str>,
+    /// Only where it differs.
+    spelled: Option<Box<str>>,
 }
 
 /// `TYPE | (either TYPE+)`; the empty list stands for an omitted type, which is `object`.
@@ -524,28 +531,24 @@ impl Name {
 
     /// A name as its author spelled it at `span`.
     pub fn spanned(spelled: &str, span: Span) -> Name {
-        let spelled: Arc<str> = Arc::from(spelled);
-        let canonical = if spelled.chars().any(char::is_uppercase) {
-            Arc::from(spelled.to_lowercase())
-        } else {
-            Arc::clone(&spelled)
-        };
-        Name { canonical, spelled, span }
+        let canonical: Box<str> = spelled.to_lowercase().into();
+        let spelled = (*canonical != *spelled).then(|| spelled.into());
+        Name { spelling: Arc::new(Spelling { canonical, spelled }), span }
     }
 
     /// The same name at another place.
     pub fn at(&self, span: Span) -> Name {
-        Name { span, ..self.clone() }
+        Name { spelling: Arc::clone(&self.spelling), span }
     }
 
     /// In lower case: what names are compared by.
     pub fn as_str(&self) -> &str {
-        &self.canonical
+        &self.spelling.canonical
     }
 
     /// As the author wrote it.
     pub fn spelled(&self) -> &str {
-        &self.spelled
+        self.spelling.spelled.as_deref().unwrap_or(&self.spelling.canonical)
     }
 
     /// Where the author wrote it.
@@ -556,7 +559,7 @@ impl Name {
 
 impl PartialEq for Name {
     fn eq(&self, other: &Name) -> bool {
-        self.canonical == other.canonical
+        Arc::ptr_eq(&self.spelling, &other.spelling) || self.as_str() == other.as_str()
     }
 }
 
@@ -564,13 +567,13 @@ impl Eq for Name {}
 
 impl PartialEq<str> for Name {
     fn eq(&self, other: &str) -> bool {
-        *self.canonical == *other
+        *self.as_str() == *other
     }
 }
 
 impl PartialEq<&str> for Name {
     fn eq(&self, other: &&str) -> bool {
-        *self.canonical == **other
+        *self.as_str() == **other
     }
 }
 
@@ -582,19 +585,19 @@ impl PartialOrd for Name {
 
 impl Ord for Name {
     fn cmp(&self, other: &Name) -> std::cmp::Ordering {
-        self.canonical.cmp(&other.canonical)
+        self.as_str().cmp(other.as_str())
     }
 }
 
 impl Hash for Name {
     fn hash<H: Hasher>(&self, state: &mut H) {
-        self.canonical.hash(state);
+        self.as_str().hash(state);
     }
 }
 
 impl Borrow<str> for Name {
     fn borrow(&self) -> &str {
-        &self.canonical
+        self.as_str()
     }
 }
 
@@ -606,13 +609,13 @@ impl From<&str> for Name {
 
 impl fmt::Display for Name {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.spelled)
+        f.write_str(self.spelled())
     }
 }
 
 impl fmt::Debug for Name {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        fmt::Debug::fmt(&*self.spelled, f)
+        fmt::Debug::fmt(self.spelled(), f)
     }
 }
 
@@ -649,6 +652,17 @@ impl Eq for TypeExpr {}
 impl Hash for TypeExpr {
     fn hash<H: Hasher>(&self, state: &mut H) {
         self.told().hash(state);
+    }
+}
+
+// === impl Term ===
+
+impl Term {
+    /// The name of the variable or the object.
+    pub fn name(&self) -> &Name {
+        match self {
+            Term::Variable(name) | Term::Object(name) => name,
+        }
     }
 }
 

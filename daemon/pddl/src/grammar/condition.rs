@@ -4,13 +4,12 @@ use super::expression;
 use super::names;
 use super::reader::{Keyword, Place, Reader, excerpt};
 use crate::diagnostic::Diagnostic;
+use crate::nearest::nearest;
 use crate::sexpr::{Items, Node, View};
 use crate::tree::{Atom, Compare, Comparison, Condition, Span, Typed};
 
-const CONDITION: &str = "CONDITION = (PREDICATE TERM*) | (= TERM TERM) | (not CONDITION) \
-    | (and CONDITION*) | (or CONDITION*) | (imply CONDITION CONDITION) \
-    | (exists (VARIABLES) CONDITION) | (forall (VARIABLES) CONDITION) \
-    | (COMPARISON EXPRESSION EXPRESSION)";
+const CONDITION: &str = "(PREDICATE TERM*) | (not|and|or|imply CONDITION*) \
+    | (exists|forall (VARIABLES) CONDITION) | (= TERM TERM) | (COMPARISON EXPRESSION EXPRESSION)";
 const ATOM: &str = "(PREDICATE TERM*)";
 const NOT: &str = "(not CONDITION)";
 const IMPLY: &str = "(imply CONDITION CONDITION)";
@@ -64,8 +63,43 @@ pub(super) fn atom<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Atom> 
         reader.report(Diagnostic::error(head.span(), message).with_rule(ATOM));
         return None;
     }
+    if let Some(argument) = items.into_iter().find(|node| node.list().is_some()) {
+        return nested(reader, head, argument);
+    }
     let arguments = names::terms(reader, items)?;
     Some(Atom { predicate, arguments, span: node.span() })
+}
+
+/// Words of conditions and effects that take more than terms.
+const KEYWORDS: &[&str] = &[
+    "and",
+    "or",
+    "not",
+    "imply",
+    "exists",
+    "forall",
+    "when",
+    "assign",
+    "increase",
+    "decrease",
+    "scale-up",
+    "scale-down",
+];
+
+/// Reports a predicate with a list for an argument: likely a keyword with a slip in it.
+fn nested<T>(reader: &mut Reader<'_>, head: Node<'_>, argument: Node<'_>) -> Option<T> {
+    let word = head.symbol().unwrap_or("");
+    let near = nearest(word, KEYWORDS.iter().copied());
+    let diagnostic = match near {
+        Some(_) => Diagnostic::error(head.span(), format!("unknown keyword `{word}`")),
+        None => {
+            let message =
+                format!("expected a variable or an object, found `{}`", excerpt(argument));
+            Diagnostic::error(argument.span(), message).with_rule(ATOM)
+        }
+    };
+    reader.report(diagnostic.with_suggestion(near));
+    None
 }
 
 /// What a list begins with.

@@ -10,11 +10,11 @@ use crate::tree::{
     Assignment, Comparison, DurationConstraint, TimeSpecifier, TimedCondition, TimedEffect, Typed,
 };
 
-const DURATION: &str = "DURATION = () | (=|<=|>= ?duration EXPRESSION) \
+const DURATION: &str = "() | (=|<=|>= ?duration EXPRESSION) \
     | (at start|end DURATION) | (and DURATION*)";
-const TIMED_CONDITION: &str = "TIMED = () | (at start|end CONDITION) | (over all CONDITION) \
+const TIMED_CONDITION: &str = "() | (at start|end CONDITION) | (over all CONDITION) \
     | (and TIMED*) | (forall (VARIABLES) TIMED)";
-const TIMED_EFFECT: &str = "TIMED = () | (at start|end EFFECT) | (and TIMED*) \
+const TIMED_EFFECT: &str = "() | (at start|end EFFECT) | (and TIMED*) \
     | (forall (VARIABLES) TIMED) | (when TIMED-CONDITION TIMED) \
     | (increase|decrease FLUENT EXPRESSION-WITH-#t)";
 const WHEN: &str = "(when TIMED-CONDITION TIMED-EFFECT)";

@@ -7,7 +7,7 @@ use super::reader::{Keyword, Reader};
 use crate::sexpr::{Items, Node};
 use crate::tree::{Assign, Assignment, Effect, Span, Typed};
 
-const EFFECT: &str = "EFFECT = (PREDICATE TERM*) | (not (PREDICATE TERM*)) | (and EFFECT*) \
+const EFFECT: &str = "(PREDICATE TERM*) | (not (PREDICATE TERM*)) | (and EFFECT*) \
     | (when CONDITION EFFECT) | (forall (VARIABLES) EFFECT) | (ASSIGNMENT FLUENT EXPRESSION)";
 const DELETE: &str = "(not (PREDICATE TERM*))";
 const WHEN: &str = "(when CONDITION EFFECT)";

@@ -7,7 +7,7 @@ use crate::diagnostic::Diagnostic;
 use crate::sexpr::{Items, Node, View};
 use crate::tree::{Expression, FluentTerm, Operator, Span};
 
-const EXPRESSION: &str = "EXPRESSION = NUMBER | (FUNCTION TERM*) | (- EXPRESSION) \
+const EXPRESSION: &str = "NUMBER | (FUNCTION TERM*) | (- EXPRESSION) \
     | (+|* EXPRESSION EXPRESSION+) | (-|/ EXPRESSION EXPRESSION)";
 const FLUENT: &str = "(FUNCTION TERM*)";
 

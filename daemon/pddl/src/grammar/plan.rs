@@ -57,7 +57,7 @@ pub(crate) fn plan_step<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<P
 /// The number in a comment `; cost = NUMBER …`, if the plan has one; the last counts.
 pub(crate) fn plan_cost(text: &str) -> Option<Number> {
     let comments = text.lines().filter_map(|line| line.split_once(';'));
-    comments.filter_map(|(_, comment)| cost(comment).ok()).map(|(_, cost)| cost).last()
+    comments.filter_map(|(_, comment)| cost(comment).ok()).map(|(_, cost)| cost).next_back()
 }
 
 /// `;* [plan] cost (= | :) NUMBER`

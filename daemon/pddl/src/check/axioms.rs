@@ -1,0 +1,119 @@
+//! Derived predicates: their heads, their bodies, and whether they can be computed in layers.
+
+use std::collections::{HashMap, HashSet};
+
+use super::Checker;
+use crate::diagnostic::Diagnostic;
+use crate::tree::{Condition, Derived, Name};
+
+/// `HEAD` depends on `BODY`.
+struct Dependency<'t> {
+    head: &'t Name,
+    body: &'t Name,
+    is_negative: bool,
+}
+
+impl<'t> Checker<'_, 't> {
+    pub(super) fn derived(&mut self, axioms: &'t [Derived]) {
+        for axiom in axioms {
+            self.head(axiom);
+            self.with_scope(&axiom.parameters, |checker| checker.condition(&axiom.condition));
+        }
+        self.stratification(axioms);
+    }
+
+    /// `(PREDICATE VARIABLES)` against the predicate's declaration.
+    fn head(&mut self, axiom: &'t Derived) {
+        let predicate = &axiom.predicate;
+        self.parameters(&axiom.parameters);
+        let Some(declaration) = self.symbols.predicate(predicate) else {
+            return self.unknown_predicate(predicate);
+        };
+        let (wanted, found) = (declaration.parameters.len(), axiom.parameters.len());
+        if wanted != found {
+            let wanted = super::count(wanted, "argument");
+            let message = format!("`{predicate}` takes {wanted}, found {found}");
+            let wrong = Diagnostic::error(predicate.span(), message);
+            return self.report(wrong.with_rule(declaration.to_string()));
+        }
+        for (own, declared) in axiom.parameters.iter().zip(&declaration.parameters) {
+            let known = self.knows(&own.ty) && self.knows(&declared.ty);
+            if known && !self.symbols.types.overlap(&own.ty, &declared.ty) {
+                let (name, ty, wanted) = (&own.name, &own.ty, &declared.ty);
+                let message =
+                    format!("`?{name}` is of type `{ty}`, `{predicate}` wants `{wanted}`");
+                let wrong = Diagnostic::error(name.span(), message);
+                self.report(wrong.with_rule(declaration.to_string()));
+            }
+        }
+    }
+
+    /// No predicate may depend on its own negation, directly or through others.
+    fn stratification(&mut self, axioms: &'t [Derived]) {
+        let mut dependencies = Vec::new();
+        for axiom in axioms {
+            collect(&axiom.predicate, &axiom.condition, false, &mut dependencies);
+        }
+        let mut bodies: HashMap<&str, Vec<&str>> = HashMap::new();
+        for dependency in &dependencies {
+            bodies.entry(dependency.head.as_str()).or_default().push(dependency.body.as_str());
+        }
+        // Grounded once for each body that is negated, so the cost is bounded by the text's square
+        // only for texts that negate derived predicates throughout.
+        let mut reachable: HashMap<&str, HashSet<&str>> = HashMap::new();
+        for dependency in dependencies.iter().filter(|dependency| dependency.is_negative) {
+            let body = dependency.body.as_str();
+            let reached = reachable.entry(body).or_insert_with(|| reach(body, &bodies));
+            if reached.contains(dependency.head.as_str()) {
+                self.report_unstratified(dependency);
+            }
+        }
+    }
+
+    fn report_unstratified(&mut self, dependency: &Dependency<'t>) {
+        let Dependency { head, body, .. } = dependency;
+        let message = match head == body {
+            true => format!("`{head}` is derived from its own negation"),
+            false => format!("`{head}` is derived from `(not ({body} …))`, which depends on it"),
+        };
+        let wrong = Diagnostic::error(body.span(), message);
+        self.report(wrong.with_help("axioms must have layers: negate only what lies below"));
+    }
+}
+
+/// What `condition` mentions, and whether under a negation.
+fn collect<'t>(
+    head: &'t Name,
+    condition: &'t Condition,
+    is_negative: bool,
+    dependencies: &mut Vec<Dependency<'t>>,
+) {
+    match condition {
+        Condition::Atom(atom) => {
+            dependencies.push(Dependency { head, body: &atom.predicate, is_negative });
+        }
+        Condition::Not(inner) => collect(head, inner, !is_negative, dependencies),
+        Condition::And(parts) | Condition::Or(parts) => {
+            parts.iter().for_each(|part| collect(head, part, is_negative, dependencies));
+        }
+        Condition::Imply(premise, conclusion) => {
+            collect(head, premise, !is_negative, dependencies);
+            collect(head, conclusion, is_negative, dependencies);
+        }
+        Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
+            collect(head, inner, is_negative, dependencies);
+        }
+        Condition::Equal(..) | Condition::Compare(_) => {}
+    }
+}
+
+/// Everything that `start` depends on, itself included.
+fn reach<'t>(start: &'t str, bodies: &HashMap<&'t str, Vec<&'t str>>) -> HashSet<&'t str> {
+    let mut reached = HashSet::from([start]);
+    let mut open = vec![start];
+    while let Some(name) = open.pop() {
+        let next = bodies.get(name).into_iter().flatten();
+        open.extend(next.filter(|body| reached.insert(body)));
+    }
+    reached
+}

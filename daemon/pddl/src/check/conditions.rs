@@ -1,0 +1,200 @@
+//! Conditions, expressions, and what they refer to.
+
+use super::{Checker, count};
+use crate::diagnostic::Diagnostic;
+use crate::tree::{Atom, Condition, Expression, FluentTerm, Name, Span, Term, TypeExpr, Typed};
+
+impl<'t> Checker<'_, 't> {
+    pub(super) fn condition(&mut self, condition: &'t Condition) {
+        match condition {
+            Condition::Atom(atom) => self.atom(atom),
+            Condition::Equal(left, right, _) => {
+                self.term(left);
+                self.term(right);
+            }
+            Condition::Compare(compare) => {
+                self.expression(&compare.left);
+                self.expression(&compare.right);
+            }
+            Condition::Not(inner) => self.condition(inner),
+            Condition::And(parts) | Condition::Or(parts) => {
+                parts.iter().for_each(|part| self.condition(part));
+            }
+            Condition::Imply(premise, conclusion) => {
+                self.condition(premise);
+                self.condition(conclusion);
+            }
+            Condition::Exists(variables, inner) | Condition::Forall(variables, inner) => {
+                self.parameters(variables);
+                self.with_scope(variables, |checker| checker.condition(inner));
+            }
+        }
+    }
+
+    pub(super) fn expression(&mut self, expression: &'t Expression) {
+        match expression {
+            Expression::Fluent(fluent) => self.fluent(fluent),
+            Expression::Negate(inner) => self.expression(inner),
+            Expression::Apply(_, operands) => {
+                operands.iter().for_each(|operand| self.expression(operand));
+            }
+            Expression::Number(_)
+            | Expression::Duration(_)
+            | Expression::ContinuousTime(_)
+            | Expression::TotalTime(_) => {}
+        }
+    }
+
+    /// `(PREDICATE TERM*)`
+    pub(super) fn atom(&mut self, atom: &'t Atom) {
+        let Some(declaration) = self.symbols.predicate(&atom.predicate) else {
+            self.unknown_predicate(&atom.predicate);
+            return self.terms(&atom.arguments);
+        };
+        let call = Call { name: &atom.predicate, arguments: &atom.arguments, span: atom.span };
+        self.call(&call, &declaration.parameters, || declaration.to_string());
+    }
+
+    /// `(FUNCTION TERM*)`
+    pub(super) fn fluent(&mut self, fluent: &'t FluentTerm) {
+        let Some(declaration) = self.symbols.function(&fluent.function) else {
+            self.unknown_function(fluent);
+            return self.terms(&fluent.arguments);
+        };
+        let call = Call { name: &fluent.function, arguments: &fluent.arguments, span: fluent.span };
+        self.call(&call, &declaration.parameters, || declaration.to_string());
+    }
+
+    pub(super) fn unknown_predicate(&mut self, name: &'t Name) {
+        let symbols = self.symbols;
+        if let Some(function) = symbols.function(name) {
+            let message = format!("`{name}` is a function, not a predicate");
+            let confused = Diagnostic::error(name.span(), message).with_rule(function.to_string());
+            return self.report(confused.with_help("compare its value: `(= (…) NUMBER)`"));
+        }
+        let near = self.nearest(name.as_str(), symbols.predicate_names());
+        let message = format!("unknown predicate `{name}`");
+        let mut unknown = Diagnostic::error(name.span(), message).with_suggestion(near);
+        if let Some(declaration) = near.and_then(|near| symbols.predicate(&Name::new(near))) {
+            unknown = unknown.with_rule(declaration.to_string());
+        }
+        self.report(unknown);
+    }
+
+    fn unknown_function(&mut self, fluent: &'t FluentTerm) {
+        let (symbols, name) = (self.symbols, &fluent.function);
+        if *name == "total-cost" && fluent.arguments.is_empty() {
+            let message = "`total-cost` is not declared";
+            let undeclared = Diagnostic::warning(name.span(), message);
+            return self.report(undeclared.with_help("add `(:functions (total-cost) - number)`"));
+        }
+        if let Some(predicate) = symbols.predicate(name) {
+            let message = format!("`{name}` is a predicate, not a function");
+            let confused = Diagnostic::error(name.span(), message);
+            return self.report(confused.with_rule(predicate.to_string()));
+        }
+        let near = self.nearest(name.as_str(), symbols.function_names());
+        let message = format!("unknown function `{name}`");
+        let mut unknown = Diagnostic::error(name.span(), message).with_suggestion(near);
+        if let Some(declaration) = near.and_then(|near| symbols.function(&Name::new(near))) {
+            unknown = unknown.with_rule(declaration.to_string());
+        }
+        self.report(unknown);
+    }
+
+    /// Arguments against parameters; `rule` writes the declaration.
+    fn call(&mut self, call: &Call<'t>, parameters: &'t [Typed], rule: impl Fn() -> String) {
+        let (found, wanted) = (call.arguments.len(), parameters.len());
+        if found != wanted {
+            let wanted = count(wanted, "argument");
+            let message = format!("`{}` takes {wanted}, found {found}", call.name);
+            self.report(Diagnostic::error(call.span, message).with_rule(rule()));
+            return self.terms(call.arguments);
+        }
+        for (argument, parameter) in call.arguments.iter().zip(parameters) {
+            if let Some(actual) = self.term(argument) {
+                self.argument(argument, actual, &parameter.ty, call.name, &rule);
+            }
+        }
+    }
+
+    /// An object must be of the type that is wanted; a variable must at least be able to be.
+    fn argument(
+        &mut self,
+        argument: &'t Term,
+        actual: &'t TypeExpr,
+        wanted: &'t TypeExpr,
+        of: &Name,
+        rule: &impl Fn() -> String,
+    ) {
+        let types = &self.symbols.types;
+        if types.accepts(wanted, actual) || !self.knows(wanted) || !self.knows(actual) {
+            return;
+        }
+        let name = argument.name();
+        let is_variable = matches!(argument, Term::Variable(_));
+        let message = format!("`{argument}` is of type `{actual}`, `{of}` wants `{wanted}`");
+        let diagnostic = match is_variable && types.overlap(wanted, actual) {
+            true => Diagnostic::warning(name.span(), message).with_help("not every one is"),
+            false => Diagnostic::error(name.span(), message),
+        };
+        self.report(diagnostic.with_rule(rule()));
+    }
+
+    /// Whether all alternatives are known; those that are not were reported where they stand.
+    pub(super) fn knows(&self, ty: &TypeExpr) -> bool {
+        ty.alternatives.iter().all(|name| self.symbols.types.contains(name.as_str()))
+    }
+
+    fn terms(&mut self, terms: &'t [Term]) {
+        for term in terms {
+            self.term(term);
+        }
+    }
+
+    /// The type of a term, if it is known.
+    pub(super) fn term(&mut self, term: &'t Term) -> Option<&'t TypeExpr> {
+        match term {
+            Term::Variable(name) => self.variable(name),
+            Term::Object(name) => self.object(name),
+        }
+    }
+
+    fn variable(&mut self, name: &'t Name) -> Option<&'t TypeExpr> {
+        if let Some(typed) = self.scope.iter().rev().find(|typed| typed.name == *name) {
+            return Some(&typed.ty);
+        }
+        let known: Vec<_> = self.scope.iter().map(|typed| typed.name.as_str()).collect();
+        let near = self.nearest(name.as_str(), known).map(|near| format!("?{near}"));
+        let message = format!("unknown variable `?{name}`");
+        let unknown = Diagnostic::error(name.span(), message);
+        self.report(unknown.with_suggestion(near.as_deref()));
+        None
+    }
+
+    pub(super) fn object(&mut self, name: &'t Name) -> Option<&'t TypeExpr> {
+        let symbols = self.symbols;
+        if let Some(typed) = symbols.object(name) {
+            return Some(&typed.ty);
+        }
+        let message = format!("unknown object `{name}`");
+        if self.scope.iter().any(|typed| typed.name == *name) {
+            let unmarked = Diagnostic::error(name.span(), message);
+            self.report(unmarked.with_suggestion(Some(&format!("?{name}"))));
+        } else if symbols.is_open {
+            let hint = Diagnostic::hint(name.span(), message);
+            self.report(hint.with_help("the map or another agent has to bring it"));
+        } else {
+            let near = self.nearest(name.as_str(), symbols.object_names());
+            self.report(Diagnostic::error(name.span(), message).with_suggestion(near));
+        }
+        None
+    }
+}
+
+/// A predicate or a function with its arguments.
+struct Call<'t> {
+    name: &'t Name,
+    arguments: &'t [Term],
+    span: Span,
+}

@@ -1,0 +1,149 @@
+//! Does it make sense? Names, arities, types, and the few rules that PDDL has beyond its grammar.
+//!
+//! - Takes trees of the parser, returns every mistake of one text in the order of that text.
+//! - Each function checks one text against others that were checked before: `check_problem` says
+//!   nothing of the domain's mistakes.
+//! - Lenient where real files are: requirements need not be declared, facts may be repeated.
+//! - Does not ask whether a goal can be reached or a plan works: that is the planner's business.
+
+mod symbols;
+
+mod declarations;
+
+mod conditions;
+
+mod effects;
+
+mod axioms;
+
+mod facts;
+
+mod models;
+
+mod plans;
+
+use std::fmt;
+
+use crate::diagnostic::{Diagnostic, Problems};
+use crate::nearest::nearest;
+use crate::tree::{ActionModel, Condition, Domain, InitElement, Plan, Problem, Typed};
+use symbols::Symbols;
+
+/// Checks a domain by itself.
+pub fn check_domain(domain: &Domain) -> Vec<Diagnostic> {
+    let symbols = Symbols::of_domain(domain);
+    let mut checker = Checker::new(&symbols);
+    checker.domain(domain);
+    checker.problems.into_sorted()
+}
+
+/// Checks a problem against its domain.
+pub fn check_problem(domain: &Domain, problem: &Problem) -> Vec<Diagnostic> {
+    let symbols = Symbols::of_problem(domain, problem);
+    let mut checker = Checker::new(&symbols);
+    checker.problem(domain, problem);
+    checker.problems.into_sorted()
+}
+
+/// Checks an action model against the ontology it builds on.
+///
+/// Objects that neither declares are let pass with a hint: the map or another agent may bring them.
+pub fn check_action_model(ontology: &Domain, model: &ActionModel) -> Vec<Diagnostic> {
+    let symbols = Symbols::of_model(ontology, model);
+    let mut checker = Checker::new(&symbols);
+    checker.model(ontology, model);
+    checker.problems.into_sorted()
+}
+
+/// Checks a condition that stands alone, such as a goal from a user.
+pub fn check_condition(
+    domain: &Domain,
+    problem: &Problem,
+    condition: &Condition,
+) -> Vec<Diagnostic> {
+    let symbols = Symbols::of_problem(domain, problem);
+    let mut checker = Checker::new(&symbols);
+    checker.condition(condition);
+    checker.problems.into_sorted()
+}
+
+/// Checks facts that stand alone, such as a change of the state by a user.
+pub fn check_init_elements(
+    domain: &Domain,
+    problem: &Problem,
+    elements: &[InitElement],
+) -> Vec<Diagnostic> {
+    let symbols = Symbols::of_problem(domain, problem);
+    let mut checker = Checker::new(&symbols);
+    checker.init(elements, facts::Values::Declared);
+    checker.problems.into_sorted()
+}
+
+/// Checks the names, the number and the types of a plan's arguments; not whether the plan works.
+pub fn check_plan(domain: &Domain, problem: &Problem, plan: &Plan) -> Vec<Diagnostic> {
+    let symbols = Symbols::of_problem(domain, problem);
+    let mut checker = Checker::new(&symbols);
+    checker.plan(domain, plan);
+    checker.problems.into_sorted()
+}
+
+/// How many names are compared with unknown ones before no more suggestions are made: a text full
+/// of unknown words must not cost the square of its length.
+const COMPARISONS_MAX: usize = 100_000;
+
+/// Walks trees and gathers mistakes.
+struct Checker<'s, 't> {
+    symbols: &'s Symbols<'t>,
+    problems: Problems,
+    /// Variables in sight, outermost first.
+    scope: Vec<&'t Typed>,
+    /// Types of another text that the checked one builds on.
+    foreign_types: Option<&'t [Typed]>,
+    comparisons_left: usize,
+}
+
+// === impl Checker ===
+
+impl<'s, 't> Checker<'s, 't> {
+    fn new(symbols: &'s Symbols<'t>) -> Checker<'s, 't> {
+        Checker {
+            symbols,
+            problems: Problems::default(),
+            scope: Vec::new(),
+            foreign_types: None,
+            comparisons_left: COMPARISONS_MAX,
+        }
+    }
+
+    fn report(&mut self, diagnostic: Diagnostic) {
+        self.problems.push(diagnostic);
+    }
+
+    /// The candidate that was likely meant, as long as looking for it is affordable.
+    fn nearest<'a>(
+        &mut self,
+        word: &str,
+        candidates: impl IntoIterator<Item = &'a str>,
+    ) -> Option<&'a str> {
+        let left = &mut self.comparisons_left;
+        let affordable = candidates.into_iter().take_while(|_| {
+            *left = left.saturating_sub(1);
+            *left > 0
+        });
+        nearest(word, affordable)
+    }
+
+    /// Runs `body` with `variables` in sight.
+    fn with_scope(&mut self, variables: &'t [Typed], body: impl FnOnce(&mut Self)) {
+        let outer = self.scope.len();
+        self.scope.extend(variables);
+        body(self);
+        self.scope.truncate(outer);
+    }
+}
+
+/// “1 argument”, “2 arguments”.
+fn count(number: usize, noun: &str) -> impl fmt::Display {
+    let plural = if number == 1 { "" } else { "s" };
+    format!("{number} {noun}{plural}")
+}

@@ -1,0 +1,127 @@
+//! Everything that has a name, gathered from the texts that speak of it.
+
+use std::collections::{HashMap, HashSet};
+
+use crate::tree::{
+    ActionModel, Domain, FunctionDeclaration, Name, PredicateDeclaration, Problem, Typed,
+};
+use crate::types::Types;
+
+/// What a text may refer to. Where something is declared twice the first counts.
+pub(super) struct Symbols<'t> {
+    pub(super) types: Types,
+    predicates: Table<'t, PredicateDeclaration>,
+    functions: Table<'t, FunctionDeclaration>,
+    objects: Table<'t, Typed>,
+    derived: HashSet<&'t str>,
+    /// Whether others may bring objects that are not listed here.
+    pub(super) is_open: bool,
+}
+
+/// Declarations by name and in order.
+struct Table<'t, T> {
+    order: Vec<&'t T>,
+    index: HashMap<&'t str, usize>,
+}
+
+/// Something that is declared with a name.
+pub(super) trait Named {
+    fn name(&self) -> &Name;
+}
+
+// === impl Symbols ===
+
+impl<'t> Symbols<'t> {
+    pub(super) fn of_domain(domain: &'t Domain) -> Symbols<'t> {
+        Symbols {
+            types: Types::of(domain),
+            predicates: Table::new(&domain.predicates),
+            functions: Table::new(&domain.functions),
+            objects: Table::new(&domain.constants),
+            derived: domain.derived.iter().map(|axiom| axiom.predicate.as_str()).collect(),
+            is_open: false,
+        }
+    }
+
+    pub(super) fn of_problem(domain: &'t Domain, problem: &'t Problem) -> Symbols<'t> {
+        let own = problem.objects.iter().map(|declaration| &declaration.object);
+        let objects = Table::new(domain.constants.iter().chain(own));
+        Symbols { objects, ..Symbols::of_domain(domain) }
+    }
+
+    pub(super) fn of_model(ontology: &'t Domain, model: &'t ActionModel) -> Symbols<'t> {
+        let objects = model.objects.iter().map(|declaration| &declaration.object);
+        let derived = ontology.derived.iter().chain(&model.derived);
+        Symbols {
+            types: Types::new(ontology.types.iter().chain(&model.types)),
+            predicates: Table::new(ontology.predicates.iter().chain(&model.predicates)),
+            functions: Table::new(ontology.functions.iter().chain(&model.functions)),
+            objects: Table::new(ontology.constants.iter().chain(objects)),
+            derived: derived.map(|axiom| axiom.predicate.as_str()).collect(),
+            is_open: true,
+        }
+    }
+
+    pub(super) fn predicate(&self, name: &Name) -> Option<&'t PredicateDeclaration> {
+        self.predicates.get(name.as_str())
+    }
+
+    pub(super) fn function(&self, name: &Name) -> Option<&'t FunctionDeclaration> {
+        self.functions.get(name.as_str())
+    }
+
+    pub(super) fn object(&self, name: &Name) -> Option<&'t Typed> {
+        self.objects.get(name.as_str())
+    }
+
+    pub(super) fn is_derived(&self, predicate: &Name) -> bool {
+        self.derived.contains(predicate.as_str())
+    }
+
+    pub(super) fn predicate_names(&self) -> impl Iterator<Item = &'t str> {
+        self.predicates.order.iter().map(|declaration| declaration.name.as_str())
+    }
+
+    pub(super) fn function_names(&self) -> impl Iterator<Item = &'t str> {
+        self.functions.order.iter().map(|declaration| declaration.name.as_str())
+    }
+
+    pub(super) fn object_names(&self) -> impl Iterator<Item = &'t str> {
+        self.objects.order.iter().map(|typed| typed.name.as_str())
+    }
+}
+
+// === impl Table ===
+
+impl<'t, T: Named> Table<'t, T> {
+    fn new(declarations: impl IntoIterator<Item = &'t T>) -> Table<'t, T> {
+        let mut table = Table { order: Vec::new(), index: HashMap::new() };
+        for declaration in declarations {
+            table.index.entry(declaration.name().as_str()).or_insert(table.order.len());
+            table.order.push(declaration);
+        }
+        table
+    }
+
+    fn get(&self, name: &str) -> Option<&'t T> {
+        self.index.get(name).map(|index| self.order[*index])
+    }
+}
+
+impl Named for PredicateDeclaration {
+    fn name(&self) -> &Name {
+        &self.name
+    }
+}
+
+impl Named for FunctionDeclaration {
+    fn name(&self) -> &Name {
+        &self.name
+    }
+}
+
+impl Named for Typed {
+    fn name(&self) -> &Name {
+        &self.name
+    }
+}

@@ -1,0 +1,209 @@
+//! The type hierarchy of a domain.
+//!
+//! - Built from `:types`; asked by `check`, by `capability` when it composes, by the planner's
+//!   validator when it binds arguments.
+//! - `object` is above everything. A type that stands only as a supertype counts as declared.
+//! - `(either a b)` as a supertype means both. Cycles are borne: all types of a cycle are then
+//!   subtypes of each other, and [`Types::cycle`] names one for a diagnostic.
+
+use std::collections::{HashMap, HashSet};
+
+use crate::tree::{Domain, Name, TypeExpr, Typed};
+
+/// The types of a domain and what is a kind of what.
+#[derive(Clone, Debug, Default)]
+pub struct Types {
+    names: Vec<Name>,
+    index: HashMap<Name, usize>,
+    /// Direct supertypes, in the order of `names`.
+    supertypes: Vec<Vec<usize>>,
+}
+
+const OBJECT: &str = "object";
+
+// === impl Types ===
+
+impl Types {
+    /// The hierarchy that a domain declares.
+    pub fn of(domain: &Domain) -> Types {
+        Types::new(&domain.types)
+    }
+
+    /// The hierarchy that `declarations` make up; those of several texts may be chained.
+    pub fn new<'a>(declarations: impl IntoIterator<Item = &'a Typed>) -> Types {
+        let mut types = Types::default();
+        for declaration in declarations {
+            let name = types.insert(&declaration.name);
+            for supertype in &declaration.ty.alternatives {
+                let supertype = types.insert(supertype);
+                if !types.supertypes[name].contains(&supertype) {
+                    types.supertypes[name].push(supertype);
+                }
+            }
+        }
+        types
+    }
+
+    fn insert(&mut self, name: &Name) -> usize {
+        if let Some(index) = self.index.get(name) {
+            return *index;
+        }
+        let index = self.names.len();
+        self.names.push(name.clone());
+        self.supertypes.push(Vec::new());
+        self.index.insert(name.clone(), index);
+        index
+    }
+
+    /// Whether there is such a type; `object` is always one.
+    pub fn contains(&self, name: &str) -> bool {
+        name == OBJECT || self.index.contains_key(name)
+    }
+
+    /// All types in the order in which they are first named; `object` only if somebody names it.
+    pub fn iter(&self) -> impl Iterator<Item = &Name> {
+        self.names.iter()
+    }
+
+    /// Whether everything of type `sub` is of type `sup` too. A type is a subtype of itself.
+    pub fn is_subtype(&self, sub: &str, sup: &str) -> bool {
+        if sub == sup || sup == OBJECT {
+            return true;
+        }
+        match (self.index.get(sub), self.index.get(sup)) {
+            (Some(sub), Some(sup)) => self.reaches(*sub, *sup),
+            _ => false,
+        }
+    }
+
+    fn reaches(&self, from: usize, to: usize) -> bool {
+        if self.supertypes[from].is_empty() {
+            return false;
+        }
+        self.above(from).contains(&to)
+    }
+
+    /// Everything above `from`, nearest first; `from` itself only if it is in a cycle.
+    fn above(&self, from: usize) -> Vec<usize> {
+        let mut above = Vec::new();
+        let mut seen = HashSet::new();
+        let mut next = 0;
+        let mut at = from;
+        loop {
+            above.extend(self.supertypes[at].iter().copied().filter(|index| seen.insert(*index)));
+            let Some(index) = above.get(next) else { return above };
+            at = *index;
+            next += 1;
+        }
+    }
+
+    /// What `name` is a kind of, nearest first, without itself and without an implied `object`.
+    pub fn supertypes(&self, name: &str) -> impl Iterator<Item = &Name> {
+        let start = self.index.get(name).copied();
+        let above = start.map(|start| self.above(start)).unwrap_or_default();
+        above.into_iter().filter(move |index| Some(*index) != start).map(|index| &self.names[index])
+    }
+
+    /// What is a kind of `name`, itself first if it is declared.
+    pub fn subtypes<'s>(&'s self, name: &'s str) -> impl Iterator<Item = &'s Name> {
+        let own = self.names.iter().filter(move |sub| **sub == *name);
+        let below = self.names.iter().filter(move |sub| **sub != *name);
+        own.chain(below.filter(move |sub| self.is_subtype(sub.as_str(), name)))
+    }
+
+    /// Whether whatever is of type `actual` can stand where `expected` is asked for.
+    pub fn accepts(&self, expected: &TypeExpr, actual: &TypeExpr) -> bool {
+        if expected.is_object() {
+            return true;
+        }
+        let fits = |actual: &Name| self.is_one_of(actual, expected);
+        !actual.alternatives.is_empty() && actual.alternatives.iter().all(fits)
+    }
+
+    fn is_one_of(&self, sub: &Name, expected: &TypeExpr) -> bool {
+        expected.alternatives.iter().any(|sup| self.is_subtype(sub.as_str(), sup.as_str()))
+    }
+
+    /// Whether something can be of both types, as far as the hierarchy says.
+    pub fn overlap(&self, left: &TypeExpr, right: &TypeExpr) -> bool {
+        if left.is_object() || right.is_object() {
+            return true;
+        }
+        let either_way = |name: &Name| {
+            self.is_one_of(name, right)
+                || right.alternatives.iter().any(|sub| self.is_subtype(sub.as_str(), name.as_str()))
+        };
+        left.alternatives.iter().any(either_way)
+            || self.names.iter().any(|sub| self.is_one_of(sub, left) && self.is_one_of(sub, right))
+    }
+
+    /// A type that is its own supertype, if there is one: the first declared.
+    pub fn cycle(&self) -> Option<&Name> {
+        // `object - object` is how some authors say that it is the root.
+        let is_root = |index: usize| self.names[index] == OBJECT;
+        let mut starts = (0..self.names.len()).filter(|index| !is_root(*index));
+        starts.find(|index| self.reaches(*index, *index)).map(|index| &self.names[index])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn types(declarations: &str) -> Types {
+        let text = format!("(define (domain d) (:types {declarations}))");
+        Types::of(&crate::parse_domain(&text).into_result().unwrap())
+    }
+
+    #[track_caller]
+    fn check(declarations: &str, sub: &str, sup: &str, expected: bool) {
+        assert_eq!(types(declarations).is_subtype(sub, sup), expected);
+    }
+
+    const OFFICE: &str = "room corridor - location turtlebot - mobile-base mobile-base - robot";
+
+    #[test]
+    fn subtypes_are_transitive_and_reflexive() {
+        check(OFFICE, "turtlebot", "robot", true);
+        check(OFFICE, "turtlebot", "turtlebot", true);
+        check(OFFICE, "robot", "turtlebot", false);
+        check(OFFICE, "turtlebot", "location", false);
+        check(OFFICE, "turtlebot", "object", true);
+    }
+
+    #[test]
+    fn a_supertype_may_be_declared_by_use_alone() {
+        assert!(types(OFFICE).contains("location"));
+        check(OFFICE, "room", "location", true);
+    }
+
+    #[test]
+    fn cycles_end() {
+        let types = types("a - b b - c c - a d - a");
+        assert_eq!(types.cycle(), Some(&Name::new("a")));
+        assert!(types.is_subtype("d", "c") && types.is_subtype("c", "a"));
+        assert!(!types.is_subtype("a", "d"));
+    }
+
+    #[test]
+    fn an_either_is_accepted_if_each_alternative_is() {
+        let types = types(OFFICE);
+        let either = |names: &[&str]| TypeExpr {
+            alternatives: names.iter().map(|name| Name::new(name)).collect(),
+        };
+        assert!(types.accepts(&either(&["location"]), &either(&["room", "corridor"])));
+        assert!(types.accepts(&either(&["robot", "room"]), &either(&["turtlebot"])));
+        assert!(!types.accepts(&either(&["room"]), &either(&["room", "corridor"])));
+        assert!(types.overlap(&either(&["room"]), &either(&["room", "corridor"])));
+        assert!(!types.overlap(&either(&["room"]), &either(&["robot"])));
+    }
+
+    #[test]
+    fn neighbors_are_named_in_order() {
+        let types = types(OFFICE);
+        let above: Vec<_> = types.supertypes("turtlebot").map(Name::as_str).collect();
+        assert_eq!(above, ["mobile-base", "robot"]);
+        let below: Vec<_> = types.subtypes("location").map(Name::as_str).collect();
+        assert_eq!(below, ["location", "room", "corridor"]);
+    }
+}
