@@ -75,12 +75,86 @@ pub struct Execute {
     pub epoch: u64,
     /// Counts the plans of this conversation, from 1.
     pub round: u32,
-    /// Names inside the domain → the names their agents know, where they differ.
+    /// What the agents in the plan offer.
     #[serde(default)]
-    pub qualified: BTreeMap<String, String>,
-    /// The methods of the agents in the plan.
-    #[serde(default)]
-    pub methods: BTreeMap<AgentId, Methods>,
+    pub offers: Offers,
+}
+
+/// What each agent offers: its actions, under the names it knows them by.
+pub type Offers = BTreeMap<AgentId, BTreeMap<String, Offer>>;
+
+/// One action of one agent.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Offer {
+    /// Its name in the composite domain; another than its agent's where two agents mean
+    /// different things by one name.
+    pub inside: String,
+    /// The PDDL fact that lets this agent act by this schema; without it, it cannot.
+    pub guard: String,
+    /// What the actuator runs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub method: Option<Method>,
+}
+
+/// What the Domain Maintainer knows, at one moment.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Snapshot {
+    /// Counts changes of the set of capabilities.
+    pub epoch: u64,
+    /// Counts changes of anything.
+    pub revision: u64,
+    /// The composite domain, as PDDL.
+    pub domain: String,
+    /// Digest of that text.
+    pub digest: String,
+    /// Objects and the state as known, as a PDDL problem without a goal.
+    pub problem: String,
+    /// Who offers what.
+    pub offers: Offers,
+}
+
+/// The state as the Domain Maintainer believes it, with provenance.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BelievedState {
+    /// Counts changes of the set of capabilities.
+    pub epoch: u64,
+    /// Counts changes of anything.
+    pub revision: u64,
+    /// Every fact, in the order of its text.
+    pub facts: Vec<BelievedFact>,
+}
+
+/// One fact, and whose word it is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BelievedFact {
+    /// The PDDL fact.
+    pub fact: String,
+    /// Who says so: agents, `map` or `request`.
+    pub owners: Vec<String>,
+    /// How long ago it was last said, in milliseconds.
+    pub age_ms: u64,
+    /// How long it is still known; `None` means until further notice.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub known_for: Option<Deadline>,
+}
+
+/// A goal, for those who ask what the ecosystem is about.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GoalStatus {
+    /// Its conversation: what `cancel` and `watch` name it by.
+    pub conversation: ConversationId,
+    /// The PDDL condition.
+    pub goal: String,
+    /// Reach it once, or keep it.
+    pub keep: Keep,
+    /// Greater goes first.
+    pub priority: i32,
+    /// Where it stands, for a person.
+    pub phase: String,
+    /// Plans made for it so far.
+    pub rounds: u32,
+    /// What has happened, oldest first; bounded.
+    pub history: Vec<String>,
 }
 
 /// An agent's actions, each with the method that carries it out.
