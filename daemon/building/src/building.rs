@@ -225,3 +225,6 @@ impl Drop for Errand<'_> {
         self.building.change(|truth| truth.end_errand(self.robot, self.id));
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -25,6 +25,7 @@ mod random;
 mod scenario_1;
 mod seeded;
 mod server;
+mod session;
 mod truth;
 mod wire;
 mod world;

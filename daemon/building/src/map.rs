@@ -54,3 +54,46 @@ fn push_way(text: &mut String, from: &str, to: &str, meters: f64) {
 fn push(text: &mut String, piece: std::fmt::Arguments<'_>) {
     text.write_fmt(piece).expect("invariant: writing to a String cannot fail");
 }
+
+#[cfg(test)]
+mod tests {
+    use expect_test::expect;
+
+    use crate::Layout;
+
+    #[test]
+    fn a_map_has_every_direction_and_no_devices() {
+        let mut layout = Layout::new();
+        layout.add_room("lab", 20.0).unwrap().add_corridor("hall", 19.0).unwrap();
+        layout.add_room("vault", 12.0).unwrap().connect("hall", "lab", 2.5).unwrap();
+        layout.connect_one_way("hall", "vault", 10.0).unwrap();
+        layout.add_robot("rover", "hall", 1.0).unwrap();
+        expect![[r#"
+            (define (problem smart-office-map)
+              (:domain smart-office)
+              (:objects
+                lab vault - room
+                hall - corridor)
+              (:init
+                (= (total-cost) 0)
+                (connected hall lab) (= (distance hall lab) 2.5)
+                (connected lab hall) (= (distance lab hall) 2.5)
+                (connected hall vault) (= (distance hall vault) 10))
+              (:goal (and))
+              (:metric minimize (total-cost)))
+        "#]]
+        .assert_eq(&layout.map_pddl("smart-office"));
+    }
+
+    /// The map that people read and the building of seed 0 are one building.
+    #[test]
+    fn seed_0_is_the_map_of_the_smart_office() {
+        let file = include_str!("../../../domains/smart-office/map.pddl");
+        let code = file.lines().map(|line| line.split(';').next().unwrap_or_default());
+        let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(
+            words(&code.collect::<Vec<_>>().join("\n")),
+            words(&Layout::seeded(0).layout.map_pddl("smart-office")),
+        );
+    }
+}

@@ -74,7 +74,8 @@ impl Check<'_> {
                 Event::Moved { robot, from, to } => {
                     let stood = places.insert(robot, to);
                     if stood != Some(from) || layout.meters(from, to).is_none() {
-                        self.problems.push(format!("`{robot}` jumped from {stood:?} to `{to}`"));
+                        self.problems
+                            .push(format!("`{robot}` went from `{from}` to `{to}`: no way it had"));
                     }
                 }
                 Event::Read { sensor, location, .. } => {
@@ -98,7 +99,8 @@ impl Check<'_> {
             _ => (None, false),
         };
         if place.map(String::as_str) != Some(location) {
-            self.problems.push(format!("`{sensor}` measured `{location}`, and was in {place:?}"));
+            let place = place.map_or("nowhere", String::as_str);
+            self.problems.push(format!("`{sensor}` measured `{location}` and was in `{place}`"));
             return;
         }
         let (sensor, room) = (sensor.to_owned(), location.to_owned());
@@ -177,9 +179,9 @@ impl Check<'_> {
                 Some(true_celsius) => self.problems.push(format!(
                     "the user was told {celsius} °C for `{room}`; the truth is {true_celsius} °C"
                 )),
-                None => {
-                    self.problems.push(format!("the user was told of `{room}`, which is no room"))
-                }
+                None => self
+                    .problems
+                    .push(format!("the user was told of `{room}`, which does not exist")),
             }
         }
     }
@@ -200,3 +202,6 @@ fn required_rooms(layout: &Layout) -> Vec<&str> {
     let has_sensor = |room: &str| layout.fixed_sensors_in(room).next().is_some();
     layout.rooms().filter(|room| has_sensor(room) || measurable.contains(room)).collect()
 }
+
+#[cfg(test)]
+mod tests;

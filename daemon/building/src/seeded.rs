@@ -260,3 +260,6 @@ impl Draw {
 fn sensor_of(room: &str) -> String {
     format!("thermometer-{room}")
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,197 @@
+//! Adding to a layout, and refusing what cannot be.
+//!
+//! All that is in a layout came through here, one piece at a time: each piece is
+//! checked against what is there, and a refused one leaves everything as it was.
+
+use super::{Connection, Device, Layout, Location, LocationKind};
+use crate::error::{LayoutError, nearest};
+
+/// The coldest and hottest a location can be, in °C: what exists, and a furnace.
+pub(crate) const CELSIUS_MIN: f64 = -273.15;
+pub(crate) const CELSIUS_MAX: f64 = 1_000.0;
+/// The longest connection: a kilometer of tunnel is a building still.
+pub(crate) const METERS_MAX: f64 = 1_000.0;
+/// From a crawl to a train; bounds every trip to a finite, addable duration.
+pub(crate) const SPEED_MIN: f64 = 0.001;
+pub(crate) const SPEED_MAX: f64 = 100.0;
+/// The longest name: a refusal that lists a hundred of them fits into one line
+/// on the socket.
+pub(crate) const NAME_MAX: usize = 64;
+
+// === impl Layout: building ===
+
+impl Layout {
+    /// An empty plot of land.
+    pub fn new() -> Layout {
+        Layout::default()
+    }
+
+    /// Adds a room with its true temperature.
+    pub fn add_room(&mut self, name: &str, celsius: f64) -> Result<&mut Layout, LayoutError> {
+        let kind = LocationKind::Room;
+        self.add_location(Location { name: name.to_owned(), kind, celsius })
+    }
+
+    /// Adds a corridor with its true temperature.
+    pub fn add_corridor(&mut self, name: &str, celsius: f64) -> Result<&mut Layout, LayoutError> {
+        let kind = LocationKind::Corridor;
+        self.add_location(Location { name: name.to_owned(), kind, celsius })
+    }
+
+    /// Connects two locations, both ways.
+    pub fn connect(&mut self, a: &str, b: &str, meters: f64) -> Result<&mut Layout, LayoutError> {
+        let (from, to) = (a.to_owned(), b.to_owned());
+        self.add_connection(Connection { from, to, meters, one_way: false })
+    }
+
+    /// Connects two locations from the first to the second only.
+    pub fn connect_one_way(
+        &mut self,
+        from: &str,
+        to: &str,
+        meters: f64,
+    ) -> Result<&mut Layout, LayoutError> {
+        let (from, to) = (from.to_owned(), to.to_owned());
+        self.add_connection(Connection { from, to, meters, one_way: true })
+    }
+
+    /// Adds a temperature sensor that stays in one location.
+    pub fn add_fixed_sensor(
+        &mut self,
+        name: &str,
+        location: &str,
+    ) -> Result<&mut Layout, LayoutError> {
+        let (name, location) = (name.to_owned(), location.to_owned());
+        self.add_device(Device::FixedSensor { name, location })
+    }
+
+    /// Adds a robot that stands at `start`.
+    pub fn add_robot(
+        &mut self,
+        name: &str,
+        start: &str,
+        meters_per_second: f64,
+    ) -> Result<&mut Layout, LayoutError> {
+        let (name, start) = (name.to_owned(), start.to_owned());
+        self.add_device(Device::Robot { name, start, meters_per_second })
+    }
+
+    /// Adds a temperature sensor that rides on a robot.
+    pub fn mount(&mut self, sensor: &str, robot: &str) -> Result<&mut Layout, LayoutError> {
+        let (name, carrier) = (sensor.to_owned(), robot.to_owned());
+        self.add_device(Device::MountedSensor { name, carrier })
+    }
+
+    /// Adds a location.
+    pub fn add_location(&mut self, location: Location) -> Result<&mut Layout, LayoutError> {
+        self.check_new_name(&location.name)?;
+        check_temperature(&location.name, location.celsius)?;
+        self.locations.push(location);
+        Ok(self)
+    }
+
+    /// Adds a connection.
+    pub fn add_connection(&mut self, connection: Connection) -> Result<&mut Layout, LayoutError> {
+        let Connection { from, to, meters, one_way } = &connection;
+        self.check_location(from)?;
+        self.check_location(to)?;
+        if from == to {
+            return Err(LayoutError::ConnectedToItself { location: from.clone() });
+        }
+        if !(*meters > 0.0 && *meters <= METERS_MAX) {
+            let (from, to, meters) = (from.clone(), to.clone(), *meters);
+            return Err(LayoutError::BadDistance { from, to, meters });
+        }
+        let back = if *one_way { None } else { self.meters(to, from) };
+        if let Some(meters) = self.meters(from, to).or(back) {
+            let (from, to) = (from.clone(), to.clone());
+            return Err(LayoutError::ConnectedTwice { from, to, meters });
+        }
+        self.connections.push(connection);
+        Ok(self)
+    }
+
+    /// Adds a device.
+    pub fn add_device(&mut self, device: Device) -> Result<&mut Layout, LayoutError> {
+        self.check_new_name(device.name())?;
+        match &device {
+            Device::FixedSensor { location, .. } => self.check_location(location)?,
+            Device::Robot { name, start, meters_per_second } => {
+                self.check_location(start)?;
+                check_speed(name, *meters_per_second)?;
+            }
+            Device::MountedSensor { carrier, .. } => self.check_carrier(carrier)?,
+        }
+        self.devices.push(device);
+        Ok(self)
+    }
+
+    /// Removes a device, and with a robot what it carries. Returns their names.
+    pub(crate) fn remove_device(&mut self, name: &str) -> Vec<String> {
+        let leaves = |device: &Device| {
+            device.name() == name
+                || matches!(device, Device::MountedSensor { carrier, .. } if carrier == name)
+        };
+        let (gone, kept): (Vec<_>, Vec<_>) = self.devices.drain(..).partition(leaves);
+        self.devices = kept;
+        gone.iter().map(|device| device.name().to_owned()).collect()
+    }
+}
+
+// === impl Layout: checking ===
+
+impl Layout {
+    fn check_new_name(&self, name: &str) -> Result<(), LayoutError> {
+        let mut letters = name.bytes();
+        let starts = letters.next().is_some_and(|first| first.is_ascii_lowercase());
+        let goes_on =
+            letters.all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-' || b == b'_');
+        if !starts || !goes_on || name.len() > NAME_MAX {
+            return Err(LayoutError::BadName { name: name.to_owned() });
+        }
+        let place = self.location(name).map(|_| "location");
+        match place.or_else(|| self.device(name).map(Device::is)) {
+            Some(what) => {
+                Err(LayoutError::NameTaken { name: name.to_owned(), taken_by: what.to_owned() })
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn check_location(&self, name: &str) -> Result<(), LayoutError> {
+        if self.location(name).is_some() {
+            return Ok(());
+        }
+        let nearest = self.nearest_location(name);
+        Err(LayoutError::UnknownLocation { name: name.to_owned(), nearest })
+    }
+
+    fn check_carrier(&self, name: &str) -> Result<(), LayoutError> {
+        match self.device(name) {
+            Some(Device::Robot { .. }) => Ok(()),
+            Some(other) => {
+                Err(LayoutError::NotARobot { name: name.to_owned(), is: other.is().to_owned() })
+            }
+            None => {
+                let robots = self.devices.iter().filter(|d| matches!(d, Device::Robot { .. }));
+                let nearest = nearest(name, robots.map(Device::name));
+                Err(LayoutError::UnknownRobot { name: name.to_owned(), nearest })
+            }
+        }
+    }
+}
+
+/// Fails for a temperature that no location can have, NaN included.
+pub(crate) fn check_temperature(location: &str, celsius: f64) -> Result<(), LayoutError> {
+    if (CELSIUS_MIN..=CELSIUS_MAX).contains(&celsius) {
+        return Ok(());
+    }
+    Err(LayoutError::BadTemperature { location: location.to_owned(), celsius })
+}
+
+fn check_speed(robot: &str, meters_per_second: f64) -> Result<(), LayoutError> {
+    if (SPEED_MIN..=SPEED_MAX).contains(&meters_per_second) {
+        return Ok(());
+    }
+    Err(LayoutError::BadSpeed { robot: robot.to_owned(), meters_per_second })
+}

@@ -1,0 +1,215 @@
+//! Scenario 1 played in every seed, and every way to pretend that it was.
+
+use std::collections::BTreeMap;
+
+use expect_test::{Expect, expect};
+
+use super::check_scenario_1;
+use crate::{Building, Device, Dies, Event, Fault, Layout, SeededScenario, Truth};
+
+/// A scenario as it was played: what the check is asked about.
+struct Played {
+    scenario: SeededScenario,
+    truth: Truth,
+    death: u64,
+    told: BTreeMap<String, f64>,
+}
+
+impl Played {
+    fn problems(&self) -> Vec<String> {
+        let checked = check_scenario_1(&self.scenario, &self.truth, self.death, &self.told);
+        checked.err().unwrap_or_default()
+    }
+}
+
+/// The agents, as simple as can be: every fixed sensor reads, the robot goes
+/// wherever there is none; and after the death, if they replan, there too.
+async fn play(seed: u64, replans: bool) -> Played {
+    let scenario = Layout::seeded(seed);
+    let building = Building::new(scenario.layout.clone(), 1.0).unwrap();
+    scenario.arm(&building, Fault::Fails).unwrap();
+    let mut told = BTreeMap::new();
+    for device in scenario.layout.devices() {
+        if let Device::FixedSensor { name, location } = device
+            && let Ok(reading) = building.read_temperature(name).await
+        {
+            told.insert(location.clone(), reading.celsius);
+        }
+    }
+    for room in scenario.layout.rooms_without_sensor() {
+        told.insert(room.to_owned(), measure_by_robot(&building, room).await);
+    }
+    let death = scenario.death(&building, Fault::Fails).await.unwrap();
+    let room = scenario.dying_room();
+    if replans {
+        told.insert(room.to_owned(), measure_by_robot(&building, room).await);
+    }
+    Played { truth: building.truth(), scenario, death, told }
+}
+
+async fn measure_by_robot(building: &Building, room: &str) -> f64 {
+    let layout = building.truth().layout().clone();
+    let (sensor, robot) = layout
+        .devices()
+        .iter()
+        .find_map(|device| match device {
+            Device::MountedSensor { name, carrier } => Some((name, carrier)),
+            _ => None,
+        })
+        .unwrap();
+    let start = building.place_of(robot).unwrap();
+    for step in route(&layout, &start, room) {
+        building.navigate(robot, &step).await.unwrap();
+    }
+    building.read_temperature(sensor).await.unwrap().celsius
+}
+
+/// Breadth first, from behind: each place remembers the next step to `to`.
+fn route(layout: &Layout, from: &str, to: &str) -> Vec<String> {
+    let mut next = BTreeMap::from([(to, to)]);
+    let mut frontier = vec![to];
+    while let Some(place) = frontier.pop() {
+        for neighbor in layout.neighbors(place) {
+            next.entry(neighbor).or_insert_with(|| {
+                frontier.push(neighbor);
+                place
+            });
+        }
+    }
+    let mut steps = Vec::new();
+    let mut place = from;
+    while place != to {
+        place = next[place];
+        steps.push(place.to_owned());
+    }
+    steps
+}
+
+#[tokio::test(start_paused = true)]
+async fn holds_for_every_seed_when_somebody_replans_and_for_none_when_nobody_does() {
+    for seed in 0..200 {
+        let problems = play(seed, true).await.problems();
+        assert_eq!(problems, Vec::<String>::new(), "seed {seed}");
+        let problems = play(seed, false).await.problems();
+        let not_replaced = problems.iter().any(|problem| problem.starts_with("no robot measured"));
+        assert!(not_replaced, "seed {seed}: {problems:?}");
+    }
+}
+
+/// Plays the first seed with this kind of death, lets `tamper` change what
+/// happened or what was told, and compares what the check then finds.
+async fn check(dies: Dies, tamper: impl FnOnce(&mut Played), expected: Expect) {
+    let seed = (0..).find(|seed| Layout::seeded(*seed).dies == dies).unwrap();
+    let mut played = play(seed, true).await;
+    tamper(&mut played);
+    expected.assert_eq(&played.problems().join("\n"));
+}
+
+fn forget(played: &mut Played, sort: impl Fn(&Event) -> bool) {
+    played.truth.log.kept.retain(|occurrence| !sort(&occurrence.event));
+    // Only the events are missing, not the count of a log that overflowed.
+    played.truth.log.next_sequence = played.truth.log.kept.len() as u64;
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_second_trip_that_never_was_is_missed() {
+    for dies in [Dies::AfterReport, Dies::BeforeReport] {
+        check(
+            dies,
+            |played| {
+                let death = played.death;
+                let log = &mut played.truth.log;
+                log.kept.retain(|occurrence| occurrence.sequence <= death);
+                log.next_sequence = log.kept.len() as u64;
+            },
+            match dies {
+                Dies::AfterReport => {
+                    expect!["no robot measured `office2` after `thermometer-office2` died"]
+                }
+                Dies::BeforeReport => expect![[r#"
+                    `office1` was not measured at all
+                    `office3` was not measured by a robot at all
+                    `atelier` was not measured by a robot at all
+                    no robot measured `office1` after `thermometer-office1` died"#]],
+            },
+        )
+        .await;
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn claims_that_the_building_denies_are_found() {
+    let read_by_robot =
+        |event: &Event| matches!(event, Event::Read { sensor, .. } if sensor == "ir-1");
+    check(
+        Dies::AfterReport,
+        |played| forget(played, read_by_robot),
+        expect![[r#"
+        `office1` was not measured by a robot at all before `thermometer-office2` died
+        no robot measured `office2` after `thermometer-office2` died"#]],
+    )
+    .await;
+    let moved = |event: &Event| matches!(event, Event::Moved { .. });
+    check(
+        Dies::AfterReport,
+        |played| forget(played, moved),
+        expect![[r#"
+            `ir-1` measured `office1` and was in `corridor`
+            `ir-1` measured `office2` and was in `corridor`
+            `office1` was not measured by a robot at all before `thermometer-office2` died
+            no robot measured `office2` after `thermometer-office2` died"#]],
+    )
+    .await;
+    check(
+        Dies::AfterReport,
+        |played| {
+            // The answer of the dead sensor, repeated.
+            played.told.insert("office2".to_owned(), 21.5);
+            played.told.remove("office1");
+            played.told.insert("attic".to_owned(), 3.0);
+        },
+        expect![[r#"
+            the user was not told the temperature of `office1`
+            the user was told of `attic`, which does not exist
+            the user was told 21.5 °C for `office2`; the truth is 23.5 °C"#]],
+    )
+    .await;
+    check(
+        Dies::AfterReport,
+        |played| played.death = 0,
+        expect![[r#"
+        `thermometer-office2` did not die when the scenario says it did
+        `thermometer-office2` measured after its death
+        `thermometer-office2` died before it ever measured
+        `office1` was not measured by a robot at all before `thermometer-office2` died
+        `office2` was not measured at all before `thermometer-office2` died
+        `conf-room` was not measured at all before `thermometer-office2` died"#]],
+    )
+    .await;
+    check(
+        Dies::AfterReport,
+        |played| played.truth.log.next_sequence += 1,
+        expect!["the log has forgotten its first 1 occurrences"],
+    )
+    .await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_death_at_the_wrong_time_proves_nothing() {
+    check(
+        Dies::AfterReport,
+        |played| played.scenario.dies = Dies::BeforeReport,
+        expect!["`thermometer-office2` measured before its death"],
+    )
+    .await;
+    check(
+        Dies::BeforeReport,
+        |played| played.scenario.dies = Dies::AfterReport,
+        expect![[r#"
+        `thermometer-office1` died before it ever measured
+        `office1` was not measured at all before `thermometer-office1` died
+        `office3` was not measured by a robot at all before `thermometer-office1` died
+        `atelier` was not measured by a robot at all before `thermometer-office1` died"#]],
+    )
+    .await;
+}

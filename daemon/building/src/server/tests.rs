@@ -1,0 +1,230 @@
+//! Both ends of the socket together, and strangers at it.
+
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use tempfile::TempDir;
+use tokio::io::AsyncWriteExt as _;
+use tokio::net::{UnixListener, UnixStream};
+use tokio::time::timeout;
+
+use super::{CLIENTS_MAX, Server, serve};
+use crate::fixture::{office, story};
+use crate::wire::{IN_FLIGHT_MAX, LINE_MAX, Lines};
+use crate::{Building, BuildingHandle, DeviceError, Event, Fault, Layout, ServeError, Truth};
+
+/// Real time passes at a socket. Nothing here should come near this.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+struct Served {
+    building: Building,
+    server: Server,
+    folder: TempDir,
+}
+
+impl Served {
+    fn path(&self) -> PathBuf {
+        self.folder.path().join("building.sock")
+    }
+
+    async fn connect(&self) -> BuildingHandle {
+        BuildingHandle::connect(self.path()).await.unwrap()
+    }
+
+    async fn wait_for(&self, what: impl Fn(&Event) -> bool) -> Truth {
+        timeout(PATIENCE, self.building.wait_for(|truth| truth.any(&what))).await.unwrap()
+    }
+}
+
+async fn serve_building(building: Building) -> Served {
+    let folder = tempfile::tempdir().unwrap();
+    let server = serve(building.handle(), folder.path().join("building.sock")).await.unwrap();
+    Served { building, server, folder }
+}
+
+/// Trips take thirteen seconds: long enough to be caught on the way.
+async fn served() -> Served {
+    serve_building(office()).await
+}
+
+fn departed(event: &Event) -> bool {
+    matches!(event, Event::Departed { .. })
+}
+
+fn stayed(event: &Event) -> bool {
+    matches!(event, Event::Stayed { .. })
+}
+
+#[tokio::test]
+async fn a_driver_in_another_process_does_what_one_in_this_process_does() {
+    let fast = || Building::new(Layout::seeded(0).layout, 0.001).unwrap();
+    let (near, far) = (fast(), serve_building(fast()).await);
+    for handle in [near.handle(), far.connect().await] {
+        handle.navigate("turtlebot-1", "office1").await.unwrap();
+        assert_eq!(handle.place_of("ir-1").await.unwrap(), "office1");
+        assert_eq!(handle.read_temperature("ir-1").await.unwrap().celsius, 20.5);
+        let refused = handle.navigate("turtlebot-1", "office2").await.unwrap_err();
+        assert!(matches!(&refused, DeviceError::NoWay { ways, .. } if ways == &["corridor"]));
+    }
+    assert_eq!(story(&near.truth()), story(&far.building.truth()));
+}
+
+#[tokio::test]
+async fn only_this_user_can_use_the_socket_and_it_is_gone_when_served_no_more() {
+    let served = served().await;
+    let mode = std::fs::metadata(served.path()).unwrap().permissions().mode();
+    assert_eq!(mode & 0o777, 0o600);
+    let others = std::fs::read_dir(served.folder.path()).unwrap().count();
+    assert_eq!(others, 1, "nothing but the socket is left in the folder");
+    drop(served.server);
+    assert_eq!(std::fs::read_dir(served.folder.path()).unwrap().count(), 0);
+}
+
+#[tokio::test]
+async fn a_living_server_and_a_file_are_left_alone_and_a_dead_socket_is_replaced() {
+    let first = served().await;
+    let second = serve(first.building.handle(), first.path()).await;
+    assert!(matches!(second, Err(ServeError::InUse { .. })), "{second:?}");
+    let dead = first.folder.path().join("dead.sock");
+    drop(UnixListener::bind(&dead).unwrap());
+    let revived = serve(first.building.handle(), &dead).await;
+    assert!(revived.is_ok(), "{revived:?}");
+    let file = first.folder.path().join("notes.txt");
+    std::fs::write(&file, "mine").unwrap();
+    let refused = serve(first.building.handle(), &file).await;
+    assert!(matches!(refused, Err(ServeError::NotASocket { .. })), "{refused:?}");
+    assert_eq!(std::fs::read(&file).unwrap(), b"mine");
+}
+
+#[tokio::test]
+async fn a_trip_is_called_off_when_its_future_is_dropped() {
+    let served = served().await;
+    let driver = served.connect().await;
+    tokio::select! {
+        arrived = driver.navigate("turtlebot-1", "office1") => panic!("{arrived:?}"),
+        _ = served.wait_for(departed) => (),
+    }
+    served.wait_for(stayed).await;
+    assert_eq!(driver.place_of("turtlebot-1").await.unwrap(), "corridor");
+}
+
+#[tokio::test]
+async fn a_client_that_dies_takes_its_trip_with_it() {
+    let served = served().await;
+    let mut dying = UnixStream::connect(served.path()).await.unwrap();
+    let ask = br#"{"id":1,"ask":{"navigate":{"robot":"turtlebot-1","to":"office1"}}}"#;
+    dying.write_all(&[ask.as_slice(), b"\n"].concat()).await.unwrap();
+    served.wait_for(departed).await;
+    drop(dying);
+    served.wait_for(stayed).await;
+}
+
+#[tokio::test]
+async fn a_server_that_dies_fails_what_is_under_way_and_its_successor_is_found() {
+    let served = served().await;
+    let driver = served.connect().await;
+    let path = served.path();
+    let Served { building, server, folder: _folder } = served;
+    let killed = async {
+        building.wait_for(|truth| truth.any(departed)).await;
+        drop(server);
+    };
+    let trip = driver.navigate("turtlebot-1", "office1");
+    let (arrived, ()) = timeout(PATIENCE, async { tokio::join!(trip, killed) }).await.unwrap();
+    assert!(matches!(arrived, Err(DeviceError::Unreachable { .. })), "{arrived:?}");
+    let alone = driver.place_of("turtlebot-1").await.unwrap_err();
+    assert!(alone.to_string().starts_with("reach the building: no building is served at"));
+    let _successor = serve(building.handle(), path).await.unwrap();
+    assert_eq!(driver.place_of("turtlebot-1").await.unwrap(), "corridor");
+}
+
+/// Time is paused, so waiting for the silence to last costs nothing.
+#[tokio::test(start_paused = true)]
+async fn a_server_that_is_frozen_is_noticed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("frozen.sock");
+    let _frozen = UnixListener::bind(&path).unwrap();
+    let driver = BuildingHandle::connect(&path).await.unwrap();
+    let reading = driver.read_temperature("ir-1").await;
+    assert!(matches!(reading, Err(DeviceError::Unreachable { .. })), "{reading:?}");
+}
+
+/// Writes lines as a stranger would, and reads what a stranger would read.
+async fn answers(served: &Served, lines: &[&[u8]]) -> Vec<String> {
+    let (reader, mut writer) = UnixStream::connect(served.path()).await.unwrap().into_split();
+    let mut reader = Lines::new(reader);
+    let mut answers = Vec::new();
+    for line in lines {
+        writer.write_all(&[line, b"\n".as_slice()].concat()).await.unwrap();
+        loop {
+            let next = timeout(PATIENCE, reader.next()).await.unwrap();
+            match next.ok().flatten().map(|line| String::from_utf8(line).unwrap()) {
+                Some(line) if line == r#""alive""# => (),
+                Some(line) => break answers.push(line),
+                None => return answers,
+            }
+        }
+    }
+    answers
+}
+
+#[tokio::test]
+async fn nonsense_is_answered_and_disturbs_nobody() {
+    let served = served().await;
+    let deep = "[".repeat(LINE_MAX - 1);
+    let nonsense: &[&[u8]] = &[
+        b"",
+        b"\xff\xfe\x00",
+        b"null",
+        b"{\"id\":-1}",
+        b"{\"id\":7,\"ask\":{\"set-temperature\":{\"location\":\"office1\"}}}",
+        b"{\"id\":8,\"ask\":{\"navigate\":{\"robot\":3}}}",
+        deep.as_bytes(),
+    ];
+    let refusals = answers(&served, nonsense).await;
+    assert_eq!(refusals.len(), nonsense.len());
+    for refusal in &refusals {
+        assert!(refusal.contains("not understood"), "{refusal}");
+    }
+    assert!(refusals[4].starts_with(r#"{"failed":{"id":7,"#), "{}", refusals[4]);
+    let newer = br#"{"id":9,"ask":{"place-of":{"device":"ir-1","floor":2}},"token":"x"}"#;
+    assert_eq!(
+        answers(&served, &[newer]).await,
+        [r#"{"done":{"id":9,"answer":{"place":"corridor"}}}"#]
+    );
+    let endless = vec![b'x'; LINE_MAX + 1];
+    assert_eq!(answers(&served, &[&endless]).await, Vec::<String>::new(), "it is cut off");
+    served.connect().await.place_of("ir-1").await.unwrap();
+}
+
+#[tokio::test]
+async fn a_client_may_not_pile_up_requests_nor_may_clients() {
+    let served = served().await;
+    served.building.break_device("ir-1", Fault::Hangs).unwrap();
+    let mut stream = UnixStream::connect(served.path()).await.unwrap();
+    for id in 0..=IN_FLIGHT_MAX {
+        let ask =
+            format!("{{\"id\":{id},\"ask\":{{\"read-temperature\":{{\"sensor\":\"ir-1\"}}}}}}\n");
+        stream.write_all(ask.as_bytes()).await.unwrap();
+    }
+    let mut lines = Lines::new(stream);
+    let refusal = loop {
+        let line = timeout(PATIENCE, lines.next()).await.unwrap().unwrap().unwrap();
+        if line != br#""alive""# {
+            break String::from_utf8(line).unwrap();
+        }
+    };
+    assert!(refusal.contains("64 requests are under way"), "{refusal}");
+
+    let mut clients = Vec::new();
+    for _ in 1..CLIENTS_MAX {
+        let client = served.connect().await;
+        client.place_of("ir-1").await.unwrap();
+        clients.push(client);
+    }
+    let turned_away = served.connect().await.place_of("ir-1").await;
+    assert!(matches!(turned_away, Err(DeviceError::Unreachable { .. })), "{turned_away:?}");
+    drop(lines);
+    drop(clients);
+}
