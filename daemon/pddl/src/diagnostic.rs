@@ -199,6 +199,11 @@ impl Problems {
         }
     }
 
+    /// Whether nothing more will be listed, so that no work need go into it.
+    pub(crate) fn is_full(&self) -> bool {
+        self.list.len() >= DIAGNOSTICS_MAX
+    }
+
     /// Everything reported, in the order of the text.
     pub(crate) fn into_sorted(mut self) -> Vec<Diagnostic> {
         self.list.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));

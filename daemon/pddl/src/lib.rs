@@ -1,7 +1,7 @@
 //! PDDL, the language of facts, goals, models and plans: text in, tree out, and back.
 //!
 //! - [`tree`] says what a text can say. Start reading there.
-//! - [`parse`] makes a tree of a text: `lexer` → `sexpr` → `grammar`.
+//! - [`parse`] makes a tree of a text: `lexer` → `balance` → `sexpr` → `grammar`.
 //! - `printer` makes a text of a tree: `Display` of every tree type.
 //! - [`check`] asks whether a tree makes sense; [`types`] is the hierarchy it asks.
 //! - [`diagnostic`] is how all of them speak of mistakes.
@@ -23,6 +23,7 @@ pub mod types;
 
 pub mod diagnostic;
 
+mod balance;
 mod grammar;
 mod lexer;
 mod nearest;

@@ -7,14 +7,14 @@ const BYTES_MAX: usize = 128;
 
 /// The candidate that `word` is most likely a slip of, if any is near enough to be worth offering.
 ///
-/// One slip is forgiven in three letters, two in six, and so on; of candidates equally near the
-/// first wins. Case does not count.
+/// One slip is forgiven in two letters, another for every three more; of candidates equally near
+/// the first wins. Case does not count.
 pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     if word.len() > BYTES_MAX {
         return None;
     }
     let word = word.to_lowercase();
-    let slips_max = word.chars().count().div_ceil(3);
+    let slips_max = (word.chars().count() + 1) / 3;
     let mut best = None;
     for candidate in candidates {
         if candidate.len().abs_diff(word.len()) > slips_max * 4 || candidate.len() > BYTES_MAX {

@@ -1,13 +1,11 @@
-//! The tree of parentheses, built without recursion.
+//! The tree of parentheses, as the grammar reads it.
 //!
-//! - Reads tokens from `lexer`; `grammar` reads the tree through [`Node`] and [`Items`].
+//! - Built by `balance` from the tokens of `lexer`; read through [`Node`] and [`Items`].
 //! - All nodes lie in one vector in the order of the text, so neither building nor dropping a tree
 //!   recurses, and skipping a list is one look-up.
-//! - Mends what can be mended, so that one missing parenthesis costs one diagnostic and not the
-//!   rest of the file.
 
-use crate::diagnostic::{Diagnostic, Problems};
-use crate::lexer::{self, Token};
+use crate::balance::Builder;
+use crate::diagnostic::Problems;
 use crate::tree::Span;
 
 /// How deep parentheses may nest.
@@ -15,26 +13,6 @@ use crate::tree::Span;
 /// Whoever recurses over a tree, here or in another crate, has 16 KiB of a 2 MiB stack for each
 /// level. The deepest of 224 competition files nests 14 deep.
 pub const NESTING_MAX: usize = 128;
-
-/// Words that begin a section of a `(define …)`, and nothing else anywhere.
-const SECTIONS: &[&str] = &[
-    ":domain",
-    ":requirements",
-    ":types",
-    ":constants",
-    ":predicates",
-    ":functions",
-    ":derived",
-    ":action",
-    ":durative-action",
-    ":objects",
-    ":init",
-    ":goal",
-    ":metric",
-];
-
-/// Words that begin a part of an action, and nothing else anywhere.
-const PARTS: &[&str] = &[":parameters", ":precondition", ":condition", ":duration", ":effect"];
 
 /// Everything a text holds between its parentheses.
 pub(crate) struct Forest<'t> {
@@ -63,21 +41,22 @@ pub(crate) struct Items<'f> {
     forest: &'f Forest<'f>,
     next: u32,
     stop: u32,
-    /// Where something missing would have to stand.
-    end: u32,
+    /// Where something missing would have to stand: the closing parenthesis, if there is one.
+    end: Span,
 }
 
+/// A node as it is stored.
 #[derive(Clone, Copy)]
-struct Entry {
-    start: u32,
-    end: u32,
+pub(crate) struct Entry {
+    pub(crate) start: u32,
+    pub(crate) end: u32,
     /// The first entry after this node and all it holds.
-    next: u32,
-    kind: Kind,
+    pub(crate) next: u32,
+    pub(crate) kind: Kind,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
+pub(crate) enum Kind {
     List,
     Symbol,
     Damaged,
@@ -88,9 +67,7 @@ enum Kind {
 impl<'t> Forest<'t> {
     /// Reads all of `text`.
     pub(crate) fn read(text: &'t str, problems: &mut Problems) -> Forest<'t> {
-        let mut builder = Builder::new(text, problems);
-        builder.read();
-        Forest { text, entries: builder.entries }
+        Forest { text, entries: Builder::new(text, problems).read() }
     }
 
     /// The nodes that stand in no list.
@@ -99,7 +76,7 @@ impl<'t> Forest<'t> {
             forest: self,
             next: 0,
             stop: self.entries.len() as u32,
-            end: Span::new(self.text.len(), self.text.len()).end,
+            end: Span::new(self.text.len(), self.text.len()),
         }
     }
 }
@@ -123,7 +100,7 @@ impl<'f> Node<'f> {
                 forest: self.forest,
                 next: self.index + 1,
                 stop: entry.next,
-                end: entry.end.saturating_sub(1).max(entry.start),
+                end: self.close(),
             }),
             Kind::Symbol => View::Symbol(self.text()),
             Kind::Damaged => View::Damaged,
@@ -152,7 +129,15 @@ impl<'f> Node<'f> {
     /// This node and nothing else.
     pub(crate) fn alone(self) -> Items<'f> {
         let Entry { end, next, .. } = *self.entry();
+        let end = Span { start: end, end };
         Items { forest: self.forest, next: self.index, stop: next, end }
+    }
+
+    /// The closing parenthesis of a list, or the place where its author forgot it.
+    fn close(self) -> Span {
+        let Entry { start, end, .. } = *self.entry();
+        let is_closed = end > start + 1 && self.text().ends_with(')');
+        Span { start: end - u32::from(is_closed), end }
     }
 
     /// The text of the node, parentheses and all.
@@ -181,7 +166,7 @@ impl<'f> Items<'f> {
 
     /// Where something missing would have to stand: the closing parenthesis.
     pub(crate) fn end(&self) -> Span {
-        Span { start: self.end, end: (self.end + 1).min(self.forest.text.len() as u32) }
+        self.end
     }
 }
 
@@ -192,225 +177,5 @@ impl<'f> Iterator for Items<'f> {
         let node = self.peek()?;
         self.next = node.entry().next;
         Some(node)
-    }
-}
-
-// === Building ===
-
-struct Builder<'t, 'd> {
-    text: &'t str,
-    entries: Vec<Entry>,
-    /// Lists that are open, outermost first.
-    open: Vec<u32>,
-    /// Parentheses that are open inside a list nested too deep.
-    open_skipped: usize,
-    /// Where the last token ended.
-    end: usize,
-    /// Whether the last token was a `)` that closes nothing.
-    after_stray: bool,
-    problems: &'d mut Problems,
-}
-
-impl<'t, 'd> Builder<'t, 'd> {
-    fn new(text: &'t str, problems: &'d mut Problems) -> Builder<'t, 'd> {
-        Builder {
-            text,
-            // Competition files have a token for every five to eight bytes.
-            entries: Vec::with_capacity(text.len() / 6),
-            open: Vec::new(),
-            open_skipped: 0,
-            end: 0,
-            after_stray: false,
-            problems,
-        }
-    }
-
-    fn read(&mut self) {
-        if u32::try_from(self.text.len()).is_err() {
-            let message = "the text is longer than 4 GiB";
-            self.problems.push(Diagnostic::error(Span::default(), message));
-            return;
-        }
-        let mut rest = self.text.strip_prefix('\u{feff}').unwrap_or(self.text).as_bytes();
-        while let Ok((left, token)) = lexer::token(rest) {
-            rest = left;
-            self.end = self.text.len() - left.len();
-            self.take(token);
-        }
-        self.finish();
-    }
-
-    fn take(&mut self, token: Token) {
-        match token {
-            Token::Open if self.open_skipped > 0 => self.open_skipped += 1,
-            Token::Open => self.open(),
-            Token::Close if self.open_skipped > 0 => self.close_skipped(),
-            Token::Close => self.close(),
-            Token::Symbol(_) if self.open_skipped > 0 => {}
-            Token::Symbol(length) => self.symbol(length),
-        }
-    }
-
-    fn push(&mut self, start: usize, kind: Kind) {
-        let Span { start, end } = Span::new(start, self.end);
-        let next = self.entries.len() as u32 + 1;
-        self.entries.push(Entry { start, end, next, kind });
-    }
-
-    fn open(&mut self) {
-        self.after_stray = false;
-        if self.open.len() < NESTING_MAX {
-            self.open.push(self.entries.len() as u32);
-            self.push(self.end - 1, Kind::List);
-            return;
-        }
-        self.open_skipped = 1;
-        self.push(self.end - 1, Kind::Damaged);
-        let message = format!("parentheses are nested more than {NESTING_MAX} deep");
-        self.problems.push(
-            Diagnostic::error(Span::new(self.end - 1, self.end), message)
-                .with_help("split the condition, for example with a derived predicate"),
-        );
-    }
-
-    fn close(&mut self) {
-        if let Some(index) = self.open.pop() {
-            self.seal(index, self.entries.len() as u32, self.end);
-        } else if !self.after_stray {
-            self.after_stray = true;
-            self.problems.push(
-                Diagnostic::error(Span::new(self.end - 1, self.end), "`)` closes nothing")
-                    .with_help("remove it, or add the `(` that it belongs to"),
-            );
-        }
-    }
-
-    fn close_skipped(&mut self) {
-        self.open_skipped -= 1;
-        if let (0, Some(damaged)) = (self.open_skipped, self.entries.last_mut()) {
-            damaged.end = Span::new(0, self.end).end;
-        }
-    }
-
-    fn symbol(&mut self, length: usize) {
-        self.after_stray = false;
-        let start = self.end - length;
-        if self.text.as_bytes()[start] == b':' && self.open.len() != 2 {
-            self.mend_before_part(start);
-        }
-        if self.text.as_bytes()[start] == b':' && self.open.len() != 2 {
-            self.mend_before_section(start);
-        }
-        self.push(start, Kind::Symbol);
-    }
-
-    fn seal(&mut self, index: u32, next: u32, end: usize) {
-        let entry = &mut self.entries[index as usize];
-        entry.next = next;
-        entry.end = Span::new(0, end).end;
-    }
-
-    /// A section stands in a `(define …)` and nowhere else: one that begins deeper shows where
-    /// parentheses are missing, one that begins outside where there is one too many.
-    fn mend_before_section(&mut self, start: usize) {
-        let word = &self.text[start..self.end];
-        let heads_a_list = self.open.last().is_some_and(|i| *i as usize + 1 == self.entries.len());
-        if !heads_a_list || !SECTIONS.iter().any(|known| known.eq_ignore_ascii_case(word)) {
-            return;
-        }
-        let list = self.entries.len() - 1;
-        let section = Span::new(self.entries[list].start as usize, self.end);
-        if self.open.len() > 2 && self.is_define(self.open[0]) {
-            let unclosed: Vec<u32> = self.open.drain(1..self.open.len() - 1).collect();
-            self.close_before(&unclosed, list as u32, section, &format!("({word}"));
-        } else if self.open.len() == 1 {
-            self.reopen_before(section, word);
-        }
-    }
-
-    /// A part of an action stands in the action and nowhere else: one that begins deeper shows where
-    /// parentheses are missing.
-    fn mend_before_part(&mut self, start: usize) {
-        let word = &self.text[start..self.end];
-        let is_part = PARTS.iter().any(|known| known.eq_ignore_ascii_case(word));
-        let in_action = self.open.len() > 2
-            && self.is_define(self.open[0])
-            && (self.has_head(self.open[1], ":action")
-                || self.has_head(self.open[1], ":durative-action"));
-        if is_part && in_action {
-            let unclosed: Vec<u32> = self.open.drain(2..).collect();
-            let part = Span::new(start, self.end);
-            self.close_before(&unclosed, self.entries.len() as u32, part, word);
-        }
-    }
-
-    /// Closes lists before the entry `next`, which stands at `place` and cannot be in them.
-    fn close_before(&mut self, unclosed: &[u32], next: u32, place: Span, word: &str) {
-        let end = self.text[..place.start as usize].trim_end().len();
-        let opener = unclosed.first().map_or(0, |index| self.entries[*index as usize].start);
-        for index in unclosed {
-            self.seal(*index, next, end);
-        }
-        let missing = ")".repeat(unclosed.len());
-        self.problems.push(
-            Diagnostic::error(Span { start: opener, end: opener + 1 }, "unclosed `(`")
-                .with_label("opened here")
-                .with_help(format!("add `{missing}` before `{word}`"))
-                .with_note(place, format!("`{word}` begins while it is still open")),
-        );
-    }
-
-    fn reopen_before(&mut self, section: Span, word: &str) {
-        let index = self.open[0];
-        let Some(define) = self.last_root_before(index).filter(|root| self.is_define(*root)) else {
-            return;
-        };
-        let end = self.entries[define as usize].end as usize;
-        self.open.insert(0, define);
-        self.problems.push(
-            Diagnostic::error(Span::new(end - 1, end), "this `)` closes `(define` too early")
-                .with_help("remove it")
-                .with_note(section, format!("`({word}` stands outside of `(define`")),
-        );
-    }
-
-    fn last_root_before(&self, index: u32) -> Option<u32> {
-        // The entry before a root ends the root before it; only `(define` can be that root, and
-        // a `(define` that anything else follows is reported by the grammar.
-        let first = self.entries.first()?;
-        (index > 0 && first.next == index).then_some(0)
-    }
-
-    fn is_define(&self, index: u32) -> bool {
-        self.has_head(index, "define")
-    }
-
-    fn has_head(&self, index: u32, word: &str) -> bool {
-        let Some(head) = self.entries.get(index as usize + 1) else { return false };
-        let found = &self.text[head.start as usize..head.end as usize];
-        head.kind == Kind::Symbol && found.eq_ignore_ascii_case(word)
-    }
-
-    fn finish(&mut self) {
-        let count = self.open.len() + self.open_skipped;
-        if let Some(damaged) = self.entries.last_mut().filter(|_| self.open_skipped > 0) {
-            damaged.end = Span::new(0, self.end).end;
-        }
-        let Some(innermost) = self.open.last() else { return };
-        let start = self.entries[*innermost as usize].start as usize;
-        let mut diagnostic = Diagnostic::error(Span::new(start, start + 1), "unclosed `(`")
-            .with_label("opened here");
-        diagnostic.help = Some(match count {
-            1 => "add `)` at the end".to_owned(),
-            _ => format!("{count} are open at the end of the text"),
-        });
-        if let [outermost, _, ..] = self.open[..] {
-            let start = self.entries[outermost as usize].start as usize;
-            diagnostic = diagnostic.with_note(Span::new(start, start + 1), "the outermost is here");
-        }
-        self.problems.push(diagnostic);
-        while let Some(index) = self.open.pop() {
-            self.seal(index, self.entries.len() as u32, self.end);
-        }
     }
 }

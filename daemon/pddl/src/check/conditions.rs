@@ -182,8 +182,10 @@ impl<'t> Checker<'_, 't> {
             let unmarked = Diagnostic::error(name.span(), message);
             self.report(unmarked.with_suggestion(Some(&format!("?{name}"))));
         } else if symbols.is_open {
-            let hint = Diagnostic::hint(name.span(), message);
-            self.report(hint.with_help("the map or another agent has to bring it"));
+            if self.awaited.insert(name.as_str()) {
+                let hint = Diagnostic::hint(name.span(), message);
+                self.report(hint.with_help("the map or another agent has to bring it"));
+            }
         } else {
             let near = self.nearest(name.as_str(), symbols.object_names());
             self.report(Diagnostic::error(name.span(), message).with_suggestion(near));

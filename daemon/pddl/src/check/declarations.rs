@@ -1,6 +1,6 @@
 //! Declarations: each name once, each type known.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use super::Checker;
 use crate::diagnostic::Diagnostic;
@@ -91,20 +91,13 @@ impl<'t> Checker<'_, 't> {
 
     /// The hierarchy: supertypes that nobody declares, and cycles.
     pub(super) fn types(&mut self, types: &'t [Typed]) {
-        let declared: Vec<&str> = types.iter().map(|typed| typed.name.as_str()).collect();
+        let own = types.iter().chain(self.foreign_types.unwrap_or_default());
+        let mut declared: HashSet<&str> = own.map(|typed| typed.name.as_str()).collect();
         for supertype in types.iter().flat_map(|typed| &typed.ty.alternatives) {
             let name = supertype.as_str();
-            if name == "object" || declared.contains(&name) || self.is_foreign_type(name) {
-                continue;
+            if name != "object" && declared.insert(name) {
+                self.undeclared_supertype(supertype, types);
             }
-            // What is used as a supertype again and again is a word of its own and no slip.
-            let near = self.nearest(name, declared.iter().copied());
-            let message = format!("supertype `{supertype}` is not declared");
-            let undeclared = Diagnostic::warning(supertype.span(), message);
-            self.report(match near {
-                Some(_) => undeclared.with_suggestion(near),
-                None => undeclared.with_help(format!("declare it: `{supertype} - object`")),
-            });
         }
         if let Some(name) = self.symbols.types.cycle() {
             let cycle: Vec<_> = self.symbols.types.supertypes(name.as_str()).collect();
@@ -118,12 +111,27 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
+    fn undeclared_supertype(&mut self, supertype: &'t Name, types: &'t [Typed]) {
+        let declared = types.iter().map(|typed| typed.name.as_str());
+        let near = self.nearest(supertype.as_str(), declared);
+        let message = format!("supertype `{supertype}` is not declared");
+        let undeclared = Diagnostic::warning(supertype.span(), message);
+        self.report(match near {
+            Some(_) => undeclared.with_suggestion(near),
+            None => undeclared.with_help(format!("declare it: `{supertype} - object`")),
+        });
+    }
+
     /// Names that are declared more than once.
     pub(super) fn unique(&mut self, what: &str, names: impl Iterator<Item = &'t Name>) {
+        self.unique_marked(what, "", names);
+    }
+
+    fn unique_marked(&mut self, what: &str, mark: &str, names: impl Iterator<Item = &'t Name>) {
         let mut firsts: HashMap<&str, &Name> = HashMap::new();
         for name in names {
             if let Some(first) = firsts.get(name.as_str()) {
-                let message = format!("{what} `{name}` is declared twice");
+                let message = format!("{what} `{mark}{name}` is declared twice");
                 let twice = Diagnostic::error(name.span(), message);
                 self.report(twice.with_note(first.span(), "the first is here"));
             } else {
@@ -134,15 +142,7 @@ impl<'t> Checker<'_, 't> {
 
     /// The variables of an action, a quantifier, or a declaration.
     pub(super) fn parameters(&mut self, parameters: &'t [Typed]) {
-        // Lists of parameters are short; a map would cost more than it saves.
-        for (index, parameter) in parameters.iter().enumerate() {
-            let name = &parameter.name;
-            if let Some(first) = parameters[..index].iter().find(|first| first.name == *name) {
-                let message = format!("parameter `?{name}` is declared twice");
-                let twice = Diagnostic::error(name.span(), message);
-                self.report(twice.with_note(first.name.span(), "the first is here"));
-            }
-        }
+        self.unique_marked("parameter", "?", parameters.iter().map(|typed| &typed.name));
         self.types_of(parameters);
     }
 
@@ -174,10 +174,5 @@ impl<'t> Checker<'_, 't> {
             let both = Diagnostic::warning(function.span(), message);
             self.report(both.with_help("readers will confuse them"));
         }
-    }
-
-    /// Whether the type is declared by the ontology, where that is another text.
-    fn is_foreign_type(&self, name: &str) -> bool {
-        self.foreign_types.is_some_and(|types| types.iter().any(|typed| typed.name == *name))
     }
 }

@@ -22,6 +22,7 @@ mod models;
 
 mod plans;
 
+use std::collections::HashSet;
 use std::fmt;
 
 use crate::diagnostic::{Diagnostic, Problems};
@@ -99,6 +100,8 @@ struct Checker<'s, 't> {
     scope: Vec<&'t Typed>,
     /// Types of another text that the checked one builds on.
     foreign_types: Option<&'t [Typed]>,
+    /// Objects that others have to bring, once reported.
+    awaited: HashSet<&'t str>,
     comparisons_left: usize,
 }
 
@@ -111,6 +114,7 @@ impl<'s, 't> Checker<'s, 't> {
             problems: Problems::default(),
             scope: Vec::new(),
             foreign_types: None,
+            awaited: HashSet::new(),
             comparisons_left: COMPARISONS_MAX,
         }
     }

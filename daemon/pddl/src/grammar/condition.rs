@@ -4,7 +4,6 @@ use super::expression;
 use super::names;
 use super::reader::{Keyword, Place, Reader, excerpt};
 use crate::diagnostic::Diagnostic;
-use crate::nearest::nearest;
 use crate::sexpr::{Items, Node, View};
 use crate::tree::{Atom, Compare, Comparison, Condition, Span, Typed};
 
@@ -57,12 +56,7 @@ pub(crate) fn condition<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<C
 pub(super) fn atom<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Atom> {
     let mut items = reader.expect_list(node, "an atom", ATOM)?;
     let head = reader.expect(&mut items, "predicate", ATOM)?;
-    let predicate = names::name(reader, head, "a predicate")?;
-    if names::is_reserved(predicate.as_str()) {
-        let message = format!("`{predicate}` cannot stand here");
-        reader.report(Diagnostic::error(head.span(), message).with_rule(ATOM));
-        return None;
-    }
+    let predicate = names::applied(reader, head, "a predicate", ATOM)?;
     if let Some(argument) = items.into_iter().find(|node| node.list().is_some()) {
         return nested(reader, head, argument);
     }
@@ -89,7 +83,7 @@ const KEYWORDS: &[&str] = &[
 /// Reports a predicate with a list for an argument: likely a keyword with a slip in it.
 fn nested<T>(reader: &mut Reader<'_>, head: Node<'_>, argument: Node<'_>) -> Option<T> {
     let word = head.symbol().unwrap_or("");
-    let near = nearest(word, KEYWORDS.iter().copied());
+    let near = reader.nearest(word, KEYWORDS.iter().copied());
     let diagnostic = match near {
         Some(_) => Diagnostic::error(head.span(), format!("unknown keyword `{word}`")),
         None => {

@@ -163,6 +163,8 @@ pub(super) fn signature<'f>(
 /// `((NAME* [- TYPE])* | (:private [NAME] (NAME* [- TYPE])*))*`
 pub(super) fn objects<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<ObjectDeclaration> {
     let mut declared = Vec::new();
+    // Only a text that speaks of several agents has several blocks.
+    let has_owners = items.filter(|node| is_private(*node)).nth(1).is_some();
     let mut from = items;
     let mut public = items.until(is_private);
     loop {
@@ -170,7 +172,7 @@ pub(super) fn objects<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Vec<Obje
         declared.extend(with_privacy(typed, &Privacy::Public));
         from = from.after(public);
         let Some(block) = from.next() else { return declared };
-        declared.extend(private_objects(reader, block, items));
+        declared.extend(private_objects(reader, block, items, has_owners));
         public = from.until(is_private);
     }
 }
@@ -186,18 +188,18 @@ fn with_privacy(typed: Vec<Typed>, privacy: &Privacy) -> impl Iterator<Item = Ob
 /// `(:private [NAME] (NAME* [- TYPE])*)`
 ///
 /// The owner looks like an object. The first word is taken for the owner if it is not typed and
-/// either declared elsewhere in the section (agents are objects too) or one of several blocks
-/// stands there, which only a text that speaks of several agents has.
+/// either declared elsewhere in the section (agents are objects too) or its block is one of several.
 fn private_objects<'f>(
     reader: &mut Reader<'f>,
     block: Node<'f>,
     section: Items<'f>,
+    has_owners: bool,
 ) -> Vec<ObjectDeclaration> {
     let Some(mut items) = block.list() else { return Vec::new() };
     items.next();
     let mut rest = items;
     let mut owner = None;
-    if let (Some(first), true) = (rest.next(), starts_with_owner(items, section)) {
+    if let (Some(first), true) = (rest.next(), starts_with_owner(items, section, has_owners)) {
         owner = names::name(reader, first, "an agent");
         items = rest;
     }
@@ -206,16 +208,15 @@ fn private_objects<'f>(
     with_privacy(typed, &Privacy::Private(owner)).collect()
 }
 
-fn starts_with_owner(mut items: Items<'_>, section: Items<'_>) -> bool {
+fn starts_with_owner(mut items: Items<'_>, section: Items<'_>, has_owners: bool) -> bool {
     let Some(first) = items.next().and_then(Node::symbol) else { return false };
     if items.peek().and_then(Node::symbol) == Some("-") {
         return false;
     }
-    let several_blocks = section.filter(|node| is_private(*node)).nth(1).is_some();
     let words = section.flat_map(|node| match node.list() {
         Some(inner) if is_private(node) => inner,
         _ => node.alone(),
     });
     let is_first = |node: &Node<'_>| node.symbol().is_some_and(|w| w.eq_ignore_ascii_case(first));
-    several_blocks || words.filter(is_first).nth(1).is_some()
+    has_owners || words.filter(is_first).nth(1).is_some()
 }

@@ -4,7 +4,6 @@ use super::names;
 use super::reader::{Keyword, Reader, excerpt};
 use super::{domain, model, problem};
 use crate::diagnostic::Diagnostic;
-use crate::nearest::nearest;
 use crate::sexpr::{Items, Node};
 use crate::tree::{Document, Name, Span};
 
@@ -56,9 +55,11 @@ fn definition<'f>(
     let mut items = reader.expect_list(node, "a definition", DEFINE)?;
     let define = reader.expect(&mut items, "`define`", DEFINE)?;
     if !define.symbol().is_some_and(|word| word.eq_ignore_ascii_case("define")) {
-        let message = format!("expected `define`, found `{}`", excerpt(define));
+        let word = excerpt(define);
+        let near = reader.nearest(&word, ["define"]);
+        let message = format!("expected `define`, found `{word}`");
         reader.report(Diagnostic::error(define.span(), message).with_rule(DEFINE));
-        return None;
+        near?;
     }
     let title = reader.expect(&mut items, "`(domain|problem|agent NAME)`", DEFINE)?;
     let (kind, name) = title_of(reader, title, expected)?;
@@ -85,26 +86,30 @@ fn title_of<'f>(
     let mut items = reader.expect_list(node, "`(domain|problem|agent NAME)`", DEFINE)?;
     let word = reader.expect(&mut items, "`domain`, `problem` or `agent`", DEFINE)?;
     let kind = kind(reader, word).or(expected)?;
-    let name = items.next().and_then(|node| names::name(reader, node, "a name"));
-    if name.is_none() && items.peek().is_none() {
-        reader.report(Diagnostic::error(node.span(), "a definition has a name").with_rule(DEFINE));
-    }
+    let name = reader.expect(&mut items, "name", DEFINE);
+    let name = name.and_then(|node| names::name(reader, node, "a name"));
     reader.expect_end(items, "the name", DEFINE);
     // Without a name of its own the rest is still worth reading.
     let name = name.unwrap_or_else(|| reader.intern("unnamed", node.span()));
     Some((kind, name))
 }
 
+/// `domain | problem | agent`; of a word with a slip in it, what was likely meant.
 fn kind<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<DocumentKind> {
-    match Keyword::of(node.symbol().unwrap_or("")).as_str() {
-        "domain" => Some(DocumentKind::Domain),
-        "problem" => Some(DocumentKind::Problem),
-        "agent" => Some(DocumentKind::ActionModel),
-        _ => {
-            reader.unknown(node, "kind of definition", &["domain", "problem", "agent"]);
-            None
+    const KINDS: &[&str] = &["domain", "problem", "agent"];
+    let word = Keyword::of(node.symbol().unwrap_or(""));
+    let word = match KINDS.contains(&word.as_str()) {
+        true => word.as_str(),
+        false => {
+            reader.unknown(node, "kind of definition", KINDS);
+            reader.nearest(word.as_str(), KINDS.iter().copied())?
         }
-    }
+    };
+    Some(match word {
+        "domain" => DocumentKind::Domain,
+        "problem" => DocumentKind::Problem,
+        _ => DocumentKind::ActionModel,
+    })
 }
 
 impl DocumentKind {
@@ -213,7 +218,7 @@ impl<'f> Sections<'f> {
             return reader.report(Diagnostic::error(head.span(), message));
         }
         let everywhere = ELSEWHERE.iter().map(|(keyword, _)| *keyword);
-        let near = nearest(&word, self.known.iter().copied().chain(everywhere));
+        let near = reader.nearest(&word, self.known.iter().copied().chain(everywhere));
         let unknown = Diagnostic::error(head.span(), format!("unknown section `{word}`"));
         reader.report(match near {
             Some(_) => unknown.with_suggestion(near),

@@ -45,12 +45,7 @@ pub(super) fn fluent<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Flue
         View::Damaged => return None,
     };
     let head = reader.expect(&mut items, "function", FLUENT)?;
-    let function = names::name(reader, head, "a function")?;
-    if names::is_reserved(function.as_str()) {
-        let message = format!("`{function}` cannot stand here");
-        reader.report(Diagnostic::error(head.span(), message).with_rule(FLUENT));
-        return None;
-    }
+    let function = names::applied(reader, head, "a function", FLUENT)?;
     let arguments = names::terms(reader, items)?;
     Some(FluentTerm { function, arguments, span: node.span() })
 }

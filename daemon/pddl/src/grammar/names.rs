@@ -18,6 +18,9 @@ pub(super) enum Entries {
 
 /// Words with a meaning of their own where a predicate or a function could stand.
 pub(super) fn is_reserved(word: &str) -> bool {
+    if word.len() > "scale-down".len() {
+        return false;
+    }
     let reserved = super::reader::Keyword::of(word);
     matches!(
         reserved.as_str(),
@@ -57,6 +60,22 @@ pub(super) fn name<'f>(reader: &mut Reader<'f>, node: Node<'f>, what: &str) -> O
         }
         View::Damaged => None,
     }
+}
+
+/// `NAME` of a predicate or a function that is applied: neither a word of PDDL nor a number.
+pub(super) fn applied<'f>(
+    reader: &mut Reader<'f>,
+    node: Node<'f>,
+    what: &str,
+    rule: &'static str,
+) -> Option<Name> {
+    let name = name(reader, node, what)?;
+    if !is_reserved(name.as_str()) && number(name.as_str()).is_none() {
+        return Some(name);
+    }
+    let message = format!("expected {what}, found `{name}`");
+    reader.report(Diagnostic::error(node.span(), message).with_rule(rule));
+    None
 }
 
 /// `?NAME`
@@ -188,6 +207,11 @@ fn checked_name<'f>(
     span: Span,
     what: &str,
 ) -> Option<Name> {
+    // Nearly every name is of letters, digits, `-` and `_`: no need to look at its characters.
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_');
+    if bare.bytes().all(is_plain) && bare.bytes().next().is_some_and(|byte| byte != b'-') {
+        return Some(reader.intern(bare, span));
+    }
     let wrong_start = bare.starts_with(['-', ':', '?']) || bare.is_empty();
     let stranger = bare.chars().find(|c| is_strange(*c));
     if !wrong_start && stranger.is_none() {
@@ -195,7 +219,9 @@ fn checked_name<'f>(
     }
     let mut diagnostic =
         Diagnostic::error(span, format!("expected {what}, found `{word}`")).with_rule(NAME);
-    if let Some(stranger) = stranger {
+    if bare.starts_with('?') {
+        diagnostic.help = Some("variables have no place here".to_owned());
+    } else if let Some(stranger) = stranger {
         let code = u32::from(stranger);
         diagnostic.help = Some(match stranger.is_whitespace() {
             true => format!("U+{code:04X} looks like a space, but is none in PDDL"),

@@ -113,10 +113,19 @@ impl<'f> Reader<'f> {
         }
     }
 
+    /// The candidate that was likely meant; none once no more mistakes are listed.
+    pub(super) fn nearest(
+        &self,
+        word: &str,
+        candidates: impl IntoIterator<Item = &'static str>,
+    ) -> Option<&'static str> {
+        if self.problems.is_full() { None } else { nearest(word, candidates) }
+    }
+
     /// Reports a word that is none of `known`, with the likely intended one.
     pub(super) fn unknown(&mut self, node: Node<'f>, what: &str, known: &[&'static str]) {
         let word = excerpt(node);
-        let near = nearest(&word, known.iter().copied());
+        let near = self.nearest(&word, known.iter().copied());
         let mut unknown = Diagnostic::error(node.span(), format!("unknown {what} `{word}`"))
             .with_suggestion(near);
         if near.is_none() {

@@ -157,7 +157,11 @@ fn write_group(items: &[Layout<'_>], indent: usize, out: &mut dyn Write) -> fmt:
                 out.write_char(' ')?;
             }
         }
-        item.write(indent, out)?;
+        if column + item.width <= COLUMNS_MAX {
+            item.write_flat(out)?;
+        } else {
+            item.write_broken(indent, out)?;
+        }
         column += item.width;
     }
     Ok(())

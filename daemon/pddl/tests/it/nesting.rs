@@ -1,0 +1,63 @@
+//! Texts that nest deeper than a stack: everything ends, on a thread with little of it.
+
+use pddl::{NESTING_MAX, Parsed};
+
+/// Half of what a thread gets from the standard library, in a debug build.
+const STACK_BYTES: usize = 1 << 20;
+
+/// Runs everything that recurses over a tree: reading, printing, comparing, hashing, dropping.
+fn check(text: String, is_ok: bool) {
+    let everything = move || {
+        let parsed = pddl::parse_document(&text);
+        assert_eq!(parsed.is_ok(), is_ok, "{:?}", parsed.diagnostics.first());
+        let Parsed { value, diagnostics } = parsed;
+        // A text can hold any number of mistakes, but not one for each of its parentheses.
+        assert!(diagnostics.len() < 2_000);
+        if let Some(document) = value {
+            assert_eq!(document.clone(), document);
+            let printed = document.to_string();
+            assert!(pddl::parse_document(&printed).is_ok());
+            assert!(format!("{document:?}").contains("name"));
+            if let pddl::Document::Domain(domain) = &document {
+                pddl::check_domain(domain);
+            }
+        }
+        pddl::parse_condition(&text);
+        pddl::parse_init_elements(&text);
+        pddl::parse_plan(&text);
+    };
+    let thread = std::thread::Builder::new().stack_size(STACK_BYTES).spawn(everything);
+    thread.expect("a thread can be had").join().expect("nothing overflows");
+}
+
+fn domain(condition: &str) -> String {
+    format!("(define (domain d) (:predicates (p)) (:action a :precondition {condition}))")
+}
+
+fn nested(open: &str, inner: &str, depth: usize) -> String {
+    open.repeat(depth) + inner + &")".repeat(depth)
+}
+
+#[test]
+fn the_deepest_condition_that_is_let_in_is_safe() {
+    // The definition, the action and the innermost atom are a level each.
+    for open in ["(not ", "(and ", "(imply (p) ", "(forall (?x) ", "(when (p) "] {
+        check(domain(&nested(open, "(p)", NESTING_MAX - 3)), !open.starts_with("(when"));
+    }
+    let expression = format!("(= 0 {})", nested("(- ", "1", NESTING_MAX - 3));
+    check(domain(&expression), true);
+}
+
+#[test]
+fn one_deeper_is_a_mistake() {
+    check(domain(&nested("(not ", "(p)", NESTING_MAX - 2)), false);
+}
+
+#[test]
+fn a_hundred_thousand_parentheses_are_survived() {
+    check("(".repeat(100_000), false);
+    check(")".repeat(100_000), false);
+    check(nested("(", "", 100_000), false);
+    check(domain(&nested("(not ", "(p)", 100_000)), false);
+    check("(define (domain d) ".to_owned() + &"(:action ".repeat(100_000), false);
+}
