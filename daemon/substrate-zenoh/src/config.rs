@@ -1,0 +1,342 @@
+//! What a session is opened with: our fields, over them what the ecosystem's file says in its
+//! `[zenoh]` table, over our defaults, over Zenoh's.
+//!
+//! The layers are merged as JSON and read by Zenoh once, as a whole: some of its sections accept
+//! nothing less than a whole object.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::{DaemonId, EcosystemId};
+use serde_json::{Value, json};
+use substrate::Inbound;
+
+use crate::endpoint::{self, EndpointError};
+use crate::session::ZenohSubstrate;
+
+/// How long a silent daemon counts as alive. A killed process is seen in milliseconds whatever
+/// the lease is; this is for the frozen machine and the pulled cable. Four keep-alives, of which
+/// a loaded board may miss three; below 2 s such boards are declared dead while they live.
+pub const LEASE: Duration = Duration::from_secs(4);
+
+/// The longest message accepted. A building's composite domain is far below 1 MiB; the bound
+/// keeps one sender from filling a small board's memory (Zenoh's own is 1 GiB).
+pub const MESSAGE_BYTES_MAX: usize = 16 << 20;
+
+/// Keep-alives per lease.
+const KEEP_ALIVES: u32 = 4;
+
+/// Outgoing batches (64 KiB each, allocated when used) that wait per priority and link. The
+/// greatest Zenoh allows: what does not fit is dropped, because a sender never waits.
+const BATCHES_MAX: u32 = 16;
+
+/// First and longest pause between attempts to connect. Daemons of one building start together,
+/// and the first attempt often comes before the other listens.
+const RECONNECT_FIRST_MS: u32 = 100;
+const RECONNECT_LAST_MS: u32 = 4_000;
+const _: () = assert!(RECONNECT_FIRST_MS < RECONNECT_LAST_MS);
+
+/// What a session is opened with. Plain data: cloning it opens nothing.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// The ecosystem, root of all key expressions.
+    pub ecosystem: EcosystemId,
+    /// This daemon.
+    pub daemon: DaemonId,
+    /// The Zenoh id: up to 16 bytes in lower-case hexadecimal, without leading zeros. `None` lets
+    /// Zenoh choose; persist [`ZenohSubstrate::zid`] so that others know this daemon again.
+    pub zid: Option<String>,
+    /// How the session takes part.
+    pub mode: Mode,
+    /// Where others reach this daemon, like `tls/[::]:7447` or `unixsock-stream/PATH`.
+    pub listen: Vec<String>,
+    /// Whom it connects to, and again whenever the connection is lost.
+    pub connect: Vec<String>,
+    /// How long a silent daemon counts as alive; [`LEASE`] unless the network is worse.
+    pub lease: Duration,
+    /// Zenoh's own settings, as it documents them; they win over everything but the fields above.
+    /// Its `listen.endpoints` and `connect.endpoints` are added to those above.
+    pub zenoh: Value,
+}
+
+/// How a session takes part in the mesh.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mode {
+    /// Relays for others. Every daemon does: Zenoh's peers do not, since 1.9.
+    #[default]
+    Router,
+    /// Hangs on one router and relays nothing: a command line, a plugin in its own process.
+    Client,
+}
+
+/// Why a session could not be opened.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum OpenError {
+    /// An endpoint is not used.
+    #[error(transparent)]
+    Endpoint(#[from] EndpointError),
+    /// A client has nothing to hang on.
+    #[error("connect as a client: name the endpoint of a daemon, like `tls/office-pi.local:7447`")]
+    NowhereToConnect,
+    /// The settings choose a mode.
+    #[error(
+        "read `[zenoh]`: leave out `mode`; a daemon is a router, because Zenoh's peers do not \
+         relay messages, and a command line is a client"
+    )]
+    ModeInSettings,
+    /// The settings are no table.
+    #[error("read `[zenoh]`: write a table of Zenoh's settings, like `connect.endpoints = [...]`")]
+    NotATable,
+    /// Zenoh does not read the settings.
+    #[error("read `{at}` of `[zenoh]`: {source}; Zenoh's DEFAULT_CONFIG.json5 says what there is")]
+    Settings {
+        /// The setting that it does not read.
+        at: String,
+        /// What Zenoh says.
+        source: zenoh::Error,
+    },
+    /// Zenoh could not open.
+    #[error("open a Zenoh session{}: {source}", places(listen, connect))]
+    Session {
+        /// Where it was to listen.
+        listen: Vec<String>,
+        /// Whom it was to connect to.
+        connect: Vec<String>,
+        /// What Zenoh says.
+        source: zenoh::Error,
+    },
+    /// The session is open, and refused what every daemon declares.
+    #[error("declare {what}: {source}")]
+    Declare {
+        /// What was declared.
+        what: String,
+        /// What Zenoh says.
+        source: zenoh::Error,
+    },
+}
+
+/// The settings, checked and merged.
+#[derive(Debug)]
+pub(crate) struct Settings {
+    pub(crate) zenoh: zenoh::Config,
+    pub(crate) listen: Vec<String>,
+    pub(crate) connect: Vec<String>,
+}
+
+// === impl Config ===
+
+impl Config {
+    /// A router that listens nowhere and connects to nobody.
+    pub fn new(ecosystem: EcosystemId, daemon: DaemonId) -> Config {
+        Config {
+            ecosystem,
+            daemon,
+            zid: None,
+            mode: Mode::Router,
+            listen: Vec::new(),
+            connect: Vec::new(),
+            lease: LEASE,
+            zenoh: Value::Null,
+        }
+    }
+
+    /// Opens the session and declares what every daemon declares; `inbound` may hear something
+    /// before this returns. A router does not wait for those it connects to.
+    ///
+    /// # Errors
+    ///
+    /// If the settings are refused, an endpoint cannot be listened on, or a client reaches nobody.
+    pub async fn open(self, inbound: Arc<dyn Inbound>) -> Result<Arc<ZenohSubstrate>, OpenError> {
+        let settings = self.settings()?;
+        ZenohSubstrate::open(&self.ecosystem, self.daemon, settings, inbound).await
+    }
+
+    fn settings(&self) -> Result<Settings, OpenError> {
+        let mut merged = self.defaults();
+        match &self.zenoh {
+            Value::Null => (),
+            Value::Object(raw) if raw.contains_key("mode") => {
+                return Err(OpenError::ModeInSettings);
+            }
+            Value::Object(_) => merge(&mut merged, &self.zenoh),
+            _ => return Err(OpenError::NotATable),
+        }
+        if let Some(zid) = &self.zid {
+            merged["id"] = json!(zid);
+        }
+        add_endpoints(&mut merged["listen"]["endpoints"], &self.listen);
+        add_endpoints(&mut merged["connect"]["endpoints"], &self.connect);
+        let listen = endpoints(&merged["listen"]["endpoints"]);
+        let connect = endpoints(&merged["connect"]["endpoints"]);
+        listen.iter().try_for_each(|each| endpoint::check_listen(each))?;
+        connect.iter().try_for_each(|each| endpoint::check_connect(each))?;
+        if self.mode == Mode::Client && connect.is_empty() && !scouts(&merged) {
+            return Err(OpenError::NowhereToConnect);
+        }
+        let zenoh = read(&merged)
+            .map_err(|source| OpenError::Settings { at: culprit(&merged).join("."), source })?;
+        Ok(Settings { zenoh, listen, connect })
+    }
+
+    /// What is different from Zenoh's defaults, and why.
+    fn defaults(&self) -> Value {
+        let mode = match self.mode {
+            Mode::Router => "router",
+            Mode::Client => "client",
+        };
+        json!({
+            "mode": mode,
+            // Left out, a router would listen in plain text on every interface.
+            "listen": { "endpoints": [] },
+            "connect": {
+                "endpoints": [],
+                "retry": {
+                    "period_init_ms": RECONNECT_FIRST_MS,
+                    "period_max_ms": RECONNECT_LAST_MS,
+                    "period_increase_factor": 2,
+                },
+            },
+            // Two ecosystems on one wire never merge by accident. A router sleeps `delay`
+            // before it opens, whether or not it scouts.
+            "scouting": {
+                "delay": 0,
+                "multicast": { "enabled": false },
+                "gossip": { "enabled": false },
+            },
+            // Zenoh refuses stamps of clocks that run ahead; boards without a battery do.
+            "timestamping": { "enabled": false },
+            "adminspace": { "permissions": { "read": true, "write": false } },
+            "transport": { "link": {
+                "tx": {
+                    "lease": u64::try_from(self.lease.as_millis()).unwrap_or(u64::MAX),
+                    "keep_alive": KEEP_ALIVES,
+                    // Bids, plans and messages go at `data_high`, models at `data_low`.
+                    "queue": { "size": { "data_high": BATCHES_MAX, "data_low": BATCHES_MAX } },
+                },
+                "rx": { "max_message_size": MESSAGE_BYTES_MAX },
+            } },
+        })
+    }
+}
+
+/// Lays `over` upon `base`: tables are merged, all else is replaced.
+fn merge(base: &mut Value, over: &Value) {
+    match (base, over) {
+        (Value::Object(base), Value::Object(over)) => {
+            for (key, value) in over {
+                merge(base.entry(key.as_str()).or_insert(Value::Null), value);
+            }
+        }
+        (base, over) => *base = over.clone(),
+    }
+}
+
+/// Adds ours to a plain list. Zenoh knows other shapes (per mode, with a strategy); who writes
+/// one has said everything.
+fn add_endpoints(list: &mut Value, ours: &[String]) {
+    if let Value::Array(list) = list {
+        list.extend(ours.iter().map(|endpoint| json!(endpoint)));
+    }
+}
+
+/// All endpoints in any of the shapes Zenoh knows.
+fn endpoints(value: &Value) -> Vec<String> {
+    match value {
+        Value::String(endpoint) => vec![endpoint.clone()],
+        Value::Array(list) => list.iter().flat_map(endpoints).collect(),
+        Value::Object(table) => {
+            let lists = table.iter().filter(|(key, _)| *key != "strategy");
+            lists.flat_map(|(_, list)| endpoints(list)).collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
+fn read(settings: &Value) -> zenoh::Result<zenoh::Config> {
+    zenoh::Config::from_json5(&settings.to_string())
+}
+
+/// The path of the first setting that is not read even alone. Zenoh's errors do not name it.
+fn culprit(settings: &Value) -> Vec<String> {
+    let mut path: Vec<String> = Vec::new();
+    let mut table = settings;
+    let alone = |path: &[String], key: &str, value: &Value| {
+        let inner = json!({ key: value });
+        path.iter().rev().fold(inner, |inner, key| json!({ key: inner }))
+    };
+    while let Value::Object(children) = table {
+        let bad = children.iter().find(|(key, value)| read(&alone(&path, key, value)).is_err());
+        let Some((key, value)) = bad else { break };
+        path.push(key.clone());
+        table = value;
+    }
+    path
+}
+
+fn scouts(settings: &Value) -> bool {
+    settings["scouting"]["multicast"]["enabled"] == json!(true)
+}
+
+fn places(listen: &[String], connect: &[String]) -> String {
+    let place = |what: &str, endpoints: &[String]| match endpoints {
+        [] => String::new(),
+        some => format!(" {what} `{}`", some.join("`, `")),
+    };
+    place("listening on", listen) + &place("connecting to", connect)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn config(zenoh: Value) -> Config {
+        let ecosystem = EcosystemId::new("office").expect("a name");
+        Config { zenoh, ..Config::new(ecosystem, DaemonId::new("pi").expect("a name")) }
+    }
+
+    #[track_caller]
+    fn check(zenoh: Value, key: &str, expected: &str) {
+        let settings = config(zenoh).settings().expect("good settings");
+        assert_eq!(settings.zenoh.get_json(key).expect("a setting"), expected);
+    }
+
+    #[test]
+    fn settings_lie_over_defaults() {
+        check(Value::Null, "transport/link/tx/lease", "4000");
+        check(Value::Null, "transport/link/rx/max_message_size", "16777216");
+        check(Value::Null, "scouting/delay", "0");
+        check(Value::Null, "listen/endpoints", "[]");
+        check(Value::Null, "adminspace/permissions/write", "false");
+        let lease = json!({ "transport": { "link": { "tx": { "lease": 10_000 } } } });
+        check(lease.clone(), "transport/link/tx/lease", "10000");
+        check(lease, "transport/link/tx/queue/size/data_high", "16");
+        let south = json!({ "gateway": { "south": [] } });
+        assert!(config(south).settings().is_ok(), "a section that is read only as a whole");
+    }
+
+    #[test]
+    fn endpoints_of_the_file_and_of_the_caller_are_all_used() {
+        let mut config = config(json!({ "connect": { "endpoints": ["tls/a:1"] } }));
+        config.connect = vec!["tls/b:1".to_owned()];
+        assert_eq!(config.settings().expect("good").connect, ["tls/a:1", "tls/b:1"]);
+    }
+
+    #[test]
+    fn refusals_say_what_would_be_right() {
+        let plain = json!({ "listen": { "endpoints": { "router": ["tcp/[::]:7447"] } } });
+        for (zenoh, expected) in [
+            (plain, "listen on `tcp/[::]:7447`: plain TCP is for this machine alone"),
+            (json!({ "mode": "peer" }), "read `[zenoh]`: leave out `mode`; a daemon is a router"),
+            (json!("tls/a:1"), "read `[zenoh]`: write a table of Zenoh's settings"),
+            (json!({ "transprt": {} }), "read `transprt` of `[zenoh]`: unknown"),
+            (json!({ "scouting": { "delay": "soon" } }), "read `scouting.delay` of `[zenoh]`: "),
+            (json!({ "id": "not hex" }), "read `id` of `[zenoh]`: "),
+        ] {
+            let error = config(zenoh).settings().expect_err(expected).to_string();
+            assert!(error.starts_with(expected), "{error}");
+        }
+        let client = Config { mode: Mode::Client, ..config(Value::Null) };
+        assert!(matches!(client.settings(), Err(OpenError::NowhereToConnect)));
+    }
+}

@@ -1,0 +1,119 @@
+//! Which endpoints a daemon may listen on and connect to, checked before Zenoh sees them.
+//!
+//! Plain text stays on the machine; what leaves it is TLS. Zenoh reports a bad endpoint long
+//! after the fact and without its name, so what can be said early is said here.
+
+use std::net::IpAddr;
+
+/// Why an endpoint is not used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EndpointError {
+    /// Not `protocol/address`.
+    #[error("read endpoint `{0}`: write PROTOCOL/ADDRESS, like `tls/office-pi.local:7447`")]
+    Malformed(String),
+    /// A protocol this build does not speak.
+    #[error("use endpoint `{endpoint}`: this build speaks {}, not `{protocol}`", PROTOCOLS.join(", "))]
+    UnknownProtocol {
+        /// The endpoint.
+        endpoint: String,
+        /// Its protocol.
+        protocol: String,
+    },
+    /// Plain text that everybody on the network could read and write.
+    #[error(
+        "listen on `{endpoint}`: plain TCP is for this machine alone; write `tls/{address}` for \
+         others, or `unixsock-stream/PATH` or `tcp/127.0.0.1:PORT` for this machine"
+    )]
+    PlainText {
+        /// The endpoint.
+        endpoint: String,
+        /// Its address.
+        address: String,
+    },
+}
+
+/// What this build speaks: the transports among `zenoh`'s features in the workspace's manifest.
+const PROTOCOLS: [&str; 3] = ["tls", "unixsock-stream", "tcp"];
+
+/// Checks an endpoint to connect to.
+pub(crate) fn check_connect(endpoint: &str) -> Result<(), EndpointError> {
+    split(endpoint).map(|_| ())
+}
+
+/// Checks an endpoint to listen on.
+pub(crate) fn check_listen(endpoint: &str) -> Result<(), EndpointError> {
+    let (protocol, address) = split(endpoint)?;
+    if protocol == "tcp" && !is_loopback(address) {
+        let (endpoint, address) = (endpoint.to_owned(), address.to_owned());
+        return Err(EndpointError::PlainText { endpoint, address });
+    }
+    Ok(())
+}
+
+/// Protocol and address, without Zenoh's metadata (`?…`) and configuration (`#…`).
+fn split(endpoint: &str) -> Result<(&str, &str), EndpointError> {
+    let malformed = || EndpointError::Malformed(endpoint.to_owned());
+    let (protocol, rest) = endpoint.split_once('/').ok_or_else(malformed)?;
+    let address = rest.split(['?', '#']).next().unwrap_or_default();
+    if protocol.is_empty() || address.is_empty() {
+        return Err(malformed());
+    }
+    if !PROTOCOLS.contains(&protocol) {
+        let (endpoint, protocol) = (endpoint.to_owned(), protocol.to_owned());
+        return Err(EndpointError::UnknownProtocol { endpoint, protocol });
+    }
+    Ok((protocol, address))
+}
+
+/// Whether `HOST:PORT` can be reached from this machine alone. A host name could resolve to
+/// anything, except the one that RFC 6761 fixes.
+fn is_loopback(address: &str) -> bool {
+    let Some((host, _port)) = address.rsplit_once(':') else { return false };
+    let host = host.trim_start_matches('[').trim_end_matches(']');
+    host == "localhost" || host.parse().is_ok_and(|ip: IpAddr| ip.is_loopback())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn plain_text_stays_on_the_machine() {
+        for good in [
+            "tcp/127.0.0.1:0",
+            "tcp/[::1]:7447",
+            "tcp/localhost:7447",
+            "tcp/127.0.0.1:7447?prio=1#so_rcvbuf=1",
+            "tls/[::]:7447",
+            "tls/0.0.0.0:7447",
+            "unixsock-stream//run/althing/office.sock",
+        ] {
+            assert_eq!(check_listen(good), Ok(()), "{good}");
+        }
+        for bad in
+            ["tcp/[::]:7447", "tcp/0.0.0.0:0", "tcp/192.168.1.2:7447", "tcp/office:1", "tcp/x"]
+        {
+            assert!(matches!(check_listen(bad), Err(EndpointError::PlainText { .. })), "{bad}");
+            assert_eq!(check_connect(bad), Ok(()), "{bad}");
+        }
+    }
+
+    #[test]
+    fn the_error_says_what_would_be_right() {
+        let refused = |endpoint| check_listen(endpoint).expect_err(endpoint).to_string();
+        assert_eq!(
+            refused("tcp/[::]:7447"),
+            "listen on `tcp/[::]:7447`: plain TCP is for this machine alone; write \
+             `tls/[::]:7447` for others, or `unixsock-stream/PATH` or `tcp/127.0.0.1:PORT` for \
+             this machine"
+        );
+        assert_eq!(
+            refused("quic/[::]:7447"),
+            "use endpoint `quic/[::]:7447`: this build speaks tls, unixsock-stream, tcp, not `quic`"
+        );
+        for malformed in ["", "office-pi", "tls/", "/x", "tcp/#a"] {
+            assert!(matches!(check_connect(malformed), Err(EndpointError::Malformed(_))));
+        }
+    }
+}

@@ -1,0 +1,245 @@
+//! All key expressions of an ecosystem: how they are built, and how they are read.
+//!
+//! One constructor and one parser per row of the table in the design, “Messages”. Chunks are
+//! plain, so that any Zenoh tool can listen. What does not parse is `None`: keys come from
+//! outside, where anybody can write anything.
+
+use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative};
+use substrate::{Address, Addressed, Resident, Resource, Subject};
+use zenoh::key_expr::KeyExpr;
+
+/// The last chunk of a receipt's key, where a message has its performative.
+const RECEIPT: &str = "receipt";
+
+/// The selector parameter that names the agent a question is about.
+pub(crate) const AGENT_PARAMETER: &str = "agent";
+
+/// The key expressions of one daemon in one ecosystem.
+#[derive(Clone, Debug)]
+pub(crate) struct Keys {
+    /// `althing/{ecosystem}`.
+    root: String,
+    daemon: DaemonId,
+}
+
+// === building ===
+
+impl Keys {
+    pub(crate) fn new(ecosystem: &EcosystemId, daemon: DaemonId) -> Keys {
+        Keys { root: format!("althing/{ecosystem}"), daemon }
+    }
+
+    /// `in/{daemon}/{agent}/{performative}`: to one agent.
+    pub(crate) fn to_one(&self, to: &Address, subject: Subject) -> KeyExpr<'static> {
+        let what = match subject {
+            Subject::Message(performative) => performative.as_str(),
+            Subject::Receipt => RECEIPT,
+        };
+        self.under(&["in", to.daemon.as_str(), to.agent.as_str(), what])
+    }
+
+    /// `all/{performative}/{sender}`: to all.
+    pub(crate) fn to_all(&self, sender: &AgentId, performative: Performative) -> KeyExpr<'static> {
+        self.under(&["all", performative.as_str(), sender.as_str()])
+    }
+
+    /// `alive/{daemon}/{agent}/{incarnation}`: presence of one agent of this daemon.
+    pub(crate) fn alive(&self, agent: &AgentId, incarnation: Incarnation) -> KeyExpr<'static> {
+        self.under(&["alive", self.daemon.as_str(), agent.as_str(), &incarnation.to_string()])
+    }
+
+    /// `model/{daemon}/{agent}`: the action model of one agent of this daemon.
+    pub(crate) fn model(&self, agent: &AgentId) -> KeyExpr<'static> {
+        self.under(&["model", self.daemon.as_str(), agent.as_str()])
+    }
+
+    /// `at/{daemon}/{what}`: a resource of this daemon.
+    pub(crate) fn at(&self, resource: Resource) -> KeyExpr<'static> {
+        self.under(&["at", self.daemon.as_str(), resource.as_str()])
+    }
+
+    /// Everything sent to agents of this daemon.
+    pub(crate) fn inbox(&self) -> KeyExpr<'static> {
+        self.under(&["in", self.daemon.as_str(), "**"])
+    }
+
+    /// Everything sent to all.
+    pub(crate) fn every_broadcast(&self) -> KeyExpr<'static> {
+        self.under(&["all", "**"])
+    }
+
+    /// Everybody's action models and heartbeats.
+    pub(crate) fn every_model(&self) -> KeyExpr<'static> {
+        self.under(&["model", "**"])
+    }
+
+    /// Everybody's presence.
+    pub(crate) fn everyone_alive(&self) -> KeyExpr<'static> {
+        self.under(&["alive", "**"])
+    }
+
+    /// Everything this daemon can be asked for, but its models.
+    pub(crate) fn own_resources(&self) -> KeyExpr<'static> {
+        self.under(&["at", self.daemon.as_str(), "*"])
+    }
+
+    /// The action models this daemon can be asked for.
+    pub(crate) fn own_models(&self) -> KeyExpr<'static> {
+        self.under(&["model", self.daemon.as_str(), "*"])
+    }
+
+    /// Whom a question goes to: `None` is everyone, of whom each answers under its own key.
+    pub(crate) fn asked(
+        &self,
+        daemon: Option<&DaemonId>,
+        resource: Resource,
+        agent: Option<&AgentId>,
+    ) -> KeyExpr<'static> {
+        let daemon = daemon.map_or("*", DaemonId::as_str);
+        match resource {
+            Resource::Model => self.under(&["model", daemon, agent.map_or("*", AgentId::as_str)]),
+            _ => self.under(&["at", daemon, resource.as_str()]),
+        }
+    }
+
+    fn under(&self, chunks: &[&str]) -> KeyExpr<'static> {
+        let text = format!("{}/{}", self.root, chunks.join("/"));
+        KeyExpr::try_from(text).expect("invariant: names, numbers and wildcards are chunks")
+    }
+}
+
+// === reading ===
+
+impl Keys {
+    /// How a message with this key was addressed, if it is one for this daemon.
+    pub(crate) fn addressed(&self, key: &str) -> Option<Addressed> {
+        match self.chunks(key)?.as_slice() {
+            ["in", daemon, agent, what] if *daemon == self.daemon.as_str() => {
+                Some(Addressed::To(AgentId::new(agent).ok()?, subject(what)?))
+            }
+            ["all", performative, sender] => {
+                Some(Addressed::All(AgentId::new(sender).ok()?, performative.parse().ok()?))
+            }
+            ["model", daemon, agent] => {
+                DaemonId::new(daemon).ok()?;
+                Some(Addressed::Beat(AgentId::new(agent).ok()?))
+            }
+            _ => None,
+        }
+    }
+
+    /// Whose presence a liveliness token with this key says.
+    pub(crate) fn resident(&self, key: &str) -> Option<Resident> {
+        let chunks = self.chunks(key)?;
+        let ["alive", daemon, agent, incarnation] = chunks.as_slice() else { return None };
+        Some(Resident {
+            agent: AgentId::new(agent).ok()?,
+            daemon: DaemonId::new(daemon).ok()?,
+            incarnation: self::incarnation(incarnation)?,
+        })
+    }
+
+    /// The chunks below the ecosystem's root.
+    fn chunks<'key>(&self, key: &'key str) -> Option<Vec<&'key str>> {
+        let below = key.strip_prefix(self.root.as_str())?.strip_prefix('/')?;
+        Some(below.split('/').collect())
+    }
+}
+
+fn subject(what: &str) -> Option<Subject> {
+    match what {
+        RECEIPT => Some(Subject::Receipt),
+        performative => performative.parse().ok().map(Subject::Message),
+    }
+}
+
+/// Reads the one spelling [`Keys::alive`] writes: were `7` and `007` the same life, the end of
+/// one token would end the other.
+fn incarnation(chunk: &str) -> Option<Incarnation> {
+    let number: u64 = chunk.parse().ok()?;
+    (number.to_string() == chunk).then_some(Incarnation(number))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn keys() -> Keys {
+        Keys::new(&EcosystemId::new("office").expect("a name"), daemon("pi"))
+    }
+
+    fn daemon(name: &str) -> DaemonId {
+        DaemonId::new(name).expect("a name")
+    }
+
+    fn agent(name: &str) -> AgentId {
+        AgentId::new(name).expect("a name")
+    }
+
+    #[test]
+    fn every_row_of_the_design_has_its_key() {
+        let (keys, robot) = (keys(), agent("robot"));
+        let to = Address { daemon: daemon("pi"), agent: robot.clone() };
+        let request = Subject::Message(Performative::Request);
+        let rows = [
+            (keys.to_one(&to, request), "in/pi/robot/request"),
+            (keys.to_one(&to, Subject::Receipt), "in/pi/robot/receipt"),
+            (keys.to_all(&robot, Performative::Cfp), "all/cfp/robot"),
+            (keys.alive(&robot, Incarnation(7)), "alive/pi/robot/7"),
+            (keys.model(&robot), "model/pi/robot"),
+            (keys.at(Resource::Goals), "at/pi/goals"),
+            (keys.inbox(), "in/pi/**"),
+            (keys.asked(None, Resource::State, Some(&robot)), "at/*/state"),
+            (keys.asked(None, Resource::Model, None), "model/*/*"),
+            (keys.asked(Some(&daemon("x")), Resource::Model, Some(&robot)), "model/x/robot"),
+        ];
+        for (key_expr, expected) in rows {
+            assert_eq!(key_expr.as_str(), format!("althing/office/{expected}"));
+        }
+    }
+
+    #[test]
+    fn what_is_built_can_be_read() {
+        let (keys, robot) = (keys(), agent("robot"));
+        let to = Address { daemon: daemon("pi"), agent: robot.clone() };
+        for subject in Performative::ALL.map(Subject::Message).into_iter().chain([Subject::Receipt])
+        {
+            let read = keys.addressed(&keys.to_one(&to, subject));
+            assert_eq!(read, Some(Addressed::To(robot.clone(), subject)));
+        }
+        let cfp = keys.addressed(&keys.to_all(&robot, Performative::Cfp));
+        assert_eq!(cfp, Some(Addressed::All(robot.clone(), Performative::Cfp)));
+        assert_eq!(keys.addressed(&keys.model(&robot)), Some(Addressed::Beat(robot.clone())));
+        let incarnation = Incarnation(u64::MAX);
+        let resident = Resident { agent: robot.clone(), daemon: daemon("pi"), incarnation };
+        assert_eq!(keys.resident(&keys.alive(&robot, incarnation)), Some(resident));
+    }
+
+    #[test]
+    fn a_stranger_may_write_anything() {
+        for garbage in [
+            "",
+            "/",
+            "althing",
+            "althing/office",
+            "althing/office/",
+            "althing/officer/in/pi/robot/request",
+            "althing/office/in/pi",
+            "althing/office/in/pi/robot/request/more",
+            "althing/office/in/other/robot/request",
+            "althing/office/in/pi/Robot/request",
+            "althing/office/in/pi/*/request",
+            "althing/office/in/pi/robot/shout",
+            "althing/office/all/receipt/robot",
+            "althing/office/all/cfp/**",
+            "althing/office/model/Pi/robot",
+            "althing/office/alive/pi/robot/7",
+        ] {
+            assert_eq!(keys().addressed(garbage), None, "{garbage}");
+        }
+        for garbage in ["", "-1", "+7", "007", "7.0", "*", "18446744073709551616", "7/8"] {
+            let key = format!("althing/office/alive/pi/robot/{garbage}");
+            assert_eq!(keys().resident(&key), None, "{garbage}");
+        }
+    }
+}

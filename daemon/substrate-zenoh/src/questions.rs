@@ -1,0 +1,169 @@
+//! Asking and being asked, by Zenoh's queries.
+//!
+//! Everyone answers under a key of their own and nothing is consolidated: under one key, all
+//! answers but one would be lost.
+
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use acl::{AgentId, Incarnation};
+use bytes::Bytes;
+use substrate::memory::{ANSWERS_MAX, collect_answers};
+use substrate::{Ask, BoxFuture, Inbound, Question, Resource};
+use tokio::sync::mpsc;
+use zenoh::key_expr::KeyExpr;
+use zenoh::qos::CongestionControl;
+use zenoh::query::{ConsolidationMode, Parameters, Query, QueryTarget, Reply, Selector};
+use zenoh::{Session, Wait};
+
+use crate::config::OpenError;
+use crate::inbound::{into_bytes, undeclared};
+use crate::key_expr::{AGENT_PARAMETER, Keys};
+
+/// The agents this daemon has announced, which are those that may have a model.
+#[derive(Clone, Default)]
+pub(crate) struct Residents(Arc<Mutex<BTreeSet<(AgentId, Incarnation)>>>);
+
+/// Answers the questions that come to one daemon.
+struct Answering {
+    keys: Keys,
+    residents: Residents,
+    inbound: Arc<dyn Inbound>,
+}
+
+/// Declares what a daemon can be asked.
+pub(crate) fn declare(
+    session: &Session,
+    keys: &Keys,
+    residents: &Residents,
+    inbound: &Arc<dyn Inbound>,
+) -> Result<(), OpenError> {
+    let (residents, inbound) = (residents.clone(), Arc::clone(inbound));
+    let answering = Arc::new(Answering { keys: keys.clone(), residents, inbound });
+    let (of_resources, of_models) = (Arc::clone(&answering), answering);
+    let resources = keys.own_resources();
+    declare_queryable(session, &resources, move |query| of_resources.resources(&query))?;
+    declare_queryable(session, &keys.own_models(), move |query| of_models.models(&query))
+}
+
+fn declare_queryable(
+    session: &Session,
+    key_expr: &KeyExpr<'static>,
+    answer: impl Fn(Query) + Send + Sync + 'static,
+) -> Result<(), OpenError> {
+    let queryable = session.declare_queryable(key_expr).callback(answer).background();
+    queryable.wait().map_err(|source| undeclared("queryable", key_expr, source))
+}
+
+/// Asks; resolves to what was answered within `timeout`.
+///
+/// The question goes out before this returns. Nobody there is an empty answer, and a prompt one.
+pub(crate) fn ask(
+    session: &Session,
+    keys: &Keys,
+    ask: &Ask,
+    timeout: Duration,
+) -> BoxFuture<Vec<Bytes>> {
+    let Ask { daemon, resource, agent } = ask;
+    let key_expr = keys.asked(daemon.as_ref(), *resource, agent.as_ref());
+    let parameters = match (resource, agent) {
+        (Resource::Model, _) | (_, None) => Parameters::empty(),
+        (_, Some(agent)) => Parameters::from(&[(AGENT_PARAMETER, agent.as_str())][..]),
+    };
+    let (answers, heard) = mpsc::channel(ANSWERS_MAX);
+    let sent = session
+        .get(Selector::owned(key_expr, parameters))
+        .target(QueryTarget::All)
+        .consolidation(ConsolidationMode::None)
+        // A lost question is asked again; blocking would freeze the asker for up to 5 s.
+        .congestion_control(CongestionControl::Drop)
+        .express(true)
+        .timeout(timeout)
+        .callback(move |reply| hear(&answers, &reply))
+        .wait();
+    if let Err(error) = sent {
+        tracing::debug!(%error, "a question was not asked");
+    }
+    Box::pin(collect_answers(heard, timeout))
+}
+
+fn hear(answers: &mpsc::Sender<Bytes>, reply: &Reply) {
+    match reply.result() {
+        Ok(sample) => {
+            if answers.try_send(into_bytes(sample.payload())).is_err() {
+                tracing::debug!(key = sample.key_expr().as_str(), "an answer came too late");
+            }
+        }
+        Err(error) => tracing::debug!(?error, "a question ended with an error"),
+    }
+}
+
+// === impl Answering ===
+
+impl Answering {
+    /// Passes on a query for resources; a wildcard may ask for several.
+    fn resources(&self, query: &Query) {
+        let Ok(agent) = agent(query.parameters()) else {
+            return tracing::debug!(selector = %query.selector(), "ignored a malformed question");
+        };
+        for resource in Resource::ALL {
+            let key_expr = self.keys.at(resource);
+            if query.key_expr().intersects(&key_expr) {
+                self.question(query, resource, agent.clone(), key_expr);
+            }
+        }
+    }
+
+    /// Passes on a query for models: one question per agent here that it asks for, so that each
+    /// answer has its agent's key.
+    fn models(&self, query: &Query) {
+        for agent in self.residents.agents() {
+            let key_expr = self.keys.model(&agent);
+            if query.key_expr().intersects(&key_expr) {
+                self.question(query, Resource::Model, Some(agent), key_expr);
+            }
+        }
+    }
+
+    fn question(
+        &self,
+        query: &Query,
+        resource: Resource,
+        agent: Option<AgentId>,
+        key_expr: KeyExpr<'static>,
+    ) {
+        let query = query.clone();
+        let answer = Arc::new(move |payload: Bytes| {
+            if let Err(error) = query.reply(&key_expr, payload).wait() {
+                tracing::debug!(key = key_expr.as_str(), %error, "an answer was not sent");
+            }
+        });
+        self.inbound.question(Question { resource, agent, answer });
+    }
+}
+
+/// The agent a question is about.
+fn agent(parameters: &Parameters) -> Result<Option<AgentId>, acl::InvalidName> {
+    parameters.get(AGENT_PARAMETER).map(AgentId::new).transpose()
+}
+
+// === impl Residents ===
+
+impl Residents {
+    pub(crate) fn add(&self, agent: AgentId, incarnation: Incarnation) {
+        self.with(|residents| residents.insert((agent, incarnation)));
+    }
+
+    pub(crate) fn remove(&self, agent: &AgentId, incarnation: Incarnation) {
+        self.with(|residents| residents.remove(&(agent.clone(), incarnation)));
+    }
+
+    fn agents(&self) -> BTreeSet<AgentId> {
+        self.with(|residents| residents.iter().map(|(agent, _)| agent.clone()).collect())
+    }
+
+    fn with<T>(&self, act: impl FnOnce(&mut BTreeSet<(AgentId, Incarnation)>) -> T) -> T {
+        act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}

@@ -1,0 +1,157 @@
+//! One Zenoh session as a [`Substrate`].
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative};
+use bytes::Bytes;
+use substrate::{Address, Ask, BoxFuture, Inbound, PresenceToken, SendError, Subject, Substrate};
+use zenoh::key_expr::KeyExpr;
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::{Session, Wait};
+
+use crate::config::{OpenError, Settings};
+use crate::inbound;
+use crate::key_expr::Keys;
+use crate::publishers::{Cache, PUBLISHERS_MAX};
+use crate::questions::{self, Residents};
+
+/// A daemon's end of the wire. Dropping the last handle closes it.
+pub struct ZenohSubstrate {
+    keys: Keys,
+    residents: Residents,
+    /// Before the session: they are undeclared while it is still open.
+    publishers: Cache<Route, Publisher<'static>>,
+    session: Session,
+}
+
+/// Where a message goes: one declared publisher each.
+#[derive(Clone, PartialEq, Eq, Hash)]
+enum Route {
+    To(Address, Subject),
+    All(AgentId, Performative),
+    Beat(AgentId),
+}
+
+// === impl ZenohSubstrate ===
+
+impl ZenohSubstrate {
+    pub(crate) async fn open(
+        ecosystem: &EcosystemId,
+        daemon: DaemonId,
+        settings: Settings,
+        inbound: Arc<dyn Inbound>,
+    ) -> Result<Arc<ZenohSubstrate>, OpenError> {
+        let Settings { zenoh, listen, connect } = settings;
+        let session = zenoh::open(zenoh).await.map_err(|source| OpenError::Session {
+            listen,
+            connect,
+            source,
+        })?;
+        let keys = Keys::new(ecosystem, daemon);
+        let residents = Residents::default();
+        questions::declare(&session, &keys, &residents, &inbound)?;
+        inbound::declare(&session, &keys, &inbound)?;
+        let publishers = Cache::new(PUBLISHERS_MAX);
+        Ok(Arc::new(ZenohSubstrate { keys, residents, publishers, session }))
+    }
+
+    /// Where this daemon is really listening, with the ports that the kernel chose.
+    pub fn locators(&self) -> Vec<String> {
+        let locators = self.session.info().locators().wait();
+        locators.into_iter().map(|locator| locator.to_string()).collect()
+    }
+
+    /// The Zenoh id of this session, in the form [`crate::Config::zid`] takes.
+    pub fn zid(&self) -> String {
+        self.session.zid().to_string()
+    }
+
+    fn put(&self, route: Route, payload: Bytes) -> Result<(), SendError> {
+        if self.session.is_closed() {
+            return Err(SendError::Closed);
+        }
+        let publisher = self.publishers.get_or_make(&route, || self.declare_publisher(&route));
+        publisher.and_then(|publisher| publisher.put(payload).wait()).map_err(declined)
+    }
+
+    /// Declares the publisher of a route.
+    ///
+    /// Congestion control is `Drop` for all. `Block` would hold the sender, which is a Tokio
+    /// worker, for up to 5 s; then close the link, lose all that is queued, and make every agent
+    /// behind it look dead. What must arrive is retried until its receipt comes, and a burst has
+    /// a megabyte of queue per link (`BATCHES_MAX`).
+    ///
+    /// One priority for all messages keeps those of one conversation in order; models, which are
+    /// long and repeated, give way to them.
+    fn declare_publisher(&self, route: &Route) -> zenoh::Result<Publisher<'static>> {
+        let (key_expr, priority, is_express) = match route {
+            Route::To(to, subject) => (self.keys.to_one(to, *subject), Priority::DataHigh, true),
+            Route::All(sender, performative) => {
+                (self.keys.to_all(sender, *performative), Priority::DataHigh, true)
+            }
+            Route::Beat(sender) => (self.keys.model(sender), Priority::DataLow, false),
+        };
+        let publisher = self.session.declare_publisher(key_expr);
+        let publisher = publisher.congestion_control(CongestionControl::Drop);
+        publisher.priority(priority).express(is_express).wait()
+    }
+}
+
+impl Substrate for ZenohSubstrate {
+    fn send(&self, to: &Address, subject: Subject, payload: Bytes) -> Result<(), SendError> {
+        self.put(Route::To(to.clone(), subject), payload)
+    }
+
+    fn broadcast(
+        &self,
+        sender: &AgentId,
+        performative: Performative,
+        payload: Bytes,
+    ) -> Result<(), SendError> {
+        self.put(Route::All(sender.clone(), performative), payload)
+    }
+
+    fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
+        self.put(Route::Beat(sender.clone()), payload)
+    }
+
+    fn announce(
+        &self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+    ) -> Result<PresenceToken, SendError> {
+        if self.session.is_closed() {
+            return Err(SendError::Closed);
+        }
+        let key_expr: KeyExpr = self.keys.alive(agent, incarnation);
+        self.residents.add(agent.clone(), incarnation);
+        let token = self.session.liveliness().declare_token(key_expr).wait().map_err(declined)?;
+        let (residents, agent) = (self.residents.clone(), agent.clone());
+        Ok(PresenceToken::new(move || {
+            residents.remove(&agent, incarnation);
+            if let Err(error) = token.undeclare().wait() {
+                tracing::debug!(%error, "a liveliness token ended with its session");
+            }
+        }))
+    }
+
+    fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
+        questions::ask(&self.session, &self.keys, &ask, timeout)
+    }
+
+    fn close(&self) -> BoxFuture<()> {
+        self.publishers.clear();
+        let session = self.session.clone();
+        Box::pin(async move {
+            if let Err(error) = session.close().await {
+                tracing::debug!(%error, "the session was not closed in order");
+            }
+        })
+    }
+}
+
+fn declined(error: zenoh::Error) -> SendError {
+    SendError::Declined(error.to_string())
+}

@@ -1,0 +1,169 @@
+//! A daemon in a test: a substrate, and a written record of what it hears.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative};
+use bytes::Bytes;
+use substrate::{
+    Address, Addressed, Ask, Delivery, Inbound, Presence, PresenceToken, Question, Resource,
+    Subject, Substrate,
+};
+use substrate_zenoh::{Config, Mode, ZenohSubstrate};
+use tokio::sync::mpsc;
+
+/// Far more than anything here takes; a test that reaches it has failed.
+pub(crate) const DEADLINE: Duration = Duration::from_secs(20);
+
+pub(crate) const HERE: &str = "tcp/127.0.0.1:0";
+
+pub(crate) struct Daemon {
+    pub(crate) name: &'static str,
+    pub(crate) substrate: Arc<ZenohSubstrate>,
+    heard: mpsc::UnboundedReceiver<String>,
+}
+
+/// Writes down what it hears, and answers every question with who, what and about whom.
+struct Ear {
+    name: &'static str,
+    heard: mpsc::UnboundedSender<String>,
+}
+
+impl Ear {
+    fn note(&self, line: String) {
+        // Nobody listens any more when a test is over.
+        let _ = self.heard.send(line);
+    }
+}
+
+impl Inbound for Ear {
+    fn deliver(&self, delivery: Delivery) {
+        let text = String::from_utf8_lossy(&delivery.payload).into_owned();
+        self.note(match delivery.addressed {
+            Addressed::To(agent, Subject::Message(performative)) => {
+                format!("to {agent} {performative}: {text}")
+            }
+            Addressed::To(agent, Subject::Receipt) => format!("to {agent} receipt: {text}"),
+            Addressed::All(sender, performative) => format!("all {sender} {performative}: {text}"),
+            Addressed::Beat(sender) => format!("beat {sender}: {text}"),
+        });
+    }
+
+    fn presence(&self, presence: Presence) {
+        let word = if matches!(presence, Presence::Joined(_)) { "joined" } else { "left" };
+        let resident = presence.resident();
+        self.note(format!("{word} {}@{}", resident.agent, resident.daemon));
+    }
+
+    fn question(&self, question: Question) {
+        let agent = question.agent.map_or("-".to_owned(), |agent| agent.to_string());
+        let text = format!("{} {} {agent}", self.name, question.resource.as_str());
+        (question.answer)(Bytes::from(text));
+    }
+}
+
+pub(crate) fn config(name: &str) -> Config {
+    Config::new(ecosystem("office"), DaemonId::new(name).expect("a name"))
+}
+
+pub(crate) fn ecosystem(name: &str) -> EcosystemId {
+    EcosystemId::new(name).expect("a name")
+}
+
+pub(crate) fn agent(name: &str) -> AgentId {
+    AgentId::new(name).expect("a name")
+}
+
+/// An inbound that writes to the receiver.
+pub(crate) fn ear(name: &'static str) -> (Arc<dyn Inbound>, mpsc::UnboundedReceiver<String>) {
+    let (sender, heard) = mpsc::unbounded_channel();
+    (Arc::new(Ear { name, heard: sender }), heard)
+}
+
+impl Daemon {
+    pub(crate) async fn open(name: &'static str, change: impl FnOnce(&mut Config)) -> Daemon {
+        let (inbound, heard) = ear(name);
+        let mut config = config(name);
+        change(&mut config);
+        let substrate = config.open(inbound).await.expect("a good configuration");
+        Daemon { name, substrate, heard }
+    }
+
+    /// A router that listens on a port of the kernel's choice.
+    pub(crate) async fn listening(name: &'static str) -> Daemon {
+        Daemon::open(name, |config| config.listen = vec![HERE.to_owned()]).await
+    }
+
+    /// A router that listens, and connects to another.
+    pub(crate) async fn linked(name: &'static str, other: &Daemon) -> Daemon {
+        let connect = other.substrate.locators();
+        Daemon::open(name, |config| {
+            config.listen = vec![HERE.to_owned()];
+            config.connect = connect;
+        })
+        .await
+    }
+
+    /// A client of another.
+    pub(crate) async fn client(name: &'static str, other: &Daemon) -> Daemon {
+        let connect = other.substrate.locators();
+        Daemon::open(name, |config| {
+            config.mode = Mode::Client;
+            config.connect = connect;
+        })
+        .await
+    }
+
+    /// Waits for a line, and returns all lines up to it.
+    #[track_caller]
+    pub(crate) fn hear(&mut self, line: &str) -> impl Future<Output = Vec<String>> {
+        let at = std::panic::Location::caller();
+        async move {
+            let mut lines = Vec::new();
+            let waiting = async {
+                while lines.last().is_none_or(|last| last != line) {
+                    lines.push(self.heard.recv().await.expect("the ear lives with its session"));
+                }
+            };
+            let in_time = tokio::time::timeout(DEADLINE, waiting).await;
+            assert!(in_time.is_ok(), "{at}: {} waits for `{line}`; heard {lines:?}", self.name);
+            lines
+        }
+    }
+
+    /// Waits for the next line.
+    pub(crate) async fn hear_any(&mut self) -> Vec<String> {
+        let line = tokio::time::timeout(DEADLINE, self.heard.recv()).await.expect("in time");
+        vec![line.expect("the ear lives with its session")]
+    }
+
+    pub(crate) fn announce(&self, name: &str) -> PresenceToken {
+        self.substrate.announce(&agent(name), Incarnation(1)).expect("open")
+    }
+
+    pub(crate) fn send(&self, daemon: &str, to: &str, subject: Subject, text: &str) {
+        let daemon = DaemonId::new(daemon).expect("a name");
+        let to = Address { daemon, agent: agent(to) };
+        self.substrate.send(&to, subject, Bytes::from(text.to_owned())).expect("open");
+    }
+
+    pub(crate) fn request(&self, daemon: &str, to: &str, text: &str) {
+        self.send(daemon, to, Subject::Message(Performative::Request), text);
+    }
+
+    /// Asks, and returns the answers in order.
+    pub(crate) async fn ask(
+        &self,
+        daemon: Option<&str>,
+        resource: Resource,
+        about: Option<&str>,
+    ) -> Vec<String> {
+        let daemon = daemon.map(|name| DaemonId::new(name).expect("a name"));
+        let ask = Ask { daemon, resource, agent: about.map(agent) };
+        let answers = self.substrate.ask(ask, DEADLINE).await;
+        let mut answers: Vec<String> =
+            answers.iter().map(|answer| String::from_utf8_lossy(answer).into_owned()).collect();
+        answers.sort();
+        answers
+    }
+}

@@ -1,0 +1,11 @@
+//! The Zenoh substrate as a daemon sees it, over real sessions on this machine.
+//!
+//! No test sleeps: each waits for what it expects to hear, until a deadline that only a failure
+//! reaches. Ports are chosen by the kernel.
+
+mod asking;
+mod daemon;
+mod messages;
+mod opening;
+mod presence;
+mod strangers;

@@ -1,0 +1,55 @@
+//! Opening a session, and what is said when it cannot be.
+
+use substrate_zenoh::{Config, Mode};
+
+use crate::daemon::{Daemon, HERE, config, ear};
+
+async fn refusal(change: impl FnOnce(&mut Config)) -> String {
+    let mut config = config("a");
+    change(&mut config);
+    let opened = config.open(ear("a").0).await;
+    opened.err().expect("a configuration that cannot work").to_string()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn locators_are_what_can_be_connected_to() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let socket = format!("unixsock-stream/{}", folder.path().join("a.sock").display());
+    let a = Daemon::open("a", |config| {
+        config.listen = vec![HERE.to_owned(), socket.clone()];
+        config.zid = Some("a1".to_owned());
+    })
+    .await;
+    assert_eq!(a.substrate.zid(), "a1");
+    let locators = a.substrate.locators();
+    assert!(locators.contains(&socket), "{locators:?}");
+    assert!(!locators.contains(&HERE.to_owned()) && locators.len() == 2, "{locators:?}");
+    for locator in locators {
+        let mut client = Daemon::open("client", |config| {
+            config.mode = Mode::Client;
+            config.connect = vec![locator];
+        })
+        .await;
+        client.request("client", "x", "heard");
+        client.hear("to x request: heard").await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn refusals_name_the_endpoint_and_what_would_be_right() {
+    let plain = refusal(|config| config.listen = vec!["tcp/[::]:7447".to_owned()]).await;
+    assert!(plain.contains("`tcp/[::]:7447`") && plain.contains("`tls/[::]:7447`"), "{plain}");
+
+    let a = Daemon::listening("a").await;
+    let taken = a.substrate.locators();
+    let error = refusal(|config| config.listen = taken.clone()).await;
+    assert!(error.contains(&taken[0]), "{error}");
+
+    let nobody = "unixsock-stream//nowhere/a.sock".to_owned();
+    let error = refusal(|config| {
+        config.mode = Mode::Client;
+        config.connect = vec![nobody.clone()];
+    })
+    .await;
+    assert!(error.contains(&nobody), "{error}");
+}

@@ -1,0 +1,77 @@
+//! Who is here.
+
+use acl::Incarnation;
+use substrate::Substrate as _;
+
+use crate::daemon::{Daemon, agent};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn presence_is_seen_by_all_and_by_oneself() {
+    let mut a = Daemon::listening("a").await;
+    let mut b = Daemon::linked("b", &a).await;
+    let token = a.announce("robot");
+    for daemon in [&mut a, &mut b] {
+        daemon.hear("joined robot@a").await;
+    }
+    drop(token);
+    for daemon in [&mut a, &mut b] {
+        assert_eq!(daemon.hear("left robot@a").await, ["left robot@a"], "and only once");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_latecomer_sees_who_is_already_here() {
+    let a = Daemon::listening("a").await;
+    let b = Daemon::linked("b", &a).await;
+    let _tokens = [a.announce("robot"), b.announce("sensor")];
+    let mut late = Daemon::linked("late", &b).await;
+    late.hear("joined sensor@b").await;
+    let mut later = Daemon::linked("later", &b).await;
+    later.hear("joined robot@a").await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn hundreds_of_tokens_do_not_hang() {
+    // Zenoh's default channel holds 256.
+    let a = Daemon::listening("a").await;
+    let _tokens: Vec<_> = (0..400).map(|number| a.announce(&format!("agent-{number}"))).collect();
+    let mut late = Daemon::client("late", &a).await;
+    let mut router = Daemon::linked("router", &a).await;
+    for daemon in [&mut late, &mut router] {
+        let mut joined = std::collections::BTreeSet::new();
+        while joined.len() < 400 {
+            joined.extend(daemon.hear_any().await);
+        }
+        assert!(joined.iter().all(|line| line.starts_with("joined agent-")), "{joined:?}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_lost_daemon_takes_its_agents_along() {
+    let mut a = Daemon::listening("a").await;
+    let b = Daemon::linked("b", &a).await;
+    let tokens = [b.announce("robot"), b.announce("sensor")];
+    a.hear("joined robot@b").await;
+    a.hear("joined sensor@b").await;
+    drop(b);
+    let mut left = [a.hear_any().await, a.hear_any().await].concat();
+    left.sort();
+    assert_eq!(left, ["left robot@b", "left sensor@b"]);
+    // They outlived their session; letting them go must do nothing.
+    drop(tokens);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_blink_is_passed_on_as_it_comes() {
+    let mut a = Daemon::listening("a").await;
+    let b = Daemon::linked("b", &a).await;
+    let token = b.announce("robot");
+    a.hear("joined robot@b").await;
+    drop(token);
+    let _token = b.announce("robot");
+    assert_eq!(a.hear("joined robot@b").await, ["left robot@b", "joined robot@b"]);
+    let second = b.substrate.announce(&agent("robot"), Incarnation(2)).expect("open");
+    assert_eq!(a.hear("joined robot@b").await, ["joined robot@b"], "two lives at once");
+    drop(second);
+    a.hear("left robot@b").await;
+}
