@@ -1,0 +1,123 @@
+//! How long a change takes in a building of a hundred agents:
+//! `cargo run --release -p capability --example hundred_agents`.
+
+use std::time::{Duration, Instant};
+
+use acl::content::Methods;
+use acl::{AgentId, Incarnation};
+use capability::{Announcement, Beat, Known, Maintainer, Moment, Scope, model_digest};
+
+const AGENTS: usize = 100;
+const ACTIONS: usize = 10;
+const FACTS: usize = 30;
+const ROUNDS: u32 = 50;
+
+const ONTOLOGY: &str = "(define (domain building) (:types place robot)
+    (:predicates (at ?r - robot ?p - place) (near ?p ?q - place)) (:functions (total-cost)))";
+
+fn main() {
+    measure("a hundred equal agents", |_| 0);
+    measure("a hundred agents, no two actions alike", |agent| agent);
+}
+
+fn measure(title: &str, variant: impl Fn(usize) -> usize) {
+    let announced: Vec<Announcement> =
+        (0..AGENTS).map(|agent| announcement(agent, variant(agent))).collect();
+    let mut maintainer = Maintainer::new(ontology(), map(), Scope::Everything);
+    for announcement in &announced {
+        maintainer.admit(announcement.clone(), Moment(0)).expect("a good model");
+    }
+    assert!(maintainer.conflicts().is_empty());
+    println!("{title}");
+    let last = &announced[AGENTS - 1];
+    let agent = &last.agent;
+    let life = last.incarnation;
+    let mut took = [Duration::ZERO; 7];
+    for round in 0..ROUNDS {
+        let mut steps = Steps { took: &mut took, next: 0 };
+        steps.time(|| maintainer.remove(agent, life, Moment(1)));
+        steps.time(|| maintainer.admit(last.clone(), Moment(1)).expect("a good model"));
+        steps.time(|| maintainer.mask(agent, life, Moment(1)));
+        steps.time(|| maintainer.unmask(agent, life, Moment(1)));
+        let beat = heartbeat(last, u64::from(round) + 1);
+        steps.time(|| maintainer.believe_heartbeat(beat, Moment(1)).expect("a good heartbeat"));
+        let snapshot = steps.time(|| maintainer.snapshot(Moment(1)));
+        steps.time(|| snapshot.digest().len());
+    }
+    let names = ["remove", "admit", "mask", "unmask", "heartbeat", "snapshot", "digest"];
+    for (name, took) in names.iter().zip(took) {
+        println!("  {name:10} {:8.1} µs", (took / ROUNDS).as_secs_f64() * 1e6);
+    }
+}
+
+struct Steps<'a> {
+    took: &'a mut [Duration],
+    next: usize,
+}
+
+impl Steps<'_> {
+    fn time<T>(&mut self, work: impl FnOnce() -> T) -> T {
+        let start = Instant::now();
+        let value = work();
+        self.took[self.next] += start.elapsed();
+        self.next += 1;
+        value
+    }
+}
+
+fn ontology() -> pddl::Domain {
+    pddl::parse_domain(ONTOLOGY).into_result().expect("a domain")
+}
+
+/// Forty places, each near each.
+fn map() -> pddl::Problem {
+    let places: String = (0..40).map(|place| format!("p{place} ")).collect();
+    let near: String =
+        (0..40 * 40).map(|pair| format!("(near p{} p{})", pair / 40, pair % 40)).collect();
+    let text = format!(
+        "(define (problem map) (:domain building) (:objects {places} - place) (:init {near})
+          (:goal (and)))"
+    );
+    pddl::parse_problem(&text).into_result().expect("a problem")
+}
+
+fn facts(agent: usize) -> String {
+    (0..FACTS).map(|place| format!("(at robot-{agent} p{place})")).collect()
+}
+
+fn announcement(agent: usize, variant: usize) -> Announcement {
+    let actions: String = (0..ACTIONS)
+        .map(|action| {
+            format!(
+                "(:action act-{action} :agent ?r - robot :parameters (?from ?to - place)
+                  :precondition (and (at ?r ?from) (near ?from ?to) (not (at ?r ?to)))
+                  :effect (and (not (at ?r ?from)) (at ?r ?to) (increase (total-cost) {variant})))"
+            )
+        })
+        .collect();
+    let text = format!(
+        "(define (agent robot-{agent}) (:domain building) (:objects robot-{agent} - robot)
+          (:init {}) {actions})",
+        facts(agent)
+    );
+    let methods = Methods::new();
+    Announcement {
+        agent: AgentId::new(&format!("robot-{agent}")).expect("a name"),
+        incarnation: Incarnation(1),
+        digest: model_digest(&text, &methods),
+        model: pddl::parse_action_model(&text).into_result().expect("a model"),
+        methods,
+    }
+}
+
+fn heartbeat(announced: &Announcement, sequence: u64) -> Beat {
+    let said = pddl::parse_init_elements(&facts(AGENTS - 1)).into_result().expect("facts");
+    Beat {
+        agent: announced.agent.clone(),
+        incarnation: announced.incarnation,
+        sequence,
+        digest: announced.digest.clone(),
+        facts: said.into_iter().map(Known::from).collect(),
+        due: None,
+    }
+}

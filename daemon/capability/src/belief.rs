@@ -1,0 +1,307 @@
+//! Beliefs: who claims which fact, since when and for how long; and what holds because of it.
+//!
+//! A fact holds while one owner claims it; of a number, the newest claim is believed. What is
+//! claimed but does not fit the composite domain is kept, and holds as soon as it fits.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use acl::Incarnation;
+use pddl::{InitElement, Name};
+
+use crate::composite::Composite;
+use crate::declined::Declined;
+use crate::fact::{FactKey, Owner, Space, Value};
+use crate::limits;
+use crate::moment::Moment;
+
+/// How a claim came about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[non_exhaustive]
+pub enum Source {
+    /// The `:init` of a model or of the map.
+    Model,
+    /// A heartbeat.
+    Heartbeat,
+    /// An effect of a confirmed action.
+    Effect,
+    /// A request to change the state.
+    Request,
+}
+
+/// One owner's word about one fact.
+#[derive(Clone, Debug)]
+pub(crate) struct Claim {
+    pub(crate) value: Value,
+    pub(crate) source: Source,
+    pub(crate) incarnation: Incarnation,
+    pub(crate) sequence: u64,
+    /// When it was said last.
+    pub(crate) said: Moment,
+    /// When it stops to be known.
+    pub(crate) until: Option<Moment>,
+}
+
+/// What holds of a term, and until when at most.
+#[derive(Clone, Copy, Debug)]
+struct Holding {
+    value: Value,
+    until: Option<Moment>,
+}
+
+/// A claim, and its place in the order in which all claims were made.
+#[derive(Clone, Debug)]
+struct Stamped {
+    stamp: u64,
+    claim: Claim,
+}
+
+/// Everything claimed, and what holds because of it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Beliefs {
+    claims: BTreeMap<FactKey, BTreeMap<Owner, Stamped>>,
+    by_owner: BTreeMap<Owner, BTreeSet<FactKey>>,
+    deadlines: BTreeSet<(Moment, FactKey, Owner)>,
+    holding: BTreeMap<FactKey, Holding>,
+    /// What may no longer be as `holding` says.
+    touched: BTreeSet<FactKey>,
+    stamps: u64,
+}
+
+// === impl Claim ===
+
+impl Claim {
+    /// A claim until further notice, of no particular life.
+    pub(crate) fn new(value: Value, source: Source, said: Moment) -> Claim {
+        let incarnation = Incarnation::default();
+        Claim { value, source, incarnation, sequence: 0, said, until: None }
+    }
+
+    pub(crate) fn until(self, until: Option<Moment>) -> Claim {
+        Claim { until, ..self }
+    }
+}
+
+// === impl Beliefs ===
+
+impl Beliefs {
+    /// Whether `owner` may claim `more` facts beside those it claims.
+    pub(crate) fn has_room(&self, owner: &Owner, more: usize) -> Result<(), Declined> {
+        let claimed = self.by_owner.get(owner);
+        let limit = match owner {
+            Owner::Map => limits::MAP_FACTS_MAX,
+            Owner::Agent(_) => limits::FACTS_PER_OWNER_MAX,
+        };
+        if claimed.map_or(0, BTreeSet::len) + more > limit {
+            return Err(Declined::TooMany { what: "facts of one owner", limit });
+        }
+        if claimed.is_none() && self.by_owner.len() >= limits::OWNERS_MAX {
+            let limit = limits::OWNERS_MAX;
+            return Err(Declined::TooMany { what: "owners of facts", limit });
+        }
+        Ok(())
+    }
+
+    /// Believes `owner`, in place of what it said of this fact before.
+    pub(crate) fn claim(&mut self, fact: FactKey, owner: &Owner, claim: Claim) {
+        self.stamps += 1;
+        let stamp = self.stamps;
+        // Most of what a heartbeat says is what the one before said.
+        if let Some(known) = self.known(&fact, owner).filter(|k| k.claim.until == claim.until) {
+            *known = Stamped { stamp, claim };
+            self.touched.insert(fact);
+            return;
+        }
+        self.withdraw(&fact, owner);
+        if let Some(until) = claim.until {
+            self.deadlines.insert((until, fact.clone(), owner.clone()));
+        }
+        self.by_owner.entry(owner.clone()).or_default().insert(fact.clone());
+        let stamped = Stamped { stamp, claim };
+        self.claims.entry(fact.clone()).or_default().insert(owner.clone(), stamped);
+        self.touched.insert(fact);
+    }
+
+    fn known(&mut self, fact: &FactKey, owner: &Owner) -> Option<&mut Stamped> {
+        self.claims.get_mut(fact)?.get_mut(owner)
+    }
+
+    /// Believes `owner` no longer about this fact.
+    pub(crate) fn withdraw(&mut self, fact: &FactKey, owner: &Owner) {
+        let Some(owners) = self.claims.get_mut(fact) else { return };
+        let Some(Stamped { claim, .. }) = owners.remove(owner) else { return };
+        if owners.is_empty() {
+            self.claims.remove(fact);
+        }
+        if let Some(until) = claim.until {
+            self.deadlines.remove(&(until, fact.clone(), owner.clone()));
+        }
+        if let Some(facts) = self.by_owner.get_mut(owner) {
+            facts.remove(fact);
+            if facts.is_empty() {
+                self.by_owner.remove(owner);
+            }
+        }
+        self.touched.insert(fact.clone());
+    }
+
+    /// Believes nobody about this fact.
+    pub(crate) fn withdraw_all(&mut self, fact: &FactKey) {
+        let owners: Vec<Owner> =
+            self.claims.get(fact).into_iter().flat_map(BTreeMap::keys).cloned().collect();
+        for owner in owners {
+            self.withdraw(fact, &owner);
+        }
+    }
+
+    /// Believes `owner` no longer about the facts that `is_over` tells.
+    pub(crate) fn withdraw_where(
+        &mut self,
+        owner: &Owner,
+        is_over: impl Fn(&FactKey, &Claim) -> bool,
+    ) {
+        let over: Vec<FactKey> = self
+            .facts_of(owner)
+            .filter(|fact| self.claim_of(fact, owner).is_some_and(|claim| is_over(fact, claim)))
+            .cloned()
+            .collect();
+        for fact in over {
+            self.withdraw(&fact, owner);
+        }
+    }
+
+    fn facts_of(&self, owner: &Owner) -> impl Iterator<Item = &FactKey> {
+        self.by_owner.get(owner).into_iter().flatten()
+    }
+
+    pub(crate) fn claim_of(&self, fact: &FactKey, owner: &Owner) -> Option<&Claim> {
+        self.claims.get(fact)?.get(owner).map(|stamped| &stamped.claim)
+    }
+
+    /// Forgets the claims whose time is over.
+    pub(crate) fn expire(&mut self, now: Moment) {
+        while let Some((until, fact, owner)) = self.deadlines.first().cloned() {
+            if until > now {
+                return;
+            }
+            self.withdraw(&fact, &owner);
+        }
+    }
+
+    pub(crate) fn next_expiry(&self) -> Option<Moment> {
+        self.deadlines.first().map(|(until, ..)| *until)
+    }
+
+    /// Looks again at the facts that rest on something that differs between two composites.
+    pub(crate) fn reconsider(&mut self, old: &Composite, new: &Composite) {
+        let changed = Difference::between(old, new);
+        let facts = self.claims.keys().filter(|fact| changed.touches(fact));
+        self.touched.extend(facts.cloned());
+    }
+
+    /// Brings what holds up to date; returns what holds now and did not, and the reverse.
+    pub(crate) fn settle(
+        &mut self,
+        composite: &Composite,
+        now: Moment,
+    ) -> (Vec<InitElement>, Vec<InitElement>) {
+        let (mut believed, mut retracted) = (Vec::new(), Vec::new());
+        for fact in std::mem::take(&mut self.touched) {
+            let before = self.holding.get(&fact).map(|holding| holding.value);
+            let after = self.judge(&fact, composite, now);
+            match (before, after) {
+                (Some(value), None) => retracted.push(fact.element(value)),
+                (before, Some(after)) if before != Some(after.value) => {
+                    believed.push(fact.element(after.value));
+                }
+                _ => (),
+            }
+            match after {
+                Some(holding) => self.holding.insert(fact, holding),
+                None => self.holding.remove(&fact),
+            };
+        }
+        (believed, retracted)
+    }
+
+    fn judge(&self, fact: &FactKey, composite: &Composite, now: Moment) -> Option<Holding> {
+        let owners = self.claims.get(fact)?;
+        let known = owners
+            .iter()
+            .filter(|(owner, _)| composite.secrets.sees(owner, fact))
+            .map(|(_, stamped)| stamped)
+            .filter(|stamped| stamped.claim.until.is_none_or(|until| until > now));
+        let holding = match fact.space() {
+            // Without an end is longest.
+            Space::Predicate => known
+                .map(|stamped| stamped.claim.until)
+                .max_by_key(|until| until.unwrap_or(Moment(u64::MAX)))
+                .map(|until| Holding { value: Value::True, until }),
+            Space::Function => known
+                .max_by_key(|stamped| stamped.stamp)
+                .map(|Stamped { claim, .. }| Holding { value: claim.value, until: claim.until }),
+        };
+        holding.filter(|_| composite.vocabulary.fact_misfit(fact).is_none())
+    }
+
+    /// What holds at `now`, in a fixed order.
+    pub(crate) fn holding<'a>(
+        &'a self,
+        composite: &'a Composite,
+        now: Moment,
+    ) -> impl Iterator<Item = InitElement> + 'a {
+        self.holding.iter().filter_map(move |(fact, holding)| {
+            // Another claim may outlive the one whose time is over.
+            let is_over = holding.until.is_some_and(|until| until <= now);
+            let holding = if is_over { self.judge(fact, composite, now)? } else { *holding };
+            Some(fact.element(holding.value))
+        })
+    }
+
+    /// What holds of a term, as last settled.
+    pub(crate) fn value_of(&self, fact: &FactKey) -> Option<Value> {
+        self.holding.get(fact).map(|holding| holding.value)
+    }
+
+    /// Every claim, by fact.
+    pub(crate) fn claims(&self) -> impl Iterator<Item = (&FactKey, Vec<(&Owner, &Claim)>)> {
+        self.claims.iter().map(|(fact, owners)| {
+            (fact, owners.iter().map(|(owner, stamped)| (owner, &stamped.claim)).collect())
+        })
+    }
+}
+
+/// The names that mean something else in one of two composites.
+struct Difference<'a> {
+    everything: bool,
+    names: BTreeSet<&'a Name>,
+}
+
+// === impl Difference ===
+
+impl<'a> Difference<'a> {
+    fn between(old: &'a Composite, new: &'a Composite) -> Difference<'a> {
+        let everything = old.domain.types != new.domain.types || old.secrets != new.secrets;
+        let mut names = BTreeSet::new();
+        let (before, after) = (&old.vocabulary, &new.vocabulary);
+        differing(&before.objects, &after.objects, &mut names);
+        differing(&before.predicates, &after.predicates, &mut names);
+        differing(&before.functions, &after.functions, &mut names);
+        Difference { everything, names }
+    }
+
+    fn touches(&self, fact: &FactKey) -> bool {
+        self.everything
+            || (!self.names.is_empty()
+                && (self.names.contains(fact.symbol())
+                    || fact.arguments().iter().any(|name| self.names.contains(name))))
+    }
+}
+
+fn differing<'a, V: PartialEq>(
+    one: &'a BTreeMap<Name, V>,
+    two: &'a BTreeMap<Name, V>,
+    names: &mut BTreeSet<&'a Name>,
+) {
+    names.extend(one.iter().filter(|(name, v)| two.get(*name) != Some(v)).map(|(name, _)| name));
+    names.extend(two.keys().filter(|name| !one.contains_key(*name)));
+}

@@ -1,0 +1,288 @@
+//! Canonical texts: two declarations are equal modulo variable names exactly if their canonical
+//! texts are equal.
+//!
+//! Variables are numbered in the order in which they are bound, nested `and`s are flattened,
+//! names are lower case. The order of conjuncts counts: authors who copy a model keep it, and
+//! two authors who do not are merely kept apart. Writing a text also gathers the symbols it
+//! uses, which is how an action that needs something undeclared is found.
+
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+use std::sync::Arc;
+
+use pddl::{
+    ActionSchema, Atom, Condition, Derived, Effect, Expression, FluentTerm, Name, Term, TypeExpr,
+    Typed,
+};
+
+/// The symbols a schema uses.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Uses {
+    /// Predicates, each with its number of arguments.
+    pub(crate) predicates: BTreeSet<(Name, usize)>,
+    /// Functions, each with its number of arguments.
+    pub(crate) functions: BTreeSet<(Name, usize)>,
+    /// Types of variables.
+    pub(crate) types: BTreeSet<Name>,
+    /// Objects named outright.
+    pub(crate) objects: BTreeSet<Name>,
+    /// Predicates that effects change.
+    pub(crate) changed: BTreeSet<Name>,
+    /// Functions that effects change.
+    pub(crate) assigned: BTreeSet<Name>,
+    /// Variables that nothing binds.
+    pub(crate) unbound: BTreeSet<Name>,
+}
+
+/// A canonical text, shared by all who compare by it.
+pub(crate) type Key = Arc<str>;
+
+/// The canonical text of an action, without its name, and what it uses.
+pub(crate) fn action(schema: &ActionSchema) -> (Key, Uses) {
+    let ActionSchema { name: _, agent, parameters, precondition, effect, span: _ } = schema;
+    let mut scribe = Scribe::default();
+    scribe.bind(agent.as_slice());
+    scribe.text.push('|');
+    scribe.bind(parameters);
+    scribe.condition(precondition);
+    scribe.effect(effect);
+    scribe.finish()
+}
+
+/// The canonical text of an axiom, without the predicate it derives, and what it uses.
+pub(crate) fn axiom(derived: &Derived) -> (Key, Uses) {
+    let Derived { predicate: _, parameters, condition, span: _ } = derived;
+    let mut scribe = Scribe::default();
+    scribe.bind(parameters);
+    scribe.condition(condition);
+    scribe.finish()
+}
+
+/// The canonical text of the types of some parameters.
+pub(crate) fn signature<'a>(types: impl IntoIterator<Item = &'a TypeExpr>) -> Key {
+    let mut text = String::new();
+    for ty in types {
+        write_type(&mut text, ty);
+    }
+    Key::from(text)
+}
+
+fn write_type(text: &mut String, ty: &TypeExpr) {
+    text.push('-');
+    if ty.is_object() {
+        text.push_str("object");
+        return;
+    }
+    let sorted: BTreeSet<&str> = ty.alternatives.iter().map(Name::as_str).collect();
+    for alternative in sorted {
+        text.push_str(alternative);
+        text.push(',');
+    }
+}
+
+#[derive(Default)]
+struct Scribe {
+    text: String,
+    /// Bound variables, innermost last; a variable's number is its place here.
+    scope: Vec<Name>,
+    uses: Uses,
+}
+
+// === impl Scribe ===
+
+impl Scribe {
+    fn finish(self) -> (Key, Uses) {
+        (Key::from(self.text), self.uses)
+    }
+
+    /// Writes the types of `variables` and leaves them bound.
+    fn bind(&mut self, variables: &[Typed]) {
+        for Typed { name, ty } in variables {
+            write_type(&mut self.text, ty);
+            if !ty.is_object() {
+                self.uses.types.extend(ty.alternatives.iter().cloned());
+            }
+            self.scope.push(name.clone());
+        }
+    }
+
+    /// `(WORD (TYPES) BODY)` with the variables bound in the body only.
+    fn quantified(&mut self, word: &str, variables: &[Typed], body: impl FnOnce(&mut Scribe)) {
+        let depth = self.scope.len();
+        self.open(word);
+        self.bind(variables);
+        body(self);
+        self.text.push(')');
+        self.scope.truncate(depth);
+    }
+
+    fn open(&mut self, word: &str) {
+        self.text.push('(');
+        self.text.push_str(word);
+        self.text.push(' ');
+    }
+
+    fn condition(&mut self, condition: &Condition) {
+        match condition {
+            Condition::Atom(atom) => self.atom(atom),
+            Condition::Equal(left, right, _) => {
+                self.open("=");
+                self.term(left);
+                self.term(right);
+                self.text.push(')');
+            }
+            Condition::Compare(compare) => {
+                self.open(&format!("{:?}", compare.comparison));
+                self.expression(&compare.left);
+                self.expression(&compare.right);
+                self.text.push(')');
+            }
+            Condition::Not(inner) => self.conditions("not", &[inner]),
+            Condition::And(_) => {
+                let mut parts = Vec::new();
+                flatten_condition(condition, &mut parts);
+                match parts[..] {
+                    [single] => self.condition(single),
+                    _ => self.conditions("and", &parts),
+                }
+            }
+            Condition::Or(parts) => self.conditions("or", &parts.iter().collect::<Vec<_>>()),
+            Condition::Imply(left, right) => self.conditions("imply", &[left, right]),
+            Condition::Exists(variables, inner) => {
+                self.quantified("exists", variables, |scribe| scribe.condition(inner));
+            }
+            Condition::Forall(variables, inner) => {
+                self.quantified("forall", variables, |scribe| scribe.condition(inner));
+            }
+        }
+    }
+
+    fn conditions(&mut self, word: &str, parts: &[&Condition]) {
+        self.open(word);
+        for part in parts {
+            self.condition(part);
+        }
+        self.text.push(')');
+    }
+
+    fn effect(&mut self, effect: &Effect) {
+        match effect {
+            Effect::And(_) => {
+                let mut parts = Vec::new();
+                flatten_effect(effect, &mut parts);
+                match parts[..] {
+                    [single] => self.effect(single),
+                    _ => self.effects(&parts),
+                }
+            }
+            Effect::Add(atom) => self.change("add", atom),
+            Effect::Delete(atom) => self.change("delete", atom),
+            Effect::Assign(assign) => {
+                self.uses.assigned.insert(assign.fluent.function.clone());
+                self.open(&format!("{:?}", assign.assignment));
+                self.fluent(&assign.fluent);
+                self.expression(&assign.value);
+                self.text.push(')');
+            }
+            Effect::Forall(variables, inner) => {
+                self.quantified("forall", variables, |scribe| scribe.effect(inner));
+            }
+            Effect::When(condition, inner) => {
+                self.open("when");
+                self.condition(condition);
+                self.effect(inner);
+                self.text.push(')');
+            }
+        }
+    }
+
+    fn effects(&mut self, parts: &[&Effect]) {
+        self.open("and");
+        for part in parts {
+            self.effect(part);
+        }
+        self.text.push(')');
+    }
+
+    fn change(&mut self, word: &str, atom: &Atom) {
+        self.uses.changed.insert(atom.predicate.clone());
+        self.open(word);
+        self.atom(atom);
+        self.text.push(')');
+    }
+
+    fn expression(&mut self, expression: &Expression) {
+        match expression {
+            // Adding zero makes `-0` the `0` it equals.
+            Expression::Number(number) => {
+                let _ = write!(self.text, " {}", number.0 + 0.0);
+            }
+            Expression::Fluent(fluent) => self.fluent(fluent),
+            Expression::Negate(inner) => self.expressions("negate", std::slice::from_ref(inner)),
+            Expression::Apply(operator, operands) => {
+                self.expressions(&format!("{operator:?}"), operands);
+            }
+            Expression::Duration(_) => self.text.push_str(" ?duration"),
+            Expression::ContinuousTime(_) => self.text.push_str(" #t"),
+            Expression::TotalTime(_) => self.text.push_str(" total-time"),
+        }
+    }
+
+    fn expressions<E: std::borrow::Borrow<Expression>>(&mut self, word: &str, operands: &[E]) {
+        self.open(word);
+        for operand in operands {
+            self.expression(operand.borrow());
+        }
+        self.text.push(')');
+    }
+
+    fn atom(&mut self, atom: &Atom) {
+        self.uses.predicates.insert((atom.predicate.clone(), atom.arguments.len()));
+        self.applied(&atom.predicate, &atom.arguments);
+    }
+
+    fn fluent(&mut self, fluent: &FluentTerm) {
+        self.uses.functions.insert((fluent.function.clone(), fluent.arguments.len()));
+        self.applied(&fluent.function, &fluent.arguments);
+    }
+
+    fn applied(&mut self, symbol: &Name, arguments: &[Term]) {
+        self.open(symbol.as_str());
+        for argument in arguments {
+            self.term(argument);
+        }
+        self.text.push(')');
+    }
+
+    fn term(&mut self, term: &Term) {
+        match term {
+            Term::Object(name) => {
+                self.uses.objects.insert(name.clone());
+                let _ = write!(self.text, " {}", name.as_str());
+            }
+            Term::Variable(name) => match self.scope.iter().rposition(|bound| bound == name) {
+                Some(number) => {
+                    let _ = write!(self.text, " ?{number}");
+                }
+                None => {
+                    self.uses.unbound.insert(name.clone());
+                    let _ = write!(self.text, " ?{}", name.as_str());
+                }
+            },
+        }
+    }
+}
+
+fn flatten_condition<'a>(condition: &'a Condition, parts: &mut Vec<&'a Condition>) {
+    match condition {
+        Condition::And(inner) => inner.iter().for_each(|part| flatten_condition(part, parts)),
+        other => parts.push(other),
+    }
+}
+
+fn flatten_effect<'a>(effect: &'a Effect, parts: &mut Vec<&'a Effect>) {
+    match effect {
+        Effect::And(inner) => inner.iter().for_each(|part| flatten_effect(part, parts)),
+        other => parts.push(other),
+    }
+}

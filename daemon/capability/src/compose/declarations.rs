@@ -1,0 +1,267 @@
+//! Which declarations stand: the ontology's before any agent's, equal ones once, and of two
+//! agents' that differ the one that stood already.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use pddl::{Domain, Name, TypeExpr, Typed, Types};
+
+use super::{Party, Report, Shared};
+use crate::canonical::Key;
+use crate::conflict::{Kind, Subject};
+use crate::manifest::{Axiom, Declaration, Item};
+use crate::vocabulary::{Signature, Vocabulary};
+
+/// The declarations of agents that stand, and all that is declared with them.
+#[derive(Default)]
+pub(super) struct Standing<'a> {
+    pub(super) kept: Vec<Kept<'a>>,
+    pub(super) axioms: Vec<&'a Axiom>,
+    pub(super) vocabulary: Vocabulary,
+}
+
+/// One declaration that stands.
+#[derive(Clone, Copy)]
+pub(super) struct Kept<'a> {
+    /// As the first of its declarers, by name, wrote it.
+    pub(super) declaration: &'a Declaration,
+    by: Party<'a>,
+    /// Whether all its declarers keep it to themselves.
+    pub(super) private: bool,
+    /// Whether one of its declarers is trusted, so that its axioms are known.
+    trusted: bool,
+}
+
+type Word<'a> = (Party<'a>, &'a Declaration);
+type Variant = (Key, Vec<Key>);
+
+pub(super) fn settle<'a>(
+    shared: &'a Shared,
+    parties: &[Party<'a>],
+    incumbents: &mut BTreeMap<Subject, Variant>,
+    report: &mut Report<'a>,
+) -> Standing<'a> {
+    let ours = index(&shared.manifest.declarations);
+    let mut kept = Vec::new();
+    let mut variants = BTreeMap::new();
+    for (subject, words) in words_of(parties) {
+        if let Some(declared) = ours.get(subject) {
+            yield_to_ontology(declared, &words, report);
+        } else {
+            let winner = choose(subject, &words, incumbents.get(subject), report);
+            variants.insert(subject.clone(), variant_of(winner.declaration));
+            kept.push(winner);
+        }
+    }
+    *incumbents = variants;
+    stand(shared, parties, kept, report)
+}
+
+fn index(declarations: &[Declaration]) -> BTreeMap<&Subject, &Declaration> {
+    declarations.iter().map(|declaration| (&declaration.subject, declaration)).collect()
+}
+
+/// Everything that agents declare and that may be known here, by what it is about.
+fn words_of<'a>(parties: &[Party<'a>]) -> BTreeMap<&'a Subject, Vec<Word<'a>>> {
+    let mut words: BTreeMap<&Subject, Vec<Word<'_>>> = BTreeMap::new();
+    for party in parties {
+        let known = party.manifest.declarations.iter().filter(|d| party.trusted || !d.private);
+        for declaration in known {
+            words.entry(&declaration.subject).or_default().push((*party, declaration));
+        }
+    }
+    words
+}
+
+fn variant_of(declaration: &Declaration) -> Variant {
+    let axioms = declaration.axioms.iter().map(|axiom| Key::clone(&axiom.key)).collect();
+    (Key::clone(&declaration.signature), axioms)
+}
+
+fn yield_to_ontology(declared: &Declaration, words: &[Word<'_>], report: &mut Report<'_>) {
+    for (party, word) in words.iter().filter(|(_, word)| !word.repeats(declared)) {
+        let owner = if word.subject.kind == Kind::Object { "map" } else { "ontology" };
+        let detail = format!(
+            "the {owner} declares {}, which stands; {} is left out",
+            shown(declared),
+            shown(word)
+        );
+        report.leave_out(party.agent, word.subject.clone(), detail);
+    }
+}
+
+/// Of the words about one subject, those that stand; who says otherwise is told.
+fn choose<'a>(
+    subject: &'a Subject,
+    words: &[Word<'a>],
+    incumbent: Option<&Variant>,
+    report: &mut Report<'a>,
+) -> Kept<'a> {
+    let stood = |word: &&Word<'a>| incumbent.is_some_and(|stood| variant_of(word.1) == *stood);
+    let first = words.iter().min_by_key(|(party, _)| party.arrival);
+    let chosen = words.iter().find(stood).or(first);
+    let (_, winner) = chosen.expect("invariant: a subject has words");
+    let (agreeing, others): (Vec<_>, Vec<_>) =
+        words.iter().partition(|(_, word)| word.agrees(winner));
+    let keeper = agreeing.iter().min_by_key(|(party, _)| party.arrival);
+    let (keeper, _) = keeper.expect("invariant: the winner agrees with itself");
+    for (party, word) in others {
+        let detail = format!(
+            "`{}` declares {}, which stands; {} of `{}` is left out",
+            keeper.agent,
+            shown(winner),
+            shown(word),
+            party.agent
+        );
+        report.lose(keeper.agent, party.agent, subject, detail);
+    }
+    let (by, declaration) = agreeing[0];
+    Kept {
+        declaration,
+        by,
+        private: agreeing.iter().all(|(_, word)| word.private),
+        trusted: agreeing.iter().any(|(party, _)| party.trusted),
+    }
+}
+
+fn shown(declaration: &Declaration) -> String {
+    let typed = |typed: &Typed| format!("`{} - {}`", typed.name, typed.ty);
+    match &declaration.item {
+        Item::Type(declared) => typed(declared),
+        Item::Object(declared) => typed(&declared.object),
+        Item::Predicate(declared) if declaration.axioms.is_empty() => format!("`{declared}`"),
+        Item::Predicate(declared) => format!("`{declared}` with its axioms"),
+        Item::Function(declared) => format!("`{declared}`"),
+    }
+}
+
+/// Leaves out what rests on nothing, and closes what stands.
+fn stand<'a>(
+    shared: &'a Shared,
+    parties: &[Party<'a>],
+    kept: Vec<Kept<'a>>,
+    report: &mut Report<'a>,
+) -> Standing<'a> {
+    let kept = without_circles(&shared.ontology, kept, report);
+    let types = kept.iter().filter_map(|kept| match &kept.declaration.item {
+        Item::Type(typed) => Some(typed),
+        _ => None,
+    });
+    let types = Types::new(shared.ontology.types.iter().chain(types));
+    let (kept, unfounded): (Vec<_>, Vec<_>) =
+        kept.into_iter().partition(|kept| unknown_type(&types, kept.declaration).is_none());
+    for Kept { declaration, by, .. } in unfounded {
+        if let Some(name) = unknown_type(&types, declaration) {
+            let detail = format!("it uses the type `{name}`, which is not declared");
+            report.leave_out(by.agent, declaration.subject.clone(), detail);
+        }
+    }
+    let vocabulary = vocabulary_of(shared, &kept, types);
+    let axioms = axioms_of(parties, &kept, shared, &vocabulary, report);
+    Standing { kept, axioms, vocabulary }
+}
+
+fn unknown_type<'a>(types: &Types, declaration: &'a Declaration) -> Option<&'a Name> {
+    let used = declaration.item.types().into_iter().flat_map(|ty| &ty.alternatives);
+    { used }.find(|name| !types.contains(name.as_str()))
+}
+
+/// A type that is its own supertype would be found on the way up from it.
+fn without_circles<'a>(
+    ontology: &Domain,
+    kept: Vec<Kept<'a>>,
+    report: &mut Report<'a>,
+) -> Vec<Kept<'a>> {
+    let mut parents: BTreeMap<&Name, &TypeExpr> =
+        ontology.types.iter().map(|typed| (&typed.name, &typed.ty)).collect();
+    for kept in &kept {
+        if let Item::Type(typed) = &kept.declaration.item {
+            parents.insert(&typed.name, &typed.ty);
+        }
+    }
+    let (circular, kept): (Vec<_>, Vec<_>) = kept.iter().partition(|kept| {
+        kept.declaration.subject.kind == Kind::Type
+            && reaches_itself(&kept.declaration.subject.name, &parents)
+    });
+    for Kept { declaration, by, .. } in circular {
+        let detail = format!("{} makes the type its own supertype", shown(declaration));
+        report.leave_out(by.agent, declaration.subject.clone(), detail);
+    }
+    kept
+}
+
+fn reaches_itself(name: &Name, parents: &BTreeMap<&Name, &TypeExpr>) -> bool {
+    let above = |name: &Name| parents.get(name).into_iter().flat_map(|ty| &ty.alternatives);
+    let mut seen = BTreeSet::new();
+    let mut open: Vec<&Name> = above(name).collect();
+    while let Some(next) = open.pop() {
+        if next == name {
+            return true;
+        }
+        if seen.insert(next) {
+            open.extend(above(next));
+        }
+    }
+    false
+}
+
+fn vocabulary_of(shared: &Shared, kept: &[Kept<'_>], types: Types) -> Vocabulary {
+    let mut vocabulary = Vocabulary { types, ..Vocabulary::default() };
+    let ours = shared.manifest.declarations.iter().map(|declaration| (declaration, true));
+    let theirs = kept.iter().map(|kept| (kept.declaration, kept.trusted));
+    for (declaration, with_axioms) in ours.chain(theirs) {
+        let name = declaration.subject.name.clone();
+        let signature = |parameters: &[Typed]| Signature {
+            parameters: parameters.iter().map(|parameter| parameter.ty.clone()).collect(),
+            derived: with_axioms && !declaration.axioms.is_empty(),
+        };
+        match &declaration.item {
+            Item::Type(_) => (),
+            Item::Object(declared) => {
+                vocabulary.objects.insert(name, declared.object.ty.clone());
+            }
+            Item::Predicate(declared) => {
+                vocabulary.predicates.insert(name, signature(&declared.parameters));
+            }
+            Item::Function(declared) => {
+                vocabulary.functions.insert(name, signature(&declared.parameters));
+            }
+        }
+    }
+    vocabulary
+}
+
+/// The agents' axioms that stand: for predicates of their own, and over what is declared.
+fn axioms_of<'a>(
+    parties: &[Party<'a>],
+    kept: &[Kept<'a>],
+    shared: &Shared,
+    vocabulary: &Vocabulary,
+    report: &mut Report<'a>,
+) -> Vec<&'a Axiom> {
+    let known = |key: &Key| shared.manifest.declarations.iter().any(|d| has_axiom(d, key));
+    for party in parties.iter().filter(|party| party.trusted) {
+        for axiom in party.manifest.loose_axioms.iter().filter(|axiom| !known(&axiom.key)) {
+            let subject = Subject::new(Kind::Axiom, &axiom.tree.predicate);
+            let detail = "the model does not declare the predicate, and only who declares it may \
+                          derive it";
+            report.leave_out(party.agent, subject, detail.to_owned());
+        }
+    }
+    let mut standing = Vec::new();
+    for Kept { declaration, by, trusted, .. } in kept {
+        for axiom in declaration.axioms.iter().filter(|_| *trusted) {
+            match vocabulary.misfit(&axiom.uses) {
+                None => standing.push(axiom),
+                Some(detail) => {
+                    let subject = Subject::new(Kind::Axiom, &axiom.tree.predicate);
+                    report.leave_out(by.agent, subject, detail);
+                }
+            }
+        }
+    }
+    standing
+}
+
+fn has_axiom(declaration: &Declaration, key: &Key) -> bool {
+    declaration.axioms.iter().any(|axiom| axiom.key == *key)
+}

@@ -1,0 +1,113 @@
+//! The composite: one domain of many models, and who offers what of it.
+//!
+//! Made by [`compose`](crate::compose), never changed afterwards; shared by snapshots.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, OnceLock};
+
+use acl::AgentId;
+use pddl::{Atom, Domain, Name, ObjectDeclaration, Span, Term};
+
+use crate::digest::text_digest;
+use crate::fact::{FactKey, Owner};
+use crate::vocabulary::Vocabulary;
+
+/// One domain of many models.
+#[derive(Debug)]
+pub(crate) struct Composite {
+    pub(crate) domain: Arc<Domain>,
+    digest: OnceLock<String>,
+    pub(crate) vocabulary: Vocabulary,
+    /// The problem's objects, the map's before the agents'.
+    pub(crate) objects: Vec<ObjectDeclaration>,
+    /// What each agent offers.
+    pub(crate) offers: BTreeMap<AgentId, Vec<Offered>>,
+    /// Names inside → names outside, where they differ.
+    pub(crate) qualified: BTreeMap<Name, Name>,
+    pub(crate) secrets: Secrets,
+}
+
+/// An action as one agent offers it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Offered {
+    /// The name the agent gave it.
+    pub(crate) outside: Name,
+    /// Its name in the composite domain.
+    pub(crate) inside: Name,
+    /// The predicate that holds of the agents that offer it.
+    pub(crate) guard: Name,
+}
+
+/// What the owners of facts keep to themselves.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Secrets {
+    /// Whose private facts may be known; `None` means everyone's.
+    pub(crate) trusted: Option<BTreeSet<AgentId>>,
+    /// Symbols that the ontology makes private to each agent.
+    pub(crate) symbols: BTreeSet<Name>,
+    /// Symbols and objects that agents declare private.
+    pub(crate) of_agents: BTreeMap<AgentId, BTreeSet<Name>>,
+}
+
+// === impl Composite ===
+
+impl Composite {
+    /// A composite in which nobody offers anything yet.
+    pub(crate) fn new(
+        domain: Domain,
+        vocabulary: Vocabulary,
+        objects: Vec<ObjectDeclaration>,
+        secrets: Secrets,
+    ) -> Composite {
+        let (offers, qualified) = (BTreeMap::new(), BTreeMap::new());
+        let (domain, digest) = (Arc::new(domain), OnceLock::new());
+        Composite { domain, digest, vocabulary, objects, offers, qualified, secrets }
+    }
+
+    /// Digest of the domain's text; computed once, when somebody asks.
+    pub(crate) fn digest(&self) -> &str {
+        self.digest.get_or_init(|| text_digest(&self.domain.to_string()))
+    }
+
+    /// Shares the domain with a composite that has the same one, to the letter.
+    pub(crate) fn share_domain(&mut self, other: &Composite) {
+        if self.domain == other.domain && self.digest() == other.digest() {
+            self.domain = Arc::clone(&other.domain);
+        }
+    }
+
+    /// Whether planning in `other` is the same as planning in this: they share their domain.
+    pub(crate) fn is_as(&self, other: &Composite) -> bool {
+        Arc::ptr_eq(&self.domain, &other.domain)
+            && self.objects == other.objects
+            && self.offers == other.offers
+            && self.qualified == other.qualified
+    }
+}
+
+// === impl Secrets ===
+
+impl Secrets {
+    /// Whether what `owner` says of `fact` may be known here.
+    pub(crate) fn sees(&self, owner: &Owner, fact: &FactKey) -> bool {
+        let (Owner::Agent(agent), Some(trusted)) = (owner, &self.trusted) else { return true };
+        if trusted.contains(agent) {
+            return true;
+        }
+        let hidden = self.of_agents.get(agent);
+        let is_hidden = |name: &Name| hidden.is_some_and(|names| names.contains(name));
+        !self.symbols.contains(fact.symbol())
+            && !is_hidden(fact.symbol())
+            && !fact.arguments().iter().any(is_hidden)
+    }
+}
+
+// === impl Offered ===
+
+impl Offered {
+    /// The fact that lets `agent` act by this schema.
+    pub(crate) fn guard_fact(&self, agent: &AgentId) -> Atom {
+        let object = Term::Object(Name::new(agent.as_str()));
+        Atom { predicate: self.guard.clone(), arguments: vec![object], span: Span::default() }
+    }
+}

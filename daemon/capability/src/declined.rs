@@ -1,0 +1,107 @@
+//! Why something was not taken: expected turns, answered on the wire, never panics.
+
+use std::fmt;
+
+use acl::content::{Reason, Refusal};
+use acl::{AgentId, Incarnation};
+
+/// Why a model, a heartbeat or a change was not taken. Nothing of it is believed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Declined {
+    /// The model describes another agent than the one that sent it.
+    OtherAgent {
+        /// Who sent it.
+        sender: AgentId,
+        /// Whom it describes.
+        model: String,
+    },
+    /// The model builds on another ontology.
+    OtherOntology {
+        /// The one it names.
+        named: String,
+        /// The one that is shared here.
+        shared: String,
+    },
+    /// A late report of a former life of the agent.
+    FormerIncarnation {
+        /// The agent.
+        agent: AgentId,
+        /// The life that reports.
+        reported: Incarnation,
+        /// The newest life known.
+        current: Incarnation,
+    },
+    /// A heartbeat that is not newer than one already believed.
+    OldSequence {
+        /// The agent.
+        agent: AgentId,
+        /// Its number.
+        reported: u64,
+        /// The newest number believed.
+        current: u64,
+    },
+    /// Nobody of this name, or of this life, has told its model yet.
+    UnknownAgent {
+        /// The agent.
+        agent: AgentId,
+    },
+    /// More than this maintainer takes.
+    TooMany {
+        /// Of what, in the plural.
+        what: &'static str,
+        /// The limit.
+        limit: usize,
+    },
+}
+
+impl Declined {
+    /// The reason for a program, as a `refuse` carries it.
+    pub fn reason(&self) -> Reason {
+        match self {
+            Declined::OtherAgent { .. } | Declined::OtherOntology { .. } => Reason::BadContent,
+            Declined::FormerIncarnation { .. } | Declined::OldSequence { .. } => Reason::OutOfTurn,
+            Declined::UnknownAgent { .. } => Reason::Unknown,
+            Declined::TooMany { .. } => Reason::Busy,
+        }
+    }
+
+    /// The content of a `refuse`.
+    pub fn refusal(&self) -> Refusal {
+        Refusal::new(self.reason(), self.to_string())
+    }
+}
+
+impl fmt::Display for Declined {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Declined::OtherAgent { sender, model } => write!(
+                f,
+                "the model describes `{model}` and was sent by `{sender}`; an agent describes \
+                 itself: write `(define (agent {sender}) …)`"
+            ),
+            Declined::OtherOntology { named, shared } => write!(
+                f,
+                "the model builds on `{named}`, and this ecosystem shares `{shared}`; write \
+                 `(:domain {shared})`"
+            ),
+            Declined::FormerIncarnation { agent, reported, current } => write!(
+                f,
+                "`{agent}` lives in incarnation {current}; incarnation {reported} is not believed"
+            ),
+            Declined::OldSequence { agent, reported, current } => write!(
+                f,
+                "heartbeat {reported} of `{agent}` came after heartbeat {current} and is not \
+                 believed"
+            ),
+            Declined::UnknownAgent { agent } => {
+                write!(f, "`{agent}` has not told its action model; ask it for the model first")
+            }
+            Declined::TooMany { what, limit } => {
+                write!(f, "there are more {what} than the {limit} that are taken")
+            }
+        }
+    }
+}
+
+impl std::error::Error for Declined {}

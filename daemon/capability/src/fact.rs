@@ -1,0 +1,127 @@
+//! Facts: what is said of the world, apart from who says it.
+
+use std::fmt;
+
+use acl::AgentId;
+use pddl::{Atom, FluentTerm, InitElement, Name, Number, Span, Term};
+
+/// Which kind of symbol a fact is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) enum Space {
+    Predicate,
+    Function,
+}
+
+/// The term of a fact, without its value: two claims about one term are about one thing.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct FactKey {
+    space: Space,
+    symbol: Name,
+    arguments: Vec<Name>,
+}
+
+/// What is said of a term.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Value {
+    /// Of a predicate: it is true.
+    True,
+    /// Of a function: its number.
+    Number(Number),
+}
+
+/// What an element of `:init` says.
+pub(crate) enum Statement {
+    /// The term has this value.
+    Is(FactKey, Value),
+    /// The term is false.
+    Not(FactKey),
+    /// Nothing that can be believed: it has a variable, or speaks of another time.
+    Unusable,
+}
+
+/// Whose word a fact is.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Owner {
+    /// The map's: true until someone asks for a change.
+    Map,
+    /// An agent's; it leaves with the agent.
+    Agent(AgentId),
+}
+
+// === impl FactKey ===
+
+impl FactKey {
+    fn new(space: Space, symbol: &Name, arguments: &[Term]) -> Option<FactKey> {
+        let arguments = arguments
+            .iter()
+            .map(|term| match term {
+                Term::Object(name) => Some(name.clone()),
+                Term::Variable(_) => None,
+            })
+            .collect::<Option<_>>()?;
+        Some(FactKey { space, symbol: symbol.clone(), arguments })
+    }
+
+    pub(crate) fn space(&self) -> Space {
+        self.space
+    }
+
+    pub(crate) fn symbol(&self) -> &Name {
+        &self.symbol
+    }
+
+    pub(crate) fn arguments(&self) -> &[Name] {
+        &self.arguments
+    }
+
+    /// The element of `:init` that gives this term `value`.
+    pub(crate) fn element(&self, value: Value) -> InitElement {
+        let arguments = self.arguments.iter().cloned().map(Term::Object).collect();
+        let span = Span::default();
+        match value {
+            Value::True => {
+                InitElement::Atom(Atom { predicate: self.symbol.clone(), arguments, span })
+            }
+            Value::Number(number) => {
+                let function = self.symbol.clone();
+                InitElement::Assign(FluentTerm { function, arguments, span }, number)
+            }
+        }
+    }
+}
+
+// === impl Statement ===
+
+impl Statement {
+    pub(crate) fn of(element: &InitElement) -> Statement {
+        let atom_key =
+            |atom: &Atom| FactKey::new(Space::Predicate, &atom.predicate, &atom.arguments);
+        let statement = match element {
+            InitElement::Atom(atom) => atom_key(atom).map(|key| Statement::Is(key, Value::True)),
+            InitElement::Not(atom) => atom_key(atom).map(Statement::Not),
+            InitElement::Assign(fluent, number) => {
+                FactKey::new(Space::Function, &fluent.function, &fluent.arguments)
+                    .map(|key| Statement::Is(key, Value::Number(*number)))
+            }
+            InitElement::At(..) => None,
+        };
+        statement.unwrap_or(Statement::Unusable)
+    }
+}
+
+// === impl Owner ===
+
+impl fmt::Display for Owner {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Owner::Map => f.pad("the map"),
+            Owner::Agent(agent) => agent.fmt(f),
+        }
+    }
+}
+
+impl From<AgentId> for Owner {
+    fn from(agent: AgentId) -> Owner {
+        Owner::Agent(agent)
+    }
+}

@@ -1,0 +1,100 @@
+//! Following from afar: a copy of the state, kept up to date by announced changes.
+
+use std::collections::BTreeMap;
+
+use acl::content::EpochChange;
+use pddl::{Diagnostic, InitElement};
+
+use crate::fact::{FactKey, Statement, Value};
+
+/// A copy of what a Domain Maintainer believes.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Follower {
+    epoch: u64,
+    revision: u64,
+    facts: BTreeMap<FactKey, Value>,
+}
+
+/// Why a change could not be followed: the copy is as it was, and a fresh one has to be asked for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Lag {
+    /// A change before this one was lost.
+    Gap {
+        /// The revision of the copy.
+        known: u64,
+        /// The revision that was announced.
+        announced: u64,
+    },
+    /// The set of capabilities changed, and with it the domain and the objects.
+    NewEpoch {
+        /// The epoch of the copy.
+        known: u64,
+        /// The epoch that was announced.
+        announced: u64,
+    },
+    /// The announced facts are no PDDL.
+    Unreadable(Vec<Diagnostic>),
+}
+
+// === impl Follower ===
+
+impl Follower {
+    /// A copy of a state as it was asked for.
+    pub fn new(epoch: u64, revision: u64, state: &[InitElement]) -> Follower {
+        let mut follower = Follower { epoch, revision, facts: BTreeMap::new() };
+        follower.believe(state);
+        follower
+    }
+
+    /// Follows a change; one that the copy has already is passed over.
+    ///
+    /// # Errors
+    ///
+    /// If the copy has to be asked for again.
+    pub fn follow(&mut self, change: &EpochChange) -> Result<(), Lag> {
+        let EpochChange { epoch, revision, believed, retracted, joined: _, left: _ } = change;
+        if *revision <= self.revision {
+            return Ok(());
+        }
+        if *epoch != self.epoch {
+            return Err(Lag::NewEpoch { known: self.epoch, announced: *epoch });
+        }
+        if *revision != self.revision + 1 {
+            return Err(Lag::Gap { known: self.revision, announced: *revision });
+        }
+        let read = |text| pddl::parse_init_elements(text).into_result().map_err(Lag::Unreadable);
+        let (believed, retracted) = (read(believed)?, read(retracted)?);
+        for fact in &retracted {
+            if let Statement::Is(key, _) = Statement::of(fact) {
+                self.facts.remove(&key);
+            }
+        }
+        self.believe(&believed);
+        self.revision = *revision;
+        Ok(())
+    }
+
+    fn believe(&mut self, facts: &[InitElement]) {
+        for fact in facts {
+            if let Statement::Is(key, value) = Statement::of(fact) {
+                self.facts.insert(key, value);
+            }
+        }
+    }
+
+    /// What is believed, in a fixed order.
+    pub fn facts(&self) -> impl Iterator<Item = InitElement> {
+        self.facts.iter().map(|(key, value)| key.element(*value))
+    }
+
+    /// The epoch of the copy.
+    pub fn epoch(&self) -> u64 {
+        self.epoch
+    }
+
+    /// The revision of the copy.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+}

@@ -1,0 +1,301 @@
+//! The Domain Maintainer: what it is told, and what follows from it.
+//!
+//! - Is told of models, heartbeats, lost tokens, confirmed actions and requests, by whoever
+//!   reads messages: a plugin, or an actuator for itself.
+//! - Answers each with a [`Change`] to be announced, or with why it was [`Declined`].
+//! - Leaves to others: what a message is, which clock runs, when a lost agent is removed.
+
+mod facts;
+mod views;
+
+pub use views::{AgentView, ClaimedBy, Provenance};
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use acl::{AgentId, Incarnation};
+use pddl::{ActionModel, Domain, Metric, Name, Problem};
+
+use crate::belief::{Beliefs, Source};
+use crate::change::Change;
+use crate::compose::{Memory, Party, Shared, compose};
+use crate::composite::Composite;
+use crate::conflict::Conflict;
+use crate::declined::Declined;
+use crate::fact::Owner;
+use crate::inputs::Announcement;
+use crate::manifest::Manifest;
+use crate::moment::Moment;
+use crate::roster::{Member, Roster};
+
+/// How much a maintainer may know.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Scope {
+    /// All models: the maintainer of the whole ecosystem.
+    Everything,
+    /// An actuator's own: the ontology, the map, public facts and objects, its own model and
+    /// those of the agents it carries; nobody else's actions, and nothing private of theirs.
+    Local {
+        /// The actuator.
+        own: AgentId,
+    },
+}
+
+/// What came of a model that was taken.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Admission {
+    /// What changed; empty for a model that is known already.
+    pub change: Change,
+    /// What this model made impossible to compose as written, in whichever model it stands;
+    /// to be told to the agents each names.
+    pub conflicts: Vec<Conflict>,
+}
+
+/// The state machine.
+#[derive(Clone, Debug)]
+pub struct Maintainer {
+    shared: Shared,
+    scope: Scope,
+    carried: BTreeSet<AgentId>,
+    roster: Roster,
+    memory: Memory,
+    composite: Arc<Composite>,
+    conflicts: Vec<Conflict>,
+    beliefs: Beliefs,
+    /// Actions taken off by request: of one agent, or of all.
+    withheld: BTreeSet<(Name, Option<AgentId>)>,
+    metric: Option<Metric>,
+    /// Whose capabilities the last change told to be there.
+    announced: BTreeSet<AgentId>,
+    /// Whether the set of capabilities changed since the last change was told.
+    is_changed: bool,
+    epoch: u64,
+    revision: u64,
+}
+
+// === impl Maintainer ===
+
+impl Maintainer {
+    /// Knows the shared ontology and the map, and no agent.
+    ///
+    /// Both are taken as they are: check them first.
+    pub fn new(ontology: Domain, map: Problem, scope: Scope) -> Maintainer {
+        let manifest = Manifest::of_ontology(&ontology, &map);
+        let shared = Shared { ontology, map, manifest };
+        let mut memory = Memory::default();
+        let everything = scope == Scope::Everything;
+        let (composite, conflicts) = compose(&shared, &[], everything, &mut memory);
+        let mut maintainer = Maintainer {
+            shared,
+            scope,
+            carried: BTreeSet::new(),
+            roster: Roster::default(),
+            memory,
+            composite: Arc::new(composite),
+            conflicts,
+            beliefs: Beliefs::default(),
+            withheld: BTreeSet::new(),
+            metric: None,
+            announced: BTreeSet::new(),
+            is_changed: false,
+            epoch: 0,
+            revision: 0,
+        };
+        maintainer.believe_map();
+        maintainer
+    }
+
+    /// Takes a model: new, changed, or of a new life of the agent.
+    ///
+    /// # Errors
+    ///
+    /// If it speaks of another agent or another ontology, comes from a former life, or is too
+    /// large. Nothing of it is taken then. Single parts that cannot be used are no error: they
+    /// are left out and named among the conflicts.
+    pub fn admit(&mut self, announced: Announcement, now: Moment) -> Result<Admission, Declined> {
+        let Announcement { agent, incarnation, model, methods, digest } = announced;
+        self.roster.check(&agent, incarnation)?;
+        self.roster.has_room(&agent)?;
+        self.speaks_for_itself(&agent, &model)?;
+        let known = self.roster.get(&agent).filter(|member| member.incarnation == incarnation);
+        if known.is_some_and(|member| member.digest == digest) {
+            return Ok(Admission { change: self.conclude(now), conflicts: Vec::new() });
+        }
+        let manifest = Manifest::of_model(&model)?;
+        let member = match known.cloned() {
+            Some(known) => {
+                self.is_changed |= known.methods != methods;
+                known.with_model(digest, manifest, methods)
+            }
+            None => Member::new(incarnation, digest, manifest, methods, now),
+        };
+        self.seat(&agent, member, now);
+        let before: BTreeSet<Conflict> = self.conflicts.drain(..).collect();
+        self.recompose();
+        let conflicts = { self.conflicts.iter() }
+            .filter(|conflict| !before.contains(conflict))
+            .cloned()
+            .collect();
+        Ok(Admission { change: self.conclude(now), conflicts })
+    }
+
+    fn speaks_for_itself(&self, agent: &AgentId, model: &ActionModel) -> Result<(), Declined> {
+        if model.agent != agent.as_str() {
+            let (sender, model) = (agent.clone(), model.agent.to_string());
+            return Err(Declined::OtherAgent { sender, model });
+        }
+        let shared = &self.shared.ontology.name;
+        if model.domain != *shared {
+            let (named, shared) = (model.domain.to_string(), shared.to_string());
+            return Err(Declined::OtherOntology { named, shared });
+        }
+        Ok(())
+    }
+
+    /// Whether the model that goes with `digest` has to be asked for.
+    pub fn needs_model(&self, agent: &AgentId, digest: &str) -> bool {
+        self.roster.get(agent).is_none_or(|member| member.digest != digest)
+    }
+
+    /// The agent's token is lost: its capabilities leave for new plans at once, its objects and
+    /// its facts stay. A token of a former life changes nothing.
+    pub fn mask(&mut self, agent: &AgentId, incarnation: Incarnation, now: Moment) -> Change {
+        self.set_masked(agent, incarnation, true, now)
+    }
+
+    /// The agent's token is back.
+    pub fn unmask(&mut self, agent: &AgentId, incarnation: Incarnation, now: Moment) -> Change {
+        self.set_masked(agent, incarnation, false, now)
+    }
+
+    fn set_masked(
+        &mut self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+        is_masked: bool,
+        now: Moment,
+    ) -> Change {
+        if let Ok(member) = self.roster.living(agent, incarnation) {
+            member.is_masked = is_masked;
+        }
+        self.conclude(now)
+    }
+
+    /// The agent is gone: its actions, its objects and its facts leave. A former life of an
+    /// agent that is here again cannot be removed.
+    pub fn remove(&mut self, agent: &AgentId, incarnation: Incarnation, now: Moment) -> Change {
+        if self.roster.check(agent, incarnation).is_err() {
+            return self.conclude(now);
+        }
+        self.beliefs.withdraw_where(&Owner::Agent(agent.clone()), |_, _| true);
+        if self.roster.release(agent).is_some() {
+            self.recompose();
+        }
+        self.conclude(now)
+    }
+
+    /// The actuator carries `agent` from now on: its whole model is known, and its actions can
+    /// be planned with. Of [`Scope::Everything`] this changes nothing.
+    pub fn carry(&mut self, agent: AgentId, now: Moment) -> Change {
+        if self.carried.insert(agent) {
+            self.recompose();
+        }
+        self.conclude(now)
+    }
+
+    /// The actuator no longer carries `agent`.
+    pub fn put_down(&mut self, agent: &AgentId, now: Moment) -> Change {
+        if self.carried.remove(agent) {
+            self.recompose();
+        }
+        self.conclude(now)
+    }
+
+    /// Takes an action off by request, of one agent or of all: it keeps its schema, and nobody
+    /// concerned is planned with. `action` is the name outside.
+    pub fn withhold(&mut self, action: Name, agent: Option<AgentId>, now: Moment) -> Change {
+        self.is_changed |= self.withheld.insert((action, agent));
+        self.conclude(now)
+    }
+
+    /// Gives back what [`withhold`](Maintainer::withhold) took, said in the same way.
+    pub fn give_back(&mut self, action: Name, agent: Option<AgentId>, now: Moment) -> Change {
+        self.is_changed |= self.withheld.remove(&(action, agent));
+        self.conclude(now)
+    }
+
+    /// Changes by request what is minimized; `None` is the map's metric again, or the total cost.
+    pub fn measure(&mut self, metric: Option<Metric>) {
+        self.metric = metric;
+    }
+
+    /// Time passes: what is known no longer is believed no longer, and agents whose heartbeats
+    /// stopped are masked.
+    pub fn expire(&mut self, now: Moment) -> Change {
+        self.beliefs.expire(now);
+        self.roster.fall_silent(now);
+        self.conclude(now)
+    }
+
+    /// When [`expire`](Maintainer::expire) has something to do, if nothing else happens.
+    pub fn next_expiry(&self) -> Option<Moment> {
+        self.beliefs.next_expiry().into_iter().chain(self.roster.next_silence()).min()
+    }
+
+    /// Takes a member in, and what its model says is true. What its heartbeats said, this life
+    /// long, is truer.
+    fn seat(&mut self, agent: &AgentId, member: Member, now: Moment) {
+        let owner = Owner::Agent(agent.clone());
+        let same_life =
+            self.roster.get(agent).is_some_and(|known| known.incarnation == member.incarnation);
+        self.beliefs.withdraw_where(&owner, |_, claim| !same_life || claim.source == Source::Model);
+        self.believe_model(&owner, &member, now);
+        self.roster.seat(agent, member);
+    }
+
+    fn recompose(&mut self) {
+        let parties: Vec<Party<'_>> = { self.roster.iter() }
+            .map(|(agent, member)| Party {
+                agent,
+                arrival: member.arrival,
+                manifest: &member.manifest,
+                trusted: self.trusts(agent),
+            })
+            .collect();
+        let everything = self.scope == Scope::Everything;
+        let (mut composite, conflicts) =
+            compose(&self.shared, &parties, everything, &mut self.memory);
+        self.conflicts = conflicts;
+        composite.share_domain(&self.composite);
+        self.is_changed |= !composite.is_as(&self.composite);
+        self.beliefs.reconsider(&self.composite, &composite);
+        self.composite = Arc::new(composite);
+    }
+
+    fn trusts(&self, agent: &AgentId) -> bool {
+        match &self.scope {
+            Scope::Everything => true,
+            Scope::Local { own } => agent == own || self.carried.contains(agent),
+        }
+    }
+
+    /// Tells what is other than at the end of the call before.
+    fn conclude(&mut self, now: Moment) -> Change {
+        let present: BTreeSet<AgentId> = self.roster.present().cloned().collect();
+        let joined: Vec<AgentId> = present.difference(&self.announced).cloned().collect();
+        let left: Vec<AgentId> = self.announced.difference(&present).cloned().collect();
+        self.announced = present;
+        let (believed, retracted) = self.beliefs.settle(&self.composite, now);
+        let is_changed = std::mem::take(&mut self.is_changed);
+        let epoch_changed = is_changed || !joined.is_empty() || !left.is_empty();
+        self.epoch += u64::from(epoch_changed);
+        let (epoch, revision) = (self.epoch, self.revision);
+        let mut change =
+            Change { epoch, revision, epoch_changed, joined, left, believed, retracted };
+        if !change.is_empty() {
+            self.revision += 1;
+            change.revision = self.revision;
+        }
+        change
+    }
+}

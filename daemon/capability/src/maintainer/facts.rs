@@ -1,0 +1,183 @@
+//! What the Domain Maintainer believes, and whom.
+
+use std::collections::BTreeSet;
+
+use acl::{AgentId, Incarnation};
+use pddl::InitElement;
+
+use super::Maintainer;
+use crate::belief::{Claim, Source};
+use crate::change::Change;
+use crate::declined::Declined;
+use crate::fact::{FactKey, Owner, Statement, Value};
+use crate::inputs::{Beat, Effects};
+use crate::limits;
+use crate::moment::Moment;
+use crate::roster::Member;
+
+// === impl Maintainer ===
+
+impl Maintainer {
+    /// Believes a heartbeat. It is complete for what its agent owns (what it knows from the
+    /// start and can change, and whatever its heartbeats ever spoke of): of that, what it does
+    /// not say is false.
+    ///
+    /// A new life of an agent with the model of the former one needs no new model.
+    ///
+    /// # Errors
+    ///
+    /// If it is late, of a former life or overtaken by a newer heartbeat; if the agent, or this
+    /// life of it, has not told its model; or if it says too much.
+    pub fn believe_heartbeat(&mut self, beat: Beat, now: Moment) -> Result<Change, Declined> {
+        let Beat { agent, incarnation, sequence, digest, facts, due } = beat;
+        self.roster.check(&agent, incarnation)?;
+        if facts.len() > limits::FACTS_PER_OWNER_MAX {
+            let limit = limits::FACTS_PER_OWNER_MAX;
+            return Err(Declined::TooMany { what: "facts of one owner", limit });
+        }
+        self.revive(&agent, incarnation, &digest, now);
+        let member = self.roster.living(&agent, incarnation)?;
+        if sequence <= member.sequence {
+            let (reported, current) = (sequence, member.sequence);
+            return Err(Declined::OldSequence { agent, reported, current });
+        }
+        member.hear(sequence, due, now);
+        let mut said = BTreeSet::new();
+        let mut claims = Vec::new();
+        for known in &facts {
+            let (key, value) = match Statement::of(&known.fact) {
+                Statement::Is(key, value) => (key, Some(value)),
+                Statement::Not(key) => (key, None),
+                Statement::Unusable => continue,
+            };
+            member.own(&key);
+            let is_known = known.until.is_none_or(|until| until > now);
+            if let Some(value) = value.filter(|_| is_known) {
+                said.insert(key.clone());
+                claims.push((key, Claim::new(value, Source::Heartbeat, now).until(known.until)));
+            }
+        }
+        let owner = Owner::Agent(agent);
+        self.beliefs.withdraw_where(&owner, |fact, _| member.owns(fact) && !said.contains(fact));
+        for (key, claim) in claims {
+            self.beliefs.claim(key, &owner, Claim { incarnation, sequence, ..claim });
+        }
+        Ok(self.conclude(now))
+    }
+
+    /// Begins a new life of an agent that has the model of its former one.
+    fn revive(&mut self, agent: &AgentId, incarnation: Incarnation, digest: &str, now: Moment) {
+        let former = self
+            .roster
+            .get(agent)
+            .filter(|member| member.incarnation < incarnation && member.digest == *digest);
+        if let Some(member) = former.cloned() {
+            let Member { digest, manifest, methods, .. } = member;
+            self.seat(agent, Member::new(incarnation, digest, manifest, methods, now), now);
+        }
+    }
+
+    /// Believes the effects of an action that `agent` confirmed, until the agent's own word
+    /// overrides them. What they make false is false whoever claimed it, until that owner's
+    /// word.
+    ///
+    /// # Errors
+    ///
+    /// If the confirmation is of a former life, or the agent is not here.
+    pub fn confirm(
+        &mut self,
+        agent: &AgentId,
+        incarnation: Option<Incarnation>,
+        effects: &Effects,
+        now: Moment,
+    ) -> Result<Change, Declined> {
+        let unknown = || Declined::UnknownAgent { agent: agent.clone() };
+        let current = self.roster.get(agent).map(|member| member.incarnation);
+        let incarnation = incarnation.or(current).ok_or_else(unknown)?;
+        let sequence = self.roster.living(agent, incarnation)?.sequence;
+        let claim = Claim::new(Value::True, Source::Effect, now);
+        let claim = Claim { incarnation, sequence, ..claim };
+        self.take_effect(&Owner::Agent(agent.clone()), effects, &claim)?;
+        Ok(self.conclude(now))
+    }
+
+    /// Changes the state by request, on the word of `owner`, who need not have a model.
+    ///
+    /// # Errors
+    ///
+    /// If the owner, or all owners, would claim too much.
+    pub fn set(
+        &mut self,
+        owner: &Owner,
+        effects: &Effects,
+        now: Moment,
+    ) -> Result<Change, Declined> {
+        self.take_effect(owner, effects, &Claim::new(Value::True, Source::Request, now))?;
+        Ok(self.conclude(now))
+    }
+
+    /// Believes nobody about `facts` any longer, until an owner says them again.
+    pub fn retract(&mut self, facts: &[InitElement], now: Moment) -> Change {
+        for fact in facts {
+            self.disbelieve(fact);
+        }
+        self.conclude(now)
+    }
+
+    fn take_effect(
+        &mut self,
+        owner: &Owner,
+        effects: &Effects,
+        claim: &Claim,
+    ) -> Result<(), Declined> {
+        let Effects { believe, retract } = effects;
+        if !believe.is_empty() {
+            self.beliefs.has_room(owner, believe.len())?;
+        }
+        for fact in retract {
+            self.disbelieve(fact);
+        }
+        let statements: Vec<Statement> = believe.iter().map(Statement::of).collect();
+        // As in PDDL, what is both made false and made true is true.
+        for statement in &statements {
+            if let Statement::Not(key) = statement {
+                self.beliefs.withdraw_all(key);
+            }
+        }
+        for statement in statements {
+            if let Statement::Is(key, value) = statement {
+                self.beliefs.claim(key, owner, Claim { value, ..claim.clone() });
+            }
+        }
+        Ok(())
+    }
+
+    fn disbelieve(&mut self, fact: &InitElement) {
+        match Statement::of(fact) {
+            Statement::Is(key, _) | Statement::Not(key) => self.beliefs.withdraw_all(&key),
+            Statement::Unusable => (),
+        }
+    }
+
+    /// Believes what a model says is true, as far as the agent's heartbeats leave it room.
+    pub(super) fn believe_model(&mut self, owner: &Owner, member: &Member, now: Moment) {
+        let claim = Claim::new(Value::True, Source::Model, now);
+        let claim = Claim { incarnation: member.incarnation, ..claim };
+        let spoken = |fact: &FactKey| member.sequence > 0 && member.owns(fact);
+        for (fact, value) in member.manifest.init.iter().filter(|(fact, _)| !spoken(fact)) {
+            if self.beliefs.claim_of(fact, owner).is_none() {
+                self.beliefs.claim(fact.clone(), owner, Claim { value: *value, ..claim.clone() });
+            }
+        }
+    }
+
+    pub(super) fn believe_map(&mut self) {
+        let start = Moment::default();
+        for (fact, value) in &self.shared.manifest.init {
+            let claim = Claim::new(*value, Source::Model, start);
+            self.beliefs.claim(fact.clone(), &Owner::Map, claim);
+        }
+        // The state a maintainer begins with is no change.
+        self.beliefs.settle(&self.composite, start);
+    }
+}

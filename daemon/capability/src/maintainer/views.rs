@@ -1,0 +1,215 @@
+//! What the Domain Maintainer shows: snapshots to plan in, and the state with its provenance.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::{AgentId, Incarnation};
+use pddl::{
+    Condition, Direction, Expression, FluentTerm, InitElement, Metric, Name, Number, Problem, Span,
+};
+
+use super::Maintainer;
+use crate::belief::{Claim, Source};
+use crate::conflict::Conflict;
+use crate::fact::Owner;
+use crate::moment::Moment;
+use crate::snapshot::Snapshot;
+
+/// A fact that somebody claims, and whether it holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Provenance {
+    /// The fact; of a number, with the value believed, or the first claimed if none is.
+    pub fact: InitElement,
+    /// Why it does not hold although it is claimed, for a person; `None` if it holds.
+    pub left_out: Option<String>,
+    /// Whose word it is; never empty.
+    pub claims: Vec<ClaimedBy>,
+}
+
+/// One owner's word.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ClaimedBy {
+    /// The owner.
+    pub owner: Owner,
+    /// Which life of the owner said it; 0 for the map and by request.
+    pub incarnation: Incarnation,
+    /// The heartbeat that said it last; 0 if none did.
+    pub sequence: u64,
+    /// How it came about.
+    pub source: Source,
+    /// How long ago it was said last.
+    pub age: Duration,
+    /// How long it will be known, if not until further notice.
+    pub left: Option<Duration>,
+}
+
+/// An agent that is here.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AgentView {
+    /// Its name.
+    pub agent: AgentId,
+    /// Which life of it.
+    pub incarnation: Incarnation,
+    /// Digest of its model and methods.
+    pub digest: String,
+    /// Whether its token is lost.
+    pub is_masked: bool,
+    /// Whether its heartbeats stopped.
+    pub is_silent: bool,
+    /// How long ago it was heard last.
+    pub age: Duration,
+    /// The actions it can be planned with, under its own names for them.
+    pub actions: Vec<Name>,
+}
+
+const TOTAL_COST: &str = "total-cost";
+
+// === impl Maintainer ===
+
+impl Maintainer {
+    /// The domain and the problem as known at `now`, to plan in.
+    pub fn snapshot(&self, now: Moment) -> Snapshot {
+        let composite = Arc::clone(&self.composite);
+        let methods = { self.roster.iter() }
+            .filter(|(agent, _)| self.trusts(agent))
+            .map(|(agent, member)| (agent.clone(), member.methods.clone()))
+            .collect();
+        let problem = Problem {
+            objects: composite.objects.clone(),
+            init: self.init(now),
+            goal: Condition::always(),
+            metric: self.metric(),
+            ..self.frame()
+        };
+        Snapshot::new(self.epoch, self.revision, composite, problem, methods)
+    }
+
+    fn frame(&self) -> Problem {
+        let map = &self.shared.map;
+        Problem {
+            name: map.name.clone(),
+            domain: self.shared.ontology.name.clone(),
+            requirements: map.requirements.clone(),
+            objects: Vec::new(),
+            init: Vec::new(),
+            goal: Condition::always(),
+            metric: None,
+        }
+    }
+
+    /// What is believed, who can act, and a plan that costs nothing yet.
+    fn init(&self, now: Moment) -> Vec<InitElement> {
+        let counts = |element: &InitElement| match element {
+            InitElement::Assign(fluent, _) => fluent.function == TOTAL_COST,
+            _ => false,
+        };
+        let free = self.counts_cost().then(|| InitElement::Assign(total_cost(), Number(0.0)));
+        let believed = self.beliefs.holding(&self.composite, now);
+        { free.into_iter() }
+            .chain(believed.filter(|element| !counts(element)))
+            .chain(self.guards())
+            .collect()
+    }
+
+    fn guards(&self) -> impl Iterator<Item = InitElement> {
+        { self.roster.iter() }.filter(|(_, member)| member.is_present()).flat_map(|(agent, _)| {
+            let offered = self.composite.offers.get(agent).into_iter().flatten();
+            let available = offered.filter(|offered| !self.is_withheld(&offered.outside, agent));
+            available.map(|offered| InitElement::Atom(offered.guard_fact(agent)))
+        })
+    }
+
+    fn is_withheld(&self, action: &Name, agent: &AgentId) -> bool {
+        [None, Some(agent.clone())]
+            .into_iter()
+            .any(|agent| self.withheld.contains(&(action.clone(), agent)))
+    }
+
+    fn counts_cost(&self) -> bool {
+        let cost = self.composite.vocabulary.functions.get(TOTAL_COST);
+        cost.is_some_and(|signature| signature.parameters.is_empty())
+    }
+
+    fn metric(&self) -> Option<Metric> {
+        let cheapest = || {
+            self.counts_cost().then(|| Metric {
+                direction: Direction::Minimize,
+                expression: Expression::Fluent(total_cost()),
+                span: Span::default(),
+            })
+        };
+        self.metric.clone().or_else(|| self.shared.map.metric.clone()).or_else(cheapest)
+    }
+
+    /// Every fact that somebody claims and that may be known here, in a fixed order.
+    pub fn provenance(&self, now: Moment) -> Vec<Provenance> {
+        { self.beliefs.claims() }
+            .filter_map(|(fact, claims)| {
+                let seen = claims.into_iter().filter(|(owner, claim)| {
+                    self.composite.secrets.sees(owner, fact)
+                        && claim.until.is_none_or(|until| until > now)
+                });
+                let claims: Vec<(&Owner, &Claim)> = seen.collect();
+                let (_, first) = claims.first()?;
+                let value = self.beliefs.value_of(fact).unwrap_or(first.value);
+                Some(Provenance {
+                    fact: fact.element(value),
+                    left_out: self.composite.vocabulary.fact_misfit(fact),
+                    claims: claims.into_iter().map(|claim| ClaimedBy::new(claim, now)).collect(),
+                })
+            })
+            .collect()
+    }
+
+    /// The agents that are here, in the order of their names.
+    pub fn agents(&self, now: Moment) -> Vec<AgentView> {
+        { self.roster.iter() }
+            .map(|(agent, member)| AgentView {
+                agent: agent.clone(),
+                incarnation: member.incarnation,
+                digest: member.digest.clone(),
+                is_masked: member.is_masked,
+                is_silent: member.is_silent,
+                age: now.since(member.heard),
+                actions: { self.composite.offers.get(agent).into_iter().flatten() }
+                    .map(|offered| offered.outside.clone())
+                    .filter(|action| member.is_present() && !self.is_withheld(action, agent))
+                    .collect(),
+            })
+            .collect()
+    }
+
+    /// Everything that is left out of the composite, in a fixed order.
+    pub fn conflicts(&self) -> &[Conflict] {
+        &self.conflicts
+    }
+
+    /// Counts changes of the set of capabilities.
+    pub fn epoch(&self) -> u64 {
+        self.epoch
+    }
+
+    /// Counts changes of anything.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+}
+
+fn total_cost() -> FluentTerm {
+    FluentTerm { function: Name::new(TOTAL_COST), arguments: Vec::new(), span: Span::default() }
+}
+
+// === impl ClaimedBy ===
+
+impl ClaimedBy {
+    fn new((owner, claim): (&Owner, &Claim), now: Moment) -> ClaimedBy {
+        ClaimedBy {
+            owner: owner.clone(),
+            incarnation: claim.incarnation,
+            sequence: claim.sequence,
+            source: claim.source,
+            age: now.since(claim.said),
+            left: claim.until.map(|until| until.since(now)),
+        }
+    }
+}

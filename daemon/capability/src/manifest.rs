@@ -1,0 +1,284 @@
+//! A model, taken apart once when it arrives: what composing then compares and copies.
+//!
+//! The shared ontology is taken apart the same way, so that both are compared alike.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use pddl::{
+    ActionModel, ActionSchema, Derived, Domain, FunctionDeclaration, InitElement, Name,
+    ObjectDeclaration, PredicateDeclaration, Privacy, Problem, TypeExpr, Typed,
+};
+
+use crate::canonical::{self, Key, Uses};
+use crate::conflict::{Kind, Subject};
+use crate::declined::Declined;
+use crate::fact::{FactKey, Space, Statement, Value};
+use crate::limits;
+
+/// A declaration of a type, a predicate, a function or an object.
+#[derive(Clone, Debug)]
+pub(crate) struct Declaration {
+    pub(crate) subject: Subject,
+    pub(crate) item: Item,
+    /// The canonical text of its types.
+    pub(crate) signature: Key,
+    /// Of a predicate: what derives it, in the order of their canonical texts.
+    pub(crate) axioms: Vec<Axiom>,
+    pub(crate) private: bool,
+}
+
+/// The declared thing as its author wrote it.
+#[derive(Clone, Debug)]
+pub(crate) enum Item {
+    Type(Typed),
+    Predicate(PredicateDeclaration),
+    Function(FunctionDeclaration),
+    Object(ObjectDeclaration),
+}
+
+/// An axiom with its canonical text.
+#[derive(Clone, Debug)]
+pub(crate) struct Axiom {
+    pub(crate) key: Key,
+    pub(crate) uses: Uses,
+    pub(crate) tree: Derived,
+}
+
+/// An action that an agent offers.
+#[derive(Clone, Debug)]
+pub(crate) struct Offer {
+    /// The canonical text: offers with equal names and keys are one schema.
+    pub(crate) key: Key,
+    pub(crate) uses: Uses,
+    pub(crate) schema: Arc<ActionSchema>,
+}
+
+/// A part of a model that is of no use, and why.
+#[derive(Clone, Debug)]
+pub(crate) struct Flaw {
+    pub(crate) subject: Subject,
+    pub(crate) detail: String,
+}
+
+/// A model, taken apart.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Manifest {
+    pub(crate) requirements: Vec<Name>,
+    pub(crate) declarations: Vec<Declaration>,
+    /// Axioms for predicates that are not declared here.
+    pub(crate) loose_axioms: Vec<Axiom>,
+    pub(crate) offers: Vec<Offer>,
+    pub(crate) init: Vec<(FactKey, Value)>,
+    /// What the agent knows from the start and can change: its heartbeats are complete for it.
+    pub(crate) owned: BTreeSet<(Space, Name)>,
+    pub(crate) flaws: Vec<Flaw>,
+}
+
+// === impl Declaration ===
+
+impl Declaration {
+    /// Whether two agents declare the same.
+    pub(crate) fn agrees(&self, other: &Declaration) -> bool {
+        self.signature == other.signature
+            && self.axioms.len() == other.axioms.len()
+            && self.axioms.iter().zip(&other.axioms).all(|(one, two)| one.key == two.key)
+    }
+
+    /// Whether an agent repeats what the ontology declares. It need not repeat the axioms.
+    pub(crate) fn repeats(&self, shared: &Declaration) -> bool {
+        self.signature == shared.signature && (self.axioms.is_empty() || self.agrees(shared))
+    }
+
+    fn new(kind: Kind, item: Item, privacy: &Privacy) -> Declaration {
+        let (name, signature) = match &item {
+            Item::Type(typed) => (&typed.name, canonical::signature([&typed.ty])),
+            Item::Object(declared) => {
+                (&declared.object.name, canonical::signature([&declared.object.ty]))
+            }
+            Item::Predicate(declared) => (&declared.name, parameters_of(&declared.parameters)),
+            Item::Function(declared) => (&declared.name, parameters_of(&declared.parameters)),
+        };
+        let subject = Subject::new(kind, name);
+        let private = *privacy != Privacy::Public;
+        Declaration { subject, item, signature, axioms: Vec::new(), private }
+    }
+}
+
+fn parameters_of(parameters: &[Typed]) -> Key {
+    canonical::signature(parameters.iter().map(|parameter| &parameter.ty))
+}
+
+// === impl Item ===
+
+impl Item {
+    /// The types it rests on: of parameters, of an object, or the supertypes of a type.
+    pub(crate) fn types(&self) -> Vec<&TypeExpr> {
+        match self {
+            Item::Type(typed) => vec![&typed.ty],
+            Item::Object(declared) => vec![&declared.object.ty],
+            Item::Predicate(declared) => declared.parameters.iter().map(|p| &p.ty).collect(),
+            Item::Function(declared) => declared.parameters.iter().map(|p| &p.ty).collect(),
+        }
+    }
+}
+
+// === impl Manifest ===
+
+impl Manifest {
+    /// Takes an agent's model apart.
+    pub(crate) fn of_model(model: &ActionModel) -> Result<Manifest, Declined> {
+        within_limits(model)?;
+        let mut manifest =
+            Manifest { requirements: model.requirements.clone(), ..Manifest::default() };
+        manifest.declare(&model.types, &model.predicates, &model.functions, &model.objects);
+        manifest.derive(&model.derived);
+        for schema in &model.actions {
+            manifest.offer(schema);
+        }
+        for durative in &model.durative_actions {
+            manifest.flaw(
+                Kind::Action,
+                &durative.name,
+                "no planner here uses durative actions yet; describe it as an `:action`",
+            );
+        }
+        manifest.know(&model.init);
+        manifest.own();
+        Ok(manifest)
+    }
+
+    /// Takes the shared ontology and the map's objects apart.
+    pub(crate) fn of_ontology(ontology: &Domain, map: &Problem) -> Manifest {
+        let mut manifest = Manifest::default();
+        let public =
+            |object: &Typed| ObjectDeclaration { object: object.clone(), privacy: Privacy::Public };
+        let objects: Vec<ObjectDeclaration> =
+            ontology.constants.iter().map(public).chain(map.objects.iter().cloned()).collect();
+        manifest.declare(&ontology.types, &ontology.predicates, &ontology.functions, &objects);
+        manifest.derive(&ontology.derived);
+        for schema in &ontology.actions {
+            let (key, uses) = canonical::action(schema);
+            manifest.offers.push(Offer { key, uses, schema: Arc::new(schema.clone()) });
+        }
+        manifest.know(&map.init);
+        manifest
+    }
+
+    fn declare(
+        &mut self,
+        types: &[Typed],
+        predicates: &[PredicateDeclaration],
+        functions: &[FunctionDeclaration],
+        objects: &[ObjectDeclaration],
+    ) {
+        // `object` is there already, whatever a text says of it.
+        let types = types
+            .iter()
+            .filter(|typed| typed.name != "object")
+            .map(|typed| Declaration::new(Kind::Type, Item::Type(typed.clone()), &Privacy::Public));
+        let predicates = predicates.iter().map(|declared| {
+            Declaration::new(Kind::Predicate, Item::Predicate(declared.clone()), &declared.privacy)
+        });
+        let functions = functions.iter().map(|declared| {
+            Declaration::new(Kind::Function, Item::Function(declared.clone()), &declared.privacy)
+        });
+        let objects = objects.iter().map(|declared| {
+            Declaration::new(Kind::Object, Item::Object(declared.clone()), &declared.privacy)
+        });
+        let mut first: BTreeMap<Subject, Key> = BTreeMap::new();
+        for declaration in types.chain(predicates).chain(functions).chain(objects) {
+            let Declaration { subject, signature, .. } = &declaration;
+            match first.get(subject) {
+                None => {
+                    first.insert(subject.clone(), Key::clone(signature));
+                    self.declarations.push(declaration);
+                }
+                Some(earlier) if earlier == signature => (),
+                Some(_) => {
+                    let detail = "it is declared twice, and not alike; the first stands".to_owned();
+                    self.flaws.push(Flaw { subject: subject.clone(), detail });
+                }
+            }
+        }
+    }
+
+    fn derive(&mut self, derived: &[Derived]) {
+        for tree in derived {
+            let (key, uses) = canonical::axiom(tree);
+            let axiom = Axiom { key, uses, tree: tree.clone() };
+            let declared = self.declarations.iter_mut().find(|declaration| {
+                declaration.subject.kind == Kind::Predicate
+                    && declaration.subject.name == tree.predicate
+            });
+            match declared {
+                Some(declaration) => declaration.axioms.push(axiom),
+                None => self.loose_axioms.push(axiom),
+            }
+        }
+        for declaration in &mut self.declarations {
+            declaration.axioms.sort_by(|one, two| one.key.cmp(&two.key));
+            declaration.axioms.dedup_by(|one, two| one.key == two.key);
+        }
+    }
+
+    fn offer(&mut self, schema: &ActionSchema) {
+        if schema.agent.is_none() {
+            let detail = "nobody acts in it; write `:agent ?a - TYPE` before its parameters";
+            return self.flaw(Kind::Action, &schema.name, detail);
+        }
+        if self.offers.iter().any(|offer| offer.schema.name == schema.name) {
+            let detail = "the model has two actions of this name; the first stands";
+            return self.flaw(Kind::Action, &schema.name, detail);
+        }
+        let (key, uses) = canonical::action(schema);
+        self.offers.push(Offer { key, uses, schema: Arc::new(schema.clone()) });
+    }
+
+    fn know(&mut self, init: &[InitElement]) {
+        for element in init {
+            match Statement::of(element) {
+                Statement::Is(key, value) => self.init.push((key, value)),
+                // False is what is not said.
+                Statement::Not(_) => (),
+                Statement::Unusable => {
+                    let name = Name::new("init");
+                    self.flaw(Kind::Fact, &name, "a fact has objects only, and holds now");
+                }
+            }
+        }
+    }
+
+    fn own(&mut self) {
+        let uses = || self.offers.iter().map(|offer| &offer.uses);
+        let predicates = uses().flat_map(|uses| &uses.changed);
+        let functions = uses().flat_map(|uses| &uses.assigned);
+        let changed: BTreeSet<(Space, &Name)> = predicates
+            .map(|name| (Space::Predicate, name))
+            .chain(functions.map(|name| (Space::Function, name)))
+            .collect();
+        let known = self.init.iter().map(|(fact, _)| (fact.space(), fact.symbol()));
+        let owned = known.filter(|like| changed.contains(like));
+        self.owned = owned.map(|(space, name)| (space, name.clone())).collect();
+    }
+
+    fn flaw(&mut self, kind: Kind, name: &Name, detail: &str) {
+        self.flaws.push(Flaw { subject: Subject::new(kind, name), detail: detail.to_owned() });
+    }
+}
+
+fn within_limits(model: &ActionModel) -> Result<(), Declined> {
+    let declarations =
+        model.types.len() + model.predicates.len() + model.functions.len() + model.derived.len();
+    let actions = model.actions.len() + model.durative_actions.len();
+    let bounds = [
+        ("actions in a model", actions, limits::ACTIONS_PER_AGENT_MAX),
+        ("declarations in a model", declarations, limits::DECLARATIONS_PER_AGENT_MAX),
+        ("objects in a model", model.objects.len(), limits::OBJECTS_PER_AGENT_MAX),
+        ("facts of one owner", model.init.len(), limits::FACTS_PER_OWNER_MAX),
+    ];
+    match bounds.into_iter().find(|(_, count, limit)| count > limit) {
+        Some((what, _, limit)) => Err(Declined::TooMany { what, limit }),
+        None => Ok(()),
+    }
+}

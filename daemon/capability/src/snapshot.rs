@@ -1,0 +1,71 @@
+//! A snapshot: what a planner needs, at one moment, and the way between names inside and outside.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use acl::AgentId;
+use acl::content::Methods;
+use pddl::{Condition, Domain, Metric, Name, PlanStep, Problem};
+
+use crate::composite::Composite;
+
+/// The composite domain and problem at one moment.
+#[derive(Clone, Debug)]
+pub struct Snapshot {
+    /// Counts changes of the set of capabilities: plans of another epoch may not be possible.
+    pub epoch: u64,
+    /// Counts changes of anything.
+    pub revision: u64,
+    /// The composite domain; the same allocation as long as it does not change.
+    pub domain: Arc<Domain>,
+    /// The objects and the state as known; its goal is empty.
+    pub problem: Problem,
+    /// Names of actions inside the domain → the names their agents know, where they differ.
+    pub qualified: BTreeMap<Name, Name>,
+    /// The methods of each agent whose actions are known.
+    pub methods: BTreeMap<AgentId, Methods>,
+    composite: Arc<Composite>,
+}
+
+// === impl Snapshot ===
+
+impl Snapshot {
+    pub(crate) fn new(
+        epoch: u64,
+        revision: u64,
+        composite: Arc<Composite>,
+        problem: Problem,
+        methods: BTreeMap<AgentId, Methods>,
+    ) -> Snapshot {
+        let (domain, qualified) = (Arc::clone(&composite.domain), composite.qualified.clone());
+        Snapshot { epoch, revision, domain, problem, qualified, methods, composite }
+    }
+
+    /// Digest of the domain's text.
+    pub fn digest(&self) -> &str {
+        self.composite.digest()
+    }
+
+    /// The problem of reaching `goal`, measured by `metric`, or else as the maintainer measures.
+    pub fn with_goal(&self, goal: Condition, metric: Option<Metric>) -> Problem {
+        let metric = metric.or_else(|| self.problem.metric.clone());
+        Problem { goal, metric, ..self.problem.clone() }
+    }
+
+    /// A step as it is called inside the domain, from how its agent calls it.
+    #[must_use]
+    pub fn inside(&self, step: &PlanStep) -> PlanStep {
+        let offers =
+            step.arguments.first().and_then(|name| self.composite.offers.get(name.as_str()));
+        let offered = offers.into_iter().flatten().find(|offer| offer.outside == step.action);
+        let action = offered.map_or(&step.action, |offered| &offered.inside);
+        PlanStep { action: action.clone(), ..step.clone() }
+    }
+
+    /// A step as its agent calls it, from how it is called inside the domain.
+    #[must_use]
+    pub fn outside(&self, step: &PlanStep) -> PlanStep {
+        let action = self.qualified.get(&step.action).unwrap_or(&step.action);
+        PlanStep { action: action.clone(), ..step.clone() }
+    }
+}

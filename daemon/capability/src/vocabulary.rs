@@ -1,0 +1,100 @@
+//! What a composite domain declares, and whether a schema, a declaration or a fact fits it.
+//!
+//! Whatever is composed is asked here first, so that no agent can make the domain or the problem
+//! of all unreadable for a planner.
+
+use std::collections::BTreeMap;
+
+use pddl::{Name, TypeExpr, Types};
+
+use crate::canonical::Uses;
+use crate::fact::{FactKey, Space};
+
+/// The types of a symbol's parameters.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Signature {
+    pub(crate) parameters: Vec<TypeExpr>,
+    /// Whether axioms derive it: then nobody may claim or change it.
+    pub(crate) derived: bool,
+}
+
+/// All declared symbols.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Vocabulary {
+    pub(crate) types: Types,
+    pub(crate) predicates: BTreeMap<Name, Signature>,
+    pub(crate) functions: BTreeMap<Name, Signature>,
+    pub(crate) objects: BTreeMap<Name, TypeExpr>,
+}
+
+// === impl Vocabulary ===
+
+impl Vocabulary {
+    /// Why a schema with these uses cannot stand in the domain, if it cannot.
+    pub(crate) fn misfit(&self, uses: &Uses) -> Option<String> {
+        let Uses { predicates, functions, types, objects, changed, assigned: _, unbound } = uses;
+        let symbol = |declared: &BTreeMap<Name, Signature>, what, (name, count): &(Name, usize)| {
+            match declared.get(name) {
+                None => Some(format!("it uses the {what} `{name}`, which is not declared")),
+                Some(signature) if signature.parameters.len() != *count => Some(format!(
+                    "it uses the {what} `{name}` with {count} of its {} arguments",
+                    signature.parameters.len()
+                )),
+                Some(_) => None,
+            }
+        };
+        predicates
+            .iter()
+            .find_map(|use_| symbol(&self.predicates, "predicate", use_))
+            .or_else(|| functions.iter().find_map(|use_| symbol(&self.functions, "function", use_)))
+            .or_else(|| {
+                let name = types.iter().find(|name| !self.types.contains(name.as_str()))?;
+                Some(format!("it uses the type `{name}`, which is not declared"))
+            })
+            .or_else(|| {
+                let name = objects.iter().find(|name| !self.objects.contains_key(*name))?;
+                Some(format!("it names the object `{name}`, which is not here"))
+            })
+            .or_else(|| {
+                let name = changed
+                    .iter()
+                    .find(|name| self.predicates.get(*name).is_some_and(|p| p.derived))?;
+                Some(format!("it changes `{name}`, which axioms derive"))
+            })
+            .or_else(|| {
+                let name = unbound.first()?;
+                Some(format!("it uses the variable `?{name}`, which nothing binds"))
+            })
+    }
+
+    /// Why a fact cannot stand in the problem, if it cannot.
+    pub(crate) fn fact_misfit(&self, fact: &FactKey) -> Option<String> {
+        let symbol = fact.symbol();
+        let declared = match fact.space() {
+            Space::Predicate => self.predicates.get(symbol),
+            Space::Function => self.functions.get(symbol),
+        };
+        let Some(Signature { parameters, derived }) = declared else {
+            return Some(format!("`{symbol}` is not declared"));
+        };
+        if *derived {
+            return Some(format!("`{symbol}` is derived by axioms"));
+        }
+        if parameters.len() != fact.arguments().len() {
+            return Some(format!(
+                "it has {} of the {} arguments of `{symbol}`",
+                fact.arguments().len(),
+                parameters.len()
+            ));
+        }
+        parameters.iter().zip(fact.arguments()).find_map(|(wanted, object)| {
+            match self.objects.get(object) {
+                None => Some(format!("`{object}` is not here")),
+                Some(ty) if !self.types.accepts(wanted, ty) => {
+                    Some(format!("`{object}` is not of the type that `{symbol}` takes"))
+                }
+                Some(_) => None,
+            }
+        })
+    }
+}

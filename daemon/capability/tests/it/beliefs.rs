@@ -1,0 +1,219 @@
+//! Whose word is believed, how long, and in which order.
+
+use acl::Incarnation;
+use capability::{Declined, Moment, Owner};
+use expect_test::expect;
+
+use crate::office::{Office, effects, facts, id, ir_sensor, office, thermometer, told, turtlebot};
+
+fn robots() -> Office {
+    office().with([turtlebot("turtlebot-1"), turtlebot("turtlebot-2")])
+}
+
+#[test]
+fn a_heartbeat_is_complete_for_what_its_agent_owns() {
+    let mut office = robots();
+    let at = "(at turtlebot-1 office2)";
+    let change = office.beat("turtlebot-1", (1, 1), at, "").expect("a heartbeat");
+    expect![[r#"
+        epoch 2, revision 3
+        + (at turtlebot-1 office2)
+        - (at turtlebot-1 corridor)
+    "#]]
+    .assert_eq(&told(&change));
+    // Its speed is part of the model, and no action changes it; where it is, it would say.
+    let change = office.beat("turtlebot-1", (1, 2), "", "").expect("a heartbeat");
+    expect![[r#"
+        epoch 2, revision 4
+        - (at turtlebot-1 office2)
+    "#]]
+    .assert_eq(&told(&change));
+    assert_eq!(office.known("speed"), "(= (speed turtlebot-1) 0.3)\n(= (speed turtlebot-2) 0.3)");
+    // Once it spoke of its speed, it is complete for that too.
+    office.beat("turtlebot-1", (1, 3), "(= (speed turtlebot-1) 0.1)", "").expect("a heartbeat");
+    assert_eq!(office.known("speed"), "(= (speed turtlebot-1) 0.1)\n(= (speed turtlebot-2) 0.3)");
+    office.beat("turtlebot-1", (1, 4), "", "").expect("a heartbeat");
+    assert_eq!(office.known("speed"), "(= (speed turtlebot-2) 0.3)");
+}
+
+#[test]
+fn late_reports_are_not_believed() {
+    let mut office = robots();
+    office.beat("turtlebot-1", (1, 7), "(at turtlebot-1 office2)", "").expect("a heartbeat");
+    let late = office.beat("turtlebot-1", (1, 7), "(at turtlebot-1 corridor)", "");
+    assert!(matches!(late, Err(Declined::OldSequence { reported: 7, current: 7, .. })), "{late:?}");
+
+    office.admit_life(&turtlebot("turtlebot-1"), 5).expect("a new life");
+    let late = office.beat("turtlebot-1", (1, 8), "(at turtlebot-1 office2)", "");
+    expect!["`turtlebot-1` lives in incarnation 5; incarnation 1 is not believed"]
+        .assert_eq(&late.expect_err("a former life").to_string());
+    let done = effects("(at turtlebot-1 office2)");
+    let now = office.now;
+    let agent = id("turtlebot-1");
+    let late = office.maintainer.confirm(&agent, Some(Incarnation(1)), &done, now);
+    assert!(matches!(late, Err(Declined::FormerIncarnation { .. })), "{late:?}");
+    assert!(office.admit_life(&turtlebot("turtlebot-1"), 4).is_err());
+    assert_eq!(office.known("at"), "(at turtlebot-1 corridor)\n(at turtlebot-2 corridor)");
+
+    // Not even when the new life is gone already.
+    office.maintainer.remove(&agent, Incarnation(5), now);
+    assert!(office.admit_life(&turtlebot("turtlebot-1"), 4).is_err());
+    // The same life can come back: it was the network that died.
+    assert!(office.admit_life(&turtlebot("turtlebot-1"), 5).is_ok());
+}
+
+#[test]
+fn a_new_life_with_the_same_model_needs_no_model() {
+    let mut office = robots();
+    office.beat("turtlebot-1", (1, 9), "(at turtlebot-1 office2)", "").expect("a heartbeat");
+    let change = office.beat("turtlebot-1", (2, 1), "(docked turtlebot-1)", "");
+    // Only what the model says is known of it, and of that not what the heartbeat leaves out.
+    expect![[r#"
+        epoch 2, revision 4
+        - (at turtlebot-1 office2)
+    "#]]
+    .assert_eq(&told(&change.expect("a heartbeat of the new life")));
+    let stranger = office.beat("turtlebot-3", (1, 1), "", "");
+    assert!(matches!(stranger, Err(Declined::UnknownAgent { .. })), "{stranger:?}");
+}
+
+#[test]
+fn effects_are_believed_until_the_owner_speaks() {
+    let mut office = robots().with([thermometer("t-1")]);
+    let now = office.now;
+    let moved = effects("(not (at turtlebot-1 corridor)) (at turtlebot-1 office2)");
+    let change = office.maintainer.confirm(&id("turtlebot-1"), None, &moved, now);
+    expect![[r#"
+        epoch 3, revision 4
+        + (at turtlebot-1 office2)
+        - (at turtlebot-1 corridor)
+    "#]]
+    .assert_eq(&told(&change.expect("it is here")));
+    let change = office.beat("turtlebot-1", (1, 1), "(at turtlebot-1 corridor)", "");
+    expect![[r#"
+        epoch 3, revision 5
+        + (at turtlebot-1 corridor)
+        - (at turtlebot-1 office2)
+    "#]]
+    .assert_eq(&told(&change.expect("a heartbeat")));
+    // The thermometer never speaks of what it measured: that stays.
+    let measured = effects("(known-temperature office2)");
+    office.maintainer.confirm(&id("t-1"), None, &measured, now).expect("it is here");
+    office.beat("t-1", (1, 1), "(located t-1 office2)", "").expect("a heartbeat");
+    assert_eq!(office.known("known-temperature"), "(known-temperature office2)");
+}
+
+#[test]
+fn facts_can_be_known_for_a_while() {
+    let mut office = office().with([thermometer("t-1"), thermometer("t-2")]);
+    let known = "(known-temperature office2)";
+    office.beat("t-1", (1, 1), "", known).expect("a heartbeat");
+    office.now = Moment(2_000);
+    office.beat("t-2", (1, 1), "", known).expect("a heartbeat");
+    // One owner's time is over, another's is not.
+    office.now = Moment(11_000);
+    assert_eq!(office.known("known-temperature"), known);
+    assert_eq!(told(&office.maintainer.expire(office.now)).matches("known").count(), 0);
+    office.now = Moment(12_000);
+    // Nobody plans with it, even before it is expired.
+    assert_eq!(office.known("known-temperature"), "");
+    let change = office.maintainer.expire(office.now);
+    assert_eq!(change.retracted, facts(known));
+}
+
+#[test]
+fn several_owners_may_claim_one_fact() {
+    let mut office = robots();
+    office.set("keyboard", "(at turtlebot-1 corridor)").expect("a request");
+    assert!(
+        office
+            .beat("turtlebot-1", (1, 1), "", "")
+            .expect("a heartbeat")
+            .retracted
+            .iter()
+            .all(|fact| !fact.to_string().starts_with("(at"))
+    );
+    assert_eq!(office.known("at"), "(at turtlebot-1 corridor)\n(at turtlebot-2 corridor)");
+    let change = office.remove("keyboard");
+    assert_eq!(change.retracted, facts("(at turtlebot-1 corridor)"));
+}
+
+#[test]
+fn of_a_number_the_newest_claim_is_believed() {
+    let mut office = robots();
+    let speed = |office: &Office| office.known("speed").lines().next().map(str::to_owned);
+    office.set("keyboard", "(= (speed turtlebot-1) 0.9)").expect("a request");
+    assert_eq!(speed(&office).as_deref(), Some("(= (speed turtlebot-1) 0.9)"));
+    office.beat("turtlebot-1", (1, 1), "(= (speed turtlebot-1) 0.2)", "").expect("a heartbeat");
+    assert_eq!(speed(&office).as_deref(), Some("(= (speed turtlebot-1) 0.2)"));
+    office.beat("turtlebot-1", (1, 2), "", "").expect("a heartbeat");
+    assert_eq!(speed(&office).as_deref(), Some("(= (speed turtlebot-1) 0.9)"));
+}
+
+#[test]
+fn the_map_changes_by_request() {
+    let mut office = office();
+    let now = office.now;
+    let door = facts("(connected corridor office2)");
+    let change = office.maintainer.retract(&door, now);
+    assert_eq!((change.retracted, change.epoch_changed), (door, false));
+    let opened = effects("(connected office2 corridor) (= (distance corridor office2) 9)");
+    office.maintainer.set(&Owner::Map, &opened, now).expect("a request");
+    assert_eq!(office.known("connected"), "(connected office2 corridor)");
+    assert_eq!(office.known("distance"), "(= (distance corridor office2) 9)");
+}
+
+#[test]
+fn facts_wait_for_their_words() {
+    let mut office = office();
+    let bad = "(at turtlebot-1 corridor) (at corridor corridor) (at corridor) (flying corridor)";
+    assert!(office.set("keyboard", bad).expect("a request").is_empty());
+    let reasons: Vec<String> = { office.maintainer.provenance(office.now).into_iter() }
+        .filter_map(|fact| Some(format!("{}: {}\n", fact.fact, fact.left_out?)))
+        .collect();
+    expect![[r#"
+        (at corridor): it has 1 of the 2 arguments of `at`
+        (at corridor corridor): `corridor` is not of the type that `at` takes
+        (at turtlebot-1 corridor): `turtlebot-1` is not here
+        (flying corridor): `flying` is not declared
+    "#]]
+    .assert_eq(&reasons.concat());
+    office.admit(&turtlebot("turtlebot-1"));
+    let change = office.remove("turtlebot-1");
+    assert!(change.retracted.contains(&facts("(at turtlebot-1 corridor)")[0]), "{change:?}");
+}
+
+#[test]
+fn provenance_names_owners_and_ages() {
+    let mut office = office().with([thermometer("t-1"), ir_sensor("ir-1", "base")]);
+    office.beat("t-1", (1, 3), "", "(known-temperature office2)").expect("a heartbeat");
+    office.set("keyboard", "(known-temperature office2)").expect("a request");
+    office.now = Moment(5_000);
+    let lines: Vec<String> = { office.maintainer.provenance(office.now).into_iter() }
+        .map(|fact| {
+            let claims: Vec<String> = { fact.claims.iter() }
+                .map(|by| {
+                    format!(
+                        "  {} ({:?}, life {}, heartbeat {}) {:?} ago, {:?} left\n",
+                        by.owner, by.source, by.incarnation, by.sequence, by.age, by.left
+                    )
+                })
+                .collect();
+            format!("{} {}\n{}", fact.fact, fact.left_out.unwrap_or_default(), claims.concat())
+        })
+        .collect();
+    expect![[r#"
+        (connected corridor office2) 
+          the map (Model, life 0, heartbeat 0) 5s ago, None left
+        (known-temperature office2) 
+          keyboard (Request, life 0, heartbeat 0) 4s ago, None left
+          t-1 (Heartbeat, life 1, heartbeat 3) 4s ago, Some(6s) left
+        (located t-1 office2) 
+          t-1 (Model, life 1, heartbeat 0) 4s ago, None left
+        (mounted-on ir-1 base) `base` is not here
+          ir-1 (Model, life 1, heartbeat 0) 4s ago, None left
+        (= (distance corridor office2) 6) 
+          the map (Model, life 0, heartbeat 0) 5s ago, None left
+    "#]]
+    .assert_eq(&lines.concat());
+}

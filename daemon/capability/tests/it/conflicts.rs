@@ -1,0 +1,172 @@
+//! What cannot be composed is left out, named, and does not stop the rest.
+
+use expect_test::{Expect, expect};
+
+use crate::office::{model, office, turtlebot};
+
+/// Admits models of agents `a`, `b`, … with these sections; then what is in conflict, and which
+/// actions are there.
+#[track_caller]
+fn check<const N: usize>(sections: [&str; N], expected: Expect) {
+    let names = ["a", "b", "c"];
+    let models = names.iter().zip(sections).map(|(name, sections)| model(name, sections));
+    let office = office().with(models);
+    expected.assert_eq(&format!("{}actions: {}\n", office.conflicts(), office.actions()));
+}
+
+#[test]
+fn the_ontology_wins() {
+    check(
+        ["(:types room - sensor) (:predicates (at ?b - mobile-base))
+          (:objects corridor - room a - sensor)
+          (:action wait :agent ?a - sensor :parameters (?b - mobile-base) :effect (at ?b))
+          (:action look :agent ?a - sensor :parameters (?r - room)
+            :effect (known-temperature ?r))"],
+        expect![[r#"
+            type `room` of `a`: the ontology declares `room - location`, which stands; `room - sensor` is left out
+            predicate `at` of `a`: the ontology declares `(at ?b - mobile-base ?l - location)`, which stands; `(at ?b - mobile-base)` is left out
+            object `corridor` of `a`: the map declares `corridor - location`, which stands; `corridor - room` is left out
+            action `wait` of `a`: it uses the predicate `at` with 1 of its 2 arguments
+            actions: look
+        "#]],
+    );
+}
+
+#[test]
+fn a_conflict_of_two_agents_names_both() {
+    check(
+        [
+            "(:objects a - sensor) (:predicates (lit ?r - room))
+             (:action light :agent ?a - sensor :parameters (?r - room) :effect (lit ?r))",
+            "(:objects b - sensor) (:predicates (lit ?r ?s - room))
+             (:action glow :agent ?a - sensor :parameters (?r - room) :effect (lit ?r ?r))
+             (:action look :agent ?a - sensor :parameters (?r - room)
+               :effect (known-temperature ?r))",
+        ],
+        expect![[r#"
+            predicate `lit` of `a` and `b`: `a` declares `(lit ?r - room)`, which stands; `(lit ?r ?s - room)` of `b` is left out
+            action `glow` of `b`: it uses the predicate `lit`, which another agent declares otherwise
+            actions: light look
+        "#]],
+    );
+}
+
+#[test]
+fn who_was_here_first_stays_after_a_change_of_its_model() {
+    let mut office = office()
+        .with([model("b", "(:predicates (lit ?r - room))"), model("a", "(:predicates (lit))")]);
+    let admission = office.admit(&model("b", "(:predicates (lit ?r - room) (dark))"));
+    assert_eq!(admission.conflicts, []);
+    expect![[r#"
+        predicate `lit` of `b` and `a`: `b` declares `(lit ?r - room)`, which stands; `(lit)` of `a` is left out
+    "#]].assert_eq(&office.conflicts());
+    // The one whose word stood is gone: now the other's stands.
+    office.remove("b");
+    assert_eq!(office.conflicts(), "");
+    // And goes on standing.
+    office.admit(&model("b", "(:predicates (lit ?r - room))"));
+    expect![[r#"
+        predicate `lit` of `a` and `b`: `a` declares `(lit)`, which stands; `(lit ?r - room)` of `b` is left out
+    "#]].assert_eq(&office.conflicts());
+}
+
+#[test]
+fn nobody_can_execute_an_action_without_an_agent() {
+    check(
+        ["(:objects a - sensor)
+          (:action think :effect (known-temperature office2))
+          (:durative-action sleep :agent ?a - sensor :parameters () :duration (= ?duration 1)
+            :condition (and) :effect (and))"],
+        expect![[r#"
+            action `sleep` of `a`: no planner here uses durative actions yet; describe it as an `:action`
+            action `think` of `a`: nobody acts in it; write `:agent ?a - TYPE` before its parameters
+            actions: 
+        "#]],
+    );
+}
+
+#[test]
+fn an_agent_acts_as_itself() {
+    check(
+        [
+            "(:action think :agent ?a - sensor :effect (known-temperature office2))",
+            "(:objects b - mobile-base)
+             (:action think :agent ?a - sensor :effect (known-temperature office2))",
+        ],
+        expect![[r#"
+            action `think` of `a`: `a` is no object; write `(:objects a - sensor)`
+            action `think` of `b`: its agent is a `sensor`, and `b` is a `mobile-base`
+            actions: 
+        "#]],
+    );
+}
+
+#[test]
+fn types_cannot_go_in_circles() {
+    check(
+        ["(:types x - y z - x)", "(:types y - x)"],
+        expect![[r#"
+        type `x` of `a`: `x - y` makes the type its own supertype
+        type `y` of `b`: `y - x` makes the type its own supertype
+        actions: 
+    "#]],
+    );
+}
+
+#[test]
+fn objects_of_two_types_are_of_the_first() {
+    check(
+        ["(:objects thing - room)", "(:objects thing - sensor)"],
+        expect![[r#"
+        object `thing` of `a` and `b`: `a` declares `thing - room`, which stands; `thing - sensor` of `b` is left out
+        actions: 
+    "#]],
+    );
+}
+
+#[test]
+fn what_nobody_declares_cannot_be_used() {
+    check(
+        ["(:objects a - sensor box - crate) (:predicates (in ?x - crate ?y - bag))
+          (:action fly :agent ?a - sensor :effect (flown ?a))
+          (:action pay :agent ?a - sensor :effect (increase (money) 1))
+          (:action call :agent ?a - sensor :effect (at phone office2))
+          (:action lose :agent ?a - sensor :effect (known-temperature ?r))"],
+        expect![[r#"
+            predicate `in` of `a`: it uses the type `crate`, which is not declared
+            object `box` of `a`: it uses the type `crate`, which is not declared
+            action `call` of `a`: it names the object `phone`, which is not here
+            action `fly` of `a`: it uses the predicate `flown`, which is not declared
+            action `lose` of `a`: it uses the variable `?r`, which nothing binds
+            action `pay` of `a`: it uses the function `money`, which is not declared
+            actions: 
+        "#]],
+    );
+}
+
+#[test]
+fn only_who_declares_a_predicate_derives_it() {
+    check(
+        [
+            "(:derived (known-temperature ?r - room) (connected ?r ?r))",
+            "(:objects b - sensor) (:predicates (far ?r - room))
+             (:derived (far ?r - room) (connected ?r ?r))
+             (:action drift :agent ?a - sensor :parameters (?r - room) :effect (far ?r))",
+        ],
+        expect![[r#"
+            axiom for `known-temperature` of `a`: the model does not declare the predicate, and only who declares it may derive it
+            action `drift` of `b`: it changes `far`, which axioms derive
+            actions: 
+        "#]],
+    );
+}
+
+#[test]
+fn a_conflict_is_told_once() {
+    let mut office = office().with([model("a", "(:predicates (lit ?r - room))")]);
+    let clash = model("b", "(:predicates (lit))");
+    let admission = office.admit(&clash);
+    assert_eq!(admission.conflicts, office.maintainer.conflicts());
+    assert_eq!(admission.conflicts.len(), 1);
+    assert_eq!(office.admit(&turtlebot("turtlebot-1")).conflicts, []);
+}

@@ -1,0 +1,56 @@
+//! A copy that follows announced changes holds what the maintainer holds.
+
+use acl::content::EpochChange;
+use capability::{Change, Follower, Lag, Moment};
+use pddl::InitElement;
+
+use crate::office::{Office, office, turtlebot};
+
+fn copy(office: &Office) -> Follower {
+    let snapshot = office.snapshot();
+    Follower::new(snapshot.epoch, snapshot.revision, &snapshot.problem.init)
+}
+
+fn sorted(facts: impl IntoIterator<Item = InitElement>) -> Vec<String> {
+    let mut facts: Vec<String> = facts.into_iter().map(|fact| fact.to_string()).collect();
+    facts.sort();
+    facts
+}
+
+#[test]
+fn a_copy_follows_and_knows_when_it_cannot() {
+    let mut office = office().with([turtlebot("turtlebot-1")]);
+    let mut follower = copy(&office);
+    let mut told: Vec<Change> = Vec::new();
+    let said = ["(at turtlebot-1 office2) (= (speed turtlebot-1) 2)", "", "(docked turtlebot-1)"];
+    for (sequence, facts) in (1..).zip(said) {
+        told.push(office.beat("turtlebot-1", (1, sequence), facts, "").expect("a heartbeat"));
+    }
+    for change in &told {
+        follower.follow(&EpochChange::from(change)).expect("in order");
+    }
+    assert_eq!(sorted(follower.facts()), sorted(office.snapshot().problem.init));
+    // What is known already is passed over.
+    assert_eq!(follower.follow(&EpochChange::from(&told[0])), Ok(()));
+
+    let lost = office.set("keyboard", "(docked turtlebot-1)").expect("a request");
+    assert!(lost.is_empty(), "others said so already: {lost:?}");
+    office.set("keyboard", "(= (speed turtlebot-1) 3)").expect("a request");
+    let next = office.set("keyboard", "(= (speed turtlebot-1) 4)").expect("a request");
+    let before = follower.clone();
+    assert!(matches!(follower.follow(&EpochChange::from(&next)), Err(Lag::Gap { .. })));
+    let masked = office.mask("turtlebot-1");
+    assert!(matches!(follower.follow(&EpochChange::from(&masked)), Err(Lag::NewEpoch { .. })));
+    assert_eq!(follower, before);
+    office.now = Moment(99_000);
+    assert_eq!(copy(&office).revision(), masked.revision);
+}
+
+#[test]
+fn what_is_no_pddl_changes_nothing() {
+    let mut follower = copy(&office());
+    let before = follower.clone();
+    let bad = EpochChange { revision: 1, believed: "(at (".to_owned(), ..EpochChange::default() };
+    assert!(matches!(follower.follow(&bad), Err(Lag::Unreadable(_))));
+    assert_eq!(follower, before);
+}

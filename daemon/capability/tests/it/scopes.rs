@@ -1,0 +1,79 @@
+//! An actuator's own Domain Maintainer: what it knows of the others, and what it does not.
+
+use capability::text_of;
+use expect_test::expect;
+
+use crate::office::{Office, id, ir_sensor, office_of, thermometer, turtlebot};
+
+/// The office as `turtlebot-1` knows it; it can carry `ir-1`, and another robot is about.
+fn local() -> Office {
+    let ir = ir_sensor("ir-1", "turtlebot-1");
+    office_of("turtlebot-1").with([turtlebot("turtlebot-1"), turtlebot("turtlebot-2"), ir])
+}
+
+#[test]
+fn others_keep_their_actions_and_their_secrets() {
+    let office = local();
+    let problem = office.snapshot().problem;
+    expect![[r#"
+        (define (problem map)
+          (:domain smart-office)
+          (:objects
+            office2 - room
+            corridor - location
+            (:private dock-of-turtlebot-1 - location)
+            ir-1 - ir-temperature-sensor
+            turtlebot-1 turtlebot-2 - turtlebot)
+          (:init
+            (= (total-cost) 0)
+            (at turtlebot-1 corridor)
+            (at turtlebot-2 corridor)
+            (connected corridor office2)
+            (docked turtlebot-1)
+            (mounted-on ir-1 turtlebot-1)
+            (= (distance corridor office2) 6)
+            (= (speed turtlebot-1) 0.3)
+            (= (speed turtlebot-2) 0.3)
+            (offers-move turtlebot-1))
+          (:goal (and))
+          (:metric minimize (total-cost)))
+    "#]]
+    .assert_eq(&problem.to_string());
+    assert_eq!(office.actions(), "move");
+    let methods: Vec<_> = office.snapshot().methods.into_keys().collect();
+    assert_eq!(methods, [id("turtlebot-1")]);
+}
+
+#[test]
+fn what_is_carried_is_known_whole() {
+    let mut office = local();
+    let now = office.now;
+    let change = office.maintainer.carry(id("ir-1"), now);
+    assert!(change.epoch_changed);
+    assert_eq!(office.actions(), "move report-temperature");
+    assert_eq!(office.known("offers-report-temperature"), "(offers-report-temperature ir-1)");
+    office.maintainer.put_down(&id("ir-1"), now);
+    assert_eq!(office.actions(), "move");
+}
+
+#[test]
+fn an_action_unknown_is_no_reason_to_qualify() {
+    let mut office = local().with([thermometer("t-1")]);
+    let now = office.now;
+    office.maintainer.carry(id("ir-1"), now);
+    assert_eq!(office.actions(), "move report-temperature");
+}
+
+#[test]
+fn private_facts_of_others_are_never_told() {
+    let mut office = local();
+    let said = "(docked turtlebot-2) (at turtlebot-2 dock-of-turtlebot-2)
+        (connected corridor dock-of-turtlebot-2)";
+    let change = office.beat("turtlebot-2", (1, 1), said, "").expect("a heartbeat");
+    assert!(change.believed.is_empty(), "{change:?}");
+    let shown: Vec<_> =
+        office.maintainer.provenance(office.now).into_iter().map(|known| known.fact).collect();
+    let shown = text_of(&shown) + &office.snapshot().domain.to_string();
+    assert!(!shown.contains("dock-of-turtlebot-2") && !shown.contains("(docked turtlebot-2)"));
+    assert_eq!(office.known("docked"), "(docked turtlebot-1)");
+}
