@@ -1,1 +1,44 @@
-//! Being built.
+//! Planning: from PDDL texts to validated plans, in-process.
+//!
+//! Start reading at [`plan()`], then `task`, then `search`.
+//!
+//! - `normalize` numbers names and refuses what is not supported; `ground` makes the `task`;
+//!   `state`, `successors`, `heuristic` and `search` solve it.
+//! - [`validate`] checks plans on the texts themselves and shares nothing with the above.
+//!
+//! Leaves to others: composing domains (`capability`), carrying plans out (the Plan Executor), other
+//! planners (adapters).
+//!
+//! **Invariants:** no async function, no clock, no randomness, no environment, no logging. The same
+//! texts and budget give the same answer everywhere. No plan leaves without having passed the
+//! validator, and nothing is called unsolvable without a proof.
+
+mod plan;
+
+mod limits;
+
+mod outcome;
+
+mod normalize;
+
+mod ground;
+
+mod task;
+
+mod state;
+
+mod successors;
+
+mod heuristic;
+
+mod search;
+
+pub mod validate;
+
+mod id_table;
+
+pub use heuristic::{HEURISTICS, Heuristic};
+pub use limits::{Budget, Cancel, Options};
+pub use outcome::{Outcome, PlanError, Statistics, StopReason, Text, Unsupported};
+pub use plan::plan;
+pub use validate::{Fault, FaultReason, Place, Verdict, World, rest_reaches, validate};

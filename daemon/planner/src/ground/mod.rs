@@ -1,0 +1,69 @@
+//! Grounding: from the lifted task to facts and operators.
+//!
+//! 1. [`reach`] finds every tuple that relaxed reachability allows, by joins.
+//! 2. [`instantiate`] turns the tuples of actions into operators.
+//! 3. [`finish`] drops what never changes and what cannot matter.
+//!
+//! Work is counted in join steps, so the same task stops at the same place everywhere.
+
+mod finish;
+mod instantiate;
+mod join;
+mod node;
+mod reach;
+mod relation;
+mod tree;
+mod values;
+
+use pddl::Diagnostic;
+
+use self::join::Work;
+use self::values::Values;
+use crate::limits::{Budget, Cancel};
+use crate::normalize::lifted::Lifted;
+use crate::outcome::{StopReason, Unsupported};
+use crate::task::Task;
+
+/// A ground task and what it took.
+pub(crate) struct Grounded {
+    /// `None` where the goal cannot hold, whatever happens: a proof that there is no plan.
+    pub(crate) task: Option<Task>,
+    pub(crate) join_steps: u64,
+    pub(crate) warnings: Vec<Diagnostic>,
+}
+
+/// Why grounding ended without a task.
+#[derive(Debug)]
+pub(crate) enum GroundError {
+    /// A cap was reached, or the caller cancelled.
+    Stopped(StopReason),
+    /// Something only seen on ground level is not supported.
+    Unsupported(Unsupported),
+}
+
+/// Grounds a lifted task.
+pub(crate) fn ground(
+    lifted: &Lifted,
+    budget: Budget,
+    cancel: &Cancel,
+) -> Result<Grounded, GroundError> {
+    let mut work = Work::new(budget, cancel);
+    let mut values = Values::new(lifted);
+    let mut relations = reach::reach(lifted, &values, &mut work)?;
+    let mut raw = instantiate::instantiate(lifted, &mut relations, &mut values, &mut work)?;
+    let warnings = std::mem::take(&mut raw.warnings);
+    let task = finish::finish(lifted, &relations, &values, raw);
+    Ok(Grounded { task, join_steps: work.steps, warnings })
+}
+
+impl From<StopReason> for GroundError {
+    fn from(reason: StopReason) -> GroundError {
+        GroundError::Stopped(reason)
+    }
+}
+
+impl From<Unsupported> for GroundError {
+    fn from(unsupported: Unsupported) -> GroundError {
+        GroundError::Unsupported(unsupported)
+    }
+}

@@ -1,0 +1,98 @@
+//! A hash table that holds ids only; what they stand for lives with the caller.
+//!
+//! States and tuples lie in flat arenas; this finds the one that equals another without storing
+//! anything twice. Lookups never walk the table, so no result depends on its order.
+
+use std::hash::Hasher;
+
+use rustc_hash::FxHasher;
+
+/// Marks a free place.
+const FREE: u32 = u32::MAX;
+
+/// Ids by the hash of what they stand for. At most 7 of 8 places are taken.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct IdTable {
+    places: Vec<u32>,
+    count: usize,
+}
+
+// === impl IdTable ===
+
+impl IdTable {
+    /// The id whose thing hashes to `hash` and answers `true`.
+    pub(crate) fn find(&self, hash: u64, mut is_it: impl FnMut(u32) -> bool) -> Option<u32> {
+        if self.places.is_empty() {
+            return None;
+        }
+        let mask = self.places.len() - 1;
+        let mut place = self.home(hash);
+        loop {
+            match self.places[place] {
+                FREE => return None,
+                id if is_it(id) => return Some(id),
+                _ => place = (place + 1) & mask,
+            }
+        }
+    }
+
+    /// Adds an id that is not in the table. `hash_of` gives the hash of those that are.
+    pub(crate) fn insert(&mut self, hash: u64, id: u32, hash_of: impl Fn(u32) -> u64) {
+        if (self.count + 1) * 8 > self.places.len() * 7 {
+            let grown = (self.places.len() * 2).max(16);
+            let old = std::mem::replace(&mut self.places, vec![FREE; grown]);
+            for id in old.into_iter().filter(|id| *id != FREE) {
+                self.place(hash_of(id), id);
+            }
+        }
+        self.place(hash, id);
+        self.count += 1;
+    }
+
+    /// Bytes taken.
+    pub(crate) fn bytes(&self) -> usize {
+        self.places.len() * size_of::<u32>()
+    }
+
+    fn place(&mut self, hash: u64, id: u32) {
+        let mask = self.places.len() - 1;
+        let mut place = self.home(hash);
+        while self.places[place] != FREE {
+            place = (place + 1) & mask;
+        }
+        self.places[place] = id;
+    }
+
+    /// Where a hash starts looking: its upper bits, which are the best mixed.
+    fn home(&self, hash: u64) -> usize {
+        let bits = self.places.len().trailing_zeros();
+        (hash.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> (64 - bits)) as usize
+    }
+}
+
+/// The hash of a sequence of words.
+pub(crate) fn hash_words(words: impl IntoIterator<Item = u64>) -> u64 {
+    let mut hasher = FxHasher::default();
+    words.into_iter().for_each(|word| hasher.write_u64(word));
+    hasher.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn finds_what_was_inserted_and_nothing_else() {
+        let things: Vec<u64> = (0..1_000).map(|index| index * 64).collect();
+        let hash_of = |id: u32| hash_words([things[id as usize]]);
+        let mut table = IdTable::default();
+        for id in 0..things.len() as u32 {
+            table.insert(hash_of(id), id, hash_of);
+        }
+        for (id, thing) in things.iter().enumerate() {
+            let found = table.find(hash_words([*thing]), |other| things[other as usize] == *thing);
+            assert_eq!(found, Some(id as u32));
+        }
+        assert_eq!(table.find(hash_words([1]), |other| things[other as usize] == 1), None);
+    }
+}

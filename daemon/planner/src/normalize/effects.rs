@@ -1,0 +1,88 @@
+//! Effects: from the tree to a flat list of guarded literals and numeric changes.
+
+use pddl::{ActionSchema, Assign, Effect};
+
+use super::formula::Scope;
+use super::lifted::{Formula, LiftedEffect, LiftedNumeric, Schema, Slot};
+use super::symbols::Symbols;
+
+/// What surrounds an effect: the variables of its `forall`s and the conditions of its `when`s.
+#[derive(Clone, Default)]
+struct Guard {
+    variables: Vec<Slot>,
+    conditions: Vec<Formula>,
+}
+
+/// An action in flat form.
+pub(super) fn schema(symbols: &mut Symbols, action: &ActionSchema) -> Schema {
+    let mut scope = Scope::new(symbols, action.all_parameters());
+    let parameter_count = scope.frame.len();
+    let precondition = scope.formula(&action.precondition, true);
+    let mut flat = Flat { scope, effects: Vec::new(), numeric: Vec::new() };
+    flat.effect(&action.effect, &Guard::default());
+    Schema {
+        name: action.name.clone(),
+        parameter_count,
+        frame: flat.scope.frame,
+        precondition,
+        effects: flat.effects,
+        numeric: flat.numeric,
+        span: action.span,
+    }
+}
+
+struct Flat<'s> {
+    scope: Scope<'s>,
+    effects: Vec<LiftedEffect>,
+    numeric: Vec<LiftedNumeric>,
+}
+
+// === impl Flat ===
+
+impl Flat<'_> {
+    fn effect(&mut self, effect: &Effect, guard: &Guard) {
+        match effect {
+            Effect::And(parts) => parts.iter().for_each(|part| self.effect(part, guard)),
+            Effect::Add(atom) => self.literal(atom, true, guard),
+            Effect::Delete(atom) => self.literal(atom, false, guard),
+            Effect::Assign(assign) => self.numeric(assign, guard),
+            Effect::When(condition, inner) => {
+                let mut guard = guard.clone();
+                guard.conditions.push(self.scope.formula(condition, true));
+                self.effect(inner, &guard);
+            }
+            Effect::Forall(variables, inner) => {
+                let (outside, slots) = self.scope.enter(variables);
+                let mut guard = guard.clone();
+                guard.variables.extend(slots);
+                self.effect(inner, &guard);
+                self.scope.leave(outside);
+            }
+        }
+    }
+
+    fn literal(&mut self, atom: &pddl::Atom, adds: bool, guard: &Guard) {
+        if let Some(atom) = self.scope.atom(atom) {
+            self.effects.push(LiftedEffect {
+                variables: guard.variables.clone(),
+                condition: Formula::And(guard.conditions.clone()),
+                adds,
+                atom,
+            });
+        }
+    }
+
+    fn numeric(&mut self, assign: &Assign, guard: &Guard) {
+        let fluent = self.scope.fluent(&assign.fluent);
+        if let (Some(fluent), Some(value)) = (fluent, self.scope.expression(&assign.value)) {
+            self.numeric.push(LiftedNumeric {
+                variables: guard.variables.clone(),
+                condition: Formula::And(guard.conditions.clone()),
+                assignment: assign.assignment,
+                fluent,
+                value,
+                span: assign.span,
+            });
+        }
+    }
+}

@@ -1,0 +1,271 @@
+//! The normalized lifted task: numbers for names, negation at the leaves, effects in a flat list.
+//!
+//! Variables of one schema, those of its quantifiers included, are slots of one *frame*, so that a
+//! binding is an array and no quantifier hides another.
+
+use pddl::{Assignment, Comparison, Name, Operator as Arithmetic, Span};
+
+use crate::task::ObjectId;
+
+/// A slot of a frame.
+pub(crate) type Slot = u32;
+
+/// Index of a predicate.
+pub(crate) type PredicateIndex = usize;
+
+/// Index of a function.
+pub(crate) type FunctionIndex = usize;
+
+/// Index of a set of objects that a type expression stands for.
+pub(crate) type TypeIndex = usize;
+
+/// A variable or an object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum LiftedTerm {
+    Variable(Slot),
+    Object(ObjectId),
+}
+
+/// A predicate applied to terms.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct LiftedAtom {
+    pub(crate) predicate: PredicateIndex,
+    pub(crate) arguments: Vec<LiftedTerm>,
+}
+
+/// A function applied to terms.
+#[derive(Clone, Debug)]
+pub(crate) struct LiftedFluent {
+    pub(crate) function: FunctionIndex,
+    pub(crate) arguments: Vec<LiftedTerm>,
+}
+
+/// A numeric expression.
+#[derive(Clone, Debug)]
+pub(crate) enum LiftedExpression {
+    Number(f64),
+    Fluent(LiftedFluent),
+    Negate(Box<LiftedExpression>),
+    Apply(Arithmetic, Vec<LiftedExpression>),
+}
+
+/// A condition in negation normal form.
+#[derive(Clone, Debug)]
+pub(crate) enum Formula {
+    Constant(bool),
+    Literal {
+        positive: bool,
+        atom: LiftedAtom,
+    },
+    Equal {
+        positive: bool,
+        left: LiftedTerm,
+        right: LiftedTerm,
+    },
+    Compare {
+        positive: bool,
+        comparison: Comparison,
+        sides: Box<(LiftedExpression, LiftedExpression)>,
+    },
+    And(Vec<Formula>),
+    Or(Vec<Formula>),
+    Exists(Vec<Slot>, Box<Formula>),
+    Forall(Vec<Slot>, Box<Formula>),
+}
+
+/// An action.
+#[derive(Clone, Debug)]
+pub(crate) struct Schema {
+    pub(crate) name: Name,
+    /// The first slots of the frame are the parameters, the agent before all.
+    pub(crate) parameter_count: usize,
+    pub(crate) frame: Vec<TypeIndex>,
+    pub(crate) precondition: Formula,
+    pub(crate) effects: Vec<LiftedEffect>,
+    pub(crate) numeric: Vec<LiftedNumeric>,
+    pub(crate) span: Span,
+}
+
+/// `(forall (variables) (when condition literal))`
+#[derive(Clone, Debug)]
+pub(crate) struct LiftedEffect {
+    pub(crate) variables: Vec<Slot>,
+    pub(crate) condition: Formula,
+    pub(crate) adds: bool,
+    pub(crate) atom: LiftedAtom,
+}
+
+/// `(forall (variables) (when condition (assignment fluent value)))`
+#[derive(Clone, Debug)]
+pub(crate) struct LiftedNumeric {
+    pub(crate) variables: Vec<Slot>,
+    pub(crate) condition: Formula,
+    pub(crate) assignment: Assignment,
+    pub(crate) fluent: LiftedFluent,
+    pub(crate) value: LiftedExpression,
+    pub(crate) span: Span,
+}
+
+/// An axiom; its head's parameters are the first slots of the frame.
+#[derive(Clone, Debug)]
+pub(crate) struct LiftedAxiom {
+    pub(crate) head: PredicateIndex,
+    pub(crate) parameter_count: usize,
+    pub(crate) frame: Vec<TypeIndex>,
+    pub(crate) body: Formula,
+    pub(crate) stratum: usize,
+}
+
+/// A condition without parameters, with the frame of its quantifiers.
+#[derive(Clone, Debug)]
+pub(crate) struct Closed {
+    pub(crate) frame: Vec<TypeIndex>,
+    pub(crate) formula: Formula,
+}
+
+/// The objects that a type expression stands for.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct TypeSet {
+    pub(crate) members: Vec<ObjectId>,
+    contains: Vec<bool>,
+}
+
+/// A predicate, and how it comes to change.
+#[derive(Clone, Debug)]
+pub(crate) struct PredicateUse {
+    pub(crate) name: Name,
+    pub(crate) arity: usize,
+    pub(crate) added: bool,
+    pub(crate) deleted: bool,
+    pub(crate) derived: bool,
+}
+
+/// A function, and whether it changes in a way that planning must follow.
+#[derive(Clone, Debug)]
+pub(crate) struct FunctionUse {
+    pub(crate) name: Name,
+    pub(crate) arity: usize,
+    /// Some effect changes it.
+    pub(crate) changed: bool,
+    /// Some condition reads it, or some value that a condition depends on.
+    pub(crate) read: bool,
+}
+
+/// What makes a plan cheap.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Costs {
+    /// `None`: every step costs one. Otherwise how much one unit of a ground fluent costs.
+    pub(crate) weights: Option<Vec<(FunctionIndex, Vec<ObjectId>, f64)>>,
+}
+
+/// A whole task before grounding.
+#[derive(Clone, Debug)]
+pub(crate) struct Lifted {
+    pub(crate) objects: Vec<Name>,
+    pub(crate) predicates: Vec<PredicateUse>,
+    pub(crate) functions: Vec<FunctionUse>,
+    pub(crate) types: Vec<TypeSet>,
+    pub(crate) schemas: Vec<Schema>,
+    pub(crate) axioms: Vec<LiftedAxiom>,
+    pub(crate) goal: Closed,
+    pub(crate) init: Vec<(PredicateIndex, Vec<ObjectId>)>,
+    pub(crate) values: Vec<(FunctionIndex, Vec<ObjectId>, f64)>,
+    pub(crate) costs: Costs,
+}
+
+// === impl TypeSet ===
+
+impl TypeSet {
+    pub(crate) fn new(members: Vec<ObjectId>, object_count: usize) -> TypeSet {
+        let mut contains = vec![false; object_count];
+        for member in &members {
+            contains[member.index()] = true;
+        }
+        TypeSet { members, contains }
+    }
+
+    pub(crate) fn contains(&self, object: ObjectId) -> bool {
+        self.contains[object.index()]
+    }
+}
+
+// === impl PredicateUse ===
+
+impl PredicateUse {
+    /// Whether its facts are those of the initial state, for ever.
+    pub(crate) fn is_static(&self) -> bool {
+        !self.added && !self.deleted && !self.derived
+    }
+}
+
+// === impl FunctionUse ===
+
+impl FunctionUse {
+    /// Whether its values are part of the state.
+    pub(crate) fn is_numeric_fluent(&self) -> bool {
+        self.changed && self.read
+    }
+}
+
+// === impl LiftedTerm ===
+
+impl LiftedTerm {
+    /// The object under a binding.
+    pub(crate) fn object(self, binding: &[ObjectId]) -> ObjectId {
+        match self {
+            LiftedTerm::Variable(slot) => binding[slot as usize],
+            LiftedTerm::Object(object) => object,
+        }
+    }
+}
+
+/// The objects of several terms under a binding.
+pub(crate) fn objects<'a>(
+    terms: &'a [LiftedTerm],
+    binding: &'a [ObjectId],
+) -> impl Iterator<Item = ObjectId> + 'a {
+    terms.iter().map(|term| term.object(binding))
+}
+
+impl Formula {
+    /// Calls `visit` for every literal, with its polarity.
+    pub(crate) fn literals(&self, visit: &mut dyn FnMut(bool, &LiftedAtom)) {
+        match self {
+            Formula::Literal { positive, atom } => visit(*positive, atom),
+            Formula::And(parts) | Formula::Or(parts) => {
+                parts.iter().for_each(|part| part.literals(visit));
+            }
+            Formula::Exists(_, inner) | Formula::Forall(_, inner) => inner.literals(visit),
+            Formula::Constant(_) | Formula::Equal { .. } | Formula::Compare { .. } => (),
+        }
+    }
+
+    /// Calls `visit` for every function that the formula reads.
+    pub(crate) fn functions(&self, visit: &mut dyn FnMut(FunctionIndex)) {
+        match self {
+            Formula::Compare { sides, .. } => {
+                sides.0.functions(visit);
+                sides.1.functions(visit);
+            }
+            Formula::And(parts) | Formula::Or(parts) => {
+                parts.iter().for_each(|part| part.functions(visit));
+            }
+            Formula::Exists(_, inner) | Formula::Forall(_, inner) => inner.functions(visit),
+            Formula::Constant(_) | Formula::Equal { .. } | Formula::Literal { .. } => (),
+        }
+    }
+}
+
+impl LiftedExpression {
+    /// Calls `visit` for every function that the expression reads.
+    pub(crate) fn functions(&self, visit: &mut dyn FnMut(FunctionIndex)) {
+        match self {
+            LiftedExpression::Number(_) => (),
+            LiftedExpression::Fluent(fluent) => visit(fluent.function),
+            LiftedExpression::Negate(inner) => inner.functions(visit),
+            LiftedExpression::Apply(_, operands) => {
+                operands.iter().for_each(|operand| operand.functions(visit));
+            }
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! From trees to the normalized lifted task that grounding reads.
+//!
+//! - Names become numbers, conditions go into negation normal form, effects into flat lists.
+//! - What this planner cannot do is refused here, by name and place, before any work.
+//! - Leaves to `ground`: static facts, quantifiers, disjunctions; they need the reachable facts.
+
+mod effects;
+mod formula;
+pub(crate) mod lifted;
+mod metric;
+mod strata;
+mod symbols;
+
+use pddl::{Assignment, Diagnostic, Domain, InitElement, Problem, Span};
+
+use self::formula::Scope;
+use self::lifted::{Closed, Formula, Lifted, LiftedAxiom, LiftedNumeric, LiftedTerm, Schema};
+use self::symbols::Symbols;
+use crate::outcome::{PlanError, Unsupported};
+use crate::task::ObjectId;
+
+/// The lifted task of a domain and a problem.
+pub(crate) fn normalize(domain: &Domain, problem: &Problem) -> Result<Lifted, PlanError> {
+    refuse_time(domain, problem)?;
+    let mut symbols = Symbols::new(domain, problem);
+    let schemas: Vec<Schema> =
+        domain.actions.iter().map(|action| effects::schema(&mut symbols, action)).collect();
+    let mut axioms = axioms(&mut symbols, domain);
+    let goal = closed(&mut symbols, &problem.goal);
+    mark_predicates(&mut symbols, &schemas, &axioms);
+    mark_functions(&mut symbols, &schemas, &axioms, &goal);
+    let costs = metric::costs(&mut symbols, problem)?;
+    metric::check_additive(&costs, &schemas, &symbols.functions)?;
+    let (init, values) = initial(&mut symbols, problem);
+    reject_derived_changes(&mut symbols, domain, problem);
+    if let Err(problem) = strata::assign(&mut axioms, domain) {
+        symbols.problems.push(problem);
+    }
+    if !symbols.problems.is_empty() {
+        return Err(PlanError::BadInput(symbols.problems));
+    }
+    let Symbols { objects, predicates, functions, types, .. } = symbols;
+    Ok(Lifted { objects, predicates, functions, types, schemas, axioms, goal, init, values, costs })
+}
+
+/// A condition of its own, such as the goal, over a problem's objects.
+fn closed(symbols: &mut Symbols, condition: &pddl::Condition) -> Closed {
+    let mut scope = Scope::new(symbols, []);
+    let formula = scope.formula(condition, true);
+    Closed { frame: scope.frame, formula }
+}
+
+fn refuse_time(domain: &Domain, problem: &Problem) -> Result<(), Unsupported> {
+    if let Some(action) = domain.durative_actions.first() {
+        return Err(Unsupported::in_domain("durative actions", action.span));
+    }
+    let timed = problem.init.iter().find_map(|element| match element {
+        InitElement::At(_, later) => Some(place(later)),
+        _ => None,
+    });
+    match timed {
+        Some(span) => Err(Unsupported::in_problem("timed initial literals", span)),
+        None => Ok(()),
+    }
+}
+
+fn place(element: &InitElement) -> Span {
+    match element {
+        InitElement::Atom(atom) | InitElement::Not(atom) => atom.span,
+        InitElement::Assign(fluent, _) => fluent.span,
+        InitElement::At(_, later) => place(later),
+    }
+}
+
+fn axioms(symbols: &mut Symbols, domain: &Domain) -> Vec<LiftedAxiom> {
+    let mut axioms = Vec::new();
+    for derived in &domain.derived {
+        let head = symbols.predicate(&derived.predicate, derived.parameters.len());
+        let mut scope = Scope::new(symbols, &derived.parameters);
+        let body = scope.formula(&derived.condition, true);
+        let (frame, parameter_count) = (scope.frame, derived.parameters.len());
+        let Some(head) = head else { continue };
+        axioms.push(LiftedAxiom { head, parameter_count, frame, body, stratum: 0 });
+    }
+    axioms
+}
+
+fn mark_predicates(symbols: &mut Symbols, schemas: &[Schema], axioms: &[LiftedAxiom]) {
+    for effect in schemas.iter().flat_map(|schema| &schema.effects) {
+        let predicate = &mut symbols.predicates[effect.atom.predicate];
+        predicate.added |= effect.adds;
+        predicate.deleted |= !effect.adds;
+    }
+    for axiom in axioms {
+        symbols.predicates[axiom.head].derived = true;
+    }
+}
+
+/// Finds the functions that change, and those that planning must follow: what conditions read, and
+/// what the values of those depend on.
+fn mark_functions(
+    symbols: &mut Symbols,
+    schemas: &[Schema],
+    axioms: &[LiftedAxiom],
+    goal: &Closed,
+) {
+    let functions = &mut symbols.functions;
+    for change in schemas.iter().flat_map(|schema| &schema.numeric) {
+        functions[change.fluent.function].changed = true;
+    }
+    let mut read = Vec::new();
+    {
+        let mut visit = |function| read.push(function);
+        goal.formula.functions(&mut visit);
+        axioms.iter().for_each(|axiom| axiom.body.functions(&mut visit));
+        for schema in schemas {
+            schema.precondition.functions(&mut visit);
+            schema.effects.iter().for_each(|effect| effect.condition.functions(&mut visit));
+            for change in &schema.numeric {
+                change.condition.functions(&mut visit);
+                // Whether the value exists decides whether the action applies.
+                change.value.functions(&mut visit);
+            }
+        }
+    }
+    read.into_iter().for_each(|function| functions[function].read = true);
+    // A fluent that one action defines and another increases: whether it has a value is state.
+    let changes = || schemas.iter().flat_map(|schema| &schema.numeric);
+    for defining in changes().filter(|one| one.assignment == Assignment::Assign) {
+        let function = defining.fluent.function;
+        let adjusts = |one: &&LiftedNumeric| one.assignment != Assignment::Assign;
+        if changes().filter(adjusts).any(|one| one.fluent.function == function) {
+            functions[function].read = true;
+        }
+    }
+}
+
+type Initial = (Vec<(usize, Vec<ObjectId>)>, Vec<(usize, Vec<ObjectId>, f64)>);
+
+fn initial(symbols: &mut Symbols, problem: &Problem) -> Initial {
+    let mut facts = Vec::new();
+    let mut values = Vec::new();
+    for element in &problem.init {
+        let mut scope = Scope::new(symbols, []);
+        match element {
+            InitElement::Atom(atom) => {
+                if let Some(atom) = scope.atom(atom) {
+                    facts.push((atom.predicate, ground(&atom.arguments)));
+                }
+            }
+            InitElement::Assign(fluent, number) => {
+                if let Some(fluent) = scope.fluent(fluent) {
+                    values.push((fluent.function, ground(&fluent.arguments), number.0));
+                }
+            }
+            InitElement::Not(_) | InitElement::At(..) => (),
+        }
+    }
+    (facts, values)
+}
+
+/// The objects of an argument list without variables.
+fn ground(terms: &[LiftedTerm]) -> Vec<ObjectId> {
+    let object = |term: &LiftedTerm| match term {
+        LiftedTerm::Object(object) => Some(*object),
+        LiftedTerm::Variable(_) => None,
+    };
+    terms.iter().filter_map(object).collect()
+}
+
+fn reject_derived_changes(symbols: &mut Symbols, domain: &Domain, problem: &Problem) {
+    for predicate in &symbols.predicates {
+        if predicate.derived && (predicate.added || predicate.deleted) {
+            let message = format!("an action changes `{}`, which an axiom derives", predicate.name);
+            symbols.problems.push(Diagnostic::error(predicate.name.span(), message));
+        }
+    }
+    for element in &problem.init {
+        let InitElement::Atom(atom) = element else { continue };
+        if domain.derived.iter().any(|axiom| axiom.predicate == atom.predicate) {
+            let message = format!("`{}` is derived, so it cannot stand in :init", atom.predicate);
+            symbols.problems.push(Diagnostic::error(atom.span, message));
+        }
+    }
+}
+
+impl Closed {
+    /// The condition that always holds.
+    pub(crate) fn always() -> Closed {
+        Closed { frame: Vec::new(), formula: Formula::Constant(true) }
+    }
+}

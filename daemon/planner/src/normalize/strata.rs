@@ -1,0 +1,45 @@
+//! Stratification: an axiom may negate only what has been settled before it.
+
+use pddl::{Diagnostic, Domain};
+
+use super::lifted::LiftedAxiom;
+
+/// Gives every axiom its stratum, or says which one depends on its own negation.
+pub(super) fn assign(axioms: &mut [LiftedAxiom], domain: &Domain) -> Result<(), Diagnostic> {
+    let heads: Vec<usize> = axioms.iter().map(|axiom| axiom.head).collect();
+    let mut dependencies = Vec::new();
+    for (index, axiom) in axioms.iter().enumerate() {
+        axiom.body.literals(&mut |positive, atom| {
+            for (other, head) in heads.iter().enumerate() {
+                if *head == atom.predicate || heads[index] == heads[other] {
+                    let strict = *head == atom.predicate && !positive;
+                    dependencies.push((index, other, usize::from(strict)));
+                }
+            }
+        });
+    }
+    // A stratum higher than there are axioms can only come from a cycle through a negation.
+    for _ in 0..=axioms.len() * axioms.len() {
+        let mut changed = false;
+        for &(index, other, step) in &dependencies {
+            let wanted = axioms[other].stratum + step;
+            if axioms[index].stratum < wanted {
+                axioms[index].stratum = wanted;
+                changed = true;
+                if wanted > heads.len() {
+                    return Err(cyclic(domain, index));
+                }
+            }
+        }
+        if !changed {
+            return Ok(());
+        }
+    }
+    Ok(())
+}
+
+fn cyclic(domain: &Domain, index: usize) -> Diagnostic {
+    let axiom = &domain.derived[index];
+    let message = format!("`{}` depends on its own negation", axiom.predicate);
+    Diagnostic::error(axiom.span, message)
+}

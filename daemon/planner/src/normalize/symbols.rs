@@ -1,0 +1,165 @@
+//! Numbers for names: objects, types, predicates and functions of one domain and problem.
+
+use pddl::{Diagnostic, Domain, Name, Problem, TypeExpr, Typed};
+use rustc_hash::FxHashMap;
+
+use super::lifted::{FunctionUse, PredicateUse, TypeIndex, TypeSet};
+use crate::task::ObjectId;
+
+/// Who is called what, and every name that nobody declared.
+pub(super) struct Symbols {
+    pub(super) objects: Vec<Name>,
+    pub(super) predicates: Vec<PredicateUse>,
+    pub(super) functions: Vec<FunctionUse>,
+    pub(super) types: Vec<TypeSet>,
+    pub(super) problems: Vec<Diagnostic>,
+    object_ids: FxHashMap<Name, ObjectId>,
+    object_types: Vec<TypeExpr>,
+    predicate_ids: FxHashMap<Name, usize>,
+    function_ids: FxHashMap<Name, usize>,
+    type_ids: FxHashMap<TypeExpr, TypeIndex>,
+    /// Each type's direct supertypes.
+    parents: FxHashMap<Name, Vec<Name>>,
+}
+
+// === impl Symbols ===
+
+impl Symbols {
+    pub(super) fn new(domain: &Domain, problem: &Problem) -> Symbols {
+        let mut symbols = Symbols {
+            objects: Vec::new(),
+            predicates: Vec::new(),
+            functions: Vec::new(),
+            types: Vec::new(),
+            problems: Vec::new(),
+            object_ids: FxHashMap::default(),
+            object_types: Vec::new(),
+            predicate_ids: FxHashMap::default(),
+            function_ids: FxHashMap::default(),
+            type_ids: FxHashMap::default(),
+            parents: FxHashMap::default(),
+        };
+        for ty in &domain.types {
+            let parents = symbols.parents.entry(ty.name.clone()).or_default();
+            parents.extend(ty.ty.alternatives.iter().cloned());
+        }
+        let declared = problem.objects.iter().map(|declaration| &declaration.object);
+        for object in domain.constants.iter().chain(declared) {
+            symbols.declare_object(object);
+        }
+        for predicate in &domain.predicates {
+            symbols.declare_predicate(&predicate.name, predicate.parameters.len());
+        }
+        for function in &domain.functions {
+            symbols.declare_function(&function.name, function.parameters.len());
+        }
+        symbols
+    }
+
+    pub(super) fn object(&mut self, name: &Name) -> Option<ObjectId> {
+        let found = self.object_ids.get(name).copied();
+        if found.is_none() {
+            self.report(name, "object");
+        }
+        found
+    }
+
+    /// The predicate of this name, if it takes that many arguments.
+    pub(super) fn predicate(&mut self, name: &Name, arity: usize) -> Option<usize> {
+        let found = self.predicate_ids.get(name).copied();
+        match found {
+            None => self.report(name, "predicate"),
+            Some(index) => self.expect_arity(name, self.predicates[index].arity, arity),
+        }
+        found.filter(|index| self.predicates[*index].arity == arity)
+    }
+
+    /// The function of this name, if it takes that many arguments.
+    pub(super) fn function(&mut self, name: &Name, arity: usize) -> Option<usize> {
+        let found = self.function_ids.get(name).copied();
+        match found {
+            None => self.report(name, "function"),
+            Some(index) => self.expect_arity(name, self.functions[index].arity, arity),
+        }
+        found.filter(|index| self.functions[*index].arity == arity)
+    }
+
+    /// The set of objects that a type expression stands for.
+    pub(super) fn type_set(&mut self, ty: &TypeExpr) -> TypeIndex {
+        if let Some(&index) = self.type_ids.get(ty) {
+            return index;
+        }
+        let all = 0..self.objects.len();
+        let members = all
+            .filter(|&index| ty.is_object() || self.is_a(&self.object_types[index], ty))
+            .map(ObjectId::from_index)
+            .collect();
+        let index = self.types.len();
+        self.types.push(TypeSet::new(members, self.objects.len()));
+        self.type_ids.insert(ty.clone(), index);
+        index
+    }
+
+    fn declare_object(&mut self, object: &Typed) {
+        if self.object_ids.contains_key(&object.name) {
+            return;
+        }
+        self.object_ids.insert(object.name.clone(), ObjectId::from_index(self.objects.len()));
+        self.objects.push(object.name.clone());
+        self.object_types.push(object.ty.clone());
+    }
+
+    fn declare_predicate(&mut self, name: &Name, arity: usize) {
+        if self.predicate_ids.contains_key(name) {
+            return;
+        }
+        self.predicate_ids.insert(name.clone(), self.predicates.len());
+        let name = name.clone();
+        self.predicates.push(PredicateUse {
+            name,
+            arity,
+            added: false,
+            deleted: false,
+            derived: false,
+        });
+    }
+
+    fn declare_function(&mut self, name: &Name, arity: usize) {
+        if self.function_ids.contains_key(name) {
+            return;
+        }
+        self.function_ids.insert(name.clone(), self.functions.len());
+        let name = name.clone();
+        self.functions.push(FunctionUse { name, arity, changed: false, read: false });
+    }
+
+    /// Whether one of `own`'s types is, or lies below, one of `wanted`'s.
+    fn is_a(&self, own: &TypeExpr, wanted: &TypeExpr) -> bool {
+        let mut reached: Vec<&Name> = own.alternatives.iter().collect();
+        let mut next = 0;
+        while let Some(&ty) = reached.get(next) {
+            if wanted.alternatives.contains(ty) {
+                return true;
+            }
+            for parent in self.parents.get(ty).into_iter().flatten() {
+                if !reached.contains(&parent) {
+                    reached.push(parent);
+                }
+            }
+            next += 1;
+        }
+        false
+    }
+
+    fn report(&mut self, name: &Name, kind: &str) {
+        let message = format!("unknown {kind} `{name}`");
+        self.problems.push(Diagnostic::error(name.span(), message));
+    }
+
+    fn expect_arity(&mut self, name: &Name, expected: usize, found: usize) {
+        if expected != found {
+            let message = format!("`{name}` takes {expected} arguments, not {found}");
+            self.problems.push(Diagnostic::error(name.span(), message));
+        }
+    }
+}

@@ -1,0 +1,196 @@
+//! What comes out of a planning call: a plan or the reason why there is none, and what it took.
+//!
+//! A reason tells proof from resignation: only [`StopReason::Unsolvable`] is a proof.
+
+use std::fmt;
+
+use pddl::{Diagnostic, Plan, Span};
+
+use crate::validate::Fault;
+
+/// The result of one call. There is always a reason and always statistics.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// A plan that the independent validator has accepted, with its cost.
+    pub plan: Option<Plan>,
+    /// Why the call ended.
+    pub stop_reason: StopReason,
+    /// What it took.
+    pub statistics: Statistics,
+    /// What the author of the domain or problem may not have meant.
+    pub warnings: Vec<Diagnostic>,
+}
+
+/// Why a call ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum StopReason {
+    /// A goal state was reached.
+    GoalReached,
+    /// No plan exists. This is a proof.
+    Unsolvable {
+        /// Whether the relaxation of the initial state already showed it.
+        before_search: bool,
+    },
+    /// The search ran dry under pruning or a bound. This is *not* a proof.
+    Exhausted,
+    /// The cap on expansions was reached.
+    ExpansionLimit {
+        /// The cap.
+        limit: u64,
+    },
+    /// The cap on grounding work was reached.
+    JoinStepLimit {
+        /// The cap.
+        limit: u64,
+    },
+    /// The cap on memory was reached.
+    MemoryLimit {
+        /// The cap, in bytes.
+        limit: usize,
+    },
+    /// The caller set [`crate::Cancel`].
+    Cancelled,
+}
+
+/// What a call took. Counts, not times: they repeat exactly.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Statistics {
+    /// Facts of the ground task, after those that cannot change are gone.
+    pub facts: usize,
+    /// Operators of the ground task.
+    pub operators: usize,
+    /// Candidate tuples that grounding looked at.
+    pub join_steps: u64,
+    /// States expanded by the first search.
+    pub expansions: u64,
+    /// States evaluated by the first search.
+    pub evaluations: u64,
+    /// States expanded by the optimal search that followed.
+    pub optimal_expansions: u64,
+    /// Whether no cheaper plan exists, and no shorter one of the same cost. This is a proof.
+    pub proven_optimal: bool,
+}
+
+/// Why a call could not plan at all.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum PlanError {
+    /// The text means something that this planner does not do; it never answers as if it did.
+    Unsupported(Unsupported),
+    /// The texts do not make sense.
+    BadInput(Vec<Diagnostic>),
+    /// The validator refused a plan of our own making: a defect of the planner.
+    Internal(Box<Fault>),
+}
+
+/// A feature of PDDL that this planner does not do.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Unsupported {
+    /// Its name, in the words of PDDL.
+    pub feature: String,
+    /// Where it is used.
+    pub span: Span,
+    /// In which of the two texts.
+    pub text: Text,
+}
+
+/// Which of the two texts a place is in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Text {
+    /// The domain.
+    Domain,
+    /// The problem.
+    Problem,
+}
+
+// === impl StopReason ===
+
+impl StopReason {
+    /// The exit code that the field's planners use for it.
+    pub fn exit_code(self) -> u8 {
+        match self {
+            StopReason::GoalReached => 0,
+            StopReason::Unsolvable { before_search: true } => 10,
+            StopReason::Unsolvable { before_search: false } => 11,
+            StopReason::Exhausted
+            | StopReason::ExpansionLimit { .. }
+            | StopReason::JoinStepLimit { .. } => 12,
+            StopReason::MemoryLimit { .. } => 22,
+            StopReason::Cancelled => 23,
+        }
+    }
+}
+
+impl fmt::Display for StopReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            StopReason::GoalReached => f.write_str("goal reached"),
+            StopReason::Unsolvable { before_search: true } => {
+                f.write_str("proven unsolvable before search")
+            }
+            StopReason::Unsolvable { before_search: false } => f.write_str("proven unsolvable"),
+            StopReason::Exhausted => f.write_str("search ended without a plan or a proof"),
+            StopReason::ExpansionLimit { limit } => write!(f, "stopped at {limit} expansions"),
+            StopReason::JoinStepLimit { limit } => {
+                write!(f, "stopped at {limit} join steps of grounding")
+            }
+            StopReason::MemoryLimit { limit } => write!(f, "stopped at {limit} bytes of memory"),
+            StopReason::Cancelled => f.write_str("cancelled"),
+        }
+    }
+}
+
+// === impl PlanError ===
+
+impl PlanError {
+    /// The exit code of `althing plan` for it.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            PlanError::Unsupported(_) => 34,
+            PlanError::BadInput(_) => 33,
+            PlanError::Internal(_) => 32,
+        }
+    }
+}
+
+impl fmt::Display for PlanError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            PlanError::Unsupported(unsupported) => unsupported.fmt(f),
+            PlanError::BadInput(diagnostics) => {
+                f.write_str("read the domain and the problem")?;
+                diagnostics.iter().try_for_each(|diagnostic| write!(f, "; {diagnostic}"))
+            }
+            PlanError::Internal(fault) => write!(f, "confirm a plan of our own making: {fault}"),
+        }
+    }
+}
+
+impl std::error::Error for PlanError {}
+
+impl From<Unsupported> for PlanError {
+    fn from(unsupported: Unsupported) -> PlanError {
+        PlanError::Unsupported(unsupported)
+    }
+}
+
+// === impl Unsupported ===
+
+impl Unsupported {
+    pub(crate) fn in_domain(feature: impl Into<String>, span: Span) -> Unsupported {
+        Unsupported { feature: feature.into(), span, text: Text::Domain }
+    }
+
+    pub(crate) fn in_problem(feature: impl Into<String>, span: Span) -> Unsupported {
+        Unsupported { feature: feature.into(), span, text: Text::Problem }
+    }
+}
+
+impl fmt::Display for Unsupported {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "plan with {}: not supported", self.feature)
+    }
+}
+
+impl std::error::Error for Unsupported {}

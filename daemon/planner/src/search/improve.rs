@@ -1,0 +1,52 @@
+//! Action elimination: leaves out steps that a plan does not need (Nakhost and Müller, 2010).
+
+use crate::limits::Cancel;
+use crate::state::{Progression, all_hold};
+use crate::task::{OperatorId, Task};
+
+/// Plans longer than this stay as they are: the check is quadratic.
+const STEPS_MAX: usize = 1_000;
+
+/// The plan without steps that the goal does not need. It never costs more.
+pub(crate) fn eliminate(
+    task: &Task,
+    mut plan: Vec<OperatorId>,
+    cancel: &Cancel,
+) -> Vec<OperatorId> {
+    if plan.len() > STEPS_MAX {
+        return plan;
+    }
+    let mut progression = Progression::new(task);
+    let mut position = 0;
+    while position < plan.len() && !cancel.is_set() {
+        match without(task, &mut progression, &plan, position) {
+            Some(shorter) => plan = shorter,
+            None => position += 1,
+        }
+    }
+    plan
+}
+
+/// The plan without one step and without all that no longer applies after it, if that still reaches
+/// the goal.
+fn without(
+    task: &Task,
+    progression: &mut Progression<'_>,
+    plan: &[OperatorId],
+    left_out: usize,
+) -> Option<Vec<OperatorId>> {
+    let mut state = progression.initial();
+    let mut next = Vec::new();
+    let mut kept = Vec::with_capacity(plan.len());
+    for (position, &id) in plan.iter().enumerate() {
+        let operator = task.operator(id);
+        let applies = position != left_out
+            && all_hold(&state, &operator.preconditions)
+            && progression.apply(operator, &state, &mut next);
+        if applies {
+            std::mem::swap(&mut state, &mut next);
+            kept.push(id);
+        }
+    }
+    all_hold(&state, &task.goal).then_some(kept)
+}

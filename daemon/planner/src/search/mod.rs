@@ -1,0 +1,66 @@
+//! Search: from a ground task to a sequence of operators.
+//!
+//! A search is a `step`; the loop around it, with its limits, is the same for all and lives here.
+//!
+//! - [`greedy`] finds a plan fast.
+//! - [`optimal`] finds the cheapest where the task is small.
+//! - [`improve`] drops steps that a plan does not need.
+
+pub(crate) mod greedy;
+pub(crate) mod improve;
+mod open;
+pub(crate) mod optimal;
+
+use crate::limits::{Budget, Cancel};
+use crate::outcome::StopReason;
+use crate::task::OperatorId;
+
+/// What one step of a search led to.
+#[derive(Debug)]
+pub(crate) enum Step {
+    /// Nothing yet.
+    InProgress,
+    /// A plan.
+    Solved(Vec<OperatorId>),
+    /// No state is left to look at.
+    Exhausted,
+}
+
+/// A search that goes on by steps.
+pub(crate) trait Search {
+    /// Expands at most one state.
+    fn step(&mut self) -> Step;
+
+    /// States expanded so far.
+    fn expansions(&self) -> u64;
+
+    /// Bytes taken so far.
+    fn bytes(&self) -> usize;
+
+    /// What it means when no state is left.
+    fn exhausted(&self) -> StopReason;
+}
+
+/// Steps a search until it ends or a limit is reached.
+pub(crate) fn run(
+    search: &mut dyn Search,
+    budget: Budget,
+    cancel: &Cancel,
+) -> Result<Vec<OperatorId>, StopReason> {
+    loop {
+        if search.expansions() >= budget.expansions_max {
+            return Err(StopReason::ExpansionLimit { limit: budget.expansions_max });
+        }
+        if search.bytes() > budget.memory_max_bytes {
+            return Err(StopReason::MemoryLimit { limit: budget.memory_max_bytes });
+        }
+        if cancel.is_set() {
+            return Err(StopReason::Cancelled);
+        }
+        match search.step() {
+            Step::InProgress => (),
+            Step::Solved(plan) => return Ok(plan),
+            Step::Exhausted => return Err(search.exhausted()),
+        }
+    }
+}

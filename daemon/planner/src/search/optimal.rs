@@ -1,0 +1,128 @@
+//! A* with an admissible heuristic: the cheapest plan, and the shortest among the cheapest.
+//!
+//! Given a plan to beat, it looks only for better ones; if none is left, that plan was optimal.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use super::{Search, Step};
+use crate::heuristic::{Evaluator, Weights};
+use crate::outcome::StopReason;
+use crate::state::{Progression, StateId, StateSpace, all_hold};
+use crate::successors::SuccessorGenerator;
+use crate::task::{OperatorId, Task};
+
+/// What waits: `f`, then `h`, then the state, with the `g` it was queued under.
+type Entry = Reverse<(u64, u64, StateId, u64)>;
+
+/// Searches for a plan that weighs less than a bound.
+pub(crate) struct AStar<'t> {
+    task: &'t Task,
+    evaluator: Box<dyn Evaluator + 't>,
+    progression: Progression<'t>,
+    generator: &'t SuccessorGenerator,
+    space: StateSpace,
+    /// Per state: the least weight of a way to it.
+    distances: Vec<u64>,
+    open: BinaryHeap<Entry>,
+    bound: u64,
+    expansions: u64,
+    successor: Vec<u64>,
+    applicable: Vec<OperatorId>,
+}
+
+/// The weight of a sequence of operators, as A* counts.
+pub(crate) fn weight(task: &Task, operators: &[OperatorId]) -> u64 {
+    let weights = operators.iter().map(|id| Weights::CostThenSteps.weight(task.operator(*id)));
+    weights.fold(0, u64::saturating_add)
+}
+
+// === impl AStar ===
+
+impl<'t> AStar<'t> {
+    pub(crate) fn new(
+        task: &'t Task,
+        generator: &'t SuccessorGenerator,
+        evaluator: Box<dyn Evaluator + 't>,
+        bound: u64,
+    ) -> AStar<'t> {
+        let mut progression = Progression::new(task);
+        let space = StateSpace::new(&progression.initial());
+        let mut search = AStar {
+            task,
+            evaluator,
+            progression,
+            generator,
+            space,
+            distances: vec![0],
+            open: BinaryHeap::new(),
+            bound,
+            expansions: 0,
+            successor: Vec::new(),
+            applicable: Vec::new(),
+        };
+        search.queue(StateId(0), 0);
+        search
+    }
+
+    fn queue(&mut self, id: StateId, g: u64) {
+        let Some(h) = self.evaluator.evaluate(self.space.state(id)) else { return };
+        let f = g.saturating_add(h);
+        if f < self.bound {
+            self.open.push(Reverse((f, h, id, g)));
+        }
+    }
+
+    fn generate(&mut self, parent: StateId, operator: OperatorId, g: u64) {
+        let from = self.space.state(parent);
+        let ground = self.task.operator(operator);
+        if !self.progression.apply(ground, from, &mut self.successor) {
+            return;
+        }
+        let g = g.saturating_add(Weights::CostThenSteps.weight(ground));
+        let (id, is_new) = self.space.insert(&self.successor, parent, operator);
+        if is_new {
+            self.distances.push(g);
+        } else if g < self.distances[id.0 as usize] {
+            self.distances[id.0 as usize] = g;
+            self.space.reparent(id, parent, operator);
+        } else {
+            return;
+        }
+        self.queue(id, g);
+    }
+}
+
+impl Search for AStar<'_> {
+    fn step(&mut self) -> Step {
+        let Some(Reverse((_, _, id, g))) = self.open.pop() else { return Step::Exhausted };
+        if g > self.distances[id.0 as usize] {
+            return Step::InProgress;
+        }
+        let state = self.space.state(id);
+        if all_hold(state, &self.task.goal) {
+            return Step::Solved(self.space.path(id));
+        }
+        self.expansions += 1;
+        let mut applicable = std::mem::take(&mut self.applicable);
+        self.generator.applicable(self.task, state, &mut applicable);
+        for &operator in &applicable {
+            self.generate(id, operator, g);
+        }
+        self.applicable = applicable;
+        Step::InProgress
+    }
+
+    fn expansions(&self) -> u64 {
+        self.expansions
+    }
+
+    fn bytes(&self) -> usize {
+        self.space.bytes() + self.open.len() * size_of::<Entry>() + self.distances.len() * 8
+    }
+
+    /// Nothing is left below the bound; whether anything is left above it was not asked.
+    fn exhausted(&self) -> StopReason {
+        StopReason::Exhausted
+    }
+}

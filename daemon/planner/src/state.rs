@@ -1,0 +1,332 @@
+//! States: packed bits and numbers in one arena, and how operators change them.
+//!
+//! A state is a run of words: one bit per fact, then one word per numeric fluent. Comparisons and
+//! derived facts follow from the rest; they are stored with it, so that nobody derives them twice.
+
+use pddl::Assignment;
+
+use crate::id_table::{IdTable, hash_words};
+use crate::task::{Changes, FactId, Literal, Operator, OperatorId, Task};
+
+/// Index of a state in one [`StateSpace`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct StateId(pub(crate) u32);
+
+/// A state's words.
+pub(crate) type State = [u64];
+
+/// Every state seen, each once, with the way to it.
+#[derive(Debug)]
+pub(crate) struct StateSpace {
+    width: usize,
+    words: Vec<u64>,
+    ids: IdTable,
+    nodes: Vec<Node>,
+}
+
+/// How a state was reached; the first state was not.
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    parent: StateId,
+    operator: OperatorId,
+}
+
+/// Applies operators and derives what follows. Holds scratch space, so one per search.
+#[derive(Debug)]
+pub(crate) struct Progression<'t> {
+    task: &'t Task,
+    fact_words: usize,
+    axioms: Axioms,
+    numeric: Vec<(u32, Assignment, f64)>,
+}
+
+/// Axioms by what waits for what.
+#[derive(Debug)]
+struct Axioms {
+    /// The range of each stratum in `Task::axioms`.
+    strata: Vec<std::ops::Range<usize>>,
+    /// Per derived fact: axioms of the head's own stratum that ask for it.
+    waiting: Vec<Vec<u32>>,
+    /// Per axiom: how many derived facts of its own stratum it still waits for.
+    missing: Vec<u32>,
+    queue: Vec<FactId>,
+}
+
+/// Whether a fact is true in a state.
+pub(crate) fn is_true(state: &State, fact: FactId) -> bool {
+    state[fact.index() / 64] >> (fact.index() % 64) & 1 == 1
+}
+
+/// Whether a literal holds in a state.
+pub(crate) fn holds(state: &State, literal: Literal) -> bool {
+    is_true(state, literal.fact()) == literal.is_positive()
+}
+
+/// Whether all literals hold in a state.
+pub(crate) fn all_hold(state: &State, literals: &[Literal]) -> bool {
+    literals.iter().all(|literal| holds(state, *literal))
+}
+
+/// The true facts of a state, in order.
+pub(crate) fn true_facts(state: &State, fact_count: usize) -> impl Iterator<Item = FactId> + '_ {
+    let words = state[..fact_count.div_ceil(64)].iter().enumerate();
+    words.flat_map(|(index, word)| {
+        let mut rest = *word;
+        std::iter::from_fn(move || {
+            if rest == 0 {
+                return None;
+            }
+            let bit = rest.trailing_zeros() as usize;
+            rest &= rest - 1;
+            Some(FactId::from_index(index * 64 + bit))
+        })
+    })
+}
+
+fn set(state: &mut State, fact: FactId, truth: bool) {
+    let (word, bit) = (&mut state[fact.index() / 64], 1 << (fact.index() % 64));
+    if truth { *word |= bit } else { *word &= !bit }
+}
+
+// === impl StateSpace ===
+
+impl StateSpace {
+    /// A space with its first state.
+    pub(crate) fn new(initial: &State) -> StateSpace {
+        let mut space = StateSpace {
+            width: initial.len(),
+            words: Vec::new(),
+            ids: IdTable::default(),
+            nodes: Vec::new(),
+        };
+        space.insert(initial, StateId(0), OperatorId(0));
+        space
+    }
+
+    pub(crate) fn state(&self, id: StateId) -> &State {
+        let start = id.0 as usize * self.width;
+        &self.words[start..start + self.width]
+    }
+
+    /// The state's id, and whether it is new.
+    pub(crate) fn insert(
+        &mut self,
+        state: &State,
+        parent: StateId,
+        operator: OperatorId,
+    ) -> (StateId, bool) {
+        let hash = hash_words(state.iter().copied());
+        let found = self.ids.find(hash, |id| self.state(StateId(id)) == state);
+        if let Some(id) = found {
+            return (StateId(id), false);
+        }
+        let id = self.nodes.len() as u32;
+        let StateSpace { width, words, ids, nodes } = self;
+        ids.insert(hash, id, |id| {
+            let start = id as usize * *width;
+            hash_words(words[start..start + *width].iter().copied())
+        });
+        words.extend_from_slice(state);
+        nodes.push(Node { parent, operator });
+        (StateId(id), true)
+    }
+
+    /// Replaces the way to a state.
+    pub(crate) fn reparent(&mut self, id: StateId, parent: StateId, operator: OperatorId) {
+        self.nodes[id.0 as usize] = Node { parent, operator };
+    }
+
+    /// The operators that lead from the first state to this one.
+    pub(crate) fn path(&self, mut id: StateId) -> Vec<OperatorId> {
+        let mut path = Vec::new();
+        while id.0 != 0 {
+            let node = self.nodes[id.0 as usize];
+            path.push(node.operator);
+            id = node.parent;
+        }
+        path.reverse();
+        path
+    }
+
+    /// Bytes taken.
+    pub(crate) fn bytes(&self) -> usize {
+        self.words.len() * size_of::<u64>()
+            + self.nodes.len() * size_of::<Node>()
+            + self.ids.bytes()
+    }
+}
+
+// === impl Progression ===
+
+impl<'t> Progression<'t> {
+    pub(crate) fn new(task: &'t Task) -> Progression<'t> {
+        Progression {
+            task,
+            fact_words: task.fact_count.div_ceil(64),
+            axioms: Axioms::new(task),
+            numeric: Vec::new(),
+        }
+    }
+
+    /// The initial state.
+    pub(crate) fn initial(&mut self) -> Vec<u64> {
+        let mut state = vec![0; self.fact_words];
+        for fact in &self.task.initial {
+            set(&mut state, *fact, true);
+        }
+        state.extend(self.task.values.iter().map(|value| value.to_bits()));
+        self.derive(&mut state);
+        state
+    }
+
+    /// Puts the state after an applicable operator into `to`. `false` where a number it needs has
+    /// no value, or its changes of one number contradict each other: it does not apply after all.
+    pub(crate) fn apply(&mut self, operator: &Operator, from: &State, to: &mut Vec<u64>) -> bool {
+        debug_assert!(all_hold(from, &operator.preconditions));
+        to.clear();
+        to.extend_from_slice(from);
+        let fires = |one: &&crate::task::ConditionalEffect| all_hold(from, &one.conditions);
+        let firing = || operator.conditional.iter().filter(fires).map(|one| &one.effect);
+        let changes = || std::iter::once(&operator.effect).chain(firing());
+        for fact in changes().flat_map(|changes| &changes.deletes) {
+            set(to, *fact, false);
+        }
+        // After all deletes: a fact both deleted and added is true.
+        for fact in changes().flat_map(|changes| &changes.adds) {
+            set(to, *fact, true);
+        }
+        if !self.task.values.is_empty() && !self.apply_numeric(changes(), from, to) {
+            return false;
+        }
+        self.derive(to);
+        true
+    }
+
+    fn apply_numeric<'c>(
+        &mut self,
+        changes: impl Iterator<Item = &'c Changes>,
+        from: &State,
+        to: &mut State,
+    ) -> bool {
+        let numbers = &from[self.fact_words..];
+        let value = |fluent: u32| f64::from_bits(numbers[fluent as usize]);
+        self.numeric.clear();
+        for change in changes.flat_map(|changes| &changes.numeric) {
+            self.numeric.push((change.fluent, change.assignment, change.value.evaluate(&value)));
+        }
+        self.numeric.sort_by_key(|(fluent, ..)| *fluent);
+        for group in self.numeric.chunk_by(|left, right| left.0 == right.0) {
+            let fluent = group[0].0;
+            let Some(new) = combine(value(fluent), group) else { return false };
+            // Zero has two signs, and they are one number.
+            to[self.fact_words + fluent as usize] = (new + 0.0).to_bits();
+        }
+        true
+    }
+
+    fn derive(&mut self, state: &mut State) {
+        let (facts, numbers) = state.split_at_mut(self.fact_words);
+        let value = |fluent: u32| f64::from_bits(numbers[fluent as usize]);
+        for (index, comparison) in self.task.comparisons.iter().enumerate() {
+            set(facts, FactId::from_index(self.task.basic_count + index), comparison.holds(&value));
+        }
+        if !self.task.axioms.is_empty() {
+            self.axioms.derive(self.task, state);
+        }
+    }
+}
+
+/// The number after several changes; `None` where there is none.
+fn combine(old: f64, group: &[(u32, Assignment, f64)]) -> Option<f64> {
+    let kind = |assignment: Assignment| match assignment {
+        Assignment::Assign => 0,
+        Assignment::Increase | Assignment::Decrease => 1,
+        Assignment::ScaleUp | Assignment::ScaleDown => 2,
+    };
+    let (_, first, first_value) = group[0];
+    if group.iter().any(|(_, assignment, _)| kind(*assignment) != kind(first)) {
+        return None;
+    }
+    if first == Assignment::Assign && group.iter().any(|(.., value)| value != &first_value) {
+        return None;
+    }
+    let new = group.iter().fold(old, |number, (_, assignment, value)| match assignment {
+        Assignment::Assign => *value,
+        Assignment::Increase => number + value,
+        Assignment::Decrease => number - value,
+        Assignment::ScaleUp => number * value,
+        Assignment::ScaleDown => number / value,
+    });
+    new.is_finite().then_some(new)
+}
+
+// === impl Axioms ===
+
+impl Axioms {
+    fn new(task: &Task) -> Axioms {
+        let mut axioms = Axioms {
+            strata: Vec::new(),
+            waiting: vec![Vec::new(); task.fact_count],
+            missing: vec![0; task.axioms.len()],
+            queue: Vec::new(),
+        };
+        let mut start = 0;
+        for stratum in task.axioms.chunk_by(|left, right| left.stratum == right.stratum) {
+            let range = start..start + stratum.len();
+            start = range.end;
+            let mut heads = vec![false; task.fact_count];
+            stratum.iter().for_each(|axiom| heads[axiom.head.index()] = true);
+            for index in range.clone() {
+                for literal in &task.axioms[index].body {
+                    if literal.is_positive() && heads[literal.fact().index()] {
+                        axioms.waiting[literal.fact().index()].push(index as u32);
+                    }
+                }
+            }
+            axioms.strata.push(range);
+        }
+        axioms
+    }
+
+    fn derive(&mut self, task: &Task, state: &mut State) {
+        for axiom in &task.axioms {
+            set(state, axiom.head, false);
+        }
+        for stratum in &self.strata {
+            self.queue.clear();
+            for index in stratum.clone() {
+                let axiom = &task.axioms[index];
+                let (mut missing, mut dead) = (0, false);
+                for &literal in &axiom.body {
+                    let waiting = &self.waiting[literal.fact().index()];
+                    // Facts of the stratum itself are still to come.
+                    if literal.is_positive() && waiting.binary_search(&(index as u32)).is_ok() {
+                        missing += 1;
+                    } else if !holds(state, literal) {
+                        dead = true;
+                        break;
+                    }
+                }
+                self.missing[index] = if dead { u32::MAX } else { missing };
+                if missing == 0 && !dead {
+                    self.queue.push(axiom.head);
+                }
+            }
+            while let Some(fact) = self.queue.pop() {
+                if is_true(state, fact) {
+                    continue;
+                }
+                set(state, fact, true);
+                for &index in &self.waiting[fact.index()] {
+                    let missing = &mut self.missing[index as usize];
+                    if *missing != u32::MAX {
+                        *missing -= 1;
+                        if *missing == 0 {
+                            self.queue.push(task.axioms[index as usize].head);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

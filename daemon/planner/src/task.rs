@@ -1,0 +1,253 @@
+//! The ground planning task: facts, operators, axioms, goal, and the names they had.
+//!
+//! - Made by `ground`, read by everything that searches. Nothing changes it.
+//! - A [`FactId`] or [`OperatorId`] means something in one task only. Nothing stores it on the wire.
+
+use pddl::{Comparison, Name, Number, Operator as Arithmetic, Plan, PlanStep};
+
+/// Index of an object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) struct ObjectId(u32);
+
+/// Index of a ground fact in one task: a *basic* fact that operators change, a *comparison* that
+/// follows from numbers, or a *derived* fact that follows from axioms, in this order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) struct FactId(pub(crate) u32);
+
+/// Index of an operator in one task.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) struct OperatorId(pub(crate) u32);
+
+/// A fact that must be true, or one that must be false.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) struct Literal(u32);
+
+/// A ground action.
+#[derive(Clone, Debug)]
+pub(crate) struct Operator {
+    /// Which schema it comes from.
+    pub(crate) schema: u32,
+    /// The objects of its parameters, the agent before all.
+    pub(crate) arguments: Box<[ObjectId]>,
+    /// What must hold.
+    pub(crate) preconditions: Box<[Literal]>,
+    /// What changes in any case.
+    pub(crate) effect: Changes,
+    /// What changes where more holds, all read in the state before.
+    pub(crate) conditional: Box<[ConditionalEffect]>,
+    /// In units of [`Task::cost_unit`].
+    pub(crate) cost: u64,
+}
+
+/// Facts and numbers that change together. A fact both deleted and added is true afterwards.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Changes {
+    pub(crate) adds: Box<[FactId]>,
+    pub(crate) deletes: Box<[FactId]>,
+    pub(crate) numeric: Box<[NumericChange]>,
+}
+
+/// Changes that happen where conditions hold in the state before.
+#[derive(Clone, Debug)]
+pub(crate) struct ConditionalEffect {
+    pub(crate) conditions: Box<[Literal]>,
+    pub(crate) effect: Changes,
+}
+
+/// A change of one numeric fluent.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct NumericChange {
+    pub(crate) fluent: u32,
+    pub(crate) assignment: pddl::Assignment,
+    pub(crate) value: GroundExpression,
+}
+
+/// An expression over numeric fluents.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum GroundExpression {
+    Number(f64),
+    Fluent(u32),
+    Negate(Box<GroundExpression>),
+    Apply(Arithmetic, Vec<GroundExpression>),
+}
+
+/// A comparison whose truth is a fact of its own.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct GroundComparison {
+    pub(crate) comparison: Comparison,
+    pub(crate) left: GroundExpression,
+    pub(crate) right: GroundExpression,
+}
+
+/// A ground axiom: the head holds where the body does.
+#[derive(Clone, Debug)]
+pub(crate) struct Axiom {
+    pub(crate) head: FactId,
+    pub(crate) body: Box<[Literal]>,
+    pub(crate) stratum: u32,
+}
+
+/// A ground planning task.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Task {
+    /// Number of facts of all three kinds.
+    pub(crate) fact_count: usize,
+    /// Facts below this are basic.
+    pub(crate) basic_count: usize,
+    /// The comparisons; their facts follow the basic ones.
+    pub(crate) comparisons: Vec<GroundComparison>,
+    pub(crate) operators: Vec<Operator>,
+    /// Sorted by stratum.
+    pub(crate) axioms: Vec<Axiom>,
+    pub(crate) goal: Vec<Literal>,
+    /// The basic facts that are true at first.
+    pub(crate) initial: Vec<FactId>,
+    /// The initial values of the numeric fluents; not a number where there is none.
+    pub(crate) values: Vec<f64>,
+    /// One of [`Operator::cost`] in units of the metric.
+    pub(crate) cost_unit: f64,
+    /// Whether every cost is a whole multiple of the unit.
+    pub(crate) costs_exact: bool,
+    pub(crate) schema_names: Vec<Name>,
+    pub(crate) object_names: Vec<Name>,
+}
+
+// === impl ObjectId ===
+
+impl ObjectId {
+    pub(crate) fn from_index(index: usize) -> ObjectId {
+        ObjectId(u32::try_from(index).unwrap_or(u32::MAX))
+    }
+
+    pub(crate) fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+// === impl FactId ===
+
+impl FactId {
+    pub(crate) fn from_index(index: usize) -> FactId {
+        FactId(u32::try_from(index).unwrap_or(u32::MAX))
+    }
+
+    pub(crate) fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+impl OperatorId {
+    pub(crate) fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+// === impl Literal ===
+
+impl Literal {
+    pub(crate) fn new(fact: FactId, positive: bool) -> Literal {
+        Literal(fact.0 << 1 | u32::from(!positive))
+    }
+
+    pub(crate) fn fact(self) -> FactId {
+        FactId(self.0 >> 1)
+    }
+
+    pub(crate) fn is_positive(self) -> bool {
+        self.0 & 1 == 0
+    }
+
+    pub(crate) fn negated(self) -> Literal {
+        Literal(self.0 ^ 1)
+    }
+}
+
+// === impl Operator ===
+
+impl Operator {
+    /// About how many bytes it takes.
+    pub(crate) fn bytes(&self) -> usize {
+        let changes = |changes: &Changes| {
+            (changes.adds.len() + changes.deletes.len()) * 4
+                + changes.numeric.len() * size_of::<NumericChange>()
+        };
+        let conditional = self.conditional.iter().map(|one| {
+            size_of::<ConditionalEffect>() + one.conditions.len() * 4 + changes(&one.effect)
+        });
+        size_of::<Operator>()
+            + (self.arguments.len() + self.preconditions.len()) * 4
+            + changes(&self.effect)
+            + conditional.sum::<usize>()
+    }
+}
+
+// === impl Changes ===
+
+impl Changes {
+    pub(crate) fn is_empty(&self) -> bool {
+        self.adds.is_empty() && self.deletes.is_empty() && self.numeric.is_empty()
+    }
+}
+
+// === impl GroundExpression ===
+
+impl GroundExpression {
+    /// The value; not a number where a fluent has none or a division is by zero.
+    pub(crate) fn evaluate(&self, values: &dyn Fn(u32) -> f64) -> f64 {
+        match self {
+            GroundExpression::Number(number) => *number,
+            GroundExpression::Fluent(fluent) => values(*fluent),
+            GroundExpression::Negate(inner) => -inner.evaluate(values),
+            GroundExpression::Apply(operator, operands) => {
+                let mut operands = operands.iter().map(|operand| operand.evaluate(values));
+                let first = operands.next().unwrap_or(f64::NAN);
+                let value = operands.fold(first, |left, right| match operator {
+                    Arithmetic::Add => left + right,
+                    Arithmetic::Subtract => left - right,
+                    Arithmetic::Multiply => left * right,
+                    Arithmetic::Divide => left / right,
+                });
+                if value.is_finite() { value } else { f64::NAN }
+            }
+        }
+    }
+
+    /// Calls `visit` for every fluent in it.
+    pub(crate) fn fluents(&self, visit: &mut dyn FnMut(u32)) {
+        match self {
+            GroundExpression::Number(_) => (),
+            GroundExpression::Fluent(fluent) => visit(*fluent),
+            GroundExpression::Negate(inner) => inner.fluents(visit),
+            GroundExpression::Apply(_, operands) => {
+                operands.iter().for_each(|operand| operand.fluents(visit));
+            }
+        }
+    }
+}
+
+// === impl Task ===
+
+impl Task {
+    pub(crate) fn operator(&self, id: OperatorId) -> &Operator {
+        &self.operators[id.index()]
+    }
+
+    /// The operator as a step of a plan, with the author's names.
+    pub(crate) fn step(&self, id: OperatorId) -> PlanStep {
+        let operator = self.operator(id);
+        let arguments =
+            operator.arguments.iter().map(|object| self.object_names[object.index()].clone());
+        PlanStep::new(self.schema_names[operator.schema as usize].clone(), arguments)
+    }
+
+    /// The operators as a plan, with its cost.
+    pub(crate) fn plan(&self, operators: &[OperatorId]) -> Plan {
+        let steps = operators.iter().map(|id| self.step(*id)).collect();
+        Plan { steps, cost: Some(Number(self.cost(operators) as f64 * self.cost_unit)) }
+    }
+
+    /// The cost of a sequence of operators, in units of [`Task::cost_unit`].
+    pub(crate) fn cost(&self, operators: &[OperatorId]) -> u64 {
+        operators.iter().fold(0, |sum: u64, id| sum.saturating_add(self.operator(*id).cost))
+    }
+}
