@@ -1,0 +1,376 @@
+//! The command line: what can be asked for. Says nothing of how it is done.
+//!
+//! The first screen is written by hand, for a stranger with a terminal of 80 × 24; a test keeps it
+//! in step with the commands below.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::error::ErrorKind;
+use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand, ValueEnum};
+
+use crate::exit;
+
+/// What a stranger sees first.
+const FIRST_SCREEN: &str = "\
+Althing: the sensors, robots, screens and people of a building plan together.
+
+Usage: althing COMMAND [OPTIONS]            althing help COMMAND tells more
+
+Try it
+  althing scenario 1                        a robot stands in for a dead sensor
+  althing up ecosystems/smart-office.toml   run this machine's part of an office
+  althing goal temperatures                 ask the running office for an outcome
+
+Run        up        run the daemon: this machine's agents join the ecosystem
+           scenario  play a scenario of the paper in a simulated building
+Ask        goal      ask for an outcome, follow it, keep it up, give it up
+Look       agents    who is here, and what they can do
+           domain    what they can do together, as PDDL
+           state     what is known of the world, and from whom
+           watch     the messages, as they are sent
+Plan alone plan      find a plan for a PDDL domain and problem
+           validate  check a plan, and show the step that fails
+           check     show what is wrong in ecosystem files, PDDL, action models
+
+Options: -v, -vv (log more), --json (where something is printed), -h, -V
+";
+
+/// The whole command line.
+#[derive(Debug, Parser)]
+#[command(
+    name = "althing",
+    version,
+    about = "The assembly of all things",
+    override_help = FIRST_SCREEN,
+    max_term_width = 80,
+    disable_help_flag = true,
+    disable_version_flag = true,
+    subcommand_required = true
+)]
+pub(crate) struct Cli {
+    /// Log to stderr what happens; -vv how (ALTHING_LOG says it in detail)
+    #[arg(short, long, action = ArgAction::Count, global = true, display_order = 900)]
+    pub(crate) verbose: u8,
+
+    /// Print help
+    #[arg(short, long, action = ArgAction::HelpShort, global = true, display_order = 901)]
+    help: Option<bool>,
+
+    /// Print the version
+    #[arg(short = 'V', long, action = ArgAction::Version, display_order = 902)]
+    version: Option<bool>,
+
+    /// What to do.
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// One variant per command; [`crate::commands::run`] has one line per variant.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Run the daemon: open the substrate, host this machine's agents, join the ecosystem
+    Up(UpArgs),
+    /// Play a scenario of the paper against the simulated building, and check the outcome
+    Scenario(ScenarioArgs),
+    /// Ask a running ecosystem for a goal, and follow it to its end
+    Goal(GoalArgs),
+    /// Show who is here, with which capabilities
+    Agents(AskArgs),
+    /// Show what all agents can do together, as a PDDL domain
+    Domain(AskArgs),
+    /// Show what is known of the world, from whom, and until when
+    State(AskArgs),
+    /// Show the messages of a running ecosystem as they are sent
+    Watch(WatchArgs),
+    /// Find a plan for a PDDL domain and problem
+    #[command(after_help = PLAN_HELP)]
+    Plan(PlanArgs),
+    /// Check a plan, tell its cost, or the step and the condition that fail
+    #[command(after_help = VALIDATE_HELP)]
+    Validate(ValidateArgs),
+    /// Show what is wrong in ecosystem files, PDDL files and action models
+    #[command(after_help = CHECK_HELP)]
+    Check(CheckArgs),
+}
+
+const PLAN_HELP: &str = "\
+The plan goes to stdout in the format of the planning competitions, a summary to
+stderr.
+
+Exit codes: 0 plan found, 10 proven unsolvable before search, 11 proven
+unsolvable, 12 search ended without plan or proof, 22 out of memory, 23 out of
+time, 33 bad input, 34 unsupported feature
+
+Example: althing plan domain.pddl problem.pddl --plan plan.txt --time-limit 10";
+
+const VALIDATE_HELP: &str = "\
+Exit codes: 0 the plan works, 1 it does not, 33 bad input, 34 unsupported feature
+
+Example: althing validate domain.pddl problem.pddl plan.txt";
+
+const CHECK_HELP: &str = "\
+A problem and an action model are checked against the domain that they name: one
+of the files given, or one found beside them.
+
+Exit codes: 0 nothing wrong, 33 mistakes were found
+
+Examples: althing check althing.toml
+          althing check domains/*/*.pddl --json";
+
+/// `althing up`
+#[derive(Debug, Args)]
+pub(crate) struct UpArgs {
+    /// The ecosystem file [default: ./althing.toml, then the configuration folders]
+    #[arg(value_name = "ECOSYSTEM.toml")]
+    pub(crate) file: Option<PathBuf>,
+    /// Which of the file's daemons this is [default: the host name]
+    #[arg(long, value_name = "NAME")]
+    pub(crate) daemon: Option<String>,
+    /// A goal from the start: PDDL, or a name from the file; may be repeated
+    #[arg(long = "goal", value_name = "GOAL")]
+    pub(crate) goals: Vec<String>,
+    /// Who plans, instead of what the file says
+    #[arg(long)]
+    pub(crate) mode: Option<ModeArg>,
+    /// Where another daemon is, such as tcp/office-pi.local:7447; may be repeated
+    #[arg(long, value_name = "ENDPOINT")]
+    pub(crate) connect: Vec<String>,
+}
+
+/// `althing scenario`
+#[derive(Debug, Args)]
+pub(crate) struct ScenarioArgs {
+    /// Which scenario of the paper
+    #[arg(value_name = "N", value_parser = clap::value_parser!(u8).range(1..=4))]
+    pub(crate) number: u8,
+    /// Who plans [default: decentralized]
+    #[arg(long)]
+    pub(crate) mode: Option<ModeArg>,
+    /// Spread the agents over several `althing up` processes
+    #[arg(long)]
+    pub(crate) processes: bool,
+    /// Draw another building: rooms, doors, distances, which sensor dies
+    #[arg(long, value_name = "N")]
+    pub(crate) seed: Option<u64>,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// `althing goal`
+#[derive(Debug, Args)]
+#[command(group = ArgGroup::new("what").required(true).args(["goal", "cancel"]))]
+pub(crate) struct GoalArgs {
+    /// PDDL, such as "(known-temperature office1)", or a name from the ecosystem file
+    pub(crate) goal: Option<String>,
+    /// Keep the goal: plan again whenever it no longer holds
+    #[arg(long, conflicts_with = "cancel")]
+    pub(crate) maintain: bool,
+    /// More is more urgent
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 0,
+        allow_negative_numbers = true,
+        conflicts_with = "cancel"
+    )]
+    pub(crate) priority: i32,
+    /// Give up the goal of this conversation
+    #[arg(long, value_name = "ID")]
+    pub(crate) cancel: Option<String>,
+    #[command(flatten)]
+    pub(crate) reach: ReachArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// `althing agents`, `domain`, `state`
+#[derive(Debug, Args)]
+pub(crate) struct AskArgs {
+    #[command(flatten)]
+    pub(crate) reach: ReachArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// `althing watch`
+#[derive(Debug, Args)]
+pub(crate) struct WatchArgs {
+    /// Only the messages of this conversation
+    #[arg(long, value_name = "ID")]
+    pub(crate) conversation: Option<String>,
+    #[command(flatten)]
+    pub(crate) reach: ReachArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// `althing plan`
+#[derive(Debug, Args)]
+pub(crate) struct PlanArgs {
+    /// The PDDL domain
+    #[arg(value_name = "DOMAIN")]
+    pub(crate) domain: PathBuf,
+    /// The PDDL problem
+    #[arg(value_name = "PROBLEM")]
+    pub(crate) problem: PathBuf,
+    /// Write the plan to this file instead of stdout
+    #[arg(long, value_name = "FILE")]
+    pub(crate) plan: Option<PathBuf>,
+    /// Stop after this many seconds
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub(crate) time_limit: Option<std::time::Duration>,
+    /// Stop before the planner's tables take more than this [default: 2048]
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) memory_limit: Option<u32>,
+    /// Search on so many threads
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 1,
+        value_parser = clap::value_parser!(u16).range(1..)
+    )]
+    pub(crate) threads: u16,
+    /// Which planner
+    #[arg(long, value_enum, default_value_t = Engine::Embedded)]
+    pub(crate) engine: Engine,
+    /// Go on after the first plan, to cheaper ones, until a limit
+    #[arg(long)]
+    pub(crate) anytime: bool,
+    /// Only a plan that is proven to be the cheapest
+    #[arg(long)]
+    pub(crate) optimal: bool,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// `althing validate`
+#[derive(Debug, Args)]
+pub(crate) struct ValidateArgs {
+    /// The PDDL domain
+    #[arg(value_name = "DOMAIN")]
+    pub(crate) domain: PathBuf,
+    /// The PDDL problem
+    #[arg(value_name = "PROBLEM")]
+    pub(crate) problem: PathBuf,
+    /// The plan, in the format of the planning competitions
+    #[arg(value_name = "PLAN")]
+    pub(crate) plan: PathBuf,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// `althing check`
+#[derive(Debug, Args)]
+pub(crate) struct CheckArgs {
+    /// Ecosystem files (.toml), PDDL domains, problems and action models
+    #[arg(required = true, value_name = "FILE")]
+    pub(crate) files: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// How a running ecosystem is found.
+#[derive(Debug, Args)]
+pub(crate) struct ReachArgs {
+    /// Which ecosystem: its file, or its name in the configuration folders
+    #[arg(long, value_name = "FILE|NAME")]
+    pub(crate) ecosystem: Option<String>,
+    /// Where a daemon of it is, such as tcp/office-pi.local:7447; may be repeated
+    #[arg(long, value_name = "ENDPOINT")]
+    pub(crate) connect: Vec<String>,
+}
+
+/// How results are printed.
+#[derive(Debug, Args)]
+pub(crate) struct PrintArgs {
+    /// Print JSON, for programs
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Who plans.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ModeArg {
+    /// One planning agent plans for all
+    Centralized,
+    /// Every actuator plans for itself, and the best proposals win
+    Decentralized,
+}
+
+/// Which planner.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Engine {
+    /// Althing's own
+    Embedded,
+    /// Fast Downward, as a program of its own
+    FastDownward,
+    /// Metric-FF, as a program of its own
+    MetricFf,
+}
+
+// === impl ModeArg ===
+
+impl From<ModeArg> for agent::Mode {
+    fn from(mode: ModeArg) -> agent::Mode {
+        match mode {
+            ModeArg::Centralized => agent::Mode::Centralized,
+            ModeArg::Decentralized => agent::Mode::Decentralized,
+        }
+    }
+}
+
+/// Reads the command line; where there is nothing to do but to print, does that.
+pub(crate) fn parse() -> Result<Cli, ExitCode> {
+    if std::env::args_os().len() == 1 {
+        return Err(crate::output::print(FIRST_SCREEN, exit::DONE));
+    }
+    Cli::try_parse().map_err(|err| {
+        let asked_for = matches!(err.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
+        // To a reader that went away there is nothing to say.
+        let _ = err.print();
+        exit::with(if asked_for { exit::DONE } else { exit::USAGE })
+    })
+}
+
+/// A positive number of seconds, fractions allowed.
+fn seconds(text: &str) -> Result<std::time::Duration, String> {
+    let seconds: f64 =
+        text.parse().map_err(|_| "a number of seconds, such as 30 or 0.5".to_owned())?;
+    match std::time::Duration::try_from_secs_f64(seconds) {
+        Ok(limit) if !limit.is_zero() => Ok(limit),
+        _ => Err("more than 0 seconds, such as 30 or 0.5".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn the_first_screen_names_every_command_and_fits_a_terminal() {
+        for command in Cli::command().get_subcommands() {
+            let name = format!(" {} ", command.get_name());
+            assert!(FIRST_SCREEN.contains(&name), "{name} is missing");
+        }
+        assert!(FIRST_SCREEN.lines().count() <= 24);
+        for line in FIRST_SCREEN.lines() {
+            assert!(line.chars().count() <= 80, "{line}");
+        }
+    }
+
+    #[test]
+    fn a_time_limit_is_positive() {
+        assert!(seconds("0.5").is_ok());
+        for bad in ["0", "-1", "nan", "inf", "1e300", "soon"] {
+            assert!(seconds(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,234 @@
+//! `althing check`: what is wrong in these files, each in its line.
+//!
+//! - Tells the kind of a file by its ending (`.toml` is an ecosystem) and its first words.
+//! - A problem or an action model is checked against the domain it names: one of the files given,
+//!   else one found beside it.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use pddl::{Diagnostic, Document, Domain, Name};
+use serde_json::{Value, json};
+
+use super::pddl_files::{self, DomainText};
+use crate::cli::CheckArgs;
+use crate::config::{Ecosystem, KnownPlugin, Overrides};
+use crate::render::plural;
+use crate::report::{Report, Source};
+use crate::{exit, output};
+
+/// What a file turned out to be.
+struct Checked {
+    file: String,
+    kind: &'static str,
+    /// What there is to say of it in a line, besides mistakes.
+    about: String,
+    has_errors: bool,
+}
+
+/// The texts given, and the domains that others may name.
+struct Desk {
+    domains: Vec<DomainText>,
+    report: Report,
+    checked: Vec<Checked>,
+}
+
+/// Checks every file, and shows what is wrong.
+pub(crate) fn run(args: &CheckArgs, known_plugins: &[KnownPlugin]) -> ExitCode {
+    let mut desk = Desk { domains: Vec::new(), report: Report::default(), checked: Vec::new() };
+    let (ecosystems, texts): (Vec<&PathBuf>, Vec<&PathBuf>) =
+        args.files.iter().partition(|path| path.extension().is_some_and(|ending| ending == "toml"));
+    desk.check_texts(&texts);
+    for path in ecosystems {
+        desk.check_ecosystem(path, known_plugins);
+    }
+    desk.report.dedup();
+    desk.show(args.print.json)
+}
+
+// === impl Desk ===
+
+impl Desk {
+    /// Domains first, so that the others find them in whatever order the files are named.
+    fn check_texts(&mut self, paths: &[&PathBuf]) {
+        let mut others = Vec::new();
+        for path in paths {
+            let Some(source) = pddl_files::read(path, &mut self.report) else {
+                self.note(path, "unreadable file", String::new(), true);
+                continue;
+            };
+            match pddl::parse_document(&source.text).value {
+                Some(Document::Domain(_)) => self.check_domain(path, source),
+                Some(Document::Problem(problem)) => {
+                    others.push((path, source, Some(problem.domain)))
+                }
+                Some(Document::ActionModel(model)) => {
+                    others.push((path, source, Some(model.domain)))
+                }
+                None => others.push((path, source, None)),
+            }
+        }
+        for (path, source, domain) in others {
+            match domain {
+                Some(domain) => self.check_dependent(path, &source, &domain),
+                None => self.check_unknown(path, &source),
+            }
+        }
+    }
+
+    fn check_domain(&mut self, path: &Path, source: Arc<Source>) {
+        let mut report = Report::default();
+        let text = pddl_files::domain_of(source, &mut report);
+        let about = text.domain.as_ref().map(about_domain).unwrap_or_default();
+        self.note(path, "domain", about, report.has_errors());
+        self.report.extend(report);
+        self.domains.push(text);
+    }
+
+    /// A problem or an action model.
+    fn check_dependent(&mut self, path: &Path, source: &Arc<Source>, domain: &Name) {
+        let mut report = Report::default();
+        let beside = self.domains.iter().all(|text| !is_named(text, domain));
+        if beside {
+            self.domains.extend(domain_beside(path, domain));
+        }
+        let text = self.domains.iter().find(|text| is_named(text, domain));
+        if text.is_none() {
+            report.add(source, [unknown_domain(domain)]);
+        }
+        let is_model =
+            matches!(pddl::parse_document(&source.text).value, Some(Document::ActionModel(_)));
+        let (kind, about) = if is_model {
+            let model = pddl_files::action_model_of(source, text, &mut report);
+            ("action model", model.map(|model| about_model(&model)))
+        } else {
+            let problem = pddl_files::problem_of(source, text, &mut report);
+            ("problem", problem.map(|problem| about_problem(&problem)))
+        };
+        self.note(path, kind, about.unwrap_or_default(), report.has_errors());
+        self.report.extend(report);
+    }
+
+    fn check_unknown(&mut self, path: &Path, source: &Arc<Source>) {
+        self.report.add(source, pddl::parse_document(&source.text).diagnostics);
+        self.note(path, "unknown file", String::new(), true);
+    }
+
+    fn check_ecosystem(&mut self, path: &Path, known_plugins: &[KnownPlugin]) {
+        match Ecosystem::load(path, &Overrides::default(), known_plugins) {
+            Ok(ecosystem) => {
+                self.note(path, "ecosystem", about_ecosystem(&ecosystem), false);
+                self.report.extend(ecosystem.warnings);
+            }
+            Err(err) => {
+                self.note(path, "ecosystem", String::new(), true);
+                self.report.extend(err.into_report());
+            }
+        }
+    }
+
+    fn note(&mut self, path: &Path, kind: &'static str, about: String, has_errors: bool) {
+        let file = path.display().to_string();
+        self.checked.push(Checked { file, kind, about, has_errors });
+    }
+
+    fn show(&self, json: bool) -> ExitCode {
+        let has_errors = self.report.has_errors();
+        let code = if has_errors { exit::BAD_INPUT } else { exit::DONE };
+        if json {
+            let files: Vec<Value> = self.checked.iter().map(Checked::json).collect();
+            let value = json!({
+                "status": if has_errors { "bad-input" } else { "ok" },
+                "files": files,
+                "diagnostics": crate::render::json(&self.report),
+            });
+            return output::print_json(&value, code);
+        }
+        output::show_people(&self.report);
+        let lines: String = self.checked.iter().map(Checked::line).collect();
+        output::print(lines, code)
+    }
+}
+
+// === impl Checked ===
+
+impl Checked {
+    fn line(&self) -> String {
+        let Checked { file, kind, about, has_errors } = self;
+        let verdict = if *has_errors { "has errors" } else { "ok" };
+        match about.as_str() {
+            "" => format!("{file}: {kind}: {verdict}\n"),
+            about => format!("{file}: {kind} {about}: {verdict}\n"),
+        }
+    }
+
+    fn json(&self) -> Value {
+        let Checked { file, kind, about, has_errors } = self;
+        json!({ "file": file, "kind": kind, "about": about, "ok": !has_errors })
+    }
+}
+
+fn is_named(text: &DomainText, name: &Name) -> bool {
+    text.domain.as_ref().is_some_and(|domain| domain.name == *name)
+}
+
+/// The domain of that name among the `.pddl` files in the file's folder, or in the one above, where
+/// collections of problems have it.
+fn domain_beside(path: &Path, name: &Name) -> Option<DomainText> {
+    let folder = path.parent()?;
+    let above = if folder.as_os_str().is_empty() { Path::new("..") } else { folder.parent()? };
+    let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    [here, above].into_iter().flat_map(domain_files).find_map(|candidate| {
+        let source = Source::read(&candidate).ok()?;
+        // Its own mistakes are not asked for.
+        let text = pddl_files::domain_of(source, &mut Report::default());
+        is_named(&text, name).then_some(text)
+    })
+}
+
+/// Files that may be domains; those that say so first. Sorted: folders list them in any order.
+fn domain_files(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut files: Vec<PathBuf> = entries
+        .map(|entry| entry.path())
+        .filter(|path| path.extension().is_some_and(|ending| ending == "pddl"))
+        .collect();
+    let says_so = |path: &PathBuf| {
+        path.file_name().is_some_and(|name| name.to_string_lossy().contains("domain"))
+    };
+    files.sort_by_key(|path| (!says_so(path), path.clone()));
+    files.truncate(CANDIDATES_MAX);
+    files
+}
+
+/// Files looked into for a domain; a folder of problems may hold thousands.
+const CANDIDATES_MAX: usize = 100;
+
+fn unknown_domain(name: &Name) -> Diagnostic {
+    Diagnostic::error(name.span(), format!("domain `{name}` is neither given nor beside this file"))
+        .with_help("name the file of the domain on the command line too")
+}
+
+fn about_domain(domain: &Domain) -> String {
+    let predicates = plural(domain.predicates.len(), "predicate");
+    let actions = plural(domain.actions.len() + domain.durative_actions.len(), "action");
+    format!("{} ({predicates}, {actions})", domain.name)
+}
+
+fn about_problem(problem: &pddl::Problem) -> String {
+    format!("{} ({})", problem.name, plural(problem.objects.len(), "object"))
+}
+
+fn about_model(model: &pddl::ActionModel) -> String {
+    let actions = plural(model.actions.len() + model.durative_actions.len(), "action");
+    format!("{} ({actions})", model.agent)
+}
+
+fn about_ecosystem(ecosystem: &Ecosystem) -> String {
+    let agents = plural(ecosystem.agents.len(), "agent");
+    match ecosystem.daemons.len() {
+        0 => format!("{} ({agents} on one machine)", ecosystem.name),
+        daemons => format!("{} ({agents}, {})", ecosystem.name, plural(daemons, "daemon")),
+    }
+}

@@ -1,0 +1,150 @@
+//! Reads a domain and a problem, and everything that is wrong with them.
+//!
+//! Shared by `plan`, `validate`, `check` and the ecosystem file: one way to judge a file.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use pddl::{ActionModel, Diagnostic, Domain, Parsed, Problem};
+
+use crate::report::{Report, Source};
+
+/// A domain and a problem without errors, and their texts.
+pub(crate) struct Task {
+    pub(crate) domain: Domain,
+    pub(crate) problem: Problem,
+    pub(crate) domain_source: Arc<Source>,
+    pub(crate) problem_source: Arc<Source>,
+    /// Warnings.
+    pub(crate) report: Report,
+}
+
+/// A domain as far as it can be read.
+pub(crate) struct DomainText {
+    pub(crate) source: Arc<Source>,
+    pub(crate) domain: Option<Domain>,
+    /// The lines that cannot be read: what they declare is missing in `domain`.
+    damaged: Vec<String>,
+}
+
+/// Reads both files and gathers what is wrong in both.
+pub(crate) fn read_task(domain: &Path, problem: &Path) -> Result<Task, Report> {
+    let mut report = Report::default();
+    let domain = read(domain, &mut report).map(|source| domain_of(source, &mut report));
+    let problem = read(problem, &mut report).map(|source| {
+        let problem = problem_of(&source, domain.as_ref(), &mut report);
+        (source, problem)
+    });
+    match (domain, problem) {
+        (
+            Some(DomainText { source: domain_source, domain: Some(domain), .. }),
+            Some((problem_source, Some(problem))),
+        ) if !report.has_errors() => {
+            Ok(Task { domain, problem, domain_source, problem_source, report })
+        }
+        _ => Err(report),
+    }
+}
+
+/// Reads a file, or reports that it cannot be read.
+pub(crate) fn read(path: &Path, report: &mut Report) -> Option<Arc<Source>> {
+    Source::read(path).map_err(|failure| report.add_failure(failure)).ok()
+}
+
+/// The text to blame for a mistake that the planner found and does not place: the domain where it
+/// is wrong without any problem, else the problem.
+pub(crate) fn blamed(task: &Task) -> &Arc<Source> {
+    let nothing = Problem::named("nothing", task.domain.name.clone());
+    match planner::validate::World::initial(&task.domain, &nothing) {
+        Ok(_) => &task.problem_source,
+        Err(_) => &task.domain_source,
+    }
+}
+
+/// The domain in a text, as far as there is one; its mistakes are reported.
+pub(crate) fn domain_of(source: Arc<Source>, report: &mut Report) -> DomainText {
+    let Parsed { value: domain, diagnostics } = pddl::parse_domain(&source.text);
+    let damaged = damaged_lines(&source.text, &diagnostics);
+    let checked = domain.as_ref().map(pddl::check_domain).unwrap_or_default();
+    report.add(&source, merged(&source.text, &damaged, diagnostics, checked));
+    DomainText { source, domain, damaged }
+}
+
+/// The problem in a text; checked against its domain where that is known.
+pub(crate) fn problem_of(
+    source: &Arc<Source>,
+    domain: Option<&DomainText>,
+    report: &mut Report,
+) -> Option<Problem> {
+    let Parsed { value, diagnostics } = pddl::parse_problem(&source.text);
+    let checked = |domain: &Domain| {
+        value.as_ref().map(|problem| pddl::check_problem(domain, problem)).unwrap_or_default()
+    };
+    report.add(source, checked_against(source, domain, diagnostics, checked));
+    value
+}
+
+/// The action model in a text; checked against the ontology where that is known.
+pub(crate) fn action_model_of(
+    source: &Arc<Source>,
+    ontology: Option<&DomainText>,
+    report: &mut Report,
+) -> Option<ActionModel> {
+    let Parsed { value, diagnostics } = pddl::parse_action_model(&source.text);
+    let checked = |ontology: &Domain| {
+        value.as_ref().map(|model| pddl::check_action_model(ontology, model)).unwrap_or_default()
+    };
+    report.add(source, checked_against(source, ontology, diagnostics, checked));
+    value
+}
+
+fn checked_against(
+    source: &Source,
+    domain: Option<&DomainText>,
+    parsed: Vec<Diagnostic>,
+    check: impl FnOnce(&Domain) -> Vec<Diagnostic>,
+) -> Vec<Diagnostic> {
+    let mut damaged = damaged_lines(&source.text, &parsed);
+    let Some(DomainText { domain: Some(domain), damaged: foreign, .. }) = domain else {
+        return parsed;
+    };
+    damaged.extend(foreign.iter().cloned());
+    merged(&source.text, &damaged, parsed, check(domain))
+}
+
+/// What the parser and the check say, without what is only a consequence: where a declaration
+/// cannot be read, every use of its name would be “unknown”.
+fn merged(
+    text: &str,
+    damaged: &[String],
+    parsed: Vec<Diagnostic>,
+    checked: Vec<Diagnostic>,
+) -> Vec<Diagnostic> {
+    let is_consequence = |found: &Diagnostic| {
+        let word = text.get(found.span.range()).unwrap_or("");
+        damaged.iter().any(|lines| has_word(lines, word))
+    };
+    let mut all = parsed;
+    all.extend(checked.into_iter().filter(|found| !is_consequence(found)));
+    all.sort_by_key(|found| (found.span.start, found.span.end));
+    all
+}
+
+/// The lines with errors in them.
+fn damaged_lines(text: &str, diagnostics: &[Diagnostic]) -> Vec<String> {
+    let errors = diagnostics.iter().filter(|found| found.is_error());
+    errors.map(|found| marked_lines(text, found).to_owned()).collect()
+}
+
+fn marked_lines<'t>(text: &'t str, found: &Diagnostic) -> &'t str {
+    let start = text.floor_char_boundary(found.span.start as usize);
+    let end = text.floor_char_boundary(found.span.end as usize).max(start);
+    let start = text[..start].rfind('\n').map_or(0, |newline| newline + 1);
+    let end = text[end..].find('\n').map_or(text.len(), |newline| end + newline);
+    &text[start..end]
+}
+
+fn has_word(text: &str, word: &str) -> bool {
+    let is_break = |c: char| c.is_whitespace() || "()".contains(c);
+    !word.is_empty() && text.split(is_break).any(|other| other.eq_ignore_ascii_case(word))
+}

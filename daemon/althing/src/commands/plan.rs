@@ -1,0 +1,251 @@
+//! `althing plan`: the planner alone, with the habits of the planning competitions.
+//!
+//! - Owns the wall clock: the planner knows none, so a timer sets its `Cancel` flag.
+//! - Refuses by name what the planner cannot do yet; nothing asked for is silently left out.
+
+use std::fmt::Write as _;
+use std::process::ExitCode;
+use std::sync::mpsc;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use pddl::{Diagnostic, Plan};
+use planner::{Budget, Cancel, Options, Outcome, PlanError, Statistics, StopReason, Text};
+use serde_json::{Value, json};
+
+use super::pddl_files::{self, Task};
+use crate::cli::{Engine, PlanArgs};
+use crate::render::{number, plural};
+use crate::report::{Report, reason};
+use crate::{exit, output};
+
+/// Plans, and shows the plan or why there is none.
+pub(crate) fn run(args: &PlanArgs) -> ExitCode {
+    let started = Instant::now();
+    if let Some(refusal) = refusal(args) {
+        let mut report = Report::default();
+        report.add_general(refusal);
+        return output::show(&report, args.print.json, "unsupported", exit::UNSUPPORTED);
+    }
+    let cancel = Cancel::new();
+    let _timer = args.time_limit.map(|limit| Timer::start(limit, cancel.clone()));
+    let task = match pddl_files::read_task(&args.domain, &args.problem) {
+        Ok(task) => task,
+        Err(report) => {
+            return output::show(&report, args.print.json, "bad-input", exit::BAD_INPUT);
+        }
+    };
+    match planner::plan(&task.domain, &task.problem, &options(args), &cancel) {
+        Ok(outcome) => show(args, &task, &outcome, started.elapsed()),
+        Err(err) => show_error(args, &task, &err),
+    }
+}
+
+/// What of the arguments this planner cannot do.
+fn refusal(args: &PlanArgs) -> Option<Diagnostic> {
+    let refuse = |what: &str, help: &str| {
+        let message = format!("{what} is not supported yet");
+        Some(Diagnostic::error(pddl::Span::default(), message).with_help(help))
+    };
+    match args.engine {
+        Engine::Embedded => (),
+        Engine::FastDownward => {
+            return refuse("`--engine fast-downward`", "leave it out to use the embedded planner");
+        }
+        Engine::MetricFf => {
+            return refuse("`--engine metric-ff`", "leave it out to use the embedded planner");
+        }
+    }
+    if args.threads > 1 {
+        return refuse("`--threads` above 1", "the search runs on one thread");
+    }
+    if args.anytime {
+        return refuse("`--anytime`", "without it, the search ends with its first good plan");
+    }
+    if args.optimal {
+        let help = "without it, small problems are still solved at the lowest cost; the summary \
+                    says where that is proven";
+        return refuse("`--optimal`", help);
+    }
+    None
+}
+
+fn options(args: &PlanArgs) -> Options {
+    let mut budget = Budget::default();
+    if let Some(mib) = args.memory_limit {
+        let bytes = u64::from(mib) << 20;
+        budget.memory_max_bytes = usize::try_from(bytes).unwrap_or(usize::MAX);
+    }
+    Options { budget, ..Options::default() }
+}
+
+/// Sets a flag when time is up, unless it is dropped before.
+struct Timer {
+    /// Dropping it wakes the thread.
+    _stop: mpsc::Sender<()>,
+}
+
+// === impl Timer ===
+
+impl Timer {
+    fn start(limit: Duration, cancel: Cancel) -> Timer {
+        let (stop, stopped) = mpsc::channel();
+        thread::spawn(move || {
+            if stopped.recv_timeout(limit) == Err(mpsc::RecvTimeoutError::Timeout) {
+                cancel.set();
+            }
+        });
+        Timer { _stop: stop }
+    }
+}
+
+fn show(args: &PlanArgs, task: &Task, outcome: &Outcome, elapsed: Duration) -> ExitCode {
+    let mut report = task.report.clone();
+    report.add(&task.domain_source, outcome.warnings.iter().cloned());
+    let code = outcome.stop_reason.exit_code();
+    let unit_cost = task.problem.metric.is_none();
+    let text = outcome.plan.as_ref().map(|plan| ipc(plan, unit_cost));
+    if let (Some(file), Some(text)) = (&args.plan, &text)
+        && let Err(err) = std::fs::write(file, text)
+    {
+        report.add_failure(format_args!("write `{}`: {}", file.display(), reason(&err)));
+        return output::show(&report, args.print.json, "not-written", exit::OUTPUT);
+    }
+    if args.print.json {
+        return output::print_json(&json_outcome(outcome, unit_cost, &report, elapsed), code);
+    }
+    output::show_people(&report);
+    output::note(&summary(outcome, unit_cost, elapsed));
+    match text {
+        Some(text) if args.plan.is_none() => output::print(text, code),
+        _ => exit::with(code),
+    }
+}
+
+/// The format of the planning competitions, with the cost as Fast Downward writes it.
+fn ipc(plan: &Plan, unit_cost: bool) -> String {
+    let mut text = String::new();
+    for step in &plan.steps {
+        let _ = writeln!(text, "{step}");
+    }
+    let _ = writeln!(text, "; cost = {} ({})", cost(plan), cost_kind(unit_cost));
+    text
+}
+
+/// What the plan costs; its number of steps where nothing else is said.
+fn cost(plan: &Plan) -> f64 {
+    plan.cost.map_or(plan.steps.len() as f64, |cost| cost.0)
+}
+
+fn cost_kind(unit_cost: bool) -> &'static str {
+    if unit_cost { "unit cost" } else { "general cost" }
+}
+
+/// The line or two for people.
+fn summary(outcome: &Outcome, unit_cost: bool, elapsed: Duration) -> String {
+    let first = match &outcome.plan {
+        Some(plan) => {
+            let proof = match (outcome.statistics.proven_optimal, unit_cost) {
+                (true, true) => "; no shorter plan exists",
+                (true, false) => "; no cheaper plan exists",
+                (false, _) => "",
+            };
+            let steps = plural(plan.steps.len(), "step");
+            format!("plan found: {steps}, cost {} ({}){proof}", cost(plan), cost_kind(unit_cost))
+        }
+        None => format!("no plan: {}", words(outcome.stop_reason)),
+    };
+    let Statistics { facts, operators, expansions, .. } = outcome.statistics;
+    let expanded = plural(usize::try_from(expansions).unwrap_or(usize::MAX), "state");
+    let seconds = elapsed.as_secs_f64();
+    format!(
+        "{first}\n{}, {}; {expanded} expanded in {seconds:.3} s",
+        plural(facts, "fact"),
+        plural(operators, "operator")
+    )
+}
+
+/// The reason in the words of this command line, where the planner's own are another's.
+fn words(reason: StopReason) -> String {
+    match reason {
+        StopReason::Cancelled => "out of time (--time-limit)".to_owned(),
+        StopReason::MemoryLimit { limit } => {
+            format!("out of memory at {} MiB (--memory-limit)", limit >> 20)
+        }
+        other => other.to_string(),
+    }
+}
+
+/// One word for programs; it never changes its meaning.
+fn status(reason: StopReason) -> &'static str {
+    match reason.exit_code() {
+        exit::DONE => "plan-found",
+        10 | 11 => "unsolvable",
+        exit::OUT_OF_MEMORY => "out-of-memory",
+        exit::OUT_OF_TIME => "out-of-time",
+        _ => "no-plan",
+    }
+}
+
+fn json_outcome(outcome: &Outcome, unit_cost: bool, report: &Report, elapsed: Duration) -> Value {
+    let plan = outcome.plan.as_ref();
+    let steps: Option<Vec<String>> =
+        plan.map(|plan| plan.steps.iter().map(ToString::to_string).collect());
+    json!({
+        "status": status(outcome.stop_reason),
+        "reason": words(outcome.stop_reason),
+        "plan": steps,
+        "cost": plan.map(|plan| number(cost(plan))),
+        "cost_kind": plan.map(|_| cost_kind(unit_cost)),
+        "statistics": json_statistics(&outcome.statistics, elapsed),
+        "diagnostics": crate::render::json(report),
+    })
+}
+
+fn json_statistics(statistics: &Statistics, elapsed: Duration) -> Value {
+    // No `..`: a new figure must be given a name here.
+    let Statistics {
+        facts,
+        operators,
+        join_steps,
+        expansions,
+        evaluations,
+        optimal_expansions,
+        proven_optimal,
+    } = *statistics;
+    json!({
+        "facts": facts,
+        "operators": operators,
+        "join_steps": join_steps,
+        "expansions": expansions,
+        "evaluations": evaluations,
+        "optimal_expansions": optimal_expansions,
+        "proven_optimal": proven_optimal,
+        "seconds": elapsed.as_secs_f64(),
+    })
+}
+
+fn show_error(args: &PlanArgs, task: &Task, err: &PlanError) -> ExitCode {
+    let mut report = task.report.clone();
+    let status = match err {
+        PlanError::Unsupported(unsupported) => {
+            let source = match unsupported.text {
+                Text::Domain => &task.domain_source,
+                Text::Problem => &task.problem_source,
+            };
+            let message = format!("{} is not supported yet", unsupported.feature);
+            report.add(source, [Diagnostic::error(unsupported.span, message)]);
+            "unsupported"
+        }
+        PlanError::BadInput(diagnostics) => {
+            let source = pddl_files::blamed(task);
+            report.add(source, diagnostics.iter().cloned());
+            "bad-input"
+        }
+        other => {
+            report.add_failure(other);
+            "defect"
+        }
+    };
+    output::show(&report, args.print.json, status, err.exit_code())
+}

@@ -1,0 +1,188 @@
+//! `althing validate`: does this plan work? An independent check, with the plan's cost.
+//!
+//! The last line on stdout is `cost = N` for a plan that works: planner benchmarks read it.
+
+use std::path::Path;
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use pddl::{Diagnostic, InitElement, Parsed, Plan};
+use planner::validate::{self, Fault, FaultReason, Place, Verdict};
+use serde_json::json;
+
+use super::pddl_files::{self, Task};
+use crate::cli::ValidateArgs;
+use crate::render::{number, plural};
+use crate::report::{Report, Source};
+use crate::{exit, output};
+
+/// Checks the plan, and shows its cost or what fails.
+pub(crate) fn run(args: &ValidateArgs) -> ExitCode {
+    let json = args.print.json;
+    let task = pddl_files::read_task(&args.domain, &args.problem);
+    let plan = read_plan(&args.plan);
+    let (task, source, plan) = match (task, plan) {
+        (Ok(task), Ok((source, plan))) => (task, source, plan),
+        (task, plan) => {
+            let mut report = task.err().unwrap_or_default();
+            report.extend(plan.err().unwrap_or_default());
+            return output::show(&report, json, "bad-input", exit::BAD_INPUT);
+        }
+    };
+    if let Some(report) = unsupported(&task, &source, &plan) {
+        return output::show(&report, json, "unsupported", exit::UNSUPPORTED);
+    }
+    match validate::validate(&task.domain, &task.problem, &plan) {
+        Verdict::Valid { cost, steps } => show_valid(json, &task.report, steps, cost),
+        Verdict::Fault(fault) => show_fault(json, &task, &source, &plan, &fault),
+        Verdict::BadInput(diagnostics) => {
+            let mut report = task.report.clone();
+            report.add(pddl_files::blamed(&task), diagnostics);
+            output::show(&report, json, "bad-input", exit::BAD_INPUT)
+        }
+    }
+}
+
+fn read_plan(path: &Path) -> Result<(Arc<Source>, Plan), Report> {
+    let mut report = Report::default();
+    let source = pddl_files::read(path, &mut report);
+    let plan = source.as_ref().and_then(|source| {
+        let Parsed { value, diagnostics } = pddl::parse_plan(&source.text);
+        report.add(source, diagnostics);
+        value
+    });
+    match (source, plan) {
+        (Some(source), Some(plan)) if !report.has_errors() => Ok((source, plan)),
+        _ => Err(report),
+    }
+}
+
+/// What has to do with time: this check knows none, and says so instead of guessing.
+fn unsupported(task: &Task, source: &Arc<Source>, plan: &Plan) -> Option<Report> {
+    let mut report = task.report.clone();
+    let timed = task.problem.init.iter().find_map(|element| match element {
+        InitElement::At(_, later) => Some(init_span(later)),
+        _ => None,
+    });
+    if let Some(span) = timed {
+        let message = "timed initial literals are not supported yet";
+        report.add(&task.problem_source, [Diagnostic::error(span, message)]);
+        return Some(report);
+    }
+    let is_durative =
+        |name: &pddl::Name| task.domain.durative_actions.iter().any(|action| action.name == *name);
+    let durative = plan.steps.iter().find(|step| is_durative(&step.action))?;
+    let message =
+        format!("`{}` is durative: plans with times are not supported yet", durative.action);
+    report.add(source, [Diagnostic::error(durative.span, message)]);
+    Some(report)
+}
+
+fn init_span(element: &InitElement) -> pddl::Span {
+    match element {
+        InitElement::Atom(atom) | InitElement::Not(atom) => atom.span,
+        InitElement::Assign(fluent, _) => fluent.span,
+        InitElement::At(_, later) => init_span(later),
+    }
+}
+
+fn show_valid(json: bool, warnings: &Report, steps: usize, cost: f64) -> ExitCode {
+    if json {
+        let diagnostics = crate::render::json(warnings);
+        let value = json!({
+            "status": "valid", "steps": steps, "cost": number(cost), "diagnostics": diagnostics,
+        });
+        return output::print_json(&value, exit::DONE);
+    }
+    output::show_people(warnings);
+    let steps = plural(steps, "step");
+    output::print(format_args!("valid plan with {steps}\ncost = {cost}\n"), exit::DONE)
+}
+
+fn show_fault(
+    json: bool,
+    task: &Task,
+    source: &Arc<Source>,
+    plan: &Plan,
+    fault: &Fault,
+) -> ExitCode {
+    let mut report = task.report.clone();
+    let (blamed, diagnostic) = told(task, source, plan, fault);
+    report.add(&blamed, [diagnostic]);
+    if !json {
+        output::show_people(&report);
+        return exit::with(exit::INVALID_PLAN);
+    }
+    let (step, text) = match &fault.place {
+        Place::Step { index, step } => (Some(index + 1), Some(step.to_string())),
+        Place::Goal | Place::Metric => (None, None),
+    };
+    let value = json!({
+        "status": "invalid",
+        "fault": {
+            "step": step,
+            "text": text,
+            "reason": fault.reason.to_string(),
+            "condition": fault.condition().map(ToString::to_string),
+        },
+        "diagnostics": crate::render::json(&report),
+    });
+    output::print_json(&value, exit::INVALID_PLAN)
+}
+
+/// The fault as a mistake in the plan's text, or of the goal in the problem's.
+fn told(
+    task: &Task,
+    source: &Arc<Source>,
+    plan: &Plan,
+    fault: &Fault,
+) -> (Arc<Source>, Diagnostic) {
+    match &fault.place {
+        Place::Step { index, step } => {
+            let place = format!("step {} {step}", index + 1);
+            let message = match &fault.reason {
+                FaultReason::Precondition(condition) => {
+                    format!("{place}: its precondition {condition} does not hold")
+                }
+                reason => format!("{place}: {reason}"),
+            };
+            let mut diagnostic = Diagnostic::error(fault.span, message);
+            diagnostic.help = suggestion(task, plan, *index);
+            (Arc::clone(source), diagnostic)
+        }
+        Place::Goal => {
+            let condition = fault.condition().map(ToString::to_string).unwrap_or_default();
+            let message = format!(
+                "after {}, {condition} of the goal does not hold",
+                plural(plan.steps.len(), "step")
+            );
+            let span = goal_span(&task.problem_source.text);
+            (Arc::clone(&task.problem_source), Diagnostic::error(span, message))
+        }
+        Place::Metric => {
+            let message = format!("the cost cannot be told: {}", fault.reason);
+            (Arc::clone(&task.problem_source), Diagnostic::error(fault.span, message))
+        }
+    }
+}
+
+/// What `check` would say of the step: the likely intended name.
+fn suggestion(task: &Task, plan: &Plan, index: usize) -> Option<String> {
+    let step = plan.steps.get(index)?.clone();
+    let alone = Plan { steps: vec![step], cost: None };
+    pddl::check_plan(&task.domain, &task.problem, &alone).into_iter().find_map(|found| found.help)
+}
+
+/// The word `:goal`: the tree does not keep where the whole goal stands.
+fn goal_span(text: &str) -> pddl::Span {
+    let without_comments = text.split_inclusive('\n').scan(0, |offset, line| {
+        let start = *offset;
+        *offset += line.len();
+        Some((start, line.split(';').next().unwrap_or("")))
+    });
+    let found = without_comments
+        .filter_map(|(start, code)| Some(start + code.to_ascii_lowercase().find(":goal")?))
+        .next()
+        .unwrap_or(0);
+    pddl::Span::new(found, found + ":goal".len())
+}

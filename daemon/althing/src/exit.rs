@@ -1,0 +1,37 @@
+//! What the process ends with. Exit codes are an interface: scripts, units and planner benchmarks
+//! match on them.
+//!
+//! Below 64 they are those of the field's planners (Fast Downward's table); from 64 on those of
+//! `sysexits.h`, which service managers know.
+
+use std::process::ExitCode;
+
+/// Done; of `plan`, a plan was found.
+pub(crate) const DONE: u8 = 0;
+/// `validate`: the plan does not work. Validators of the field say it so.
+pub(crate) const INVALID_PLAN: u8 = 1;
+/// `plan`: out of memory.
+pub(crate) const OUT_OF_MEMORY: u8 = 22;
+/// `plan`: out of time.
+pub(crate) const OUT_OF_TIME: u8 = 23;
+/// A defect of the planner: it made a plan that the validator refuses.
+pub(crate) const DEFECT: u8 = 32;
+/// A file of the user's cannot be read, or has mistakes.
+pub(crate) const BAD_INPUT: u8 = 33;
+/// Understood, and not something this version does.
+pub(crate) const UNSUPPORTED: u8 = 34;
+/// `EX_USAGE`: the command line is wrong. Not clap's 2, which for a planner means “a plan was found,
+/// then time ran out”.
+pub(crate) const USAGE: u8 = 64;
+/// `EX_UNAVAILABLE`: what was asked for is not here: a command not built yet, a substrate that
+/// cannot be reached.
+pub(crate) const UNAVAILABLE: u8 = 69;
+/// `EX_IOERR`: a result could not be written.
+pub(crate) const OUTPUT: u8 = 74;
+/// `EX_CONFIG`: the configuration is wrong; a service manager need not try again.
+pub(crate) const CONFIG: u8 = 78;
+
+/// The process's own form of a code.
+pub(crate) fn with(code: u8) -> ExitCode {
+    ExitCode::from(code)
+}

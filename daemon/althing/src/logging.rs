@@ -1,0 +1,36 @@
+//! The log: for who runs the daemon, on stderr, quiet unless asked.
+//!
+//! `ALTHING_LOG` speaks the language of `tracing`'s filters (`info`, `agent=debug`) and wins over
+//! `-v`; results and mistakes are never logged, they are printed.
+
+use tracing_subscriber::EnvFilter;
+
+/// The variable that says what is logged.
+const VARIABLE: &str = "ALTHING_LOG";
+
+/// Begins to log. What cannot be read of the filter is left out, and said so.
+pub(crate) fn start(verbose: u8) {
+    let asked = std::env::var(VARIABLE).ok().filter(|filter| !filter.trim().is_empty());
+    let filter = asked.unwrap_or_else(|| level(verbose).to_owned());
+    let filter = EnvFilter::builder().parse(&filter).unwrap_or_else(|err| {
+        crate::output::note(&format!("{VARIABLE}={filter} is left out: {err}"));
+        EnvFilter::new(level(verbose))
+    });
+    let subscriber = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(crate::output::stderr_is_colored())
+        .finish();
+    // A second start, in a test, changes nothing.
+    let _ = tracing_subscriber::util::SubscriberInitExt::try_init(subscriber);
+}
+
+/// What `-v` means. Zenoh tells much that is of use to nobody who does not work on Zenoh.
+fn level(verbose: u8) -> &'static str {
+    match verbose {
+        0 => "warn,zenoh=error",
+        1 => "info,zenoh=warn",
+        2 => "debug,zenoh=info",
+        _ => "trace",
+    }
+}

@@ -1,0 +1,246 @@
+//! Draws mistakes: for people with the line and a caret, for programs as JSON.
+//!
+//! - The one place that knows how a diagnostic looks. Fits 80 columns; uses a wider terminal.
+//! - Takes [`Report`]s; writes nothing itself.
+
+use annotate_snippets::{Annotation, AnnotationKind, Group, Level, Renderer, Snippet};
+use pddl::{Diagnostic, Severity, Span};
+use serde_json::{Value, json};
+
+use crate::report::{Finding, Report, Source};
+
+/// Columns where nobody says how many there are.
+const WIDTH: usize = 80;
+/// Lines of prose longer than this are hard to read, however wide the terminal.
+const WIDTH_MAX: usize = 120;
+/// Lines between a mistake and another place it has to do with, up to which one excerpt shows both.
+const EXCERPT_LINES_MAX: usize = 30;
+/// A person reads no more; `--json` lists all.
+const FINDINGS_MAX: usize = 200;
+
+/// How the text may look.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Look {
+    width: usize,
+    colored: bool,
+}
+
+/// A mistake's text as it is drawn: wrapped, owned, with the offsets of its excerpt.
+struct Excerpt<'a> {
+    text: &'a str,
+    start: usize,
+    line: usize,
+}
+
+// === impl Look ===
+
+impl Look {
+    /// What stderr can show.
+    pub(crate) fn of_stderr() -> Look {
+        let width = terminal_size::terminal_size_of(std::io::stderr())
+            .map_or(WIDTH, |(width, _)| usize::from(width.0));
+        Look {
+            width: width.clamp(WIDTH / 2, WIDTH_MAX),
+            colored: crate::output::stderr_is_colored(),
+        }
+    }
+
+    fn renderer(self) -> Renderer {
+        let renderer = if self.colored { Renderer::styled() } else { Renderer::plain() };
+        renderer.term_width(self.width)
+    }
+}
+
+/// All mistakes, one after the other, a blank line after each.
+pub(crate) fn human(report: &Report, look: Look) -> String {
+    let renderer = look.renderer();
+    let shown = report.findings().iter().take(FINDINGS_MAX);
+    let mut text: String =
+        shown.map(|finding| draw(finding, &renderer, look.width) + "\n\n").collect();
+    let omitted = report.findings().len().saturating_sub(FINDINGS_MAX);
+    if omitted > 0 {
+        text += &format!("… and {omitted} more; `--json` lists all\n");
+    }
+    text
+}
+
+/// “2 errors and 1 warning”.
+pub(crate) fn summary(report: &Report) -> String {
+    let counts =
+        [(Severity::Error, "error"), (Severity::Warning, "warning"), (Severity::Hint, "hint")]
+            .map(|(severity, noun)| (report.count(severity), noun));
+    let told: Vec<String> =
+        counts.iter().filter(|(count, _)| *count > 0).map(|(n, noun)| plural(*n, noun)).collect();
+    match told.split_last() {
+        None => "no mistakes".to_owned(),
+        Some((last, [])) => last.clone(),
+        Some((last, rest)) => format!("{} and {last}", rest.join(", ")),
+    }
+}
+
+/// “1 step”, “2 steps”.
+pub(crate) fn plural(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
+
+/// A number as JSON: whole where it is whole.
+pub(crate) fn number(value: f64) -> Value {
+    // 2^53: up to there every whole number has a float of its own.
+    const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
+    if value.fract() == 0.0 && value.abs() <= WHOLE_MAX {
+        json!(value as i64)
+    } else {
+        json!(value)
+    }
+}
+
+/// All mistakes as a JSON array. `line` and `column` count from 1, columns in characters.
+pub(crate) fn json(report: &Report) -> Value {
+    report.findings().iter().map(json_finding).collect()
+}
+
+fn json_finding(finding: &Finding) -> Value {
+    let Finding { source, diagnostic } = finding;
+    let place = |span: Span| source.as_ref().map(|source| source.line_column(span));
+    let at = place(diagnostic.span);
+    let notes: Vec<Value> = diagnostic
+        .notes
+        .iter()
+        .map(|note| {
+            let at = place(note.span);
+            json!({ "line": at.map(|at| at.0), "column": at.map(|at| at.1), "message": note.message })
+        })
+        .collect();
+    json!({
+        "severity": diagnostic.severity.to_string(),
+        "file": source.as_ref().map(|source| source.name.as_str()),
+        "line": at.map(|at| at.0),
+        "column": at.map(|at| at.1),
+        "message": diagnostic.message,
+        "label": diagnostic.label,
+        "help": diagnostic.help,
+        "rule": diagnostic.rule,
+        "notes": notes,
+    })
+}
+
+fn draw(finding: &Finding, renderer: &Renderer, width: usize) -> String {
+    let diagnostic = &finding.diagnostic;
+    let level = match diagnostic.severity {
+        Severity::Error => Level::ERROR,
+        Severity::Warning => Level::WARNING,
+        Severity::Hint => Level::INFO.with_name("hint"),
+    };
+    let title = wrap(&diagnostic.message, width.saturating_sub("warning: ".len()));
+    let mut group = Group::with_title(level.primary_title(title));
+    if let Some(source) = &finding.source {
+        for snippet in snippets(source, diagnostic) {
+            group = group.element(snippet);
+        }
+    }
+    // The margin of a snippet: line number, ` = `, and the name of the line.
+    let width = width.saturating_sub("1234 = help: ".len());
+    if let Some(help) = &diagnostic.help {
+        group = group.element(Level::HELP.message(wrap(help, width)));
+    }
+    if let Some(rule) = &diagnostic.rule {
+        group = group.element(Level::NOTE.with_name("rule").message(wrap(rule, width)));
+    }
+    renderer.render(&[group])
+}
+
+/// The marked line, and the places of the notes: beside it where they are near.
+fn snippets<'a>(
+    source: &'a Source,
+    diagnostic: &'a Diagnostic,
+) -> Vec<Snippet<'a, Annotation<'a>>> {
+    let line = |span: Span| source.line_column(span).0;
+    let home = line(diagnostic.span);
+    let is_near = |span: Span| line(span).abs_diff(home) <= EXCERPT_LINES_MAX;
+    let (near, far): (Vec<_>, Vec<_>) =
+        diagnostic.notes.iter().partition(|note| is_near(note.span));
+
+    let spans = near.iter().map(|note| note.span).chain([diagnostic.span]);
+    let excerpt = Excerpt::of(&source.text, spans);
+    let mut first = excerpt.snippet(source).annotation(excerpt.annotation(
+        AnnotationKind::Primary,
+        diagnostic.span,
+        diagnostic.label.as_deref(),
+    ));
+    for note in near {
+        let message = Some(note.message.as_str());
+        first = first.annotation(excerpt.annotation(AnnotationKind::Context, note.span, message));
+    }
+    let others = far.into_iter().map(|note| {
+        let excerpt = Excerpt::of(&source.text, [note.span]);
+        let message = Some(note.message.as_str());
+        excerpt.snippet(source).annotation(excerpt.annotation(
+            AnnotationKind::Context,
+            note.span,
+            message,
+        ))
+    });
+    [first].into_iter().chain(others).collect()
+}
+
+// === impl Excerpt ===
+
+impl<'a> Excerpt<'a> {
+    /// The lines of `text` from the first to the last span's.
+    fn of(text: &'a str, spans: impl IntoIterator<Item = Span>) -> Excerpt<'a> {
+        let mut starts: Vec<usize> =
+            spans.into_iter().map(|span| boundary(text, span.start as usize)).collect();
+        starts.sort_unstable();
+        let (first, last) = match starts[..] {
+            [] => (0, 0),
+            [only] => (only, only),
+            [first, .., last] => (first, last),
+        };
+        let start = text[..first].rfind('\n').map_or(0, |newline| newline + 1);
+        let end = text[last..].find('\n').map_or(text.len(), |newline| last + newline);
+        Excerpt { text: &text[start..end], start, line: pddl::line_column(text, first).0 }
+    }
+
+    fn snippet(&self, source: &'a Source) -> Snippet<'a, Annotation<'a>> {
+        Snippet::source(self.text).line_start(self.line).path(source.name.as_str()).fold(true)
+    }
+
+    /// Marks a span, or of one that goes over several lines the first line.
+    fn annotation(
+        &self,
+        kind: AnnotationKind,
+        span: Span,
+        label: Option<&'a str>,
+    ) -> Annotation<'a> {
+        let start = boundary(self.text, (span.start as usize).saturating_sub(self.start));
+        let end = boundary(self.text, (span.end as usize).saturating_sub(self.start)).max(start);
+        let line_end = self.text[start..end].find(['\n', '\r']).map_or(end, |at| start + at);
+        kind.span(start..line_end).label(label)
+    }
+}
+
+/// The offset, or the nearest one below that a text can be cut at.
+fn boundary(text: &str, offset: usize) -> usize {
+    let mut offset = offset.min(text.len());
+    while !text.is_char_boundary(offset) {
+        offset -= 1;
+    }
+    offset
+}
+
+/// Breaks lines at spaces where they would be longer than `width` characters.
+fn wrap(text: &str, width: usize) -> String {
+    let mut wrapped = String::with_capacity(text.len());
+    let mut column = 0;
+    for word in text.split_inclusive([' ', '\n']) {
+        let length = word.trim_end().chars().count();
+        if column > 0 && column + length > width {
+            wrapped.truncate(wrapped.trim_end().len());
+            wrapped.push('\n');
+            column = 0;
+        }
+        wrapped.push_str(word);
+        column = if word.ends_with('\n') { 0 } else { column + word.chars().count() };
+    }
+    wrapped
+}
