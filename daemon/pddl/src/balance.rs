@@ -90,23 +90,20 @@ impl<'t, 'd> Builder<'t, 'd> {
     fn push(&mut self, start: usize, kind: Kind) {
         let Span { start, end } = Span::new(start, self.end);
         let next = self.entries.len() as u32 + 1;
-        self.entries.push(Entry { start, end, next, kind });
+        let depth = u8::try_from(self.open.len()).unwrap_or(u8::MAX);
+        self.entries.push(Entry { start, end, next, kind, depth });
     }
 
     fn open(&mut self) {
         self.after_stray = false;
         if self.open.len() < NESTING_MAX {
-            self.open.push(self.entries.len() as u32);
             self.push(self.end - 1, Kind::List);
+            self.open.push(self.entries.len() as u32 - 1);
             return;
         }
         self.open_skipped = 1;
         self.push(self.end - 1, Kind::Damaged);
-        let message = format!("parentheses are nested more than {NESTING_MAX} deep");
-        self.problems.push(
-            Diagnostic::error(Span::new(self.end - 1, self.end), message)
-                .with_help("split the condition, for example with a derived predicate"),
-        );
+        self.problems.push(too_deep(Span::new(self.end - 1, self.end)));
     }
 
     fn close(&mut self) {
@@ -251,4 +248,11 @@ impl<'t, 'd> Builder<'t, 'd> {
             self.seal(index, self.entries.len() as u32, self.end);
         }
     }
+}
+
+/// What stands at `place` would need one level more than there may be.
+pub(crate) fn too_deep(place: Span) -> Diagnostic {
+    let message = format!("parentheses are nested more than {NESTING_MAX} deep");
+    Diagnostic::error(place, message)
+        .with_help("split the condition, for example with a derived predicate")
 }

@@ -13,6 +13,7 @@ use crate::tree::Span;
 /// Whoever recurses over a tree, here or in another crate, has 16 KiB of a 2 MiB stack for each
 /// level. The deepest of 224 competition files nests 14 deep.
 pub const NESTING_MAX: usize = 128;
+const _: () = assert!(NESTING_MAX <= u8::MAX as usize, "`Entry::depth` is a byte");
 
 /// Everything a text holds between its parentheses.
 pub(crate) struct Forest<'t> {
@@ -53,6 +54,8 @@ pub(crate) struct Entry {
     /// The first entry after this node and all it holds.
     pub(crate) next: u32,
     pub(crate) kind: Kind,
+    /// How many lists it stands in.
+    pub(crate) depth: u8,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -105,6 +108,11 @@ impl<'f> Node<'f> {
             Kind::Symbol => View::Symbol(self.text()),
             Kind::Damaged => View::Damaged,
         }
+    }
+
+    /// Whether no list may stand where this node stands.
+    pub(crate) fn is_deepest(self) -> bool {
+        usize::from(self.entry().depth) >= NESTING_MAX
     }
 
     pub(crate) fn symbol(self) -> Option<&'f str> {

@@ -781,6 +781,13 @@ impl ActionSchema {
     }
 }
 
+impl DurativeAction {
+    /// The agent, if there is one, then the parameters: the order of a plan's arguments.
+    pub fn all_parameters(&self) -> impl Iterator<Item = &Typed> {
+        self.agent.iter().chain(&self.parameters)
+    }
+}
+
 impl PlanStep {
     /// A step without time and place.
     pub fn new(action: impl Into<Name>, arguments: impl IntoIterator<Item = Name>) -> PlanStep {

@@ -64,7 +64,7 @@ fn callables(domain: &Domain) -> Vec<Callable<'_>> {
     });
     let durative = domain.durative_actions.iter().map(|action| Callable {
         name: &action.name,
-        parameters: action.agent.iter().chain(&action.parameters).collect(),
+        parameters: action.all_parameters().collect(),
     });
     actions.chain(durative).collect()
 }

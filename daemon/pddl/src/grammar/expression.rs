@@ -3,6 +3,7 @@
 use super::condition::{Headed, headed};
 use super::names;
 use super::reader::{Keyword, Place, Reader};
+use crate::balance::too_deep;
 use crate::diagnostic::Diagnostic;
 use crate::sexpr::{Items, Node, View};
 use crate::tree::{Expression, FluentTerm, Operator, Span};
@@ -58,6 +59,11 @@ fn word_expression<'f>(
 ) -> Option<Expression> {
     if let Some(number) = names::number(word) {
         return Some(Expression::Number(number));
+    }
+    // A function alone is printed in parentheses, so there must be room for them.
+    if node.is_deepest() {
+        reader.report(too_deep(node.span()));
+        return None;
     }
     let durative = reader.place() == Place::Durative;
     match Keyword::of(word).as_str() {

@@ -90,22 +90,34 @@ pub(super) fn effect(effect: &Effect) -> Layout<'_> {
 }
 
 pub(super) fn assign(assign: &Assign) -> Layout<'_> {
-    let word = match assign.assignment {
+    Layout::headed(
+        assignment(assign.assignment),
+        [fluent(&assign.fluent), expression(&assign.value)],
+    )
+}
+
+fn assignment(assignment: Assignment) -> &'static str {
+    match assignment {
         Assignment::Assign => "assign",
         Assignment::Increase => "increase",
         Assignment::Decrease => "decrease",
         Assignment::ScaleUp => "scale-up",
         Assignment::ScaleDown => "scale-down",
-    };
-    Layout::headed(word, [fluent(&assign.fluent), expression(&assign.value)])
+    }
+}
+
+fn direction(direction: Direction) -> &'static str {
+    match direction {
+        Direction::Minimize => "minimize",
+        Direction::Maximize => "maximize",
+    }
 }
 
 pub(super) fn metric(metric: &Metric) -> Layout<'_> {
-    let direction = match metric.direction {
-        Direction::Minimize => "minimize",
-        Direction::Maximize => "maximize",
-    };
-    Layout::headed(":metric", [Layout::word(direction), expression(&metric.expression)])
+    Layout::headed(
+        ":metric",
+        [Layout::word(direction(metric.direction)), expression(&metric.expression)],
+    )
 }
 
 impl fmt::Display for Condition {
@@ -147,5 +159,23 @@ impl fmt::Display for Assign {
 impl fmt::Display for Metric {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write(&metric(self), f)
+    }
+}
+
+impl fmt::Display for Operator {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(operator(*self))
+    }
+}
+
+impl fmt::Display for Assignment {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(assignment(*self))
+    }
+}
+
+impl fmt::Display for Direction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(direction(*self))
     }
 }

@@ -44,8 +44,10 @@ fn the_deepest_condition_that_is_let_in_is_safe() {
     for open in ["(not ", "(and ", "(imply (p) ", "(forall (?x) ", "(when (p) "] {
         check(domain(&nested(open, "(p)", NESTING_MAX - 3)), !open.starts_with("(when"));
     }
-    let expression = format!("(= 0 {})", nested("(- ", "1", NESTING_MAX - 3));
-    check(domain(&expression), true);
+    for (inner, is_ok) in [("1", true), ("(f)", false), ("f", false)] {
+        let expression = format!("(= 0 {})", nested("(- ", inner, NESTING_MAX - 3));
+        check(domain(&expression), is_ok);
+    }
 }
 
 #[test]
