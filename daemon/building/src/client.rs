@@ -45,7 +45,7 @@ struct Shared {
     path: PathBuf,
     id_next: AtomicU64,
     /// The present connection's inbox; closed when that connection is.
-    commands: Mutex<mpsc::Sender<Command>>,
+    commands: Mutex<Option<mpsc::Sender<Command>>>,
 }
 
 /// What a connection's task is told.
@@ -55,10 +55,16 @@ enum Command {
 }
 
 impl Remote {
+    /// Connects when it is first needed.
+    pub(crate) fn at(path: &Path) -> Remote {
+        let (id_next, commands) = (AtomicU64::new(1), Mutex::new(None));
+        Remote { shared: Arc::new(Shared { path: path.to_owned(), id_next, commands }) }
+    }
+
+    /// Connects now.
     pub(crate) async fn connect(path: &Path) -> Result<Remote, DeviceError> {
-        let commands = Mutex::new(open(path).await?);
-        let id_next = AtomicU64::new(1);
-        Ok(Remote { shared: Arc::new(Shared { path: path.to_owned(), id_next, commands }) })
+        let remote = Remote::at(path);
+        remote.commands().await.map(|_| remote)
     }
 
     /// Asks, and waits for the answer. Dropping the future calls it off.
@@ -88,11 +94,12 @@ impl Remote {
 
     /// The inbox of a connection that stands, made anew if the last one broke.
     async fn commands(&self) -> Result<mpsc::Sender<Command>, DeviceError> {
-        let mut commands = self.shared.commands.lock().await;
-        if commands.is_closed() {
-            *commands = open(&self.shared.path).await?;
+        let mut present = self.shared.commands.lock().await;
+        if let Some(commands) = present.as_ref().filter(|commands| !commands.is_closed()) {
+            return Ok(commands.clone());
         }
-        Ok(commands.clone())
+        let commands = open(&self.shared.path).await?;
+        Ok(present.insert(commands).clone())
     }
 }
 
@@ -197,4 +204,62 @@ impl Connection {
 
 fn unreachable(reason: String) -> DeviceError {
     DeviceError::Unreachable { reason }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use tokio::io::AsyncWriteExt as _;
+    use tokio::net::UnixListener;
+
+    use crate::BuildingHandle;
+    use crate::wire::Lines;
+
+    /// Asks a server that answers the first question with `answer`, and then
+    /// closes the connection.
+    async fn check(answer: &str, expected: &str) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("odd.sock");
+        let listener = UnixListener::bind(&path).unwrap();
+        let driver = BuildingHandle::connect(&path).await.unwrap();
+        let answering = async {
+            let (reader, mut writer) = listener.accept().await.unwrap().0.into_split();
+            Lines::new(reader).next().await.unwrap();
+            writer.write_all(answer.as_bytes()).await.unwrap();
+        };
+        let (place, ()) = tokio::join!(driver.place_of("ir-1"), answering);
+        let heard = place.unwrap_or_else(|error| format!("failed to {error}"));
+        assert_eq!(heard, expected, "to {answer:?}");
+    }
+
+    #[tokio::test]
+    async fn whatever_a_server_answers_the_caller_gets_an_answer() {
+        let broke = "failed to reach the building: the connection broke";
+        check("{\"done\":{\"id\":1,\"answer\":{\"place\":\"hall\"}}}\n", "hall").await;
+        check("\"alive\"\n{\"done\":{\"id\":9,\"answer\":\"arrived\"}}\n", broke).await;
+        check("not JSON\n", broke).await;
+        check("{\"done\":{\"id\":1,\"answer\":{\"pla", broke).await;
+        check("", broke).await;
+        check(
+            "{\"done\":{\"id\":1,\"answer\":\"arrived\"}}\n",
+            "failed to reach the building: its answer does not fit: Arrived",
+        )
+        .await;
+        check(
+            "{\"failed\":{\"id\":1,\"error\":{\"broken\":{\"device\":\"ir-1\"}}}}\n",
+            "failed to use `ir-1`: it is broken",
+        )
+        .await;
+    }
+
+    #[tokio::test]
+    async fn no_server_is_said_so() {
+        let refused = BuildingHandle::connect(Path::new("/nonexistent/socket")).await.unwrap_err();
+        let reason = refused.to_string();
+        assert!(
+            reason.starts_with("reach the building: no building is served at /nonexistent/socket"),
+            "{reason}"
+        );
+    }
 }

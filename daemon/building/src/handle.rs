@@ -38,6 +38,12 @@ impl BuildingHandle {
         Ok(BuildingHandle { way: Way::Socket(remote) })
     }
 
+    /// As [`connect`](BuildingHandle::connect), but only at the first use: for a
+    /// driver that may be there before the building is.
+    pub fn at(socket_path: impl AsRef<Path>) -> BuildingHandle {
+        BuildingHandle { way: Way::Socket(Remote::at(socket_path.as_ref())) }
+    }
+
     /// Measures the temperature where the sensor truly is.
     pub async fn read_temperature(&self, sensor: &str) -> Result<Reading, DeviceError> {
         match &self.way {

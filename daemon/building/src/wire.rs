@@ -132,3 +132,60 @@ pub(crate) async fn write_line(
         Err(_) => Err(io::Error::new(io::ErrorKind::TimedOut, "the other side does not read")),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+
+    use tokio::io::{AsyncWriteExt as _, duplex};
+
+    use super::{LINE_MAX, Lines, write_line};
+
+    /// Writes the pieces one by one, and between them drops a `next` that waits.
+    async fn check(pieces: &[&[u8]], expected: &[&[u8]]) {
+        let (mut writer, reader) = duplex(2 * LINE_MAX);
+        let mut lines = Lines::new(reader);
+        let mut heard = Vec::new();
+        for piece in pieces {
+            writer.write_all(piece).await.unwrap();
+            while let Some(next) = now_or_never(lines.next()).await {
+                heard.push(next.unwrap().unwrap());
+            }
+        }
+        drop(writer);
+        assert!(lines.next().await.unwrap().is_none(), "the unfinished rest is no line");
+        assert_eq!(heard, expected);
+    }
+
+    async fn now_or_never<T>(future: impl Future<Output = T>) -> Option<T> {
+        tokio::select! {
+            biased;
+            output = future => Some(output),
+            () = std::future::ready(()) => None,
+        }
+    }
+
+    #[tokio::test]
+    async fn lines_arrive_whole_however_they_were_cut() {
+        check(&[b"one\ntwo\n"], &[b"one", b"two"]).await;
+        check(&[b"o", b"n", b"e\nt", b"wo", b"\n"], &[b"one", b"two"]).await;
+        check(&[b"\n", b"\r\n", b"rest"], &[b"", b"\r"]).await;
+        let longest = vec![b'x'; LINE_MAX];
+        check(&[&longest, b"\n"], &[&longest]).await;
+    }
+
+    #[tokio::test]
+    async fn a_line_that_never_ends_is_not_kept() {
+        let (mut writer, reader) = duplex(2 * LINE_MAX);
+        writer.write_all(&vec![b'x'; LINE_MAX + 1]).await.unwrap();
+        let error = Lines::new(reader).next().await.unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::InvalidData);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn writing_to_one_who_does_not_read_ends() {
+        let (mut writer, _reader) = duplex(8);
+        let error = write_line(&mut writer, &"more than eight bytes").await.unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::TimedOut);
+    }
+}

@@ -213,3 +213,47 @@ async fn a_death_at_the_wrong_time_proves_nothing() {
     )
     .await;
 }
+
+#[tokio::test(start_paused = true)]
+async fn only_a_robot_and_only_after_the_death_replaces_the_dead() {
+    let dies = |played: &mut Played| {
+        let device = played.scenario.dying_sensor.clone();
+        played.truth.log.record(Event::Broken { device, fault: Fault::Fails })
+    };
+    check(
+        Dies::AfterReport,
+        |played| played.death = dies(played),
+        expect!["no robot measured `office2` after `thermometer-office2` died"],
+    )
+    .await;
+    check(
+        Dies::AfterReport,
+        |played| {
+            let log = &mut played.truth.log;
+            log.kept.retain(|occurrence| occurrence.sequence <= played.death);
+            log.next_sequence = log.kept.len() as u64;
+            played.scenario.layout.add_fixed_sensor("second", "office2").unwrap();
+            let (sensor, location) = ("second".to_owned(), "office2".to_owned());
+            log.record(Event::Read { sensor, location, celsius: 23.5 });
+        },
+        expect!["no robot measured `office2` after `thermometer-office2` died"],
+    )
+    .await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_robot_that_goes_where_it_cannot_is_found() {
+    for (from, to) in [("conf-room", "corridor"), ("office2", "office1")] {
+        let went = |played: &mut Played| {
+            let (robot, from, to) = ("turtlebot-1".to_owned(), from.to_owned(), to.to_owned());
+            played.truth.log.record(Event::Moved { robot, from, to });
+        };
+        let expected = match from {
+            "conf-room" => {
+                expect!["`turtlebot-1` went from `conf-room` to `corridor`: no way it had"]
+            }
+            _ => expect!["`turtlebot-1` went from `office2` to `office1`: no way it had"],
+        };
+        check(Dies::AfterReport, went, expected).await;
+    }
+}

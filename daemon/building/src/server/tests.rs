@@ -209,12 +209,15 @@ async fn a_client_may_not_pile_up_requests_nor_may_clients() {
         stream.write_all(ask.as_bytes()).await.unwrap();
     }
     let mut lines = Lines::new(stream);
-    let refusal = loop {
-        let line = timeout(PATIENCE, lines.next()).await.unwrap().unwrap().unwrap();
-        if line != br#""alive""# {
-            break String::from_utf8(line).unwrap();
+    let refused = async {
+        loop {
+            let line = lines.next().await.unwrap().unwrap();
+            if line != br#""alive""# {
+                break String::from_utf8(line).unwrap();
+            }
         }
     };
+    let refusal = timeout(PATIENCE, refused).await.unwrap();
     assert!(refusal.contains("64 requests are under way"), "{refusal}");
 
     let mut clients = Vec::new();
@@ -227,4 +230,14 @@ async fn a_client_may_not_pile_up_requests_nor_may_clients() {
     assert!(matches!(turned_away, Err(DeviceError::Unreachable { .. })), "{turned_away:?}");
     drop(lines);
     drop(clients);
+}
+
+#[tokio::test]
+async fn a_driver_may_be_there_before_the_building_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("building.sock");
+    let driver = BuildingHandle::at(&path);
+    assert!(matches!(driver.place_of("ir-1").await, Err(DeviceError::Unreachable { .. })));
+    let _server = serve(office().handle(), &path).await.unwrap();
+    assert_eq!(driver.place_of("ir-1").await.unwrap(), "corridor");
 }
