@@ -31,10 +31,16 @@ const KEEP_ALIVES: u32 = 4;
 const BATCHES_MAX: u32 = 16;
 
 /// First and longest pause between attempts to connect. Daemons of one building start together,
-/// and the first attempt often comes before the other listens.
-const RECONNECT_FIRST_MS: u32 = 100;
+/// so the first attempt often comes before the other listens.
+const RECONNECT_FIRST_MS: u32 = 250;
 const RECONNECT_LAST_MS: u32 = 4_000;
 const _: () = assert!(RECONNECT_FIRST_MS < RECONNECT_LAST_MS);
+
+/// What a Zenoh router takes to recompute its routes (its `TREES_COMPUTATION_DELAY_MS`). A router
+/// that comes within this time after another has left can be given the leaver's place in the
+/// graph, where it is not told who is here: so nobody is sought again as early as that.
+const ROUTES_MS: u32 = 100;
+const _: () = assert!(RECONNECT_FIRST_MS > 2 * ROUTES_MS);
 
 /// What a session is opened with. Plain data: cloning it opens nothing.
 #[derive(Clone, Debug)]

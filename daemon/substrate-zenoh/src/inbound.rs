@@ -1,4 +1,4 @@
-//! What Zenoh's threads call: reads the key, and hands over to [`Inbound`].
+//! Messages that come: reads the key, and hands over to [`Inbound`].
 //!
 //! Zenoh calls on its receiving threads (or, for what this daemon sends itself, on the sender's);
 //! one that blocks stops the whole session. Nothing here blocks, waits or calls back into the
@@ -8,7 +8,7 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use substrate::{Delivery, Inbound, Presence};
+use substrate::{Delivery, Inbound};
 use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
 use zenoh::sample::{Sample, SampleKind};
@@ -17,22 +17,14 @@ use zenoh::{Session, Wait};
 use crate::config::OpenError;
 use crate::key_expr::Keys;
 
-/// Declares what a daemon hears: its inbox, the broadcasts, the models, and who is present.
-///
-/// Presence comes last: whoever sees one of our agents can already reach it.
+/// Declares what a daemon hears: its inbox, the broadcasts and the models.
 pub(crate) fn declare(
     session: &Session,
     keys: &Keys,
     inbound: &Arc<dyn Inbound>,
 ) -> Result<(), OpenError> {
-    for key_expr in [keys.inbox(), keys.every_broadcast(), keys.every_model()] {
-        declare_subscriber(session, keys, inbound, &key_expr)?;
-    }
-    let (key_expr, keys, inbound) = (keys.everyone_alive(), keys.clone(), Arc::clone(inbound));
-    let presence = move |sample: Sample| presence(&keys, &*inbound, &sample);
-    let liveliness = session.liveliness();
-    let subscriber = liveliness.declare_subscriber(&key_expr).history(true).callback(presence);
-    subscriber.background().wait().map_err(|source| undeclared("liveliness", &key_expr, source))
+    let heard = [keys.inbox(), keys.every_broadcast(), keys.every_model()];
+    heard.iter().try_for_each(|key_expr| declare_subscriber(session, keys, inbound, key_expr))
 }
 
 fn declare_subscriber(
@@ -58,15 +50,6 @@ fn deliver(keys: &Keys, inbound: &dyn Inbound, sample: &Sample) {
             inbound.deliver(Delivery { addressed, payload: into_bytes(sample.payload()) });
         }
         _ => tracing::debug!(key, "ignored a message whose key says nothing to us"),
-    }
-}
-
-fn presence(keys: &Keys, inbound: &dyn Inbound, sample: &Sample) {
-    let key = sample.key_expr().as_str();
-    match (keys.resident(key), sample.kind()) {
-        (Some(resident), SampleKind::Put) => inbound.presence(Presence::Joined(resident)),
-        (Some(resident), SampleKind::Delete) => inbound.presence(Presence::Left(resident)),
-        (None, _) => tracing::debug!(key, "ignored a liveliness token that names nobody"),
     }
 }
 

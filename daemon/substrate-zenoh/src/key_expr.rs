@@ -11,6 +11,9 @@ use zenoh::key_expr::KeyExpr;
 /// The last chunk of a receipt's key, where a message has its performative.
 const RECEIPT: &str = "receipt";
 
+/// The last chunk of a probe's key, where a question has its resource.
+const REACH: &str = "reach";
+
 /// The selector parameter that names the agent a question is about.
 pub(crate) const AGENT_PARAMETER: &str = "agent";
 
@@ -27,6 +30,11 @@ pub(crate) struct Keys {
 impl Keys {
     pub(crate) fn new(ecosystem: &EcosystemId, daemon: DaemonId) -> Keys {
         Keys { root: format!("althing/{ecosystem}"), daemon }
+    }
+
+    /// This daemon.
+    pub(crate) fn daemon(&self) -> &DaemonId {
+        &self.daemon
     }
 
     /// `in/{daemon}/{agent}/{performative}`: to one agent.
@@ -56,6 +64,11 @@ impl Keys {
     /// `at/{daemon}/{what}`: a resource of this daemon.
     pub(crate) fn at(&self, resource: Resource) -> KeyExpr<'static> {
         self.under(&["at", self.daemon.as_str(), resource.as_str()])
+    }
+
+    /// `at/{daemon}/reach`: the probe whether a daemon can be reached, which it answers itself.
+    pub(crate) fn reach(&self, daemon: &DaemonId) -> KeyExpr<'static> {
+        self.under(&["at", daemon.as_str(), REACH])
     }
 
     /// Everything sent to agents of this daemon.
@@ -188,6 +201,7 @@ mod tests {
             (keys.alive(&robot, Incarnation(7)), "alive/pi/robot/7"),
             (keys.model(&robot), "model/pi/robot"),
             (keys.at(Resource::Goals), "at/pi/goals"),
+            (keys.reach(&daemon("x")), "at/x/reach"),
             (keys.inbox(), "in/pi/**"),
             (keys.asked(None, Resource::State, Some(&robot)), "at/*/state"),
             (keys.asked(None, Resource::Model, None), "model/*/*"),

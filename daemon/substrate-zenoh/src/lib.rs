@@ -17,6 +17,7 @@ mod config;
 mod endpoint;
 mod inbound;
 mod key_expr;
+mod presence;
 mod publishers;
 mod questions;
 mod session;

@@ -102,8 +102,11 @@ fn hear(answers: &mpsc::Sender<Bytes>, reply: &Reply) {
 // === impl Answering ===
 
 impl Answering {
-    /// Passes on a query for resources; a wildcard may ask for several.
+    /// Passes on a query for resources; a wildcard may ask for several. A probe is answered here.
     fn resources(&self, query: &Query) {
+        if *query.key_expr() == self.keys.reach(self.keys.daemon()) {
+            return reply(query, query.key_expr(), Bytes::new());
+        }
         let Ok(agent) = agent(query.parameters()) else {
             return tracing::debug!(selector = %query.selector(), "ignored a malformed question");
         };
@@ -134,12 +137,14 @@ impl Answering {
         key_expr: KeyExpr<'static>,
     ) {
         let query = query.clone();
-        let answer = Arc::new(move |payload: Bytes| {
-            if let Err(error) = query.reply(&key_expr, payload).wait() {
-                tracing::debug!(key = key_expr.as_str(), %error, "an answer was not sent");
-            }
-        });
+        let answer = Arc::new(move |payload| reply(&query, &key_expr, payload));
         self.inbound.question(Question { resource, agent, answer });
+    }
+}
+
+fn reply(query: &Query, key_expr: &KeyExpr, payload: Bytes) {
+    if let Err(error) = query.reply(key_expr, payload).wait() {
+        tracing::debug!(key = key_expr.as_str(), %error, "an answer was not sent");
     }
 }
 

@@ -12,10 +12,10 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Session, Wait};
 
 use crate::config::{OpenError, Settings};
-use crate::inbound;
 use crate::key_expr::Keys;
 use crate::publishers::{Cache, PUBLISHERS_MAX};
 use crate::questions::{self, Residents};
+use crate::{inbound, presence};
 
 /// A daemon's end of the wire. Dropping the last handle closes it.
 pub struct ZenohSubstrate {
@@ -23,7 +23,7 @@ pub struct ZenohSubstrate {
     residents: Residents,
     /// Before the session: they are undeclared while it is still open.
     publishers: Cache<Route, Publisher<'static>>,
-    session: Session,
+    session: Arc<Session>,
 }
 
 /// Where a message goes: one declared publisher each.
@@ -49,10 +49,12 @@ impl ZenohSubstrate {
             connect,
             source,
         })?;
+        let session = Arc::new(session);
         let keys = Keys::new(ecosystem, daemon);
         let residents = Residents::default();
         questions::declare(&session, &keys, &residents, &inbound)?;
         inbound::declare(&session, &keys, &inbound)?;
+        presence::declare(&session, &keys, &inbound)?;
         let publishers = Cache::new(PUBLISHERS_MAX);
         Ok(Arc::new(ZenohSubstrate { keys, residents, publishers, session }))
     }
@@ -143,7 +145,7 @@ impl Substrate for ZenohSubstrate {
 
     fn close(&self) -> BoxFuture<()> {
         self.publishers.clear();
-        let session = self.session.clone();
+        let session = Session::clone(&self.session);
         Box::pin(async move {
             if let Err(error) = session.close().await {
                 tracing::debug!(%error, "the session was not closed in order");

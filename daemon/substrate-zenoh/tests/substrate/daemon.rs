@@ -13,7 +13,7 @@ use substrate_zenoh::{Config, Mode, ZenohSubstrate};
 use tokio::sync::mpsc;
 
 /// Far more than anything here takes; a test that reaches it has failed.
-pub(crate) const DEADLINE: Duration = Duration::from_secs(20);
+pub(crate) const DEADLINE: Duration = Duration::from_secs(10);
 
 pub(crate) const HERE: &str = "tcp/127.0.0.1:0";
 

@@ -99,10 +99,9 @@ async fn two_ecosystems_on_one_router_do_not_hear_each_other() {
     b.request("a", "x", "from home");
     b.request("b", "x", "at home");
     c.hear("joined x@a").await;
-    let mut heard = a.hear("joined x@c").await;
     c.request("b", "x", "to home");
     c.request("a", "x", "in the office");
-    heard.extend(a.hear("to x request: in the office").await);
+    let heard = a.hear("to x request: in the office").await;
     assert!(heard.iter().all(|line| !line.contains("home") && !line.contains("@b")), "{heard:?}");
     assert_eq!(b.hear("to x request: at home").await, ["to x request: at home"]);
 }
