@@ -15,6 +15,8 @@ use pddl::{
     Typed,
 };
 
+use crate::digest;
+
 /// The symbols a schema uses.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Uses {
@@ -34,8 +36,13 @@ pub(crate) struct Uses {
     pub(crate) unbound: BTreeSet<Name>,
 }
 
-/// A canonical text, shared by all who compare by it.
-pub(crate) type Key = Arc<str>;
+/// A canonical text, shared by all who compare by it. Ordered by its digest first: texts of
+/// one action that differ differ late, and are compared often.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Key {
+    digest: u64,
+    text: Arc<str>,
+}
 
 /// The canonical text of an action, without its name, and what it uses.
 pub(crate) fn action(schema: &ActionSchema) -> (Key, Uses) {
@@ -64,7 +71,7 @@ pub(crate) fn signature<'a>(types: impl IntoIterator<Item = &'a TypeExpr>) -> Ke
     for ty in types {
         write_type(&mut text, ty);
     }
-    Key::from(text)
+    Key::new(&text)
 }
 
 fn write_type(text: &mut String, ty: &TypeExpr) {
@@ -88,11 +95,19 @@ struct Scribe {
     uses: Uses,
 }
 
+// === impl Key ===
+
+impl Key {
+    fn new(text: &str) -> Key {
+        Key { digest: digest::of_text(text), text: Arc::from(text) }
+    }
+}
+
 // === impl Scribe ===
 
 impl Scribe {
     fn finish(self) -> (Key, Uses) {
-        (Key::from(self.text), self.uses)
+        (Key::new(&self.text), self.uses)
     }
 
     /// Writes the types of `variables` and leaves them bound.

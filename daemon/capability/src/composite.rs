@@ -38,6 +38,13 @@ pub(crate) struct Offered {
     pub(crate) guard: Name,
 }
 
+/// Who offers what, while it is being gathered.
+#[derive(Debug, Default)]
+pub(crate) struct Offers {
+    by_agent: BTreeMap<AgentId, Vec<Offered>>,
+    qualified: BTreeMap<Name, Name>,
+}
+
 /// What the owners of facts keep to themselves.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Secrets {
@@ -52,16 +59,16 @@ pub(crate) struct Secrets {
 // === impl Composite ===
 
 impl Composite {
-    /// A composite in which nobody offers anything yet.
     pub(crate) fn new(
         domain: Domain,
         vocabulary: Vocabulary,
         objects: Vec<ObjectDeclaration>,
+        offers: Offers,
         secrets: Secrets,
     ) -> Composite {
-        let (offers, qualified) = (BTreeMap::new(), BTreeMap::new());
         let (domain, digest) = (Arc::new(domain), OnceLock::new());
-        Composite { domain, digest, vocabulary, objects, offers, qualified, secrets }
+        let Offers { by_agent, qualified } = offers;
+        Composite { domain, digest, vocabulary, objects, offers: by_agent, qualified, secrets }
     }
 
     /// Digest of the domain's text; computed once, when somebody asks.
@@ -82,6 +89,20 @@ impl Composite {
             && self.objects == other.objects
             && self.offers == other.offers
             && self.qualified == other.qualified
+    }
+}
+
+// === impl Offers ===
+
+impl Offers {
+    pub(crate) fn add(&mut self, offered: &Offered, offerers: &[&AgentId]) {
+        let Offered { outside, inside, guard: _ } = offered;
+        if inside != outside {
+            self.qualified.insert(inside.clone(), outside.clone());
+        }
+        for offerer in offerers {
+            self.by_agent.entry((*offerer).clone()).or_default().push(offered.clone());
+        }
     }
 }
 

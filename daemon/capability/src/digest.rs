@@ -10,7 +10,12 @@ const PRIME: u64 = 0x0000_0100_0000_01b3;
 
 /// The digest of a text: 16 hexadecimal digits.
 pub fn text_digest(text: &str) -> String {
-    hex(fold(OFFSET, text.as_bytes()))
+    hex(of_text(text))
+}
+
+/// The digest of a text, as a number.
+pub(crate) fn of_text(text: &str) -> u64 {
+    fold(OFFSET, text.as_bytes())
 }
 
 /// The digest of an action model's text and its methods: what heartbeats carry.

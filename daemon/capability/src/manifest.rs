@@ -191,7 +191,7 @@ impl Manifest {
             let Declaration { subject, signature, .. } = &declaration;
             match first.get(subject) {
                 None => {
-                    first.insert(subject.clone(), Key::clone(signature));
+                    first.insert(subject.clone(), signature.clone());
                     self.declarations.push(declaration);
                 }
                 Some(earlier) if earlier == signature => (),

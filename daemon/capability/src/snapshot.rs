@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use acl::AgentId;
-use acl::content::Methods;
-use pddl::{Condition, Domain, Metric, Name, PlanStep, Problem};
+use acl::content::{self, Methods, Offer, Offers};
+use pddl::{Atom, Condition, Domain, InitElement, Metric, Name, PlanStep, Problem};
 
 use crate::composite::Composite;
 
@@ -67,5 +67,45 @@ impl Snapshot {
     pub fn outside(&self, step: &PlanStep) -> PlanStep {
         let action = self.qualified.get(&step.action).unwrap_or(&step.action);
         PlanStep { action: action.clone(), ..step.clone() }
+    }
+
+    /// Who offers what: of those who can act now, every action under its agent's name for it.
+    pub fn offers(&self) -> Offers {
+        let can_act = |guard: &Atom| {
+            self.problem
+                .init
+                .iter()
+                .any(|element| matches!(element, InitElement::Atom(atom) if atom == guard))
+        };
+        let mut offers = Offers::new();
+        for (agent, offered) in &self.composite.offers {
+            let methods = self.methods.get(agent);
+            for action in offered {
+                let guard = action.guard_fact(agent);
+                if !can_act(&guard) {
+                    continue;
+                }
+                let outside = action.outside.as_str().to_owned();
+                let offer = Offer {
+                    inside: action.inside.as_str().to_owned(),
+                    guard: guard.to_string(),
+                    method: methods.and_then(|methods| methods.get(&outside)).cloned(),
+                };
+                offers.entry(agent.clone()).or_default().insert(outside, offer);
+            }
+        }
+        offers
+    }
+
+    /// As it travels, with its texts.
+    pub fn to_content(&self) -> content::Snapshot {
+        content::Snapshot {
+            epoch: self.epoch,
+            revision: self.revision,
+            domain: self.domain.to_string(),
+            digest: self.digest().to_owned(),
+            problem: self.problem.to_string(),
+            offers: self.offers(),
+        }
     }
 }

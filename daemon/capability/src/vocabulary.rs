@@ -30,6 +30,11 @@ pub(crate) struct Vocabulary {
 // === impl Vocabulary ===
 
 impl Vocabulary {
+    /// Whether a predicate or a function has this name.
+    pub(crate) fn declares(&self, name: &Name) -> bool {
+        self.predicates.contains_key(name) || self.functions.contains_key(name)
+    }
+
     /// Why a schema with these uses cannot stand in the domain, if it cannot.
     pub(crate) fn misfit(&self, uses: &Uses) -> Option<String> {
         let Uses { predicates, functions, types, objects, changed, assigned: _, unbound } = uses;

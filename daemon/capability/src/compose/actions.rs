@@ -64,6 +64,9 @@ fn differs_from_ontology(ours: &BTreeMap<&Name, &Offer>, offer: &Offer) -> Optio
 }
 
 fn lost_declaration(party: &Party<'_>, offer: &Offer, report: &Report<'_>) -> Option<String> {
+    if report.lost.is_empty() {
+        return None;
+    }
     let Uses { predicates, functions, types, objects, .. } = &offer.uses;
     let used = predicates
         .iter()

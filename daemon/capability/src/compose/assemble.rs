@@ -1,7 +1,6 @@
 //! Writing the domain: the ontology first, then what agents add, in the order of names.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
 
 use pddl::{
     ActionSchema, Atom, Condition, Domain, Name, ObjectDeclaration, PredicateDeclaration, Privacy,
@@ -12,10 +11,9 @@ use super::actions::{Schema, Schemas};
 use super::declarations::{Kept, Standing};
 use super::{Party, Shared};
 use crate::canonical::Key;
-use crate::composite::{Composite, Offered, Secrets};
+use crate::composite::{Composite, Offered, Offers, Secrets};
 use crate::manifest::Item;
 use crate::names::unique;
-use crate::vocabulary::Signature;
 
 pub(super) fn assemble(
     shared: &Shared,
@@ -36,15 +34,25 @@ pub(super) fn assemble(
     }
     domain.derived.extend(standing.axioms.iter().map(|axiom| axiom.tree.clone()));
     let objects = name_constants(&mut domain, objects, &standing, schemas);
-    let Standing { vocabulary, .. } = standing;
-    let mut composite = Composite::new(domain, vocabulary, objects, secrets);
-    let mut actions: Vec<(&Name, &Name, &Schema<'_>)> =
-        schemas.iter().filter_map(|(at, schema)| Some((inside.get(at)?, at.0, schema))).collect();
-    actions.sort_by_key(|(inside, ..)| *inside);
-    for (inside, outside, schema) in actions {
-        offer(&mut composite, inside, outside, schema);
+    let vocabulary = standing.vocabulary;
+    let (mut offers, mut guards) = (Offers::default(), BTreeSet::new());
+    for (inside, (outside, schema)) in by_name_inside(schemas, inside) {
+        let guard = unique(&format!("offers-{inside}"), |name| {
+            guards.contains(name) || vocabulary.declares(name)
+        });
+        guards.insert(guard.clone());
+        write(&mut domain, inside, &guard, schema);
+        let (outside, inside) = (outside.clone(), inside.clone());
+        offers.add(&Offered { outside, inside, guard }, &schema.offerers);
     }
-    composite
+    Composite::new(domain, vocabulary, objects, offers, secrets)
+}
+
+fn by_name_inside<'a>(
+    schemas: &'a Schemas<'a>,
+    inside: &'a BTreeMap<(&Name, &Key), Name>,
+) -> BTreeMap<&'a Name, (&'a Name, &'a Schema<'a>)> {
+    { schemas.iter() }.filter_map(|(at, schema)| Some((inside.get(at)?, (at.0, schema)))).collect()
 }
 
 /// Requirements are gathered: the ontology's as they are, then the agents' by name.
@@ -95,18 +103,10 @@ fn name_constants(
     objects
 }
 
-/// Adds a schema under its name inside, guarded so that it is grounded for its offerers only.
-fn offer(composite: &mut Composite, inside: &Name, outside: &Name, schema: &Schema<'_>) {
-    let Some(agent) = &schema.tree.agent else { return };
-    // Not shared yet, so this clones nothing.
-    let domain = Arc::make_mut(&mut composite.domain);
-    let vocabulary = &mut composite.vocabulary;
-    let guard = unique(&format!("offers-{inside}"), |name| {
-        vocabulary.predicates.contains_key(name) || vocabulary.functions.contains_key(name)
-    });
-    // Nobody can claim it: it is as if derived.
-    let signature = Signature { parameters: vec![agent.ty.clone()], derived: true };
-    vocabulary.predicates.insert(guard.clone(), signature);
+/// Writes a schema under its name inside, guarded so that it is grounded for its offerers only.
+fn write(domain: &mut Domain, inside: &Name, guard: &Name, schema: &Schema<'_>) {
+    let ActionSchema { name: _, agent, parameters, precondition, effect, span } = &**schema.tree;
+    let Some(agent) = agent else { return };
     domain.predicates.push(PredicateDeclaration {
         name: guard.clone(),
         parameters: vec![agent.clone()],
@@ -114,17 +114,12 @@ fn offer(composite: &mut Composite, inside: &Name, outside: &Name, schema: &Sche
     });
     domain.actions.push(ActionSchema {
         name: inside.clone(),
-        precondition: guarded(&guard, agent, &schema.tree.precondition),
-        ..ActionSchema::clone(schema.tree)
+        agent: Some(agent.clone()),
+        parameters: parameters.clone(),
+        precondition: guarded(guard, agent, precondition),
+        effect: effect.clone(),
+        span: *span,
     });
-    if inside != outside {
-        composite.qualified.insert(inside.clone(), outside.clone());
-    }
-    for offerer in &schema.offerers {
-        let (outside, inside, guard) = (outside.clone(), inside.clone(), guard.clone());
-        let offered = Offered { outside, inside, guard };
-        composite.offers.entry((*offerer).clone()).or_default().push(offered);
-    }
 }
 
 fn guarded(guard: &Name, agent: &Typed, precondition: &Condition) -> Condition {

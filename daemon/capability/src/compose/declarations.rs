@@ -73,8 +73,8 @@ fn words_of<'a>(parties: &[Party<'a>]) -> BTreeMap<&'a Subject, Vec<Word<'a>>> {
 }
 
 fn variant_of(declaration: &Declaration) -> Variant {
-    let axioms = declaration.axioms.iter().map(|axiom| Key::clone(&axiom.key)).collect();
-    (Key::clone(&declaration.signature), axioms)
+    let axioms = declaration.axioms.iter().map(|axiom| axiom.key.clone()).collect();
+    (declaration.signature.clone(), axioms)
 }
 
 fn yield_to_ontology(declared: &Declaration, words: &[Word<'_>], report: &mut Report<'_>) {

@@ -34,7 +34,7 @@ fn check(order: &[String], reference: &Office, office: Office) -> Result<(), Tes
 
 /// Seeds are not kept in files: a failure prints its case, which becomes a test of its own.
 fn config() -> ProptestConfig {
-    ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }
+    ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() }
 }
 
 proptest! {
