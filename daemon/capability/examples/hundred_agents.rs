@@ -17,6 +17,7 @@ const ONTOLOGY: &str = "(define (domain building) (:types place robot)
 
 fn main() {
     measure("a hundred equal agents", |_| 0);
+    measure("a hundred agents of ten kinds, all actions of one name unlike", |agent| agent % 10);
     measure("a hundred agents, no two actions alike", |agent| agent);
 }
 

@@ -301,3 +301,67 @@ fn flatten_effect<'a>(effect: &'a Effect, parts: &mut Vec<&'a Effect>) {
         other => parts.push(other),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    /// Whether two actions, each without its name, are one.
+    #[track_caller]
+    fn check(one: &str, two: &str, expected: bool) {
+        let key = |rest: &str| {
+            let text = format!("(define (domain d) (:action a {rest}))");
+            let domain = pddl::parse_domain(&text).into_result().expect("an action");
+            super::action(&domain.actions[0]).0
+        };
+        assert_eq!(key(one) == key(two), expected, "{one}\n{two}");
+    }
+
+    #[test]
+    fn variables_have_no_names() {
+        check(
+            ":agent ?a - t :parameters (?x ?y) :precondition (p ?x ?a) :effect (q ?y)",
+            ":agent ?y - T :parameters (?a - object ?x) :precondition (P ?a ?y) :effect (q ?x)",
+            true,
+        );
+        check(":parameters (?x ?y) :effect (q ?x)", ":parameters (?y ?x) :effect (q ?x)", false);
+        // An inner variable hides an outer one of its name, and ends with its quantifier.
+        check(
+            ":parameters (?x) :precondition (and (exists (?x) (p ?x)) (q ?x))",
+            ":parameters (?x) :precondition (and (exists (?y) (p ?y)) (q ?x))",
+            true,
+        );
+        check(
+            ":parameters (?x) :precondition (exists (?x) (p ?x))",
+            ":parameters (?x) :precondition (exists (?y) (p ?x))",
+            false,
+        );
+    }
+
+    #[test]
+    fn conjunctions_are_flat() {
+        check(":effect (and (and (p)) (and) (q))", ":effect (and (p) (q))", true);
+        check(":precondition (and (p)) :effect (and (q))", ":precondition (p) :effect (q)", true);
+        check(":precondition () :effect (q)", ":effect (q)", true);
+        check(":precondition (or (p) (and))", ":precondition (or (p))", false);
+    }
+
+    #[test]
+    fn everything_else_counts() {
+        check(":effect (increase (c) 1)", ":effect (increase (c) 1.0)", true);
+        for (one, two) in [
+            (":effect (increase (c) 1)", ":effect (increase (c) 2)"),
+            (":effect (increase (c) 1)", ":effect (decrease (c) 1)"),
+            (":precondition (< (c) (+ (d) 1))", ":precondition (< (c) (- (d) 1))"),
+            (":precondition (< (c) 1)", ":precondition (<= (c) 1)"),
+            (":precondition (= a b)", ":precondition (= b a)"),
+            (":effect (p)", ":effect (not (p))"),
+            (":effect (when (p) (q))", ":effect (when (q) (p))"),
+            (":precondition (forall (?x) (p ?x))", ":precondition (exists (?x) (p ?x))"),
+            (":agent ?x - t :parameters (?y)", ":agent ?x - t :parameters (?y - t)"),
+            (":agent ?x - t", ":parameters (?x - t)"),
+            (":parameters (?x - (either s t))", ":parameters (?x - s)"),
+        ] {
+            check(one, two, false);
+        }
+        check(":parameters (?x - (either s t))", ":parameters (?x - (either t s))", true);
+    }
+}

@@ -31,5 +31,8 @@ pub const OWNERS_MAX: usize = 2 * AGENTS_MAX;
 /// known as such. The ones that started longest ago are forgotten first.
 pub const FORMER_MAX: usize = 4 * AGENTS_MAX;
 
+/// Actions taken off by request: all actions of thirty agents, one by one.
+pub const WITHHELD_MAX: usize = 4_096;
+
 const _: () = assert!(FORMER_MAX >= AGENTS_MAX, "all agents may leave at once");
 const _: () = assert!(OBJECTS_PER_AGENT_MAX <= FACTS_PER_OWNER_MAX, "each object has a place");

@@ -24,6 +24,7 @@ use crate::conflict::Conflict;
 use crate::declined::Declined;
 use crate::fact::Owner;
 use crate::inputs::Announcement;
+use crate::limits;
 use crate::manifest::Manifest;
 use crate::moment::Moment;
 use crate::roster::{Member, Roster};
@@ -52,6 +53,9 @@ pub struct Admission {
 }
 
 /// The state machine.
+///
+/// Two maintainers that were told the same in another order agree, except on which of two
+/// agents that contradict each other is believed: the one that came first to each.
 #[derive(Clone, Debug)]
 pub struct Maintainer {
     shared: Shared,
@@ -195,9 +199,10 @@ impl Maintainer {
     }
 
     /// The actuator carries `agent` from now on: its whole model is known, and its actions can
-    /// be planned with. Of [`Scope::Everything`] this changes nothing.
+    /// be planned with. Of [`Scope::Everything`] this changes nothing, and more than
+    /// [`AGENTS_MAX`](limits::AGENTS_MAX) nobody carries.
     pub fn carry(&mut self, agent: AgentId, now: Moment) -> Change {
-        if self.carried.insert(agent) {
+        if self.carried.len() < limits::AGENTS_MAX && self.carried.insert(agent) {
             self.recompose();
         }
         self.conclude(now)
@@ -213,9 +218,22 @@ impl Maintainer {
 
     /// Takes an action off by request, of one agent or of all: it keeps its schema, and nobody
     /// concerned is planned with. `action` is the name outside.
-    pub fn withhold(&mut self, action: Name, agent: Option<AgentId>, now: Moment) -> Change {
+    ///
+    /// # Errors
+    ///
+    /// If too much is withheld already.
+    pub fn withhold(
+        &mut self,
+        action: Name,
+        agent: Option<AgentId>,
+        now: Moment,
+    ) -> Result<Change, Declined> {
+        let limit = limits::WITHHELD_MAX;
+        if self.withheld.len() >= limit {
+            return Err(Declined::TooMany { what: "actions withheld", limit });
+        }
         self.is_changed |= self.withheld.insert((action, agent));
-        self.conclude(now)
+        Ok(self.conclude(now))
     }
 
     /// Gives back what [`withhold`](Maintainer::withhold) took, said in the same way.

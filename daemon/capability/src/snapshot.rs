@@ -1,13 +1,13 @@
 //! A snapshot: what a planner needs, at one moment, and the way between names inside and outside.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::sync::Arc;
 
 use acl::AgentId;
 use acl::content::{self, Methods, Offer, Offers};
 use pddl::{Atom, Condition, Domain, InitElement, Metric, Name, PlanStep, Problem};
 
-use crate::composite::Composite;
+use crate::composite::{Composite, Offered};
 
 /// The composite domain and problem at one moment.
 #[derive(Clone, Debug)]
@@ -71,30 +71,35 @@ impl Snapshot {
 
     /// Who offers what: of those who can act now, every action under its agent's name for it.
     pub fn offers(&self) -> Offers {
-        let can_act = |guard: &Atom| {
-            self.problem
-                .init
-                .iter()
-                .any(|element| matches!(element, InitElement::Atom(atom) if atom == guard))
-        };
+        // Asked only whether something is in it; its order is never seen.
+        let facts: HashSet<&Atom> = { self.problem.init.iter() }
+            .filter_map(|element| match element {
+                InitElement::Atom(atom) => Some(atom),
+                _ => None,
+            })
+            .collect();
         let mut offers = Offers::new();
         for (agent, offered) in &self.composite.offers {
-            let methods = self.methods.get(agent);
             for action in offered {
                 let guard = action.guard_fact(agent);
-                if !can_act(&guard) {
-                    continue;
+                if facts.contains(&guard) {
+                    let (outside, offer) = self.offer(agent, action, &guard);
+                    offers.entry(agent.clone()).or_default().insert(outside, offer);
                 }
-                let outside = action.outside.as_str().to_owned();
-                let offer = Offer {
-                    inside: action.inside.as_str().to_owned(),
-                    guard: guard.to_string(),
-                    method: methods.and_then(|methods| methods.get(&outside)).cloned(),
-                };
-                offers.entry(agent.clone()).or_default().insert(outside, offer);
             }
         }
         offers
+    }
+
+    fn offer(&self, agent: &AgentId, action: &Offered, guard: &Atom) -> (String, Offer) {
+        let outside = action.outside.as_str().to_owned();
+        let methods = self.methods.get(agent);
+        let offer = Offer {
+            inside: action.inside.as_str().to_owned(),
+            guard: guard.to_string(),
+            method: methods.and_then(|methods| methods.get(&outside)).cloned(),
+        };
+        (outside, offer)
     }
 
     /// As it travels, with its texts.

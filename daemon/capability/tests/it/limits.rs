@@ -51,6 +51,21 @@ fn claims_are_bounded() {
 }
 
 #[test]
+fn owners_are_bounded() {
+    let mut office = office();
+    // The map is an owner too.
+    for number in 1..limits::OWNERS_MAX {
+        office.set(&format!("k{number}"), "(known-temperature office2)").expect("room");
+    }
+    let declined = office.set("one-more", "(p)").expect_err("a full house");
+    assert_eq!(declined, Declined::TooMany { what: "owners of facts", limit: limits::OWNERS_MAX });
+    // Who is here already may speak, and who retracts leaves its place.
+    assert!(office.set("k1", "(p)").is_ok());
+    office.remove("k1");
+    assert!(office.set("one-more", "(p)").is_ok());
+}
+
+#[test]
 fn agents_are_bounded() {
     let mut office = office();
     for number in 0..limits::AGENTS_MAX {

@@ -10,6 +10,8 @@ mod presence;
 mod beliefs;
 mod scopes;
 
+mod reading;
+
 mod following;
 mod order;
 

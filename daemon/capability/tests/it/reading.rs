@@ -1,0 +1,94 @@
+//! Between the machine and the contents of messages.
+
+use acl::content::{ChangeState, Heartbeat, Method, ModelAnnouncement};
+use acl::{Deadline, Incarnation};
+use capability::{Announcement, Beat, Effects, Moment, model_digest};
+use expect_test::expect;
+
+use crate::office::{facts, id, office, thermometer};
+
+fn heartbeat(facts: &str) -> Heartbeat {
+    Heartbeat {
+        digest: "d".to_owned(),
+        sequence: 4,
+        facts: facts.to_owned(),
+        known_for: [("(known-temperature office2)".to_owned(), Deadline::from(60_000))].into(),
+        period: Deadline::from(1_000),
+    }
+}
+
+#[test]
+fn a_heartbeat_is_read_against_the_clock() {
+    let read = |text| Beat::read(id("t-1"), Incarnation(1), &heartbeat(text), Moment(500));
+    let beat = read("(located t-1 office2)").expect("a heartbeat");
+    assert_eq!(beat.due, Some(Moment(4_000)));
+    let known: Vec<_> = beat.facts.iter().map(|known| known.until).collect();
+    assert_eq!(known, [None, Some(Moment(60_500))]);
+    assert!(read("(located t-1").is_err());
+}
+
+#[test]
+fn a_request_is_read_whole_or_not_at_all() {
+    let change = |believe: &str, retract: &str| ChangeState {
+        believe: believe.to_owned(),
+        retract: retract.to_owned(),
+        owner: None,
+    };
+    let read = Effects::read(&change("(a) (= (f) 1)", "(b)")).expect("facts");
+    assert_eq!((read.believe, read.retract), (facts("(a) (= (f) 1)"), facts("(b)")));
+    assert!(Effects::read(&change("(a)", "(b")).is_err());
+}
+
+#[test]
+fn a_model_comes_with_its_methods_and_leaves_with_the_snapshot() {
+    let model = thermometer("t-1");
+    let method = Method {
+        method: "read".to_owned(),
+        arguments: [("room".to_owned(), "?r".to_owned())].into(),
+        timeout: Deadline::from(2_000),
+    };
+    let methods = [("report-temperature".to_owned(), method)].into();
+    let digest = model_digest(&model, &methods);
+    let heartbeat = Heartbeat { digest, ..heartbeat("") };
+    let announced = ModelAnnouncement { model, methods, heartbeat };
+    let read = Announcement::read(id("t-1"), Incarnation(1), &announced).expect("a model");
+    let mut office = office().with([thermometer("t-2")]);
+    let now = office.now;
+    office.maintainer.admit(read, now).expect("a good model");
+    let content = office.snapshot().to_content();
+    expect![[r#"
+        {
+            "t-1": {
+                "report-temperature": Offer {
+                    inside: "report-temperature",
+                    guard: "(offers-report-temperature t-1)",
+                    method: Some(
+                        Method {
+                            method: "read",
+                            arguments: {
+                                "room": "?r",
+                            },
+                            timeout: Deadline(
+                                2s,
+                            ),
+                        },
+                    ),
+                },
+            },
+            "t-2": {
+                "report-temperature": Offer {
+                    inside: "report-temperature",
+                    guard: "(offers-report-temperature t-2)",
+                    method: None,
+                },
+            },
+        }
+    "#]]
+    .assert_debug_eq(&content.offers);
+    assert_eq!(content.digest, capability::text_digest(&content.domain));
+    office.mask("t-2");
+    let offers = office.snapshot().offers();
+    assert_eq!(offers.keys().collect::<Vec<_>>(), [&id("t-1")]);
+    let unreadable = ModelAnnouncement { model: "(define".to_owned(), ..announced };
+    assert!(Announcement::read(id("t-1"), Incarnation(2), &unreadable).is_err());
+}
