@@ -78,7 +78,7 @@ pub struct Statistics {
 pub enum PlanError {
     /// The text means something that this planner does not do; it never answers as if it did.
     Unsupported(Unsupported),
-    /// The texts do not make sense.
+    /// The texts do not make sense: mistakes of the domain or, if it has none, of the problem.
     BadInput(Vec<Diagnostic>),
     /// The validator refused a plan of our own making: a defect of the planner.
     Internal(Box<Fault>),

@@ -27,6 +27,7 @@ pub fn plan(
     options: &Options,
     cancel: &Cancel,
 ) -> Result<Outcome, PlanError> {
+    refuse_mistakes(domain, problem)?;
     let lifted = normalize(domain, problem)?;
     let grounded = match ground(&lifted, options.budget, cancel) {
         Ok(grounded) => grounded,
@@ -51,6 +52,18 @@ pub fn plan(
             warnings: grounded.warnings,
         }),
     }
+}
+
+/// Refuses texts that make no sense; those of the domain come first and alone, so that all
+/// diagnostics of one answer speak of one text.
+pub(crate) fn refuse_mistakes(domain: &Domain, problem: &Problem) -> Result<(), PlanError> {
+    let mut mistakes = pddl::check_domain(domain);
+    mistakes.retain(Diagnostic::is_error);
+    if mistakes.is_empty() {
+        mistakes = pddl::check_problem(domain, problem);
+        mistakes.retain(Diagnostic::is_error);
+    }
+    if mistakes.is_empty() { Ok(()) } else { Err(PlanError::BadInput(mistakes)) }
 }
 
 fn without_plan(
@@ -89,9 +102,9 @@ fn solve(
     Ok(cheapest(task, &generator, first, options, cancel, statistics))
 }
 
-/// Work of one optimal search: expansions times the size of what each evaluates. Some tens of
-/// milliseconds, and all of a building's problems.
-const OPTIMAL_WORK_MAX: u64 = 20_000_000;
+/// Work of one optimal search: evaluations times the size of what each looks at. It takes some
+/// hundred milliseconds and covers all of a building's problems.
+const OPTIMAL_WORK_MAX: u64 = 50_000_000;
 
 /// The cheapest plan, where it can be found with little work; otherwise the given one.
 fn cheapest(
@@ -103,13 +116,14 @@ fn cheapest(
     statistics: &mut Statistics,
 ) -> Vec<OperatorId> {
     let size = Relaxation::new(task, Weights::CostThenSteps).size().max(1) as u64;
-    let expansions_max = options.optimal_expansions_max.min(OPTIMAL_WORK_MAX / size);
-    if expansions_max == 0 {
+    let evaluations_max = OPTIMAL_WORK_MAX / size;
+    if options.optimal_expansions_max == 0 || evaluations_max == 0 {
         return first;
     }
     let bound = weight(task, &first);
-    let mut search = AStar::new(task, generator, (entry("max").build)(task), bound);
-    let budget = Budget { expansions_max, ..options.budget };
+    let mut search =
+        AStar::new(task, generator, (entry("max").build)(task), bound, evaluations_max);
+    let budget = Budget { expansions_max: options.optimal_expansions_max, ..options.budget };
     let result = run(&mut search, budget, cancel);
     statistics.optimal_expansions = search.expansions();
     // Rounded costs prove nothing about the true ones.

@@ -5,9 +5,7 @@ use super::instantiate::Raw;
 use super::relation::Relation;
 use super::values::Values;
 use crate::normalize::lifted::Lifted;
-use crate::task::{
-    Axiom, Changes, ConditionalEffect, FactId, GroundExpression, Literal, Operator, Task,
-};
+use crate::task::{Axiom, Changes, ConditionalEffect, FactId, Literal, Operator, Task};
 
 /// The task; `None` if the goal cannot hold.
 pub(super) fn finish(
@@ -374,14 +372,5 @@ impl Numbering {
         }
         let preconditions = self.literals(facts, &operator.preconditions).into_boxed_slice();
         Some(Operator { preconditions, effect, conditional, ..operator })
-    }
-}
-
-impl GroundExpression {
-    /// Whether it reads no fluent.
-    pub(crate) fn is_fixed(&self) -> bool {
-        let mut fixed = true;
-        self.fluents(&mut |_| fixed = false);
-        fixed
     }
 }

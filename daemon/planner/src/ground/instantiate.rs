@@ -63,6 +63,9 @@ struct Instantiation<'g, 'w, 'c> {
     warnings: Vec<Diagnostic>,
 }
 
+/// Called for every instance of an effect whose condition can hold.
+type Instance<'f, I> = &'f mut dyn FnMut(&mut I, Tree, &[ObjectId]) -> Result<(), GroundError>;
+
 /// A schema ready for grounding.
 struct Ready<'s> {
     index: usize,
@@ -294,7 +297,7 @@ impl Instantiation<'_, '_, '_> {
             if let (true, Grounded::Fixed(amount)) = (is_counted, &value) {
                 draft.cost += cost(lifted, function, &arguments, change.assignment, *amount);
             }
-            let follow = (is_followed && !(is_counted && !lifted.functions[function].read))
+            let follow = (is_followed && (lifted.functions[function].read || !is_counted))
                 || matches!(value, Grounded::Varying(_));
             if follow {
                 let value = match value {
@@ -321,7 +324,7 @@ impl Instantiation<'_, '_, '_> {
         condition: &Node,
         frame: &[usize],
         binding: &mut [ObjectId],
-        found: &mut dyn FnMut(&mut Self, Tree, &[ObjectId]) -> Result<(), GroundError>,
+        found: Instance<'_, Self>,
     ) -> Result<(), GroundError> {
         if binding.is_empty() {
             let tree = self.grounder.tree(condition, frame, binding, self.work)?;

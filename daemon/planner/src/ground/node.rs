@@ -64,7 +64,7 @@ impl Node {
         lifted: &Lifted,
         relations: &mut [Relation],
         formula: &Formula,
-        bound: &mut Vec<bool>,
+        bound: &mut [bool],
     ) -> Node {
         let mut all = |parts: &[Formula], relations: &mut [Relation]| {
             parts.iter().map(|part| Node::compile(lifted, relations, part, bound)).collect()
@@ -97,9 +97,9 @@ impl Node {
         slots: &[Slot],
         inner: &Formula,
         existential: bool,
-        bound: &mut Vec<bool>,
+        bound: &mut [bool],
     ) -> Node {
-        let mut inside = bound.clone();
+        let mut inside = bound.to_vec();
         let plan = enumeration(lifted, relations, slots, inner, existential, &mut inside);
         let inner = Box::new(Node::compile(lifted, relations, inner, &mut inside));
         Node::Quantified { existential, plan, inner }

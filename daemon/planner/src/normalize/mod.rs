@@ -14,7 +14,7 @@ mod symbols;
 use pddl::{Assignment, Diagnostic, Domain, InitElement, Problem, Span};
 
 use self::formula::Scope;
-use self::lifted::{Closed, Formula, Lifted, LiftedAxiom, LiftedNumeric, LiftedTerm, Schema};
+use self::lifted::{Closed, Lifted, LiftedAxiom, LiftedNumeric, LiftedTerm, Schema};
 use self::symbols::Symbols;
 use crate::outcome::{PlanError, Unsupported};
 use crate::task::ObjectId;
@@ -34,7 +34,7 @@ pub(crate) fn normalize(domain: &Domain, problem: &Problem) -> Result<Lifted, Pl
     let (init, values) = initial(&mut symbols, problem);
     reject_derived_changes(&mut symbols, domain, problem);
     if let Err(problem) = strata::assign(&mut axioms, domain) {
-        symbols.problems.push(problem);
+        symbols.problems.push(*problem);
     }
     if !symbols.problems.is_empty() {
         return Err(PlanError::BadInput(symbols.problems));
@@ -181,12 +181,5 @@ fn reject_derived_changes(symbols: &mut Symbols, domain: &Domain, problem: &Prob
             let message = format!("`{}` is derived, so it cannot stand in :init", atom.predicate);
             symbols.problems.push(Diagnostic::error(atom.span, message));
         }
-    }
-}
-
-impl Closed {
-    /// The condition that always holds.
-    pub(crate) fn always() -> Closed {
-        Closed { frame: Vec::new(), formula: Formula::Constant(true) }
     }
 }

@@ -5,7 +5,7 @@ use pddl::{Diagnostic, Domain};
 use super::lifted::LiftedAxiom;
 
 /// Gives every axiom its stratum, or says which one depends on its own negation.
-pub(super) fn assign(axioms: &mut [LiftedAxiom], domain: &Domain) -> Result<(), Diagnostic> {
+pub(super) fn assign(axioms: &mut [LiftedAxiom], domain: &Domain) -> Result<(), Box<Diagnostic>> {
     let heads: Vec<usize> = axioms.iter().map(|axiom| axiom.head).collect();
     let mut dependencies = Vec::new();
     for (index, axiom) in axioms.iter().enumerate() {
@@ -27,7 +27,7 @@ pub(super) fn assign(axioms: &mut [LiftedAxiom], domain: &Domain) -> Result<(), 
                 axioms[index].stratum = wanted;
                 changed = true;
                 if wanted > heads.len() {
-                    return Err(cyclic(domain, index));
+                    return Err(Box::new(cyclic(domain, index)));
                 }
             }
         }

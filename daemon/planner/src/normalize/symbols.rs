@@ -1,6 +1,6 @@
 //! Numbers for names: objects, types, predicates and functions of one domain and problem.
 
-use pddl::{Diagnostic, Domain, Name, Problem, TypeExpr, Typed};
+use pddl::{Diagnostic, Domain, Name, Problem, TypeExpr, Typed, Types};
 use rustc_hash::FxHashMap;
 
 use super::lifted::{FunctionUse, PredicateUse, TypeIndex, TypeSet};
@@ -18,8 +18,7 @@ pub(super) struct Symbols {
     predicate_ids: FxHashMap<Name, usize>,
     function_ids: FxHashMap<Name, usize>,
     type_ids: FxHashMap<TypeExpr, TypeIndex>,
-    /// Each type's direct supertypes.
-    parents: FxHashMap<Name, Vec<Name>>,
+    hierarchy: Types,
 }
 
 // === impl Symbols ===
@@ -37,12 +36,8 @@ impl Symbols {
             predicate_ids: FxHashMap::default(),
             function_ids: FxHashMap::default(),
             type_ids: FxHashMap::default(),
-            parents: FxHashMap::default(),
+            hierarchy: Types::of(domain),
         };
-        for ty in &domain.types {
-            let parents = symbols.parents.entry(ty.name.clone()).or_default();
-            parents.extend(ty.ty.alternatives.iter().cloned());
-        }
         let declared = problem.objects.iter().map(|declaration| &declaration.object);
         for object in domain.constants.iter().chain(declared) {
             symbols.declare_object(object);
@@ -89,11 +84,14 @@ impl Symbols {
         if let Some(&index) = self.type_ids.get(ty) {
             return index;
         }
-        let all = 0..self.objects.len();
-        let members = all
-            .filter(|&index| ty.is_object() || self.is_a(&self.object_types[index], ty))
-            .map(ObjectId::from_index)
-            .collect();
+        // Many objects share few types.
+        let mut accepted = FxHashMap::<&TypeExpr, bool>::default();
+        let mut members = Vec::new();
+        for (index, own) in self.object_types.iter().enumerate() {
+            if *accepted.entry(own).or_insert_with(|| self.hierarchy.accepts(ty, own)) {
+                members.push(ObjectId::from_index(index));
+            }
+        }
         let index = self.types.len();
         self.types.push(TypeSet::new(members, self.objects.len()));
         self.type_ids.insert(ty.clone(), index);
@@ -131,24 +129,6 @@ impl Symbols {
         self.function_ids.insert(name.clone(), self.functions.len());
         let name = name.clone();
         self.functions.push(FunctionUse { name, arity, changed: false, read: false });
-    }
-
-    /// Whether one of `own`'s types is, or lies below, one of `wanted`'s.
-    fn is_a(&self, own: &TypeExpr, wanted: &TypeExpr) -> bool {
-        let mut reached: Vec<&Name> = own.alternatives.iter().collect();
-        let mut next = 0;
-        while let Some(&ty) = reached.get(next) {
-            if wanted.alternatives.contains(ty) {
-                return true;
-            }
-            for parent in self.parents.get(ty).into_iter().flatten() {
-                if !reached.contains(&parent) {
-                    reached.push(parent);
-                }
-            }
-            next += 1;
-        }
-        false
     }
 
     fn report(&mut self, name: &Name, kind: &str) {

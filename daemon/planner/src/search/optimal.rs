@@ -15,7 +15,7 @@ use crate::task::{OperatorId, Task};
 /// What waits: `f`, then `h`, then the state, with the `g` it was queued under.
 type Entry = Reverse<(u64, u64, StateId, u64)>;
 
-/// Searches for a plan that weighs less than a bound.
+/// Searches for a plan that weighs less than a bound, within a number of evaluations.
 pub(crate) struct AStar<'t> {
     task: &'t Task,
     evaluator: Box<dyn Evaluator + 't>,
@@ -26,6 +26,8 @@ pub(crate) struct AStar<'t> {
     distances: Vec<u64>,
     open: BinaryHeap<Entry>,
     bound: u64,
+    evaluations_max: u64,
+    evaluations: u64,
     expansions: u64,
     successor: Vec<u64>,
     applicable: Vec<OperatorId>,
@@ -45,6 +47,7 @@ impl<'t> AStar<'t> {
         generator: &'t SuccessorGenerator,
         evaluator: Box<dyn Evaluator + 't>,
         bound: u64,
+        evaluations_max: u64,
     ) -> AStar<'t> {
         let mut progression = Progression::new(task);
         let space = StateSpace::new(&progression.initial());
@@ -57,6 +60,8 @@ impl<'t> AStar<'t> {
             distances: vec![0],
             open: BinaryHeap::new(),
             bound,
+            evaluations_max,
+            evaluations: 0,
             expansions: 0,
             successor: Vec::new(),
             applicable: Vec::new(),
@@ -66,6 +71,7 @@ impl<'t> AStar<'t> {
     }
 
     fn queue(&mut self, id: StateId, g: u64) {
+        self.evaluations += 1;
         let Some(h) = self.evaluator.evaluate(self.space.state(id)) else { return };
         let f = g.saturating_add(h);
         if f < self.bound {
@@ -95,6 +101,9 @@ impl<'t> AStar<'t> {
 
 impl Search for AStar<'_> {
     fn step(&mut self) -> Step {
+        if self.evaluations > self.evaluations_max {
+            return Step::Exhausted;
+        }
         let Some(Reverse((_, _, id, g))) = self.open.pop() else { return Step::Exhausted };
         if g > self.distances[id.0 as usize] {
             return Step::InProgress;
@@ -123,6 +132,10 @@ impl Search for AStar<'_> {
 
     /// Nothing is left below the bound; whether anything is left above it was not asked.
     fn exhausted(&self) -> StopReason {
-        StopReason::Exhausted
+        if self.evaluations > self.evaluations_max {
+            StopReason::ExpansionLimit { limit: self.expansions }
+        } else {
+            StopReason::Exhausted
+        }
     }
 }

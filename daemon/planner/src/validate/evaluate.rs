@@ -7,20 +7,20 @@ use pddl::{
 use super::World;
 
 /// Two numbers this close are one: sums of decimal fractions are not exact in binary.
-pub(super) const TOLERANCE: f64 = 1e-6;
+pub(crate) const TOLERANCE: f64 = 1e-6;
 
 /// What the variables in scope stand for, innermost last.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Bindings(Vec<(Name, Name)>);
+pub(crate) struct Bindings(Vec<(Name, Name)>);
 
 // === impl Bindings ===
 
 impl Bindings {
-    pub(super) fn bind(&mut self, variable: &Name, object: Name) {
+    pub(crate) fn bind(&mut self, variable: &Name, object: Name) {
         self.0.push((variable.clone(), object));
     }
 
-    pub(super) fn unbind(&mut self) {
+    pub(crate) fn unbind(&mut self) {
         self.0.pop();
     }
 
@@ -29,14 +29,14 @@ impl Bindings {
     }
 
     /// The object a term stands for. An unbound variable stands for itself, which no fact holds of.
-    pub(super) fn object<'t>(&'t self, term: &'t Term) -> &'t Name {
+    pub(crate) fn object<'t>(&'t self, term: &'t Term) -> &'t Name {
         match term {
             Term::Object(name) => name,
             Term::Variable(name) => self.lookup(name).unwrap_or(name),
         }
     }
 
-    pub(super) fn objects(&self, terms: &[Term]) -> Vec<Name> {
+    pub(crate) fn objects(&self, terms: &[Term]) -> Vec<Name> {
         terms.iter().map(|term| self.object(term).clone()).collect()
     }
 
@@ -54,12 +54,12 @@ impl Bindings {
         terms.iter().map(|term| self.term(term)).collect()
     }
 
-    pub(super) fn fluent(&self, fluent: &FluentTerm) -> FluentTerm {
+    pub(crate) fn fluent(&self, fluent: &FluentTerm) -> FluentTerm {
         FluentTerm { arguments: self.terms(&fluent.arguments), ..fluent.clone() }
     }
 
     /// The condition with objects in place of the variables that are bound.
-    pub(super) fn substitute(&self, condition: &Condition) -> Condition {
+    pub(crate) fn substitute(&self, condition: &Condition) -> Condition {
         let all = |parts: &[Condition]| parts.iter().map(|part| self.substitute(part)).collect();
         match condition {
             Condition::Atom(atom) => {
@@ -115,7 +115,7 @@ impl Bindings {
 // === impl World ===
 
 impl World {
-    pub(super) fn holds_under(&self, condition: &Condition, bindings: &mut Bindings) -> bool {
+    pub(crate) fn holds_under(&self, condition: &Condition, bindings: &mut Bindings) -> bool {
         match condition {
             Condition::Atom(atom) => self.has(&atom.predicate, &bindings.objects(&atom.arguments)),
             Condition::Equal(left, right, _) => bindings.object(left) == bindings.object(right),
@@ -140,7 +140,7 @@ impl World {
     }
 
     /// The smallest part of a condition that keeps it from holding, ground as far as it can be.
-    pub(super) fn failing_under(
+    pub(crate) fn failing_under(
         &self,
         condition: &Condition,
         bindings: &mut Bindings,
@@ -169,7 +169,7 @@ impl World {
 
     /// Calls `visit` for every binding of the variables, in the order of the texts, until it
     /// answers `false`. Whether all answered `true`.
-    pub(super) fn every(
+    pub(crate) fn every(
         &self,
         variables: &[Typed],
         bindings: &mut Bindings,
@@ -186,7 +186,7 @@ impl World {
 
     /// Like [`World::every`], but may leave out bindings under which `condition` cannot hold: where
     /// the condition asks for a fact, only facts that are true are tried.
-    pub(super) fn each(
+    pub(crate) fn each(
         &self,
         variables: &[Typed],
         condition: &Condition,
@@ -259,7 +259,7 @@ impl World {
     }
 
     /// The value of an expression, or the fluent that has none.
-    pub(super) fn evaluate(
+    pub(crate) fn evaluate(
         &self,
         expression: &Expression,
         bindings: &Bindings,

@@ -5,9 +5,12 @@
 //! - Every plan of this crate passes through it before anybody sees it.
 //! - Leaves out time: durative actions and timed initial literals are faults.
 
-mod evaluate;
-mod model;
+pub(crate) mod evaluate;
+mod footprint;
+pub(crate) mod model;
 mod world;
+
+pub(crate) use footprint::Footprint;
 
 use std::fmt;
 
@@ -100,8 +103,7 @@ pub fn validate(domain: &Domain, problem: &Problem, plan: &Plan) -> Verdict {
         Ok(world) => world,
         Err(diagnostics) => return Verdict::BadInput(diagnostics),
     };
-    let outcome =
-        run(world, &plan.steps, &problem.goal).and_then(|end| end.cost().map_err(Box::new));
+    let outcome = run(world, &plan.steps, &problem.goal).and_then(|end| end.cost());
     match outcome {
         Ok(cost) => Verdict::Valid { cost, steps: plan.steps.len() },
         Err(fault) => Verdict::Fault(fault),
@@ -109,8 +111,8 @@ pub fn validate(domain: &Domain, problem: &Problem, plan: &Plan) -> Verdict {
 }
 
 /// Whether the rest of a plan still leads from a state to a goal.
-pub fn rest_reaches(world: &World, steps: &[PlanStep], goal: &Condition) -> Result<(), Fault> {
-    run(world.clone(), steps, goal).map(|_| ()).map_err(|fault| *fault)
+pub fn rest_reaches(world: &World, steps: &[PlanStep], goal: &Condition) -> Result<(), Box<Fault>> {
+    run(world.clone(), steps, goal).map(|_| ())
 }
 
 fn run(mut world: World, steps: &[PlanStep], goal: &Condition) -> Result<World, Box<Fault>> {

@@ -3,23 +3,25 @@
 //! Written for the validator alone; the planner proper has its own tables, so that one mistake
 //! cannot be made twice in the same way.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
-use pddl::{Condition, Diagnostic, Domain, Metric, Name, Problem, TypeExpr, Typed};
+use pddl::{Condition, Diagnostic, Domain, Metric, Name, Problem, TypeExpr, Typed, Types};
 
 /// The unchanging side of a [`super::World`].
 #[derive(Debug)]
-pub(super) struct Model {
-    pub(super) domain: Domain,
-    pub(super) metric: Option<Metric>,
+pub(crate) struct Model {
+    pub(crate) domain: Domain,
+    pub(crate) metric: Option<Metric>,
     /// Every object once, in the order of the texts, with its type.
     objects: BTreeMap<Name, TypeExpr>,
     /// All objects of a type, its subtypes' included, in the order of the texts.
     members: BTreeMap<Name, Vec<Name>>,
     everything: Vec<Name>,
-    ancestors: BTreeMap<Name, Vec<Name>>,
+    types: Types,
+    /// The types that accept objects of a type; looked up only.
+    accepting: HashMap<TypeExpr, Vec<Name>>,
     /// Indices into `domain.derived`, by stratum.
-    pub(super) strata: Vec<Vec<usize>>,
+    pub(crate) strata: Vec<Vec<usize>>,
 }
 
 /// Truth, for the bookkeeping of negation: `true` is positive.
@@ -28,14 +30,15 @@ type Polarity = bool;
 // === impl Model ===
 
 impl Model {
-    pub(super) fn new(domain: &Domain, problem: &Problem) -> Result<Model, Vec<Diagnostic>> {
+    pub(crate) fn new(domain: &Domain, problem: &Problem) -> Result<Model, Vec<Diagnostic>> {
         let mut model = Model {
             domain: domain.clone(),
             metric: problem.metric.clone(),
             objects: BTreeMap::new(),
             members: BTreeMap::new(),
             everything: Vec::new(),
-            ancestors: ancestors(&domain.types),
+            types: Types::of(domain),
+            accepting: HashMap::new(),
             strata: strata(domain)?,
         };
         let declared = problem.objects.iter().map(|declaration| &declaration.object);
@@ -46,12 +49,12 @@ impl Model {
     }
 
     /// Whether the object exists.
-    pub(super) fn knows(&self, object: &Name) -> bool {
+    pub(crate) fn knows(&self, object: &Name) -> bool {
         self.objects.contains_key(object)
     }
 
     /// All objects of a type, each once.
-    pub(super) fn members(&self, ty: &TypeExpr) -> Vec<Name> {
+    pub(crate) fn members(&self, ty: &TypeExpr) -> Vec<Name> {
         match ty.alternatives.as_slice() {
             _ if ty.is_object() => self.everything.clone(),
             [one] => self.members.get(one).cloned().unwrap_or_default(),
@@ -60,13 +63,8 @@ impl Model {
     }
 
     /// Whether the object belongs to the type.
-    pub(super) fn is_a(&self, object: &Name, ty: &TypeExpr) -> bool {
-        let Some(own) = self.objects.get(object) else { return false };
-        ty.is_object()
-            || own.alternatives.iter().any(|own| {
-                let above = self.ancestors.get(own).map_or(&[][..], Vec::as_slice);
-                ty.alternatives.iter().any(|wanted| wanted == own || above.contains(wanted))
-            })
+    pub(crate) fn is_a(&self, object: &Name, ty: &TypeExpr) -> bool {
+        self.objects.get(object).is_some_and(|own| self.types.accepts(ty, own))
     }
 
     fn add_object(&mut self, object: &Typed) {
@@ -74,41 +72,14 @@ impl Model {
             return;
         }
         self.everything.push(object.name.clone());
-        let mut types: Vec<&Name> = Vec::new();
-        for own in &object.ty.alternatives {
-            types.push(own);
-            types.extend(self.ancestors.get(own).into_iter().flatten());
-        }
-        types.sort();
-        types.dedup();
-        for ty in types {
+        let accepting = self.accepting.entry(object.ty.clone()).or_insert_with(|| {
+            let accepts = |ty: &&Name| self.types.accepts(&TypeExpr::of((*ty).clone()), &object.ty);
+            self.types.iter().filter(accepts).cloned().collect()
+        });
+        for ty in accepting {
             self.members.entry(ty.clone()).or_default().push(object.name.clone());
         }
     }
-}
-
-/// All supertypes of every type, itself left out.
-fn ancestors(types: &[Typed]) -> BTreeMap<Name, Vec<Name>> {
-    let mut above = BTreeMap::<Name, Vec<Name>>::new();
-    for ty in types {
-        let parents = above.entry(ty.name.clone()).or_default();
-        parents.extend(ty.ty.alternatives.iter().cloned());
-    }
-    let names: Vec<Name> = above.keys().cloned().collect();
-    for name in names {
-        let mut reached = above.get(&name).cloned().unwrap_or_default();
-        let mut next = 0;
-        while let Some(parent) = reached.get(next).cloned() {
-            for grandparent in above.get(&parent).into_iter().flatten() {
-                if !reached.contains(grandparent) {
-                    reached.push(grandparent.clone());
-                }
-            }
-            next += 1;
-        }
-        above.insert(name, reached);
-    }
-    above
 }
 
 /// Sorts the axioms so that each only negates what an earlier stratum has settled.

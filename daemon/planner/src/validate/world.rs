@@ -24,7 +24,7 @@ type FluentKey = (Name, Vec<Name>);
 /// A state, and the texts it is a state of. Cloning copies the state and shares the texts.
 #[derive(Clone, Debug)]
 pub struct World {
-    pub(super) model: Arc<Model>,
+    pub(crate) model: Arc<Model>,
     facts: Facts,
     derived: Facts,
     pub(super) values: BTreeMap<FluentKey, f64>,
@@ -93,12 +93,13 @@ impl World {
     }
 
     /// What the metric says of the steps applied so far; their number where there is no metric.
-    pub fn cost(&self) -> Result<f64, Fault> {
+    pub fn cost(&self) -> Result<f64, Box<Fault>> {
         let Some(metric) = &self.model.metric else { return Ok(self.steps as f64) };
-        self.evaluate(&metric.expression, &Bindings::default()).map_err(|fluent| Fault {
-            place: Place::Metric,
-            reason: FaultReason::Undefined(fluent),
-            span: metric.span,
+        let value = self.evaluate(&metric.expression, &Bindings::default());
+        // Sums of decimal fractions are not exact in binary; nine digits are nobody's intention.
+        value.map(|value| (value * 1e9).round() / 1e9).map_err(|fluent| {
+            let reason = FaultReason::Undefined(fluent);
+            Box::new(Fault { place: Place::Metric, reason, span: metric.span })
         })
     }
 
@@ -108,17 +109,13 @@ impl World {
     }
 
     /// Applies one step. After a fault the world is as it was.
-    pub fn apply(&mut self, step: &PlanStep) -> Result<(), Fault> {
-        let changes = self.changes(step).map_err(|reason| Fault {
-            place: Place::Step { index: self.steps, step: step.clone() },
-            reason,
-            span: step.span,
-        })?;
-        let values = self.new_values(&changes).map_err(|reason| Fault {
-            place: Place::Step { index: self.steps, step: step.clone() },
-            reason,
-            span: step.span,
-        })?;
+    pub fn apply(&mut self, step: &PlanStep) -> Result<(), Box<Fault>> {
+        let fault = |reason| {
+            let place = Place::Step { index: self.steps, step: step.clone() };
+            Box::new(Fault { place, reason, span: step.span })
+        };
+        let changes = self.changes(step).map_err(fault)?;
+        let values = self.new_values(&changes).map_err(fault)?;
         for (predicate, objects) in &changes.deletes {
             if let Some(tuples) = self.facts.get_mut(predicate) {
                 tuples.remove(objects);
@@ -364,4 +361,17 @@ fn fluent_term((function, objects): &FluentKey) -> FluentTerm {
         arguments: objects.iter().cloned().map(Term::Object).collect(),
         span: pddl::Span::default(),
     }
+}
+
+/// The action that a step names, with as many parameters as the step has arguments and of fitting
+/// types.
+pub(super) fn schema_of<'m>(model: &'m Model, step: &PlanStep) -> Option<&'m ActionSchema> {
+    model.domain.actions.iter().find(|schema| {
+        schema.name == step.action
+            && schema.all_parameters().count() == step.arguments.len()
+            && schema
+                .all_parameters()
+                .zip(&step.arguments)
+                .all(|(parameter, object)| model.knows(object) && model.is_a(object, &parameter.ty))
+    })
 }

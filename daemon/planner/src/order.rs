@@ -1,0 +1,67 @@
+//! Deordering: which steps of a plan must wait for which, so that the rest can run side by side.
+//!
+//! Two steps keep their order if one may write what the other reads or writes, in any branch,
+//! through an axiom, or as a number; and if one agent does both. Every order of the steps that
+//! respects this leads to the same end (tests try them all). It is not the weakest such order, which
+//! is hard to find; it is one that always holds.
+
+use pddl::{Domain, Plan, Problem};
+
+use crate::outcome::PlanError;
+use crate::validate::{Footprint, World};
+
+/// A plan's steps with what each waits for.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PartialOrder {
+    /// Per step, in the plan's order: the steps it waits for, sorted; those that these wait for
+    /// themselves are left out.
+    pub predecessors: Vec<Vec<usize>>,
+}
+
+/// Finds the order that a plan's steps need.
+pub fn deorder(domain: &Domain, problem: &Problem, plan: &Plan) -> Result<PartialOrder, PlanError> {
+    let world = World::initial(domain, problem).map_err(PlanError::BadInput)?;
+    let footprints: Vec<Footprint> = plan.steps.iter().map(|step| world.footprint(step)).collect();
+    let must_wait = |later: usize, earlier: usize| {
+        let (later, earlier) = (&footprints[later], &footprints[earlier]);
+        let same_agent = later.agent.is_some() && later.agent == earlier.agent;
+        same_agent || later.conflicts(earlier)
+    };
+    Ok(PartialOrder::reduced(footprints.len(), must_wait))
+}
+
+// === impl PartialOrder ===
+
+impl PartialOrder {
+    /// The steps that can start once `done` says which are.
+    pub fn ready(&self, done: &[bool]) -> Vec<usize> {
+        let is_done = |step: &usize| done.get(*step).copied().unwrap_or(false);
+        let steps = 0..self.predecessors.len();
+        steps
+            .filter(|step| !is_done(step) && self.predecessors[*step].iter().all(is_done))
+            .collect()
+    }
+
+    /// The transitive reduction of a relation between later and earlier steps.
+    fn reduced(count: usize, must_wait: impl Fn(usize, usize) -> bool) -> PartialOrder {
+        // Per step: everything it waits for, directly or not.
+        let mut before: Vec<Vec<bool>> = Vec::with_capacity(count);
+        let mut predecessors = Vec::with_capacity(count);
+        for later in 0..count {
+            let mut all = vec![false; count];
+            let mut direct = Vec::new();
+            // Nearest first: what a nearer one waits for need not be waited for again.
+            for earlier in (0..later).rev() {
+                if !all[earlier] && must_wait(later, earlier) {
+                    direct.push(earlier);
+                    all[earlier] = true;
+                    all.iter_mut().zip(&before[earlier]).for_each(|(mine, theirs)| *mine |= theirs);
+                }
+            }
+            direct.sort_unstable();
+            predecessors.push(direct);
+            before.push(all);
+        }
+        PartialOrder { predecessors }
+    }
+}

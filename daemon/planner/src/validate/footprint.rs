@@ -1,0 +1,205 @@
+//! What a step may read and write, in whatever state it is applied.
+//!
+//! Every branch counts, whether its condition holds or not; a derived fact counts as all facts of
+//! the predicates that it may follow from. `total-cost` does not count: all steps add to it, and
+//! none waits for another because of that.
+
+use std::collections::BTreeSet;
+
+use pddl::{Atom, Condition, Domain, Effect, Expression, FluentTerm, Name, PlanStep};
+
+use super::evaluate::Bindings;
+use super::{World, world::schema_of};
+
+/// A fact or a fluent, by the objects it is about.
+type Cell = (Name, Vec<Name>);
+
+/// What a step may read and write.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Footprint {
+    facts_read: BTreeSet<Cell>,
+    facts_written: BTreeSet<Cell>,
+    fluents_read: BTreeSet<Cell>,
+    fluents_written: BTreeSet<Cell>,
+    /// Predicates any fact of which may be read, through an axiom.
+    predicates_read: BTreeSet<Name>,
+    functions_read: BTreeSet<Name>,
+    /// Who acts, if the action says so.
+    pub(crate) agent: Option<Name>,
+}
+
+// === impl Footprint ===
+
+impl Footprint {
+    /// Whether the order of two steps may matter.
+    pub(crate) fn conflicts(&self, other: &Footprint) -> bool {
+        self.overwrites(other) || other.overwrites(self)
+    }
+
+    /// Whether this step may write what the other reads or writes.
+    fn overwrites(&self, other: &Footprint) -> bool {
+        let touched =
+            |written: &BTreeSet<Cell>, sets: [&BTreeSet<Cell>; 2], whole: &BTreeSet<Name>| {
+                written.iter().any(|cell| {
+                    sets.iter().any(|set| set.contains(cell)) || whole.contains(&cell.0)
+                })
+            };
+        let facts = [&other.facts_read, &other.facts_written];
+        let fluents = [&other.fluents_read, &other.fluents_written];
+        touched(&self.facts_written, facts, &other.predicates_read)
+            || touched(&self.fluents_written, fluents, &other.functions_read)
+    }
+}
+
+// === impl World ===
+
+impl World {
+    /// What a step may read and write. A step of no known action touches nothing.
+    pub(crate) fn footprint(&self, step: &PlanStep) -> Footprint {
+        let mut footprint = Footprint::default();
+        let Some(schema) = schema_of(&self.model, step) else { return footprint };
+        let mut bindings = Bindings::default();
+        for (parameter, object) in schema.all_parameters().zip(&step.arguments) {
+            bindings.bind(&parameter.name, object.clone());
+        }
+        if schema.agent.is_some() {
+            footprint.agent = step.arguments.first().cloned();
+        }
+        self.reads(&schema.precondition, &mut bindings, &mut footprint);
+        self.touches(&schema.effect, &mut bindings, &mut footprint);
+        footprint
+    }
+
+    fn reads(&self, condition: &Condition, bindings: &mut Bindings, found: &mut Footprint) {
+        match condition {
+            Condition::Atom(atom) => self.reads_atom(atom, bindings, found),
+            Condition::Equal(..) => (),
+            Condition::Compare(compare) => {
+                reads_numbers(&compare.left, bindings, found);
+                reads_numbers(&compare.right, bindings, found);
+            }
+            Condition::Not(inner) => self.reads(inner, bindings, found),
+            Condition::And(parts) | Condition::Or(parts) => {
+                parts.iter().for_each(|part| self.reads(part, bindings, found));
+            }
+            Condition::Imply(left, right) => {
+                self.reads(left, bindings, found);
+                self.reads(right, bindings, found);
+            }
+            Condition::Exists(variables, inner) | Condition::Forall(variables, inner) => {
+                self.every(variables, bindings, &mut |world, bindings| {
+                    world.reads(inner, bindings, found);
+                    true
+                });
+            }
+        }
+    }
+
+    fn reads_atom(&self, atom: &Atom, bindings: &Bindings, found: &mut Footprint) {
+        let is_derived =
+            self.model.domain.derived.iter().any(|axiom| axiom.predicate == atom.predicate);
+        if is_derived {
+            let (predicates, functions) = sources(&self.model.domain, &atom.predicate);
+            found.predicates_read.extend(predicates);
+            found.functions_read.extend(functions);
+        } else {
+            found.facts_read.insert((atom.predicate.clone(), bindings.objects(&atom.arguments)));
+        }
+    }
+
+    fn touches(&self, effect: &Effect, bindings: &mut Bindings, found: &mut Footprint) {
+        match effect {
+            Effect::And(parts) => {
+                parts.iter().for_each(|part| self.touches(part, bindings, found));
+            }
+            Effect::Add(atom) | Effect::Delete(atom) => {
+                let cell = (atom.predicate.clone(), bindings.objects(&atom.arguments));
+                found.facts_written.insert(cell);
+            }
+            Effect::Assign(assign) => {
+                reads_numbers(&assign.value, bindings, found);
+                if !is_total_cost(&assign.fluent) {
+                    found.fluents_written.insert(cell(&assign.fluent, bindings));
+                }
+            }
+            Effect::When(condition, inner) => {
+                self.reads(condition, bindings, found);
+                self.touches(inner, bindings, found);
+            }
+            Effect::Forall(variables, inner) => {
+                self.every(variables, bindings, &mut |world, bindings| {
+                    world.touches(inner, bindings, found);
+                    true
+                });
+            }
+        }
+    }
+}
+
+fn cell(fluent: &FluentTerm, bindings: &Bindings) -> Cell {
+    (fluent.function.clone(), bindings.objects(&fluent.arguments))
+}
+
+fn is_total_cost(fluent: &FluentTerm) -> bool {
+    fluent.function == "total-cost" && fluent.arguments.is_empty()
+}
+
+fn reads_numbers(expression: &Expression, bindings: &Bindings, found: &mut Footprint) {
+    match expression {
+        Expression::Fluent(fluent) => {
+            found.fluents_read.insert(cell(fluent, bindings));
+        }
+        Expression::Negate(inner) => reads_numbers(inner, bindings, found),
+        Expression::Apply(_, operands) => {
+            operands.iter().for_each(|operand| reads_numbers(operand, bindings, found));
+        }
+        Expression::Number(_)
+        | Expression::Duration(_)
+        | Expression::ContinuousTime(_)
+        | Expression::TotalTime(_) => (),
+    }
+}
+
+/// The predicates and functions that a derived predicate may follow from, itself among them.
+fn sources(domain: &Domain, derived: &Name) -> (Vec<Name>, Vec<Name>) {
+    let (mut predicates, mut functions) = (vec![derived.clone()], Vec::new());
+    let mut next = 0;
+    while let Some(predicate) = predicates.get(next).cloned() {
+        next += 1;
+        for axiom in domain.derived.iter().filter(|axiom| axiom.predicate == predicate) {
+            mentioned(
+                &axiom.condition,
+                &mut |name| {
+                    if !predicates.contains(name) {
+                        predicates.push(name.clone());
+                    }
+                },
+                &mut functions,
+            );
+        }
+    }
+    (predicates, functions)
+}
+
+fn mentioned(condition: &Condition, found: &mut dyn FnMut(&Name), functions: &mut Vec<Name>) {
+    match condition {
+        Condition::Atom(atom) => found(&atom.predicate),
+        Condition::Equal(..) => (),
+        Condition::Compare(compare) => {
+            let mut all = Footprint::default();
+            reads_numbers(&compare.left, &Bindings::default(), &mut all);
+            reads_numbers(&compare.right, &Bindings::default(), &mut all);
+            functions.extend(all.fluents_read.into_iter().map(|(function, _)| function));
+        }
+        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
+            mentioned(inner, found, functions);
+        }
+        Condition::And(parts) | Condition::Or(parts) => {
+            parts.iter().for_each(|part| mentioned(part, found, functions));
+        }
+        Condition::Imply(left, right) => {
+            mentioned(left, found, functions);
+            mentioned(right, found, functions);
+        }
+    }
+}

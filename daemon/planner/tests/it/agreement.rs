@@ -1,0 +1,155 @@
+//! Random small tasks: what the planner says is what trying everything says.
+//!
+//! Solvable exactly where it finds a plan, unsolvable where it claims so, the least cost where it
+//! claims that; and every order that deordering allows works.
+
+use planner::order::deorder;
+use planner::{Cancel, Options, StopReason, plan};
+use proptest::prelude::*;
+
+use crate::brute_force::least_cost;
+use crate::ordering::assert_all_orders_work;
+use crate::support::{domain, parse, problem};
+
+/// A term out of the variables in scope and the two objects.
+fn term(variables: usize) -> impl Strategy<Value = String> {
+    (0..variables + 2).prop_map(move |index| match index.checked_sub(variables) {
+        None => format!("?v{index}"),
+        Some(0) => "a".to_owned(),
+        Some(_) => "b".to_owned(),
+    })
+}
+
+fn atom(variables: usize) -> BoxedStrategy<String> {
+    prop_oneof![
+        Just("(z)".to_owned()),
+        term(variables).prop_map(|x| format!("(p {x})")),
+        term(variables).prop_map(|x| format!("(q {x})")),
+        (term(variables), term(variables)).prop_map(|(x, y)| format!("(r {x} {y})")),
+    ]
+    .boxed()
+}
+
+/// A condition over the variables `?v0 … ?v(n-1)`; `(d …)` is derived, `(s …)` is static.
+fn condition(variables: usize, depth: usize) -> BoxedStrategy<String> {
+    let leaf = prop_oneof![
+        6 => atom(variables),
+        1 => term(variables).prop_map(|x| format!("(d {x})")),
+        1 => (term(variables), term(variables)).prop_map(|(x, y)| format!("(s {x} {y})")),
+        1 => (term(variables), term(variables)).prop_map(|(x, y)| format!("(= {x} {y})")),
+    ];
+    if depth == 0 {
+        return leaf.boxed();
+    }
+    let inner = || condition(variables, depth - 1);
+    let inside = || condition(variables + 1, depth - 1);
+    prop_oneof![
+        4 => leaf,
+        2 => inner().prop_map(|part| format!("(not {part})")),
+        2 => prop::collection::vec(inner(), 0..3).prop_map(|all| format!("(and {})", all.concat())),
+        2 => prop::collection::vec(inner(), 1..3).prop_map(|all| format!("(or {})", all.concat())),
+        1 => (inner(), inner()).prop_map(|(left, right)| format!("(imply {left} {right})")),
+        1 => inside().prop_map(move |part| format!("(exists (?v{variables} - t) {part})")),
+        1 => inside().prop_map(move |part| format!("(forall (?v{variables}) {part})")),
+    ]
+    .boxed()
+}
+
+fn literal(variables: usize) -> impl Strategy<Value = String> {
+    (prop::bool::weighted(0.6), atom(variables))
+        .prop_map(|(adds, atom)| if adds { atom } else { format!("(not {atom})") })
+}
+
+/// Several conditions at once: what makes tasks neither trivial nor hopeless.
+fn conjunction(variables: usize, parts: std::ops::Range<usize>) -> impl Strategy<Value = String> {
+    let part = prop_oneof![
+        8 => atom(variables),
+        4 => atom(variables).prop_map(|atom| format!("(not {atom})")),
+        1 => condition(variables, 2),
+    ];
+    prop::collection::vec(part, parts).prop_map(|all| format!("(and {})", all.concat()))
+}
+
+fn effect(variables: usize) -> BoxedStrategy<String> {
+    prop_oneof![
+        4 => literal(variables),
+        1 => (condition(variables, 1), literal(variables))
+            .prop_map(|(when, then)| format!("(when {when} {then})")),
+        1 => (condition(variables + 1, 1), literal(variables + 1))
+            .prop_map(move |(when, then)| format!("(forall (?v{variables}) (when {when} {then}))")),
+    ]
+    .boxed()
+}
+
+fn action() -> impl Strategy<Value = String> {
+    (1..3usize, 0..4u32).prop_flat_map(|(variables, cost)| {
+        let effects = prop::collection::vec(effect(variables), 2..5);
+        (conjunction(variables, 0..3), effects).prop_map(move |(precondition, effects)| {
+            let parameters: String = (0..variables).map(|index| format!(" ?v{index}")).collect();
+            format!(
+                ":parameters ({parameters}) :precondition {precondition}
+                 :effect (and {} (increase (total-cost) {cost}))",
+                effects.concat()
+            )
+        })
+    })
+}
+
+fn task() -> impl Strategy<Value = (String, String)> {
+    let actions = prop::collection::vec(action(), 3..6);
+    let init = prop::collection::vec(atom(0), 0..6);
+    let axiom = prop_oneof![
+        Just("(p ?v0)".to_owned()),
+        Just("(exists (?v1) (and (r ?v0 ?v1) (not (q ?v1))))".to_owned()),
+        Just("(or (q ?v0) (exists (?v1) (and (r ?v0 ?v1) (d ?v1))))".to_owned()),
+    ];
+    (actions, init, axiom, conjunction(0, 2..5), any::<bool>()).prop_map(
+        |(actions, init, axiom, goal, metric)| {
+            let mut parts = format!(
+                "(:types t) (:constants a - t b) (:predicates (z) (p ?x) (q ?x) (r ?x ?y) (d ?x) (s ?x ?y))
+                 (:functions (total-cost)) (:derived (d ?v0) {axiom})"
+            );
+            for (index, action) in actions.iter().enumerate() {
+                parts += &format!("(:action act{index} {action})");
+            }
+            let metric = if metric { "(:metric minimize (total-cost))" } else { "" };
+            let rest = format!(
+                "(:init (s a b) {}) (:goal {goal}) {metric}",
+                init.concat()
+            );
+            (domain(&parts), problem(&rest))
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: 500,
+        failure_persistence: None,
+        rng_seed: proptest::test_runner::RngSeed::Fixed(2_026),
+        ..ProptestConfig::default()
+    })]
+
+    #[test]
+    fn planner_and_brute_force_agree((domain, problem) in task()) {
+        let (domain, problem) = parse(&domain, &problem);
+        let outcome = plan(&domain, &problem, &Options::default(), &Cancel::new())
+            .map_err(|err| TestCaseError::fail(err.to_string()))?;
+        let truth = least_cost(&domain, &problem);
+        match (&outcome.plan, truth) {
+            (Some(plan), Some(least)) => {
+                prop_assert!(outcome.statistics.proven_optimal);
+                let cost = plan.cost.map_or(f64::NAN, |cost| cost.0);
+                prop_assert!((cost - least).abs() < 1e-6, "found {cost}, least {least}");
+                let order = deorder(&domain, &problem, plan)
+                    .map_err(|err| TestCaseError::fail(err.to_string()))?;
+                assert_all_orders_work(&domain, &problem, plan, &order, 50);
+            }
+            (None, None) => {
+                let is_proof = matches!(outcome.stop_reason, StopReason::Unsolvable { .. });
+                prop_assert!(is_proof, "{}", outcome.stop_reason);
+            }
+            (plan, truth) => prop_assert!(false, "planner {plan:?}, truth {truth:?}"),
+        }
+    }
+}

@@ -1,0 +1,65 @@
+//! The truth by trying everything: search over the validator's worlds, one step at a time.
+
+use std::collections::BTreeMap;
+
+use pddl::{Domain, Name, PlanStep, Problem};
+use planner::World;
+
+/// Every step that names an action and as many objects as it takes.
+pub fn all_steps(domain: &Domain, problem: &Problem) -> Vec<PlanStep> {
+    let objects: Vec<Name> = domain
+        .constants
+        .iter()
+        .chain(problem.objects.iter().map(|declaration| &declaration.object))
+        .map(|object| object.name.clone())
+        .collect();
+    let mut steps = Vec::new();
+    for action in &domain.actions {
+        let mut tuples: Vec<Vec<Name>> = vec![Vec::new()];
+        for _ in action.all_parameters() {
+            tuples = tuples
+                .iter()
+                .flat_map(|tuple| {
+                    objects.iter().map(move |object| [tuple.as_slice(), &[object.clone()]].concat())
+                })
+                .collect();
+        }
+        steps.extend(tuples.into_iter().map(|tuple| PlanStep::new(action.name.clone(), tuple)));
+    }
+    steps
+}
+
+/// The least cost of any plan, by Dijkstra's algorithm; `None` if there is no plan.
+///
+/// Costs are taken as millionths, so that they can be compared.
+pub fn least_cost(domain: &Domain, problem: &Problem) -> Option<f64> {
+    let steps = all_steps(domain, problem);
+    let start = World::initial(domain, problem).expect("the texts make sense");
+    let mut known = BTreeMap::from([(key(&start), 0)]);
+    let mut open = BTreeMap::from([((0, key(&start)), start)]);
+    while let Some(((cost, id), world)) = open.pop_first() {
+        if known[&id] < cost {
+            continue;
+        }
+        if world.holds(&problem.goal) {
+            return Some(cost as f64 / 1e6);
+        }
+        for step in &steps {
+            let mut next = world.clone();
+            if next.apply(step).is_err() {
+                continue;
+            }
+            let cost = (next.cost().expect("the metric has a value") * 1e6).round() as i64;
+            let id = key(&next);
+            if known.get(&id).is_none_or(|best| cost < *best) {
+                known.insert(id.clone(), cost);
+                open.insert((cost, id), next);
+            }
+        }
+    }
+    None
+}
+
+fn key(world: &World) -> String {
+    world.atoms().map(|atom| atom.to_string()).collect()
+}

@@ -1,0 +1,12 @@
+//! The planner from outside: texts in, verdicts out.
+
+mod agreement;
+mod brute_force;
+mod conformance;
+mod goals;
+mod numbers;
+mod office;
+mod ordering;
+mod stopping;
+mod support;
+mod validation;

@@ -1,0 +1,125 @@
+//! Numbers that are part of the state.
+
+use expect_test::{Expect, expect};
+
+use crate::support::{self, check};
+
+#[track_caller]
+fn case(domain: &str, problem: &str, expected: Expect) {
+    check(&support::domain(domain), &support::problem(problem), expected);
+}
+
+const TANK: &str =
+    "(:predicates (at ?x) (road ?x ?y)) (:functions (fuel) (capacity) (length ?x ?y))
+    (:action drive :parameters (?x ?y)
+      :precondition (and (at ?x) (road ?x ?y) (>= (fuel) (length ?x ?y)))
+      :effect (and (not (at ?x)) (at ?y) (decrease (fuel) (length ?x ?y))))
+    (:action refuel :parameters (?x) :precondition (at ?x) :effect (assign (fuel) (capacity)))";
+
+#[test]
+fn fuel_is_used_and_filled() {
+    case(
+        TANK,
+        "(:objects a b c) (:init (at a) (road a b) (road b c) (= (length a b) 3) (= (length b c) 4)
+           (= (fuel) 3) (= (capacity) 5))
+         (:goal (and (at c) (>= (fuel) 1)))",
+        expect![[r#"
+            (drive a b)
+            (refuel b)
+            (drive b c)
+            cost 3, optimal
+        "#]],
+    );
+}
+
+#[test]
+fn what_no_tank_can_hold_is_not_found_by_waiting() {
+    case(
+        TANK,
+        "(:objects a b) (:init (at a) (road a b) (= (length a b) 9) (= (fuel) 3) (= (capacity) 5))
+         (:goal (at b))",
+        expect![[r#"
+            proven unsolvable
+        "#]],
+    );
+}
+
+#[test]
+fn an_observation_may_be_assigned_where_nobody_reads_it() {
+    case(
+        "(:predicates (known ?r)) (:functions (temperature ?r))
+         (:action read :parameters (?r) :effect (and (known ?r) (assign (temperature ?r) 20)))",
+        "(:objects lab) (:init) (:goal (known lab))",
+        expect![[r#"
+            (read lab)
+            cost 1, optimal
+        "#]],
+    );
+}
+
+#[test]
+fn increasing_what_has_no_value_never_applies() {
+    case(
+        "(:predicates (done)) (:functions (count))
+         (:action go :effect (and (done) (increase (count) 1)))",
+        "(:init) (:goal (done))",
+        expect![[r#"
+            warning: some instances of `go` never apply: they use a function value that :init leaves out
+            proven unsolvable before search
+        "#]],
+    );
+    case(
+        "(:predicates (done)) (:functions (count))
+         (:action start :effect (assign (count) 0))
+         (:action go :effect (and (done) (increase (count) 1)))",
+        "(:init) (:goal (done))",
+        expect![[r#"
+            (start)
+            (go)
+            cost 2, optimal
+        "#]],
+    );
+}
+
+#[test]
+fn division_by_zero_makes_no_condition_true() {
+    case(
+        "(:predicates (done)) (:functions (a) (b))
+         (:action set :effect (increase (b) 1))
+         (:action go :precondition (> (/ (a) (b)) 1) :effect (done))",
+        "(:init (= (a) 4) (= (b) 0)) (:goal (done))",
+        expect![[r#"
+            (set)
+            (go)
+            cost 2, optimal
+        "#]],
+    );
+}
+
+#[test]
+fn static_comparisons_are_decided_while_grounding() {
+    case(
+        "(:predicates (in ?x)) (:functions (size ?x))
+         (:action enter :parameters (?x) :precondition (< (size ?x) 10) :effect (in ?x))",
+        "(:objects small large) (:init (= (size small) 5) (= (size large) 20))
+         (:goal (exists (?x) (in ?x)))",
+        expect![[r#"
+            (enter small)
+            cost 1, optimal
+        "#]],
+    );
+}
+
+#[test]
+fn a_cost_that_depends_on_the_state_is_refused() {
+    case(
+        "(:predicates (q)) (:functions (total-cost) (load))
+         (:action load :effect (increase (load) 1))
+         (:action go :effect (and (q) (increase (total-cost) (load))))",
+        "(:init (= (load) 0)) (:goal (q)) (:metric minimize (total-cost))",
+        expect![[r#"
+            unsupported: a state-dependent change of `total-cost`, which the metric counts
+            at (increase (total-cost) (load))
+        "#]],
+    );
+}

@@ -1,0 +1,61 @@
+//! The building's own problem: the sensor that is there, rather than the robot that could come.
+
+use expect_test::expect;
+
+use crate::support::check;
+
+const DOMAIN: &str = include_str!("../../benches/office/domain.pddl");
+const PROBLEM: &str = include_str!("../../benches/office/problem.pddl");
+
+#[test]
+fn sensors_that_are_there_report_and_robots_go_where_none_is() {
+    check(
+        DOMAIN,
+        PROBLEM,
+        expect![[r#"
+        (measure-temperature ir-2 turtlebot-2 lab)
+        (move turtlebot-2 lab hall)
+        (move turtlebot-1 hall kitchen)
+        (move turtlebot-2 hall office3)
+        (measure-temperature ir-1 turtlebot-1 kitchen)
+        (measure-temperature ir-2 turtlebot-2 office3)
+        (report-temperature thermo1 office1)
+        (report-temperature thermo2 office2)
+        cost 26.5, optimal
+    "#]],
+    );
+}
+
+#[test]
+fn the_robot_takes_over_when_a_sensor_leaves() {
+    let problem = PROBLEM.replace("(located thermo2 office2)", "");
+    check(
+        DOMAIN,
+        &problem,
+        expect![[r#"
+        (measure-temperature ir-2 turtlebot-2 lab)
+        (move turtlebot-2 lab hall)
+        (move turtlebot-1 hall office2)
+        (measure-temperature ir-1 turtlebot-1 office2)
+        (move turtlebot-1 office2 hall)
+        (move turtlebot-1 hall kitchen)
+        (move turtlebot-2 hall office3)
+        (measure-temperature ir-1 turtlebot-1 kitchen)
+        (measure-temperature ir-2 turtlebot-2 office3)
+        (report-temperature thermo1 office1)
+        cost 39.5, optimal
+    "#]],
+    );
+}
+
+#[test]
+fn nobody_can_go_into_a_room_without_a_door() {
+    let problem = PROBLEM.replace("(connected hall kitchen)", "");
+    check(
+        DOMAIN,
+        &problem,
+        expect![[r#"
+        proven unsolvable before search
+    "#]],
+    );
+}

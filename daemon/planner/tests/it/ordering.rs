@@ -1,0 +1,93 @@
+//! Deordering: every order that respects what it returns works.
+
+use expect_test::{Expect, expect};
+use pddl::{Domain, Plan, Problem};
+use planner::order::{PartialOrder, deorder};
+use planner::{Verdict, validate};
+
+use crate::support::{domain, parse, problem};
+
+const OFFICE: &str = include_str!("../../benches/office/domain.pddl");
+const MORNING: &str = include_str!("../../benches/office/problem.pddl");
+
+/// Validates every order of the steps that respects the partial order, up to `orders_max`.
+pub fn assert_all_orders_work(
+    domain: &Domain,
+    problem: &Problem,
+    plan: &Plan,
+    order: &PartialOrder,
+    orders_max: usize,
+) -> usize {
+    let mut prefixes = vec![Vec::new()];
+    let mut count = 0;
+    while let Some(prefix) = prefixes.pop() {
+        if prefix.len() == plan.steps.len() {
+            let steps = prefix.iter().map(|step: &usize| plan.steps[*step].clone()).collect();
+            let verdict = validate(domain, problem, &Plan { steps, cost: None });
+            assert!(matches!(verdict, Verdict::Valid { .. }), "{prefix:?}: {verdict:?}");
+            count += 1;
+            if count == orders_max {
+                return count;
+            }
+        }
+        let mut done = vec![false; plan.steps.len()];
+        prefix.iter().for_each(|step| done[*step] = true);
+        for step in order.ready(&done) {
+            prefixes.push([prefix.as_slice(), &[step]].concat());
+        }
+    }
+    count
+}
+
+#[track_caller]
+fn check(domain: &str, problem: &str, plan: &str, expected: Expect) {
+    let (domain, problem) = parse(domain, problem);
+    let plan = pddl::parse_plan(plan).into_result().expect("the plan parses");
+    let order = deorder(&domain, &problem, &plan).expect("makes sense");
+    let orders = assert_all_orders_work(&domain, &problem, &plan, &order, 10_000);
+    expected.assert_eq(&format!("{:?}, {orders} orders", order.predecessors));
+}
+
+#[test]
+fn agents_work_side_by_side_and_each_in_its_order() {
+    let problem = MORNING.replace("(forall (?r - room) (known-temperature ?r))", "(and)");
+    check(
+        OFFICE,
+        &problem,
+        "(report-temperature thermo1 office1)
+         (move turtlebot-1 hall office3)
+         (move turtlebot-2 lab hall)
+         (measure-temperature ir-1 turtlebot-1 office3)
+         (move turtlebot-2 hall kitchen)
+         (measure-temperature ir-2 turtlebot-2 kitchen)",
+        expect!["[[], [], [], [1], [2], [4]], 60 orders"],
+    );
+}
+
+/// Steps meet in a branch that is not taken, through an axiom, and as numbers.
+const MEETINGS: &str = "(:requirements :adl :derived-predicates :fluents)
+    (:predicates (a) (b) (c) (d) (e)) (:functions (n) (total-cost))
+    (:derived (d) (or (a) (b)))
+    (:action make-a :effect (and (a) (increase (total-cost) 1)))
+    (:action use-d :precondition (d) :effect (and (e) (increase (total-cost) 1)))
+    (:action branch :effect (when (e) (c)))
+    (:action count :effect (increase (n) 1))
+    (:action ask :precondition (>= (n) 1) :effect (b))
+    (:action apart :effect (and (increase (total-cost) 3)))";
+
+#[test]
+fn branches_axioms_and_numbers_keep_their_order_and_total_cost_does_not() {
+    check(
+        &domain(MEETINGS),
+        &problem("(:init (= (n) 0)) (:goal (and (e) (a) (n-is-one)))")
+            .replace("(n-is-one)", "(= (n) 1)"),
+        "(make-a) (use-d) (branch) (count) (apart)",
+        expect!["[[], [0], [1], [], []], 20 orders"],
+    );
+    check(
+        &domain(MEETINGS),
+        &problem("(:init (= (n) 0)) (:goal (and (b) (e) (not (c))))"),
+        "(branch) (count) (ask) (use-d)",
+        expect!["[[], [], [1], [0, 2]], 3 orders"],
+    );
+}
