@@ -30,6 +30,12 @@ const KEEP_ALIVES: u32 = 4;
 /// greatest Zenoh allows: what does not fit is dropped, because a sender never waits.
 const BATCHES_MAX: u32 = 16;
 
+/// How long one sender waits for a batch to come free before its message is dropped, in
+/// microseconds. A burst then survives a receiver that is busy for a moment (Zenoh's own is
+/// 1 ms, which fifty messages exceeded here). Once a link is congested, all that follows is
+/// dropped at once: a link that stands still costs a Tokio worker this wait once, not per message.
+const WAIT_BEFORE_DROP_US: u32 = 50_000;
+
 /// First and longest pause between attempts to connect. Daemons of one building start together,
 /// so the first attempt often comes before the other listens.
 const RECONNECT_FIRST_MS: u32 = 250;
@@ -158,7 +164,7 @@ impl Config {
         ZenohSubstrate::open(&self.ecosystem, self.daemon, settings, inbound).await
     }
 
-    fn settings(&self) -> Result<Settings, OpenError> {
+    pub(crate) fn settings(&self) -> Result<Settings, OpenError> {
         let mut merged = self.defaults();
         match &self.zenoh {
             Value::Null => (),
@@ -218,7 +224,12 @@ impl Config {
                     "lease": u64::try_from(self.lease.as_millis()).unwrap_or(u64::MAX),
                     "keep_alive": KEEP_ALIVES,
                     // Bids, plans and messages go at `data_high`, models at `data_low`.
-                    "queue": { "size": { "data_high": BATCHES_MAX, "data_low": BATCHES_MAX } },
+                    "queue": {
+                        "size": { "data_high": BATCHES_MAX, "data_low": BATCHES_MAX },
+                        "congestion_control": {
+                            "drop": { "wait_before_drop": WAIT_BEFORE_DROP_US },
+                        },
+                    },
                 },
                 "rx": { "max_message_size": MESSAGE_BYTES_MAX },
             } },

@@ -86,6 +86,11 @@ impl Keys {
         self.under(&["model", "**"])
     }
 
+    /// Everything that is said in the ecosystem.
+    pub(crate) fn everything(&self) -> KeyExpr<'static> {
+        self.under(&["**"])
+    }
+
     /// Everybody's presence.
     pub(crate) fn everyone_alive(&self) -> KeyExpr<'static> {
         self.under(&["alive", "**"])

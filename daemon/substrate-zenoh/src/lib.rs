@@ -21,7 +21,9 @@ mod presence;
 mod publishers;
 mod questions;
 mod session;
+mod tap;
 
 pub use config::{Config, LEASE, MESSAGE_BYTES_MAX, Mode, OpenError};
 pub use endpoint::EndpointError;
 pub use session::ZenohSubstrate;
+pub use tap::{Tap, tap};

@@ -1,0 +1,45 @@
+//! A listener that takes no part: hears everything an ecosystem says, as any Zenoh tool could.
+
+use bytes::Bytes;
+use zenoh::sample::{Sample, SampleKind};
+use zenoh::{Session, Wait};
+
+use crate::config::{Config, OpenError};
+use crate::inbound::{into_bytes, undeclared};
+use crate::key_expr::Keys;
+
+/// Hears until it is dropped.
+pub struct Tap {
+    _session: Session,
+}
+
+/// Hears all messages, broadcasts and models of `config`'s ecosystem: the key and the payload, as
+/// they were sent. Called on Zenoh's threads: `heard` must not block.
+///
+/// # Errors
+///
+/// If the session cannot be opened.
+pub async fn tap(
+    config: Config,
+    heard: impl Fn(&str, Bytes) + Send + Sync + 'static,
+) -> Result<Tap, OpenError> {
+    let settings = config.settings()?;
+    let keys = Keys::new(&config.ecosystem, config.daemon);
+    let (listen, connect) = (settings.listen, settings.connect);
+    let session = zenoh::open(settings.zenoh)
+        .await
+        .map_err(|source| OpenError::Session { listen, connect, source })?;
+    let everything = keys.everything();
+    let hear = move |sample: Sample| {
+        if sample.kind() == SampleKind::Put {
+            heard(sample.key_expr().as_str(), into_bytes(sample.payload()));
+        }
+    };
+    session
+        .declare_subscriber(&everything)
+        .callback(hear)
+        .background()
+        .wait()
+        .map_err(|source| undeclared("subscriber", &everything, source))?;
+    Ok(Tap { _session: session })
+}
