@@ -25,6 +25,7 @@ pub mod diagnostic;
 
 mod balance;
 mod grammar;
+mod graph;
 mod lexer;
 mod nearest;
 mod printer;

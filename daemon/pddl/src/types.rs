@@ -5,9 +5,11 @@
 //! - `object` is above everything. A type that stands only as a supertype counts as declared.
 //! - `(either a b)` as a supertype means both. Cycles are borne: all types of a cycle are then
 //!   subtypes of each other, and [`Types::cycle`] names one for a diagnostic.
+//! - A type has at most [`SUPERTYPES_MAX`] types above it; the nearest count.
 
 use std::collections::{HashMap, HashSet};
 
+use crate::graph::components;
 use crate::tree::{Domain, Name, TypeExpr, Typed};
 
 /// The types of a domain and what is a kind of what.
@@ -20,6 +22,10 @@ pub struct Types {
 }
 
 const OBJECT: &str = "object";
+
+/// How many types may stand above one: no building needs a tenth of it, and every question about
+/// a type is then answered in bounded time.
+pub const SUPERTYPES_MAX: usize = 256;
 
 // === impl Types ===
 
@@ -91,6 +97,7 @@ impl Types {
         let mut at = from;
         loop {
             above.extend(self.supertypes[at].iter().copied().filter(|index| seen.insert(*index)));
+            above.truncate(SUPERTYPES_MAX);
             let Some(index) = above.get(next) else { return above };
             at = *index;
             next += 1;
@@ -137,12 +144,25 @@ impl Types {
             || self.names.iter().any(|sub| self.is_one_of(sub, left) && self.is_one_of(sub, right))
     }
 
+    /// A type with more types above it than are looked at, if there is one: the first declared.
+    pub fn too_high(&self) -> Option<&Name> {
+        let is_too_high = |index: &usize| self.above(*index).len() >= SUPERTYPES_MAX;
+        (0..self.names.len()).find(is_too_high).map(|index| &self.names[index])
+    }
+
     /// A type that is its own supertype, if there is one: the first declared.
     pub fn cycle(&self) -> Option<&Name> {
-        // `object - object` is how some authors say that it is the root.
-        let is_root = |index: usize| self.names[index] == OBJECT;
-        let mut starts = (0..self.names.len()).filter(|index| !is_root(*index));
-        starts.find(|index| self.reaches(*index, *index)).map(|index| &self.names[index])
+        let components = components(&self.supertypes);
+        let mut sizes = vec![0; components.len()];
+        for component in &components {
+            sizes[*component] += 1;
+        }
+        let is_cyclic = |index: &usize| {
+            // `object - object` is how some authors say that it is the root.
+            let is_own_supertype = self.supertypes[*index].contains(index);
+            sizes[components[*index]] > 1 || (is_own_supertype && self.names[*index] != OBJECT)
+        };
+        (0..self.names.len()).find(is_cyclic).map(|index| &self.names[index])
     }
 }
 

@@ -1,9 +1,10 @@
 //! Derived predicates: their heads, their bodies, and whether they can be computed in layers.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 
 use super::Checker;
 use crate::diagnostic::Diagnostic;
+use crate::graph::components;
 use crate::tree::{Condition, Derived, Name};
 
 /// `HEAD` depends on `BODY`.
@@ -54,17 +55,9 @@ impl<'t> Checker<'_, 't> {
         for axiom in axioms {
             collect(&axiom.predicate, &axiom.condition, false, &mut dependencies);
         }
-        let mut bodies: HashMap<&str, Vec<&str>> = HashMap::new();
-        for dependency in &dependencies {
-            bodies.entry(dependency.head.as_str()).or_default().push(dependency.body.as_str());
-        }
-        // Grounded once for each body that is negated, so the cost is bounded by the text's square
-        // only for texts that negate derived predicates throughout.
-        let mut reachable: HashMap<&str, HashSet<&str>> = HashMap::new();
+        let layers = Layers::of(&dependencies);
         for dependency in dependencies.iter().filter(|dependency| dependency.is_negative) {
-            let body = dependency.body.as_str();
-            let reached = reachable.entry(body).or_insert_with(|| reach(body, &bodies));
-            if reached.contains(dependency.head.as_str()) {
+            if layers.are_one(dependency.head, dependency.body) {
                 self.report_unstratified(dependency);
             }
         }
@@ -107,13 +100,34 @@ fn collect<'t>(
     }
 }
 
-/// Everything that `start` depends on, itself included.
-fn reach<'t>(start: &'t str, bodies: &HashMap<&'t str, Vec<&'t str>>) -> HashSet<&'t str> {
-    let mut reached = HashSet::from([start]);
-    let mut open = vec![start];
-    while let Some(name) = open.pop() {
-        let next = bodies.get(name).into_iter().flatten();
-        open.extend(next.filter(|body| reached.insert(body)));
+/// Which predicates depend on each other.
+struct Layers<'t> {
+    index: HashMap<&'t str, usize>,
+    components: Vec<usize>,
+}
+
+impl<'t> Layers<'t> {
+    fn of(dependencies: &[Dependency<'t>]) -> Layers<'t> {
+        let mut index = HashMap::new();
+        let mut bodies: Vec<Vec<usize>> = Vec::new();
+        for Dependency { head, body, .. } in dependencies {
+            let [head, body] = [head, body].map(|name| {
+                let next = bodies.len();
+                let number = *index.entry(name.as_str()).or_insert(next);
+                if number == next {
+                    bodies.push(Vec::new());
+                }
+                number
+            });
+            bodies[head].push(body);
+        }
+        Layers { index, components: components(&bodies) }
     }
-    reached
+
+    /// Whether `head`, which depends on `body`, is depended on by it too.
+    fn are_one(&self, head: &Name, body: &Name) -> bool {
+        let component =
+            |name: &Name| self.index.get(name.as_str()).map(|number| self.components[*number]);
+        component(head) == component(body)
+    }
 }

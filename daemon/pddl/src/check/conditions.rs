@@ -161,11 +161,13 @@ impl<'t> Checker<'_, 't> {
     }
 
     fn variable(&mut self, name: &'t Name) -> Option<&'t TypeExpr> {
-        if let Some(typed) = self.scope.iter().rev().find(|typed| typed.name == *name) {
+        if let Some(typed) = self.variable_in_scope(name.as_str()) {
             return Some(&typed.ty);
         }
-        let known: Vec<_> = self.scope.iter().map(|typed| typed.name.as_str()).collect();
+        let scope = std::mem::take(&mut self.scope);
+        let known = scope.iter().map(|typed| typed.name.as_str());
         let near = self.nearest(name.as_str(), known).map(|near| format!("?{near}"));
+        self.scope = scope;
         let message = format!("unknown variable `?{name}`");
         let unknown = Diagnostic::error(name.span(), message);
         self.report(unknown.with_suggestion(near.as_deref()));
@@ -178,7 +180,7 @@ impl<'t> Checker<'_, 't> {
             return Some(&typed.ty);
         }
         let message = format!("unknown object `{name}`");
-        if self.scope.iter().any(|typed| typed.name == *name) {
+        if self.variable_in_scope(name.as_str()).is_some() {
             let unmarked = Diagnostic::error(name.span(), message);
             self.report(unmarked.with_suggestion(Some(&format!("?{name}"))));
         } else if symbols.is_open {

@@ -5,6 +5,7 @@ use std::collections::{HashMap, HashSet};
 use super::Checker;
 use crate::diagnostic::Diagnostic;
 use crate::tree::{ActionSchema, Domain, DurativeAction, Name, TypeExpr, Typed};
+use crate::types::SUPERTYPES_MAX;
 
 /// Flags of PDDL 1.2 to 3.1, PDDL+ and MA-PDDL, and those that planners made customary.
 const REQUIREMENTS: &[&str] = &[
@@ -98,6 +99,10 @@ impl<'t> Checker<'_, 't> {
             if name != "object" && declared.insert(name) {
                 self.undeclared_supertype(supertype, types);
             }
+        }
+        if let Some(name) = self.symbols.types.too_high() {
+            let message = format!("more than {SUPERTYPES_MAX} types stand above `{name}`");
+            self.report(Diagnostic::error(name.span(), message));
         }
         if let Some(name) = self.symbols.types.cycle() {
             let cycle: Vec<_> = self.symbols.types.supertypes(name.as_str()).collect();

@@ -22,7 +22,7 @@ mod models;
 
 mod plans;
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::fmt;
 
 use crate::diagnostic::{Diagnostic, Problems};
@@ -98,6 +98,8 @@ struct Checker<'s, 't> {
     problems: Problems,
     /// Variables in sight, outermost first.
     scope: Vec<&'t Typed>,
+    /// Where in the scope a name stands, outermost first.
+    bound: HashMap<&'t str, Vec<usize>>,
     /// Types of another text that the checked one builds on.
     foreign_types: Option<&'t [Typed]>,
     /// Objects that others have to bring, once reported.
@@ -113,6 +115,7 @@ impl<'s, 't> Checker<'s, 't> {
             symbols,
             problems: Problems::default(),
             scope: Vec::new(),
+            bound: HashMap::new(),
             foreign_types: None,
             awaited: HashSet::new(),
             comparisons_left: COMPARISONS_MAX,
@@ -140,9 +143,20 @@ impl<'s, 't> Checker<'s, 't> {
     /// Runs `body` with `variables` in sight.
     fn with_scope(&mut self, variables: &'t [Typed], body: impl FnOnce(&mut Self)) {
         let outer = self.scope.len();
+        for (index, variable) in variables.iter().enumerate() {
+            self.bound.entry(variable.name.as_str()).or_default().push(outer + index);
+        }
         self.scope.extend(variables);
         body(self);
         self.scope.truncate(outer);
+        for variable in variables {
+            self.bound.get_mut(variable.name.as_str()).map(Vec::pop);
+        }
+    }
+
+    /// The variable in sight that has this name.
+    fn variable_in_scope(&self, name: &str) -> Option<&'t Typed> {
+        self.bound.get(name)?.last().map(|index| self.scope[*index])
     }
 }
 

@@ -101,6 +101,10 @@ fn collect_conditions<'f>(
     let Some(Headed::By(word, items)) = headed(reader, node, what, TIMED_CONDITION) else {
         return;
     };
+    if !reader.afford_copies(outer.len()) {
+        let message = "the variables of `forall` stand for too many conditions";
+        return reader.report(Diagnostic::error(node.span(), message));
+    }
     match Keyword::of(word).as_str() {
         "and" => items.for_each(|node| collect_conditions(reader, node, outer, conditions)),
         "forall" => {

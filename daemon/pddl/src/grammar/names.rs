@@ -7,6 +7,10 @@ use crate::tree::{Name, Number, Span, Term, TypeExpr, Typed};
 
 const NAME: &str = "NAME = a letter or digit, then letters, digits, `-` and `_`";
 const VARIABLE: &str = "VARIABLE = ?NAME";
+/// Every name of a typed list has its own copy of the type, and types are compared pairwise: what
+/// comes from outside must not make many large ones of a short text.
+const ALTERNATIVES_MAX: usize = 16;
+
 const TYPE: &str = "TYPE = NAME | (either NAME+)";
 
 /// What a typed list types.
@@ -193,6 +197,12 @@ pub(super) fn type_expr<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<T
     if !either.eq_ignore_ascii_case("either") || items.peek().is_none() {
         let message = format!("expected a type, found `{}`", excerpt(node));
         reader.report(Diagnostic::error(node.span(), message).with_rule(TYPE));
+        return None;
+    }
+    if items.count() > ALTERNATIVES_MAX {
+        let message = format!("an `either` of more than {ALTERNATIVES_MAX} types");
+        let large = Diagnostic::error(node.span(), message).with_rule(TYPE);
+        reader.report(large.with_help("give them a supertype in common"));
         return None;
     }
     let alternatives = items.filter_map(|node| name(reader, node, "a type")).collect();

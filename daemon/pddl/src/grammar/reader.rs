@@ -14,7 +14,12 @@ pub(crate) struct Reader<'f> {
     names: HashMap<&'f str, Name>,
     problems: Problems,
     place: Place,
+    copies_left: usize,
 }
+
+/// How many variables may be written out again where `forall` is flattened; see
+/// [`Reader::afford_copies`].
+const COPIES_MAX: usize = 100_000;
 
 /// Where expressions stand: it decides which special terms they may use.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -40,7 +45,8 @@ const KEYWORD_BYTES: usize = 32;
 
 impl<'f> Reader<'f> {
     pub(crate) fn new(problems: Problems) -> Reader<'f> {
-        Reader { names: HashMap::new(), problems, place: Place::Plain }
+        let place = Place::Plain;
+        Reader { names: HashMap::new(), problems, place, copies_left: COPIES_MAX }
     }
 
     pub(crate) fn into_diagnostics(self) -> Vec<Diagnostic> {
@@ -54,6 +60,14 @@ impl<'f> Reader<'f> {
     /// The name that is spelled `word`, standing at `span`.
     pub(super) fn intern(&mut self, word: &'f str, span: Span) -> Name {
         self.names.entry(word).or_insert_with(|| Name::new(word)).at(span)
+    }
+
+    /// Whether `count` more variables may be copied; a short text must not become a tree that does
+    /// not fit into memory.
+    pub(super) fn afford_copies(&mut self, count: usize) -> bool {
+        let left = self.copies_left.checked_sub(count);
+        self.copies_left = left.unwrap_or(0);
+        left.is_some()
     }
 
     pub(super) fn place(&self) -> Place {

@@ -258,6 +258,17 @@ fn types_are_known_and_form_no_circle() {
 }
 
 #[test]
+fn types_stand_on_a_bounded_tower() {
+    let tower: Vec<_> = (0..300).map(|level| format!("t{} - t{level}", level + 1)).collect();
+    check(
+        &format!("(define (domain d) (:types t0 - object {}))", tower.join(" ")),
+        expect![[r#"
+            1:2870: error: more than 256 types stand above `t255` at `t255`
+        "#]],
+    );
+}
+
+#[test]
 fn derived_predicates_only_follow() {
     check(
         "(define (domain d) (:predicates (p) (q) (r ?x)) (:derived (p) (q))

@@ -1,4 +1,5 @@
-//! Texts that nest deeper than a stack: everything ends, on a thread with little of it.
+//! Texts that nest deeper than a stack, and short ones that mean large trees: everything ends, on a
+//! thread with little stack.
 
 use pddl::{NESTING_MAX, Parsed};
 
@@ -62,4 +63,17 @@ fn a_hundred_thousand_parentheses_are_survived() {
     check(nested("(", "", 100_000), false);
     check(domain(&nested("(not ", "(p)", 100_000)), false);
     check("(define (domain d) ".to_owned() + &"(:action ".repeat(100_000), false);
+}
+
+#[test]
+fn a_short_text_is_no_large_tree() {
+    let many = |word: &str| format!("{word} ").repeat(2_000);
+    let alternatives =
+        format!("(define (domain d) (:types {} - (either {})))", many("t"), many("s"));
+    check(alternatives, false);
+    let conditions = format!("(forall ({}) (and {}))", many("?x"), "(at start (p)) ".repeat(2_000));
+    check(
+        format!("(define (domain d) (:durative-action a :duration () :condition {conditions}))"),
+        false,
+    );
 }

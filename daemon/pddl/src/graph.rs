@@ -1,0 +1,87 @@
+//! Which nodes of a graph reach each other: for cycles of types and of axioms.
+//!
+//! In linear time and without recursion, because the graphs come from outside.
+
+/// For each node a number that it shares with those nodes it reaches and is reached from.
+///
+/// `successors` lists, for each node, where its edges lead (Kosaraju's algorithm).
+pub(crate) fn components(successors: &[Vec<usize>]) -> Vec<usize> {
+    let mut predecessors = vec![Vec::new(); successors.len()];
+    for (node, targets) in successors.iter().enumerate() {
+        for target in targets {
+            predecessors[*target].push(node);
+        }
+    }
+    let mut components = vec![None; successors.len()];
+    for (component, root) in finished_order(successors).into_iter().rev().enumerate() {
+        let mut open = vec![root];
+        while let Some(node) = open.pop() {
+            if components[node].is_none() {
+                components[node] = Some(component);
+                open.extend(&predecessors[node]);
+            }
+        }
+    }
+    components.into_iter().flatten().collect()
+}
+
+/// All nodes, each after everything that it reaches, as far as there is no cycle.
+fn finished_order(successors: &[Vec<usize>]) -> Vec<usize> {
+    let mut finished = Vec::with_capacity(successors.len());
+    let mut seen = vec![false; successors.len()];
+    for root in 0..successors.len() {
+        if seen[root] {
+            continue;
+        }
+        seen[root] = true;
+        let mut path = vec![(root, 0)];
+        while let Some((node, edge)) = path.last_mut() {
+            match successors[*node].get(*edge) {
+                Some(target) => {
+                    *edge += 1;
+                    if !seen[*target] {
+                        seen[*target] = true;
+                        path.push((*target, 0));
+                    }
+                }
+                None => {
+                    finished.push(*node);
+                    path.pop();
+                }
+            }
+        }
+    }
+    finished
+}
+
+#[cfg(test)]
+mod tests {
+    use super::components;
+
+    /// `edges` are pairs of nodes; `expected` groups the nodes by component.
+    #[track_caller]
+    fn check(nodes: usize, edges: &[(usize, usize)], expected: &[&[usize]]) {
+        let mut successors = vec![Vec::new(); nodes];
+        for (from, to) in edges {
+            successors[*from].push(*to);
+        }
+        let components = components(&successors);
+        for left in 0..nodes {
+            for right in 0..nodes {
+                let together = expected.iter().any(|it| it.contains(&left) && it.contains(&right));
+                assert_eq!(components[left] == components[right], together, "{left} {right}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_chain_holds_nobody_together() {
+        check(3, &[(0, 1), (1, 2), (0, 2)], &[&[0], &[1], &[2]]);
+    }
+
+    #[test]
+    fn cycles_are_found_behind_and_before_others() {
+        let edges = [(4, 0), (0, 1), (1, 0), (1, 2), (2, 3), (3, 2), (5, 5)];
+        check(6, &edges, &[&[0, 1], &[2, 3], &[4], &[5]]);
+    }
+}
