@@ -4,14 +4,16 @@
 //!    names what the process ends with.
 //!
 //! Around them: [`config`] (what the ecosystem file means), [`report`] and [`render`] (how mistakes
-//! are gathered and shown), [`output`] (the two streams), [`logging`].
+//! are gathered and shown), [`pddl_files`], [`output`] (the two streams), [`logging`].
 
 mod cli;
 mod commands;
+#[allow(dead_code, unused_imports, reason = "hosting, which reads the rest, is not built yet")]
 mod config;
 mod exit;
 mod logging;
 mod output;
+mod pddl_files;
 mod render;
 mod report;
 

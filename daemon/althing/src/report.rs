@@ -50,13 +50,18 @@ impl Source {
     ///
     /// The error completes “failed to …” and names the file.
     pub(crate) fn read(path: &Path) -> Result<Arc<Source>, String> {
-        let bytes =
-            read_bytes(path).map_err(|reason| format!("read `{}`: {reason}", path.display()))?;
+        let name = path.display().to_string();
+        Source::read_as(path, &name).map_err(|reason| format!("read `{name}`: {reason}"))
+    }
+
+    /// Reads a file that is to be called `name`. The error is the reason alone.
+    pub(crate) fn read_as(path: &Path, name: &str) -> Result<Arc<Source>, String> {
+        let bytes = read_bytes(path)?;
         let text = match String::from_utf8(bytes) {
             Ok(text) => text,
             Err(err) => pddl::text_from_bytes(err.as_bytes()).into_owned(),
         };
-        Ok(Source::new(path.display().to_string(), text))
+        Ok(Source::new(name, text))
     }
 
     /// Line and column of a place, both from 1.

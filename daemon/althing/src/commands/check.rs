@@ -11,9 +11,9 @@ use std::sync::Arc;
 use pddl::{Diagnostic, Document, Domain, Name};
 use serde_json::{Value, json};
 
-use super::pddl_files::{self, DomainText};
 use crate::cli::CheckArgs;
 use crate::config::{Ecosystem, KnownPlugin, Overrides};
+use crate::pddl_files::{self, DomainText};
 use crate::render::plural;
 use crate::report::{Report, Source};
 use crate::{exit, output};

@@ -13,8 +13,8 @@ use pddl::{Diagnostic, Plan};
 use planner::{Budget, Cancel, Options, Outcome, PlanError, Statistics, StopReason, Text};
 use serde_json::{Value, json};
 
-use super::pddl_files::{self, Task};
 use crate::cli::{Engine, PlanArgs};
+use crate::pddl_files::{self, Task};
 use crate::render::{number, plural};
 use crate::report::{Report, reason};
 use crate::{exit, output};

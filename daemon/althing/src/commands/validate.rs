@@ -10,8 +10,8 @@ use pddl::{Diagnostic, InitElement, Parsed, Plan};
 use planner::validate::{self, Fault, FaultReason, Place, Verdict};
 use serde_json::json;
 
-use super::pddl_files::{self, Task};
 use crate::cli::ValidateArgs;
+use crate::pddl_files::{self, Task};
 use crate::render::{number, plural};
 use crate::report::{Report, Source};
 use crate::{exit, output};

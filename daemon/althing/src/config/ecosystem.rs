@@ -1,0 +1,109 @@
+//! An ecosystem as its file means it: no options left open, no impossible pairs.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use acl::{AgentId, DaemonId, EcosystemId};
+use agent::{Mode, Settings};
+use pddl::{Domain, Problem, Span};
+use serde_json::Value;
+
+use crate::report::Report;
+
+/// A whole ecosystem, the same on every machine.
+#[derive(Clone, Debug)]
+pub(crate) struct Ecosystem {
+    /// Its name.
+    pub(crate) name: EcosystemId,
+    /// The file it was read from.
+    pub(crate) file: PathBuf,
+    /// The file of the shared ontology.
+    pub(crate) domain_path: PathBuf,
+    /// The shared ontology.
+    pub(crate) domain: Arc<Domain>,
+    /// The file of the map.
+    pub(crate) problem_path: PathBuf,
+    /// The map: objects and facts that no agent brings.
+    pub(crate) problem: Arc<Problem>,
+    /// Who plans.
+    pub(crate) mode: Mode,
+    /// All daemons: those listed, and those that agents name.
+    pub(crate) daemons: BTreeSet<DaemonId>,
+    /// All agents, in the order of the file.
+    pub(crate) agents: Vec<AgentEntry>,
+    /// Goals with a name; each has been parsed and checked.
+    pub(crate) goals: BTreeMap<String, String>,
+    /// For Zenoh, as it is; null where nothing is said.
+    pub(crate) zenoh: Value,
+    /// Times and bounds.
+    pub(crate) settings: Settings,
+    /// The simulated building.
+    pub(crate) building: BuildingSettings,
+    /// What is probably not meant.
+    pub(crate) warnings: Report,
+}
+
+/// One `[[agent]]`.
+#[derive(Clone, Debug)]
+pub(crate) struct AgentEntry {
+    /// Its name, unique in the ecosystem.
+    pub(crate) name: AgentId,
+    /// The plugin that builds it; a known one.
+    pub(crate) plugin: String,
+    /// Which daemon hosts it; none where whoever runs alone does.
+    pub(crate) daemon: Option<DaemonId>,
+    /// One of the plugin's drivers; none for the plugin's default.
+    pub(crate) driver: Option<String>,
+    /// For the plugin, as it is; null where nothing is said.
+    pub(crate) config: Value,
+    /// Where the entry stands in the file.
+    pub(crate) span: Span,
+}
+
+/// What the simulated building is like besides the map.
+#[derive(Clone, Debug)]
+pub(crate) struct BuildingSettings {
+    /// The true temperature of places, in °C.
+    pub(crate) temperatures: BTreeMap<String, f64>,
+    /// Factor on all durations; 1 is real time.
+    pub(crate) time_scale: f64,
+    /// Where several processes share the building.
+    pub(crate) socket: Option<PathBuf>,
+}
+
+// === impl Ecosystem ===
+
+impl Ecosystem {
+    /// The PDDL of a goal: that of the named goal, or `goal` itself if it is PDDL already.
+    ///
+    /// The error says which names there are.
+    pub(crate) fn goal_text<'g>(&'g self, goal: &'g str) -> Result<&'g str, String> {
+        if goal.trim_start().starts_with('(') {
+            return Ok(goal);
+        }
+        if let Some(text) = self.goals.get(goal) {
+            return Ok(text);
+        }
+        let names = || self.goals.keys().map(String::as_str);
+        let help = match (pddl::nearest(goal, names()), self.goals.len()) {
+            (Some(nearest), _) => format!("did you mean `{nearest}`?"),
+            (None, 0) => "the ecosystem file names none; write it in PDDL".to_owned(),
+            (None, _) => format!(
+                "known are {}; others are written in PDDL",
+                names().collect::<Vec<_>>().join(", ")
+            ),
+        };
+        Err(format!("there is no goal called `{goal}`; {help}"))
+    }
+
+    /// The agents that a daemon hosts by name.
+    pub(crate) fn agents_of(&self, daemon: &DaemonId) -> impl Iterator<Item = &AgentEntry> {
+        self.agents.iter().filter(move |agent| agent.daemon.as_ref() == Some(daemon))
+    }
+
+    /// The agents that are given to no daemon: they belong to the machine that runs alone.
+    pub(crate) fn agents_of_nobody(&self) -> impl Iterator<Item = &AgentEntry> {
+        self.agents.iter().filter(|agent| agent.daemon.is_none())
+    }
+}

@@ -1,0 +1,167 @@
+//! The environment as a layer: `ALTHING_TABLE__KEY=value`.
+//!
+//! The scheme: `ALTHING_`, then the path to the key in upper case, `__` between its parts and `_`
+//! for `-`. `ALTHING_ECOSYSTEM__MODE=centralized` is `mode = "centralized"` in `[ecosystem]`;
+//! `ALTHING_TIMING__HEARTBEAT_PERIOD=2s`, `ALTHING_ZENOH__CONNECT__ENDPOINTS='["tcp/pi:7447"]'`.
+//! What is no text is written as in TOML. Agents stand in the file alone.
+//!
+//! A variable without `__` is not of this scheme (`ALTHING_LOG`).
+
+use std::collections::BTreeMap;
+
+use ::config::{Map, Value, ValueKind};
+use pddl::{Diagnostic, Span, nearest};
+use toml::Spanned;
+use toml::de::DeValue;
+
+use super::layer::{Layer, Place};
+use super::reader::{Reader, handed_on, join};
+use super::schema::{self, Shape};
+use crate::report::Source;
+
+const PREFIX: &str = "ALTHING_";
+const SEPARATOR: &str = "__";
+
+/// Variables by name.
+pub(crate) type Variables = BTreeMap<String, String>;
+
+/// Those of this process that are of the scheme. What is not UTF-8 is read as far as it is.
+pub(super) fn variables() -> Variables {
+    let all = std::env::vars_os().map(|(name, value)| {
+        (name.to_string_lossy().into_owned(), value.to_string_lossy().into_owned())
+    });
+    all.filter(|(name, _)| is_ours(name)).collect()
+}
+
+fn is_ours(name: &str) -> bool {
+    name.strip_prefix(PREFIX).is_some_and(|path| path.contains(SEPARATOR))
+}
+
+/// Reads variables against the schema. The layer's text lists them, one in a line.
+pub(super) fn read(variables: &Variables) -> (Layer, Vec<Diagnostic>) {
+    let mut text = String::new();
+    let mut starts = Vec::new();
+    for (name, value) in variables.iter().filter(|(name, _)| is_ours(name)) {
+        starts.push((text.len(), name, value));
+        text += &format!("{name}={value}\n");
+    }
+    let mut reader = Reader::new(Source::new("environment", text));
+    let mut root = Value::new(None, ValueKind::Table(Map::new()));
+    for (start, name, value) in starts {
+        if let Some((path, value)) = variable(&mut reader, start, name, value) {
+            insert(&mut root, &path, value);
+        }
+    }
+    reader.layer.values = root.into_table().unwrap_or_default();
+    (reader.layer, reader.diagnostics)
+}
+
+/// The path and the value of one variable, if the schema knows them.
+fn variable(
+    reader: &mut Reader,
+    start: usize,
+    name: &str,
+    value: &str,
+) -> Option<(Vec<String>, Value)> {
+    let name_span = Span::new(start, start + name.len());
+    let place = |reader: &mut Reader, path: &str| {
+        let value_start = start + name.len() + 1;
+        let value = Span::new(value_start, value_start + value.len());
+        reader.layer.places.insert(path.to_owned(), Place { key: name_span, value });
+    };
+    let parts: Vec<&str> = name[PREFIX.len()..].split(SEPARATOR).collect();
+    let (path, shape, about) = match resolve(&parts) {
+        Ok(found) => found,
+        Err(help) => {
+            let message = format!("`{name}` is no key of an ecosystem file");
+            reader.diagnostics.push(Diagnostic::error(name_span, message).with_help(help));
+            return None;
+        }
+    };
+    let dotted = path.iter().fold(String::new(), |dotted, part| join(&dotted, part));
+    place(reader, &dotted);
+    reader.base = start + name.len() + 1;
+    let tree = tree(shape, value);
+    let value = match shape {
+        // Within what is handed on, anything may stand.
+        Shape::Free => Some(handed_on(tree.get_ref())),
+        _ => reader.value(&dotted, shape, about, &tree),
+    };
+    Some((path, value?))
+}
+
+/// A value of the environment as TOML: what is to be a text needs no quotes.
+fn tree<'v>(shape: &Shape, value: &'v str) -> Spanned<DeValue<'v>> {
+    let text = || Spanned::new(0..value.len(), DeValue::String(value.into()));
+    match shape {
+        Shape::Text | Shape::Choice(_) | Shape::Duration => text(),
+        _ => DeValue::parse(value).unwrap_or_else(|_| text()),
+    }
+}
+
+/// Follows the parts through the schema; the error says what would be right.
+fn resolve(parts: &[&str]) -> Result<(Vec<String>, &'static Shape, &'static str), String> {
+    let mut shape = &schema::FILE;
+    let mut about = "";
+    let mut path = Vec::new();
+    for (index, part) in parts.iter().enumerate() {
+        let lower = part.to_lowercase();
+        let kebab = lower.replace('_', "-");
+        match shape {
+            Shape::Table(keys) => {
+                let Some(key) = keys.iter().find(|key| key.name == kebab) else {
+                    let known: Vec<&str> = keys.iter().map(|key| key.name).collect();
+                    return Err(suggestion(&parts[..index], &kebab, &known));
+                };
+                (shape, about) = (&key.shape, key.about);
+                path.push(kebab);
+            }
+            Shape::Each(element) => {
+                shape = element;
+                path.push(kebab);
+            }
+            // Zenoh's own keys have `_`.
+            Shape::Free => path.push(lower),
+            Shape::List(_) => return Err("agents stand in the ecosystem file alone".to_owned()),
+            _ => return Err(format!("`{}` has no keys below it", path.join("."))),
+        }
+    }
+    match shape {
+        Shape::Table(keys) => {
+            let known: Vec<&str> = keys.iter().map(|key| key.name).collect();
+            Err(suggestion(parts, "", &known))
+        }
+        Shape::Each(_) => Err("name a key in it".to_owned()),
+        Shape::List(Shape::Table(_)) => Err("agents stand in the ecosystem file alone".to_owned()),
+        _ => Ok((path, shape, about)),
+    }
+}
+
+fn suggestion(parts: &[&str], word: &str, known: &[&str]) -> String {
+    let variable = |key: &str| {
+        let mut parts: Vec<String> = parts.iter().map(|part| (*part).to_owned()).collect();
+        parts.push(key.to_uppercase().replace('-', "_"));
+        format!("{PREFIX}{}", parts.join(SEPARATOR))
+    };
+    match nearest(word, known.iter().copied()) {
+        Some(key) => format!("did you mean `{}`?", variable(key)),
+        None => {
+            let all: Vec<String> = known.iter().map(|key| variable(key)).collect();
+            format!("known are {}", all.join(", "))
+        }
+    }
+}
+
+/// Puts a value at a path, making tables on the way.
+fn insert(root: &mut Value, path: &[String], value: Value) {
+    let Some((first, rest)) = path.split_first() else {
+        *root = value;
+        return;
+    };
+    if !matches!(root.kind, ValueKind::Table(_)) {
+        root.kind = ValueKind::Table(Map::new());
+    }
+    if let ValueKind::Table(table) = &mut root.kind {
+        insert(table.entry(first.clone()).or_default(), rest, value);
+    }
+}

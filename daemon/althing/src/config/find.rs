@@ -1,0 +1,45 @@
+//! Where ecosystem files are looked for when none is named.
+
+use std::path::{Path, PathBuf};
+
+/// The name of the file that is found without being named.
+const FILE: &str = "althing.toml";
+
+/// `./althing.toml`, else that of the user's or the system's configuration folder.
+pub(crate) fn find_ecosystem_file() -> Option<PathBuf> {
+    let mut places = vec![PathBuf::from(FILE)];
+    places.extend(configuration_folders().into_iter().map(|folder| folder.join(FILE)));
+    places.into_iter().find(|path| path.is_file())
+}
+
+/// The file of an ecosystem given by its file or by its name, as in `--ecosystem`.
+///
+/// A name is that of a file `NAME.toml` here, in `ecosystems/` here, or in a configuration folder.
+/// The error completes “failed to …” and says where was looked.
+pub(crate) fn resolve_ecosystem(file_or_name: &str) -> Result<PathBuf, String> {
+    let given = PathBuf::from(file_or_name);
+    if given.is_file() {
+        return Ok(given);
+    }
+    if acl::EcosystemId::new(file_or_name).is_err() {
+        return Err(format!("read `{file_or_name}`: there is no such file"));
+    }
+    let mut folders = vec![PathBuf::from("."), PathBuf::from("ecosystems")];
+    folders.extend(configuration_folders());
+    let file = format!("{file_or_name}.toml");
+    let found = folders.iter().map(|folder| folder.join(&file)).find(|path| path.is_file());
+    found.ok_or_else(|| {
+        let folders: Vec<String> =
+            folders.iter().map(|folder| folder.display().to_string()).collect();
+        format!("find an ecosystem called `{file_or_name}`: no `{file}` in {}", folders.join(", "))
+    })
+}
+
+/// The user's, then the system's.
+fn configuration_folders() -> Vec<PathBuf> {
+    let variable = |name| std::env::var_os(name).filter(|value| !value.is_empty());
+    let home = || Some(Path::new(&variable("HOME")?).join(".config"));
+    let user = variable("XDG_CONFIG_HOME").map(PathBuf::from).or_else(home);
+    let system = Some(PathBuf::from("/etc"));
+    [user, system].into_iter().flatten().map(|folder| folder.join("althing")).collect()
+}

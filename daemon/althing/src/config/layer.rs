@@ -1,0 +1,51 @@
+//! One layer of the configuration: values that passed the schema, and where each was written.
+//!
+//! The `config` crate merges layers; this remembers the places, so that whatever is found wrong
+//! later still points into the text, be it the file's or the environment's.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use ::config::{ConfigError, Map, Source as ConfigSource, Value};
+use pddl::Span;
+
+use crate::report::Source;
+
+/// Where something was written.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place {
+    /// The key, or of an element the element.
+    pub(super) key: Span,
+    /// The value.
+    pub(super) value: Span,
+}
+
+/// Checked values and their places.
+#[derive(Clone, Debug)]
+pub(super) struct Layer {
+    /// The text they were written in.
+    pub(super) source: Arc<Source>,
+    /// By dotted path: `agent.0.name`.
+    pub(super) places: BTreeMap<String, Place>,
+    /// What `config` merges.
+    pub(super) values: Map<String, Value>,
+}
+
+// === impl Layer ===
+
+impl Layer {
+    /// A layer that says nothing.
+    pub(super) fn new(source: Arc<Source>) -> Layer {
+        Layer { source, places: BTreeMap::new(), values: Map::new() }
+    }
+}
+
+impl ConfigSource for Layer {
+    fn clone_into_box(&self) -> Box<dyn ConfigSource + Send + Sync> {
+        Box::new(self.clone())
+    }
+
+    fn collect(&self) -> Result<Map<String, Value>, ConfigError> {
+        Ok(self.values.clone())
+    }
+}

@@ -1,0 +1,167 @@
+//! From what was written to what it means: names, references, files, durations, goals.
+//!
+//! Every check goes on after a mistake. A mistake is told where it was written: in the file, or in
+//! the environment where that had the last word.
+
+mod agents;
+
+mod files;
+
+mod goals;
+
+mod timing;
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::Arc;
+
+use acl::{DaemonId, EcosystemId, InvalidName};
+use pddl::{Diagnostic, Span};
+
+use super::KnownPlugin;
+use super::ecosystem::{BuildingSettings, Ecosystem};
+use super::layer::{Layer, Place};
+use super::raw::{Raw, RawBuilding, RawEcosystem};
+use crate::report::{Report, Source};
+use files::Files;
+
+/// What the checks share: where things were written, and what is wrong so far.
+struct Meaning<'l> {
+    file: &'l Path,
+    layers: &'l [Layer],
+    known_plugins: &'l [KnownPlugin],
+    report: Report,
+}
+
+/// Understands what was written, or says all that is wrong with it, `report` included.
+pub(super) fn understand(
+    file: &Path,
+    raw: Raw,
+    layers: &[Layer],
+    known_plugins: &[KnownPlugin],
+    report: Report,
+) -> Result<Ecosystem, Report> {
+    // No `..`: a new table must be understood here.
+    let Raw { ecosystem, zenoh, agent, goals, timing, limits, building } = raw;
+    let RawEcosystem { name, domain, problem, mode, daemons } = ecosystem;
+    let mut meaning = Meaning { file, layers, known_plugins, report };
+
+    let name = meaning.name(name);
+    let files = meaning.files(domain, problem);
+    let mut daemons = meaning.daemons(&daemons);
+    let agents = meaning.agents(agent, files.as_ref());
+    daemons.extend(agents.iter().filter_map(|agent| agent.daemon.clone()));
+    if let Some(files) = &files {
+        meaning.goals(&goals, files, &agents);
+    }
+    let settings = meaning.settings(&timing, &limits);
+    let building = meaning.building(building, files.as_ref());
+
+    let report = meaning.report;
+    match (name, files) {
+        (Some(name), Some(files)) if !report.has_errors() => Ok(Ecosystem {
+            name,
+            file: file.to_owned(),
+            domain_path: files.domain_path,
+            domain: Arc::new(files.domain),
+            problem_path: files.problem_path,
+            problem: Arc::new(files.problem),
+            mode,
+            daemons,
+            agents,
+            goals,
+            zenoh,
+            settings,
+            building,
+            warnings: report,
+        }),
+        _ => Err(report),
+    }
+}
+
+// === impl Meaning ===
+
+impl Meaning<'_> {
+    /// Where something was written last: the environment wins over the file, as its value does.
+    fn place(&self, path: &str) -> Option<(Arc<Source>, Place)> {
+        self.layers.iter().rev().find_map(|layer| {
+            layer.places.get(path).map(|place| (Arc::clone(&layer.source), *place))
+        })
+    }
+
+    /// Reports something about a value; `make` is given where it stands.
+    fn about_value(&mut self, path: &str, make: impl FnOnce(Span) -> Diagnostic) {
+        match self.place(path) {
+            Some((source, place)) => self.report.add(&source, [make(place.value)]),
+            None => self.report.add_general(make(Span::default())),
+        }
+    }
+
+    /// Reports something about a key or an entry.
+    fn about_key(&mut self, path: &str, make: impl FnOnce(Span) -> Diagnostic) {
+        match self.place(path) {
+            Some((source, place)) => self.report.add(&source, [make(place.key)]),
+            None => self.about_file(make(Span::default())),
+        }
+    }
+
+    /// Reports something about the file as a whole.
+    fn about_file(&mut self, diagnostic: Diagnostic) {
+        match self.layers.get(1) {
+            Some(file) => self.report.add(&file.source, [diagnostic]),
+            None => self.report.add_general(diagnostic),
+        }
+    }
+
+    /// Reports that a needed key is nowhere; silent where it is there and was wrong already.
+    fn missing(&mut self, table: &str, key: &str, example: &str) {
+        if self.place(&super::reader::join(table, key)).is_some() {
+            return;
+        }
+        let message = format!("`{key}` is missing in `{}`", super::reader::spoken(table));
+        let help = format!("write {key} = \"{example}\"");
+        self.about_key(table, |span| Diagnostic::error(span, message).with_help(help));
+    }
+
+    /// Reports a name that cannot be one.
+    fn invalid_name(&mut self, path: &str, err: &InvalidName) {
+        let message = format!("`{}` cannot be the name of {}", err.name, err.what);
+        self.about_value(path, |span| Diagnostic::error(span, message).with_help(err.rule));
+    }
+
+    fn name(&mut self, name: Option<String>) -> Option<EcosystemId> {
+        let Some(name) = name else {
+            self.missing("ecosystem", "name", "smart-office");
+            return None;
+        };
+        EcosystemId::new(&name).map_err(|err| self.invalid_name("ecosystem.name", &err)).ok()
+    }
+
+    fn daemons(&mut self, names: &[String]) -> BTreeSet<DaemonId> {
+        let mut daemons = BTreeSet::new();
+        for (index, name) in names.iter().enumerate() {
+            let path = format!("ecosystem.daemons.{index}");
+            match DaemonId::new(name) {
+                Ok(daemon) if daemons.insert(daemon.clone()) => (),
+                Ok(daemon) => self.about_value(&path, |span| {
+                    Diagnostic::warning(span, format!("daemon `{daemon}` is listed twice"))
+                }),
+                Err(err) => self.invalid_name(&path, &err),
+            }
+        }
+        daemons
+    }
+
+    /// The simulated building, whose places must be those of the map.
+    fn building(&mut self, raw: RawBuilding, files: Option<&Files>) -> BuildingSettings {
+        let RawBuilding { temperatures, time_scale, socket } = raw;
+        for place in temperatures.keys() {
+            if let Some((message, help)) = files.and_then(|files| files.unknown_object(place)) {
+                let path = format!("building.temperatures.{place}");
+                self.about_key(&path, |span| Diagnostic::error(span, message).with_help(help));
+            }
+        }
+        let beside = |socket: String| self.file.parent().unwrap_or(Path::new("")).join(socket);
+        BuildingSettings { temperatures, time_scale, socket: socket.map(beside) }
+    }
+}

@@ -1,0 +1,165 @@
+//! The agents of an ecosystem: their names, their plugins, and what their entries refer to.
+
+use acl::{AgentId, DaemonId};
+use pddl::Diagnostic;
+use serde_json::Value;
+
+use super::Meaning;
+use super::files::Files;
+use crate::config::KnownPlugin;
+use crate::config::ecosystem::AgentEntry;
+use crate::config::raw::RawAgent;
+
+/// Keys of `config` that mean the same for every plugin: the name of a place on the map.
+const PLACES: &[&str] = &["location", "start"];
+/// Keys of `config` that mean the same for every plugin: the name of another agent.
+const CARRIERS: &[&str] = &["mounted-on"];
+
+// === impl Meaning ===
+
+impl Meaning<'_> {
+    /// All agents that are right; what is wrong with the others is reported.
+    pub(super) fn agents(&mut self, raw: Vec<RawAgent>, files: Option<&Files>) -> Vec<AgentEntry> {
+        let names: Vec<Option<String>> = raw.iter().map(|agent| agent.name.clone()).collect();
+        let given = raw.iter().any(|agent| agent.daemon.is_some());
+        let mut agents = Vec::new();
+        for (index, raw) in raw.into_iter().enumerate() {
+            let path = format!("agent.{index}");
+            self.duplicate_name(&names, index);
+            self.references(&path, &raw, &names, files);
+            if given && raw.daemon.is_none() {
+                self.homeless(&path, raw.name.as_deref());
+            }
+            agents.extend(self.agent(&path, raw, files));
+        }
+        agents
+    }
+
+    fn agent(&mut self, path: &str, raw: RawAgent, files: Option<&Files>) -> Option<AgentEntry> {
+        let RawAgent { name, plugin, daemon, driver, config } = raw;
+        let name = self.agent_name(path, name, files);
+        let plugin = self.plugin(path, plugin);
+        if let (Some((known, drivers)), Some(driver)) = (plugin, &driver) {
+            self.driver(path, known, drivers, driver);
+        }
+        let daemon = match daemon.as_deref().map(DaemonId::new) {
+            Some(Err(err)) => {
+                self.invalid_name(&format!("{path}.daemon"), &err);
+                return None;
+            }
+            Some(Ok(daemon)) => Some(daemon),
+            None => None,
+        };
+        let span = self.place(path).map(|(_, place)| place.key).unwrap_or_default();
+        let plugin = plugin?.0.to_owned();
+        Some(AgentEntry { name: name?, plugin, daemon, driver, config, span })
+    }
+
+    fn agent_name(
+        &mut self,
+        path: &str,
+        name: Option<String>,
+        files: Option<&Files>,
+    ) -> Option<AgentId> {
+        let Some(name) = name else {
+            self.missing(path, "name", "thermometer-office2");
+            return None;
+        };
+        let path = format!("{path}.name");
+        if files.is_some_and(|files| files.has_object(&name)) {
+            let message = format!("`{name}` is on the map already");
+            let help = "an agent is an object of the composed domain, so its name must be new";
+            self.about_value(&path, |span| Diagnostic::error(span, message).with_help(help));
+        }
+        AgentId::new(&name).map_err(|err| self.invalid_name(&path, &err)).ok()
+    }
+
+    /// Reports a name that an earlier agent has.
+    fn duplicate_name(&mut self, names: &[Option<String>], index: usize) {
+        let Some(name) = &names[index] else { return };
+        let Some(first) = names[..index].iter().position(|other| other.as_ref() == Some(name))
+        else {
+            return;
+        };
+        let first = self.place(&format!("agent.{first}.name")).map(|(_, place)| place.value);
+        self.about_value(&format!("agent.{index}.name"), |span| {
+            let found = Diagnostic::error(span, format!("two agents are called `{name}`"))
+                .with_help("give this one a name of its own");
+            match first {
+                Some(first) => found.with_note(first, "the first"),
+                None => found,
+            }
+        });
+    }
+
+    fn plugin(&mut self, path: &str, plugin: Option<String>) -> Option<KnownPlugin> {
+        let Some(plugin) = plugin else {
+            self.missing(path, "plugin", "temperature-sensor");
+            return None;
+        };
+        let known = self.known_plugins;
+        if let Some(found) = known.iter().find(|(name, _)| *name == plugin) {
+            return Some(*found);
+        }
+        let names = || known.iter().map(|(name, _)| *name);
+        let help = match pddl::nearest(&plugin, names()) {
+            Some(nearest) => format!("did you mean `{nearest}`?"),
+            None => format!("known are {}", names().collect::<Vec<_>>().join(", ")),
+        };
+        let message = format!("unknown plugin `{plugin}`");
+        self.about_value(&format!("{path}.plugin"), |span| {
+            Diagnostic::error(span, message).with_help(help)
+        });
+        None
+    }
+
+    fn driver(&mut self, path: &str, plugin: &str, drivers: &[&str], driver: &str) {
+        if drivers.contains(&driver) {
+            return;
+        }
+        let message = format!("plugin `{plugin}` has no driver `{driver}`");
+        let help = match pddl::nearest(driver, drivers.iter().copied()) {
+            Some(nearest) => format!("did you mean `{nearest}`?"),
+            None if drivers.is_empty() => "it needs none: leave the key out".to_owned(),
+            None => format!("it has {}", drivers.join(", ")),
+        };
+        self.about_value(&format!("{path}.driver"), |span| {
+            Diagnostic::error(span, message).with_help(help)
+        });
+    }
+
+    /// What in an entry's `config` names a place or another agent.
+    fn references(
+        &mut self,
+        path: &str,
+        raw: &RawAgent,
+        names: &[Option<String>],
+        files: Option<&Files>,
+    ) {
+        let Value::Object(config) = &raw.config else { return };
+        let text = |key: &&str| Some((format!("{path}.config"), config.get(*key)?.as_str()?));
+        for (path, place) in PLACES.iter().filter_map(text) {
+            if let Some((message, help)) = files.and_then(|files| files.unknown_object(place)) {
+                self.about_value(&path, |span| Diagnostic::error(span, message).with_help(help));
+            }
+        }
+        for (path, carrier) in CARRIERS.iter().filter_map(text) {
+            let known = || names.iter().flatten().map(String::as_str);
+            if known().any(|name| name == carrier) {
+                continue;
+            }
+            let suggestion = pddl::nearest(carrier, known());
+            let message = format!("there is no agent `{carrier}`");
+            self.about_value(&path, |span| {
+                Diagnostic::error(span, message).with_suggestion(suggestion)
+            });
+        }
+    }
+
+    /// Some agents are given to daemons and this one is not: probably forgotten.
+    fn homeless(&mut self, path: &str, name: Option<&str>) {
+        let message = format!("agent `{}` is given to no daemon", name.unwrap_or("?"));
+        let help = "others are; without `daemon`, every machine that runs alone hosts it";
+        self.about_key(path, |span| Diagnostic::warning(span, message).with_help(help));
+    }
+}

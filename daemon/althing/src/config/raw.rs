@@ -1,0 +1,93 @@
+//! What was written, layers merged, nothing interpreted yet. `meaning` makes an ecosystem of it.
+//!
+//! What the defaults give is always there; the rest may be missing.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::duration;
+
+/// The whole configuration.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct Raw {
+    #[serde(default)]
+    pub(super) ecosystem: RawEcosystem,
+    #[serde(default)]
+    pub(super) zenoh: Value,
+    #[serde(default)]
+    pub(super) agent: Vec<RawAgent>,
+    #[serde(default)]
+    pub(super) goals: BTreeMap<String, String>,
+    pub(super) timing: RawTiming,
+    pub(super) limits: RawLimits,
+    pub(super) building: RawBuilding,
+}
+
+/// `[ecosystem]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "kebab-case", default)]
+pub(super) struct RawEcosystem {
+    pub(super) name: Option<String>,
+    pub(super) domain: Option<String>,
+    pub(super) problem: Option<String>,
+    pub(super) mode: agent::Mode,
+    pub(super) daemons: Vec<String>,
+}
+
+/// `[[agent]]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "kebab-case", default)]
+pub(super) struct RawAgent {
+    pub(super) name: Option<String>,
+    pub(super) plugin: Option<String>,
+    pub(super) daemon: Option<String>,
+    pub(super) driver: Option<String>,
+    pub(super) config: Value,
+}
+
+/// `[timing]`
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct RawTiming {
+    #[serde(deserialize_with = "duration::deserialize")]
+    pub(super) heartbeat_period: Duration,
+    #[serde(deserialize_with = "duration::deserialize")]
+    pub(super) heartbeat_lease: Duration,
+    #[serde(deserialize_with = "duration::deserialize")]
+    pub(super) grace: Duration,
+    #[serde(deserialize_with = "duration::deserialize")]
+    pub(super) removal: Duration,
+    #[serde(deserialize_with = "duration::deserialize")]
+    pub(super) retry_first: Duration,
+    #[serde(deserialize_with = "duration::deserialize")]
+    pub(super) retry_max: Duration,
+    #[serde(deserialize_with = "duration::deserialize")]
+    pub(super) proposals_deadline: Duration,
+    #[serde(deserialize_with = "duration::deserialize")]
+    pub(super) planning_deadline: Duration,
+    #[serde(deserialize_with = "duration::deserialize")]
+    pub(super) answer_deadline: Duration,
+}
+
+/// `[limits]`
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct RawLimits {
+    pub(super) mailbox_messages_max: u32,
+    pub(super) outbox_messages_max: u32,
+}
+
+/// `[building]`
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct RawBuilding {
+    #[serde(default)]
+    pub(super) temperatures: BTreeMap<String, f64>,
+    pub(super) time_scale: f64,
+    #[serde(default)]
+    pub(super) socket: Option<String>,
+}

@@ -1,0 +1,239 @@
+//! Reads TOML against the schema: what fits becomes a [`Layer`], what does not a diagnostic.
+//!
+//! Reads on after every mistake, so that all of them are told at once. What names mean, and whether
+//! the parts fit together, is for `meaning`.
+
+use std::sync::Arc;
+
+use ::config::{Map, Value, ValueKind};
+use pddl::{Diagnostic, Span, nearest};
+use toml::Spanned;
+use toml::de::{DeArray, DeTable, DeValue};
+
+use super::duration;
+use super::layer::{Layer, Place};
+use super::schema::{self, Key, Shape};
+use crate::report::Source;
+
+/// Walks the tree of a text.
+pub(super) struct Reader {
+    pub(super) layer: Layer,
+    pub(super) diagnostics: Vec<Diagnostic>,
+    /// Where in the source the tree's own text begins.
+    pub(super) base: usize,
+}
+
+/// Reads a whole ecosystem file.
+pub(super) fn read(source: &Arc<Source>) -> (Layer, Vec<Diagnostic>) {
+    let mut reader = Reader::new(Arc::clone(source));
+    let (tree, errors) = DeTable::parse_recoverable(&source.text);
+    reader.diagnostics.extend(errors.iter().map(syntax_error));
+    let keys = match &schema::FILE {
+        Shape::Table(keys) => *keys,
+        _ => &[],
+    };
+    reader.layer.values = reader.table("", keys, tree.get_ref());
+    reader.diagnostics.sort_by_key(|found| (found.span.start, found.span.end));
+    (reader.layer, reader.diagnostics)
+}
+
+fn syntax_error(err: &toml::de::Error) -> Diagnostic {
+    let span = err.span().unwrap_or(0..0);
+    Diagnostic::error(Span::new(span.start, span.end), format!("not TOML: {}", err.message()))
+}
+
+// === impl Reader ===
+
+impl Reader {
+    pub(super) fn new(source: Arc<Source>) -> Reader {
+        Reader { layer: Layer::new(source), diagnostics: Vec::new(), base: 0 }
+    }
+
+    fn table(&mut self, path: &str, keys: &[Key], table: &DeTable<'_>) -> Map<String, Value> {
+        let mut values = Map::new();
+        for (written, value) in table {
+            let name = written.get_ref().as_ref();
+            let place = self.place(written.span(), value.span());
+            let Some(key) = keys.iter().find(|key| key.name == name) else {
+                self.diagnostics.push(unknown_key(path, keys, name, place.key));
+                continue;
+            };
+            let path = join(path, name);
+            self.layer.places.insert(path.clone(), place);
+            let value = self.value(&path, &key.shape, key.about, value);
+            values.extend(value.map(|value| (name.to_owned(), value)));
+        }
+        values
+    }
+
+    /// The value, if it has the shape; otherwise a diagnostic.
+    pub(super) fn value(
+        &mut self,
+        path: &str,
+        shape: &Shape,
+        about: &str,
+        value: &Spanned<DeValue<'_>>,
+    ) -> Option<Value> {
+        let wrong = match (shape, value.get_ref()) {
+            (Shape::Text, DeValue::String(_)) | (Shape::Free, DeValue::Table(_)) => {
+                return Some(handed_on(value.get_ref()));
+            }
+            (Shape::Table(keys), DeValue::Table(table)) => {
+                return Some(table_value(self.table(path, keys, table)));
+            }
+            (Shape::Each(shape), DeValue::Table(table)) => {
+                return Some(self.each(path, shape, about, table));
+            }
+            (Shape::List(shape), DeValue::Array(list)) => {
+                return Some(self.list(path, shape, about, list));
+            }
+            (_, value) => match scalar(shape, value) {
+                Ok(value) => return Some(value),
+                Err(wrong) => wrong,
+            },
+        };
+        let span = self.place(0..0, value.span()).value;
+        self.diagnostics.push(wrong_value(path, about, shape, wrong, span));
+        None
+    }
+
+    fn each(&mut self, path: &str, shape: &Shape, about: &str, table: &DeTable<'_>) -> Value {
+        let mut values = Map::new();
+        for (written, value) in table {
+            let name = written.get_ref().as_ref();
+            let path = join(path, name);
+            let place = self.place(written.span(), value.span());
+            self.layer.places.insert(path.clone(), place);
+            let value = self.value(&path, shape, about, value);
+            values.extend(value.map(|value| (name.to_owned(), value)));
+        }
+        table_value(values)
+    }
+
+    fn list(&mut self, path: &str, shape: &Shape, about: &str, list: &DeArray<'_>) -> Value {
+        let mut values = Vec::new();
+        for element in list {
+            // Numbered by what is kept, as `config` will number them.
+            let path = join(path, &values.len().to_string());
+            let place = self.place(element.span(), element.span());
+            self.layer.places.insert(path.clone(), place);
+            values.extend(self.value(&path, shape, about, element));
+        }
+        Value::new(None, ValueKind::Array(values))
+    }
+
+    fn place(&self, key: std::ops::Range<usize>, value: std::ops::Range<usize>) -> Place {
+        let span = |range: std::ops::Range<usize>| {
+            Span::new(self.base + range.start, self.base + range.end)
+        };
+        Place { key: span(key), value: span(value) }
+    }
+}
+
+/// A value that stands alone, or what is wrong with it beyond its kind.
+fn scalar(shape: &Shape, value: &DeValue<'_>) -> Result<Value, Option<String>> {
+    let ok = Ok(handed_on(value));
+    match (shape, value) {
+        (Shape::Choice(words), DeValue::String(word)) => {
+            if words.contains(&word.as_ref()) {
+                return ok;
+            }
+            let nearest = nearest(word, words.iter().copied());
+            Err(nearest.map(|word| format!("did you mean \"{word}\"?")))
+        }
+        (Shape::Duration, DeValue::String(text)) => match duration::parse(text) {
+            Ok(_) => ok,
+            Err(help) => Err(Some(help)),
+        },
+        (Shape::Duration, DeValue::Integer(_) | DeValue::Float(_)) => {
+            Err(Some("a duration has a unit and stands in quotes, such as \"500ms\"".to_owned()))
+        }
+        (Shape::Count, DeValue::Integer(_)) => match handed_on(value).kind {
+            ValueKind::I64(1..) => ok,
+            _ => Err(None),
+        },
+        (Shape::Number { min, max }, DeValue::Integer(_) | DeValue::Float(_)) => {
+            match handed_on(value).into_float() {
+                Ok(number) if (*min..=*max).contains(&number) => ok,
+                _ => Err(None),
+            }
+        }
+        _ => Err(None),
+    }
+}
+
+/// Any TOML as `config` has it.
+pub(super) fn handed_on(value: &DeValue<'_>) -> Value {
+    let kind = match value {
+        DeValue::String(text) => ValueKind::String(text.to_string()),
+        DeValue::Integer(number) => integer(number),
+        DeValue::Float(number) => {
+            // Underscores are TOML's, not Rust's.
+            ValueKind::Float(number.as_str().replace('_', "").parse().unwrap_or(f64::NAN))
+        }
+        DeValue::Boolean(truth) => ValueKind::Boolean(*truth),
+        DeValue::Datetime(time) => ValueKind::String(time.to_string()),
+        DeValue::Array(list) => {
+            ValueKind::Array(list.iter().map(|element| handed_on(element.get_ref())).collect())
+        }
+        DeValue::Table(table) => {
+            let values = table
+                .iter()
+                .map(|(key, value)| (key.get_ref().to_string(), handed_on(value.get_ref())));
+            ValueKind::Table(values.collect())
+        }
+    };
+    Value::new(None, kind)
+}
+
+/// A whole number, or where it is larger than any, what comes nearest.
+fn integer(number: &toml::de::DeInteger<'_>) -> ValueKind {
+    let digits = number.as_str().replace('_', "");
+    match i64::from_str_radix(&digits, number.radix()) {
+        Ok(number) => ValueKind::I64(number),
+        Err(_) => ValueKind::Float(digits.parse().unwrap_or(f64::INFINITY)),
+    }
+}
+
+fn table_value(values: Map<String, Value>) -> Value {
+    Value::new(None, ValueKind::Table(values))
+}
+
+/// `ecosystem` and `mode` make `ecosystem.mode`.
+pub(super) fn join(path: &str, key: &str) -> String {
+    if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") }
+}
+
+/// The path as a person would say it: `agent.3.name` is the `name` of an agent.
+pub(super) fn spoken(path: &str) -> String {
+    let words = path.split('.').filter(|word| word.parse::<usize>().is_err());
+    words.collect::<Vec<_>>().join(".")
+}
+
+fn unknown_key(path: &str, keys: &[Key], name: &str, span: Span) -> Diagnostic {
+    let within = match spoken(path).as_str() {
+        "" => String::new(),
+        table => format!(" in `{table}`"),
+    };
+    let names = || keys.iter().map(|key| key.name);
+    let help = match nearest(name, names()) {
+        Some(nearest) => format!("did you mean `{nearest}`?"),
+        None => format!("known are {}", names().collect::<Vec<_>>().join(", ")),
+    };
+    Diagnostic::error(span, format!("unknown key `{name}`{within}")).with_help(help)
+}
+
+fn wrong_value(
+    path: &str,
+    about: &str,
+    shape: &Shape,
+    help: Option<String>,
+    span: Span,
+) -> Diagnostic {
+    let path = spoken(path);
+    let key = path.rsplit('.').next().unwrap_or(&path);
+    let message = format!("`{path}` must be {}", shape.expected());
+    let mut found = Diagnostic::error(span, message).with_rule(format!("{key}: {about}"));
+    found.help = help;
+    found
+}

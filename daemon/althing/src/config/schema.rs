@@ -1,0 +1,113 @@
+//! Every key of an ecosystem file: its name, what may stand there, what it is for.
+//!
+//! A new key is one line here, one field in `raw`, and, if it is not always needed, one line in
+//! `defaults.toml`. Messages and suggestions are made from this table.
+
+/// A key of a table.
+#[derive(Debug)]
+pub(super) struct Key {
+    pub(super) name: &'static str,
+    pub(super) shape: Shape,
+    /// What it is for, in a few words.
+    pub(super) about: &'static str,
+}
+
+/// What may stand at a key.
+#[derive(Debug)]
+pub(super) enum Shape {
+    /// A text in quotes.
+    Text,
+    /// One of a few words.
+    Choice(&'static [&'static str]),
+    /// `"500ms"`
+    Duration,
+    /// A whole number above 0.
+    Count,
+    /// A number within bounds.
+    Number { min: f64, max: f64 },
+    /// `[ … ]`, each element of one shape.
+    List(&'static Shape),
+    /// A table with these keys and no others.
+    Table(&'static [Key]),
+    /// A table with whatever keys, each of one shape.
+    Each(&'static Shape),
+    /// A table that is handed on as it is.
+    Free,
+}
+
+const fn key(name: &'static str, shape: Shape, about: &'static str) -> Key {
+    Key { name, shape, about }
+}
+
+/// An ecosystem file.
+pub(super) static FILE: Shape = Shape::Table(&[
+    key("ecosystem", Shape::Table(ECOSYSTEM), "what the ecosystem is"),
+    key("zenoh", Shape::Free, "handed to Zenoh as it is"),
+    key("agent", Shape::List(&Shape::Table(AGENT)), "the agents, one [[agent]] each"),
+    key("goals", Shape::Each(&Shape::Text), "goals with a name, in PDDL"),
+    key("timing", Shape::Table(TIMING), "how long things may take"),
+    key("limits", Shape::Table(LIMITS), "how many there may be"),
+    key("building", Shape::Table(BUILDING), "the simulated building"),
+]);
+
+const ECOSYSTEM: &[Key] = &[
+    key("name", Shape::Text, "its name, such as \"smart-office\""),
+    key("domain", Shape::Text, "the file of the shared ontology, such as \"domain.pddl\""),
+    key("problem", Shape::Text, "the file of the map, such as \"map.pddl\""),
+    key("mode", Shape::Choice(&["centralized", "decentralized"]), "who plans"),
+    key("daemons", Shape::List(&Shape::Text), "daemons that host no agent yet"),
+];
+
+const AGENT: &[Key] = &[
+    key("name", Shape::Text, "its name, such as \"thermometer-office2\""),
+    key("plugin", Shape::Text, "what it is, such as \"temperature-sensor\""),
+    key("daemon", Shape::Text, "which machine hosts it"),
+    key("driver", Shape::Text, "what it acts through, such as \"simulated\""),
+    key("config", Shape::Free, "handed to the plugin as it is"),
+];
+
+const TIMING: &[Key] = &[
+    key("heartbeat-period", Shape::Duration, "how often an actuator says that it works"),
+    key("heartbeat-lease", Shape::Duration, "how long it may be silent"),
+    key("grace", Shape::Duration, "how long a plan bears the absence of an agent"),
+    key("removal", Shape::Duration, "how long its facts are believed after it left"),
+    key("retry-first", Shape::Duration, "first wait for a receipt"),
+    key("retry-max", Shape::Duration, "longest wait for a receipt"),
+    key("proposals-deadline", Shape::Duration, "how long bidders have to propose"),
+    key("planning-deadline", Shape::Duration, "how long a planner may search"),
+    key("answer-deadline", Shape::Duration, "how long a question may take"),
+];
+
+const LIMITS: &[Key] = &[
+    key("mailbox-messages-max", Shape::Count, "messages a mailbox holds"),
+    key("outbox-messages-max", Shape::Count, "commitments without a receipt"),
+];
+
+const BUILDING: &[Key] = &[
+    key("temperatures", Shape::Each(&CELSIUS), "the true temperature of each place, in °C"),
+    key("time-scale", Shape::Number { min: 0.0, max: 1_000.0 }, "1.0 is real time"),
+    key("socket", Shape::Text, "where several processes share the building"),
+];
+
+/// What exists, and a furnace: the bounds of the simulated building.
+const CELSIUS: Shape = Shape::Number { min: -273.15, max: 1_000.0 };
+
+// === impl Shape ===
+
+impl Shape {
+    /// What would be right, to follow “must be”.
+    pub(super) fn expected(&self) -> String {
+        match self {
+            Shape::Text => "a text in quotes".to_owned(),
+            Shape::Choice(words) => {
+                let quoted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
+                quoted.join(" or ")
+            }
+            Shape::Duration => "a duration, such as \"500ms\", \"2s\" or \"1min\"".to_owned(),
+            Shape::Count => "a whole number above 0".to_owned(),
+            Shape::Number { min, max } => format!("a number from {min} to {max}"),
+            Shape::List(element) => format!("a list in [ ], each {}", element.expected()),
+            Shape::Table(_) | Shape::Each(_) | Shape::Free => "a table".to_owned(),
+        }
+    }
+}
