@@ -18,6 +18,9 @@ use crate::questions::{self, Residents};
 use crate::{inbound, presence};
 
 /// A daemon's end of the wire. Dropping the last handle closes it.
+///
+/// What a daemon sends to its own agents arrives on the sender's thread before `send` returns,
+/// as it does in memory: hold no lock that [`Inbound`] takes.
 pub struct ZenohSubstrate {
     keys: Keys,
     residents: Residents,

@@ -26,9 +26,11 @@ pub async fn tap(
     let settings = config.settings()?;
     let keys = Keys::new(&config.ecosystem, config.daemon);
     let (listen, connect) = (settings.listen, settings.connect);
-    let session = zenoh::open(settings.zenoh)
-        .await
-        .map_err(|source| OpenError::Session { listen, connect, source })?;
+    let session = zenoh::open(settings.zenoh).await.map_err(|source| OpenError::Session {
+        listen,
+        connect,
+        source,
+    })?;
     let everything = keys.everything();
     let hear = move |sample: Sample| {
         if sample.kind() == SampleKind::Put {
