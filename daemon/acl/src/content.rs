@@ -334,6 +334,8 @@ pub enum Reason {
     Unknown,
     /// Part of the design, not built yet.
     NotBuilt,
+    /// It contradicts what another agent, or the ontology, says.
+    Conflict,
     /// The daemon is draining.
     Stopping,
     /// A reason of a newer version.

@@ -235,7 +235,10 @@ impl<A: Agent> Life<A> {
                 Opened::Nothing => (),
             },
             Letter::Broadcast(message) => {
-                if let Some(callback) = self.callbacks.broadcast(message.performative) {
+                let callback = self.callbacks.broadcast(message.performative);
+                if let Some(callback) = callback
+                    && self.ctx.communication.engage(&message)
+                {
                     callback(&mut self.agent, Message::clone(&message), &mut self.ctx);
                 }
             }

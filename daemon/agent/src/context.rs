@@ -239,6 +239,22 @@ impl<A: Agent> Context<A> {
         self.communication.not_understood(message, Reason::BadContent, detail.into());
     }
 
+    /// Tells one agent something outside any exchange, once.
+    pub fn tell(
+        &mut self,
+        to: &AgentId,
+        performative: Performative,
+        content: &impl serde::Serialize,
+    ) {
+        let conversation = ConversationId::new(self.id().as_str());
+        let mut message = self.communication.message(performative, conversation, value(content));
+        message.receiver.push(to.clone());
+        let patience = self.settings().answer_deadline;
+        if let Err(why) = self.communication.post(&message, patience) {
+            tracing::warn!(agent = %self.id(), %to, %why, "could not be told");
+        }
+    }
+
     /// Tells all.
     pub fn inform_all(&mut self, inform: &Inform) {
         let conversation = ConversationId::new(self.id().as_str());

@@ -6,6 +6,7 @@
 //!   commitments, follows the protocols, and holds messages for agents that are not here yet.
 //! - [`Switchboard`] is the daemon's own end of the substrate: mailboxes, the [`Directory`], and
 //!   the broadcasts a newcomer has missed.
+//! - [`upkeep`] keeps a Domain Maintainer, central or an actuator's own, up to date.
 //! - [`PluginEntry`] is what a plugin crate offers to a daemon.
 //!
 //! An agent sees no substrate and no other agent's code.
@@ -20,6 +21,7 @@ mod outbox;
 mod plugin;
 mod settings;
 mod switchboard;
+pub mod upkeep;
 
 pub use base_agent::{Agent, Berth, Launch, LaunchError};
 pub use callbacks::Callbacks;

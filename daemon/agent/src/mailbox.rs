@@ -41,6 +41,11 @@ impl Slot {
             }
         })
     }
+
+    /// Whether nobody takes letters out any more.
+    pub(crate) fn is_closed(&self) -> bool {
+        self.0.is_closed()
+    }
 }
 
 impl Mailbox {

@@ -20,7 +20,7 @@ pub struct PluginEntry {
     pub name: &'static str,
     /// What it is, in a line.
     pub about: &'static str,
-    /// The drivers it has; the first is the default.
+    /// The drivers it has; the first is the default. None, if it touches no device.
     pub drivers: &'static [&'static str],
     /// Builds an agent. Opens nothing: that is for the agent's activation.
     pub build: fn(Blueprint) -> Result<Box<dyn Launch>, BuildError>,

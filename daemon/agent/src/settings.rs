@@ -49,7 +49,7 @@ impl Default for Settings {
             retry_max: Duration::from_millis(1_000),
             proposals_deadline: Duration::from_millis(1_000),
             planning_deadline: Duration::from_secs(10),
-            answer_deadline: Duration::from_secs(5),
+            answer_deadline: Duration::from_secs(2),
             mailbox_messages_max: 256,
             outbox_messages_max: 1_024,
         }

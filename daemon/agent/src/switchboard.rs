@@ -173,7 +173,9 @@ impl Switchboard {
         }
     }
 
-    pub(crate) fn presence_changes(&self) -> (Directory, broadcast::Receiver<Presence>) {
+    /// Who is here, and every change from now on; whoever lags too far behind compares
+    /// directories.
+    pub fn presence_changes(&self) -> (Directory, broadcast::Receiver<Presence>) {
         // Subscribed under the lock, so that no change falls between the two.
         let state = self.read();
         (state.directory.clone(), self.presence.subscribe())
@@ -223,8 +225,12 @@ impl Switchboard {
             tracing::debug!(%agent, "a message to an agent that is not hosted here");
             return;
         };
-        if let Err(Letter::Direct(payload)) = slot.put(letter) {
-            self.refuse_overflow(agent, &payload);
+        match slot.put(letter) {
+            Err(Letter::Direct(_)) if slot.is_closed() => {
+                tracing::debug!(%agent, "a message to an agent that has ended");
+            }
+            Err(Letter::Direct(payload)) => self.refuse_overflow(agent, &payload),
+            _ => (),
         }
     }
 

@@ -3,7 +3,8 @@
 //! 1. [`cli`] reads the command line, 2. [`commands`] has one function per command, 3. [`exit`]
 //!    names what the process ends with.
 //!
-//! Around them: [`config`] (what the ecosystem file means), [`report`] and [`render`] (how mistakes
+//! Around them: [`hosting`] (one daemon and its agents), [`plugins`] (the table of them), [`scenario`]
+//! (the paper's demonstrations), [`config`] (what the ecosystem file means), [`report`] and [`render`] (how mistakes
 //! are gathered and shown), [`pddl_files`], [`output`] (the two streams), [`logging`].
 
 mod cli;
@@ -11,11 +12,14 @@ mod commands;
 #[allow(dead_code, unused_imports, reason = "hosting, which reads the rest, is not built yet")]
 mod config;
 mod exit;
+mod hosting;
 mod logging;
 mod output;
 mod pddl_files;
+mod plugins;
 mod render;
 mod report;
+mod scenario;
 
 use std::process::ExitCode;
 

@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn every_protocol_opens_once_and_can_close() {
+    fn every_protocol_can_open_and_close() {
         for protocol in [
             Protocol::Goal,
             Protocol::Planning,
@@ -206,7 +206,7 @@ mod tests {
                     .iter()
                     .filter(move |turn| turn.protocol == protocol && turn.phase == phase)
             };
-            assert_eq!(of(Phase::Opening).count(), 1, "{protocol:?}");
+            assert_ne!(of(Phase::Opening).count(), 0, "{protocol:?}");
             assert_eq!(of(Phase::Closed).count(), 0, "{protocol:?}");
             assert!(
                 crate::PROTOCOLS

@@ -49,6 +49,9 @@ pub const PROTOCOLS: &[Turn] = &[
     turn(Goal, Open, Initiator, Cancel, Cancelling),
     turn(Goal, Cancelling, Participant, Confirm, Closed),
     turn(Goal, Cancelling, Participant, Refuse, Closed),
+    // Another user cancels a goal by its conversation.
+    turn(Goal, Opening, Initiator, Cancel, Cancelling),
+    turn(Goal, Cancelling, Participant, NotUnderstood, Closed),
     // The Plan Requester asks the Planning Agent (centralised).
     turn(Planning, Opening, Initiator, Request, Open),
     turn(Planning, Open, Participant, Refuse, Closed),

@@ -8,36 +8,44 @@ mod validate;
 
 mod check;
 
+mod up;
+
+mod scenario;
+
+mod client;
+
+mod goal;
+
+mod agents;
+
+mod domain;
+
+mod state;
+
+mod watch;
+
+use std::future::Future;
 use std::process::ExitCode;
 
 use crate::cli::Command;
-use crate::{exit, output};
+use crate::{exit, output, plugins};
 
-/// The plugins of this house, until they are linked in and say so themselves.
-const KNOWN_PLUGINS: &[crate::config::KnownPlugin] = &[
-    ("domain-maintainer", &[]),
-    ("ir-temperature-sensor", &["simulated"]),
-    ("keyboard", &[]),
-    ("plan-executor", &[]),
-    ("plan-requester", &[]),
-    ("planning-agent", &[]),
-    ("temperature-sensor", &["simulated"]),
-    ("turtlebot", &["simulated"]),
-];
+/// What `althing up` says when its agents are here; whoever started it waits for the line.
+pub(crate) const READY: &str = "is ready";
 
 /// Does what was asked.
 pub(crate) fn run(command: Command) -> ExitCode {
     match command {
         Command::Plan(args) => plan::run(&args),
         Command::Validate(args) => validate::run(&args),
-        Command::Check(args) => check::run(&args, KNOWN_PLUGINS),
-        Command::Up(_) => not_built_yet("up"),
-        Command::Scenario(_) => not_built_yet("scenario"),
-        Command::Goal(_) => not_built_yet("goal"),
-        Command::Agents(_) => not_built_yet("agents"),
-        Command::Domain(_) => not_built_yet("domain"),
-        Command::State(_) => not_built_yet("state"),
-        Command::Watch(_) => not_built_yet("watch"),
+        Command::Check(args) => check::run(&args, &plugins::known()),
+        Command::Up(args) => up::run(&args),
+        Command::Scenario(args) => scenario::run(&args),
+        Command::Goal(args) => goal::run(&args),
+        Command::Agents(args) => agents::run(&args),
+        Command::Domain(args) => domain::run(&args),
+        Command::State(args) => state::run(&args),
+        Command::Watch(args) => watch::run(&args),
     }
 }
 
@@ -45,4 +53,24 @@ pub(crate) fn run(command: Command) -> ExitCode {
 fn not_built_yet(command: &str) -> ExitCode {
     output::note(&format!("error: `althing {command}` is not built yet"));
     exit::with(exit::UNAVAILABLE)
+}
+
+/// Runs what waits. Two threads: one for the agents of a small board, one for a planner.
+///
+/// Zenoh cannot live on Tokio's single-threaded scheduler.
+fn in_runtime(work: impl Future<Output = ExitCode>) -> ExitCode {
+    let runtime =
+        tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
+    match runtime {
+        Ok(runtime) => {
+            let code = runtime.block_on(work);
+            // A search that was cancelled may still be looking at its flag.
+            runtime.shutdown_timeout(std::time::Duration::from_millis(200));
+            code
+        }
+        Err(error) => {
+            output::note(&format!("error: failed to start: {error}"));
+            exit::with(exit::UNAVAILABLE)
+        }
+    }
 }

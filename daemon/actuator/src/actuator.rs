@@ -1,0 +1,350 @@
+//! The agent around a device.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use acl::content::{
+    Act, Agreement, CallForProposals, Heartbeat, Inform, Methods, ModelAnnouncement, Outcome,
+    Reason, Refusal, Report, Request,
+};
+use acl::{AgentId, Deadline, Message, Performative, ReplyToken};
+use agent::upkeep::{self, Maintains, Upkeep};
+use agent::{
+    Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Presence, Resource, Work,
+};
+use capability::{Maintainer, Scope, model_digest, text_of};
+use pddl::ActionModel;
+use planner::Cancel;
+
+use crate::bidding::bid;
+use crate::device::{Call, Description, Device, Failure, Performed};
+use crate::ledger::{Ledger, StateFolder};
+
+/// Calls for proposals that are answered side by side; more are refused. Each takes a thread for
+/// milliseconds.
+const BIDS_MAX: usize = 16;
+
+/// An agent that senses or acts.
+pub struct Actuator<D: Device> {
+    device: D,
+    upkeep: Upkeep,
+    ledger: Ledger,
+    announced: Announced,
+    acting: Option<Acting>,
+    bidding: BTreeMap<ReplyToken, (Cancel, Work)>,
+}
+
+/// What others were told last.
+#[derive(Default)]
+struct Announced {
+    digest: String,
+    methods: Methods,
+    actions: BTreeSet<String>,
+    sequence: u64,
+}
+
+/// A method that is running.
+struct Acting {
+    engagement: Engagement,
+    call: Call,
+    _work: Work,
+}
+
+impl<D: Device> Actuator<D> {
+    /// An actuator with the local domain of its blueprint's host.
+    ///
+    /// # Errors
+    ///
+    /// If the tokens of a former life cannot be read.
+    pub fn new(blueprint: &Blueprint, device: D) -> Result<Actuator<D>, BuildError> {
+        let host = &blueprint.host;
+        let scope = Scope::Local { own: blueprint.id.clone() };
+        let maintainer = Maintainer::new((*host.ontology).clone(), (*host.map).clone(), scope);
+        let folder = host.resources.get::<StateFolder>();
+        let ledger = Ledger::open(&blueprint.id, folder.as_deref())
+            .map_err(|error| blueprint.problem(format!("its tokens cannot be read: {error}")))?;
+        Ok(Actuator {
+            device,
+            upkeep: Upkeep::new(maintainer),
+            ledger,
+            announced: Announced::default(),
+            acting: None,
+            bidding: BTreeMap::new(),
+        })
+    }
+}
+
+impl<D: Device> Agent for Actuator<D> {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+            .on(Performative::Request, Self::requested)
+            .on(Performative::Cancel, Self::cancelled)
+            .on(Performative::Cfp, Self::called)
+            .on(Performative::AcceptProposal, Self::judged)
+            .on(Performative::RejectProposal, Self::judged)
+            .on(Performative::Refuse, Self::declined)
+            .on(Performative::NotUnderstood, Self::declined)
+            .on_broadcast(Performative::Cfp, Self::called)
+            .on_broadcast(Performative::Inform, Self::informed)
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        self.announce(ctx);
+        self.beat_later(ctx);
+    }
+
+    fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
+        upkeep::presence(self, presence, ctx);
+    }
+
+    fn asked(&mut self, resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
+        match resource {
+            Resource::Domain => {
+                let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.moment());
+                serde_json::to_string(&snapshot.to_content()).ok()
+            }
+            _ => None,
+        }
+    }
+
+    fn drained(&mut self, ctx: &mut Context<Self>) -> bool {
+        self.give_up("the daemon is stopping", ctx);
+        true
+    }
+}
+
+impl<D: Device> Maintains for Actuator<D> {
+    fn upkeep(&mut self) -> &mut Upkeep {
+        &mut self.upkeep
+    }
+
+    fn admitted(&mut self, model: &ActionModel, _ctx: &mut Context<Self>) {
+        let Ok(agent) = AgentId::new(model.agent.as_str()) else { return };
+        let now = self.upkeep.moment();
+        if self.device.carries(model) {
+            tracing::info!(%agent, "carries");
+            self.upkeep.maintainer.carry(agent, now);
+        } else {
+            self.upkeep.maintainer.put_down(&agent, now);
+        }
+    }
+}
+
+impl<D: Device> Actuator<D> {
+    // === announcing ===
+
+    /// Says everything: on activation, and whenever what it can do has changed.
+    fn announce(&mut self, ctx: &mut Context<Self>) {
+        let Description { model, methods } = self.device.describe();
+        let text = model.to_string();
+        self.announced.digest = model_digest(&text, &methods);
+        self.announced.methods = methods.clone();
+        self.announced.actions =
+            model.actions.iter().map(|action| action.name.as_str().to_owned()).collect();
+        let heartbeat = self.heartbeat(ctx);
+        let announcement = ModelAnnouncement { model: text, methods, heartbeat };
+        ctx.beat(&Inform::Model(Box::new(announcement)));
+    }
+
+    /// Says that it works, and what it knows; everything, if what it can do has changed.
+    fn beat(&mut self, ctx: &mut Context<Self>) {
+        let Description { model, methods } = self.device.describe();
+        if model_digest(&model.to_string(), &methods) != self.announced.digest {
+            return self.announce(ctx);
+        }
+        let heartbeat = self.heartbeat(ctx);
+        ctx.beat(&Inform::Heartbeat(heartbeat));
+    }
+
+    fn beat_later(&mut self, ctx: &mut Context<Self>) {
+        let period = ctx.settings().heartbeat_period;
+        ctx.after(period, |actuator: &mut Self, ctx| {
+            actuator.beat(ctx);
+            actuator.beat_later(ctx);
+        });
+    }
+
+    fn heartbeat(&mut self, ctx: &Context<Self>) -> Heartbeat {
+        self.announced.sequence += 1;
+        let (lasting, passing): (Vec<_>, Vec<_>) =
+            self.device.facts().into_iter().partition(|fact| fact.known_for.is_none());
+        let lasting: Vec<_> = lasting.into_iter().map(|fact| fact.fact).collect();
+        let known_for = passing
+            .into_iter()
+            .filter_map(|fact| Some((fact.fact.to_string(), Deadline(fact.known_for?))))
+            .collect();
+        Heartbeat {
+            digest: self.announced.digest.clone(),
+            sequence: self.announced.sequence,
+            facts: text_of(&lasting),
+            known_for,
+            period: Deadline(ctx.settings().heartbeat_period),
+        }
+    }
+
+    // === acting ===
+
+    fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let engagement = Engagement::of(&message);
+        match message.content_as::<Request>() {
+            Ok(Request::Act(act)) => {
+                if let Err(refusal) = self.begin(&engagement, *act, ctx) {
+                    ctx.answer(&engagement, Performative::Refuse, &refusal);
+                }
+            }
+            Ok(_) => {
+                let detail = "an actuator takes `act`; ask the Plan Requester for goals";
+                ctx.refuse(&engagement, Reason::Incapable, detail);
+            }
+            Err(error) => ctx.not_understood(&message, error.to_string()),
+        }
+    }
+
+    fn begin(
+        &mut self,
+        engagement: &Engagement,
+        act: Act,
+        ctx: &mut Context<Self>,
+    ) -> Result<(), Refusal> {
+        let Act { action, method, arguments, token } = act;
+        let timeout = self.admissible(&action, &method, ctx.id())?;
+        if let Some(reason) = self.ledger.objection(&token) {
+            return Err(Refusal::new(reason, format!("token {token} of {action}")));
+        }
+        if let Some(acting) = &self.acting {
+            let detail = format!("{} comes first", acting.call.action);
+            return Err(Refusal::new(Reason::Busy, detail));
+        }
+        let call = Call { action, method, arguments };
+        ctx.answer(engagement, Performative::Agree, &Agreement { token: token.clone() });
+        let record = self.ledger.take(token);
+        let performance = self.device.perform(&call);
+        let work = async move {
+            // On disk before it acts: a life that dies now does not act twice in the next.
+            let recorded = tokio::task::spawn_blocking(record).await;
+            match recorded {
+                Ok(Ok(())) => (),
+                Ok(Err(error)) => {
+                    return Err(Failure::Driver(format!("keep the token on disk: {error}")));
+                }
+                Err(error) => return Err(Failure::Driver(error.to_string())),
+            }
+            let performed = tokio::time::timeout(timeout, performance).await;
+            performed.unwrap_or(Err(Failure::TimedOut(timeout)))
+        };
+        let work = ctx.run(work, |actuator: &mut Self, outcome, ctx| actuator.end(outcome, ctx));
+        self.acting = Some(Acting { engagement: engagement.clone(), call, _work: work });
+        Ok(())
+    }
+
+    /// Whether an action is within what this agent advertises, and is its own to do.
+    fn admissible(&self, action: &str, method: &str, own: &AgentId) -> Result<Duration, Refusal> {
+        let incapable = |detail: String| Refusal::new(Reason::Incapable, detail);
+        let step = pddl::parse_step(action).into_result().map_err(|diagnostics| {
+            let first = diagnostics.first().map(ToString::to_string).unwrap_or_default();
+            Refusal::new(Reason::BadContent, format!("`{action}`: {first}"))
+        })?;
+        if step.arguments.first().map(|name| name.as_str()) != Some(own.as_str()) {
+            return Err(incapable(format!("{action} is not for `{own}` to do")));
+        }
+        let name = step.action.as_str();
+        let offered = self.announced.actions.contains(name);
+        let known = self.announced.methods.get(name).filter(|_| offered);
+        let known = known.ok_or_else(|| incapable(format!("I do not offer `{name}` now")))?;
+        if known.method != method {
+            let detail = format!("`{name}` is my method `{}`, not `{method}`", known.method);
+            return Err(incapable(detail));
+        }
+        Ok(known.timeout.0)
+    }
+
+    fn end(&mut self, outcome: Result<D::Yield, Failure>, ctx: &mut Context<Self>) {
+        let Some(Acting { engagement, call, .. }) = self.acting.take() else { return };
+        let mut report = match outcome {
+            Ok(yielded) => {
+                let Performed { detail, observations } = self.device.performed(&call, yielded);
+                let report = Report::new(Outcome::Done, detail);
+                Report { observations: text_of(&observations), ..report }
+            }
+            Err(failure) => {
+                self.device.failed(&call, &failure);
+                Report::new(Outcome::Failed, format!("failed to {failure}"))
+            }
+        };
+        report.action = Some(call.action);
+        tracing::info!(conversation = %engagement.conversation, action = report.action,
+            outcome = %report.outcome, detail = report.detail, "acted");
+        // What it knows now first: who hears the confirmation may ask at once.
+        self.beat(ctx);
+        ctx.answer(&engagement, Performative::Confirm, &report);
+    }
+
+    fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
+        if let Some(exchange) = message.exchange() {
+            if let Some((cancel, _)) = self.bidding.get(exchange) {
+                cancel.set();
+            }
+            let is_this = |acting: &Acting| acting.engagement.exchange == *exchange;
+            if self.acting.as_ref().is_some_and(is_this) {
+                self.give_up("given up as asked", ctx);
+            }
+        }
+    }
+
+    fn give_up(&mut self, why: &str, ctx: &mut Context<Self>) {
+        let Some(Acting { engagement, call, .. }) = self.acting.take() else { return };
+        self.device.failed(&call, &Failure::GivenUp);
+        self.beat(ctx);
+        let mut report = Report::new(Outcome::Cancelled, why);
+        report.action = Some(call.action);
+        ctx.answer(&engagement, Performative::Confirm, &report);
+    }
+
+    // === bidding ===
+
+    fn called(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let engagement = Engagement::of(&message);
+        let call = match message.content_as::<CallForProposals>() {
+            Ok(call) => call,
+            Err(error) => return ctx.not_understood(&message, error.to_string()),
+        };
+        if self.bidding.len() >= BIDS_MAX {
+            return ctx.refuse(&engagement, Reason::Busy, "I am planning for other calls");
+        }
+        let patience = message.reply_by.map_or(ctx.settings().proposals_deadline, |by| by.0);
+        let cancel = Cancel::new();
+        let (flag, deadline) = (cancel.clone(), cancel.clone());
+        ctx.after(patience.mul_f32(0.8), move |_: &mut Self, _| deadline.set());
+        let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.moment());
+        let exchange = engagement.exchange.clone();
+        let finished = exchange.clone();
+        let work = ctx.compute(
+            move || bid(&snapshot, &call, &flag),
+            move |actuator: &mut Self, bid, ctx| {
+                actuator.bidding.remove(&finished);
+                match bid {
+                    Ok(bid) => ctx.answer(&engagement, Performative::Agree, &bid),
+                    Err(detail) => ctx.refuse(&engagement, Reason::Incapable, detail),
+                }
+            },
+        );
+        self.bidding.insert(exchange, (cancel, work));
+    }
+
+    fn judged(&mut self, message: Message, _ctx: &mut Context<Self>) {
+        tracing::debug!(conversation = %message.conversation_id, verdict = %message.performative,
+            "my proposal was judged");
+    }
+
+    // === hearing ===
+
+    fn informed(&mut self, message: Message, ctx: &mut Context<Self>) {
+        upkeep::informed(self, &message, ctx);
+    }
+
+    fn declined(&mut self, message: Message, _ctx: &mut Context<Self>) {
+        let why = message.content_as::<Refusal>().map(|refusal| refusal.detail);
+        tracing::warn!(from = %message.sender, why = why.unwrap_or_default(),
+            "part of what I said was declined");
+    }
+}

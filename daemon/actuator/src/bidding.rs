@@ -1,0 +1,93 @@
+//! An actuator's answer to a call for proposals: what it can reach alone, with the agents it
+//! carries, in its own local domain.
+//!
+//! One alternative per conjunct, and one for all it can reach together; no two of them can be
+//! accepted at once, because each starts from the state as it is.
+
+use acl::content::{Bid, CallForProposals, Proposal};
+use capability::Snapshot;
+use pddl::{Condition, InitElement, Plan, Problem};
+use planner::{Cancel, Options};
+
+/// Plans for a call.
+///
+/// # Errors
+///
+/// Why there is nothing to propose, for a person.
+pub(crate) fn bid(
+    snapshot: &Snapshot,
+    call: &CallForProposals,
+    cancel: &Cancel,
+) -> Result<Bid, String> {
+    let conjuncts = readable(call)?;
+    let mut proposals = Vec::new();
+    if !call.together {
+        for conjunct in &conjuncts {
+            proposals.extend(propose(snapshot, &[conjunct], cancel));
+        }
+    }
+    let reachable: Vec<_> = conjuncts
+        .iter()
+        .filter(|(text, _)| {
+            call.together || proposals.iter().any(|proposal| proposal.covers.contains(text))
+        })
+        .collect();
+    if call.together || reachable.len() > 1 {
+        proposals.extend(propose(snapshot, &reachable, cancel));
+    }
+    if proposals.is_empty() {
+        return Err("nothing that is called for is within my reach".to_owned());
+    }
+    Ok(Bid { proposals, domain_digest: snapshot.digest().to_owned() })
+}
+
+fn readable(call: &CallForProposals) -> Result<Vec<(String, Condition)>, String> {
+    let read = |text: &String| {
+        let parsed = pddl::parse_condition(text).into_result();
+        let condition = parsed.map_err(|diagnostics| {
+            let first = diagnostics.first().map(ToString::to_string).unwrap_or_default();
+            format!("`{text}`: {first}")
+        })?;
+        Ok((text.clone(), condition))
+    };
+    call.conjuncts.iter().map(read).collect()
+}
+
+/// One plan that covers these conjuncts together, if there is one.
+fn propose(
+    snapshot: &Snapshot,
+    conjuncts: &[&(String, Condition)],
+    cancel: &Cancel,
+) -> Option<Proposal> {
+    let goal = Condition::And(conjuncts.iter().map(|(_, condition)| condition.clone()).collect());
+    let mut problem = snapshot.with_goal(goal, None);
+    forget(&mut problem, conjuncts);
+    let outcome = planner::plan(&snapshot.domain, &problem, &Options::default(), cancel);
+    let plan = match outcome {
+        Ok(outcome) => outcome.plan?,
+        Err(error) => {
+            tracing::warn!(%error, "the local planner declines");
+            return None;
+        }
+    };
+    // Under the names the agents know: the caller composes another domain than ours.
+    let outside =
+        Plan { steps: plan.steps.iter().map(|step| snapshot.outside(step)).collect(), cost: None };
+    Some(Proposal {
+        covers: conjuncts.iter().map(|(text, _)| text.clone()).collect(),
+        plan: outside.to_string(),
+        cost: plan.cost.map_or(0.0, |cost| cost.0),
+    })
+}
+
+/// The caller says that these do not hold. What we still believe of them is news it has
+/// overtaken, such as the word of an agent that has just died.
+fn forget(problem: &mut Problem, conjuncts: &[&(String, Condition)]) {
+    let is_called_for = |element: &InitElement| {
+        let InitElement::Atom(fact) = element else { return false };
+        conjuncts
+            .iter()
+            .any(|(_, condition)| matches!(condition, Condition::Atom(atom) if atom == fact))
+    };
+    problem.init.retain(|element| !is_called_for(element));
+}

@@ -1,0 +1,114 @@
+//! What a plugin implements to be an actuator.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use acl::content::Methods;
+use pddl::{ActionModel, InitElement};
+use substrate::BoxFuture;
+
+/// A thing that senses or acts.
+///
+/// Called on its agent's task, so nothing here may wait; what takes time is in the future that
+/// [`Device::perform`] returns. Dropping that future gives the method up.
+pub trait Device: Send + 'static {
+    /// What a method yields.
+    type Yield: Send + 'static;
+
+    /// What it can do now. Asked again after every method and at every heartbeat: a robot with
+    /// an empty battery offers no `move`.
+    fn describe(&self) -> Description;
+
+    /// All facts it knows now and answers for: what it does not say is false.
+    fn facts(&self) -> Vec<OwnFact>;
+
+    /// Runs a method.
+    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Self::Yield, Failure>>;
+
+    /// A method is done; [`Device::facts`] says what is known from now on.
+    fn performed(&mut self, call: &Call, yielded: Self::Yield) -> Performed;
+
+    /// A method failed, or was given up.
+    fn failed(&mut self, _call: &Call, _failure: &Failure) {}
+
+    /// Whether it carries the agent of this model, and so can plan with its actions.
+    fn carries(&self, _model: &ActionModel) -> bool {
+        false
+    }
+}
+
+/// What a device can do.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Description {
+    /// Its action model.
+    pub model: ActionModel,
+    /// Which method carries out which action.
+    pub methods: Methods,
+}
+
+/// A fact a device answers for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OwnFact {
+    /// The fact.
+    pub fact: InitElement,
+    /// How long it is still known; `None` means until the device says otherwise.
+    pub known_for: Option<Duration>,
+}
+
+/// A method to run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Call {
+    /// The ground action it carries out.
+    pub action: String,
+    /// The method.
+    pub method: String,
+    /// Its arguments.
+    pub arguments: BTreeMap<String, String>,
+}
+
+/// What a method that is done has brought.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Performed {
+    /// One line for a person.
+    pub detail: String,
+    /// What was observed, to be relayed with the confirmation.
+    pub observations: Vec<InitElement>,
+}
+
+/// Why a method did not succeed. Completes “failed to …”.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Failure {
+    /// The device has no such method.
+    #[error("find a method `{0}`")]
+    UnknownMethod(String),
+    /// The method needs an argument that was not given.
+    #[error("run a method without its argument `{0}`")]
+    MissingArgument(&'static str),
+    /// The driver says so.
+    #[error("{0}")]
+    Driver(String),
+    /// It took longer than its method may.
+    #[error("finish within {0:?}")]
+    TimedOut(Duration),
+    /// It was given up as asked.
+    #[error("go on: it was given up as asked")]
+    GivenUp,
+}
+
+impl Call {
+    /// An argument.
+    ///
+    /// # Errors
+    ///
+    /// If it was not given.
+    pub fn argument(&self, name: &'static str) -> Result<&str, Failure> {
+        self.arguments.get(name).map(String::as_str).ok_or(Failure::MissingArgument(name))
+    }
+}
+
+impl From<InitElement> for OwnFact {
+    fn from(fact: InitElement) -> OwnFact {
+        OwnFact { fact, known_for: None }
+    }
+}

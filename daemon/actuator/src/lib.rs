@@ -1,0 +1,21 @@
+//! The Actuator class (the paper, “Actuators”): what every sensor, camera and robot inherits.
+//!
+//! - Announces the action model on activation, on change, and says at every heartbeat that it
+//!   works and what it knows.
+//! - Executes an action within what it advertises, when asked, at most once per token.
+//! - Has its own planner and its own Domain Maintainer, and answers a call for proposals with
+//!   what it can do alone, with the agents it carries (the paper, “Decentralized Planning”).
+//!
+//! A plugin implements [`Device`]: its model, its facts, its methods. Everything above is here.
+
+mod actuator;
+mod bidding;
+mod device;
+mod ledger;
+mod text;
+
+pub use actuator::Actuator;
+pub use device::{Call, Description, Device, Failure, OwnFact, Performed};
+pub use ledger::StateFolder;
+pub use substrate::BoxFuture;
+pub use text::{InvalidPlace, Place, facts_of, model_of};

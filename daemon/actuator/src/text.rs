@@ -1,0 +1,64 @@
+//! PDDL that a device makes of its own literals and of names that were checked at the border.
+
+use pddl::ActionModel;
+use serde::Deserialize;
+
+use crate::device::OwnFact;
+
+/// The name of a place on the map, from a config: a PDDL name.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub struct Place(String);
+
+/// A text that cannot be the name of a place.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "`{0}` cannot be the name of a place: use lower-case letters, digits, `-` and `_`, and begin \
+     with a letter, as the map does"
+)]
+pub struct InvalidPlace(String);
+
+impl Place {
+    /// The name.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl std::fmt::Display for Place {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl TryFrom<String> for Place {
+    type Error = InvalidPlace;
+
+    fn try_from(name: String) -> Result<Place, InvalidPlace> {
+        let is_plain = |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b"-_".contains(&b);
+        let begins = name.bytes().next().is_some_and(|b| b.is_ascii_lowercase());
+        if begins && name.bytes().all(is_plain) { Ok(Place(name)) } else { Err(InvalidPlace(name)) }
+    }
+}
+
+/// A device's action model, from its text.
+///
+/// # Panics
+///
+/// If the text is no action model: the device is wrong, whatever its config says.
+pub fn model_of(text: &str) -> ActionModel {
+    let parsed = pddl::parse_action_model(text);
+    assert!(parsed.is_ok(), "a device's own model: {:?}\n{text}", parsed.diagnostics);
+    parsed.value.expect("invariant: a text without errors has a value")
+}
+
+/// Facts that a device knows until it says otherwise, from their text.
+///
+/// # Panics
+///
+/// If the text is not facts: the device is wrong.
+pub fn facts_of(text: &str) -> Vec<OwnFact> {
+    let parsed = pddl::parse_init_elements(text);
+    assert!(parsed.is_ok(), "a device's own facts: {:?}\n{text}", parsed.diagnostics);
+    parsed.value.into_iter().flatten().map(OwnFact::from).collect()
+}

@@ -1,0 +1,67 @@
+//! `althing agents`: who is here, with which capabilities.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::process::ExitCode;
+
+use acl::AgentId;
+use acl::content::Inform;
+use agent::Resource;
+use serde_json::json;
+
+use crate::cli::AskArgs;
+use crate::commands::client::{self, Link};
+use crate::{exit, output};
+
+/// Prints a line per agent.
+pub(super) fn run(args: &AskArgs) -> ExitCode {
+    let json = args.print.json;
+    client::with_link(&args.reach, json, async |link| {
+        let code = print(&link, json).await;
+        (link, code)
+    })
+}
+
+async fn print(link: &Link, json: bool) -> ExitCode {
+    let directory = link.directory(None).await;
+    let models = models(link).await;
+    let offers = |agent: &AgentId| models.get(agent).cloned().unwrap_or_default();
+    if json {
+        let agents: Vec<_> = directory
+            .iter()
+            .map(|resident| {
+                json!({
+                    "agent": resident.agent,
+                    "daemon": resident.daemon,
+                    "incarnation": resident.incarnation,
+                    "actions": offers(&resident.agent),
+                })
+            })
+            .collect();
+        let rivals: Vec<_> = directory.rivals().collect();
+        let value = json!({ "ecosystem": link.name, "agents": agents, "rivals": rivals });
+        return output::print_json(&value, exit::DONE);
+    }
+    let mut text = format!("{:<24} {:<18} OFFERS\n", "AGENT", "DAEMON");
+    for resident in directory.iter() {
+        let offers = offers(&resident.agent).join(", ");
+        let _ = writeln!(text, "{:<24} {:<18} {offers}", resident.agent, resident.daemon);
+    }
+    for rival in directory.rivals() {
+        let _ = writeln!(text, "{:<24} {:<18} ! the name is taken", rival.agent, rival.daemon);
+    }
+    output::print(text, exit::DONE)
+}
+
+/// The actions in each agent's model.
+async fn models(link: &Link) -> BTreeMap<AgentId, Vec<String>> {
+    let mut models = BTreeMap::new();
+    for answer in link.ask(Resource::Model, None).await {
+        let Ok(message) = acl::decode(&answer) else { continue };
+        let Ok(Inform::Model(announced)) = message.content_as::<Inform>() else { continue };
+        let Some(model) = pddl::parse_action_model(&announced.model).value else { continue };
+        let actions = model.actions.iter().map(|action| action.name.to_string()).collect();
+        models.insert(message.sender, actions);
+    }
+    models
+}

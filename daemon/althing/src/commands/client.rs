@@ -1,0 +1,198 @@
+//! How a command reaches a running ecosystem: as a Zenoh client of one of its daemons.
+
+use std::future::Future;
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use acl::{AgentId, DaemonId, EcosystemId};
+use agent::{Ask, Directory, Resource};
+use bytes::Bytes;
+
+use crate::cli::ReachArgs;
+use crate::config::{self, Ecosystem, Overrides};
+use crate::hosting::{self, Node, Wire};
+use crate::{exit, output, plugins};
+
+/// How long an answer is waited for.
+const ANSWERED_WITHIN: Duration = Duration::from_secs(5);
+
+/// How long agents of the ecosystem may take to be seen after the link is up.
+const SEEN_WITHIN: Duration = Duration::from_secs(2);
+
+/// A link to a running ecosystem.
+pub(super) struct Link {
+    pub(super) node: Node,
+    /// What is known of the ecosystem here, if its file is.
+    pub(super) ecosystem: Option<Ecosystem>,
+    pub(super) name: EcosystemId,
+}
+
+/// Which ecosystem is meant, and where its daemons are.
+pub(super) struct Target {
+    pub(super) name: EcosystemId,
+    pub(super) ecosystem: Option<Ecosystem>,
+    pub(super) endpoints: Vec<String>,
+}
+
+impl Target {
+    /// Finds the ecosystem: that of `--ecosystem`, or of the file here, or the only one that runs
+    /// on this machine. The error completes “failed to …”.
+    pub(super) fn find(reach: &ReachArgs) -> Result<Target, String> {
+        let file = match &reach.ecosystem {
+            Some(asked) => match config::resolve_ecosystem(asked) {
+                Ok(file) => Some(file),
+                // A name without a file will do: its daemons may run here.
+                Err(problem) => match EcosystemId::new(asked) {
+                    Ok(name) => return Target::named(name, None, reach),
+                    Err(_) => return Err(problem),
+                },
+            },
+            None => config::find_ecosystem_file(),
+        };
+        match file {
+            Some(file) => {
+                let ecosystem = Ecosystem::load(&file, &Overrides::default(), &plugins::known())
+                    .map_err(|error| {
+                        output::show_people(&error.into_report());
+                        format!("read {}", file.display())
+                    })?;
+                Target::named(ecosystem.name.clone(), Some(ecosystem), reach)
+            }
+            None => Target::named(only_running()?, None, reach),
+        }
+    }
+
+    fn named(
+        name: EcosystemId,
+        ecosystem: Option<Ecosystem>,
+        reach: &ReachArgs,
+    ) -> Result<Target, String> {
+        let mut endpoints = reach.connect.clone();
+        if endpoints.is_empty() {
+            let folder = hosting::runtime_folder(&name).map_err(|error| error.to_string())?;
+            let is_alive = |path: &PathBuf| UnixStream::connect(path).is_ok();
+            let alive = super::up::sockets(&folder).into_iter().filter(is_alive);
+            endpoints.extend(alive.map(|path| format!("unixsock-stream/{}", path.display())));
+        }
+        if endpoints.is_empty() {
+            return Err(format!(
+                "reach the ecosystem `{name}`: no daemon of it runs on this machine; start one \
+                 with `althing up`, or name one elsewhere with --connect ENDPOINT"
+            ));
+        }
+        Ok(Target { name, ecosystem, endpoints })
+    }
+
+    /// What a client session is opened with.
+    pub(super) fn config(&self) -> Result<substrate_zenoh::Config, String> {
+        let daemon = DaemonId::new(&format!("cli-{}", std::process::id()))
+            .map_err(|error| error.to_string())?;
+        let mut config = substrate_zenoh::Config::new(self.name.clone(), daemon);
+        config.mode = substrate_zenoh::Mode::Client;
+        config.connect = self.endpoints.clone();
+        Ok(config)
+    }
+
+    /// Links up.
+    pub(super) async fn link(self) -> Result<Link, String> {
+        let config = self.config()?;
+        let daemon = config.daemon.clone();
+        let Target { name, ecosystem, .. } = self;
+        let settings =
+            ecosystem.as_ref().map(|ecosystem| ecosystem.settings.clone()).unwrap_or_default();
+        let wire = Wire::Zenoh(Box::new(config));
+        let node = Node::join(name.clone(), daemon, settings, wire)
+            .await
+            .map_err(|error| error.to_string())?;
+        Ok(Link { node, ecosystem, name })
+    }
+}
+
+impl Link {
+    /// The name of the shared ontology, as far as it is known here.
+    pub(super) fn ontology(&self) -> &str {
+        self.ecosystem.as_ref().map_or("unknown", |ecosystem| ecosystem.domain.name.as_str())
+    }
+
+    /// Asks all daemons for a resource.
+    pub(super) async fn ask(&self, resource: Resource, agent: Option<AgentId>) -> Vec<Bytes> {
+        let ask = Ask { daemon: None, resource, agent };
+        self.node.switchboard().ask(ask, ANSWERED_WITHIN).await
+    }
+
+    /// Who is here, once the link has told of `wanted`, or of anyone.
+    pub(super) async fn directory(&self, wanted: Option<&AgentId>) -> Directory {
+        let (mut directory, mut changes) = self.node.switchboard().presence_changes();
+        let deadline = tokio::time::Instant::now() + SEEN_WITHIN;
+        let is_seen = |directory: &Directory| match wanted {
+            Some(agent) => directory.find(agent).is_some(),
+            None => directory.iter().next().is_some(),
+        };
+        while !is_seen(&directory) {
+            if tokio::time::timeout_at(deadline, changes.recv()).await.is_err() {
+                break;
+            }
+            directory = self.node.switchboard().directory();
+        }
+        directory
+    }
+}
+
+/// The one ecosystem that runs on this machine.
+fn only_running() -> Result<EcosystemId, String> {
+    let mut running: Vec<_> = hosting::running_ecosystems()
+        .into_iter()
+        .filter(|name| {
+            let folder = hosting::runtime_folder(name);
+            let sockets = folder.map(|folder| super::up::sockets(&folder)).unwrap_or_default();
+            sockets.iter().any(|path| UnixStream::connect(path).is_ok())
+        })
+        .collect();
+    match (running.pop(), running.is_empty()) {
+        (Some(only), true) => Ok(only),
+        (None, _) => Err("find a running ecosystem on this machine; start one with `althing up`, \
+                          or say which with --ecosystem and --connect"
+            .to_owned()),
+        (Some(last), false) => {
+            let others: Vec<_> = running.iter().map(|name| format!("`{name}`")).collect();
+            Err(format!(
+                "choose between the running ecosystems {} and `{last}`: say which with --ecosystem",
+                others.join(", ")
+            ))
+        }
+    }
+}
+
+/// Links up, does something, and leaves in good order.
+pub(super) fn with_link<F: Future<Output = (Link, ExitCode)>>(
+    reach: &ReachArgs,
+    json: bool,
+    act: impl FnOnce(Link) -> F,
+) -> ExitCode {
+    let target = match Target::find(reach) {
+        Ok(target) => target,
+        Err(problem) => return unavailable(&problem, json),
+    };
+    super::in_runtime(async move {
+        match target.link().await {
+            Ok(link) => {
+                let (link, code) = act(link).await;
+                link.node.drain().await;
+                code
+            }
+            Err(problem) => unavailable(&problem, json),
+        }
+    })
+}
+
+/// Says that something could not be reached.
+pub(super) fn unavailable(problem: &str, json: bool) -> ExitCode {
+    if json {
+        let value = serde_json::json!({ "status": "unavailable", "problem": problem });
+        return output::print_json(&value, exit::UNAVAILABLE);
+    }
+    output::note(&format!("error: failed to {problem}"));
+    exit::with(exit::UNAVAILABLE)
+}

@@ -1,0 +1,35 @@
+//! `althing domain`: what all agents can do together, as PDDL.
+
+use std::process::ExitCode;
+
+use acl::AgentId;
+use acl::content::Snapshot;
+use agent::Resource;
+use serde_json::json;
+
+use crate::cli::AskArgs;
+use crate::commands::client::{self, Link};
+use crate::{exit, output};
+
+/// Prints the composite domain.
+pub(super) fn run(args: &AskArgs) -> ExitCode {
+    let json = args.print.json;
+    client::with_link(&args.reach, json, async |link| {
+        let code = print(&link, json).await;
+        (link, code)
+    })
+}
+
+async fn print(link: &Link, json: bool) -> ExitCode {
+    let maintainer = AgentId::new("domain-maintainer").ok();
+    link.directory(maintainer.as_ref()).await;
+    let answers = link.ask(Resource::Domain, maintainer).await;
+    let snapshot = answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());
+    match snapshot {
+        Some(snapshot) if json => output::print_json(&json!(snapshot), exit::DONE),
+        Some(Snapshot { epoch, domain, .. }) => {
+            output::print(format_args!("; epoch {epoch}\n{domain}\n"), exit::DONE)
+        }
+        None => client::unavailable("hear from a Domain Maintainer: none is here", json),
+    }
+}

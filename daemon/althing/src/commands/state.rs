@@ -1,0 +1,58 @@
+//! `althing state`: what is known of the world, from whom, and until when.
+
+use std::fmt::Write as _;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use acl::AgentId;
+use acl::content::{BelievedFact, BelievedState};
+use agent::Resource;
+use serde_json::json;
+
+use crate::cli::AskArgs;
+use crate::commands::client::{self, Link};
+use crate::{exit, output};
+
+/// Prints a line per fact.
+pub(super) fn run(args: &AskArgs) -> ExitCode {
+    let json = args.print.json;
+    client::with_link(&args.reach, json, async |link| {
+        let code = print(&link, json).await;
+        (link, code)
+    })
+}
+
+async fn print(link: &Link, json: bool) -> ExitCode {
+    let maintainer = AgentId::new("domain-maintainer").ok();
+    link.directory(maintainer.as_ref()).await;
+    let answers = link.ask(Resource::State, maintainer).await;
+    let state =
+        answers.first().and_then(|bytes| serde_json::from_slice::<BelievedState>(bytes).ok());
+    match state {
+        Some(state) if json => output::print_json(&json!(state), exit::DONE),
+        Some(state) => output::print(table(&state), exit::DONE),
+        None => client::unavailable("hear from a Domain Maintainer: none is here", json),
+    }
+}
+
+fn table(state: &BelievedState) -> String {
+    let mut text = format!("; epoch {}, revision {}\n", state.epoch, state.revision);
+    let _ = writeln!(text, "{:<46} {:<22} AGE", "FACT", "FROM");
+    for BelievedFact { fact, owners, age_ms, known_for } in &state.facts {
+        let age = short(Duration::from_millis(*age_ms));
+        let left = known_for.map(|left| format!(", for {} more", short(left.0)));
+        let left = left.unwrap_or_default();
+        let _ = writeln!(text, "{fact:<46} {:<22} {age}{left}", owners.join(", "));
+    }
+    text
+}
+
+/// A duration in its largest unit.
+fn short(duration: Duration) -> String {
+    match duration.as_secs() {
+        0 => format!("{} ms", duration.as_millis()),
+        seconds @ 1..=119 => format!("{seconds} s"),
+        seconds @ 120..=7_199 => format!("{} min", seconds / 60),
+        seconds => format!("{} h", seconds / 3_600),
+    }
+}

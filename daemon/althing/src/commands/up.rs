@@ -1,0 +1,253 @@
+//! `althing up`: runs the daemon until it is told to stop.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use ::building::{Building, BuildingHandle, Server};
+use acl::{AgentId, DaemonId};
+use agent::Mode;
+use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
+use serde_json::Value;
+use tokio::signal::unix::{SignalKind, signal};
+
+use crate::cli::UpArgs;
+use crate::commands::READY;
+use crate::config::{self, AgentEntry, Ecosystem, Overrides};
+use crate::hosting::{self, Node, Part, Wire, socket_in};
+use crate::{exit, output, plugins};
+
+/// Reads the ecosystem, hosts this machine's part of it, drains at SIGINT and SIGTERM.
+pub(super) fn run(args: &UpArgs) -> ExitCode {
+    let Some(file) = args.file.clone().or_else(config::find_ecosystem_file) else {
+        output::note(
+            "error: there is no althing.toml here nor in the configuration folders; name the \
+             ecosystem file: althing up ECOSYSTEM.toml",
+        );
+        return exit::with(exit::CONFIG);
+    };
+    let mode = args.mode.map(Mode::from);
+    let overrides = Overrides::default().mode(mode).connect(&args.connect);
+    let ecosystem = match Ecosystem::load(&file, &overrides, &plugins::known()) {
+        Ok(ecosystem) => ecosystem,
+        Err(error) => return output::show(&error.into_report(), false, "bad-input", exit::CONFIG),
+    };
+    output::show_people(&ecosystem.warnings);
+    let place = match Place::find(&ecosystem, args.daemon.as_deref()) {
+        Ok(place) => place,
+        Err(problem) => {
+            output::note(&format!("error: {problem}"));
+            return exit::with(exit::CONFIG);
+        }
+    };
+    let goals: Result<Vec<_>, _> =
+        args.goals.iter().map(|goal| ecosystem.goal_text(goal).map(str::to_owned)).collect();
+    let goals = match goals {
+        Ok(goals) => goals,
+        Err(problem) => {
+            output::note(&format!("error: {problem}"));
+            return exit::with(exit::CONFIG);
+        }
+    };
+    super::in_runtime(up(&ecosystem, place, goals))
+}
+
+/// Which part of the ecosystem this process hosts.
+struct Place {
+    daemon: DaemonId,
+    agents: Vec<AgentEntry>,
+    is_alone: bool,
+}
+
+impl Place {
+    /// The part of `--daemon`, or of the host name; a machine that the file does not name is
+    /// alone and hosts everything.
+    fn find(ecosystem: &Ecosystem, asked: Option<&str>) -> Result<Place, String> {
+        let host = host_name();
+        let named = match asked {
+            Some(name) => Some(DaemonId::new(name).map_err(|error| error.to_string())?),
+            None => host.clone().filter(|host| ecosystem.daemons.contains(host)),
+        };
+        let Some(daemon) = named else {
+            let alone = DaemonId::new("alone").map_err(|error| error.to_string())?;
+            let daemon = host.unwrap_or(alone);
+            return Ok(Place { daemon, agents: ecosystem.agents.clone(), is_alone: true });
+        };
+        if !ecosystem.daemons.is_empty() && !ecosystem.daemons.contains(&daemon) {
+            let known: Vec<_> = ecosystem.daemons.iter().map(DaemonId::as_str).collect();
+            let hint = pddl::nearest(daemon.as_str(), known.iter().copied())
+                .map(|near| format!("did you mean `{near}`? "))
+                .unwrap_or_default();
+            return Err(format!(
+                "the ecosystem has no daemon called `{daemon}`; {hint}It has: {}",
+                known.join(", ")
+            ));
+        }
+        let own = ecosystem.agents_of(&daemon);
+        let nobodys = ecosystem.agents_of_nobody().filter(|_| ecosystem.daemons.len() <= 1);
+        let agents = own.chain(nobodys).cloned().collect();
+        Ok(Place { daemon, agents, is_alone: false })
+    }
+}
+
+/// The machine's name, as a daemon's.
+fn host_name() -> Option<DaemonId> {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").ok()?;
+    let first = name.trim().split('.').next()?.to_lowercase();
+    DaemonId::new(&first).ok()
+}
+
+async fn up(ecosystem: &Ecosystem, place: Place, goals: Vec<String>) -> ExitCode {
+    let unavailable = |problem: String| {
+        output::note(&format!("error: {problem}"));
+        exit::with(exit::UNAVAILABLE)
+    };
+    let (node, _server) = match open(ecosystem, &place).await {
+        Ok(opened) => opened,
+        Err(problem) => return unavailable(format!("failed to {problem}")),
+    };
+    let signals = (signal(SignalKind::interrupt()), signal(SignalKind::terminate()));
+    let (Ok(mut interrupt), Ok(mut terminate)) = signals else {
+        return unavailable("failed to listen to signals".to_owned());
+    };
+    announce(ecosystem, &place, &node);
+    let mut terminal = ask(ecosystem, &node, goals).await;
+    loop {
+        tokio::select! {
+            _ = interrupt.recv() => break,
+            _ = terminate.recv() => break,
+            heard = hear(&mut terminal) => tell(&heard),
+        }
+    }
+    if node.drain().await {
+        return exit::with(exit::DONE);
+    }
+    output::note("warning: some agents did not finish in time; they were ended");
+    exit::with(exit::DONE)
+}
+
+/// Says who is here. A process that started this one waits for the line.
+fn announce(ecosystem: &Ecosystem, place: &Place, node: &Node) {
+    let agents: Vec<_> = node.agents().map(AgentId::as_str).collect();
+    let alone = if place.is_alone { ", alone on this machine" } else { "" };
+    let hosts = match agents.len() {
+        0 => "no agent yet".to_owned(),
+        _ => agents.join(", "),
+    };
+    let line =
+        format!("daemon `{}` of `{}` {READY}{alone}: {hosts}\n", place.daemon, ecosystem.name);
+    let _ = output::print(line, exit::DONE);
+    tracing::info!(locators = ?node.locators, "listening");
+}
+
+async fn open(ecosystem: &Ecosystem, place: &Place) -> Result<(Node, Option<Server>), String> {
+    let (building, server) = simulated(ecosystem, &place.agents).await?;
+    let state =
+        hosting::state_folder(&ecosystem.name, &place.daemon).map_err(|error| error.to_string())?;
+    let wire = wire(ecosystem, &place.daemon)?;
+    let part = Part {
+        ecosystem,
+        daemon: place.daemon.clone(),
+        agents: place.agents.clone(),
+        mode: ecosystem.mode,
+        building,
+        state: Some(state),
+    };
+    let node = Node::open(part, wire).await.map_err(|error| error.to_string())?;
+    Ok((node, server))
+}
+
+/// The building of the simulated drivers, if any is hosted here: another process's, if one
+/// serves it already; otherwise ours, which others may use.
+async fn simulated(
+    ecosystem: &Ecosystem,
+    agents: &[AgentEntry],
+) -> Result<(Option<BuildingHandle>, Option<Server>), String> {
+    let has_drivers = |entry: &AgentEntry| {
+        plugins::find(&entry.plugin).is_some_and(|plugin| !plugin.drivers.is_empty())
+    };
+    if !agents.iter().any(has_drivers) {
+        return Ok((None, None));
+    }
+    if let Some(socket) = &ecosystem.building.socket
+        && let Ok(building) = BuildingHandle::connect(socket).await
+    {
+        return Ok((Some(building), None));
+    }
+    let layout = hosting::layout_of(ecosystem).map_err(|error| error.to_string())?;
+    let building =
+        Building::new(layout, ecosystem.building.time_scale).map_err(|error| error.to_string())?;
+    let server = match &ecosystem.building.socket {
+        Some(socket) => {
+            let served = ::building::serve(building.handle(), socket).await;
+            Some(served.map_err(|error| error.to_string())?)
+        }
+        None => None,
+    };
+    Ok((Some(building.handle()), server))
+}
+
+/// Zenoh as this daemon uses it: daemons of one machine meet in a folder of sockets, each
+/// calling those whose names sort before its own, so that two never call each other at once.
+fn wire(ecosystem: &Ecosystem, daemon: &DaemonId) -> Result<Wire, String> {
+    let folder = hosting::runtime_folder(&ecosystem.name).map_err(|error| error.to_string())?;
+    let endpoint = |name: &DaemonId| -> Result<String, String> {
+        let path = socket_in(&folder, name.as_str()).map_err(|error| error.to_string())?;
+        Ok(format!("unixsock-stream/{}", path.display()))
+    };
+    let mut config = substrate_zenoh::Config::new(ecosystem.name.clone(), daemon.clone());
+    config.listen = vec![endpoint(daemon)?];
+    let earlier = ecosystem.daemons.iter().filter(|other| *other < daemon);
+    config.connect = earlier.map(endpoint).collect::<Result<_, _>>()?;
+    config.zenoh = zenoh_settings(&ecosystem.zenoh);
+    Ok(Wire::Zenoh(Box::new(config)))
+}
+
+fn zenoh_settings(said: &Value) -> Value {
+    match said {
+        Value::Object(table) if table.is_empty() => Value::Null,
+        other => other.clone(),
+    }
+}
+
+/// Asks for the goals of the command line, on behalf of whoever started the daemon.
+async fn ask(ecosystem: &Ecosystem, node: &Node, goals: Vec<String>) -> Option<Terminal> {
+    if goals.is_empty() {
+        return None;
+    }
+    let (keyboard, terminal) = Keyboard::with_terminal();
+    let id = AgentId::new(&format!("starter-{}", std::process::id())).ok()?;
+    node.launch(id, keyboard, ecosystem.domain.name.as_str());
+    for goal in goals {
+        let wish = Wish { goal, keep: acl::content::Keep::Maintain, priority: 0 };
+        terminal.say.send(Said::Wish(wish)).await.ok()?;
+    }
+    Some(terminal)
+}
+
+async fn hear(terminal: &mut Option<Terminal>) -> Heard {
+    let heard = match terminal {
+        Some(terminal) => terminal.hear.recv().await,
+        None => None,
+    };
+    match heard {
+        Some(heard) => heard,
+        None => std::future::pending().await,
+    }
+}
+
+fn tell(heard: &Heard) {
+    for line in super::goal::lines(heard) {
+        let _ = output::print(format_args!("{line}\n"), exit::DONE);
+    }
+}
+
+/// The sockets of the daemons of an ecosystem on this machine.
+pub(super) fn sockets(folder: &Path) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
+    let paths = entries.flatten().map(|entry| entry.path());
+    let mut sockets: Vec<_> = paths
+        .filter(|path| path.extension().is_some_and(|extension| extension == "sock"))
+        .collect();
+    sockets.sort();
+    sockets
+}

@@ -1,0 +1,104 @@
+//! The simulated building of an ecosystem, built from its map and the entries of its agents.
+
+use std::collections::BTreeMap;
+
+use ::building::{Layout, LayoutError};
+use pddl::{InitElement, Name, Problem, Term, Types};
+use serde_json::Value;
+
+use crate::config::{AgentEntry, Ecosystem};
+
+/// Temperature of a place that the ecosystem file does not name, in °C.
+const CELSIUS: f64 = 20.0;
+
+/// Distance of two places between which the map gives none, in meters.
+const METERS: f64 = 5.0;
+
+/// Why the building cannot be simulated. Completes “failed to …”.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub(crate) enum SimulationError {
+    /// The map and the agents' entries do not fit.
+    #[error("simulate the building: {0}")]
+    Layout(#[from] LayoutError),
+    /// An agent's entry lacks what the building has to know.
+    #[error("simulate the building: the config of `{agent}` needs `{key}`")]
+    Config {
+        /// The agent.
+        agent: String,
+        /// What it lacks.
+        key: &'static str,
+    },
+}
+
+/// The building in which an ecosystem's simulated agents live.
+///
+/// # Errors
+///
+/// If an agent's entry names a place or a carrier that is not there, or does not name one.
+pub(crate) fn layout_of(ecosystem: &Ecosystem) -> Result<Layout, SimulationError> {
+    let mut layout = Layout::new();
+    add_places(&mut layout, ecosystem)?;
+    add_connections(&mut layout, &ecosystem.problem)?;
+    let simulated =
+        |entry: &&AgentEntry| entry.driver.as_deref().is_none_or(|driver| driver == "simulated");
+    let of = |plugin: &'static str| {
+        ecosystem.agents.iter().filter(simulated).filter(move |entry| entry.plugin == plugin)
+    };
+    for entry in of("temperature-sensor") {
+        layout.add_fixed_sensor(entry.name.as_str(), text(entry, "location")?)?;
+    }
+    for entry in of("turtlebot") {
+        let speed = entry.config.get("speed").and_then(Value::as_f64).unwrap_or(0.3);
+        layout.add_robot(entry.name.as_str(), text(entry, "start")?, speed)?;
+    }
+    for entry in of("ir-temperature-sensor") {
+        layout.mount(entry.name.as_str(), text(entry, "mounted-on")?)?;
+    }
+    Ok(layout)
+}
+
+fn text<'a>(entry: &'a AgentEntry, key: &'static str) -> Result<&'a str, SimulationError> {
+    let lacks = || SimulationError::Config { agent: entry.name.to_string(), key };
+    entry.config.get(key).and_then(Value::as_str).ok_or_else(lacks)
+}
+
+fn add_places(layout: &mut Layout, ecosystem: &Ecosystem) -> Result<(), LayoutError> {
+    let types = Types::of(&ecosystem.domain);
+    for declaration in &ecosystem.problem.objects {
+        let object = &declaration.object;
+        let is_a = |sort: &str| {
+            object.ty.alternatives.iter().any(|ty| types.is_subtype(ty.as_str(), sort))
+        };
+        let name = object.name.as_str();
+        let celsius = ecosystem.building.temperatures.get(name).copied().unwrap_or(CELSIUS);
+        if is_a("room") {
+            layout.add_room(name, celsius)?;
+        } else if is_a("location") {
+            layout.add_corridor(name, celsius)?;
+        }
+    }
+    Ok(())
+}
+
+fn add_connections(layout: &mut Layout, map: &Problem) -> Result<(), LayoutError> {
+    let mut meters: BTreeMap<(&Name, &Name), f64> = BTreeMap::new();
+    for element in &map.init {
+        if let InitElement::Assign(fluent, number) = element
+            && fluent.function == "distance"
+            && let [Term::Object(from), Term::Object(to)] = fluent.arguments.as_slice()
+        {
+            meters.insert((from, to), number.0);
+        }
+    }
+    for element in &map.init {
+        if let InitElement::Atom(atom) = element
+            && atom.predicate == "connected"
+            && let [Term::Object(from), Term::Object(to)] = atom.arguments.as_slice()
+        {
+            let meters = meters.get(&(from, to)).copied().unwrap_or(METERS);
+            layout.connect_one_way(from.as_str(), to.as_str(), meters)?;
+        }
+    }
+    Ok(())
+}

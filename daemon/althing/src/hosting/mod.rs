@@ -1,0 +1,226 @@
+//! One daemon: its end of the substrate, its agents, their life.
+//!
+//! Configure ([`crate::config`]), [`Node::open`], run, [`Node::drain`].
+
+mod building;
+mod folders;
+mod supervisor;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::{AgentId, DaemonId, EcosystemId};
+use actuator::StateFolder;
+use agent::{Host, Mode, Resources, Settings, Switchboard};
+use substrate::Substrate;
+use substrate::memory::Network;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use crate::config::{AgentEntry, Ecosystem};
+
+pub(crate) use building::{SimulationError, layout_of};
+pub(crate) use folders::{
+    FolderError, running_ecosystems, runtime_folder, socket_in, state_folder,
+};
+use supervisor::Supervised;
+
+/// How long agents may take to give up their commitments once the daemon drains.
+const DRAIN_GRACE: Duration = Duration::from_secs(3);
+
+/// How long a daemon's own agents may take to be seen by itself.
+const READY_WITHIN: Duration = Duration::from_secs(10);
+
+/// What carries a node's messages.
+#[derive(Clone)]
+pub(crate) enum Wire {
+    /// A wire within this process.
+    Memory(Network),
+    /// Zenoh, as configured.
+    Zenoh(Box<substrate_zenoh::Config>),
+}
+
+/// A running daemon.
+pub(crate) struct Node {
+    switchboard: Arc<Switchboard>,
+    substrate: Arc<dyn Substrate>,
+    agents: Vec<Supervised>,
+    tasks: TaskTracker,
+    stopping: CancellationToken,
+    /// Where the daemon really listens.
+    pub(crate) locators: Vec<String>,
+}
+
+/// Why a node could not be opened. Completes “failed to …”.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub(crate) enum HostError {
+    /// The substrate could not be opened.
+    #[error("{0}")]
+    Substrate(#[from] substrate_zenoh::OpenError),
+    /// An agent could not be built.
+    #[error("{0}")]
+    Build(#[from] agent::BuildError),
+    /// The ecosystem file names a plugin that is not built in.
+    #[error("find plugin `{plugin}` for `{agent}`")]
+    UnknownPlugin {
+        /// The agent.
+        agent: AgentId,
+        /// What it asks for.
+        plugin: String,
+    },
+    /// The daemon's agents were not seen in time.
+    #[error("see its own agents within {READY_WITHIN:?}: {missing:?} are missing")]
+    NotReady {
+        /// Who is missing.
+        missing: Vec<AgentId>,
+    },
+}
+
+/// What a node is opened with.
+pub(crate) struct Part<'a> {
+    /// The ecosystem.
+    pub(crate) ecosystem: &'a Ecosystem,
+    /// Which daemon of it this is.
+    pub(crate) daemon: DaemonId,
+    /// The agents it hosts.
+    pub(crate) agents: Vec<AgentEntry>,
+    /// Which flow.
+    pub(crate) mode: Mode,
+    /// The simulated building, for simulated drivers.
+    pub(crate) building: Option<::building::BuildingHandle>,
+    /// Where agents keep what they must not forget; without it, nothing outlives the process.
+    pub(crate) state: Option<std::path::PathBuf>,
+}
+
+impl Node {
+    /// Opens the substrate and launches the agents; returns when all of them are seen.
+    ///
+    /// # Errors
+    ///
+    /// If the substrate does not open or an agent cannot be built. An agent that fails later is
+    /// restarted.
+    pub(crate) async fn open(part: Part<'_>, wire: Wire) -> Result<Node, HostError> {
+        let Part { ecosystem, daemon, agents, mode, building, state } = part;
+        let (name, settings) = (ecosystem.name.clone(), ecosystem.settings.clone());
+        let mut node = Node::join(name, daemon, settings, wire).await?;
+        let mut resources = Resources::default();
+        building.into_iter().for_each(|building| resources.insert(building));
+        state.into_iter().for_each(|folder| resources.insert(StateFolder(folder)));
+        let host = Arc::new(Host {
+            ontology: Arc::clone(&ecosystem.domain),
+            map: Arc::clone(&ecosystem.problem),
+            mode,
+            settings: ecosystem.settings.clone(),
+            resources,
+        });
+        for entry in agents {
+            node.host(entry, &host)?;
+        }
+        node.await_agents().await?;
+        Ok(node)
+    }
+
+    /// Joins as a guest, with no agent of any ecosystem file: for commands.
+    ///
+    /// # Errors
+    ///
+    /// If the substrate does not open.
+    pub(crate) async fn join(
+        ecosystem: EcosystemId,
+        daemon: DaemonId,
+        settings: Settings,
+        wire: Wire,
+    ) -> Result<Node, HostError> {
+        let switchboard = Switchboard::new(ecosystem, daemon.clone(), settings);
+        let (substrate, locators) = connect(&switchboard, daemon, wire).await?;
+        switchboard.connect(Arc::clone(&substrate));
+        Ok(Node {
+            switchboard,
+            substrate,
+            agents: Vec::new(),
+            tasks: TaskTracker::new(),
+            stopping: CancellationToken::new(),
+            locators,
+        })
+    }
+
+    /// The daemon's own end of the substrate.
+    pub(crate) fn switchboard(&self) -> &Arc<Switchboard> {
+        &self.switchboard
+    }
+
+    /// The agents it hosts.
+    pub(crate) fn agents(&self) -> impl Iterator<Item = &AgentId> {
+        self.agents.iter().map(|agent| &agent.id)
+    }
+
+    fn host(&mut self, entry: AgentEntry, host: &Arc<Host>) -> Result<(), HostError> {
+        let supervised =
+            supervisor::begin(entry, host, &self.switchboard, &self.stopping, &self.tasks)?;
+        self.agents.push(supervised);
+        Ok(())
+    }
+
+    /// Launches one agent that no ecosystem file names: a person's keyboard.
+    pub(crate) fn launch(&self, id: AgentId, agent: impl agent::Agent, ontology: &str) {
+        let berth = supervisor::berth(&id, &self.switchboard, ontology, &self.stopping);
+        let life = agent::Launch::launch(Box::new(agent), berth);
+        self.tasks.spawn(async move {
+            if let Ok(Err(error)) = life.await {
+                tracing::error!(%id, "failed to {error}");
+            }
+        });
+    }
+
+    /// Takes an agent out as if its process were killed: no farewell, no restart.
+    pub(crate) fn unplug(&self, agent: &AgentId) {
+        for supervised in self.agents.iter().filter(|supervised| supervised.id == *agent) {
+            supervised.unplugged.cancel();
+        }
+    }
+
+    /// Waits until the daemon sees its own agents.
+    async fn await_agents(&self) -> Result<(), HostError> {
+        let (mut directory, mut changes) = self.switchboard.presence_changes();
+        let deadline = tokio::time::Instant::now() + READY_WITHIN;
+        let missing = |directory: &agent::Directory| -> Vec<AgentId> {
+            let is_missing = |id: &&AgentId| directory.find(id).is_none();
+            self.agents().filter(is_missing).cloned().collect()
+        };
+        while !missing(&directory).is_empty() {
+            if tokio::time::timeout_at(deadline, changes.recv()).await.is_err() {
+                return Err(HostError::NotReady { missing: missing(&directory) });
+            }
+            directory = self.switchboard.directory();
+        }
+        Ok(())
+    }
+
+    /// Asks every agent to give up its commitments, waits for them, and closes the substrate.
+    ///
+    /// Returns `false` if the grace passed first; the caller says so and exits.
+    pub(crate) async fn drain(self) -> bool {
+        self.stopping.cancel();
+        self.tasks.close();
+        let all = tokio::time::timeout(DRAIN_GRACE, self.tasks.wait()).await.is_ok();
+        self.substrate.close().await;
+        all
+    }
+}
+
+async fn connect(
+    switchboard: &Arc<Switchboard>,
+    daemon: DaemonId,
+    wire: Wire,
+) -> Result<(Arc<dyn Substrate>, Vec<String>), HostError> {
+    let inbound = Arc::<Switchboard>::clone(switchboard);
+    match wire {
+        Wire::Memory(network) => Ok((network.open(daemon, inbound), Vec::new())),
+        Wire::Zenoh(config) => {
+            let substrate = config.open(inbound).await?;
+            let locators = substrate.locators();
+            Ok((substrate, locators))
+        }
+    }
+}

@@ -1,0 +1,153 @@
+//! Keeps agents alive: an agent that panics or loses its name is launched again, ever more
+//! slowly, and the others never notice more than its absence.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use acl::{AgentId, Incarnation};
+use agent::{Berth, Blueprint, BuildError, Host, Launch, PluginEntry, Switchboard};
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use super::HostError;
+use crate::config::AgentEntry;
+use crate::plugins;
+
+/// First wait before an agent is launched again, doubled up to the last: a panic at every start
+/// must not keep the board busy.
+const RESTART_FIRST: Duration = Duration::from_millis(500);
+const RESTART_LAST: Duration = Duration::from_secs(30);
+
+/// An agent under supervision.
+pub(super) struct Supervised {
+    pub(super) id: AgentId,
+    /// Ends it at once, for good.
+    pub(super) unplugged: CancellationToken,
+}
+
+/// Builds an agent once, so that what is wrong with its entry is said at start, and supervises
+/// its lives.
+pub(super) fn begin(
+    entry: AgentEntry,
+    host: &Arc<Host>,
+    switchboard: &Arc<Switchboard>,
+    stopping: &CancellationToken,
+    tasks: &TaskTracker,
+) -> Result<Supervised, HostError> {
+    let id = entry.name.clone();
+    let unknown = || HostError::UnknownPlugin { agent: id.clone(), plugin: entry.plugin.clone() };
+    let plugin = plugins::find(&entry.plugin).ok_or_else(unknown)?;
+    let blueprint = blueprint(&entry, plugin, host)?;
+    let first = (plugin.build)(blueprint.clone())?;
+    let unplugged = CancellationToken::new();
+    let supervision = Supervision {
+        plugin,
+        blueprint,
+        switchboard: Arc::clone(switchboard),
+        stopping: stopping.clone(),
+        unplugged: unplugged.clone(),
+    };
+    tasks.spawn(supervision.run(first));
+    Ok(Supervised { id, unplugged })
+}
+
+fn blueprint(
+    entry: &AgentEntry,
+    plugin: &PluginEntry,
+    host: &Arc<Host>,
+) -> Result<Blueprint, BuildError> {
+    let default = plugin.drivers.first().copied().unwrap_or_default();
+    let driver = entry.driver.clone().unwrap_or_else(|| default.to_owned());
+    if driver != default && !plugin.drivers.contains(&driver.as_str()) {
+        let known = plugin.drivers.iter().map(|driver| format!("`{driver}`")).collect();
+        return Err(BuildError::UnknownDriver { agent: entry.name.clone(), driver, known });
+    }
+    Ok(Blueprint {
+        id: entry.name.clone(),
+        driver,
+        config: entry.config.clone(),
+        host: Arc::clone(host),
+    })
+}
+
+struct Supervision {
+    plugin: &'static PluginEntry,
+    blueprint: Blueprint,
+    switchboard: Arc<Switchboard>,
+    stopping: CancellationToken,
+    unplugged: CancellationToken,
+}
+
+impl Supervision {
+    async fn run(self, first: Box<dyn Launch>) {
+        let id = &self.blueprint.id;
+        let mut wait = RESTART_FIRST;
+        let mut next = Ok(first);
+        loop {
+            match next {
+                Ok(agent) => {
+                    if self.live(agent).await {
+                        return;
+                    }
+                }
+                Err(error) => tracing::error!(%id, "failed to {error}"),
+            }
+            tokio::select! {
+                () = tokio::time::sleep(wait) => (),
+                () = self.stopping.cancelled() => return,
+                () = self.unplugged.cancelled() => return,
+            }
+            wait = (wait * 2).min(RESTART_LAST);
+            tracing::warn!(%id, "launched again");
+            next = (self.plugin.build)(self.blueprint.clone());
+        }
+    }
+
+    /// One life; whether it was the last.
+    async fn live(&self, agent: Box<dyn Launch>) -> bool {
+        let id = &self.blueprint.id;
+        let ontology = self.blueprint.host.ontology.name.to_string();
+        let mut life = agent.launch(berth(id, &self.switchboard, &ontology, &self.stopping));
+        let ended = tokio::select! {
+            ended = &mut life => ended,
+            () = self.unplugged.cancelled() => {
+                life.abort();
+                return true;
+            }
+        };
+        match ended {
+            Ok(Ok(())) => return true,
+            Ok(Err(error)) => tracing::error!(%id, "failed to {error}"),
+            // The panic itself is on stderr already, with its place.
+            Err(error) => tracing::error!(%id, %error, "the agent broke"),
+        }
+        self.stopping.is_cancelled()
+    }
+}
+
+/// A place for a new life of an agent.
+pub(super) fn berth(
+    id: &AgentId,
+    switchboard: &Arc<Switchboard>,
+    ontology: &str,
+    stopping: &CancellationToken,
+) -> Berth {
+    Berth {
+        id: id.clone(),
+        incarnation: next_incarnation(),
+        switchboard: Arc::clone(switchboard),
+        ontology: Arc::from(ontology),
+        stopping: stopping.clone(),
+    }
+}
+
+/// Greater than any before in this process, also when the clock jumps back.
+fn next_incarnation() -> Incarnation {
+    static LAST: AtomicU64 = AtomicU64::new(0);
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_micros();
+    let now = u64::try_from(now).unwrap_or(0);
+    let later = |last: u64| Some(now.max(last + 1));
+    let last = LAST.fetch_update(Ordering::Relaxed, Ordering::Relaxed, later).unwrap_or(now);
+    Incarnation(now.max(last + 1))
+}

@@ -1,0 +1,25 @@
+//! The plugins that are built in: to add one, add its line.
+
+use agent::PluginEntry;
+
+/// All of them, in the order in which they are listed for people.
+pub(crate) const PLUGINS: &[PluginEntry] = &[
+    domain_maintainer::PLUGIN,
+    plan_requester::PLUGIN,
+    planning_agent::PLUGIN,
+    plan_executor::PLUGIN,
+    keyboard::PLUGIN,
+    temperature_sensor::PLUGIN,
+    ir_temperature_sensor::PLUGIN,
+    turtlebot::PLUGIN,
+];
+
+/// The plugin of this name.
+pub(crate) fn find(name: &str) -> Option<&'static PluginEntry> {
+    PLUGINS.iter().find(|plugin| plugin.name == name)
+}
+
+/// Their names and drivers, for the ecosystem file.
+pub(crate) fn known() -> Vec<crate::config::KnownPlugin> {
+    PLUGINS.iter().map(|plugin| (plugin.name, plugin.drivers)).collect()
+}

@@ -1,0 +1,48 @@
+//! Scenario 1 in both flows on both substrates, over a hundred buildings.
+
+use agent::Mode;
+
+use super::{Script, Stage, play};
+
+const MODES: [Mode; 2] = [Mode::Centralized, Mode::Decentralized];
+
+/// Plays one script; what the truth has against it.
+async fn problems(seed: u64, mode: Mode, stage: Stage, replanning: bool) -> Vec<String> {
+    let script = Script { seed, mode, stage, replanning };
+    let mut lines = Vec::new();
+    let played = play(&script, |event| lines.push(format!("{:?} {}", event.at, event.text)));
+    let problems = played.await.map_or_else(|problem| vec![problem], |played| played.problems);
+    if problems.is_empty() { problems } else { [problems, lines].concat() }
+}
+
+/// Holds these seeds against the truth.
+async fn check(seeds: std::ops::Range<u64>, stage: Stage) {
+    for seed in seeds {
+        for mode in MODES {
+            let problems = problems(seed, mode, stage, true).await;
+            assert!(problems.is_empty(), "seed {seed} {mode:?} {stage:?}: {problems:#?}");
+        }
+    }
+}
+
+/// Time is paused: waiting for a lease costs nothing, and happens alike on every run.
+#[tokio::test(start_paused = true)]
+async fn a_hundred_buildings_in_memory() {
+    check(0..100, Stage::Memory).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_papers_office_on_zenoh() {
+    check(0..3, Stage::Zenoh).await;
+}
+
+/// The check is worth something: without replanning it fails.
+#[tokio::test(start_paused = true)]
+async fn without_replanning_no_building_holds() {
+    for seed in 0..10 {
+        for mode in MODES {
+            let problems = problems(seed, mode, Stage::Memory, false).await;
+            assert!(!problems.is_empty(), "seed {seed} {mode:?} held without replanning");
+        }
+    }
+}

@@ -1,0 +1,182 @@
+//! The IR temperature sensor (the paper, “Temperature IR Sensor”): rides on a mobile base and
+//! reports the temperature wherever that stands.
+//!
+//! - [`InfraredThermometer`] is what a driver does; [`simulated`] measures in the building.
+//! - What it measured it knows of every room it has been to.
+//! - A measurement from another room than the one it was asked about is a failure, not an answer:
+//!   the base is not where the plan believes.
+
+mod simulated;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::content::Method;
+use acl::{AgentId, Deadline};
+use actuator::{
+    Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, facts_of, model_of,
+};
+use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use serde::Deserialize;
+use tokio::time::Instant;
+
+/// How long a sensor that failed offers nothing.
+const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
+
+/// The longest a measurement may take.
+const MEASURING: Duration = Duration::from_secs(2);
+
+/// The line in the daemon's table of plugins.
+pub const PLUGIN: PluginEntry = PluginEntry {
+    name: "ir-temperature-sensor",
+    about: "reports the temperature wherever its mobile base stands",
+    drivers: &["simulated"],
+    build,
+};
+
+/// The entry's `config`.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct Config {
+    /// The mobile base that carries it.
+    mounted_on: AgentId,
+    /// How long a measurement counts as known, such as `"10m"`; without it, until it dies.
+    #[serde(default)]
+    valid_for: Option<String>,
+}
+
+/// What an infrared thermometer's driver does.
+pub trait InfraredThermometer: Send + Sync + 'static {
+    /// Measures where it is. The error completes “failed to …”.
+    fn measure(&self) -> BoxFuture<Result<Measurement, String>>;
+}
+
+/// A measured temperature.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measurement {
+    /// Where it was measured.
+    pub location: String,
+    /// The temperature, in °C.
+    pub celsius: f64,
+    /// When it was measured.
+    pub at: Instant,
+}
+
+fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+    let Config { mounted_on, valid_for } = blueprint.config_as()?;
+    let valid_for = valid_for
+        .map(|text| {
+            humantime::parse_duration(&text)
+                .map_err(|error| blueprint.problem(format!("valid-for `{text}`: {error}")))
+        })
+        .transpose()?;
+    let thermometer = simulated::thermometer(&blueprint)?;
+    let sensor = IrTemperatureSensor {
+        id: blueprint.id.to_string(),
+        ontology: blueprint.host.ontology.name.to_string(),
+        mounted_on,
+        valid_for,
+        thermometer,
+        measured: BTreeMap::new(),
+        rests_until: None,
+    };
+    Ok(Box::new(Actuator::new(&blueprint, sensor)?))
+}
+
+struct IrTemperatureSensor {
+    id: String,
+    ontology: String,
+    mounted_on: AgentId,
+    valid_for: Option<Duration>,
+    thermometer: Arc<dyn InfraredThermometer>,
+    /// The last measurement of each room.
+    measured: BTreeMap<String, Measurement>,
+    rests_until: Option<Instant>,
+}
+
+impl IrTemperatureSensor {
+    fn works(&self) -> bool {
+        self.rests_until.is_none_or(|until| until <= Instant::now())
+    }
+
+    /// A measurement as facts, as long as it counts as known.
+    fn known(&self, measurement: &Measurement) -> Vec<OwnFact> {
+        let Measurement { location, celsius, at } = measurement;
+        let known_for = self.valid_for.map(|valid_for| valid_for.saturating_sub(at.elapsed()));
+        if known_for.is_some_and(|left| left.is_zero()) {
+            return Vec::new();
+        }
+        let text = format!("(known-temperature {location}) (= (temperature {location}) {celsius})");
+        facts_of(&text).into_iter().map(|fact| OwnFact { known_for, ..fact }).collect()
+    }
+}
+
+impl Device for IrTemperatureSensor {
+    type Yield = Measurement;
+
+    fn describe(&self) -> Description {
+        let IrTemperatureSensor { id, ontology, mounted_on, .. } = self;
+        // Dearer than a sensor that stands there: it leaves the base free for what only it can do.
+        let action = "(:action report-temperature
+            :agent ?s - ir-temperature-sensor
+            :parameters (?b - mobile-base ?r - room)
+            :precondition (and (mounted-on ?s ?b) (at ?b ?r))
+            :effect (and (known-temperature ?r) (increase (total-cost) 2)))";
+        let offered = if self.works() { action } else { "" };
+        let text = format!(
+            "(define (agent {id}) (:domain {ontology})
+                (:objects {id} - ir-temperature-sensor)
+                (:init (mounted-on {id} {mounted_on}))
+                {offered})"
+        );
+        let method = Method {
+            method: "read_temperature".to_owned(),
+            arguments: [("room".to_owned(), "?r".to_owned())].into(),
+            timeout: Deadline(MEASURING),
+        };
+        let methods = [("report-temperature".to_owned(), method)].into();
+        Description { model: model_of(&text), methods }
+    }
+
+    fn facts(&self) -> Vec<OwnFact> {
+        let mounted = format!("(mounted-on {} {})", self.id, self.mounted_on);
+        let known = self.measured.values().flat_map(|measurement| self.known(measurement));
+        facts_of(&mounted).into_iter().chain(known).collect()
+    }
+
+    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Measurement, Failure>> {
+        let room = match call.argument("room") {
+            Ok(room) if call.method == "read_temperature" => room.to_owned(),
+            Ok(_) => return fails(Failure::UnknownMethod(call.method.clone())),
+            Err(failure) => return fails(failure),
+        };
+        let measured = self.thermometer.measure();
+        Box::pin(async move {
+            let measurement = measured.await.map_err(Failure::Driver)?;
+            if measurement.location != room {
+                let Measurement { location, .. } = measurement;
+                let problem = format!("measure in `{room}`: the sensor is in `{location}`");
+                return Err(Failure::Driver(problem));
+            }
+            Ok(measurement)
+        })
+    }
+
+    fn performed(&mut self, _call: &Call, measured: Measurement) -> Performed {
+        let detail = format!("{:.1} °C at {}", measured.celsius, measured.location);
+        let observations = self.known(&measured).into_iter().map(|fact| fact.fact).collect();
+        self.measured.insert(measured.location.clone(), measured);
+        Performed { detail, observations }
+    }
+
+    fn failed(&mut self, _call: &Call, failure: &Failure) {
+        if *failure != Failure::GivenUp {
+            self.rests_until = Some(Instant::now() + REST_AFTER_FAILURE);
+        }
+    }
+}
+
+fn fails(failure: Failure) -> BoxFuture<Result<Measurement, Failure>> {
+    Box::pin(std::future::ready(Err(failure)))
+}

@@ -1,0 +1,495 @@
+//! The Plan Executor (the paper, “Plan Executor”): turns a plan into requests to actuators and
+//! follows each one to its `confirm`.
+//!
+//! - `request` (a plan) from the Plan Requester; `request` (an action) to each actuator, as soon
+//!   as the steps it depends on are done; side by side where the order allows it.
+//! - Tells the Domain Maintainer what a confirmed action changed, and the Plan Requester every
+//!   step and the outcome.
+//! - Watches: when the world as known changes, it checks whether the rest of the plan still
+//!   reaches the goal.
+//! - Does not replan: on failure it takes back what is running, reports, and the Plan Requester
+//!   decides.
+
+mod execution;
+mod translate;
+
+use std::collections::BTreeMap;
+
+use acl::content::{
+    Act, ActionToken, EpochChange, Inform, Outcome, Reason, Refusal, Report, Request, Snapshot,
+    value,
+};
+use acl::{AgentId, Message, Performative, Protocol, ReplyToken};
+use agent::{
+    Agent, Answer, Ask, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Opening,
+    PluginEntry, Resource, TimerId, Work,
+};
+use serde::Deserialize;
+
+use crate::execution::Execution;
+
+/// Plans that may run side by side. Each keeps a copy of the state; a building has few goals.
+const EXECUTIONS_MAX: usize = 64;
+
+/// How long a change of the world settles before the rest of a plan is checked against it: news
+/// of one event come in several messages.
+const SETTLING: std::time::Duration = std::time::Duration::from_millis(30);
+
+/// The line in the daemon's table of plugins.
+pub const PLUGIN: PluginEntry = PluginEntry {
+    name: "plan-executor",
+    about: "carries plans out, step by step, and watches them",
+    drivers: &[],
+    build,
+};
+
+/// The entry's `config`.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
+struct Config {
+    /// Who maintains the domain.
+    domain_maintainer: AgentId,
+}
+
+impl Default for Config {
+    fn default() -> Config {
+        let domain_maintainer =
+            AgentId::new("domain-maintainer").expect("invariant: a literal that is a name");
+        Config { domain_maintainer }
+    }
+}
+
+fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+    let Config { domain_maintainer } = blueprint.config_as()?;
+    Ok(Box::new(PlanExecutor { domain_maintainer, running: BTreeMap::new() }))
+}
+
+struct PlanExecutor {
+    domain_maintainer: AgentId,
+    /// By the exchange in which each was asked for.
+    running: BTreeMap<ReplyToken, Running>,
+}
+
+/// One plan under way.
+struct Running {
+    engagement: Engagement,
+    execution: Execution,
+    round: u32,
+    /// The exchanges with actuators that are acting, by step.
+    acting: BTreeMap<usize, Acting>,
+    /// Set when the plan is given up: how it ends once nobody is acting any more.
+    ending: Option<Report>,
+    /// Changes told to the Domain Maintainer that it has not confirmed: until then, what it
+    /// knows is older than what is known here.
+    untold: usize,
+    check: Option<TimerId>,
+    asking: Option<Work>,
+    /// A check that failed once is made again before the plan is given up: news may have crossed.
+    doubts: u32,
+}
+
+/// A step under way.
+#[derive(Clone)]
+struct Acting {
+    exchange: ReplyToken,
+    agent: AgentId,
+    /// Under the name its agent knows.
+    action: String,
+}
+
+impl Agent for PlanExecutor {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+            .on(Performative::Request, Self::requested)
+            .on(Performative::Cancel, Self::cancelled)
+            .on_broadcast(Performative::Inform, Self::informed)
+    }
+
+    fn drained(&mut self, ctx: &mut Context<Self>) -> bool {
+        let running: Vec<_> = self.running.keys().cloned().collect();
+        for token in running {
+            self.give_up(&token, Report::new(Outcome::Cancelled, "the daemon is stopping"), ctx);
+        }
+        self.running.is_empty()
+    }
+}
+
+impl PlanExecutor {
+    // === asked ===
+
+    fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let engagement = Engagement::of(&message);
+        let execute = match message.content_as::<Request>() {
+            Ok(Request::Execute(execute)) => execute,
+            Ok(_) => {
+                let detail = "a Plan Executor executes plans; ask the Plan Requester for goals";
+                return ctx.refuse(&engagement, Reason::Incapable, detail);
+            }
+            Err(error) => return ctx.not_understood(&message, error.to_string()),
+        };
+        if self.running.len() >= EXECUTIONS_MAX {
+            let detail = format!("{EXECUTIONS_MAX} plans are being executed");
+            return ctx.refuse(&engagement, Reason::Busy, detail);
+        }
+        let round = execute.round;
+        match Execution::new(&execute) {
+            Ok(execution) => self.begin(engagement, execution, round, ctx),
+            Err(detail) => ctx.refuse(&engagement, Reason::BadContent, detail),
+        }
+    }
+
+    fn begin(
+        &mut self,
+        engagement: Engagement,
+        execution: Execution,
+        round: u32,
+        ctx: &mut Context<Self>,
+    ) {
+        let token = engagement.exchange.clone();
+        let running = Running {
+            engagement,
+            execution,
+            round,
+            acting: BTreeMap::new(),
+            ending: None,
+            untold: 0,
+            check: None,
+            asking: None,
+            doubts: 0,
+        };
+        self.running.insert(token.clone(), running);
+        self.dispatch(&token, ctx);
+    }
+
+    fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let Some(token) = message.exchange().cloned() else { return };
+        if self.running.contains_key(&token) {
+            self.give_up(&token, Report::new(Outcome::Cancelled, "cancelled as asked"), ctx);
+        }
+    }
+
+    // === acting ===
+
+    /// Asks for every step whose predecessors are done; ends the plan when none is left.
+    fn dispatch(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
+        let Some(running) = self.running.get_mut(token) else { return };
+        if running.ending.is_some() {
+            return self.end_if_quiet(token, ctx);
+        }
+        if running.execution.is_complete() {
+            let outcome = match running.execution.unmet_goal() {
+                None => Report::new(Outcome::Done, "the goal holds"),
+                Some(unmet) => {
+                    Report::new(Outcome::Failed, format!("every step is done, yet {unmet}"))
+                }
+            };
+            running.ending = Some(outcome);
+            return self.end_if_quiet(token, ctx);
+        }
+        for step in running.execution.ready() {
+            self.act(token, step, ctx);
+        }
+    }
+
+    fn act(&mut self, token: &ReplyToken, step: usize, ctx: &mut Context<Self>) {
+        let patience = ctx.settings().answer_deadline;
+        let epoch = ctx.incarnation().0;
+        let Some(running) = self.running.get_mut(token) else { return };
+        let conversation = running.engagement.conversation.clone();
+        let order = match running.execution.start(step) {
+            Ok(order) => order,
+            Err(problem) => return self.give_up(token, failure(problem), ctx),
+        };
+        let round = running.round;
+        let action = order.action.clone();
+        let act = Act {
+            action: order.action,
+            method: order.method,
+            arguments: order.arguments,
+            token: ActionToken {
+                epoch,
+                conversation: conversation.clone(),
+                round,
+                step: u32::try_from(step).unwrap_or(u32::MAX),
+            },
+        };
+        tracing::info!(%conversation, action = act.action, agent = %order.agent, "dispatches");
+        let opening = Opening {
+            to: Some(order.agent.clone()),
+            performative: Performative::Request,
+            protocol: Protocol::Action,
+            conversation,
+            content: value(&Request::Act(Box::new(act))),
+        };
+        let (plan, timeout) = (token.clone(), order.timeout);
+        let exchange = ctx.open(opening, patience, move |executor: &mut Self, answer, ctx| {
+            executor.answered(&plan, step, timeout, answer, ctx);
+        });
+        if let Some(running) = self.running.get_mut(token) {
+            running.acting.insert(step, Acting { exchange, agent: order.agent, action });
+        }
+    }
+
+    fn answered(
+        &mut self,
+        token: &ReplyToken,
+        step: usize,
+        timeout: std::time::Duration,
+        answer: Answer,
+        ctx: &mut Context<Self>,
+    ) {
+        let Some(running) = self.running.get_mut(token) else { return };
+        let Some(Acting { exchange, agent, .. }) = running.acting.get(&step).cloned() else {
+            return;
+        };
+        let message = match answer {
+            Answer::Message(message) => message,
+            Answer::Silence => {
+                let problem = format!("`{agent}` did not answer in time");
+                return self.failed(token, step, problem, ctx);
+            }
+            Answer::Undelivered(why) => {
+                let problem = format!("`{agent}` could not be reached: {why}");
+                return self.failed(token, step, problem, ctx);
+            }
+        };
+        match message.performative {
+            // It has given its word: from now on it has the time its method may take.
+            Performative::Agree => {
+                let margin = ctx.settings().answer_deadline;
+                ctx.extend(&exchange, timeout + margin);
+            }
+            Performative::Confirm => match message.content_as::<Report>() {
+                Ok(report) => self.confirmed(token, step, &agent, report, ctx),
+                Err(error) => {
+                    ctx.not_understood(&message, error.to_string());
+                    let problem = format!("`{agent}` confirmed in words nobody understands");
+                    self.failed(token, step, problem, ctx);
+                }
+            },
+            _ => {
+                let refusal = message.content_as::<Refusal>();
+                let refusal =
+                    refusal.unwrap_or_else(|_| Refusal::new(Reason::Other, "without a reason"));
+                // Who is busy is not to blame: it can do the same a moment later.
+                if refusal.reason == Reason::Busy
+                    && let Some(acting) = self.acting(token, step)
+                {
+                    acting.action.clear();
+                }
+                self.failed(token, step, format!("`{agent}` declined: {}", refusal.detail), ctx);
+            }
+        }
+    }
+
+    fn acting(&mut self, token: &ReplyToken, step: usize) -> Option<&mut Acting> {
+        self.running.get_mut(token)?.acting.get_mut(&step)
+    }
+
+    fn confirmed(
+        &mut self,
+        token: &ReplyToken,
+        step: usize,
+        agent: &AgentId,
+        report: Report,
+        ctx: &mut Context<Self>,
+    ) {
+        match report.outcome {
+            Outcome::Done => self.done(token, step, agent, report, ctx),
+            Outcome::Failed => {
+                self.failed(token, step, format!("`{agent}` failed: {}", report.detail), ctx);
+            }
+            Outcome::Cancelled => {
+                self.failed(token, step, format!("`{agent}` gave up: {}", report.detail), ctx);
+            }
+            Outcome::Progress | Outcome::Holds => self.report(token, &report, ctx),
+        }
+    }
+
+    /// A step is done: believe its effects, tell them, go on.
+    fn done(
+        &mut self,
+        token: &ReplyToken,
+        step: usize,
+        agent: &AgentId,
+        mut report: Report,
+        ctx: &mut Context<Self>,
+    ) {
+        let Some(running) = self.running.get_mut(token) else { return };
+        running.acting.remove(&step);
+        match running.execution.finish(step) {
+            Ok(mut change) => {
+                change.owner = Some(agent.clone());
+                self.tell(token, change, ctx);
+            }
+            Err(problem) => return self.give_up(token, failure(problem), ctx),
+        }
+        report.outcome = Outcome::Progress;
+        self.report(token, &report, ctx);
+        self.dispatch(token, ctx);
+    }
+
+    /// Tells the Domain Maintainer what a confirmed action changed.
+    fn tell(
+        &mut self,
+        token: &ReplyToken,
+        change: acl::content::ChangeState,
+        ctx: &mut Context<Self>,
+    ) {
+        let Some(running) = self.running.get_mut(token) else { return };
+        running.untold += 1;
+        let opening = Opening {
+            to: Some(self.domain_maintainer.clone()),
+            performative: Performative::Request,
+            protocol: Protocol::StateChange,
+            conversation: running.engagement.conversation.clone(),
+            content: value(&Request::ChangeState(change)),
+        };
+        let told = token.clone();
+        let patience = ctx.settings().answer_deadline;
+        ctx.open(opening, patience, move |executor: &mut Self, _, _| {
+            if let Some(running) = executor.running.get_mut(&told) {
+                running.untold = running.untold.saturating_sub(1);
+            }
+        });
+    }
+
+    fn failed(
+        &mut self,
+        token: &ReplyToken,
+        step: usize,
+        problem: String,
+        ctx: &mut Context<Self>,
+    ) {
+        let Some(running) = self.running.get_mut(token) else { return };
+        let mut report = failure(format!("{}: {problem}", running.execution.step_text(step)));
+        if let Some(Acting { exchange, action, .. }) = running.acting.remove(&step) {
+            ctx.close(&exchange);
+            report.action = Some(action).filter(|action| !action.is_empty());
+        }
+        self.give_up(token, report, ctx);
+    }
+
+    // === ending ===
+
+    /// Takes back what is running; the plan ends when nobody is acting any more.
+    fn give_up(&mut self, token: &ReplyToken, report: Report, ctx: &mut Context<Self>) {
+        let Some(running) = self.running.get_mut(token) else { return };
+        if running.ending.is_none() {
+            running.ending = Some(report);
+            let patience = ctx.settings().answer_deadline;
+            for Acting { exchange, agent, .. } in
+                running.acting.values().cloned().collect::<Vec<_>>()
+            {
+                ctx.go_on(&exchange, &agent, Performative::Cancel, serde_json::Value::Null);
+                ctx.extend(&exchange, patience);
+            }
+        }
+        self.end_if_quiet(token, ctx);
+    }
+
+    fn end_if_quiet(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
+        let is_quiet = |running: &Running| running.acting.is_empty() && running.ending.is_some();
+        if !self.running.get(token).is_some_and(is_quiet) {
+            return;
+        }
+        let Some(running) = self.running.remove(token) else { return };
+        let Some(report) = running.ending else { return };
+        if let Some(check) = running.check {
+            ctx.forget(check);
+        }
+        tracing::info!(conversation = %running.engagement.conversation, outcome = %report.outcome,
+            detail = report.detail, "ends");
+        ctx.answer(&running.engagement, Performative::Confirm, &report);
+    }
+
+    fn report(&mut self, token: &ReplyToken, report: &Report, ctx: &mut Context<Self>) {
+        if let Some(running) = self.running.get(token) {
+            ctx.answer(&running.engagement, Performative::Confirm, report);
+        }
+    }
+
+    // === watching ===
+
+    fn informed(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let Ok(Inform::Epoch(change)) = message.content_as::<Inform>() else { return };
+        if message.sender != self.domain_maintainer {
+            return;
+        }
+        let plans: Vec<_> = self.running.keys().cloned().collect();
+        for token in plans {
+            self.schedule_check(&token, &change, ctx);
+        }
+    }
+
+    /// A plan that needs an agent which left is given the grace, so that a blink of the network
+    /// does not tear it apart.
+    fn schedule_check(
+        &mut self,
+        token: &ReplyToken,
+        change: &EpochChange,
+        ctx: &mut Context<Self>,
+    ) {
+        let Some(running) = self.running.get_mut(token) else { return };
+        let needs = |agent: &AgentId| running.execution.needs(agent);
+        let wait = if change.left.iter().any(needs) { ctx.settings().grace } else { SETTLING };
+        if let Some(earlier) = running.check.take() {
+            ctx.forget(earlier);
+        }
+        let checked = token.clone();
+        let check = ctx.after(wait, move |executor: &mut Self, ctx| executor.check(&checked, ctx));
+        running.check = Some(check);
+    }
+
+    /// Asks for the state as known, to hold the rest of the plan against it.
+    fn check(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
+        let patience = ctx.settings().answer_deadline;
+        let Some(running) = self.running.get_mut(token) else { return };
+        running.check = None;
+        if running.untold > 0 {
+            let again = token.clone();
+            running.check = Some(
+                ctx.after(SETTLING, move |executor: &mut Self, ctx| executor.check(&again, ctx)),
+            );
+            return;
+        }
+        let ask = Ask {
+            daemon: None,
+            resource: Resource::Domain,
+            agent: Some(self.domain_maintainer.clone()),
+        };
+        let asked = ctx.switchboard().ask(ask, patience);
+        let checked = token.clone();
+        running.asking = Some(ctx.run(asked, move |executor: &mut Self, answers, ctx| {
+            let snapshot = answers.first().and_then(|bytes| serde_json::from_slice(bytes).ok());
+            if let Some(snapshot) = snapshot {
+                executor.checked(&checked, &snapshot, ctx);
+            }
+        }));
+    }
+
+    fn checked(&mut self, token: &ReplyToken, snapshot: &Snapshot, ctx: &mut Context<Self>) {
+        let Some(running) = self.running.get_mut(token) else { return };
+        // A step that was confirmed while we asked makes the answer older than what we know.
+        let is_stale = running.untold > 0;
+        match running.execution.still_reaches(snapshot) {
+            Ok(()) => running.doubts = 0,
+            Err(_) if is_stale || running.doubts == 0 => {
+                running.doubts = u32::from(!is_stale);
+                let again = token.clone();
+                running.check =
+                    Some(ctx.after(SETTLING, move |executor: &mut Self, ctx| {
+                        executor.check(&again, ctx)
+                    }));
+            }
+            Err(problem) => {
+                let problem = format!("the rest of the plan does not reach the goal: {problem}");
+                self.give_up(token, failure(problem), ctx);
+            }
+        }
+    }
+}
+
+fn failure(problem: String) -> Report {
+    Report::new(Outcome::Failed, problem)
+}

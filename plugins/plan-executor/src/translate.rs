@@ -1,0 +1,117 @@
+//! From a step of a plan to a method of an actuator (the paper: “transforms these higher level
+//! actions into lower level methods that the specific actuators have access to”).
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use acl::AgentId;
+use acl::content::{Method, Offer, Offers};
+use pddl::{Domain, PlanStep};
+
+/// What is asked of an actuator.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Order {
+    pub(crate) agent: AgentId,
+    /// The ground action under the name its agent knows.
+    pub(crate) action: String,
+    pub(crate) method: String,
+    pub(crate) arguments: BTreeMap<String, String>,
+    pub(crate) timeout: Duration,
+}
+
+/// Who acts in a step: its first argument, where the schema has an `:agent`.
+pub(crate) fn acting_agent(step: &PlanStep) -> Option<AgentId> {
+    AgentId::new(step.arguments.first()?.as_str()).ok()
+}
+
+/// Translates a step.
+///
+/// # Errors
+///
+/// If nobody offers it; the text completes “step `…`: ”.
+pub(crate) fn translate(
+    step: &PlanStep,
+    domain: &Domain,
+    offers: &Offers,
+) -> Result<Order, String> {
+    let agent = acting_agent(step).ok_or("no agent acts in it")?;
+    let (outside, offer) = offers
+        .get(&agent)
+        .and_then(|actions| actions.iter().find(|(_, offer)| step.action == *offer.inside.as_str()))
+        .ok_or_else(|| format!("`{agent}` does not offer `{}`", step.action))?;
+    let Offer { method: Some(method), .. } = offer else {
+        return Err(format!("`{agent}` names no method for `{outside}`"));
+    };
+    let schema = domain
+        .actions
+        .iter()
+        .find(|schema| schema.name == step.action)
+        .ok_or_else(|| format!("the domain has no action `{}`", step.action))?;
+    let bound: BTreeMap<&str, &str> = schema
+        .all_parameters()
+        .map(|parameter| parameter.name.as_str())
+        .zip(step.arguments.iter().map(|argument| argument.as_str()))
+        .collect();
+    let mut outside_step = step.clone();
+    outside_step.action = outside.as_str().into();
+    Ok(Order {
+        agent,
+        action: outside_step.to_string(),
+        method: method.method.clone(),
+        arguments: bind(method, &bound)?,
+        timeout: method.timeout.0,
+    })
+}
+
+fn bind(method: &Method, bound: &BTreeMap<&str, &str>) -> Result<BTreeMap<String, String>, String> {
+    let value = |template: &String| match template.strip_prefix('?') {
+        None => Ok(template.clone()),
+        Some(variable) => bound
+            .get(variable.to_lowercase().as_str())
+            .map(|value| (*value).to_owned())
+            .ok_or_else(|| {
+                format!(
+                    "method `{}` speaks of `{template}`, which its action has not",
+                    method.method
+                )
+            }),
+    };
+    method.arguments.iter().map(|(name, template)| Ok((name.clone(), value(template)?))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::Deadline;
+
+    use super::*;
+
+    const DOMAIN: &str = "(define (domain d) (:types robot place)
+        (:action move--r :agent ?r - robot :parameters (?from ?to - place) :effect ()))";
+
+    fn order(template: &str) -> Result<Order, String> {
+        let method = Method {
+            method: "navigate_to".into(),
+            arguments: [("pose".to_owned(), template.to_owned())].into(),
+            timeout: Deadline(Duration::from_secs(60)),
+        };
+        let offer = Offer { inside: "move--r".into(), guard: String::new(), method: Some(method) };
+        let robot = AgentId::new("r2").expect("a name");
+        let offers = [(robot, [("move".to_owned(), offer)].into())].into();
+        let domain = pddl::parse_domain(DOMAIN).into_result().expect("a domain");
+        let step = pddl::parse_step("(move--r r2 hall office1)").into_result().expect("a step");
+        translate(&step, &domain, &offers)
+    }
+
+    #[test]
+    fn the_actuator_hears_its_own_name_for_the_action() {
+        let order = order("?TO").expect("offered");
+        assert_eq!(order.action, "(move r2 hall office1)");
+        assert_eq!(order.arguments["pose"], "office1");
+    }
+
+    #[test]
+    fn a_variable_the_action_has_not_is_named() {
+        let problem = order("?where").expect_err("no such variable");
+        assert!(problem.contains("`?where`"), "{problem}");
+    }
+}

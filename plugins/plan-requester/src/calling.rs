@@ -1,0 +1,262 @@
+//! The decentralised flow: all actuators are called for proposals, the cheapest set that covers
+//! the goal wins (the paper, “Flow of Control in Decentralized Plan Execution”).
+//!
+//! The round closes when all who could answer have, or at its deadline. Where one agent was
+//! cheapest for several conjuncts alone, a second round asks it for all of them together.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use acl::content::{Bid, CallForProposals, Choice, Proposal, Refusal, value};
+use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
+use agent::{Answer, Context, Opening, TimerId};
+use pddl::Condition;
+
+use crate::PlanRequester;
+use crate::goal::Phase;
+use crate::known::Known;
+use crate::planning::explain;
+use crate::selection::{Bids, Selection, bundles, selections, uncovered};
+
+/// A call under way.
+pub(crate) struct Call {
+    known: Known,
+    open: Vec<Condition>,
+    conjuncts: Vec<String>,
+    /// Who has not answered yet, by round.
+    awaited: BTreeSet<AgentId>,
+    bids: Bids,
+    refusals: BTreeMap<AgentId, String>,
+    /// The exchange in which each proposal was made.
+    made_in: Vec<(AgentId, Vec<String>, ReplyToken)>,
+    tokens: Vec<ReplyToken>,
+    timer: TimerId,
+    is_second_round: bool,
+}
+
+impl Call {
+    /// Tells every bidder that it was not chosen, and stops listening.
+    pub(crate) fn reject_all(self, why: &str, ctx: &mut Context<PlanRequester>) {
+        self.settle(None, why, ctx);
+    }
+
+    /// Tells every bidder how it went, and stops listening.
+    fn settle(self, chosen: Option<&Selection>, why: &str, ctx: &mut Context<PlanRequester>) {
+        ctx.forget(self.timer);
+        let mut judged = BTreeSet::new();
+        for (agent, covers, token) in &self.made_in {
+            let is_chosen = chosen.is_some_and(|selection| {
+                selection
+                    .chosen
+                    .iter()
+                    .any(|(winner, proposal)| winner == agent && proposal.covers == *covers)
+            });
+            if is_chosen {
+                let detail = "the cheapest set of proposals has this one".to_owned();
+                let choice = value(&Choice { covers: covers.clone(), detail });
+                ctx.go_on(token, agent, Performative::AcceptProposal, choice);
+                judged.insert((agent.clone(), token.clone()));
+            }
+        }
+        for (agent, _, token) in &self.made_in {
+            if judged.insert((agent.clone(), token.clone())) {
+                let choice = value(&Choice { covers: Vec::new(), detail: why.to_owned() });
+                ctx.go_on(token, agent, Performative::RejectProposal, choice);
+            }
+        }
+        for token in &self.tokens {
+            ctx.close(token);
+        }
+    }
+}
+
+impl PlanRequester {
+    /// Calls all actuators for proposals.
+    pub(crate) fn call(
+        &mut self,
+        id: &ConversationId,
+        known: Known,
+        open: Vec<Condition>,
+        ctx: &mut Context<Self>,
+    ) {
+        let conjuncts: Vec<_> = open.iter().map(ToString::to_string).collect();
+        let here = ctx.directory();
+        let awaited: BTreeSet<_> =
+            known.offers.keys().filter(|agent| here.find(agent).is_some()).cloned().collect();
+        if awaited.is_empty() {
+            return self.no_plan(id, explain(&known, &open, "nobody here offers any action"), ctx);
+        }
+        let content = CallForProposals { conjuncts: conjuncts.clone(), together: false };
+        let token = self.open_call(id, None, content, ctx);
+        let timer = self.round_timer(id, ctx);
+        let call = Call {
+            known,
+            open,
+            conjuncts,
+            awaited,
+            bids: BTreeMap::new(),
+            refusals: BTreeMap::new(),
+            made_in: Vec::new(),
+            tokens: vec![token],
+            timer,
+            is_second_round: false,
+        };
+        if let Some(goal) = self.goals.get_mut(id) {
+            goal.phase = Phase::Calling(Box::new(call));
+        }
+    }
+
+    fn open_call(
+        &mut self,
+        id: &ConversationId,
+        to: Option<AgentId>,
+        content: CallForProposals,
+        ctx: &mut Context<Self>,
+    ) -> ReplyToken {
+        let opening = Opening {
+            to,
+            performative: Performative::Cfp,
+            protocol: Protocol::ContractNet,
+            conversation: id.clone(),
+            content: value(&content),
+        };
+        // Longer than a round: the winners are told in this exchange after it has closed.
+        let patience = ctx.settings().proposals_deadline * 3;
+        let called = id.clone();
+        ctx.open(opening, patience, move |requester: &mut Self, answer, ctx| {
+            if let Answer::Message(message) = answer {
+                requester.bidder_answered(&called, *message, ctx);
+            }
+        })
+    }
+
+    fn round_timer(&mut self, id: &ConversationId, ctx: &mut Context<Self>) -> TimerId {
+        let called = id.clone();
+        let deadline = ctx.settings().proposals_deadline;
+        ctx.after(deadline, move |requester: &mut Self, ctx| requester.close_round(&called, ctx))
+    }
+
+    fn calling(&mut self, id: &ConversationId) -> Option<&mut Call> {
+        match &mut self.goals.get_mut(id)?.phase {
+            Phase::Calling(call) => Some(call),
+            _ => None,
+        }
+    }
+
+    fn bidder_answered(&mut self, id: &ConversationId, message: Message, ctx: &mut Context<Self>) {
+        let Some(call) = self.calling(id) else { return };
+        let Some(token) = message.exchange().cloned() else { return };
+        let bidder = message.sender.clone();
+        if message.performative == Performative::Agree {
+            match message.content_as::<Bid>() {
+                Ok(bid) => {
+                    let covers = |proposal: &Proposal| {
+                        (bidder.clone(), proposal.covers.clone(), token.clone())
+                    };
+                    call.made_in.extend(bid.proposals.iter().map(covers));
+                    call.bids.entry(bidder.clone()).or_default().extend(bid.proposals);
+                }
+                Err(error) => ctx.not_understood(&message, error.to_string()),
+            }
+        } else {
+            let why = message.content_as::<Refusal>().map(|refusal| refusal.detail);
+            call.refusals.insert(bidder.clone(), why.unwrap_or_default());
+        }
+        let Some(call) = self.calling(id) else { return };
+        call.awaited.remove(&bidder);
+        if call.awaited.is_empty() {
+            self.close_round(id, ctx);
+        }
+    }
+
+    /// An agent that has left will not answer.
+    pub(crate) fn bidder_left(&mut self, agent: &AgentId, ctx: &mut Context<Self>) {
+        let ids: Vec<_> = self.goals.keys().cloned().collect();
+        for id in ids {
+            let Some(call) = self.calling(&id) else { continue };
+            if call.awaited.remove(agent) && call.awaited.is_empty() {
+                self.close_round(&id, ctx);
+            }
+        }
+    }
+
+    fn close_round(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let Some(call) = self.calling(id) else { return };
+        ctx.forget(call.timer);
+        let silent: Vec<_> = call.awaited.iter().map(ToString::to_string).collect();
+        if !silent.is_empty() {
+            tracing::info!(conversation = %id, silent = silent.join(", "), "no answer to the call");
+        }
+        call.awaited.clear();
+        let wanted = bundles(&call.conjuncts, &call.bids);
+        if !call.is_second_round && !wanted.is_empty() {
+            return self.call_for_bundles(id, wanted, ctx);
+        }
+        self.choose(id, ctx);
+    }
+
+    fn call_for_bundles(
+        &mut self,
+        id: &ConversationId,
+        wanted: Vec<(AgentId, Vec<String>)>,
+        ctx: &mut Context<Self>,
+    ) {
+        let timer = self.round_timer(id, ctx);
+        let mut tokens = Vec::new();
+        let mut awaited = BTreeSet::new();
+        for (agent, conjuncts) in wanted {
+            let content = CallForProposals { conjuncts, together: true };
+            tokens.push(self.open_call(id, Some(agent.clone()), content, ctx));
+            awaited.insert(agent);
+        }
+        let Some(call) = self.calling(id) else { return };
+        call.is_second_round = true;
+        call.tokens.extend(tokens);
+        call.awaited = awaited;
+        call.timer = timer;
+    }
+
+    fn choose(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        let phase = std::mem::replace(&mut goal.phase, Phase::Queued);
+        let Phase::Calling(call) = phase else { return };
+        let goal = goal.condition.clone();
+        let known = call.known.clone();
+        let mut problems = Vec::new();
+        for selection in selections(&call.conjuncts, &call.bids) {
+            let plans: Vec<&str> =
+                selection.chosen.iter().map(|(_, proposal)| proposal.plan.as_str()).collect();
+            let combined = known.combine(&plans).and_then(|plan| {
+                let cost = known.validate(&plan, &goal)?;
+                Ok((plan, cost))
+            });
+            match combined {
+                Ok((plan, cost)) => {
+                    call.settle(Some(&selection), "another set of proposals is cheaper", ctx);
+                    return self.execute(id, &known, &plan, cost, ctx);
+                }
+                Err(problem) => problems.push(problem),
+            }
+        }
+        let why = why_none(&call, &problems);
+        call.reject_all("no set of proposals covers the goal", ctx);
+        self.no_plan(id, why, ctx);
+    }
+}
+
+/// Why no set of proposals will do.
+fn why_none(call: &Call, problems: &[String]) -> String {
+    let missing = uncovered(&call.conjuncts, &call.bids);
+    if missing.is_empty() {
+        let first = problems.first().cloned().unwrap_or_default();
+        return format!("no set of single-agent plans works together: {first}");
+    }
+    let open: Vec<_> = call
+        .open
+        .iter()
+        .filter(|conjunct| missing.contains(&conjunct.to_string()))
+        .cloned()
+        .collect();
+    let names: Vec<_> = missing.iter().map(|conjunct| format!("`{conjunct}`")).collect();
+    let otherwise = format!("no agent proposes a plan of its own for {}", names.join(" and "));
+    explain(&call.known, &open, &otherwise)
+}

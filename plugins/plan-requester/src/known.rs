@@ -1,0 +1,144 @@
+//! The domain and the state as the Domain Maintainer knows them, read once for a round of
+//! planning: “the plan request compiles all the state and domain information that may be required
+//! to solve a planning problem” (the paper, “Plan Requester”).
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use acl::AgentId;
+use acl::content::{Offers, Snapshot};
+use pddl::{Condition, Domain, InitElement, Plan, PlanStep, Problem};
+use planner::validate::{Verdict, World, validate};
+use planner::{Cancel, Options};
+
+/// What is known, to plan in.
+#[derive(Clone, Debug)]
+pub(crate) struct Known {
+    pub(crate) epoch: u64,
+    pub(crate) domain: Domain,
+    pub(crate) problem: Problem,
+    pub(crate) domain_text: String,
+    pub(crate) offers: Offers,
+}
+
+/// Actions that a goal's earlier plans failed with: they are not asked for again for a while.
+pub(crate) type Avoided = BTreeSet<(AgentId, String)>;
+
+impl Known {
+    /// Reads a snapshot, without what is to be avoided.
+    ///
+    /// # Errors
+    ///
+    /// If it is no PDDL, for a person.
+    pub(crate) fn read(snapshot: Snapshot, avoided: &Avoided) -> Result<Known, String> {
+        let Snapshot { epoch, domain, problem, mut offers, .. } = snapshot;
+        let domain_text = domain;
+        let domain = pddl::parse_domain(&domain_text).into_result().map_err(first)?;
+        let mut problem = pddl::parse_problem(&problem).into_result().map_err(first)?;
+        let guards = take_avoided(&mut offers, avoided);
+        let is_guard = |element: &InitElement| guards.contains(&element.to_string());
+        problem.init.retain(|element| !is_guard(element));
+        Ok(Known { epoch, domain, problem, domain_text, offers })
+    }
+
+    /// The problem of reaching `goal` from here.
+    pub(crate) fn problem_of(&self, goal: &Condition) -> Problem {
+        Problem { goal: goal.clone(), ..self.problem.clone() }
+    }
+
+    /// What of a goal does not hold: ground conjuncts.
+    pub(crate) fn open_conjuncts(&self, goal: &Condition) -> Result<Vec<Condition>, String> {
+        let world = World::initial(&self.domain, &self.problem).map_err(first)?;
+        let conjuncts =
+            planner::goal::conjuncts(&self.domain, &self.problem, goal).map_err(first)?;
+        Ok(conjuncts.into_iter().filter(|conjunct| !world.holds(conjunct)).collect())
+    }
+
+    /// Which of these not even the relaxation reaches, where no action undoes another.
+    pub(crate) fn unreachable<'a>(&self, conjuncts: &'a [Condition]) -> Vec<&'a Condition> {
+        let (options, cancel) = (Options::default(), Cancel::new());
+        planner::goal::unreachable(&self.domain, &self.problem, conjuncts, &options, &cancel)
+            // What cannot be analyzed explains nothing.
+            .unwrap_or_default()
+            .into_iter()
+            .filter_map(|index| conjuncts.get(index))
+            .collect()
+    }
+
+    /// One plan of several agents' plans, under the names of the composite domain.
+    pub(crate) fn combine(&self, plans: &[&str]) -> Result<Plan, String> {
+        let mut steps = Vec::new();
+        for text in plans {
+            let plan = pddl::parse_plan(text).into_result().map_err(first)?;
+            for step in plan.steps {
+                steps.push(self.inside(step)?);
+            }
+        }
+        Ok(Plan { steps, cost: None })
+    }
+
+    /// The cost of a plan that reaches `goal`, or why it does not.
+    pub(crate) fn validate(&self, plan: &Plan, goal: &Condition) -> Result<f64, String> {
+        match validate(&self.domain, &self.problem_of(goal), plan) {
+            Verdict::Valid { cost, .. } => Ok(cost),
+            Verdict::Fault(fault) => Err(fault.to_string()),
+            Verdict::BadInput(diagnostics) => Err(first(diagnostics)),
+        }
+    }
+
+    fn inside(&self, step: PlanStep) -> Result<PlanStep, String> {
+        let offer = step
+            .arguments
+            .first()
+            .and_then(|agent| self.offers.get(agent.as_str()))
+            .and_then(|actions| actions.get(step.action.as_str()))
+            .ok_or_else(|| format!("nobody offers `{step}`"))?;
+        Ok(PlanStep { action: offer.inside.as_str().into(), ..step })
+    }
+
+    /// A plan for people: every action under the name its agent knows.
+    pub(crate) fn outside(&self, plan: &Plan) -> Plan {
+        let names: BTreeMap<(&str, &str), &str> = self
+            .offers
+            .iter()
+            .flat_map(|(agent, actions)| {
+                actions.iter().map(move |(outside, offer)| {
+                    ((agent.as_str(), offer.inside.as_str()), outside.as_str())
+                })
+            })
+            .collect();
+        let outside = |step: &PlanStep| {
+            let agent = step.arguments.first().map_or("", |agent| agent.as_str());
+            let name = names.get(&(agent, step.action.as_str())).copied();
+            PlanStep { action: name.unwrap_or(step.action.as_str()).into(), ..step.clone() }
+        };
+        Plan { steps: plan.steps.iter().map(outside).collect(), cost: plan.cost }
+    }
+
+    /// The offers of the agents that act in a plan.
+    pub(crate) fn offers_of(&self, plan: &Plan) -> Offers {
+        let acting: BTreeSet<&str> = plan
+            .steps
+            .iter()
+            .filter_map(|step| step.arguments.first())
+            .map(|agent| agent.as_str())
+            .collect();
+        let is_acting = |agent: &AgentId| acting.contains(agent.as_str());
+        let offers = self.offers.iter().filter(|(agent, _)| is_acting(agent));
+        offers.map(|(agent, actions)| (agent.clone(), actions.clone())).collect()
+    }
+}
+
+/// Takes the avoided actions out of the offers; yields the facts that stood for them.
+fn take_avoided(offers: &mut Offers, avoided: &Avoided) -> BTreeSet<String> {
+    let mut guards = BTreeSet::new();
+    for (agent, action) in avoided {
+        if let Some(offer) = offers.get_mut(agent).and_then(|actions| actions.remove(action)) {
+            guards.insert(offer.guard);
+        }
+    }
+    guards
+}
+
+pub(crate) fn first(diagnostics: Vec<pddl::Diagnostic>) -> String {
+    diagnostics.first().map_or_else(|| "unreadable".to_owned(), ToString::to_string)
+}

@@ -1,0 +1,441 @@
+//! The Plan Requester (the paper, “Plan Requester”): takes goals, sees to it that there is a plan
+//! for each, and that the plan is carried out.
+//!
+//! - `request` (a goal) from a user or an agent → `confirm`s of progress and outcome.
+//! - Asks the Domain Maintainer for domain and state, then, by the ecosystem's mode, the Planning
+//!   Agent (`planning`) or all actuators (`calling`); asks the Plan Executor to execute.
+//! - Replans at once when a plan fails, and says why. Keeps the goals that are to be kept.
+//! - One goal is on its way at a time, the one of greatest priority first, so no plan breaks
+//!   another's causal links.
+//!
+//! Start reading at [`PlanRequester::consider`].
+
+mod calling;
+mod executing;
+mod goal;
+mod known;
+mod planning;
+mod selection;
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use acl::content::{Achieve, Inform, Keep, Outcome, Reason, Report, Request, Snapshot};
+use acl::{AgentId, ConversationId, Message, Performative};
+use agent::{
+    Agent, Ask, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Mode, PluginEntry,
+    Presence, Resource,
+};
+use pddl::Condition;
+use serde::Deserialize;
+
+use crate::goal::{FAILURES_MAX, Goal, Phase};
+use crate::known::{Known, first};
+
+/// Goals kept at a time. A building has tens; what comes beyond is refused, not forgotten.
+const GOALS_MAX: usize = 256;
+
+/// How long changes of the world settle before goals are considered again: news of one event
+/// come in several messages.
+const SETTLING: Duration = Duration::from_millis(20);
+
+/// How long to wait before asking again where nobody answered.
+const ASK_AGAIN: Duration = Duration::from_millis(500);
+
+/// How long a plan that was declined because an actuator is busy waits for it.
+const BUSY: Duration = Duration::from_millis(200);
+
+/// The line in the daemon's table of plugins.
+pub const PLUGIN: PluginEntry = PluginEntry {
+    name: "plan-requester",
+    about: "takes goals, has plans made for them and carried out",
+    drivers: &[],
+    build,
+};
+
+/// The entry's `config`: who does the rest of the reasoning.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
+struct Config {
+    domain_maintainer: AgentId,
+    planning_agent: AgentId,
+    plan_executor: AgentId,
+    /// Whether a plan that failed is made anew. Off only to show that it matters.
+    replanning: bool,
+}
+
+impl Default for Config {
+    fn default() -> Config {
+        let name = |text| AgentId::new(text).expect("invariant: a literal that is a name");
+        Config {
+            domain_maintainer: name("domain-maintainer"),
+            planning_agent: name("planning-agent"),
+            plan_executor: name("plan-executor"),
+            replanning: true,
+        }
+    }
+}
+
+fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+    let config = blueprint.config_as()?;
+    let mode = blueprint.host.mode;
+    Ok(Box::new(PlanRequester { config, mode, goals: BTreeMap::new() }))
+}
+
+struct PlanRequester {
+    config: Config,
+    mode: Mode,
+    goals: BTreeMap<ConversationId, Goal>,
+}
+
+impl Agent for PlanRequester {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+            .on(Performative::Request, Self::requested)
+            .on(Performative::Cancel, Self::cancelled)
+            .on_broadcast(Performative::Inform, Self::informed)
+    }
+
+    fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
+        if let Presence::Left(resident) = presence {
+            self.bidder_left(&resident.agent, ctx);
+        }
+    }
+
+    fn asked(&mut self, resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
+        if resource != Resource::Goals {
+            return None;
+        }
+        let goals: Vec<_> = self.goals.values().map(Goal::status).collect();
+        serde_json::to_string(&goals).ok()
+    }
+}
+
+impl PlanRequester {
+    // === asked ===
+
+    fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let engagement = Engagement::of(&message);
+        let asked = match message.content_as::<Request>() {
+            Ok(Request::Achieve(asked)) => asked,
+            Ok(_) => {
+                let detail = "a Plan Requester takes goals: `achieve`";
+                return ctx.refuse(&engagement, Reason::Incapable, detail);
+            }
+            Err(error) => return ctx.not_understood(&message, error.to_string()),
+        };
+        match self.admissible(&asked, &engagement) {
+            Ok(condition) => {
+                let mut goal = Goal::new(engagement, asked, condition);
+                goal.note("asked for");
+                let id = goal.conversation().clone();
+                tracing::info!(conversation = %id, goal = goal.text, "a goal");
+                self.goals.insert(id.clone(), goal);
+                self.consider(&id, ctx);
+            }
+            Err((reason, detail)) => ctx.refuse(&engagement, reason, detail),
+        }
+    }
+
+    fn admissible(
+        &self,
+        asked: &Achieve,
+        engagement: &Engagement,
+    ) -> Result<Condition, (Reason, String)> {
+        if self.goals.len() >= GOALS_MAX {
+            return Err((Reason::Busy, format!("{GOALS_MAX} goals are kept already")));
+        }
+        if self.goals.contains_key(&engagement.conversation) {
+            return Err((Reason::OutOfTurn, "this conversation is about another goal".to_owned()));
+        }
+        pddl::parse_condition(&asked.goal).into_result().map_err(|diagnostics| {
+            let lines: Vec<_> =
+                diagnostics.iter().map(|diagnostic| diagnostic.located(&asked.goal)).collect();
+            (Reason::BadContent, lines.join("\n"))
+        })
+    }
+
+    fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let id = &message.conversation_id;
+        // Not the one who asked for the goal: it is answered for itself.
+        if message.opens_exchange() {
+            let engagement = Engagement::of(&message);
+            if self.goals.contains_key(id) {
+                let report = Report::new(Outcome::Cancelled, "the goal is given up");
+                ctx.answer(&engagement, Performative::Confirm, &report);
+            } else {
+                ctx.refuse(&engagement, Reason::Unknown, format!("there is no goal `{id}`"));
+            }
+        }
+        self.cancel(id, ctx);
+    }
+
+    fn cancel(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        goal.note("cancelled");
+        match &goal.phase {
+            Phase::Executing(token) => {
+                let token = token.clone();
+                goal.phase = Phase::Cancelling(token.clone());
+                let executor = self.config.plan_executor.clone();
+                ctx.go_on(&token, &executor, Performative::Cancel, serde_json::Value::Null);
+                ctx.extend(&token, ctx.settings().answer_deadline * 2);
+            }
+            Phase::Cancelling(_) => (),
+            Phase::Planning(token) => {
+                let (token, planner) = (token.clone(), self.config.planning_agent.clone());
+                ctx.go_on(&token, &planner, Performative::Cancel, serde_json::Value::Null);
+                ctx.close(&token);
+                self.end(id, Outcome::Cancelled, "cancelled as asked", ctx);
+            }
+            _ => self.end(id, Outcome::Cancelled, "cancelled as asked", ctx),
+        }
+    }
+
+    // === considering ===
+
+    /// Looks whether a goal holds and, if it does not and nothing comes first, plans for it.
+    fn consider(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        if !self.is_its_turn(id) {
+            return;
+        }
+        let ask = Ask {
+            daemon: None,
+            resource: Resource::Domain,
+            agent: Some(self.config.domain_maintainer.clone()),
+        };
+        let asked = ctx.switchboard().ask(ask, ctx.settings().answer_deadline);
+        let considered = id.clone();
+        let work = ctx.run(asked, move |requester: &mut Self, answers, ctx| {
+            let snapshot = answers.first().and_then(|bytes| serde_json::from_slice(bytes).ok());
+            match snapshot {
+                Some(snapshot) => requester.compiled(&considered, snapshot, ctx),
+                None => {
+                    let why = "no Domain Maintainer answers".to_owned();
+                    requester.wait(&considered, why, ASK_AGAIN, ctx);
+                }
+            }
+        });
+        if let Some(goal) = self.goals.get_mut(id) {
+            if let Some(timer) = goal.timer.take() {
+                ctx.forget(timer);
+            }
+            goal.phase = Phase::Compiling(work);
+        }
+    }
+
+    /// Whether a goal may be considered now; if another comes first, it waits for its end.
+    fn is_its_turn(&mut self, id: &ConversationId) -> bool {
+        let first = self.goals.values().any(|other| other.phase.is_active());
+        let Some(goal) = self.goals.get_mut(id) else { return false };
+        if goal.phase.is_active() {
+            return false;
+        }
+        if first {
+            goal.phase = Phase::Queued;
+        }
+        !first
+    }
+
+    fn compiled(&mut self, id: &ConversationId, snapshot: Snapshot, ctx: &mut Context<Self>) {
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        let avoided = goal.avoided(ctx.now());
+        let known = match Known::read(snapshot, &avoided) {
+            Ok(known) => known,
+            Err(problem) => return self.end(id, Outcome::Failed, problem, ctx),
+        };
+        if goal.rounds == 0
+            && let Some(problem) = wrong_in(goal, &known)
+        {
+            return self.end(id, Outcome::Failed, problem, ctx);
+        }
+        match known.open_conjuncts(&goal.condition) {
+            Ok(open) if open.is_empty() => self.satisfied(id, ctx),
+            Ok(open) => {
+                goal.is_told = false;
+                match self.mode {
+                    Mode::Centralized => self.ask_planner(id, known, open, ctx),
+                    Mode::Decentralized => self.call(id, known, open, ctx),
+                }
+            }
+            Err(problem) => self.end(id, Outcome::Failed, problem, ctx),
+        }
+    }
+
+    fn satisfied(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        goal.failures = 0;
+        match goal.keep {
+            Keep::Achieve => {
+                let detail = if goal.rounds == 0 { "it holds already" } else { "the goal holds" };
+                self.end(id, Outcome::Done, detail, ctx);
+            }
+            Keep::Maintain => {
+                goal.phase = Phase::Holding;
+                let news = !std::mem::replace(&mut goal.is_told, true);
+                if news {
+                    self.tell(
+                        id,
+                        Report::new(Outcome::Holds, "the goal holds; it is watched"),
+                        ctx,
+                    );
+                }
+                self.next(ctx);
+            }
+        }
+    }
+
+    // === waiting ===
+
+    /// A plan failed or could not be made: try again after `wait`, or give the goal up.
+    fn retry(&mut self, id: &ConversationId, why: String, wait: Duration, ctx: &mut Context<Self>) {
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        goal.failures += 1;
+        let gives_up = goal.keep == Keep::Achieve && goal.failures >= FAILURES_MAX;
+        if gives_up || !self.config.replanning {
+            let detail = format!("given up after {} plans: {why}", goal.rounds);
+            return self.end(id, Outcome::Failed, detail, ctx);
+        }
+        // At once at first; then slower, so that a broken world is not a busy one.
+        let backoff = Duration::from_millis(100 << goal.failures.min(6)) * goal.failures.min(1);
+        let wait = if goal.failures <= 3 { wait } else { wait.max(backoff) };
+        self.tell(id, Report::new(Outcome::Progress, format!("planning anew: {why}")), ctx);
+        self.wait(id, why, wait, ctx);
+    }
+
+    /// Considers a goal again after `wait`. Others may come first meanwhile.
+    fn wait(&mut self, id: &ConversationId, why: String, wait: Duration, ctx: &mut Context<Self>) {
+        let considered = id.clone();
+        let timer = ctx.after(wait, move |requester: &mut Self, ctx| {
+            if let Some(goal) = requester.goals.get_mut(&considered) {
+                goal.timer = None;
+            }
+            requester.consider(&considered, ctx);
+        });
+        if let Some(goal) = self.goals.get_mut(id) {
+            if let Some(earlier) = goal.timer.replace(timer) {
+                ctx.forget(earlier);
+            }
+            goal.phase = Phase::Waiting(why);
+        }
+        self.next(ctx);
+    }
+
+    /// There is no plan: a goal to be achieved ends here; one to be kept waits until the
+    /// ecosystem changes, or until what failed may be tried again.
+    fn no_plan(&mut self, id: &ConversationId, why: String, ctx: &mut Context<Self>) {
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        let now = ctx.now();
+        let chance = goal.next_chance(now);
+        match (goal.keep, chance) {
+            (Keep::Achieve, None) => self.end(id, Outcome::Failed, why, ctx),
+            (Keep::Achieve, Some(_))
+                if !self.config.replanning || goal.failures >= FAILURES_MAX =>
+            {
+                self.end(id, Outcome::Failed, why, ctx);
+            }
+            (_, chance) => {
+                let detail = format!("no plan now: {why}; waiting for the ecosystem to change");
+                self.tell(id, Report::new(Outcome::Progress, detail), ctx);
+                match chance {
+                    Some(chance) => self.wait(id, why, chance - now, ctx),
+                    None => {
+                        if let Some(goal) = self.goals.get_mut(id) {
+                            goal.phase = Phase::Waiting(why);
+                        }
+                        self.next(ctx);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Gives the turn to the goal of greatest priority that waits for it.
+    fn next(&mut self, ctx: &mut Context<Self>) {
+        let first = self
+            .goals
+            .iter()
+            .filter(|(_, goal)| matches!(goal.phase, Phase::Queued))
+            .max_by_key(|(id, goal)| (goal.priority, std::cmp::Reverse((*id).clone())))
+            .map(|(id, _)| id.clone());
+        if let Some(id) = first {
+            ctx.after(Duration::ZERO, move |requester: &mut Self, ctx| {
+                requester.consider(&id, ctx)
+            });
+        }
+    }
+
+    // === telling ===
+
+    fn tell(&mut self, id: &ConversationId, report: Report, ctx: &mut Context<Self>) {
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        tracing::info!(conversation = %id, outcome = %report.outcome, detail = report.detail, "goal");
+        goal.note(format!("{}: {}", report.outcome, report.detail));
+        ctx.answer(&goal.engagement, Performative::Confirm, &report);
+    }
+
+    fn end(
+        &mut self,
+        id: &ConversationId,
+        outcome: Outcome,
+        detail: impl Into<String>,
+        ctx: &mut Context<Self>,
+    ) {
+        self.tell(id, Report::new(outcome, detail), ctx);
+        if let Some(goal) = self.goals.remove(id) {
+            if let Some(timer) = goal.timer {
+                ctx.forget(timer);
+            }
+            if let Phase::Calling(call) = goal.phase {
+                call.reject_all("the goal is gone", ctx);
+            }
+        }
+        self.next(ctx);
+    }
+
+    // === hearing ===
+
+    /// The world changed: goals that hold may not, goals that wait may find a plan.
+    fn informed(&mut self, message: Message, ctx: &mut Context<Self>) {
+        if message.sender != self.config.domain_maintainer {
+            return;
+        }
+        let Ok(Inform::Epoch(change)) = message.content_as::<Inform>() else { return };
+        let mut concerned = Vec::new();
+        for (id, goal) in &mut self.goals {
+            change.joined.iter().for_each(|agent| goal.forgive(agent));
+            if !goal.phase.is_active() {
+                concerned.push(id.clone());
+            }
+        }
+        for id in concerned {
+            self.settle(&id, ctx);
+        }
+    }
+
+    fn settle(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let considered = id.clone();
+        let timer = ctx.after(SETTLING, move |requester: &mut Self, ctx| {
+            if let Some(goal) = requester.goals.get_mut(&considered) {
+                goal.timer = None;
+            }
+            requester.consider(&considered, ctx);
+        });
+        if let Some(goal) = self.goals.get_mut(id)
+            && let Some(earlier) = goal.timer.replace(timer)
+        {
+            ctx.forget(earlier);
+        }
+    }
+}
+
+/// What is wrong in a goal, seen from the composite domain.
+fn wrong_in(goal: &Goal, known: &Known) -> Option<String> {
+    let diagnostics = pddl::check::check_condition(&known.domain, &known.problem, &goal.condition);
+    let errors: Vec<_> = diagnostics.into_iter().filter(pddl::Diagnostic::is_error).collect();
+    if errors.is_empty() {
+        return None;
+    }
+    let lines: Vec<_> = errors.iter().map(|error| error.located(&goal.text)).collect();
+    Some(if lines.is_empty() { first(errors) } else { lines.join("\n") })
+}

@@ -1,0 +1,117 @@
+//! The centralised flow: the Planning Agent computes the plan (the paper, “Flow of Control in
+//! Centralized Plan Execution”).
+
+use acl::content::{Choice, PlanProposal, PlanRequest, PlanStatus, Refusal, Request, value};
+use acl::{ConversationId, Performative, Protocol};
+use agent::{Answer, Context, Opening};
+use pddl::Condition;
+
+use crate::PlanRequester;
+use crate::goal::Phase;
+use crate::known::Known;
+
+impl PlanRequester {
+    /// Asks the Planning Agent for a plan.
+    pub(crate) fn ask_planner(
+        &mut self,
+        id: &ConversationId,
+        known: Known,
+        open: Vec<Condition>,
+        ctx: &mut Context<Self>,
+    ) {
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        let request = PlanRequest {
+            domain: known.domain_text.clone(),
+            problem: known.problem_of(&goal.condition).to_string(),
+            epoch: known.epoch,
+        };
+        let opening = Opening {
+            to: Some(self.config.planning_agent.clone()),
+            performative: Performative::Request,
+            protocol: Protocol::Planning,
+            conversation: id.clone(),
+            content: value(&Request::Plan(request)),
+        };
+        let patience = ctx.settings().planning_deadline;
+        let asked = id.clone();
+        let token = ctx.open(opening, patience, move |requester: &mut Self, answer, ctx| {
+            requester.planner_answered(&asked, &known, &open, answer, ctx);
+        });
+        goal.phase = Phase::Planning(token);
+    }
+
+    fn planner_answered(
+        &mut self,
+        id: &ConversationId,
+        known: &Known,
+        open: &[Condition],
+        answer: Answer,
+        ctx: &mut Context<Self>,
+    ) {
+        let Some(Phase::Planning(token)) = self.goals.get(id).map(|goal| &goal.phase) else {
+            return;
+        };
+        let token = token.clone();
+        let message = match answer {
+            Answer::Message(message) => message,
+            Answer::Silence => {
+                let why = "the Planning Agent did not answer in time".to_owned();
+                return self.retry(id, why, std::time::Duration::ZERO, ctx);
+            }
+            Answer::Undelivered(why) => {
+                let why = format!("the Planning Agent could not be reached: {why}");
+                return self.retry(id, why, crate::ASK_AGAIN, ctx);
+            }
+        };
+        let Ok(proposal) = message.content_as::<PlanProposal>() else {
+            let why = message.content_as::<Refusal>().map(|refusal| refusal.detail);
+            let why = why.unwrap_or_else(|_| "in words nobody understands".to_owned());
+            return self.retry(id, format!("the Planning Agent declined: {why}"), crate::BUSY, ctx);
+        };
+        let judged = self.judge(id, known, &proposal);
+        let (verdict, detail) = match &judged {
+            Ok(_) => (Performative::AcceptProposal, "it is valid".to_owned()),
+            Err(detail) => (Performative::RejectProposal, detail.clone()),
+        };
+        let choice = value(&Choice { covers: Vec::new(), detail });
+        ctx.go_on(&token, &message.sender, verdict, choice);
+        ctx.close(&token);
+        match judged {
+            Ok((plan, cost)) => self.execute(id, known, &plan, cost, ctx),
+            Err(why) if proposal.status == PlanStatus::Unsolvable => {
+                let why = explain(known, open, &why);
+                self.no_plan(id, why, ctx);
+            }
+            Err(why) => self.no_plan(id, why, ctx),
+        }
+    }
+
+    /// The plan of a proposal, if it has one that is valid here.
+    fn judge(
+        &self,
+        id: &ConversationId,
+        known: &Known,
+        proposal: &PlanProposal,
+    ) -> Result<(pddl::Plan, f64), String> {
+        let Some(text) = &proposal.plan else {
+            let detail = proposal.detail.clone().unwrap_or_default();
+            return Err(format!("the planner: {}; {detail}", proposal.status));
+        };
+        let goal = self.goals.get(id).ok_or("the goal is gone")?;
+        let plan = pddl::parse_plan(text).into_result().map_err(crate::first)?;
+        let cost = known
+            .validate(&plan, &goal.condition)
+            .map_err(|fault| format!("the proposed plan is not valid: {fault}"))?;
+        Ok((plan, cost))
+    }
+}
+
+/// Which part of a goal cannot be reached, where the relaxation shows it.
+pub(crate) fn explain(known: &Known, open: &[Condition], otherwise: &str) -> String {
+    let unreachable = known.unreachable(open);
+    if unreachable.is_empty() {
+        return otherwise.to_owned();
+    }
+    let names: Vec<_> = unreachable.iter().map(|conjunct| format!("`{conjunct}`")).collect();
+    format!("no agent here can reach {}", names.join(" and "))
+}

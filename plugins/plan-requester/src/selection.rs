@@ -1,0 +1,239 @@
+//! Which of the proposals are accepted (design, “The two flows”): the cheapest set that covers
+//! the goal and whose combined plan validates.
+//!
+//! An agent's proposals are alternatives: at most one of each agent is chosen. Ties are broken by
+//! fewer agents, then by names, so that every requester chooses alike.
+
+use std::collections::BTreeMap;
+
+use acl::AgentId;
+use acl::content::Proposal;
+
+/// Up to here the cheapest set is found exactly, by dynamic programming over sets of conjuncts;
+/// beyond it by each conjunct's cheapest bidder, whose bundles the second round asks for.
+const EXACT_CONJUNCTS_MAX: usize = 10;
+
+/// Sets kept per covered set of conjuncts: the next best are tried where the best combined plan
+/// does not validate.
+const SETS_KEPT: usize = 4;
+
+/// Each bidder's alternatives, one per set of conjuncts.
+pub(crate) type Bids = BTreeMap<AgentId, Vec<Proposal>>;
+
+/// Proposals of different agents that together cover all conjuncts.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Selection {
+    pub(crate) chosen: Vec<(AgentId, Proposal)>,
+}
+
+impl Selection {
+    pub(crate) fn cost(&self) -> f64 {
+        self.chosen.iter().map(|(_, proposal)| proposal.cost).sum()
+    }
+}
+
+/// The conjuncts that nobody covers.
+pub(crate) fn uncovered(conjuncts: &[String], bids: &Bids) -> Vec<String> {
+    let is_covered = |conjunct: &&String| {
+        bids.values().flatten().any(|proposal| proposal.covers.contains(conjunct))
+    };
+    conjuncts.iter().filter(|conjunct| !is_covered(conjunct)).cloned().collect()
+}
+
+/// The bundles worth asking for: where one agent is cheapest for several conjuncts alone, what
+/// would it ask for all of them together?
+pub(crate) fn bundles(conjuncts: &[String], bids: &Bids) -> Vec<(AgentId, Vec<String>)> {
+    let mut wanted: BTreeMap<&AgentId, Vec<String>> = BTreeMap::new();
+    for conjunct in conjuncts {
+        if let Some((agent, _)) = cheapest_alone(conjunct, bids) {
+            wanted.entry(agent).or_default().push(conjunct.clone());
+        }
+    }
+    wanted
+        .into_iter()
+        .filter(|(agent, bundle)| bundle.len() > 1 && !offers(&bids[*agent], bundle))
+        .map(|(agent, bundle)| (agent.clone(), bundle))
+        .collect()
+}
+
+fn cheapest_alone<'a>(conjunct: &String, bids: &'a Bids) -> Option<(&'a AgentId, &'a Proposal)> {
+    bids.iter()
+        .flat_map(|(agent, proposals)| proposals.iter().map(move |proposal| (agent, proposal)))
+        .filter(|(_, proposal)| proposal.covers == std::slice::from_ref(conjunct))
+        .min_by(|(_, a), (_, b)| a.cost.total_cmp(&b.cost))
+}
+
+fn offers(proposals: &[Proposal], bundle: &[String]) -> bool {
+    proposals.iter().any(|proposal| {
+        proposal.covers.len() == bundle.len()
+            && bundle.iter().all(|conjunct| proposal.covers.contains(conjunct))
+    })
+}
+
+/// Sets that cover all conjuncts, the cheapest first.
+pub(crate) fn selections(conjuncts: &[String], bids: &Bids) -> Vec<Selection> {
+    let mut selections = if conjuncts.len() <= EXACT_CONJUNCTS_MAX {
+        exact(conjuncts, bids)
+    } else {
+        by_cheapest_bidder(conjuncts, bids)
+    };
+    let key = |selection: &Selection| {
+        let agents: Vec<_> = selection.chosen.iter().map(|(agent, _)| agent.clone()).collect();
+        (agents.len(), agents)
+    };
+    selections.sort_by(|a, b| a.cost().total_cmp(&b.cost()).then_with(|| key(a).cmp(&key(b))));
+    selections
+}
+
+fn exact(conjuncts: &[String], bids: &Bids) -> Vec<Selection> {
+    let all = (1usize << conjuncts.len()) - 1;
+    let mut best: Vec<Vec<Selection>> = vec![Vec::new(); all + 1];
+    best[0].push(Selection { chosen: Vec::new() });
+    for (agent, proposals) in bids {
+        let before = best.clone();
+        for (covered, selections) in before.iter().enumerate() {
+            for proposal in proposals {
+                let mask = mask(conjuncts, proposal);
+                // One that adds nothing would be paid for nothing.
+                if mask & !covered == 0 {
+                    continue;
+                }
+                for selection in selections {
+                    let mut chosen = selection.chosen.clone();
+                    chosen.push((agent.clone(), proposal.clone()));
+                    keep(&mut best[covered | mask], Selection { chosen });
+                }
+            }
+        }
+    }
+    std::mem::take(&mut best[all])
+}
+
+fn mask(conjuncts: &[String], proposal: &Proposal) -> usize {
+    conjuncts
+        .iter()
+        .enumerate()
+        .filter(|(_, conjunct)| proposal.covers.contains(conjunct))
+        .fold(0, |mask, (index, _)| mask | 1 << index)
+}
+
+fn keep(kept: &mut Vec<Selection>, selection: Selection) {
+    let rank = |selection: &Selection| (selection.cost(), selection.chosen.len());
+    let (cost, agents) = rank(&selection);
+    let position = kept.partition_point(|other| {
+        let (other_cost, other_agents) = rank(other);
+        other_cost < cost || (other_cost == cost && other_agents <= agents)
+    });
+    kept.insert(position, selection);
+    kept.truncate(SETS_KEPT);
+}
+
+/// Each conjunct to its cheapest bidder, whose bundle is taken where it was offered; and every
+/// proposal that covers all alone.
+fn by_cheapest_bidder(conjuncts: &[String], bids: &Bids) -> Vec<Selection> {
+    let mut groups: BTreeMap<&AgentId, Vec<String>> = BTreeMap::new();
+    for conjunct in conjuncts {
+        if let Some((agent, _)) = cheapest_alone(conjunct, bids) {
+            groups.entry(agent).or_default().push(conjunct.clone());
+        }
+    }
+    let in_one = |agent: &AgentId, group: &Vec<String>| {
+        let offered =
+            bids[agent].iter().find(|proposal| offers(std::slice::from_ref(proposal), group))?;
+        Some((agent.clone(), offered.clone()))
+    };
+    let grouped: Option<Vec<_>> =
+        groups.iter().map(|(agent, group)| in_one(agent, group)).collect();
+    let covers_all = |group: &Vec<_>| {
+        let count: usize =
+            group.iter().map(|(_, proposal): &(AgentId, Proposal)| proposal.covers.len()).sum();
+        count == conjuncts.len()
+    };
+    let alone = bids.iter().flat_map(|(agent, proposals)| {
+        proposals
+            .iter()
+            .filter(|proposal| offers(std::slice::from_ref(proposal), conjuncts))
+            .map(|proposal| Selection { chosen: vec![(agent.clone(), proposal.clone())] })
+    });
+    grouped.filter(covers_all).map(|chosen| Selection { chosen }).into_iter().chain(alone).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `robot: a=5 b=6 ab=8` → the bids of one agent.
+    fn bids(lines: &[&str]) -> Bids {
+        let proposal = |text: &str| {
+            let (covers, cost) = text.split_once('=').expect("a cost");
+            let covers = covers.chars().map(String::from).collect();
+            let cost = cost.parse().expect("a number");
+            Proposal { covers, plan: String::new(), cost }
+        };
+        let bid = |line: &&str| {
+            let (agent, proposals) = line.split_once(": ").expect("an agent");
+            let agent = AgentId::new(agent).expect("a name");
+            (agent, proposals.split(' ').map(proposal).collect())
+        };
+        lines.iter().map(bid).collect()
+    }
+
+    fn conjuncts(text: &str) -> Vec<String> {
+        text.chars().map(String::from).collect()
+    }
+
+    /// The choice, as `agent:covers` in order.
+    #[track_caller]
+    fn check(wanted: &str, lines: &[&str], expected: &str) {
+        let best = selections(&conjuncts(wanted), &bids(lines)).into_iter().next();
+        let words = best.map(|selection| {
+            let word = |(agent, proposal): &(AgentId, Proposal)| {
+                format!("{agent}:{}", proposal.covers.concat())
+            };
+            selection.chosen.iter().map(word).collect::<Vec<_>>().join(" ")
+        });
+        assert_eq!(words.as_deref().unwrap_or("none"), expected, "{lines:?}");
+    }
+
+    #[test]
+    fn the_cheapest_candidate_wins() {
+        check("a", &["robot: a=5", "sensor: a=1"], "sensor:a");
+        check("a", &["b-robot: a=5", "a-robot: a=5"], "a-robot:a");
+    }
+
+    #[test]
+    fn sensors_do_what_they_can_and_the_robot_the_rest() {
+        let bids = ["robot: a=5 b=6 c=7 abc=12", "sensor-b: b=1", "sensor-c: c=1"];
+        check("abc", &bids, "robot:a sensor-b:b sensor-c:c");
+    }
+
+    #[test]
+    fn an_agents_proposals_are_alternatives() {
+        check("ab", &["robot: a=5 b=6"], "none");
+        check("ab", &["robot: a=5 b=6 ab=20"], "robot:ab");
+    }
+
+    #[test]
+    fn two_robots_share_where_that_is_cheaper() {
+        check("ab", &["one: a=5 b=6 ab=10", "two: b=4"], "one:a two:b");
+        check("ab", &["one: a=5 b=6 ab=8", "two: b=4"], "one:ab");
+    }
+
+    #[test]
+    fn bundles_are_asked_for_where_one_is_cheapest_for_several() {
+        let bids = bids(&["robot: a=5 b=6 c=7 abc=30", "sensor: c=1"]);
+        let robot = AgentId::new("robot").expect("a name");
+        assert_eq!(bundles(&conjuncts("abc"), &bids), [(robot, conjuncts("ab"))]);
+        assert_eq!(uncovered(&conjuncts("abcd"), &bids), conjuncts("d"));
+    }
+
+    #[test]
+    fn many_conjuncts_go_to_their_cheapest_bidders() {
+        let all = "abcdefghijklm";
+        let sensors: Vec<_> = all[2..].chars().map(|room| format!("s-{room}: {room}=1")).collect();
+        let robot = format!("robot: a=5 b=6 ab=8 {all}=99");
+        let lines: Vec<&str> = sensors.iter().map(String::as_str).chain([robot.as_str()]).collect();
+        let best = selections(&conjuncts(all), &bids(&lines)).into_iter().next();
+        assert_eq!(best.expect("covered").cost(), 19.0);
+    }
+}

@@ -1,0 +1,158 @@
+//! The Planning Agent (the paper, “Planning Agent”): computes the plan, given domain and problem.
+//!
+//! - `request` from the Plan Requester → `propose` with the plan, or with the reason why there is
+//!   none.
+//! - Plans aside, one request at a time per thread, bounded; `cancel` and the deadline of the
+//!   request end the search.
+//! - Does not choose, execute or replan.
+
+use std::collections::BTreeMap;
+
+use acl::content::{PlanProposal, PlanRequest, PlanStatus, Reason, Request};
+use acl::{Message, Performative, ReplyToken};
+use agent::{
+    Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, PluginEntry, Work,
+};
+use planner::{Cancel, Options, PlanError, StopReason};
+
+/// Searches that may run side by side: a board has few cores, and a search that waits is better
+/// refused, so that its requester can say so.
+const SEARCHES_MAX: usize = 8;
+
+/// The line in the daemon's table of plugins.
+pub const PLUGIN: PluginEntry = PluginEntry {
+    name: "planning-agent",
+    about: "plans centrally, with the embedded planner",
+    drivers: &[],
+    build,
+};
+
+fn build(_: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+    Ok(Box::new(PlanningAgent { searches: BTreeMap::new() }))
+}
+
+struct PlanningAgent {
+    searches: BTreeMap<ReplyToken, Search>,
+}
+
+struct Search {
+    cancel: Cancel,
+    _work: Work,
+}
+
+impl Agent for PlanningAgent {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+            .on(Performative::Request, Self::requested)
+            .on(Performative::Cancel, Self::cancelled)
+            .on(Performative::AcceptProposal, Self::chosen)
+            .on(Performative::RejectProposal, Self::chosen)
+    }
+
+    fn drained(&mut self, _ctx: &mut Context<Self>) -> bool {
+        self.searches.values().for_each(|search| search.cancel.set());
+        true
+    }
+}
+
+impl PlanningAgent {
+    fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let engagement = Engagement::of(&message);
+        let request = match message.content_as::<Request>() {
+            Ok(Request::Plan(request)) => request,
+            Ok(_) => {
+                let detail = "a Planning Agent computes plans; ask the Plan Requester for goals";
+                return ctx.refuse(&engagement, Reason::Incapable, detail);
+            }
+            Err(error) => return ctx.not_understood(&message, error.to_string()),
+        };
+        if self.searches.len() >= SEARCHES_MAX {
+            let detail = format!("{SEARCHES_MAX} searches are running");
+            return ctx.refuse(&engagement, Reason::Busy, detail);
+        }
+        self.search(engagement, message, request, ctx);
+    }
+
+    fn search(
+        &mut self,
+        engagement: Engagement,
+        message: Message,
+        request: PlanRequest,
+        ctx: &mut Context<Self>,
+    ) {
+        let patience = message.reply_by.map_or(ctx.settings().planning_deadline, |by| by.0);
+        let cancel = Cancel::new();
+        let (flag, deadline) = (cancel.clone(), cancel.clone());
+        // The planner reads no clock; the deadline is told to it.
+        ctx.after(patience.mul_f32(0.9), move |_, _| deadline.set());
+        let token = engagement.exchange.clone();
+        let finished = token.clone();
+        let work = ctx.compute(
+            move || propose(&request, &flag),
+            move |agent, proposal, ctx| {
+                agent.searches.remove(&finished);
+                ctx.answer(&engagement, Performative::Propose, &proposal);
+            },
+        );
+        self.searches.insert(token, Search { cancel, _work: work });
+    }
+
+    fn cancelled(&mut self, message: Message, _ctx: &mut Context<Self>) {
+        if let Some(search) = message.exchange().and_then(|token| self.searches.get(token)) {
+            search.cancel.set();
+        }
+    }
+
+    fn chosen(&mut self, message: Message, _ctx: &mut Context<Self>) {
+        tracing::debug!(conversation = %message.conversation_id, verdict = %message.performative,
+            "my proposal was judged");
+    }
+}
+
+/// Plans, and tells how it went.
+fn propose(request: &PlanRequest, cancel: &Cancel) -> PlanProposal {
+    let nothing = |status, detail: String| PlanProposal {
+        status,
+        plan: None,
+        cost: None,
+        detail: Some(detail),
+    };
+    let parsed = pddl::parse_domain(&request.domain)
+        .into_result()
+        .and_then(|domain| Ok((domain, pddl::parse_problem(&request.problem).into_result()?)));
+    let (domain, problem) = match parsed {
+        Ok(texts) => texts,
+        Err(diagnostics) => {
+            return nothing(PlanStatus::Unsupported, lines(&diagnostics));
+        }
+    };
+    match planner::plan(&domain, &problem, &Options::default(), cancel) {
+        Ok(outcome) => match outcome.plan {
+            Some(plan) => PlanProposal {
+                status: PlanStatus::Solved,
+                cost: plan.cost.map(|cost| cost.0),
+                plan: Some(plan.to_string()),
+                detail: None,
+            },
+            None => nothing(status(outcome.stop_reason), outcome.stop_reason.to_string()),
+        },
+        Err(PlanError::BadInput(diagnostics)) => {
+            nothing(PlanStatus::Unsupported, lines(&diagnostics))
+        }
+        Err(error) => nothing(PlanStatus::Unsupported, error.to_string()),
+    }
+}
+
+fn lines(diagnostics: &[pddl::Diagnostic]) -> String {
+    diagnostics.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+}
+
+fn status(reason: StopReason) -> PlanStatus {
+    match reason {
+        StopReason::GoalReached => PlanStatus::Solved,
+        StopReason::Unsolvable { .. } => PlanStatus::Unsolvable,
+        StopReason::Exhausted => PlanStatus::Exhausted,
+        StopReason::Cancelled => PlanStatus::Cancelled,
+        _ => PlanStatus::Limit,
+    }
+}
