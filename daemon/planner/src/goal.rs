@@ -57,7 +57,7 @@ fn is_unreachable(
     cancel: &Cancel,
 ) -> Result<bool, PlanError> {
     let lifted = normalize(domain, problem)?;
-    let task = match ground(&lifted, options.budget, cancel) {
+    let task = match ground(&lifted, options.budget, cancel, &mut 0) {
         Ok(grounded) => grounded.task,
         Err(GroundError::Unsupported(unsupported)) => return Err(unsupported.into()),
         // Without an end there is no proof.

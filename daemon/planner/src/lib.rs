@@ -4,7 +4,7 @@
 //!
 //! - `normalize` numbers names and refuses what is not supported; `ground` makes the `task`;
 //!   `state`, `successors`, `heuristic` and `search` solve it.
-//! - [`validate`] checks plans on the texts themselves and shares nothing with the above.
+//! - [`mod@validate`] checks plans on the texts themselves and shares nothing with the above.
 //! - [`order`] says which steps of a plan must wait for which; [`goal`] takes goals apart.
 //!
 //! Leaves to others: composing domains (`capability`), carrying plans out (the Plan Executor), other

@@ -29,14 +29,14 @@ pub fn plan(
 ) -> Result<Outcome, PlanError> {
     refuse_mistakes(domain, problem)?;
     let lifted = normalize(domain, problem)?;
-    let grounded = match ground(&lifted, options.budget, cancel) {
+    let mut statistics = Statistics::default();
+    let grounded = match ground(&lifted, options.budget, cancel, &mut statistics.join_steps) {
         Ok(grounded) => grounded,
         Err(GroundError::Unsupported(unsupported)) => return Err(unsupported.into()),
         Err(GroundError::Stopped(reason)) => {
-            return Ok(without_plan(reason, Statistics::default(), Vec::new()));
+            return Ok(without_plan(reason, statistics, Vec::new()));
         }
     };
-    let mut statistics = Statistics { join_steps: grounded.join_steps, ..Statistics::default() };
     let Some(task) = grounded.task else {
         let reason = StopReason::Unsolvable { before_search: true };
         return Ok(without_plan(reason, statistics, grounded.warnings));
@@ -102,9 +102,9 @@ fn solve(
     Ok(cheapest(task, &generator, first, options, cancel, statistics))
 }
 
-/// Work of one optimal search: evaluations times the size of what each looks at. It takes some
-/// hundred milliseconds and covers all of a building's problems.
-const OPTIMAL_WORK_MAX: u64 = 50_000_000;
+/// Work of one optimal search: evaluations times the size of what each looks at. That is less than
+/// a tenth of a second, and covers all of a building's problems.
+const OPTIMAL_WORK_MAX: u64 = 3_000_000;
 
 /// The cheapest plan, where it can be found with little work; otherwise the given one.
 fn cheapest(

@@ -108,6 +108,8 @@ pub(crate) struct Task {
     pub(crate) cost_unit: f64,
     /// Whether every cost is a whole multiple of the unit.
     pub(crate) costs_exact: bool,
+    /// Whether all operators cost the same, and something.
+    pub(crate) costs_equal: bool,
     pub(crate) schema_names: Vec<Name>,
     pub(crate) object_names: Vec<Name>,
 }

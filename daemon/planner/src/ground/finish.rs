@@ -59,6 +59,7 @@ fn set_costs(task: &mut Task, costs: &[f64], is_unit: bool) {
     task.costs_exact = true;
     if is_unit {
         task.operators.iter_mut().for_each(|operator| operator.cost = 1);
+        task.costs_equal = true;
         return;
     }
     let is_whole = |value: f64| (value - value.round()).abs() < 1e-9 * value.abs().max(1.0);
@@ -72,6 +73,8 @@ fn set_costs(task: &mut Task, costs: &[f64], is_unit: bool) {
         // Negative costs were refused; the conversion saturates.
         operator.cost = (cost * scale).round() as u64;
     }
+    let first = task.operators.first().map_or(1, |operator| operator.cost);
+    task.costs_equal = first > 0 && task.operators.iter().all(|operator| operator.cost == first);
 }
 
 /// What is known of every raw fact, by its dense index: rows of relations, comparisons, auxiliaries.

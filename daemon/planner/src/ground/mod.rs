@@ -24,11 +24,10 @@ use crate::normalize::lifted::Lifted;
 use crate::outcome::{StopReason, Unsupported};
 use crate::task::Task;
 
-/// A ground task and what it took.
+/// A ground task and what its author may not have meant.
 pub(crate) struct Grounded {
     /// `None` where the goal cannot hold, whatever happens: a proof that there is no plan.
     pub(crate) task: Option<Task>,
-    pub(crate) join_steps: u64,
     pub(crate) warnings: Vec<Diagnostic>,
 }
 
@@ -41,19 +40,25 @@ pub(crate) enum GroundError {
     Unsupported(Unsupported),
 }
 
-/// Grounds a lifted task.
+/// Grounds a lifted task; `join_steps` tells how much work it was, however it ends.
 pub(crate) fn ground(
     lifted: &Lifted,
     budget: Budget,
     cancel: &Cancel,
+    join_steps: &mut u64,
 ) -> Result<Grounded, GroundError> {
     let mut work = Work::new(budget, cancel);
+    let result = grounded(lifted, &mut work);
+    *join_steps = work.steps;
+    result
+}
+
+fn grounded(lifted: &Lifted, work: &mut Work<'_>) -> Result<Grounded, GroundError> {
     let mut values = Values::new(lifted);
-    let mut relations = reach::reach(lifted, &values, &mut work)?;
-    let mut raw = instantiate::instantiate(lifted, &mut relations, &mut values, &mut work)?;
+    let mut relations = reach::reach(lifted, &values, work)?;
+    let mut raw = instantiate::instantiate(lifted, &mut relations, &mut values, work)?;
     let warnings = std::mem::take(&mut raw.warnings);
-    let task = finish::finish(lifted, &relations, &values, raw);
-    Ok(Grounded { task, join_steps: work.steps, warnings })
+    Ok(Grounded { task: finish::finish(lifted, &relations, &values, raw), warnings })
 }
 
 impl From<StopReason> for GroundError {

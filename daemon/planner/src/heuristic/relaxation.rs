@@ -77,9 +77,11 @@ pub(super) const NO_SUPPORTER: u32 = u32::MAX;
 
 impl Weights {
     /// What an operator counts.
-    pub(crate) fn weight(self, operator: &Operator) -> u64 {
+    pub(crate) fn weight(self, task: &Task, operator: &Operator) -> u64 {
         match self {
             Weights::Unit => 1,
+            // Then the cheapest plan is the shortest.
+            Weights::CostThenSteps if task.costs_equal => 1,
             Weights::CostThenSteps => {
                 operator.cost.saturating_mul(STEPS_PER_COST).saturating_add(1)
             }
@@ -111,7 +113,7 @@ impl Relaxation {
     pub(crate) fn new(task: &Task, weights: Weights) -> Relaxation {
         let mut builder = Builder::new(task);
         for (index, operator) in task.operators.iter().enumerate() {
-            builder.operator(index as u32, operator, weights.weight(operator));
+            builder.operator(index as u32, operator, weights.weight(task, operator));
         }
         for axiom in &task.axioms {
             let preconditions = builder.propositions(&axiom.body);

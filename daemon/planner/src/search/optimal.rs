@@ -35,7 +35,8 @@ pub(crate) struct AStar<'t> {
 
 /// The weight of a sequence of operators, as A* counts.
 pub(crate) fn weight(task: &Task, operators: &[OperatorId]) -> u64 {
-    let weights = operators.iter().map(|id| Weights::CostThenSteps.weight(task.operator(*id)));
+    let weights =
+        operators.iter().map(|id| Weights::CostThenSteps.weight(task, task.operator(*id)));
     weights.fold(0, u64::saturating_add)
 }
 
@@ -85,7 +86,7 @@ impl<'t> AStar<'t> {
         if !self.progression.apply(ground, from, &mut self.successor) {
             return;
         }
-        let g = g.saturating_add(Weights::CostThenSteps.weight(ground));
+        let g = g.saturating_add(Weights::CostThenSteps.weight(self.task, ground));
         let (id, is_new) = self.space.insert(&self.successor, parent, operator);
         if is_new {
             self.distances.push(g);

@@ -6,7 +6,7 @@ use pddl::{Domain, Name, PlanStep, Problem};
 use planner::World;
 
 /// Every step that names an action and as many objects as it takes.
-pub fn all_steps(domain: &Domain, problem: &Problem) -> Vec<PlanStep> {
+pub(crate) fn all_steps(domain: &Domain, problem: &Problem) -> Vec<PlanStep> {
     let objects: Vec<Name> = domain
         .constants
         .iter()
@@ -20,7 +20,9 @@ pub fn all_steps(domain: &Domain, problem: &Problem) -> Vec<PlanStep> {
             tuples = tuples
                 .iter()
                 .flat_map(|tuple| {
-                    objects.iter().map(move |object| [tuple.as_slice(), &[object.clone()]].concat())
+                    objects.iter().map(move |object| {
+                        [tuple.as_slice(), std::slice::from_ref(object)].concat()
+                    })
                 })
                 .collect();
         }
@@ -32,7 +34,7 @@ pub fn all_steps(domain: &Domain, problem: &Problem) -> Vec<PlanStep> {
 /// The least cost of any plan, by Dijkstra's algorithm; `None` if there is no plan.
 ///
 /// Costs are taken as millionths, so that they can be compared.
-pub fn least_cost(domain: &Domain, problem: &Problem) -> Option<f64> {
+pub(crate) fn least_cost(domain: &Domain, problem: &Problem) -> Option<f64> {
     let steps = all_steps(domain, problem);
     let start = World::initial(domain, problem).expect("the texts make sense");
     let mut known = BTreeMap::from([(key(&start), 0)]);

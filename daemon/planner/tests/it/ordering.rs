@@ -11,7 +11,7 @@ const OFFICE: &str = include_str!("../../benches/office/domain.pddl");
 const MORNING: &str = include_str!("../../benches/office/problem.pddl");
 
 /// Validates every order of the steps that respects the partial order, up to `orders_max`.
-pub fn assert_all_orders_work(
+pub(crate) fn assert_all_orders_work(
     domain: &Domain,
     problem: &Problem,
     plan: &Plan,

@@ -6,7 +6,7 @@ use planner::{Cancel, Options, Outcome, PlanError, plan};
 
 /// Parses both texts.
 #[track_caller]
-pub fn parse(domain: &str, problem: &str) -> (Domain, Problem) {
+pub(crate) fn parse(domain: &str, problem: &str) -> (Domain, Problem) {
     let domain = pddl::parse_domain(domain).into_result().expect("the domain parses");
     let problem = pddl::parse_problem(problem).into_result().expect("the problem parses");
     (domain, problem)
@@ -14,24 +14,24 @@ pub fn parse(domain: &str, problem: &str) -> (Domain, Problem) {
 
 /// Plans without limits.
 #[track_caller]
-pub fn outcome(domain: &str, problem: &str) -> Result<Outcome, PlanError> {
+pub(crate) fn outcome(domain: &str, problem: &str) -> Result<Outcome, PlanError> {
     let (domain, problem) = parse(domain, problem);
     plan(&domain, &problem, &Options::default(), &Cancel::new())
 }
 
 /// Plans and compares the answer, as text.
 #[track_caller]
-pub fn check(domain: &str, problem: &str, expected: Expect) {
+pub(crate) fn check(domain: &str, problem: &str, expected: Expect) {
     expected.assert_eq(&describe(outcome(domain, problem), domain, problem));
 }
 
 /// A problem over `domain d`, from its parts.
-pub fn problem(parts: &str) -> String {
+pub(crate) fn problem(parts: &str) -> String {
     format!("(define (problem p) (:domain d) {parts})")
 }
 
 /// A domain `d`, from its parts.
-pub fn domain(parts: &str) -> String {
+pub(crate) fn domain(parts: &str) -> String {
     format!("(define (domain d) {parts})")
 }
 
