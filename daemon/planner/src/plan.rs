@@ -102,9 +102,9 @@ fn solve(
     Ok(cheapest(task, &generator, first, options, cancel, statistics))
 }
 
-/// Work of one optimal search: evaluations times the size of what each looks at. That is less than
+/// Work of one optimal search: evaluations times the size of what each looks at. That is about
 /// a tenth of a second, and covers all of a building's problems.
-const OPTIMAL_WORK_MAX: u64 = 3_000_000;
+const OPTIMAL_WORK_MAX: u64 = 1_000_000;
 
 /// The cheapest plan, where it can be found with little work; otherwise the given one.
 fn cheapest(
@@ -122,7 +122,7 @@ fn cheapest(
     }
     let bound = weight(task, &first);
     let mut search =
-        AStar::new(task, generator, (entry("max").build)(task), bound, evaluations_max);
+        AStar::new(task, generator, (entry("lmcut").build)(task), bound, evaluations_max);
     let budget = Budget { expansions_max: options.optimal_expansions_max, ..options.budget };
     let result = run(&mut search, budget, cancel);
     statistics.optimal_expansions = search.expansions();

@@ -4,11 +4,13 @@
 //! dead end found here is a proof.
 
 mod ff;
+mod landmark_cut;
 mod max;
 mod queue;
 mod relaxation;
 
 pub(crate) use ff::FastForward;
+pub(crate) use landmark_cut::LandmarkCut;
 pub(crate) use max::Max;
 pub(crate) use relaxation::{Relaxation, Weights};
 
@@ -55,6 +57,13 @@ pub const HEURISTICS: &[Heuristic] = &[
         admissible: true,
         consistent: true,
         build: |task| Box::new(Max::new(task)),
+    },
+    Heuristic {
+        name: "lmcut",
+        summary: "the sum of landmarks that cuts in the relaxation find; each is paid for once",
+        admissible: true,
+        consistent: false,
+        build: |task| Box::new(LandmarkCut::new(task)),
     },
     Heuristic {
         name: "ff",

@@ -29,7 +29,7 @@ pub(crate) const STEPS_PER_COST: u64 = 1 << 16;
 
 /// Lists of numbers in one array.
 #[derive(Debug, Default)]
-struct Rows {
+pub(super) struct Rows {
     starts: Vec<u32>,
     items: Vec<u32>,
 }
@@ -69,6 +69,7 @@ pub(super) struct Exploration {
     pub(super) supporters: Vec<u32>,
     operator_costs: Vec<u64>,
     missing: Vec<u32>,
+    initial: Vec<u32>,
     queue: CostQueue,
 }
 
@@ -101,7 +102,7 @@ impl Rows {
         rows
     }
 
-    fn row(&self, index: u32) -> &[u32] {
+    pub(super) fn row(&self, index: u32) -> &[u32] {
         let index = index as usize;
         &self.items[self.starts[index] as usize..self.starts[index + 1] as usize]
     }
@@ -131,6 +132,60 @@ impl Relaxation {
         &self.goal
     }
 
+    pub(super) fn proposition_count(&self) -> usize {
+        self.proposition_count
+    }
+
+    pub(super) fn relaxed_count(&self) -> usize {
+        self.missing.len()
+    }
+
+    pub(super) fn missing(&self) -> &[u32] {
+        &self.missing
+    }
+
+    pub(super) fn free(&self) -> &[u32] {
+        &self.free
+    }
+
+    pub(super) fn asking(&self, proposition: u32) -> &[u32] {
+        self.asking.row(proposition)
+    }
+
+    pub(super) fn adds(&self, relaxed: u32) -> &[u32] {
+        self.adds.row(relaxed)
+    }
+
+    /// Relaxed operators by what they add.
+    pub(super) fn adding(&self) -> Rows {
+        let mut adding = vec![Vec::new(); self.proposition_count];
+        for relaxed in 0..self.relaxed_count() as u32 {
+            for proposition in self.adds(relaxed) {
+                adding[*proposition as usize].push(relaxed);
+            }
+        }
+        Rows::new(&adding)
+    }
+
+    /// Sets each operator's weight.
+    pub(super) fn weights(&self, weights: &mut [u64]) {
+        for (origin, cost) in self.origins.iter().zip(&self.base_costs) {
+            if *origin != AXIOM {
+                weights[*origin as usize] = *cost;
+            }
+        }
+    }
+
+    /// Collects the propositions that hold in a state.
+    pub(super) fn initial(&self, state: &State, found: &mut Vec<u32>) {
+        found.extend(true_facts(state, self.fact_count).map(|fact| fact.0));
+        for (index, fact) in self.negated.iter().enumerate() {
+            if !is_true(state, *fact) {
+                found.push((self.fact_count + index) as u32);
+            }
+        }
+    }
+
     pub(super) fn preconditions(&self, relaxed: u32) -> &[u32] {
         self.preconditions.row(relaxed)
     }
@@ -155,14 +210,12 @@ impl Relaxation {
         exploration: &mut Exploration,
     ) -> bool {
         exploration.reset(self);
-        for fact in true_facts(state, self.fact_count) {
-            exploration.reach(fact.0, 0, NO_SUPPORTER);
+        let mut initial = std::mem::take(&mut exploration.initial);
+        self.initial(state, &mut initial);
+        for proposition in initial.drain(..) {
+            exploration.reach(proposition, 0, NO_SUPPORTER);
         }
-        for (index, fact) in self.negated.iter().enumerate() {
-            if !is_true(state, *fact) {
-                exploration.reach((self.fact_count + index) as u32, 0, NO_SUPPORTER);
-            }
-        }
+        exploration.initial = initial;
         for &relaxed in &self.free {
             exploration.fire(self, relaxed);
         }

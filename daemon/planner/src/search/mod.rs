@@ -3,7 +3,7 @@
 //! A search is a `step`; the loop around it, with its limits, is the same for all and lives here.
 //!
 //! - [`greedy`] finds a plan fast.
-//! - [`optimal`] finds the cheapest where the task is small.
+//! - [`optimal`] finds the cheapest where the task is small; it proves that there is none cheaper.
 //! - [`improve`] drops steps that a plan does not need.
 
 pub(crate) mod greedy;

@@ -12,8 +12,14 @@ use crate::state::{Progression, StateId, StateSpace, all_hold};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
-/// What waits: `f`, then `h`, then the state, with the `g` it was queued under.
-type Entry = Reverse<(u64, u64, StateId, u64)>;
+/// What waits: by `f`, then by `h`, then the newest state; with the `g` it was queued under.
+type Entry = Reverse<(u64, u64, Reverse<StateId>, u64)>;
+
+/// The estimate of a state that has not been evaluated.
+const UNKNOWN: u64 = u64::MAX;
+
+/// The estimate of a state from which there is no way.
+const DEAD_END: u64 = u64::MAX - 1;
 
 /// Searches for a plan that weighs less than a bound, within a number of evaluations.
 pub(crate) struct AStar<'t> {
@@ -24,6 +30,8 @@ pub(crate) struct AStar<'t> {
     space: StateSpace,
     /// Per state: the least weight of a way to it.
     distances: Vec<u64>,
+    /// Per state: its estimate, once it was evaluated.
+    estimates: Vec<u64>,
     open: BinaryHeap<Entry>,
     bound: u64,
     evaluations_max: u64,
@@ -59,6 +67,7 @@ impl<'t> AStar<'t> {
             generator,
             space,
             distances: vec![0],
+            estimates: vec![UNKNOWN],
             open: BinaryHeap::new(),
             bound,
             evaluations_max,
@@ -67,36 +76,50 @@ impl<'t> AStar<'t> {
             successor: Vec::new(),
             applicable: Vec::new(),
         };
-        search.queue(StateId(0), 0);
+        search.queue(StateId(0), 0, 0, 0);
         search
     }
 
-    fn queue(&mut self, id: StateId, g: u64) {
-        self.evaluations += 1;
-        let Some(h) = self.evaluator.evaluate(self.space.state(id)) else { return };
-        let f = g.saturating_add(h);
+    fn queue(&mut self, id: StateId, g: u64, h: u64, f: u64) {
         if f < self.bound {
-            self.open.push(Reverse((f, h, id, g)));
+            self.open.push(Reverse((f, h, Reverse(id), g)));
         }
     }
 
-    fn generate(&mut self, parent: StateId, operator: OperatorId, g: u64) {
+    fn estimate(&mut self, id: StateId) -> u64 {
+        let known = self.estimates[id.0 as usize];
+        if known != UNKNOWN {
+            return known;
+        }
+        self.evaluations += 1;
+        let estimate = self.evaluator.evaluate(self.space.state(id));
+        let estimate = estimate.map_or(DEAD_END, |estimate| estimate.min(DEAD_END - 1));
+        self.estimates[id.0 as usize] = estimate;
+        estimate
+    }
+
+    /// Queues a successor under what its parent promises: a step lowers no estimate by more than
+    /// it weighs. Most states are never evaluated.
+    fn generate(&mut self, parent: StateId, operator: OperatorId, (f, h, g): (u64, u64, u64)) {
         let from = self.space.state(parent);
         let ground = self.task.operator(operator);
         if !self.progression.apply(ground, from, &mut self.successor) {
             return;
         }
-        let g = g.saturating_add(Weights::CostThenSteps.weight(self.task, ground));
+        let weight = Weights::CostThenSteps.weight(self.task, ground);
+        let g = g.saturating_add(weight);
         let (id, is_new) = self.space.insert(&self.successor, parent, operator);
         if is_new {
             self.distances.push(g);
+            self.estimates.push(UNKNOWN);
         } else if g < self.distances[id.0 as usize] {
             self.distances[id.0 as usize] = g;
             self.space.reparent(id, parent, operator);
         } else {
             return;
         }
-        self.queue(id, g);
+        let h = h.saturating_sub(weight);
+        self.queue(id, g, h, f.max(g.saturating_add(h)));
     }
 }
 
@@ -105,10 +128,21 @@ impl Search for AStar<'_> {
         if self.evaluations > self.evaluations_max {
             return Step::Exhausted;
         }
-        let Some(Reverse((_, _, id, g))) = self.open.pop() else { return Step::Exhausted };
+        let Some(Reverse((f, h, Reverse(id), g))) = self.open.pop() else {
+            return Step::Exhausted;
+        };
         if g > self.distances[id.0 as usize] {
             return Step::InProgress;
         }
+        let estimate = self.estimate(id);
+        let raised = f.max(g.saturating_add(estimate));
+        if estimate == DEAD_END || raised > f {
+            if estimate != DEAD_END {
+                self.queue(id, g, estimate, raised);
+            }
+            return Step::InProgress;
+        }
+        let h = h.max(estimate);
         let state = self.space.state(id);
         if all_hold(state, &self.task.goal) {
             return Step::Solved(self.space.path(id));
@@ -117,7 +151,7 @@ impl Search for AStar<'_> {
         let mut applicable = std::mem::take(&mut self.applicable);
         self.generator.applicable(self.task, state, &mut applicable);
         for &operator in &applicable {
-            self.generate(id, operator, g);
+            self.generate(id, operator, (f, h, g));
         }
         self.applicable = applicable;
         Step::InProgress
@@ -128,7 +162,7 @@ impl Search for AStar<'_> {
     }
 
     fn bytes(&self) -> usize {
-        self.space.bytes() + self.open.len() * size_of::<Entry>() + self.distances.len() * 8
+        self.space.bytes() + self.open.len() * size_of::<Entry>() + self.distances.len() * 16
     }
 
     /// Nothing is left below the bound; whether anything is left above it was not asked.

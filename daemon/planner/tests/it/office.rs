@@ -13,16 +13,16 @@ fn sensors_that_are_there_report_and_robots_go_where_none_is() {
         DOMAIN,
         PROBLEM,
         expect![[r#"
-        (measure-temperature ir-2 turtlebot-2 lab)
-        (move turtlebot-2 lab hall)
-        (move turtlebot-1 hall kitchen)
-        (move turtlebot-2 hall office3)
-        (measure-temperature ir-1 turtlebot-1 kitchen)
-        (measure-temperature ir-2 turtlebot-2 office3)
-        (report-temperature thermo1 office1)
-        (report-temperature thermo2 office2)
-        cost 26.5, optimal
-    "#]],
+            (measure-temperature ir-2 turtlebot-2 lab)
+            (report-temperature thermo2 office2)
+            (report-temperature thermo1 office1)
+            (move turtlebot-1 hall kitchen)
+            (move turtlebot-2 lab hall)
+            (move turtlebot-2 hall office3)
+            (measure-temperature ir-2 turtlebot-2 office3)
+            (measure-temperature ir-1 turtlebot-1 kitchen)
+            cost 26.5, optimal
+        "#]],
     );
 }
 
@@ -33,18 +33,18 @@ fn the_robot_takes_over_when_a_sensor_leaves() {
         DOMAIN,
         &problem,
         expect![[r#"
-        (measure-temperature ir-2 turtlebot-2 lab)
-        (move turtlebot-2 lab hall)
-        (move turtlebot-1 hall office2)
-        (measure-temperature ir-1 turtlebot-1 office2)
-        (move turtlebot-1 office2 hall)
-        (move turtlebot-1 hall kitchen)
-        (move turtlebot-2 hall office3)
-        (measure-temperature ir-1 turtlebot-1 kitchen)
-        (measure-temperature ir-2 turtlebot-2 office3)
-        (report-temperature thermo1 office1)
-        cost 39.5, optimal
-    "#]],
+            (measure-temperature ir-2 turtlebot-2 lab)
+            (report-temperature thermo1 office1)
+            (move turtlebot-1 hall office2)
+            (measure-temperature ir-1 turtlebot-1 office2)
+            (move turtlebot-1 office2 hall)
+            (move turtlebot-1 hall kitchen)
+            (move turtlebot-2 lab hall)
+            (move turtlebot-2 hall office3)
+            (measure-temperature ir-2 turtlebot-2 office3)
+            (measure-temperature ir-1 turtlebot-1 kitchen)
+            cost 39.5, optimal
+        "#]],
     );
 }
 
