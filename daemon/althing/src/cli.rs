@@ -20,7 +20,7 @@ Usage: althing COMMAND [OPTIONS]            althing help COMMAND tells more
 Try it
   althing scenario 1                        a robot stands in for a dead sensor
   althing up ecosystems/smart-office.toml   run this machine's part of an office
-  althing goal temperatures                 ask the running office for an outcome
+  althing goal temperatures                 ask the office for an outcome
 
 Run        up        run the daemon: this machine's agents join the ecosystem
            scenario  play a scenario of the paper in a simulated building

@@ -2,7 +2,8 @@
 //! match on them.
 //!
 //! Below 64 they are those of the field's planners (Fast Downward's table); from 64 on those of
-//! `sysexits.h`, which service managers know.
+//! `sysexits.h`, which service managers know. Those of a search's end (10, 11, 12; 32 for a defect of
+//! the planner) are `planner`'s own.
 
 use std::process::ExitCode;
 
@@ -14,8 +15,6 @@ pub(crate) const INVALID_PLAN: u8 = 1;
 pub(crate) const OUT_OF_MEMORY: u8 = 22;
 /// `plan`: out of time.
 pub(crate) const OUT_OF_TIME: u8 = 23;
-/// A defect of the planner: it made a plan that the validator refuses.
-pub(crate) const DEFECT: u8 = 32;
 /// A file of the user's cannot be read, or has mistakes.
 pub(crate) const BAD_INPUT: u8 = 33;
 /// Understood, and not something this version does.

@@ -138,6 +138,14 @@ fn draw(finding: &Finding, renderer: &Renderer, width: usize) -> String {
             group = group.element(snippet);
         }
     }
+    if finding.source.is_none() {
+        let below = diagnostic.help.as_ref().map(|help| {
+            let help = wrap(help, width.saturating_sub("help: ".len()));
+            Group::with_title(Level::HELP.secondary_title(help))
+        });
+        let groups: Vec<Group<'_>> = [group].into_iter().chain(below).collect();
+        return renderer.render(&groups);
+    }
     // The margin of a snippet: line number, ` = `, and the name of the line.
     let width = width.saturating_sub("1234 = help: ".len());
     if let Some(help) = &diagnostic.help {
@@ -242,5 +250,150 @@ fn wrap(text: &str, width: usize) -> String {
         wrapped.push_str(word);
         column = if word.ends_with('\n') { 0 } else { column + word.chars().count() };
     }
+    wrapped.truncate(wrapped.trim_end().len());
     wrapped
+}
+
+#[cfg(test)]
+mod tests {
+    use expect_test::{Expect, expect};
+
+    use super::*;
+
+    const PLAIN: Look = Look { width: 60, colored: false };
+
+    #[track_caller]
+    fn check(text: &str, diagnostic: Diagnostic, expected: Expect) {
+        let mut report = Report::default();
+        report.add(&Source::new("file", text), [diagnostic]);
+        expected.assert_eq(&human(&report, PLAIN));
+    }
+
+    fn error(start: usize, end: usize) -> Diagnostic {
+        Diagnostic::error(Span::new(start, end), "wrong")
+    }
+
+    #[test]
+    fn of_many_lines_the_first_is_marked() {
+        check(
+            "(a\n b\n c)\n",
+            error(0, 9),
+            expect![[r#"
+            error: wrong
+             --> file:1:1
+              |
+            1 | (a
+              | ^^
+
+        "#]],
+        );
+    }
+
+    #[test]
+    fn the_end_of_a_text_is_a_place_and_what_is_past_it_too() {
+        check(
+            "(a",
+            error(2, 2),
+            expect![[r#"
+            error: wrong
+             --> file:1:3
+              |
+            1 | (a
+              |   ^
+
+        "#]],
+        );
+        check(
+            "",
+            error(0, 0),
+            expect![[r#"
+            error: wrong
+             --> file:1:1
+              |
+            1 |
+              | ^
+
+        "#]],
+        );
+        check(
+            "(a\r\n",
+            error(99, 100),
+            expect![[r#"
+            error: wrong
+             --> file:2:1
+              |
+            2 |
+              | ^
+
+        "#]],
+        );
+    }
+
+    #[test]
+    fn long_lines_and_long_words_are_kept_within_the_width() {
+        let text = format!("{} here {}", "before ".repeat(30), "after ".repeat(30));
+        let long = error(211, 215).with_help("a word ".repeat(12)).with_label("this");
+        check(
+            &text,
+            long,
+            expect![[r#"
+            error: wrong
+             --> file:1:212
+              |
+            1 | ...fore before before  here after after after after a...
+              |                        ^^^^ this
+              |
+              = help: a word a word a word a word a word a word a
+                      word a word a word a word a word a word
+
+        "#]],
+        );
+    }
+
+    #[test]
+    fn places_far_away_have_an_excerpt_of_their_own() {
+        let text = format!("first\n{}last\n", "\n".repeat(40));
+        let diagnostic = error(46, 50).with_note(Span::new(0, 5), "begun here");
+        check(
+            &text,
+            diagnostic,
+            expect![[r#"
+            error: wrong
+              --> file:42:1
+               |
+            42 | last
+               | ^^^^
+               |
+              ::: file:1:1
+               |
+             1 | first
+               | ----- begun here
+
+        "#]],
+        );
+    }
+
+    #[test]
+    fn what_a_terminal_would_obey_is_shown() {
+        check(
+            "a\u{1b}[31mb ü\t日本 c",
+            error(13, 19),
+            expect![[r#"
+            error: wrong
+             --> file:1:11
+              |
+            1 | a␛[31mb ü    日本 c
+              |              ^^^^^^
+
+        "#]],
+        );
+    }
+
+    #[test]
+    fn numbers_are_whole_where_they_are_whole() {
+        assert_eq!(number(2.0).to_string(), "2");
+        assert_eq!(number(2.5).to_string(), "2.5");
+        assert_eq!(number(1e300).to_string(), "1e+300");
+        assert_eq!(number(f64::NAN).to_string(), "null");
+    }
 }

@@ -3,6 +3,7 @@
 //! [`pddl::Diagnostic`] is how all of the house speaks of a mistake in a text; here it meets the
 //! file that the text came from. Drawn by [`crate::render`].
 
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
@@ -144,16 +145,32 @@ impl Report {
         self.findings.iter().filter(|finding| finding.diagnostic.severity == severity).count()
     }
 
+    /// Orders the mistakes of each text by their places, the texts by when they were first named.
+    pub(crate) fn sort(&mut self) {
+        let mut texts: Vec<String> = Vec::new();
+        let rank = |finding: &Finding| {
+            let name = finding.source.as_ref().map_or("", |source| &source.name);
+            let known = texts.iter().position(|text| text == name);
+            known.unwrap_or_else(|| {
+                texts.push(name.to_owned());
+                texts.len() - 1
+            })
+        };
+        let ranks: Vec<usize> = self.findings.iter().map(rank).collect();
+        let mut ranked: Vec<(usize, Finding)> =
+            ranks.into_iter().zip(std::mem::take(&mut self.findings)).collect();
+        ranked.sort_by_key(|(rank, Finding { diagnostic, .. })| {
+            (*rank, diagnostic.span.start, diagnostic.span.end)
+        });
+        self.findings = ranked.into_iter().map(|(_, finding)| finding).collect();
+    }
+
     /// Removes what is said twice of one place: a file may be reached on two ways.
     pub(crate) fn dedup(&mut self) {
-        let mut seen: Vec<(String, u32, String)> = Vec::new();
-        self.findings.retain(|finding| {
-            let file = finding.source.as_ref().map(|source| source.name.clone());
-            let diagnostic = &finding.diagnostic;
-            let key = (file.unwrap_or_default(), diagnostic.span.start, diagnostic.message.clone());
-            let new = !seen.contains(&key);
-            seen.push(key);
-            new
+        let mut seen = BTreeSet::new();
+        self.findings.retain(|Finding { source, diagnostic }| {
+            let file = source.as_ref().map(|source| source.name.clone());
+            seen.insert((file, diagnostic.span.start, diagnostic.message.clone()))
         });
     }
 }

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
+use agent::Mode;
 use pddl::{Diagnostic, Document, Domain, Name};
 use serde_json::{Value, json};
 
@@ -177,9 +178,9 @@ fn is_named(text: &DomainText, name: &Name) -> bool {
 /// collections of problems have it.
 fn domain_beside(path: &Path, name: &Name) -> Option<DomainText> {
     let folder = path.parent()?;
-    let above = if folder.as_os_str().is_empty() { Path::new("..") } else { folder.parent()? };
     let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-    [here, above].into_iter().flat_map(domain_files).find_map(|candidate| {
+    let above = here.join("..");
+    [here, &above].into_iter().flat_map(domain_files).find_map(|candidate| {
         let source = Source::read(&candidate).ok()?;
         // Its own mistakes are not asked for.
         let text = pddl_files::domain_of(source, &mut Report::default());
@@ -227,8 +228,13 @@ fn about_model(model: &pddl::ActionModel) -> String {
 
 fn about_ecosystem(ecosystem: &Ecosystem) -> String {
     let agents = plural(ecosystem.agents.len(), "agent");
-    match ecosystem.daemons.len() {
-        0 => format!("{} ({agents} on one machine)", ecosystem.name),
-        daemons => format!("{} ({agents}, {})", ecosystem.name, plural(daemons, "daemon")),
-    }
+    let place = match ecosystem.daemons.len() {
+        0 => " on one machine".to_owned(),
+        daemons => format!(", {}", plural(daemons, "daemon")),
+    };
+    let mode = match ecosystem.mode {
+        Mode::Centralized => "centralized",
+        Mode::Decentralized => "decentralized",
+    };
+    format!("{} ({agents}{place}, {mode})", ecosystem.name)
 }

@@ -35,6 +35,10 @@ pub(crate) fn run(args: &PlanArgs) -> ExitCode {
             return output::show(&report, args.print.json, "bad-input", exit::BAD_INPUT);
         }
     };
+    if args.time_limit.is_some_and(|limit| started.elapsed() >= limit) {
+        // Reading took all of it; the timer's thread may be late to say so.
+        cancel.set();
+    }
     match planner::plan(&task.domain, &task.problem, &options(args), &cancel) {
         Ok(outcome) => show(args, &task, &outcome, started.elapsed()),
         Err(err) => show_error(args, &task, &err),

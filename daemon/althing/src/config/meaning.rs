@@ -51,13 +51,12 @@ pub(super) fn understand(
     let mut daemons = meaning.daemons(&daemons);
     let agents = meaning.agents(agent, files.as_ref());
     daemons.extend(agents.iter().filter_map(|agent| agent.daemon.clone()));
-    if let Some(files) = &files {
-        meaning.goals(&goals, files, &agents);
-    }
+    meaning.goals(&goals, files.as_ref(), &agents);
     let settings = meaning.settings(&timing, &limits);
     let building = meaning.building(building, files.as_ref());
 
-    let report = meaning.report;
+    let mut report = meaning.report;
+    report.sort();
     match (name, files) {
         (Some(name), Some(files)) if !report.has_errors() => Ok(Ecosystem {
             name,

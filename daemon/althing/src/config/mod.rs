@@ -23,6 +23,9 @@ mod duration;
 
 mod find;
 
+#[cfg(test)]
+mod tests;
+
 use std::path::Path;
 use std::sync::Arc;
 

@@ -27,7 +27,7 @@ pub(super) struct Reader {
 pub(super) fn read(source: &Arc<Source>) -> (Layer, Vec<Diagnostic>) {
     let mut reader = Reader::new(Arc::clone(source));
     let (tree, errors) = DeTable::parse_recoverable(&source.text);
-    reader.diagnostics.extend(errors.iter().map(syntax_error));
+    reader.diagnostics.extend(errors.iter().map(|err| syntax_error(&source.text, err)));
     let keys = match &schema::FILE {
         Shape::Table(keys) => *keys,
         _ => &[],
@@ -37,9 +37,20 @@ pub(super) fn read(source: &Arc<Source>) -> (Layer, Vec<Diagnostic>) {
     (reader.layer, reader.diagnostics)
 }
 
-fn syntax_error(err: &toml::de::Error) -> Diagnostic {
-    let span = err.span().unwrap_or(0..0);
-    Diagnostic::error(Span::new(span.start, span.end), format!("not TOML: {}", err.message()))
+fn syntax_error(text: &str, err: &toml::de::Error) -> Diagnostic {
+    let range = err.span().unwrap_or(0..0);
+    let word = text.get(range.clone()).unwrap_or("");
+    let (message, expected) = match err.message().split_once(", expected ") {
+        Some((message, expected)) => (message, Some(expected)),
+        None => (err.message(), None),
+    };
+    let span = Span::new(range.start, range.end);
+    let mut found = Diagnostic::error(span, format!("not TOML: {message}"));
+    found.help = match expected {
+        _ if message.contains("must be quoted") => Some(format!("write \"{word}\"")),
+        expected => expected.map(|expected| format!("{expected} is expected here")),
+    };
+    found
 }
 
 // === impl Reader ===
@@ -75,7 +86,9 @@ impl Reader {
         value: &Spanned<DeValue<'_>>,
     ) -> Option<Value> {
         let wrong = match (shape, value.get_ref()) {
-            (Shape::Text, DeValue::String(_)) | (Shape::Free, DeValue::Table(_)) => {
+            (Shape::Text, DeValue::String(_)) => return Some(handed_on(value.get_ref())),
+            (Shape::Free, DeValue::Table(table)) => {
+                self.remember(path, table);
                 return Some(handed_on(value.get_ref()));
             }
             (Shape::Table(keys), DeValue::Table(table)) => {
@@ -95,6 +108,18 @@ impl Reader {
         let span = self.place(0..0, value.span()).value;
         self.diagnostics.push(wrong_value(path, about, shape, wrong, span));
         None
+    }
+
+    /// Remembers the places in a table that is handed on as it is: some of it is checked later.
+    fn remember(&mut self, path: &str, table: &DeTable<'_>) {
+        for (written, value) in table {
+            let path = join(path, written.get_ref());
+            let place = self.place(written.span(), value.span());
+            if let DeValue::Table(table) = value.get_ref() {
+                self.remember(&path, table);
+            }
+            self.layer.places.insert(path, place);
+        }
     }
 
     fn each(&mut self, path: &str, shape: &Shape, about: &str, table: &DeTable<'_>) -> Value {
@@ -233,7 +258,8 @@ fn wrong_value(
     let path = spoken(path);
     let key = path.rsplit('.').next().unwrap_or(&path);
     let message = format!("`{path}` must be {}", shape.expected());
-    let mut found = Diagnostic::error(span, message).with_rule(format!("{key}: {about}"));
+    let mut found = Diagnostic::error(span, message)
+        .with_rule(format!("{key} = {}  # {about}", shape.notation()));
     found.help = help;
     found
 }

@@ -110,4 +110,20 @@ impl Shape {
             Shape::Table(_) | Shape::Each(_) | Shape::Free => "a table".to_owned(),
         }
     }
+
+    /// The same as a rule.
+    pub(super) fn notation(&self) -> String {
+        match self {
+            Shape::Text => "\"TEXT\"".to_owned(),
+            Shape::Choice(words) => {
+                let quoted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
+                quoted.join(" | ")
+            }
+            Shape::Duration => "\"NUMBER(ms|s|min|h)\"".to_owned(),
+            Shape::Count => "INTEGER".to_owned(),
+            Shape::Number { .. } => "NUMBER".to_owned(),
+            Shape::List(element) => format!("[{}, …]", element.notation()),
+            Shape::Table(_) | Shape::Each(_) | Shape::Free => "{ KEY = VALUE, … }".to_owned(),
+        }
+    }
 }

@@ -137,7 +137,7 @@ impl Meaning<'_> {
         files: Option<&Files>,
     ) {
         let Value::Object(config) = &raw.config else { return };
-        let text = |key: &&str| Some((format!("{path}.config"), config.get(*key)?.as_str()?));
+        let text = |key: &&str| Some((format!("{path}.config.{key}"), config.get(*key)?.as_str()?));
         for (path, place) in PLACES.iter().filter_map(text) {
             if let Some((message, help)) = files.and_then(|files| files.unknown_object(place)) {
                 self.about_value(&path, |span| Diagnostic::error(span, message).with_help(help));
@@ -158,7 +158,8 @@ impl Meaning<'_> {
 
     /// Some agents are given to daemons and this one is not: probably forgotten.
     fn homeless(&mut self, path: &str, name: Option<&str>) {
-        let message = format!("agent `{}` is given to no daemon", name.unwrap_or("?"));
+        let agent = name.map_or("an agent".to_owned(), |name| format!("agent `{name}`"));
+        let message = format!("{agent} is given to no daemon");
         let help = "others are; without `daemon`, every machine that runs alone hosts it";
         self.about_key(path, |span| Diagnostic::warning(span, message).with_help(help));
     }

@@ -123,7 +123,8 @@ fn shortened(path: &Path) -> PathBuf {
 /// The file in the same folder whose name was likely meant.
 fn similar_file(path: &Path) -> Option<String> {
     let wanted = path.file_name()?.to_string_lossy().into_owned();
-    let entries = std::fs::read_dir(path.parent()?).ok()?;
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let entries = std::fs::read_dir(folder.unwrap_or(Path::new("."))).ok()?;
     let mut names: Vec<String> =
         entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
     // Folders list their files in any order.

@@ -11,11 +11,11 @@ use crate::config::ecosystem::AgentEntry;
 // === impl Meaning ===
 
 impl Meaning<'_> {
-    /// Parses each goal, and checks it against the ontology and the map.
+    /// Parses each goal, and checks it against the ontology and the map where they can be read.
     pub(super) fn goals(
         &mut self,
         goals: &BTreeMap<String, String>,
-        files: &Files,
+        files: Option<&Files>,
         agents: &[AgentEntry],
     ) {
         for (name, goal) in goals {
@@ -49,13 +49,12 @@ impl Meaning<'_> {
 
 /// Everything wrong with a goal. What only an agent can know is no error here: agents bring types,
 /// predicates and objects of their own when they join.
-fn diagnose(goal: &str, files: &Files, agents: &[AgentEntry]) -> Vec<Diagnostic> {
+fn diagnose(goal: &str, files: Option<&Files>, agents: &[AgentEntry]) -> Vec<Diagnostic> {
     let parsed = pddl::parse_condition(goal);
     let mut all = parsed.diagnostics;
-    if all.iter().any(Diagnostic::is_error) || !files.are_sound {
-        return all;
-    }
-    let Some(condition) = parsed.value else { return all };
+    let is_sound = !all.iter().any(Diagnostic::is_error);
+    let sound_files = files.filter(|files| files.are_sound && is_sound);
+    let (Some(condition), Some(files)) = (parsed.value, sound_files) else { return all };
     let names_an_agent = |found: &Diagnostic| {
         let word = goal.get(found.span.range()).unwrap_or("");
         agents.iter().any(|agent| agent.name.as_str().eq_ignore_ascii_case(word))

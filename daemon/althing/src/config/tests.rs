@@ -1,0 +1,177 @@
+//! Layers and meaning. How mistakes look is tested on the binary.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use agent::Settings;
+use serde_json::json;
+use tempfile::TempDir;
+
+use super::*;
+
+const PLUGINS: &[KnownPlugin] = &[("keyboard", &[]), ("turtlebot", &["simulated"])];
+
+const FILE: &str = r#"
+[ecosystem]
+name = "house"
+domain = "domain.pddl"
+problem = "map.pddl"
+mode = "centralized"
+daemons = ["attic"]
+
+[zenoh]
+connect.endpoints = ["tcp/file:7447"]
+transport.unicast.max_sessions = 7
+
+[[agent]]
+name = "robot"
+plugin = "turtlebot"
+daemon = "cellar"
+config = { start = "hall", speed = 0.5 }
+
+[goals]
+all-known = "(forall (?r - room) (known ?r))"
+
+[timing]
+grace = "300ms"
+
+[building]
+temperatures = { hall = 20 }
+socket = "house.sock"
+"#;
+
+struct House {
+    folder: TempDir,
+    variables: Variables,
+    overrides: Overrides,
+}
+
+impl House {
+    fn new(file: &str) -> House {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let domain = "(define (domain house) (:types room) (:predicates (known ?r - room)))";
+        let map =
+            "(define (problem m) (:domain house) (:objects hall - room) (:init) (:goal (and)))";
+        for (name, text) in [("domain.pddl", domain), ("map.pddl", map), ("house.toml", file)] {
+            std::fs::write(folder.path().join(name), text).expect("a file");
+        }
+        House { folder, variables: Variables::new(), overrides: Overrides::default() }
+    }
+
+    fn with_variable(mut self, name: &str, value: &str) -> House {
+        self.variables.insert(name.to_owned(), value.to_owned());
+        self
+    }
+
+    fn file(&self) -> PathBuf {
+        self.folder.path().join("house.toml")
+    }
+
+    #[track_caller]
+    fn load(&self) -> Ecosystem {
+        let loaded = Ecosystem::load_with(&self.file(), &self.variables, &self.overrides, PLUGINS);
+        loaded.unwrap_or_else(|err| panic!("{:#?}", err.into_report().findings()))
+    }
+}
+
+#[test]
+fn a_file_means_what_it_says() {
+    let house = House::new(FILE);
+    let ecosystem = house.load();
+    assert_eq!(ecosystem.name.as_str(), "house");
+    assert_eq!(ecosystem.file, house.file());
+    assert_eq!(ecosystem.mode, Mode::Centralized);
+    assert_eq!(ecosystem.domain.name, "house");
+    assert_eq!(ecosystem.problem.objects.len(), 1);
+    let daemons: Vec<&str> = ecosystem.daemons.iter().map(acl::DaemonId::as_str).collect();
+    assert_eq!(daemons, ["attic", "cellar"]);
+    let [robot] = &ecosystem.agents[..] else { panic!("one agent: {:?}", ecosystem.agents) };
+    assert_eq!(robot.name.as_str(), "robot");
+    assert_eq!(robot.plugin, "turtlebot");
+    assert_eq!(robot.driver, None);
+    assert_eq!(robot.config, json!({ "start": "hall", "speed": 0.5 }));
+    assert_eq!(
+        ecosystem.zenoh,
+        json!({
+            "connect": { "endpoints": ["tcp/file:7447"] },
+            "transport": { "unicast": { "max_sessions": 7 } },
+        })
+    );
+    assert_eq!(ecosystem.settings.grace, Duration::from_millis(300));
+    assert_eq!(ecosystem.building.temperatures["hall"], 20.0);
+    assert_eq!(ecosystem.building.socket, Some(house.folder.path().join("house.sock")));
+    assert!(ecosystem.warnings.is_empty());
+}
+
+#[test]
+fn the_defaults_are_those_of_the_agents() {
+    let (layer, diagnostics) = reader::read(&Source::new(DEFAULTS_NAME, DEFAULTS));
+    assert_eq!(diagnostics, []);
+    let raw = merge(&[layer], &Overrides::default()).expect("complete defaults");
+    assert_eq!(raw.ecosystem.mode, Mode::default());
+    let file = FILE.replace("grace = \"300ms\"", "");
+    assert_eq!(House::new(&file).load().settings, Settings::default());
+}
+
+#[test]
+fn the_command_line_wins_over_the_environment_and_that_over_the_file() {
+    let mut house = House::new(FILE);
+    assert_eq!(house.load().mode, Mode::Centralized);
+
+    house = house.with_variable("ALTHING_ECOSYSTEM__MODE", "decentralized");
+    assert_eq!(house.load().mode, Mode::Decentralized);
+
+    house.overrides = Overrides::default().mode(Some(Mode::Centralized));
+    assert_eq!(house.load().mode, Mode::Centralized);
+    house.overrides = Overrides::default().mode(None);
+    assert_eq!(house.load().mode, Mode::Decentralized);
+}
+
+#[test]
+fn layers_merge_key_by_key() {
+    let mut house = House::new(FILE)
+        .with_variable("ALTHING_TIMING__HEARTBEAT_PERIOD", "2s")
+        .with_variable("ALTHING_BUILDING__TIME_SCALE", "0.5")
+        .with_variable("ALTHING_GOALS__WARM_HALL", "(known hall)")
+        .with_variable("ALTHING_ZENOH__TRANSPORT__UNICAST__MAX_SESSIONS", "9");
+    house.overrides = Overrides::default().connect(&["tcp/there:1".to_owned()]);
+    let ecosystem = house.load();
+    assert_eq!(ecosystem.settings.heartbeat_period, Duration::from_secs(2));
+    assert_eq!(ecosystem.settings.grace, Duration::from_millis(300));
+    assert_eq!(ecosystem.building.time_scale, 0.5);
+    assert_eq!(ecosystem.goals.len(), 2);
+    assert_eq!(ecosystem.zenoh["connect"]["endpoints"], json!(["tcp/there:1"]));
+    assert_eq!(ecosystem.zenoh["transport"]["unicast"]["max_sessions"], 9);
+}
+
+#[test]
+fn goals_have_names_or_are_pddl() {
+    let ecosystem = House::new(FILE).load();
+    let text = "(forall (?r - room) (known ?r))";
+    assert_eq!(ecosystem.goal_text("all-known"), Ok(text));
+    assert_eq!(ecosystem.goal_text(text), Ok(text));
+    let error = ecosystem.goal_text("all-knwon").expect_err("no such goal");
+    assert_eq!(error, "there is no goal called `all-knwon`; did you mean `all-known`?");
+}
+
+#[test]
+fn without_daemons_all_agents_are_the_machine_s_that_runs_alone() {
+    let file = FILE.replace("daemon = \"cellar\"", "").replace("daemons = [\"attic\"]", "");
+    let ecosystem = House::new(&file).load();
+    assert!(ecosystem.daemons.is_empty());
+    assert_eq!(ecosystem.agents_of_nobody().count(), 1);
+}
+
+#[test]
+fn nothing_that_is_written_panics() {
+    // Every prefix of a file is a file that somebody is about to finish.
+    let house = House::new(FILE);
+    for end in (0..FILE.len()).step_by(3) {
+        std::fs::write(house.file(), &FILE[..end]).expect("a file");
+        let loaded =
+            Ecosystem::load_with(&house.file(), &house.variables, &house.overrides, PLUGINS);
+        if let Err(err) = loaded {
+            assert!(err.into_report().has_errors(), "refused without a reason: {}", &FILE[..end]);
+        }
+    }
+}

@@ -1,0 +1,15 @@
+//! The built binary, run as a user runs it: arguments and files in, exit code and text out.
+//!
+//! One test binary, so that it links once.
+
+mod sandbox;
+
+mod plan;
+
+mod validate;
+
+mod check;
+
+mod ecosystem;
+
+mod screens;

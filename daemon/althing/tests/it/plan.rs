@@ -1,0 +1,242 @@
+//! `althing plan`: exit codes, the plan's format, refusals.
+
+use expect_test::expect;
+
+use crate::sandbox::{EVENING, LAMP, Sandbox};
+
+const TASK: &str = "plan domain.pddl evening.pddl";
+
+#[test]
+fn a_plan_goes_to_stdout_in_the_field_s_format() {
+    Sandbox::lamp().check(TASK, 0).shows(
+        expect![[r#"
+            (go hall study)
+            (switch desk-lamp study)
+            ; cost = 2 (unit cost)
+        "#]],
+        expect![[r#"
+            plan found: 2 steps, cost 2 (unit cost); no shorter plan exists
+            3 facts, 3 operators; 2 states expanded in … s
+        "#]],
+    );
+}
+
+#[test]
+fn a_plan_goes_to_a_file_if_one_is_named() {
+    let sandbox = Sandbox::lamp();
+    let run = sandbox.check("plan domain.pddl evening.pddl --plan out.txt", 0);
+    assert_eq!(run.stdout, "");
+    let plan = std::fs::read_to_string(sandbox.path().join("out.txt")).expect("the plan");
+    assert_eq!(plan, "(go hall study)\n(switch desk-lamp study)\n; cost = 2 (unit cost)\n");
+    sandbox.check("validate domain.pddl evening.pddl out.txt", 0);
+}
+
+#[test]
+fn a_plan_that_cannot_be_written_is_an_error() {
+    let run = Sandbox::lamp().check("plan domain.pddl evening.pddl --plan no/such/folder", 74);
+    assert!(run.stderr.contains("failed to write `no/such/folder`"), "{}", run.stderr);
+}
+
+#[test]
+fn costs_are_those_of_the_metric() {
+    let domain = LAMP.replace("(:action go", "(:functions (total-cost))\n  (:action go").replace(
+        ":effect (and (not (at ?a)) (at ?b))",
+        ":effect (and (not (at ?a)) (at ?b) (increase (total-cost) 7))",
+    );
+    let problem = EVENING.replace("(:goal", "(:metric minimize (total-cost)) (:goal");
+    let sandbox = Sandbox::new(&[("domain.pddl", &domain), ("evening.pddl", &problem)]);
+    let run = sandbox.check(TASK, 0);
+    assert!(run.stdout.ends_with("; cost = 7 (general cost)\n"), "{}", run.stdout);
+}
+
+/// A problem that ends with this code.
+#[track_caller]
+fn check_problem(problem: &str, code: i32, status: &str) {
+    let sandbox = Sandbox::new(&[("domain.pddl", LAMP), ("evening.pddl", problem)]);
+    let run = sandbox.check(TASK, code);
+    assert_eq!(run.stdout, "");
+    let run = sandbox.check("plan domain.pddl evening.pddl --json", code);
+    assert_eq!(run.json()["status"], status, "{}", run.stdout);
+}
+
+#[test]
+fn what_cannot_be_reached_is_proven_before_search() {
+    check_problem(&EVENING.replace("(door hall study)", ""), 10, "unsolvable");
+}
+
+#[test]
+fn what_excludes_itself_is_proven_by_search() {
+    check_problem(
+        &EVENING.replace("(on desk-lamp)", "(and (at hall) (at study))"),
+        11,
+        "unsolvable",
+    );
+}
+
+#[test]
+fn time_that_is_up_is_said() {
+    let run = Sandbox::lamp().check("plan domain.pddl evening.pddl --time-limit 0.000000001", 23);
+    assert!(run.stderr.contains("no plan: out of time (--time-limit)"), "{}", run.stderr);
+}
+
+#[test]
+fn memory_that_is_used_up_is_said() {
+    // Sixty lamps in sixty rooms: their tables do not fit in a megabyte.
+    let rooms: Vec<String> = (0..60).map(|i| format!("r{i}")).collect();
+    let doors: String =
+        rooms.iter().flat_map(|a| rooms.iter().map(move |b| format!("(door {a} {b})"))).collect();
+    let lamps: Vec<String> = (0..60).map(|i| format!("l{i}")).collect();
+    let places: String = lamps.iter().zip(&rooms).map(|(l, r)| format!("(in {l} {r})")).collect();
+    let goals: String = lamps.iter().map(|lamp| format!("(on {lamp})")).collect();
+    let problem = format!(
+        "(define (problem many) (:domain lamp) (:objects {} - room {} - lamp)
+         (:init (at r0) {doors} {places}) (:goal (and {goals})))",
+        rooms.join(" "),
+        lamps.join(" ")
+    );
+    let sandbox = Sandbox::new(&[("domain.pddl", LAMP), ("evening.pddl", &problem)]);
+    let run = sandbox.check("plan domain.pddl evening.pddl --memory-limit 1 --json", 22);
+    assert_eq!(run.json()["status"], "out-of-memory");
+}
+
+#[test]
+fn mistakes_in_both_files_are_shown_at_once() {
+    let domain = LAMP.replace("(in ?l ?r))\n    :effect", "(im ?l ?r))\n    :effect");
+    let problem =
+        EVENING.replace("(door study hall)", "(door studdy hall)").replace("(on d", "(onn d");
+    let sandbox = Sandbox::new(&[("domain.pddl", &domain), ("evening.pddl", &problem)]);
+    sandbox.check(TASK, 33).shows(
+        expect![""],
+        expect![[r#"
+        error: unknown predicate `im`
+          --> domain.pddl:15:33
+           |
+        15 |     :precondition (and (at ?r) (im ?l ?r))
+           |                                 ^^
+           |
+           = help: did you mean `in`?
+           = rule: (in ?l - lamp ?r - room)
+
+        error: unknown object `studdy`
+         --> evening.pddl:4:44
+          |
+        4 |   (:init (at hall) (door hall study) (door studdy hall) (in desk-lamp stu...
+          |                                            ^^^^^^
+          |
+          = help: did you mean `study`?
+
+        error: unknown predicate `onn`
+         --> evening.pddl:5:11
+          |
+        5 |   (:goal (onn desk-lamp)))
+          |           ^^^
+          |
+          = help: did you mean `on`?
+          = rule: (on ?l - lamp)
+
+        3 errors
+    "#]],
+    );
+}
+
+#[test]
+fn a_missing_file_is_bad_input() {
+    Sandbox::lamp().check("plan domain.pddl nothing.pddl", 33).shows(
+        expect![""],
+        expect![[r#"
+        error: failed to read `nothing.pddl`: there is no such file
+
+        1 error
+    "#]],
+    );
+    let run = Sandbox::lamp().check("plan . evening.pddl", 33);
+    assert!(run.stderr.contains("failed to read `.`: it is a folder"), "{}", run.stderr);
+}
+
+#[test]
+fn a_file_that_is_not_utf_8_is_read() {
+    let sandbox = Sandbox::lamp();
+    sandbox.write("evening.pddl", &[b"; Th\xe9r\xe8se\n".as_slice(), EVENING.as_bytes()].concat());
+    sandbox.check(TASK, 0);
+}
+
+/// Options that are not built are refused by name, whatever the files.
+#[track_caller]
+fn check_refused(option: &str) {
+    let run = Sandbox::lamp().check(&format!("{TASK} {option}"), 34);
+    let name = option.split(' ').next().expect("a name");
+    assert!(
+        run.stderr.contains(name) && run.stderr.contains("not supported yet"),
+        "{}",
+        run.stderr
+    );
+    let run = Sandbox::lamp().check(&format!("{TASK} {option} --json"), 34);
+    assert_eq!(run.json()["status"], "unsupported");
+}
+
+#[test]
+fn options_that_are_not_built_are_refused_by_name() {
+    check_refused("--engine fast-downward");
+    check_refused("--engine metric-ff");
+    check_refused("--anytime");
+    check_refused("--optimal");
+    check_refused("--threads 2");
+}
+
+#[test]
+fn a_feature_that_is_not_supported_is_shown_in_its_line() {
+    let durative = "(:durative-action wait :parameters () :duration (= ?duration 1) :condition () \
+                    :effect (and))";
+    let domain = LAMP.replace("  (:action go", &format!("  {durative}\n  (:action go"));
+    let sandbox = Sandbox::new(&[("domain.pddl", &domain), ("evening.pddl", EVENING)]);
+    let run = sandbox.check(TASK, 34);
+    assert!(run.stderr.contains("domain.pddl:9"), "{}", run.stderr);
+}
+
+#[test]
+fn json_is_one_object() {
+    let run = Sandbox::lamp().check("plan domain.pddl evening.pddl --json", 0);
+    let mut value = run.json();
+    assert!(value["statistics"]["seconds"].as_f64().is_some_and(|seconds| seconds > 0.0));
+    value["statistics"] = serde_json::json!(null);
+    expect![[r#"
+        {
+          "cost": 2,
+          "cost_kind": "unit cost",
+          "diagnostics": [],
+          "plan": [
+            "(go hall study)",
+            "(switch desk-lamp study)"
+          ],
+          "reason": "goal reached",
+          "statistics": null,
+          "status": "plan-found"
+        }"#]]
+    .assert_eq(&serde_json::to_string_pretty(&value).expect("text"));
+    assert_eq!(run.stderr, "");
+}
+
+#[test]
+fn mistakes_are_told_to_programs_too() {
+    let problem = EVENING.replace("(on desk-lamp)", "(onn desk-lamp)");
+    let sandbox = Sandbox::new(&[("domain.pddl", LAMP), ("evening.pddl", &problem)]);
+    let run = sandbox.check("plan domain.pddl evening.pddl --json", 33);
+    expect![[r#"
+        {
+          "diagnostics": [
+            {
+              "column": 11,
+              "file": "evening.pddl",
+              "help": "did you mean `on`?",
+              "label": null,
+              "line": 5,
+              "message": "unknown predicate `onn`",
+              "notes": [],
+              "rule": "(on ?l - lamp)",
+              "severity": "error"
+            }
+          ],
+          "status": "bad-input"
+        }"#]]
+    .assert_eq(&serde_json::to_string_pretty(&run.json()).expect("text"));
+}
