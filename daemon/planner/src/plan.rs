@@ -102,9 +102,9 @@ fn solve(
     Ok(cheapest(task, &generator, first, options, cancel, statistics))
 }
 
-/// Work of one optimal search: evaluations times the size of what each looks at. That is about
-/// a tenth of a second, and covers all of a building's problems.
-const OPTIMAL_WORK_MAX: u64 = 1_000_000;
+/// Work of one optimal search: explorations times the size of what each looks at. That is about a
+/// tenth of a second, and covers a building's problems.
+const OPTIMAL_WORK_MAX: u64 = 5_000_000;
 
 /// The cheapest plan, where it can be found with little work; otherwise the given one.
 fn cheapest(
@@ -116,13 +116,13 @@ fn cheapest(
     statistics: &mut Statistics,
 ) -> Vec<OperatorId> {
     let size = Relaxation::new(task, Weights::CostThenSteps).size().max(1) as u64;
-    let evaluations_max = OPTIMAL_WORK_MAX / size;
-    if options.optimal_expansions_max == 0 || evaluations_max == 0 {
+    let explorations_max = OPTIMAL_WORK_MAX / size;
+    if options.optimal_expansions_max == 0 || explorations_max == 0 {
         return first;
     }
     let bound = weight(task, &first);
     let mut search =
-        AStar::new(task, generator, (entry("lmcut").build)(task), bound, evaluations_max);
+        AStar::new(task, generator, (entry("lmcut").build)(task), bound, explorations_max);
     let budget = Budget { expansions_max: options.optimal_expansions_max, ..options.budget };
     let result = run(&mut search, budget, cancel);
     statistics.optimal_expansions = search.expansions();

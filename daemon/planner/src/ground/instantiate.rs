@@ -128,6 +128,7 @@ pub(super) fn instantiate(
         offsets: &offsets,
         values,
         comparisons: &mut comparisons,
+        comparison_ids: FxHashMap::default(),
         comparison_offset,
     };
     let mut instantiation = Instantiation {

@@ -4,6 +4,7 @@
 //! for which its exceptions can.
 
 use pddl::Comparison;
+use rustc_hash::FxHashMap;
 
 use super::join::{Join, JoinPlan, Work};
 use super::relation::Relation;
@@ -51,6 +52,8 @@ pub(super) struct Grounder<'g> {
     pub(super) values: &'g mut Values,
     /// Comparisons found so far; their raw facts start at `comparison_offset`.
     pub(super) comparisons: &'g mut Vec<GroundComparison>,
+    /// Where each of them is, by its text.
+    pub(super) comparison_ids: FxHashMap<String, usize>,
     pub(super) comparison_offset: usize,
 }
 
@@ -282,11 +285,10 @@ impl Grounder<'_> {
     }
 
     fn comparison(&mut self, comparison: GroundComparison) -> Tree {
-        // Few comparisons per task differ, so a list does.
-        let known = self.comparisons.iter().position(|other| *other == comparison);
-        let index = known.unwrap_or_else(|| {
-            self.comparisons.push(comparison);
-            self.comparisons.len() - 1
+        let Grounder { comparisons, comparison_ids, .. } = self;
+        let index = *comparison_ids.entry(format!("{comparison:?}")).or_insert_with(|| {
+            comparisons.push(comparison);
+            comparisons.len() - 1
         });
         Tree::Literal(Literal::new(FactId::from_index(self.comparison_offset + index), true))
     }

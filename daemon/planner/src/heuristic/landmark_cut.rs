@@ -27,6 +27,7 @@ pub(crate) struct LandmarkCut {
     zones: Vec<Zone>,
     waiting: Vec<u32>,
     cut: Vec<u32>,
+    explorations: u64,
 }
 
 /// Where a proposition lies, as seen from a cut.
@@ -58,6 +59,7 @@ impl LandmarkCut {
             zones: vec![Zone::Unseen; relaxation.proposition_count()],
             waiting: Vec::new(),
             cut: Vec::new(),
+            explorations: 0,
             relaxation,
         }
     }
@@ -193,8 +195,10 @@ impl Evaluator for LandmarkCut {
         self.initial.clear();
         self.relaxation.initial(state, &mut self.initial);
         self.relaxation.weights(&mut self.remaining);
+        self.explorations = 0;
         let mut total: u64 = 0;
         loop {
+            self.explorations += 1;
             self.explore();
             match self.dearest_goal() {
                 Some((UNREACHED, _)) => return None,
@@ -209,5 +213,8 @@ impl Evaluator for LandmarkCut {
             }
             total = total.saturating_add(price);
         }
+    }
+    fn explorations(&self) -> u64 {
+        self.explorations
     }
 }

@@ -22,6 +22,11 @@ pub(crate) trait Evaluator {
     /// `None` means a dead end: no plan passes through `state`.
     fn evaluate(&mut self, state: &State) -> Option<u64>;
 
+    /// How often the last evaluation explored the relaxation: the unit its work is counted in.
+    fn explorations(&self) -> u64 {
+        1
+    }
+
     /// Operators that look helpful in the state last evaluated.
     fn preferred(&self) -> &[OperatorId] {
         &[]

@@ -21,7 +21,8 @@ const UNKNOWN: u64 = u64::MAX;
 /// The estimate of a state from which there is no way.
 const DEAD_END: u64 = u64::MAX - 1;
 
-/// Searches for a plan that weighs less than a bound, within a number of evaluations.
+/// Searches for a plan that weighs less than a bound, within a number of explorations of
+/// the relaxation.
 pub(crate) struct AStar<'t> {
     task: &'t Task,
     evaluator: Box<dyn Evaluator + 't>,
@@ -34,8 +35,8 @@ pub(crate) struct AStar<'t> {
     estimates: Vec<u64>,
     open: BinaryHeap<Entry>,
     bound: u64,
-    evaluations_max: u64,
-    evaluations: u64,
+    explorations_max: u64,
+    explorations: u64,
     expansions: u64,
     successor: Vec<u64>,
     applicable: Vec<OperatorId>,
@@ -56,7 +57,7 @@ impl<'t> AStar<'t> {
         generator: &'t SuccessorGenerator,
         evaluator: Box<dyn Evaluator + 't>,
         bound: u64,
-        evaluations_max: u64,
+        explorations_max: u64,
     ) -> AStar<'t> {
         let mut progression = Progression::new(task);
         let space = StateSpace::new(&progression.initial());
@@ -70,8 +71,8 @@ impl<'t> AStar<'t> {
             estimates: vec![UNKNOWN],
             open: BinaryHeap::new(),
             bound,
-            evaluations_max,
-            evaluations: 0,
+            explorations_max,
+            explorations: 0,
             expansions: 0,
             successor: Vec::new(),
             applicable: Vec::new(),
@@ -91,8 +92,8 @@ impl<'t> AStar<'t> {
         if known != UNKNOWN {
             return known;
         }
-        self.evaluations += 1;
         let estimate = self.evaluator.evaluate(self.space.state(id));
+        self.explorations += self.evaluator.explorations();
         let estimate = estimate.map_or(DEAD_END, |estimate| estimate.min(DEAD_END - 1));
         self.estimates[id.0 as usize] = estimate;
         estimate
@@ -125,7 +126,7 @@ impl<'t> AStar<'t> {
 
 impl Search for AStar<'_> {
     fn step(&mut self) -> Step {
-        if self.evaluations > self.evaluations_max {
+        if self.explorations > self.explorations_max {
             return Step::Exhausted;
         }
         let Some(Reverse((f, h, Reverse(id), g))) = self.open.pop() else {
@@ -167,7 +168,7 @@ impl Search for AStar<'_> {
 
     /// Nothing is left below the bound; whether anything is left above it was not asked.
     fn exhausted(&self) -> StopReason {
-        if self.evaluations > self.evaluations_max {
+        if self.explorations > self.explorations_max {
             StopReason::ExpansionLimit { limit: self.expansions }
         } else {
             StopReason::Exhausted
