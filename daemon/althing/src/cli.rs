@@ -150,6 +150,9 @@ pub(crate) struct ScenarioArgs {
     /// Spread the agents over several `althing up` processes
     #[arg(long)]
     pub(crate) processes: bool,
+    /// What carries the messages within one process
+    #[arg(long, value_enum, default_value_t = SubstrateArg::Zenoh, conflicts_with = "processes")]
+    pub(crate) substrate: SubstrateArg,
     /// Draw another building: rooms, doors, distances, which sensor dies
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,
@@ -287,6 +290,15 @@ pub(crate) struct PrintArgs {
     /// Print JSON, for programs
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// What carries messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum SubstrateArg {
+    /// Zenoh
+    Zenoh,
+    /// A wire within the process
+    Memory,
 }
 
 /// Who plans.

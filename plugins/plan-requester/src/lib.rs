@@ -251,6 +251,14 @@ impl PlanRequester {
         }
         match known.open_conjuncts(&goal.condition) {
             Ok(open) if open.is_empty() => self.satisfied(id, ctx),
+            Ok(_) if goal.rounds > 0 && !self.config.replanning => {
+                self.end(
+                    id,
+                    Outcome::Failed,
+                    "it does not hold any more, and replanning is off",
+                    ctx,
+                );
+            }
             Ok(open) => {
                 goal.is_told = false;
                 match self.mode {

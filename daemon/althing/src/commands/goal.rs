@@ -31,7 +31,7 @@ async fn follow(link: &Link, args: &GoalArgs) -> ExitCode {
     };
     let (keyboard, mut terminal) = Keyboard::with_terminal();
     let Ok(id) = AgentId::new(&format!("keyboard-{}", std::process::id())) else {
-        return exit::with(exit::DEFECT);
+        return client::unavailable("name a keyboard", json);
     };
     let requester = AgentId::new("plan-requester").ok();
     if link.directory(requester.as_ref()).await.iter().next().is_none() {

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use agent::Mode;
 use serde_json::json;
 
-use crate::cli::ScenarioArgs;
+use crate::cli::{ScenarioArgs, SubstrateArg};
 use crate::scenario::{Event, Played, Script, Stage, play};
 use crate::{exit, output};
 
@@ -19,7 +19,11 @@ pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
         return super::not_built_yet(&format!("scenario {}", args.number));
     }
     let mode = args.mode.map_or(Mode::Decentralized, Mode::from);
-    let stage = if args.processes { Stage::Processes } else { Stage::Zenoh };
+    let stage = match args.substrate {
+        _ if args.processes => Stage::Processes,
+        SubstrateArg::Zenoh => Stage::Zenoh,
+        SubstrateArg::Memory => Stage::Memory,
+    };
     let script = Script { seed: args.seed.unwrap_or(0), mode, stage, replanning: true };
     super::in_runtime(perform(script, args.print.json))
 }

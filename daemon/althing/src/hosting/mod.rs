@@ -19,10 +19,8 @@ use tokio_util::task::TaskTracker;
 
 use crate::config::{AgentEntry, Ecosystem};
 
-pub(crate) use building::{SimulationError, layout_of};
-pub(crate) use folders::{
-    FolderError, running_ecosystems, runtime_folder, socket_in, state_folder,
-};
+pub(crate) use building::layout_of;
+pub(crate) use folders::{running_ecosystems, runtime_folder, socket_in, state_folder};
 use supervisor::Supervised;
 
 /// How long agents may take to give up their commitments once the daemon drains.
@@ -47,6 +45,8 @@ pub(crate) struct Node {
     agents: Vec<Supervised>,
     tasks: TaskTracker,
     stopping: CancellationToken,
+    /// A wire in memory lasts as long as somebody holds it.
+    _wire: Wire,
     /// Where the daemon really listens.
     pub(crate) locators: Vec<String>,
 }
@@ -133,7 +133,7 @@ impl Node {
         wire: Wire,
     ) -> Result<Node, HostError> {
         let switchboard = Switchboard::new(ecosystem, daemon.clone(), settings);
-        let (substrate, locators) = connect(&switchboard, daemon, wire).await?;
+        let (substrate, locators) = connect(&switchboard, daemon, wire.clone()).await?;
         switchboard.connect(Arc::clone(&substrate));
         Ok(Node {
             switchboard,
@@ -141,6 +141,7 @@ impl Node {
             agents: Vec::new(),
             tasks: TaskTracker::new(),
             stopping: CancellationToken::new(),
+            _wire: wire,
             locators,
         })
     }

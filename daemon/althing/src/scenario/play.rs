@@ -60,14 +60,15 @@ pub(crate) async fn play(script: &Script, tell: impl FnMut(Event)) -> Result<Pla
         set,
         began: Instant::now(),
         told: BTreeMap::new(),
+        death: None,
         tell,
     };
     let deadline = play.began + PLAYED_WITHIN;
-    let death = match timeout_at(deadline, play.run()).await {
-        Ok(death) => death,
+    let ended = match timeout_at(deadline, play.run()).await {
+        Ok(ended) => ended,
         Err(_) => Err(format!("the curtain fell after {PLAYED_WITHIN:?}")),
     };
-    Ok(play.judge(death).await)
+    Ok(play.judge(ended).await)
 }
 
 struct Play<T: FnMut(Event)> {
@@ -76,6 +77,8 @@ struct Play<T: FnMut(Event)> {
     terminal: Terminal,
     began: Instant,
     told: BTreeMap<String, f64>,
+    /// Which occurrence in the building's log is the death of the sensor, once it is.
+    death: Option<u64>,
     tell: T,
 }
 
@@ -92,8 +95,8 @@ impl<T: FnMut(Event)> Play<T> {
         (self.tell)(Event { at: self.began.elapsed(), text: text.into() });
     }
 
-    /// The play; yields the sequence number of the death in the building's log.
-    async fn run(&mut self) -> Result<u64, String> {
+    /// The play. The error is for a person.
+    async fn run(&mut self) -> Result<(), String> {
         self.await_agents().await?;
         let building = self.set.building.clone();
         let fault = Fault::Hangs;
@@ -104,12 +107,12 @@ impl<T: FnMut(Event)> Play<T> {
         }
         let scenario = self.scenario.clone();
         let death = scenario.death(&building, fault).await.map_err(|error| error.to_string())?;
+        self.death = Some(death);
         let dying = AgentId::new(&scenario.dying_sensor).map_err(|error| error.to_string())?;
         self.set.kill(&dying).await?;
         let how = if self.set.processes.is_empty() { "is gone" } else { "was killed (SIGKILL)" };
         self.say(format!("✗ {dying} {how}"));
-        self.until_it_holds().await?;
-        Ok(death)
+        self.until_it_holds().await
     }
 
     async fn ask(&mut self) -> Result<(), String> {
@@ -182,15 +185,20 @@ impl<T: FnMut(Event)> Play<T> {
         Ok(())
     }
 
-    async fn judge(self, death: Result<u64, String>) -> Played {
-        let Play { scenario, set, told, .. } = self;
+    /// What went wrong on the stage, and what the building's truth has against it.
+    async fn judge(self, ended: Result<(), String>) -> Played {
+        let Play { scenario, set, told, death, .. } = self;
         let truth = set.building.truth();
-        let problems = match death {
-            Ok(death) => check_scenario_1(&scenario, &truth, death, &told).err(),
-            Err(problem) => Some(vec![problem]),
-        };
+        let mut problems: Vec<_> = ended.err().into_iter().collect();
+        match death {
+            Some(death) => {
+                let checked = check_scenario_1(&scenario, &truth, death, &told);
+                problems.extend(checked.err().unwrap_or_default());
+            }
+            None => problems.push(format!("`{}` never died", scenario.dying_sensor)),
+        }
         set.strike().await;
-        Played { scenario, told, problems: problems.unwrap_or_default() }
+        Played { scenario, told, problems }
     }
 }
 
