@@ -4,6 +4,8 @@
 //! - A problem or an action model is checked against the domain it names: one of the files given,
 //!   else one found beside it.
 
+mod beside;
+
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -28,7 +30,7 @@ struct Checked {
     has_errors: bool,
 }
 
-/// The texts given, and the domains that others may name.
+/// The domains given, and what was found so far.
 struct Desk {
     domains: Vec<DomainText>,
     report: Report,
@@ -90,11 +92,9 @@ impl Desk {
     /// A problem or an action model.
     fn check_dependent(&mut self, path: &Path, source: &Arc<Source>, domain: &Name) {
         let mut report = Report::default();
-        let beside = self.domains.iter().all(|text| !is_named(text, domain));
-        if beside {
-            self.domains.extend(domain_beside(path, domain));
-        }
-        let text = self.domains.iter().find(|text| is_named(text, domain));
+        let given = beside::domain_given(path, domain, &self.domains);
+        let found = if given.is_none() { beside::domain_beside(path, domain) } else { None };
+        let text = given.or(found.as_ref());
         if text.is_none() {
             report.add(source, [unknown_domain(domain)]);
         }
@@ -169,42 +169,6 @@ impl Checked {
         json!({ "file": file, "kind": kind, "about": about, "ok": !has_errors })
     }
 }
-
-fn is_named(text: &DomainText, name: &Name) -> bool {
-    text.domain.as_ref().is_some_and(|domain| domain.name == *name)
-}
-
-/// The domain of that name among the `.pddl` files in the file's folder, or in the one above, where
-/// collections of problems have it.
-fn domain_beside(path: &Path, name: &Name) -> Option<DomainText> {
-    let folder = path.parent()?;
-    let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-    let above = here.join("..");
-    [here, &above].into_iter().flat_map(domain_files).find_map(|candidate| {
-        let source = Source::read(&candidate).ok()?;
-        // Its own mistakes are not asked for.
-        let text = pddl_files::domain_of(source, &mut Report::default());
-        is_named(&text, name).then_some(text)
-    })
-}
-
-/// Files that may be domains; those that say so first. Sorted: folders list them in any order.
-fn domain_files(folder: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let mut files: Vec<PathBuf> = entries
-        .map(|entry| entry.path())
-        .filter(|path| path.extension().is_some_and(|ending| ending == "pddl"))
-        .collect();
-    let says_so = |path: &PathBuf| {
-        path.file_name().is_some_and(|name| name.to_string_lossy().contains("domain"))
-    };
-    files.sort_by_key(|path| (!says_so(path), path.clone()));
-    files.truncate(CANDIDATES_MAX);
-    files
-}
-
-/// Files looked into for a domain; a folder of problems may hold thousands.
-const CANDIDATES_MAX: usize = 100;
 
 fn unknown_domain(name: &Name) -> Diagnostic {
     Diagnostic::error(name.span(), format!("domain `{name}` is neither given nor beside this file"))

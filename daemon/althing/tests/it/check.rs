@@ -40,6 +40,19 @@ fn a_domain_is_found_beside_or_above_its_problem() {
 }
 
 #[test]
+fn of_several_domains_of_one_name_the_file_s_own_is_taken() {
+    let other = LAMP.replace("switch", "toggle").replace("(on ?l - lamp)", "(lit ?l - lamp)");
+    let files = [
+        ("p1.pddl", EVENING),
+        ("p1-domain.pddl", LAMP),
+        ("a-domain.pddl", &other.replace("(on ", "(lit ")),
+    ];
+    let sandbox = Sandbox::new(&files);
+    sandbox.check("check p1.pddl", 0);
+    sandbox.check("check a-domain.pddl p1-domain.pddl p1.pddl", 0);
+}
+
+#[test]
 fn a_problem_whose_domain_is_nowhere_is_not_called_right() {
     let sandbox = Sandbox::new(&[("evening.pddl", EVENING)]);
     sandbox.check("check evening.pddl", 33).shows(
