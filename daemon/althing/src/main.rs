@@ -9,7 +9,6 @@
 
 mod cli;
 mod commands;
-#[allow(dead_code, unused_imports, reason = "hosting, which reads the rest, is not built yet")]
 mod config;
 mod exit;
 mod hosting;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{Mode, Settings};
-use pddl::{Domain, Problem, Span};
+use pddl::{Domain, Problem};
 use serde_json::Value;
 
 use crate::report::Report;
@@ -16,14 +16,8 @@ use crate::report::Report;
 pub(crate) struct Ecosystem {
     /// Its name.
     pub(crate) name: EcosystemId,
-    /// The file it was read from.
-    pub(crate) file: PathBuf,
-    /// The file of the shared ontology.
-    pub(crate) domain_path: PathBuf,
     /// The shared ontology.
     pub(crate) domain: Arc<Domain>,
-    /// The file of the map.
-    pub(crate) problem_path: PathBuf,
     /// The map: objects and facts that no agent brings.
     pub(crate) problem: Arc<Problem>,
     /// Who plans.
@@ -57,8 +51,6 @@ pub(crate) struct AgentEntry {
     pub(crate) driver: Option<String>,
     /// For the plugin, as it is; null where nothing is said.
     pub(crate) config: Value,
-    /// Where the entry stands in the file.
-    pub(crate) span: Span,
 }
 
 /// What the simulated building is like besides the map.

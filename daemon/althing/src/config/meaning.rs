@@ -60,10 +60,7 @@ pub(super) fn understand(
     match (name, files) {
         (Some(name), Some(files)) if !report.has_errors() => Ok(Ecosystem {
             name,
-            file: file.to_owned(),
-            domain_path: files.domain_path,
             domain: Arc::new(files.domain),
-            problem_path: files.problem_path,
             problem: Arc::new(files.problem),
             mode,
             daemons,

@@ -32,7 +32,7 @@ use std::sync::Arc;
 use ::config::{Config, ConfigError, Value};
 use agent::Mode;
 
-pub(crate) use ecosystem::{AgentEntry, BuildingSettings, Ecosystem};
+pub(crate) use ecosystem::{AgentEntry, Ecosystem};
 pub(crate) use environment::Variables;
 pub(crate) use find::{find_ecosystem_file, resolve_ecosystem};
 

@@ -79,7 +79,6 @@ fn a_file_means_what_it_says() {
     let house = House::new(FILE);
     let ecosystem = house.load();
     assert_eq!(ecosystem.name.as_str(), "house");
-    assert_eq!(ecosystem.file, house.file());
     assert_eq!(ecosystem.mode, Mode::Centralized);
     assert_eq!(ecosystem.domain.name, "house");
     assert_eq!(ecosystem.problem.objects.len(), 1);

@@ -50,9 +50,8 @@ impl Meaning<'_> {
             Some(Ok(daemon)) => Some(daemon),
             None => None,
         };
-        let span = self.place(path).map(|(_, place)| place.key).unwrap_or_default();
         let plugin = plugin?.0.to_owned();
-        Some(AgentEntry { name: name?, plugin, daemon, driver, config, span })
+        Some(AgentEntry { name: name?, plugin, daemon, driver, config })
     }
 
     fn agent_name(

@@ -11,9 +11,7 @@ use crate::report::Source;
 
 /// Both files, as far as they can be read.
 pub(super) struct Files {
-    pub(super) domain_path: PathBuf,
     pub(super) domain: Domain,
-    pub(super) problem_path: PathBuf,
     pub(super) problem: Problem,
     /// Whether both are free of errors, so that what is checked against them means something.
     pub(super) are_sound: bool,
@@ -31,17 +29,14 @@ impl Meaning<'_> {
         let errors_before = self.errors();
         let domain = self.named_file("domain", domain, "domain.pddl");
         let problem = self.named_file("problem", problem, "map.pddl");
-        let domain =
-            domain.map(|(path, source)| (path, pddl_files::domain_of(source, &mut self.report)));
-        let text = domain.as_ref().map(|(_, text)| text);
+        let domain = domain.map(|source| pddl_files::domain_of(source, &mut self.report));
         let problem = problem
-            .map(|(path, source)| (path, pddl_files::problem_of(&source, text, &mut self.report)));
+            .map(|source| pddl_files::problem_of(&source, domain.as_ref(), &mut self.report));
         let are_sound = self.errors() == errors_before;
         match (domain, problem) {
-            (
-                Some((domain_path, DomainText { domain: Some(domain), .. })),
-                Some((problem_path, Some(problem))),
-            ) => Some(Files { domain_path, domain, problem_path, problem, are_sound }),
+            (Some(DomainText { domain: Some(domain), .. }), Some(Some(problem))) => {
+                Some(Files { domain, problem, are_sound })
+            }
             _ => None,
         }
     }
@@ -56,7 +51,7 @@ impl Meaning<'_> {
         key: &str,
         written: Option<String>,
         example: &str,
-    ) -> Option<(PathBuf, Arc<Source>)> {
+    ) -> Option<Arc<Source>> {
         let Some(written) = written else {
             self.missing("ecosystem", key, example);
             return None;
@@ -64,7 +59,7 @@ impl Meaning<'_> {
         let folder = self.file.parent().unwrap_or(Path::new(""));
         let path = folder.join(&written);
         match Source::read_as(&path, &shortened(&path).display().to_string()) {
-            Ok(source) => Some((path, source)),
+            Ok(source) => Some(source),
             Err(reason) => {
                 let message = format!("`{written}` cannot be read: {reason}");
                 let help = match similar_file(&path) {
