@@ -1,0 +1,168 @@
+//! The whole: two daemons, an agent that asks for a change of the state and one that confirms it.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use acl::content::{ChangeState, Outcome, Report, Request, value};
+use acl::{AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message};
+use acl::{Performative, Protocol};
+use agent::{Agent, Answer, Berth, Callbacks, Context, Engagement, Launch, Opening};
+use agent::{Settings, Switchboard, Work};
+use substrate::Substrate;
+use substrate_zenoh::ZenohSubstrate;
+use tokio::sync::mpsc::{self, Receiver, Sender};
+use tokio::sync::oneshot;
+use tokio_util::sync::CancellationToken;
+
+use crate::{Asker, Error, Sizes};
+
+const ECOSYSTEM: &str = "agents";
+
+/// No answer is waited for longer; on one machine that would mean a mistake.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// What keeps the daemons here.
+pub(crate) struct Daemons {
+    _substrates: [Arc<ZenohSubstrate>; 2],
+    _stopping: CancellationToken,
+}
+
+/// Two daemons of one agent each, and how long their messages are on the wire.
+pub(crate) async fn start() -> Result<(Asker, Sizes, Daemons), Error> {
+    let stopping = CancellationToken::new();
+    let (here, a) = open("a", &[]).await?;
+    let (there, b) = open("b", &a.locators()).await?;
+    let (turns, asked) = mpsc::channel(1);
+    let (tell, taken) = mpsc::channel(1);
+    let (tell_reply_bytes, reply_bytes) = oneshot::channel();
+    let (tell_request_bytes, request_bytes) = oneshot::channel();
+    let curious = Curious {
+        turns: Some(asked),
+        waiting: None,
+        began: Instant::now(),
+        left: 0,
+        taken: Vec::new(),
+        tell,
+        tell_reply_bytes: Some(tell_reply_bytes),
+    };
+    let echo = Echo { tell_request_bytes: Some(tell_request_bytes) };
+    launch(echo, "echo", &there, &stopping)?;
+    launch(curious, "asker", &here, &stopping)?;
+    let mut asker = Asker { turns, taken };
+    asker.turn().await?;
+    let sizes = Sizes { request: request_bytes.await?, reply: reply_bytes.await? };
+    Ok((asker, sizes, Daemons { _substrates: [a, b], _stopping: stopping }))
+}
+
+async fn open(
+    daemon: &str,
+    connect: &[String],
+) -> Result<(Arc<Switchboard>, Arc<ZenohSubstrate>), Error> {
+    let (ecosystem, id) = (EcosystemId::new(ECOSYSTEM)?, DaemonId::new(daemon)?);
+    let switchboard = Switchboard::new(ecosystem, id, Settings::default());
+    let config = crate::substrate::config(ECOSYSTEM, daemon, connect)?;
+    let substrate = config.open(Arc::<Switchboard>::clone(&switchboard)).await?;
+    switchboard.connect(Arc::<ZenohSubstrate>::clone(&substrate) as Arc<dyn Substrate>);
+    Ok((switchboard, substrate))
+}
+
+fn launch(
+    agent: impl Agent,
+    id: &str,
+    switchboard: &Arc<Switchboard>,
+    stopping: &CancellationToken,
+) -> Result<(), Error> {
+    let berth = Berth {
+        id: AgentId::new(id)?,
+        incarnation: Incarnation(1),
+        switchboard: Arc::clone(switchboard),
+        ontology: Arc::from("smart-office"),
+        stopping: stopping.clone(),
+    };
+    Box::new(agent).launch(berth);
+    Ok(())
+}
+
+/// Confirms whatever it is asked for.
+struct Echo {
+    tell_request_bytes: Option<oneshot::Sender<usize>>,
+}
+
+impl Agent for Echo {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new().on(Performative::Request, Self::requested)
+    }
+}
+
+impl Echo {
+    fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
+        if let Some(tell) = self.tell_request_bytes.take() {
+            let _ = tell.send(acl::encode(&message).len());
+        }
+        let report = Report::new(Outcome::Done, "the state is changed");
+        ctx.answer(&Engagement::of(&message), Performative::Confirm, &report);
+    }
+}
+
+/// Asks again when the answer comes, as often as it is told.
+struct Curious {
+    turns: Option<Receiver<usize>>,
+    waiting: Option<Work>,
+    began: Instant,
+    left: usize,
+    taken: Vec<Duration>,
+    tell: Sender<Vec<Duration>>,
+    tell_reply_bytes: Option<oneshot::Sender<usize>>,
+}
+
+impl Agent for Curious {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        self.await_turn(ctx);
+    }
+}
+
+impl Curious {
+    fn await_turn(&mut self, ctx: &mut Context<Self>) {
+        let Some(mut turns) = self.turns.take() else { return };
+        let wait = async move { (turns.recv().await, turns) };
+        self.waiting = Some(ctx.run(wait, |curious, (count, turns), ctx| {
+            curious.turns = Some(turns);
+            curious.left = count.unwrap_or(0);
+            if curious.left > 0 {
+                curious.ask(ctx);
+            }
+        }));
+    }
+
+    fn ask(&mut self, ctx: &mut Context<Self>) {
+        self.began = Instant::now();
+        let change = ChangeState { believe: "(door-open d1)".to_owned(), ..Default::default() };
+        let opening = Opening {
+            to: AgentId::new("echo").ok(),
+            performative: Performative::Request,
+            protocol: Protocol::StateChange,
+            conversation: ConversationId::new("round-trip"),
+            content: value(&Request::ChangeState(change)),
+        };
+        ctx.open(opening, PATIENCE, Self::answered);
+    }
+
+    fn answered(&mut self, answer: Answer, ctx: &mut Context<Self>) {
+        self.taken.push(self.began.elapsed());
+        let Answer::Message(message) = answer else { panic!("no answer, but {answer:?}") };
+        if let Some(tell) = self.tell_reply_bytes.take() {
+            let _ = tell.send(acl::encode(&message).len());
+        }
+        self.left -= 1;
+        if self.left > 0 {
+            return self.ask(ctx);
+        }
+        // Whoever listens has ended: nobody counts any more.
+        let _ = self.tell.try_send(std::mem::take(&mut self.taken));
+        self.await_turn(ctx);
+    }
+}

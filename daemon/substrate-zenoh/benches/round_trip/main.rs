@@ -1,0 +1,159 @@
+//! What two agents' conversation adds to Zenoh: request and reply between two daemons, against
+//! a plain Zenoh echo that is also handed to a Tokio task.
+//!
+//! ```text
+//! cargo bench -p substrate-zenoh --bench round_trip [-- TURNS]
+//! ```
+//!
+//! - `plain` is the yardstick: declared publishers, callbacks, channels, tasks, nothing else.
+//! - `substrate` is what this crate adds: keys that are read, publishers that are found.
+//! - `agents` is the whole: an agent asks, another answers, with all that the Communication Agent
+//!   does for them (JSON, protocols, deadlines, duplicates, receipts).
+//!
+//! Real router sessions over TCP on this machine, at ports that the kernel chooses. The three
+//! take turns within one run, so that a busy moment of the machine meets all of them.
+
+mod agents;
+mod plain;
+mod substrate;
+
+use std::time::{Duration, Instant};
+
+use bytes::Bytes;
+use tokio::sync::mpsc::{self, Receiver, Sender, UnboundedReceiver};
+
+type Error = Box<dyn std::error::Error + Send + Sync>;
+
+/// Turns of each when nobody says how many: seconds on any machine, and a p99 that stands still.
+const TURNS: usize = 100;
+
+/// Long enough that the change from one to the next does not count, short enough that drift
+/// meets all alike.
+const ROUND_TRIPS_PER_TURN: usize = 200;
+
+/// The p50 of the agents may be this many times that of plain Zenoh.
+const AIM: f64 = 1.3;
+
+/// How long a message is, on its way there and on its way back.
+#[derive(Clone, Copy, Debug)]
+struct Sizes {
+    request: usize,
+    reply: usize,
+}
+
+/// A task that asks as often as it is told, and tells how long each round trip took.
+struct Asker {
+    turns: Sender<usize>,
+    taken: Receiver<Vec<Duration>>,
+}
+
+/// Two worker threads, as the daemon has.
+#[tokio::main(worker_threads = 2)]
+async fn main() -> Result<(), Error> {
+    let turns = turns()?;
+    let (mut agents, sizes, _agents) = agents::start().await?;
+    let (mut substrate, _substrates) = substrate::start(sizes).await?;
+    let (mut plain, _sessions) = plain::start(sizes).await?;
+    let mut taken = [const { Vec::new() }; 3];
+    let mut warm = false;
+    for _ in 0..=turns {
+        for (asker, taken) in [&mut plain, &mut substrate, &mut agents].into_iter().zip(&mut taken)
+        {
+            let turn = asker.turn().await?;
+            taken.extend(turn.into_iter().filter(|_| warm));
+        }
+        warm = true;
+    }
+    report(turns, sizes, taken.map(Figures::of));
+    Ok(())
+}
+
+/// How many turns were asked for; one where Cargo only tries whether the benchmark runs.
+fn turns() -> Result<usize, Error> {
+    let arguments: Vec<_> = std::env::args().skip(1).collect();
+    let default = if arguments.iter().any(|argument| argument == "--bench") { TURNS } else { 1 };
+    let number = arguments.iter().find(|argument| !argument.starts_with('-'));
+    Ok(number.map_or(Ok(default), |number| number.parse())?.max(1))
+}
+
+fn report(turns: usize, sizes: Sizes, [plain, substrate, agents]: [Figures; 3]) {
+    let Sizes { request, reply } = sizes;
+    println!(
+        "{} round trips each, {request} B there and {reply} B back",
+        turns * ROUND_TRIPS_PER_TURN
+    );
+    println!("{:<10} {:>10} {:>10} {:>14}", "", "p50", "p99", "p50 ÷ plain");
+    for (name, figures) in [("plain", &plain), ("substrate", &substrate), ("agents", &agents)] {
+        let Figures { p50, p99 } = figures;
+        let ratio = figures.ratio(&plain);
+        println!("{name:<10} {p50:>10.1?} {p99:>10.1?} {ratio:>14.2}");
+    }
+    let ratio = agents.ratio(&plain);
+    let verdict = if ratio <= AIM { "reached" } else { "missed" };
+    println!("agents ÷ plain, p50: {ratio:.2}, aim ≤ {AIM}: {verdict}");
+}
+
+struct Figures {
+    p50: Duration,
+    p99: Duration,
+}
+
+impl Figures {
+    fn of(mut taken: Vec<Duration>) -> Figures {
+        taken.sort_unstable();
+        Figures { p50: taken[taken.len() / 2], p99: taken[taken.len() * 99 / 100] }
+    }
+
+    fn ratio(&self, other: &Figures) -> f64 {
+        self.p50.as_secs_f64() / other.p50.as_secs_f64()
+    }
+}
+
+// === impl Asker ===
+
+impl Asker {
+    async fn turn(&mut self) -> Result<Vec<Duration>, Error> {
+        self.turns.send(ROUND_TRIPS_PER_TURN).await?;
+        self.taken.recv().await.ok_or_else(|| "the asker has ended".into())
+    }
+
+    /// One that puts bytes on the wire and waits for bytes.
+    fn of_bytes(
+        send: impl Fn(Bytes) -> Result<(), Error> + Send + 'static,
+        mut heard: UnboundedReceiver<Bytes>,
+        request_bytes: usize,
+    ) -> Asker {
+        let (turns, mut asked) = mpsc::channel(1);
+        let (tell, taken) = mpsc::channel(1);
+        tokio::spawn(async move {
+            let request = Bytes::from(vec![7; request_bytes]);
+            while let Some(count) = asked.recv().await {
+                let mut taken = Vec::with_capacity(count);
+                for _ in 0..count {
+                    let start = Instant::now();
+                    send(request.clone())?;
+                    heard.recv().await.ok_or("the session closed")?;
+                    taken.push(start.elapsed());
+                }
+                tell.send(taken).await?;
+            }
+            Ok::<_, Error>(())
+        });
+        Asker { turns, taken }
+    }
+}
+
+/// The task at the other end: answers whatever it hears.
+fn echo(
+    send: impl Fn(Bytes) -> Result<(), Error> + Send + 'static,
+    mut heard: UnboundedReceiver<Bytes>,
+    reply_bytes: usize,
+) {
+    tokio::spawn(async move {
+        let reply = Bytes::from(vec![7; reply_bytes]);
+        while heard.recv().await.is_some() {
+            send(reply.clone())?;
+        }
+        Ok::<_, Error>(())
+    });
+}
