@@ -2,8 +2,9 @@
 //! `capability`, and what changed, told to the agent.
 //!
 //! - Models and heartbeats come as `inform`s to all; a model that was missed is asked for.
-//! - A lost token masks an agent's capabilities at once; when it stays away for
-//!   [`Settings::removal`](crate::Settings), its objects and facts go too (design, “Presence”).
+//! - A lost token masks an agent's capabilities at once, and so do heartbeats that stop; when it
+//!   stays away for [`Settings::removal`](crate::Settings), its objects and facts go too (design,
+//!   “Presence”). Silence alone is enough, because a router can lose a token's end.
 //!
 //! The central Domain Maintainer and each actuator's own live by the same upkeep.
 
@@ -80,9 +81,6 @@ pub fn presence<A: Maintains>(agent: &mut A, presence: &Presence, ctx: &mut Cont
         }
         Presence::Left(_) => {
             agent.upkeep().fetching.remove(&who);
-            let removal = ctx.settings().removal;
-            let gone = who.clone();
-            ctx.after(removal, move |agent: &mut A, ctx| remove(agent, &gone, life, ctx));
             agent.upkeep().maintainer.mask(&who, life, now)
         }
     };
@@ -100,6 +98,11 @@ pub fn conclude<A: Maintains>(agent: &mut A, change: &Change, ctx: &mut Context<
         let wait = next.since(agent.upkeep().moment()) + Duration::from_millis(1);
         agent.upkeep().expiry = Some(ctx.after(wait, expire));
     }
+    for gone in change.left.iter().cloned() {
+        let Some(life) = agent.upkeep().maintainer.incarnation(&gone) else { continue };
+        let removal = ctx.settings().removal;
+        ctx.after(removal, move |agent: &mut A, ctx| remove(agent, &gone, life, ctx));
+    }
     if !change.is_empty() {
         agent.changed(change, ctx);
     }
@@ -112,7 +115,7 @@ fn expire<A: Maintains>(agent: &mut A, ctx: &mut Context<A>) {
 }
 
 fn remove<A: Maintains>(agent: &mut A, gone: &AgentId, life: Incarnation, ctx: &mut Context<A>) {
-    if ctx.find(gone).is_some_and(|resident| resident.incarnation == life) {
+    if agent.upkeep().maintainer.is_present(gone) {
         return;
     }
     let now = agent.upkeep().moment();

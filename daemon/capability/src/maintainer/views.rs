@@ -13,6 +13,7 @@ use crate::belief::{Claim, Source};
 use crate::conflict::Conflict;
 use crate::fact::Owner;
 use crate::moment::Moment;
+use crate::roster::Member;
 use crate::snapshot::Snapshot;
 
 /// A fact that somebody claims, and whether it holds.
@@ -177,6 +178,17 @@ impl Maintainer {
                     .collect(),
             })
             .collect()
+    }
+
+    /// Whether the agent's capabilities count for new plans: it told its model, its token is
+    /// here, and its heartbeats come.
+    pub fn is_present(&self, agent: &AgentId) -> bool {
+        self.roster.get(agent).is_some_and(Member::is_present)
+    }
+
+    /// Which life of an agent is here, present or not.
+    pub fn incarnation(&self, agent: &AgentId) -> Option<Incarnation> {
+        self.roster.get(agent).map(|member| member.incarnation)
     }
 
     /// Everything that is left out of the composite, in a fixed order.
