@@ -230,7 +230,8 @@ pub struct CallForProposals {
 pub struct Bid {
     /// The alternatives.
     pub proposals: Vec<Proposal>,
-    /// Digest of the local domain the bidder planned in; ask it for `domain` to read it.
+    /// Digest of the local domain and state the bidder planned in; ask it for `domain` to read
+    /// them.
     pub domain_digest: String,
 }
 

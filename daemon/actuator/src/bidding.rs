@@ -5,7 +5,7 @@
 //! accepted at once, because each starts from the state as it is.
 
 use acl::content::{Bid, CallForProposals, Proposal};
-use capability::Snapshot;
+use capability::{Snapshot, text_digest};
 use pddl::{Condition, InitElement, Plan, Problem};
 use planner::{Cancel, Options};
 
@@ -38,7 +38,8 @@ pub(crate) fn bid(
     if proposals.is_empty() {
         return Err("nothing that is called for is within my reach".to_owned());
     }
-    Ok(Bid { proposals, domain_digest: snapshot.digest().to_owned() })
+    let local = format!("{}{}", snapshot.domain, snapshot.problem);
+    Ok(Bid { proposals, domain_digest: text_digest(&local) })
 }
 
 fn readable(call: &CallForProposals) -> Result<Vec<(String, Condition)>, String> {

@@ -164,9 +164,11 @@ impl Execution {
         self.rest().iter().any(|step| acting_agent(step).as_ref() == Some(agent))
     }
 
-    /// A step, for a person.
+    /// A step, for a person: under its agent's name for it.
     pub(crate) fn step_text(&self, step: usize) -> String {
-        format!("`{}`", self.steps[step])
+        let order = translate(&self.steps[step], &self.domain, &self.offers);
+        let text = order.map_or_else(|_| self.steps[step].to_string(), |order| order.action);
+        format!("`{text}`")
     }
 }
 

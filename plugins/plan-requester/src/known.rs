@@ -18,6 +18,7 @@ pub(crate) struct Known {
     pub(crate) problem: Problem,
     pub(crate) domain_text: String,
     pub(crate) offers: Offers,
+    avoided: Avoided,
 }
 
 /// Actions that a goal's earlier plans failed with: they are not asked for again for a while.
@@ -37,7 +38,8 @@ impl Known {
         let guards = take_avoided(&mut offers, avoided);
         let is_guard = |element: &InitElement| guards.contains(&element.to_string());
         problem.init.retain(|element| !is_guard(element));
-        Ok(Known { epoch, domain, problem, domain_text, offers })
+        let avoided = avoided.clone();
+        Ok(Known { epoch, domain, problem, domain_text, offers, avoided })
     }
 
     /// The problem of reaching `goal` from here.
@@ -86,6 +88,11 @@ impl Known {
     }
 
     fn inside(&self, step: PlanStep) -> Result<PlanStep, String> {
+        let agent = step.arguments.first().and_then(|agent| AgentId::new(agent.as_str()).ok());
+        let is_avoided = |agent| self.avoided.contains(&(agent, step.action.as_str().to_owned()));
+        if agent.is_some_and(is_avoided) {
+            return Err(format!("`{step}` failed a moment ago"));
+        }
         let offer = step
             .arguments
             .first()
