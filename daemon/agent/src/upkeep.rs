@@ -98,9 +98,9 @@ pub fn conclude<A: Maintains>(agent: &mut A, change: &Change, ctx: &mut Context<
         let wait = next.since(agent.upkeep().moment()) + Duration::from_millis(1);
         agent.upkeep().expiry = Some(ctx.after(wait, expire));
     }
-    for gone in change.left.iter().cloned() {
-        let Some(life) = agent.upkeep().maintainer.incarnation(&gone) else { continue };
-        let removal = ctx.settings().removal;
+    for gone in &change.left {
+        let Some(life) = agent.upkeep().maintainer.incarnation(gone) else { continue };
+        let (gone, removal) = (gone.clone(), ctx.settings().removal);
         ctx.after(removal, move |agent: &mut A, ctx| remove(agent, &gone, life, ctx));
     }
     if !change.is_empty() {

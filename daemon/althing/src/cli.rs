@@ -136,6 +136,9 @@ pub(crate) struct UpArgs {
     /// Where another daemon is, such as tcp/office-pi.local:7447; may be repeated
     #[arg(long, value_name = "ENDPOINT")]
     pub(crate) connect: Vec<String>,
+    /// Stop when standard input ends, as it does with the program that started this
+    #[arg(long)]
+    pub(crate) until_stdin_ends: bool,
 }
 
 /// `althing scenario`

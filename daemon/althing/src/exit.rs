@@ -7,6 +7,8 @@
 
 use std::process::ExitCode;
 
+use tokio::signal::unix::SignalKind;
+
 /// Done; of `plan`, a plan was found.
 pub(crate) const DONE: u8 = 0;
 /// `validate`: the plan does not work. Validators of the field say it so.
@@ -29,6 +31,11 @@ pub(crate) const UNAVAILABLE: u8 = 69;
 pub(crate) const OUTPUT: u8 = 74;
 /// `EX_CONFIG`: the configuration is wrong; a service manager need not try again.
 pub(crate) const CONFIG: u8 = 78;
+
+/// Ended by a signal, as a shell says it: 130 for SIGINT, 143 for SIGTERM.
+pub(crate) fn by_signal(signal: SignalKind) -> ExitCode {
+    u8::try_from(128 + signal.as_raw_value()).map_or_else(|_| with(UNAVAILABLE), with)
+}
 
 /// The process's own form of a code.
 pub(crate) fn with(code: u8) -> ExitCode {

@@ -1,7 +1,7 @@
 //! The IR temperature sensor (the paper, “Temperature IR Sensor”): rides on a mobile base and
 //! reports the temperature wherever that stands.
 //!
-//! - [`InfraredThermometer`] is what a driver does; [`simulated`] measures in the building.
+//! - [`InfraredThermometer`] is what a driver does; `simulated` measures in the building.
 //! - What it measured it knows of every room it has been to.
 //! - A measurement from another room than the one it was asked about is a failure, not an answer:
 //!   the base is not where the plan believes.

@@ -8,7 +8,7 @@
 //! - One goal is on its way at a time, the one of greatest priority first, so no plan breaks
 //!   another's causal links.
 //!
-//! Start reading at [`PlanRequester::consider`].
+//! Start reading at `PlanRequester::consider`.
 
 mod calling;
 mod executing;

@@ -1,7 +1,7 @@
 //! The stationary temperature sensor (the paper, “Temperature / Humidity Sensor”): reports the
 //! temperature at its location.
 //!
-//! - [`Thermometer`] is what a driver does; [`simulated`] measures in the simulated building.
+//! - [`Thermometer`] is what a driver does; `simulated` measures in the simulated building.
 //! - After a failed measurement it offers nothing for a while: “re-evaluate and update
 //!   self-capabilities” (the paper, “Semantic Plug & Play”).
 

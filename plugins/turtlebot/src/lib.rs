@@ -1,7 +1,7 @@
 //! The TurtleBot (the paper, “TurtleBot”): a mobile base that moves between the places of the map
 //! and carries sensors.
 //!
-//! - [`MobileBase`] is what a driver does; [`simulated`] moves in the simulated building.
+//! - [`MobileBase`] is what a driver does; `simulated` moves in the simulated building.
 //! - It carries the agents that say they are `mounted-on` it, and so plans with their actions.
 //! - After a move that failed or was given up it asks its driver where it truly stands.
 

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use acl::AgentId;
 use acl::content::Inform;
-use agent::Resource;
+use agent::{Resident, Resource};
 use serde_json::json;
 
 use crate::cli::AskArgs;
@@ -23,11 +23,12 @@ pub(super) fn run(args: &AskArgs) -> ExitCode {
 }
 
 async fn print(link: &Link, json: bool) -> ExitCode {
-    let directory = link.directory(None).await;
+    link.directory(None).await;
+    let residents = residents(link).await;
     let models = models(link).await;
     let offers = |agent: &AgentId| models.get(agent).cloned().unwrap_or_default();
     if json {
-        let agents: Vec<_> = directory
+        let agents: Vec<_> = residents
             .iter()
             .map(|resident| {
                 json!({
@@ -38,19 +39,30 @@ async fn print(link: &Link, json: bool) -> ExitCode {
                 })
             })
             .collect();
-        let rivals: Vec<_> = directory.rivals().collect();
-        let value = json!({ "ecosystem": link.name, "agents": agents, "rivals": rivals });
+        let value = json!({ "ecosystem": link.name, "agents": agents });
         return output::print_json(&value, exit::DONE);
     }
     let mut text = format!("{:<24} {:<18} OFFERS\n", "AGENT", "DAEMON");
-    for resident in directory.iter() {
+    for resident in &residents {
         let offers = offers(&resident.agent).join(", ");
-        let _ = writeln!(text, "{:<24} {:<18} {offers}", resident.agent, resident.daemon);
-    }
-    for rival in directory.rivals() {
-        let _ = writeln!(text, "{:<24} {:<18} ! the name is taken", rival.agent, rival.daemon);
+        let line = format!("{:<24} {:<18} {offers}", resident.agent, resident.daemon);
+        let _ = writeln!(text, "{}", line.trim_end());
     }
     output::print(text, exit::DONE)
+}
+
+/// Who is here, as each daemon says of its own agents: the link may not have told of all yet.
+async fn residents(link: &Link) -> Vec<Resident> {
+    let mut residents: Vec<Resident> = link
+        .ask(Resource::Directory, None)
+        .await
+        .iter()
+        .filter_map(|answer| serde_json::from_slice::<Vec<Resident>>(answer).ok())
+        .flatten()
+        .collect();
+    residents.sort();
+    residents.dedup();
+    residents
 }
 
 /// The actions in each agent's model.

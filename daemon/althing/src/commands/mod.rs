@@ -27,6 +27,8 @@ mod watch;
 use std::future::Future;
 use std::process::ExitCode;
 
+use tokio::signal::unix::{SignalKind, signal};
+
 use crate::cli::Command;
 use crate::{exit, output, plugins};
 
@@ -53,6 +55,19 @@ pub(crate) fn run(command: Command) -> ExitCode {
 fn not_built_yet(command: &str) -> ExitCode {
     output::note(&format!("error: `althing {command}` is not built yet"));
     exit::with(exit::UNAVAILABLE)
+}
+
+/// Waits until the process is told to stop: SIGINT or SIGTERM, which it yields. Where signals
+/// cannot be listened to, they end the process as they always do.
+async fn interrupted() -> SignalKind {
+    let (interrupt, terminate) = (SignalKind::interrupt(), SignalKind::terminate());
+    let (Ok(mut interrupts), Ok(mut terminations)) = (signal(interrupt), signal(terminate)) else {
+        return std::future::pending().await;
+    };
+    tokio::select! {
+        _ = interrupts.recv() => interrupt,
+        _ = terminations.recv() => terminate,
+    }
 }
 
 /// Runs what waits. Two threads: one for the agents of a small board, one for a planner.

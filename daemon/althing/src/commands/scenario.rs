@@ -24,8 +24,22 @@ pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
         SubstrateArg::Zenoh => Stage::Zenoh,
         SubstrateArg::Memory => Stage::Memory,
     };
-    let script = Script { seed: args.seed.unwrap_or(0), mode, stage, replanning: true };
-    super::in_runtime(perform(script, args.print.json))
+    let script = Script {
+        seed: args.seed.unwrap_or(0),
+        mode,
+        stage,
+        replanning: true,
+        kills: true,
+        guests: None,
+    };
+    let json = args.print.json;
+    super::in_runtime(async move {
+        tokio::select! {
+            code = perform(script, json) => code,
+            // The stage falls with the play, and what was started for it ends.
+            signal = super::interrupted() => exit::by_signal(signal),
+        }
+    })
 }
 
 async fn perform(script: Script, json: bool) -> ExitCode {

@@ -3,18 +3,22 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use ::building::{Building, BuildingHandle, Server};
+use ::building::{Building, BuildingHandle, ServeError, Server};
 use acl::{AgentId, DaemonId};
 use agent::Mode;
 use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
 use serde_json::Value;
-use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::oneshot;
 
 use crate::cli::UpArgs;
 use crate::commands::READY;
 use crate::config::{self, AgentEntry, Ecosystem, Overrides};
 use crate::hosting::{self, Node, Part, Wire, socket_in};
 use crate::{exit, output, plugins};
+
+/// How a daemon of this machine that is not there yet is sought: four times a second for ever,
+/// because looking for a socket costs nothing, and whoever starts late is to be met at once.
+const RETRY: &str = "retry_period_init_ms=250;retry_period_max_ms=250";
 
 /// Reads the ecosystem, hosts this machine's part of it, drains at SIGINT and SIGTERM.
 pub(super) fn run(args: &UpArgs) -> ExitCode {
@@ -48,7 +52,7 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
             return exit::with(exit::CONFIG);
         }
     };
-    super::in_runtime(up(&ecosystem, place, goals))
+    super::in_runtime(up(&ecosystem, place, goals, args.until_stdin_ends))
 }
 
 /// Which part of the ecosystem this process hosts.
@@ -96,7 +100,12 @@ fn host_name() -> Option<DaemonId> {
     DaemonId::new(&first).ok()
 }
 
-async fn up(ecosystem: &Ecosystem, place: Place, goals: Vec<String>) -> ExitCode {
+async fn up(
+    ecosystem: &Ecosystem,
+    place: Place,
+    goals: Vec<String>,
+    until_stdin_ends: bool,
+) -> ExitCode {
     let unavailable = |problem: String| {
         output::note(&format!("error: {problem}"));
         exit::with(exit::UNAVAILABLE)
@@ -105,16 +114,15 @@ async fn up(ecosystem: &Ecosystem, place: Place, goals: Vec<String>) -> ExitCode
         Ok(opened) => opened,
         Err(problem) => return unavailable(format!("failed to {problem}")),
     };
-    let signals = (signal(SignalKind::interrupt()), signal(SignalKind::terminate()));
-    let (Ok(mut interrupt), Ok(mut terminate)) = signals else {
-        return unavailable("failed to listen to signals".to_owned());
-    };
+    let interrupted = super::interrupted();
+    tokio::pin!(interrupted);
+    let mut stdin_ended = until_stdin_ends.then(watch_stdin);
     announce(ecosystem, &place, &node);
     let mut terminal = ask(ecosystem, &node, goals).await;
     loop {
         tokio::select! {
-            _ = interrupt.recv() => break,
-            _ = terminate.recv() => break,
+            _ = &mut interrupted => break,
+            () = ended(&mut stdin_ended) => break,
             heard = hear(&mut terminal) => tell(&heard),
         }
     }
@@ -123,6 +131,28 @@ async fn up(ecosystem: &Ecosystem, place: Place, goals: Vec<String>) -> ExitCode
     }
     output::note("warning: some agents did not finish in time; they were ended");
     exit::with(exit::DONE)
+}
+
+/// Reads standard input to its end, on a thread of its own: nothing can wake a read of a terminal,
+/// and the process must not wait for it.
+fn watch_stdin() -> oneshot::Receiver<()> {
+    let (tell, ended) = oneshot::channel();
+    std::thread::spawn(move || {
+        // An input that cannot be read has ended.
+        let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
+        let _ = tell.send(());
+    });
+    ended
+}
+
+async fn ended(stdin: &mut Option<oneshot::Receiver<()>>) {
+    match stdin {
+        Some(ended) => {
+            // The watcher gone is the end too.
+            let _ = ended.await;
+        }
+        None => std::future::pending().await,
+    }
 }
 
 /// Says who is here. A process that started this one waits for the line.
@@ -176,14 +206,18 @@ async fn simulated(
     let layout = hosting::layout_of(ecosystem).map_err(|error| error.to_string())?;
     let building =
         Building::new(layout, ecosystem.building.time_scale).map_err(|error| error.to_string())?;
-    let server = match &ecosystem.building.socket {
-        Some(socket) => {
-            let served = ::building::serve(building.handle(), socket).await;
-            Some(served.map_err(|error| error.to_string())?)
-        }
-        None => None,
+    let Some(socket) = &ecosystem.building.socket else {
+        return Ok((Some(building.handle()), None));
     };
-    Ok((Some(building.handle()), server))
+    match ::building::serve(building.handle(), socket).await {
+        Ok(server) => Ok((Some(building.handle()), Some(server))),
+        // Another daemon that started with us was faster.
+        Err(ServeError::InUse { .. }) => {
+            let theirs = BuildingHandle::connect(socket).await;
+            Ok((Some(theirs.map_err(|error| error.to_string())?), None))
+        }
+        Err(error) => Err(error.to_string()),
+    }
 }
 
 /// Zenoh as this daemon uses it: daemons of one machine meet in a folder of sockets, each
@@ -197,7 +231,8 @@ fn wire(ecosystem: &Ecosystem, daemon: &DaemonId) -> Result<Wire, String> {
     let mut config = substrate_zenoh::Config::new(ecosystem.name.clone(), daemon.clone());
     config.listen = vec![endpoint(daemon)?];
     let earlier = ecosystem.daemons.iter().filter(|other| *other < daemon);
-    config.connect = earlier.map(endpoint).collect::<Result<_, _>>()?;
+    let sought = |other| Ok(format!("{}#{RETRY}", endpoint(other)?));
+    config.connect = earlier.map(sought).collect::<Result<_, String>>()?;
     config.zenoh = zenoh_settings(&ecosystem.zenoh);
     Ok(Wire::Zenoh(Box::new(config)))
 }

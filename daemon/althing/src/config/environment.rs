@@ -26,7 +26,7 @@ const SEPARATOR: &str = "__";
 pub(crate) type Variables = BTreeMap<String, String>;
 
 /// Those of this process that are of the scheme. What is not UTF-8 is read as far as it is.
-pub(super) fn variables() -> Variables {
+pub(crate) fn variables() -> Variables {
     let all = std::env::vars_os().map(|(name, value)| {
         (name.to_string_lossy().into_owned(), value.to_string_lossy().into_owned())
     });

@@ -33,7 +33,7 @@ use ::config::{Config, ConfigError, Value};
 use agent::Mode;
 
 pub(crate) use ecosystem::{AgentEntry, Ecosystem};
-pub(crate) use environment::Variables;
+pub(crate) use environment::{Variables, variables};
 pub(crate) use find::{find_ecosystem_file, resolve_ecosystem};
 
 use crate::report::{Report, Source};
@@ -104,7 +104,7 @@ impl Ecosystem {
         overrides: &Overrides,
         known_plugins: &[KnownPlugin],
     ) -> Result<Ecosystem, LoadError> {
-        Ecosystem::load_with(file, &environment::variables(), overrides, known_plugins)
+        Ecosystem::load_with(file, &variables(), overrides, known_plugins)
     }
 
     /// The same with the environment as a parameter.

@@ -2,8 +2,8 @@
 //! judged by the building's own truth.
 //!
 //! - `files` writes the ecosystem of a seed: the same files a person would write.
-//! - [`stage`] puts its agents on a wire: in this process, or in several.
-//! - [`play`] asks for the goal, lets the sensor die, waits for the building to plan anew.
+//! - `stage` puts its agents on a wire: in this process, or in several.
+//! - `play` asks for the goal, lets the sensor die, waits for the building to plan anew.
 
 mod files;
 mod play;

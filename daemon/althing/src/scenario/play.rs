@@ -17,9 +17,10 @@ use tokio::time::{Instant, timeout_at};
 
 use super::files::GOAL;
 use super::stage::{self, Set, Stage};
+use crate::hosting::Node;
 
 /// How long a whole scenario may take. A building of seven rooms takes seconds.
-const PLAYED_WITHIN: Duration = Duration::from_secs(90);
+const PLAYED_WITHIN: Duration = Duration::from_secs(60);
 
 /// What is to be played.
 #[derive(Clone, Debug)]
@@ -29,6 +30,11 @@ pub(crate) struct Script {
     pub(crate) stage: Stage,
     /// Off only to show that the check can fail.
     pub(crate) replanning: bool,
+    /// Whether the agent of the dying sensor dies with it. If not, the sensor hangs and its
+    /// agent has to notice.
+    pub(crate) kills: bool,
+    /// Lets others in, whom no building knows.
+    pub(crate) guests: Option<fn(&Node)>,
 }
 
 /// A line of the play.
@@ -54,8 +60,12 @@ pub(crate) struct Played {
 pub(crate) async fn play(script: &Script, tell: impl FnMut(Event)) -> Result<Played, String> {
     let scenario = Layout::seeded(script.seed);
     let set = stage::set(&scenario, script.stage, script.mode, script.replanning).await?;
+    if let Some(guests) = script.guests {
+        guests(&set.node);
+    }
     let mut play = Play {
         scenario,
+        kills: script.kills,
         terminal: enter_user(&set)?,
         set,
         began: Instant::now(),
@@ -73,6 +83,7 @@ pub(crate) async fn play(script: &Script, tell: impl FnMut(Event)) -> Result<Pla
 
 struct Play<T: FnMut(Event)> {
     scenario: SeededScenario,
+    kills: bool,
     set: Set,
     terminal: Terminal,
     began: Instant,
@@ -109,8 +120,14 @@ impl<T: FnMut(Event)> Play<T> {
         let death = scenario.death(&building, fault).await.map_err(|error| error.to_string())?;
         self.death = Some(death);
         let dying = AgentId::new(&scenario.dying_sensor).map_err(|error| error.to_string())?;
-        self.set.kill(&dying).await?;
-        let how = if self.set.processes.is_empty() { "is gone" } else { "was killed (SIGKILL)" };
+        let how = match (self.kills, self.set.processes.is_empty()) {
+            (false, _) => "hangs",
+            (true, true) => "is gone",
+            (true, false) => "was killed (SIGKILL)",
+        };
+        if self.kills {
+            self.set.kill(&dying).await?;
+        }
         self.say(format!("✗ {dying} {how}"));
         self.until_it_holds().await
     }

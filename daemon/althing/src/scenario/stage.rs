@@ -13,7 +13,7 @@ use tokio::io::{AsyncBufReadExt as _, BufReader};
 use tokio::process::{Child, Command};
 
 use super::files;
-use crate::config::{Ecosystem, Overrides};
+use crate::config::{self, Ecosystem, Overrides, Variables};
 use crate::hosting::{self, Node, Part, Wire};
 use crate::plugins;
 
@@ -57,7 +57,8 @@ pub(crate) async fn set(
     let file = files::write(scenario, folder.path(), socket.as_deref(), replanning)
         .map_err(|error| format!("failed to write the scenario's files: {error}"))?;
     let overrides = Overrides::default().mode(Some(mode));
-    let ecosystem = Ecosystem::load(&file, &overrides, &plugins::known())
+    // A seed is the same building everywhere, whatever the environment says.
+    let ecosystem = Ecosystem::load_with(&file, &Variables::new(), &overrides, &plugins::known())
         .map_err(|error| format!("the scenario's own files are wrong: {error:?}"))?;
     let building = Building::new(scenario.layout.clone(), ecosystem.building.time_scale)
         .map_err(|error| format!("failed to {error}"))?;
@@ -142,13 +143,18 @@ fn spawn(
         Mode::Centralized => "centralized",
         Mode::Decentralized => "decentralized",
     };
-    Command::new(program)
+    let mut command = Command::new(program);
+    for setting in config::variables().keys() {
+        command.env_remove(setting);
+    }
+    command
         .arg("up")
         .arg(file)
-        .args(["--daemon", daemon.as_str(), "--mode", mode])
+        .args(["--daemon", daemon.as_str(), "--mode", mode, "--until-stdin-ends"])
         .env("ALTHING_RUNTIME_DIR", folder)
         .env("ALTHING_STATE_DIR", folder.join("state"))
-        .stdin(Stdio::null())
+        // Held open as long as we live: however we end, the daemons end too.
+        .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .kill_on_drop(true)
         .spawn()
@@ -180,7 +186,7 @@ impl Set {
         }
         let entry = self.ecosystem.agents.iter().find(|entry| entry.name == *agent);
         let daemon = entry.and_then(|entry| entry.daemon.as_ref()).map(ToString::to_string);
-        let process = self.processes.iter_mut().find(|(name, _)| Some(&*name) == daemon.as_ref());
+        let process = self.processes.iter_mut().find(|(name, _)| Some(name) == daemon.as_ref());
         let (_, child) = process.ok_or_else(|| format!("no process hosts `{agent}`"))?;
         child.kill().await.map_err(|error| format!("failed to kill the process: {error}"))
     }

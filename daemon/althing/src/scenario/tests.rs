@@ -3,14 +3,20 @@
 use agent::Mode;
 
 use super::{Script, Stage, play};
+use crate::hosting::Node;
+
+mod guests;
 
 const MODES: [Mode; 2] = [Mode::Centralized, Mode::Decentralized];
 
+fn script(seed: u64, mode: Mode, stage: Stage) -> Script {
+    Script { seed, mode, stage, replanning: true, kills: true, guests: None }
+}
+
 /// Plays one script; what the truth has against it.
-async fn problems(seed: u64, mode: Mode, stage: Stage, replanning: bool) -> Vec<String> {
-    let script = Script { seed, mode, stage, replanning };
+async fn problems(script: &Script) -> Vec<String> {
     let mut lines = Vec::new();
-    let played = play(&script, |event| lines.push(format!("{:?} {}", event.at, event.text)));
+    let played = play(script, |event| lines.push(format!("{:?} {}", event.at, event.text)));
     let problems = played.await.map_or_else(|problem| vec![problem], |played| played.problems);
     if problems.is_empty() { problems } else { [problems, lines].concat() }
 }
@@ -18,7 +24,7 @@ async fn problems(seed: u64, mode: Mode, stage: Stage, replanning: bool) -> Vec<
 /// Holds these seeds against the truth.
 async fn check(seeds: std::ops::Range<u64>, mode: Mode, stage: Stage) {
     for seed in seeds {
-        let problems = problems(seed, mode, stage, true).await;
+        let problems = problems(&script(seed, mode, stage)).await;
         assert!(problems.is_empty(), "seed {seed} {mode:?} {stage:?}: {problems:#?}");
     }
 }
@@ -51,9 +57,54 @@ async fn ten_buildings_on_zenoh_decentralized() {
 async fn without_replanning_no_building_holds() {
     for seed in 0..10 {
         for mode in MODES {
-            let problems = problems(seed, mode, Stage::Memory, false).await;
+            let script = Script { replanning: false, ..script(seed, mode, Stage::Memory) };
+            let problems = problems(&script).await;
             let nobody = |problem: &String| problem.starts_with("no robot measured");
             assert!(problems.iter().any(nobody), "seed {seed} {mode:?}: {problems:#?}");
         }
     }
+}
+
+/// A sensor that hangs while its agent lives: the agent notices, says that it failed, and offers
+/// nothing for a while.
+#[tokio::test(start_paused = true)]
+async fn a_sensor_that_hangs_is_replaced() {
+    let dies_before_reporting =
+        |seed: &u64| ::building::Layout::seeded(*seed).dies == ::building::Dies::BeforeReport;
+    for seed in (0..20).filter(dies_before_reporting) {
+        for mode in MODES {
+            let script = Script { kills: false, ..script(seed, mode, Stage::Memory) };
+            let problems = problems(&script).await;
+            assert!(problems.is_empty(), "seed {seed} {mode:?}: {problems:#?}");
+        }
+    }
+}
+
+/// A guest says that it could measure office1, cheaper than the robot. It lies.
+async fn check_guest(guests: fn(&Node)) {
+    for mode in MODES {
+        let script = Script { guests: Some(guests), ..script(0, mode, Stage::Memory) };
+        let problems = problems(&script).await;
+        assert!(problems.is_empty(), "{mode:?}: {problems:#?}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_actuator_that_refuses_is_done_without() {
+    check_guest(guests::one_that_refuses).await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_actuator_that_never_answers_is_done_without() {
+    check_guest(guests::one_that_is_silent).await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_actuator_that_agrees_and_falls_silent_is_done_without() {
+    check_guest(guests::one_that_agrees_and_is_silent).await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_actuator_whose_model_is_garbage_disturbs_nobody() {
+    check_guest(guests::one_with_a_broken_model).await;
 }
