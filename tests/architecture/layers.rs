@@ -1,0 +1,270 @@
+//! Which crate may know which (ARCHITECTURE.md, “Layers”), asked of `cargo metadata`.
+
+use std::process::Command;
+
+use serde_json::Value;
+
+use crate::{none, root};
+
+/// The layers, lowest first. A crate depends only on lower layers, so two crates of one layer
+/// never know each other.
+const LAYERS: &[&[&str]] = &[
+    &["acl", "pddl"],
+    &["building", "capability", "conversation", "planner", "substrate"],
+    &["agent", "substrate-zenoh"],
+    &["actuator"],
+    &[
+        "domain-maintainer",
+        "ir-temperature-sensor",
+        "keyboard",
+        "plan-executor",
+        "plan-requester",
+        "planning-agent",
+        "temperature-sensor",
+        "turtlebot",
+    ],
+    &["althing", "tests"],
+];
+
+/// The layer of the plugins.
+const PLUGINS: usize = 4;
+
+/// What every plugin may know of this workspace.
+const PLUGINS_KNOW: &[&str] = &["acl", "actuator", "agent", "pddl"];
+
+/// What one plugin may know besides, and why.
+const EXCEPTIONS: &[Exception] = &[
+    exception("domain-maintainer", "capability", "it is that state machine, given a mailbox"),
+    exception("plan-executor", "planner", "deorders plans, checks what is left of one"),
+    exception("plan-requester", "planner", "validates proposals, takes goals apart"),
+    exception("planning-agent", "planner", "it is that planner, given a mailbox"),
+    exception("ir-temperature-sensor", "building", "its simulated driver measures there"),
+    exception("temperature-sensor", "building", "its simulated driver measures there"),
+    exception("turtlebot", "building", "its simulated driver moves there"),
+];
+
+/// What a crate's benchmark knows beside its layer, and why. Nothing of it is shipped.
+const BESIDE: &[Exception] = &[exception(
+    "substrate-zenoh",
+    "agent",
+    "a benchmark holds agents against plain Zenoh, which nobody else may name",
+)];
+
+/// What the pure crates do not even have at hand: runtimes, logs, clocks, randomness.
+const IMPURE: &[&str] = &["tokio", "tokio-util", "tracing", "log", "rand", "chrono", "zenoh"];
+
+/// The crates that return values and do nothing else.
+pub(crate) const PURE: &[&str] = &["acl", "pddl", "conversation", "capability", "planner"];
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Exception {
+    of: &'static str,
+    knows: &'static str,
+    reason: &'static str,
+}
+
+const fn exception(of: &'static str, knows: &'static str, reason: &'static str) -> Exception {
+    Exception { of, knows, reason }
+}
+
+impl Exception {
+    fn allows(&self, edge: &Edge) -> bool {
+        edge.of == self.of && edge.on == self.knows
+    }
+}
+
+/// Exceptions that nothing needs any more.
+fn unused(edges: &[Edge], exceptions: &[Exception]) -> Vec<String> {
+    exceptions
+        .iter()
+        .filter(|known| !edges.iter().any(|edge| known.allows(edge)))
+        .map(|Exception { of, knows, reason }| {
+            format!("`{of}` does not depend on `{knows}` any more: drop “{reason}”")
+        })
+        .collect()
+}
+
+/// One dependency of a crate of this workspace.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Edge {
+    of: String,
+    on: String,
+    /// On a crate of this workspace.
+    is_inside: bool,
+    /// Not a dev-dependency.
+    is_shipped: bool,
+}
+
+/// The edges in what `cargo metadata` printed.
+fn edges(metadata: &Value) -> Vec<Edge> {
+    let list = |value: &Value| value.as_array().cloned().unwrap_or_default();
+    let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+    let mut edges = Vec::new();
+    for package in list(&metadata["packages"]) {
+        for dependency in list(&package["dependencies"]) {
+            edges.push(Edge {
+                of: text(&package["name"]),
+                on: text(&dependency["name"]),
+                is_inside: dependency["path"].is_string(),
+                is_shipped: dependency["kind"] != "dev",
+            });
+        }
+    }
+    edges
+}
+
+/// What cargo says about this workspace.
+fn metadata() -> Value {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let output = Command::new(cargo)
+        .args(["metadata", "--no-deps", "--format-version", "1", "--offline"])
+        .current_dir(root())
+        .output()
+        .expect("run `cargo metadata`");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("`cargo metadata` prints JSON")
+}
+
+fn layer(name: &str) -> Option<usize> {
+    LAYERS.iter().position(|layer| layer.contains(&name))
+}
+
+// === rules: from edges to complaints ===
+
+fn not_downwards(edges: &[Edge], beside: &[Exception]) -> Vec<String> {
+    edges
+        .iter()
+        .filter(|edge| edge.is_inside)
+        .filter(|edge| edge.is_shipped || !beside.iter().any(|known| known.allows(edge)))
+        .filter_map(|Edge { of, on, .. }| match (layer(of), layer(on)) {
+            (Some(of_layer), Some(on_layer)) if on_layer < of_layer => None,
+            (Some(of_layer), Some(on_layer)) => {
+                Some(format!("`{of}` (L{of_layer}) may not depend on `{on}` (L{on_layer})"))
+            }
+            _ => Some(format!("`{of}` or `{on}` has no layer: place it in LAYERS first")),
+        })
+        .collect()
+}
+
+/// What plugins know that they should not, and exceptions that nothing needs.
+fn too_curious(edges: &[Edge], exceptions: &[Exception]) -> Vec<String> {
+    let curious = edges
+        .iter()
+        .filter(|edge| edge.is_inside && layer(&edge.of) == Some(PLUGINS))
+        .filter(|edge| !PLUGINS_KNOW.contains(&edge.on.as_str()))
+        .filter(|edge| !exceptions.iter().any(|known| known.allows(edge)))
+        .map(|Edge { of, on, .. }| format!("the plugin `{of}` may not depend on `{on}`"));
+    curious.chain(unused(edges, exceptions)).collect()
+}
+
+fn names_zenoh(edges: &[Edge]) -> Vec<String> {
+    edges
+        .iter()
+        .filter(|edge| edge.on.starts_with("zenoh") && edge.of != "substrate-zenoh")
+        .map(|Edge { of, on, .. }| format!("`{of}` may not depend on `{on}`"))
+        .collect()
+}
+
+fn impure(edges: &[Edge]) -> Vec<String> {
+    edges
+        .iter()
+        .filter(|edge| edge.is_shipped && PURE.contains(&edge.of.as_str()))
+        .filter(|edge| IMPURE.contains(&edge.on.as_str()))
+        .map(|Edge { of, on, .. }| format!("the pure crate `{of}` may not depend on `{on}`"))
+        .collect()
+}
+
+// === the workspace ===
+
+#[test]
+fn dependencies_point_down() {
+    let edges = edges(&metadata());
+    let upwards = not_downwards(&edges, BESIDE);
+    let complaints = [upwards, unused(&edges, BESIDE)].concat();
+    none(&complaints, "dependencies point strictly down");
+}
+
+#[test]
+fn every_crate_has_a_layer() {
+    let metadata = metadata();
+    let packages = metadata["packages"].as_array().expect("packages");
+    let names: Vec<_> = packages.iter().filter_map(|package| package["name"].as_str()).collect();
+    let homeless = names.iter().filter(|name| layer(name).is_none());
+    let gone = LAYERS.iter().copied().flatten().filter(|name| !names.contains(name));
+    let homeless = homeless.map(|name| format!("`{name}` has no layer: place it in LAYERS"));
+    let gone = gone.map(|name| format!("`{name}` is no crate any more: drop it from LAYERS"));
+    none(&homeless.chain(gone).collect::<Vec<_>>(), "every crate has a layer");
+}
+
+#[test]
+fn plugins_see_agent_and_not_a_substrate_nor_each_other() {
+    none(&too_curious(&edges(&metadata()), EXCEPTIONS), "plugins see `agent`");
+}
+
+#[test]
+fn only_one_crate_names_zenoh() {
+    let edges = edges(&metadata());
+    none(&names_zenoh(&edges), "only `substrate-zenoh` names `zenoh`");
+    let named = edges.iter().any(|edge| edge.on == "zenoh" && edge.of == "substrate-zenoh");
+    assert!(named, "`substrate-zenoh` is not on Zenoh any more, so this test looks at nothing");
+}
+
+#[test]
+fn pure_crates_have_no_runtime_at_hand() {
+    none(&impure(&edges(&metadata())), "the pure crates return values");
+}
+
+// === the rules can fail ===
+
+fn inside(of: &str, on: &str) -> Edge {
+    Edge { of: of.to_owned(), on: on.to_owned(), is_inside: true, is_shipped: true }
+}
+
+#[test]
+fn metadata_is_read() {
+    let metadata = serde_json::json!({ "packages": [{ "name": "a", "dependencies": [
+        { "name": "b", "path": "/b", "kind": null },
+        { "name": "c", "kind": "dev" },
+    ]}]});
+    let outside = Edge { is_inside: false, is_shipped: false, ..inside("a", "c") };
+    assert_eq!(edges(&metadata), [inside("a", "b"), outside]);
+}
+
+#[test]
+fn what_points_up_or_sideways_is_found() {
+    for (of, on, is_fine) in [
+        ("agent", "capability", true),
+        ("capability", "agent", false),
+        ("planner", "capability", false),
+        ("agent", "nobody", false),
+    ] {
+        assert_eq!(not_downwards(&[inside(of, on)], &[]).is_empty(), is_fine, "{of} → {on}");
+    }
+    let beside = [exception("planner", "capability", "why")];
+    let benchmark = Edge { is_shipped: false, ..inside("planner", "capability") };
+    assert!(not_downwards(&[benchmark], &beside).is_empty());
+    assert!(!not_downwards(&[inside("planner", "capability")], &beside).is_empty(), "shipped");
+}
+
+#[test]
+fn curious_plugins_and_unused_exceptions_are_found() {
+    let known = [exception("turtlebot", "building", "why")];
+    let used = inside("turtlebot", "building");
+    let check = |edge, exceptions: &[Exception], complaints| {
+        assert_eq!(too_curious(&[edge], exceptions).len(), complaints, "{exceptions:?}");
+    };
+    check(used.clone(), &known, 0);
+    check(used, &[], 1);
+    check(inside("turtlebot", "substrate"), &[], 1);
+    check(inside("keyboard", "plan-requester"), &[], 1);
+    check(inside("turtlebot", "agent"), &known, 1);
+}
+
+#[test]
+fn zenoh_and_runtimes_are_found() {
+    let outside = |of, on| Edge { is_inside: false, ..inside(of, on) };
+    assert_eq!(names_zenoh(&[outside("agent", "zenoh-ext")]).len(), 1);
+    assert_eq!(names_zenoh(&[outside("substrate-zenoh", "zenoh")]).len(), 0);
+    assert_eq!(impure(&[outside("planner", "tokio")]).len(), 1);
+    assert_eq!(impure(&[Edge { is_shipped: false, ..outside("planner", "tokio") }]).len(), 0);
+}

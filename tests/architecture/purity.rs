@@ -1,0 +1,121 @@
+//! What source does not contain: effects in the pure crates, `unwrap` in production, Rust in data.
+
+use crate::layers::PURE;
+use crate::source::{code, line_of, production, read, rust_files, words};
+use crate::{none, root};
+
+/// Words that no pure crate says: each is a wait, a clock, the environment, a file or a log.
+const EFFECTS: &[&str] = &[
+    "async",
+    "await",
+    "Instant",
+    "SystemTime",
+    "env",
+    "fs",
+    "net",
+    "tracing",
+    "print",
+    "println",
+    "eprint",
+    "eprintln",
+];
+
+/// The words of `code` that are effects, with their lines.
+fn effects(code: &str) -> Vec<(usize, &str)> {
+    words(code)
+        .filter(|(_, word)| EFFECTS.contains(word))
+        .map(|(start, word)| (line_of(code, start), word))
+        .collect()
+}
+
+/// The lines of `code` where something is unwrapped.
+fn unwraps(code: &str) -> Vec<usize> {
+    code.match_indices(".unwrap()").map(|(start, _)| line_of(code, start)).collect()
+}
+
+/// Whether a file says first of all what it is for.
+fn opens_with_its_role(source: &str) -> bool {
+    source.starts_with("//! ")
+}
+
+#[test]
+fn pure_crates_have_no_effects() {
+    let mut complaints = Vec::new();
+    for name in PURE {
+        let files = production(&root().join("daemon").join(name));
+        assert!(!files.is_empty(), "`{name}` is gone, so this test looks at nothing");
+        for (path, code) in files {
+            complaints.extend(
+                effects(&code)
+                    .into_iter()
+                    .map(|(line, word)| format!("{}:{line}: `{word}`", path.display())),
+            );
+        }
+    }
+    none(&complaints, "the pure crates do not wait, read clocks or files, or log");
+}
+
+#[test]
+fn production_unwraps_nothing() {
+    let folders = ["daemon", "plugins"].map(|folder| root().join(folder));
+    let complaints: Vec<_> = folders
+        .iter()
+        .flat_map(|folder| production(folder))
+        .flat_map(|(path, code)| {
+            let at = move |line| format!("{}:{line}", path.display());
+            unwraps(&code).into_iter().map(at).collect::<Vec<_>>()
+        })
+        .collect();
+    none(&complaints, "production has no `unwrap()`: `expect(\"invariant: …\")` where proven");
+}
+
+#[test]
+fn every_file_opens_with_its_role() {
+    let complaints: Vec<_> = ["daemon", "plugins", "tests"]
+        .iter()
+        .flat_map(|folder| rust_files(&root().join(folder)))
+        .filter(|path| !opens_with_its_role(&read(path)))
+        .map(|path| path.display().to_string())
+        .collect();
+    none(&complaints, "every file opens with `//!`: what it is for, and what it leaves to others");
+}
+
+#[test]
+fn buildings_are_files_only() {
+    for folder in ["domains", "ecosystems"] {
+        assert!(root().join(folder).is_dir(), "`{folder}` is gone, so this test looks at nothing");
+        let rust: Vec<_> = rust_files(&root().join(folder))
+            .iter()
+            .map(|path| path.display().to_string())
+            .collect();
+        none(&rust, "`domains/` and `ecosystems/` hold no Rust");
+    }
+}
+
+// === the rules can fail ===
+
+#[test]
+fn effects_are_found_in_code_only() {
+    for (source, expected) in [
+        ("pub async fn wait() {}", 1),
+        ("use std::time::{Duration, Instant};", 1),
+        ("use std::{env, iter};", 1),
+        ("fn a() { println!(\"x\"); }", 1),
+        ("fn instantiate(task: Instantiation) {} // Instant, async", 0),
+        ("const HELP: &str = \"async println\";", 0),
+    ] {
+        assert_eq!(effects(&code(source)).len(), expected, "{source}");
+    }
+}
+
+#[test]
+fn unwraps_are_found_in_code_only() {
+    assert_eq!(unwraps(&code("fn a() {\n  b.unwrap();\n}")), [2]);
+    assert!(unwraps(&code("// b.unwrap()\nfn a() { b.unwrap_or(\".unwrap()\") }")).is_empty());
+}
+
+#[test]
+fn a_file_without_a_role_is_found() {
+    assert!(opens_with_its_role("//! What it is for.\n"));
+    assert!(!opens_with_its_role("use std::fmt;\n//! Late.\n"));
+}

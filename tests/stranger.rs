@@ -1,0 +1,181 @@
+//! What a stranger's tool hears on Zenoh (`althing/**`): the performatives of Table 1, in an order
+//! that the protocols allow; each bidder's own domain; no plan for another's actions.
+
+mod support;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::content::{Bid, Snapshot};
+use acl::{AgentId, DaemonId, EcosystemId, Message, Performative};
+use bytes::Bytes;
+use conversation::Transcript;
+use substrate::{Ask, Delivery, Inbound, Presence, Question, Resource, Substrate as _};
+use substrate_zenoh::{Config, Mode};
+use support::{Office, PATIENCE, stderr, stdout};
+use tokio::sync::mpsc;
+
+const DAEMONS: [&str; 5] =
+    ["reasoning", "conf-room-pi", "office1-pi", "office2-pi", "turtlebot-laptop"];
+
+const ROBOT: &str = "turtlebot-1";
+/// The robot carries it, so its actions are in the robot's plans.
+const CARRIED: &str = "ir-1";
+
+fn stranger(office: &Office, name: &str) -> Config {
+    let ecosystem = EcosystemId::new("smart-office").expect("a name");
+    let mut config = Config::new(ecosystem, DaemonId::new(name).expect("a name"));
+    config.mode = Mode::Client;
+    let socket = office.runtime_folder().join("smart-office/reasoning.sock");
+    config.connect = vec![format!("unixsock-stream/{}", socket.display())];
+    config
+}
+
+/// Asks for the temperatures while a stranger listens; everything that was said until the goal's
+/// last word.
+async fn listen(office: &Office) -> Vec<Message> {
+    let (tell, mut heard) = mpsc::unbounded_channel();
+    let _tap = substrate_zenoh::tap(stranger(office, "stranger"), move |_, payload: Bytes| {
+        let _ = tell.send(payload);
+    })
+    .await
+    .expect("the ecosystem runs");
+    let file = Office::file().display().to_string();
+    let asking = office.command(&["goal", "temperatures", "--ecosystem", &file]).output();
+    let output = tokio::task::spawn_blocking(|| asking).await.expect("no panic").expect("it runs");
+    assert!(output.status.success(), "{}{}", stdout(&output), stderr(&output));
+    let mut messages = Vec::new();
+    // Until a heartbeat that comes after the goal's last word: what was on its way has come.
+    let mut is_over = false;
+    loop {
+        let payload = tokio::time::timeout(PATIENCE, heard.recv()).await.expect("heartbeats come");
+        let Ok(message) = acl::decode(&payload.expect("the tap lives")) else { continue };
+        let sender = message.sender.as_str();
+        let is_beat = message.performative == Performative::Inform && sender == ROBOT;
+        if is_over && is_beat {
+            return messages;
+        }
+        is_over |= sender == "plan-requester" && message.content["outcome"] == "done";
+        messages.push(message);
+    }
+}
+
+#[track_caller]
+fn check_protocols(messages: &[Message]) {
+    let mut transcript = Transcript::new();
+    for message in messages {
+        if let Err(violation) = transcript.hear(message) {
+            panic!("{violation}: {message:#?}");
+        }
+    }
+}
+
+fn said(messages: &[Message]) -> BTreeSet<&'static str> {
+    messages.iter().map(|message| message.performative.as_str()).collect()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_decentralized_flow() {
+    let mut office = Office::new();
+    office.up(&DAEMONS, &["--mode", "decentralized"]);
+    await_offers(&office, 4).await;
+
+    let messages = listen(&office).await;
+
+    check_protocols(&messages);
+    let said = said(&messages);
+    for act in ["inform", "request", "cfp", "agree", "accept-proposal", "confirm"] {
+        assert!(said.contains(act), "{act} was not heard in {said:?}");
+    }
+    assert!(!said.contains("propose"), "the central planner was not asked");
+    check_bids(&messages);
+    check_domains(&office, &messages).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_centralized_flow() {
+    let mut office = Office::new();
+    office.up(&DAEMONS, &["--mode", "centralized"]);
+    await_offers(&office, 4).await;
+
+    let messages = listen(&office).await;
+
+    check_protocols(&messages);
+    let said = said(&messages);
+    for act in ["inform", "request", "propose", "accept-proposal", "agree", "confirm"] {
+        assert!(said.contains(act), "{act} was not heard in {said:?}");
+    }
+    assert!(!said.contains("cfp"), "nobody was called for proposals");
+}
+
+/// Every proposal is for the bidder's own actions, or those of what it carries.
+fn check_bids(messages: &[Message]) {
+    let mut bidders = 0;
+    for message in messages {
+        let Ok(bid) = message.content_as::<Bid>() else { continue };
+        bidders += 1;
+        let bidder = message.sender.as_str();
+        for proposal in &bid.proposals {
+            let plan = pddl::parse_plan(&proposal.plan).into_result().expect("a plan");
+            for step in &plan.steps {
+                let actor = step.arguments.first().expect("an agent").as_str();
+                let is_own = actor == bidder || (bidder == ROBOT && actor == CARRIED);
+                assert!(is_own, "`{bidder}` plans for `{actor}`: {step}");
+            }
+        }
+    }
+    assert!(bidders >= 3, "two thermometers and the robot bid, not {bidders}");
+}
+
+/// Every bidder planned in a domain of its own, with nobody else's actions in it.
+async fn check_domains(office: &Office, messages: &[Message]) {
+    let mut digests = BTreeMap::new();
+    for message in messages {
+        if let Ok(bid) = message.content_as::<Bid>() {
+            digests.insert(message.sender.clone(), bid.domain_digest);
+        }
+    }
+    let distinct: BTreeSet<_> = digests.values().collect();
+    assert_eq!(distinct.len(), digests.len(), "{digests:?}");
+    for bidder in digests.keys() {
+        let snapshot = ask_domain(office, bidder).await;
+        let offering: Vec<_> = snapshot.offers.keys().map(AgentId::as_str).collect();
+        let own: &[&str] =
+            if bidder.as_str() == ROBOT { &[CARRIED, ROBOT] } else { &[bidder.as_str()] };
+        assert_eq!(offering, own, "the local domain of `{bidder}`");
+    }
+}
+
+/// Hears nothing: a stranger that only asks.
+struct Deaf;
+
+impl Inbound for Deaf {
+    fn deliver(&self, _: Delivery) {}
+    fn presence(&self, _: Presence) {}
+    fn question(&self, _: Question) {}
+}
+
+async fn ask_domain(office: &Office, agent: &AgentId) -> Snapshot {
+    let config = stranger(office, "asker");
+    let session = config.open(Arc::new(Deaf)).await.expect("the ecosystem runs");
+    let ask = Ask { daemon: None, resource: Resource::Domain, agent: Some(agent.clone()) };
+    let deadline = tokio::time::Instant::now() + PATIENCE;
+    loop {
+        // Zenoh answers a question with nothing as long as it knows no one who could answer.
+        let answers = session.ask(ask.clone(), Duration::from_secs(5)).await;
+        if let Some(answer) = answers.first() {
+            return serde_json::from_slice(answer).expect("a snapshot");
+        }
+        assert!(tokio::time::Instant::now() < deadline, "`{agent}` does not answer");
+    }
+}
+
+/// Waits until so many agents can be planned with.
+async fn await_offers(office: &Office, count: usize) {
+    let maintainer = AgentId::new("domain-maintainer").expect("a name");
+    let deadline = tokio::time::Instant::now() + PATIENCE;
+    while ask_domain(office, &maintainer).await.offers.len() < count {
+        assert!(tokio::time::Instant::now() < deadline, "not all agents came");
+    }
+}

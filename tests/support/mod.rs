@@ -1,0 +1,165 @@
+//! Processes of a test: started in a folder of their own, awaited by what they say, ended by
+//! their handles.
+
+#![allow(dead_code, reason = "each test file uses its part")]
+
+use std::io::{BufRead as _, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::mpsc;
+use std::time::Duration;
+
+use tempfile::TempDir;
+
+/// How long anything may take on a machine that is busy with other tests: longer than a scenario
+/// gives itself, so that its own word is heard.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(90);
+
+/// The paper's office in a folder of its own, with daemons that end with it.
+pub(crate) struct Office {
+    folder: TempDir,
+    daemons: Vec<Daemon>,
+}
+
+/// One `althing up`.
+pub(crate) struct Daemon {
+    pub(crate) name: String,
+    child: Child,
+    lines: mpsc::Receiver<String>,
+}
+
+impl Office {
+    /// The repository's own smart office, fifty times as fast.
+    pub(crate) fn new() -> Office {
+        let folder = tempfile::Builder::new().prefix("alt-").tempdir().expect("a folder");
+        Office { folder, daemons: Vec::new() }
+    }
+
+    pub(crate) fn file() -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../ecosystems/smart-office.toml")
+    }
+
+    pub(crate) fn runtime_folder(&self) -> PathBuf {
+        self.folder.path().join("run")
+    }
+
+    /// Any `althing` command of this office.
+    pub(crate) fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_althing"));
+        command
+            .args(arguments)
+            .current_dir(self.folder.path())
+            .env("ALTHING_RUNTIME_DIR", self.runtime_folder())
+            .env("ALTHING_STATE_DIR", self.folder.path().join("state"))
+            .env("ALTHING_BUILDING__SOCKET", self.folder.path().join("building.sock"))
+            .env("ALTHING_BUILDING__TIME_SCALE", "0.02")
+            .stdin(Stdio::null());
+        command
+    }
+
+    /// Runs a command to its end.
+    pub(crate) fn run(&self, arguments: &[&str]) -> Output {
+        let mut child = self
+            .command(arguments)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the binary is built");
+        // A watchdog of our own: a command that hangs is ended and then fails its test.
+        let id = child.id();
+        let (done, is_done) = mpsc::channel::<()>();
+        let watchdog = std::thread::spawn(move || {
+            if is_done.recv_timeout(PATIENCE) == Err(mpsc::RecvTimeoutError::Timeout) {
+                let _ = Command::new("kill").args(["-KILL", &id.to_string()]).status();
+            }
+        });
+        let stdout = child.stdout.take().map(drain);
+        let stderr = child.stderr.take().map(drain);
+        let status = child.wait().expect("our child");
+        drop(done);
+        let _ = watchdog.join();
+        let read = |pipe: Option<std::thread::JoinHandle<Vec<u8>>>| {
+            pipe.and_then(|pipe| pipe.join().ok()).unwrap_or_default()
+        };
+        Output { status, stdout: read(stdout), stderr: read(stderr) }
+    }
+
+    /// Starts daemons one after the other, each when the one before is ready.
+    pub(crate) fn up(&mut self, names: &[&str], options: &[&str]) {
+        for name in names {
+            let file = Office::file().display().to_string();
+            let arguments = [&["up", &file, "--daemon", name], options].concat();
+            let mut child = self
+                .command(&arguments)
+                .stdout(Stdio::piped())
+                .spawn()
+                .expect("the binary is built");
+            let lines = lines(&mut child);
+            let daemon = Daemon { name: (*name).to_owned(), child, lines };
+            daemon.await_line("is ready");
+            self.daemons.push(daemon);
+        }
+    }
+
+    /// Sends a signal to a daemon's process, by its id.
+    pub(crate) fn signal(&self, name: &str, signal: &str) {
+        let daemon = self.daemons.iter().find(|daemon| daemon.name == name).expect("a daemon");
+        let id = daemon.child.id().to_string();
+        let sent = Command::new("kill").args([&format!("-{signal}"), &id]).status();
+        assert!(sent.expect("kill is there").success());
+    }
+}
+
+impl Drop for Office {
+    fn drop(&mut self) {
+        for daemon in &mut self.daemons {
+            let _ = daemon.child.kill();
+            let _ = daemon.child.wait();
+        }
+    }
+}
+
+impl Daemon {
+    /// Waits for a line that contains `text`.
+    pub(crate) fn await_line(&self, text: &str) -> String {
+        loop {
+            let line = self.lines.recv_timeout(PATIENCE);
+            let line = line.unwrap_or_else(|_| panic!("`{}` never said `{text}`", self.name));
+            if line.contains(text) {
+                return line;
+            }
+        }
+    }
+}
+
+/// The lines a process prints, read as they come so that it never waits for us.
+pub(crate) fn lines(child: &mut Child) -> mpsc::Receiver<String> {
+    let stdout = child.stdout.take().expect("piped");
+    let (tell, lines) = mpsc::channel();
+    std::thread::spawn(move || {
+        for line in BufReader::new(stdout).lines().map_while(Result::ok) {
+            if tell.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    lines
+}
+
+fn drain(mut pipe: impl std::io::Read + Send + 'static) -> std::thread::JoinHandle<Vec<u8>> {
+    std::thread::spawn(move || {
+        let mut bytes = Vec::new();
+        let _ = pipe.read_to_end(&mut bytes);
+        bytes
+    })
+}
+
+/// What a command printed on stdout.
+pub(crate) fn stdout(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// What a command printed on stderr.
+pub(crate) fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
