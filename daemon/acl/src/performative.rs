@@ -79,8 +79,8 @@ impl Performative {
     /// Whether a message of this type, sent to one agent, is a commitment or an answer to one:
     /// retried until a receipt comes (design, “Zenoh promises less than it seems”).
     ///
-    /// `cfp` and `inform` tolerate loss: the round closes at its deadline, the next heartbeat
-    /// repeats what was missed. A `not-understood` is never retried, so that two agents that do
+    /// `cfp` and `inform` tolerate loss: whoever calls reminds those who are silent until the round
+    /// closes, and the next heartbeat repeats what was missed. A `not-understood` is never retried, so that two agents that do
     /// not understand each other fall silent.
     pub fn is_retried(self) -> bool {
         !matches!(self, Performative::Cfp | Performative::Inform | Performative::NotUnderstood)

@@ -237,6 +237,7 @@ impl<A: Agent> Life<A> {
             Letter::Broadcast(message) => {
                 let callback = self.callbacks.broadcast(message.performative);
                 if let Some(callback) = callback
+                    && self.ctx.communication.is_new(&message)
                     && self.ctx.communication.engage(&message)
                 {
                     callback(&mut self.agent, Message::clone(&message), &mut self.ctx);

@@ -201,14 +201,15 @@ impl CommunicationAgent {
         opening: Opening,
         token: &ReplyToken,
         patience: Duration,
-    ) -> Result<(), Undelivered> {
+    ) -> (Message, Result<(), Undelivered>) {
         let Opening { to, performative, protocol, conversation, content } = opening;
         let mut message = self.message(performative, conversation, content);
         message.protocol = Some(protocol);
         message.reply_with = Some(token.clone());
         message.reply_by = Some(Deadline(patience));
         message.receiver.extend(to);
-        self.post(&message, patience)
+        let sent = self.post(&message, patience);
+        (message, sent)
     }
 
     /// Answers as the participant of an exchange.
@@ -265,6 +266,12 @@ impl CommunicationAgent {
         Ok(())
     }
 
+    /// Sends a message once more, as it was.
+    pub(crate) fn repeat(&self, to: &AgentId, message: &Message) {
+        tracing::debug!(agent = %self.id, %to, id = %message.id, "repeats");
+        self.switchboard.send(to, Subject::Message(message.performative), acl::encode(message));
+    }
+
     /// An answer replaces the receipt of the opening it answers. It does not replace that of a
     /// `cancel`: the answer may have crossed it.
     fn settle_receipt(&mut self, to: &AgentId, exchange: Option<&ReplyToken>) {
@@ -319,6 +326,12 @@ impl CommunicationAgent {
     }
 
     // === hearing ===
+
+    /// Whether a message to all is new. Only those that open an exchange are sent again, to
+    /// whoever did not answer; of the others the newest counts.
+    pub(crate) fn is_new(&mut self, message: &Message) -> bool {
+        message.reply_with.is_none() || self.seen.note(&message.id)
+    }
 
     /// Opens a letter: what is in it is new and readable, or it is dealt with here.
     pub(crate) fn read(&mut self, payload: &[u8]) -> Opened {

@@ -48,7 +48,12 @@ pub struct Exchanges {
 }
 
 struct Open<A: Agent> {
-    opening: (acl::Protocol, ConversationId, Option<AgentId>),
+    protocol: acl::Protocol,
+    conversation: ConversationId,
+    /// Whom it was opened with; `None`: all.
+    to: Option<AgentId>,
+    /// What was said, if nobody else repeats it.
+    call: Option<Box<Message>>,
     /// One per participant that has answered, begun from this.
     begun: Exchange,
     participants: BTreeMap<AgentId, Exchange>,
@@ -143,23 +148,29 @@ impl<A: Agent> Context<A> {
         on_answer: impl FnMut(&mut A, Answer, &mut Context<A>) + Send + 'static,
     ) -> ReplyToken {
         let token = self.communication.token();
-        let about = (opening.protocol, opening.conversation.clone(), opening.to.clone());
         let mut begun = Exchange::new(opening.protocol, self.id().clone());
         let expired = token.clone();
         let timer = self.after(patience, move |agent, ctx| {
             ctx.end(agent, &expired, Answer::Silence);
         });
-        let sent = self.communication.open(opening.clone(), &token, patience);
-        let mut heard =
-            self.communication.message(opening.performative, opening.conversation, Value::Null);
-        heard.reply_with = Some(token.clone());
-        if let Err(violation) = begun.advance(&heard) {
+        let (protocol, conversation) = (opening.protocol, opening.conversation.clone());
+        let (opening, sent) = self.communication.open(opening, &token, patience);
+        if let Err(violation) = begun.advance(&opening) {
             tracing::error!(agent = %self.id(), %violation, "this agent opens out of turn");
         }
         let participants = BTreeMap::new();
         let on_answer: OnAnswer<A> = Box::new(on_answer);
         let on_answer = Some(on_answer);
-        let open = Open { opening: about, begun, participants, timer, on_answer };
+        let open = Open {
+            protocol,
+            conversation,
+            to: opening.receiver.first().cloned(),
+            call: (!opening.performative.is_retried()).then(|| Box::new(opening)),
+            begun,
+            participants,
+            timer,
+            on_answer,
+        };
         self.exchanges.insert(token.clone(), open);
         if let Err(why) = sent {
             let failed = token.clone();
@@ -168,6 +179,16 @@ impl<A: Agent> Context<A> {
             });
         }
         token
+    }
+
+    /// Repeats the `cfp` that opened an exchange to `agent`, who has not answered: a call has no
+    /// receipts, and whoever has just come may not have heard it. Those who did hear it hear
+    /// nothing new.
+    pub fn remind(&mut self, token: &ReplyToken, agent: &AgentId) {
+        let call = self.exchanges.get(token).and_then(|open| open.call.as_deref());
+        let Some(mut message) = call.cloned() else { return };
+        message.receiver = vec![agent.clone()];
+        self.communication.repeat(agent, &message);
     }
 
     /// Goes on as the initiator of an exchange: `cancel`, `accept-proposal`, `reject-proposal`.
@@ -179,7 +200,7 @@ impl<A: Agent> Context<A> {
         content: Value,
     ) {
         let Some(open) = self.exchanges.get(token) else { return };
-        let (protocol, conversation, _) = open.opening.clone();
+        let (protocol, conversation) = (open.protocol, open.conversation.clone());
         let mut message = self.communication.message(performative, conversation, content);
         message.protocol = Some(protocol);
         message.in_reply_to = Some(token.clone());
@@ -337,7 +358,7 @@ impl<A: Agent> Context<A> {
             self.communication.not_understood(&message, Reason::OutOfTurn, detail);
             return None;
         }
-        let is_closed = exchange.is_closed() && open.opening.2.is_some();
+        let is_closed = exchange.is_closed() && open.to.is_some();
         self.call_back(agent, token, Answer::Message(message));
         if is_closed {
             self.communication.forget_exchange(token);

@@ -154,6 +154,14 @@ impl Room {
         self.there.launch(self.worker.take().expect("works once"), "worker", 1);
     }
 
+    /// The worker's daemon hears nothing of the next messages.
+    fn loses(&mut self, count: u32) {
+        let inner = Arc::clone(&self.there.switchboard);
+        let deaf = Arc::new(Lossy { inner, lose: std::sync::atomic::AtomicU32::new(count) });
+        let daemon = self.there.switchboard.daemon().clone();
+        self.there.port = self.network.open(daemon, deaf);
+    }
+
     /// The next line the asker hears.
     async fn hears(&mut self) -> String {
         self.heard.recv().await.expect("the asker lives")
@@ -206,19 +214,82 @@ async fn a_death_in_the_middle_is_silence_not_for_ever() {
 async fn lost_messages_are_retried_and_acted_on_once() {
     let mut room = room(30 * SECOND, SECOND);
     // The worker's daemon hears nothing of the first two tries.
-    let deaf = Arc::new(Lossy {
-        inner: Arc::clone(&room.there.switchboard),
-        lose: std::sync::atomic::AtomicU32::new(2),
-    });
-    let daemon = room.there.switchboard.daemon().clone();
-    let port = room.network.open(daemon, deaf);
-    room.there.port = port;
+    room.loses(2);
     room.work();
     room.ask();
     assert_eq!(room.hears().await, "agree 1");
     assert_eq!(room.hears().await, "confirm 1");
     assert_eq!((room.did().await, room.did().await), ("began", "done"));
     assert!(room.done.try_recv().is_err(), "once only");
+}
+
+/// Calls everyone once, and reminds `bidder` every second.
+struct Caller {
+    heard: mpsc::UnboundedSender<String>,
+}
+
+impl Agent for Caller {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        let opening = Opening {
+            to: None,
+            performative: Performative::Cfp,
+            protocol: Protocol::ContractNet,
+            conversation: ConversationId::new("c"),
+            content: serde_json::Value::Null,
+        };
+        let token = ctx.open(opening, 30 * SECOND, |caller: &mut Self, answer, _| {
+            let _ =
+                caller.heard.send(format!("{answer:?}").split('(').next().into_iter().collect());
+        });
+        for after in 1..=3 {
+            let token = token.clone();
+            ctx.after(after * SECOND, move |_, ctx| ctx.remind(&token, &name("bidder")));
+        }
+    }
+}
+
+/// Writes down each call it hears, and refuses it.
+struct Bidder {
+    done: mpsc::UnboundedSender<&'static str>,
+}
+
+impl Agent for Bidder {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+            .on(Performative::Cfp, |bidder: &mut Self, message, ctx| {
+                bidder.refuse(&message, "reminded", ctx);
+            })
+            .on_broadcast(Performative::Cfp, |bidder: &mut Self, message, ctx| {
+                bidder.refuse(&message, "called", ctx);
+            })
+    }
+}
+
+impl Bidder {
+    fn refuse(&mut self, message: &Message, how: &'static str, ctx: &mut Context<Self>) {
+        let _ = self.done.send(how);
+        ctx.refuse(&Engagement::of(message), Reason::Incapable, "not mine");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_call_is_heard_once_however_often_it_is_repeated() {
+    for (lost, expected) in [(0, "called"), (1, "reminded"), (2, "reminded")] {
+        let mut room = room(SECOND, SECOND);
+        room.loses(lost);
+        let (done, mut did) = mpsc::unbounded_channel();
+        room.there.launch(Bidder { done }, "bidder", 1);
+        let (heard, mut hears) = mpsc::unbounded_channel();
+        room.here.launch(Caller { heard }, "caller", 1);
+        assert_eq!(did.recv().await, Some(expected), "{lost} lost");
+        assert_eq!(hears.recv().await.as_deref(), Some("Message"));
+        tokio::time::sleep(5 * SECOND).await;
+        assert!(did.try_recv().is_err() && hears.try_recv().is_err(), "once only, {lost} lost");
+    }
 }
 
 /// Loses the first messages to its daemon's agents.
@@ -230,7 +301,11 @@ struct Lossy {
 impl substrate::Inbound for Lossy {
     fn deliver(&self, delivery: substrate::Delivery) {
         use std::sync::atomic::Ordering::Relaxed;
-        let lossy = matches!(delivery.addressed, Addressed::To(_, Subject::Message(_)));
+        let lossy = match &delivery.addressed {
+            Addressed::To(_, subject) => matches!(subject, Subject::Message(_)),
+            Addressed::All(_, performative) => *performative == Performative::Cfp,
+            Addressed::Beat(_) => false,
+        };
         if lossy && self.lose.fetch_update(Relaxed, Relaxed, |left| left.checked_sub(1)).is_ok() {
             return;
         }

@@ -5,6 +5,7 @@
 //! cheapest for several conjuncts alone, a second round asks it for all of them together.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
 
 use acl::content::{Bid, CallForProposals, Choice, Proposal, Refusal, value};
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
@@ -22,14 +23,17 @@ pub(crate) struct Call {
     known: Known,
     open: Vec<Condition>,
     conjuncts: Vec<String>,
-    /// Who has not answered yet, by round.
-    awaited: BTreeSet<AgentId>,
+    /// Who has not answered in this round, and in which exchange.
+    awaited: BTreeMap<AgentId, ReplyToken>,
     bids: Bids,
     refusals: BTreeMap<AgentId, String>,
     /// The exchange in which each proposal was made.
     made_in: Vec<(AgentId, Vec<String>, ReplyToken)>,
     tokens: Vec<ReplyToken>,
+    /// Ends the round.
     timer: TimerId,
+    /// Reminds the silent.
+    reminder: TimerId,
     is_second_round: bool,
 }
 
@@ -42,6 +46,7 @@ impl Call {
     /// Tells every bidder how it went, and stops listening.
     fn settle(self, chosen: Option<&Selection>, why: &str, ctx: &mut Context<PlanRequester>) {
         ctx.forget(self.timer);
+        ctx.forget(self.reminder);
         let mut judged = BTreeSet::new();
         for (agent, covers, token) in &self.made_in {
             let is_chosen = chosen.is_some_and(|selection| {
@@ -80,14 +85,16 @@ impl PlanRequester {
     ) {
         let conjuncts: Vec<_> = open.iter().map(ToString::to_string).collect();
         let here = ctx.directory();
-        let awaited: BTreeSet<_> =
+        let called: Vec<_> =
             known.offers.keys().filter(|agent| here.find(agent).is_some()).cloned().collect();
-        if awaited.is_empty() {
+        if called.is_empty() {
             return self.no_plan(id, explain(&known, &open, "nobody here offers any action"), ctx);
         }
         let content = CallForProposals { conjuncts: conjuncts.clone(), together: false };
         let token = self.open_call(id, None, content, ctx);
         let timer = self.round_timer(id, ctx);
+        let reminder = self.reminder(id, ctx.settings().retry_first, ctx);
+        let awaited = called.into_iter().map(|agent| (agent, token.clone())).collect();
         let call = Call {
             known,
             open,
@@ -98,6 +105,7 @@ impl PlanRequester {
             made_in: Vec::new(),
             tokens: vec![token],
             timer,
+            reminder,
             is_second_round: false,
         };
         if let Some(goal) = self.goals.get_mut(id) {
@@ -133,6 +141,27 @@ impl PlanRequester {
         let called = id.clone();
         let deadline = ctx.settings().proposals_deadline;
         ctx.after(deadline, move |requester: &mut Self, ctx| requester.close_round(&called, ctx))
+    }
+
+    /// Reminds those who are silent `after` a while, and again, ever more rarely, until the round
+    /// ends.
+    fn reminder(
+        &mut self,
+        id: &ConversationId,
+        after: Duration,
+        ctx: &mut Context<Self>,
+    ) -> TimerId {
+        let called = id.clone();
+        ctx.after(after, move |requester: &mut Self, ctx| {
+            let Some(call) = requester.calling(&called) else { return };
+            for (agent, token) in &call.awaited {
+                ctx.remind(token, agent);
+            }
+            let next = requester.reminder(&called, after * 2, ctx);
+            if let Some(call) = requester.calling(&called) {
+                call.reminder = next;
+            }
+        })
     }
 
     fn calling(&mut self, id: &ConversationId) -> Option<&mut Call> {
@@ -173,7 +202,7 @@ impl PlanRequester {
         let ids: Vec<_> = self.goals.keys().cloned().collect();
         for id in ids {
             let Some(call) = self.calling(&id) else { continue };
-            if call.awaited.remove(agent) && call.awaited.is_empty() {
+            if call.awaited.remove(agent).is_some() && call.awaited.is_empty() {
                 self.close_round(&id, ctx);
             }
         }
@@ -182,7 +211,8 @@ impl PlanRequester {
     fn close_round(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(call) = self.calling(id) else { return };
         ctx.forget(call.timer);
-        let silent: Vec<_> = call.awaited.iter().map(ToString::to_string).collect();
+        ctx.forget(call.reminder);
+        let silent: Vec<_> = call.awaited.keys().map(ToString::to_string).collect();
         if !silent.is_empty() {
             tracing::info!(conversation = %id, silent = silent.join(", "), "no answer to the call");
         }
@@ -201,18 +231,19 @@ impl PlanRequester {
         ctx: &mut Context<Self>,
     ) {
         let timer = self.round_timer(id, ctx);
-        let mut tokens = Vec::new();
-        let mut awaited = BTreeSet::new();
+        let reminder = self.reminder(id, ctx.settings().retry_first, ctx);
+        let mut awaited = BTreeMap::new();
         for (agent, conjuncts) in wanted {
             let content = CallForProposals { conjuncts, together: true };
-            tokens.push(self.open_call(id, Some(agent.clone()), content, ctx));
-            awaited.insert(agent);
+            let token = self.open_call(id, Some(agent.clone()), content, ctx);
+            awaited.insert(agent, token);
         }
         let Some(call) = self.calling(id) else { return };
         call.is_second_round = true;
-        call.tokens.extend(tokens);
+        call.tokens.extend(awaited.values().cloned());
         call.awaited = awaited;
         call.timer = timer;
+        call.reminder = reminder;
     }
 
     fn choose(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
