@@ -144,6 +144,7 @@ async fn live<A: Agent>(agent: A, berth: Berth) -> Result<(), LaunchError> {
     let mut life =
         Life { agent, callbacks, ctx, mailbox, presence, told, finished, stopping, _token };
     let end = life.run().await;
+    life.ctx.communication.send_receipts();
     switchboard.dismiss(&id, incarnation);
     end
 }
@@ -173,7 +174,6 @@ impl<A: Agent> Life<A> {
             let event = self.next_event(draining).await;
             draining |= matches!(event, Event::Stopping);
             self.handle(event);
-            self.ctx.communication.flush_receipt();
             if let Some(holder) = self.usurped() {
                 return Err(LaunchError::NameTaken { holder });
             }
@@ -243,7 +243,7 @@ impl<A: Agent> Life<A> {
                     callback(&mut self.agent, Message::clone(&message), &mut self.ctx);
                 }
             }
-            Letter::Receipt(id) => self.ctx.communication.receipt(&id),
+            Letter::Receipts(ids) => self.ctx.communication.received(&ids),
             Letter::Question(question) => self.asked(&question),
         }
     }

@@ -18,13 +18,13 @@ use acl::{
     AgentId, ConversationId, Deadline, DecodeError, Incarnation, Message, MessageId, Performative,
     Protocol, ReplyToken, SCHEMA_VERSION,
 };
-use bytes::Bytes;
 use conversation::{Exchange, Phase, Seen};
 use serde_json::{Map, Value};
 use substrate::{Presence, Subject};
 use tokio::time::Instant;
 
 use crate::outbox::{Due, Outbox, Parcel};
+use crate::receipts::Receipts;
 use crate::switchboard::Switchboard;
 
 /// Messages remembered as heard: more than a peer has under way while it retries any of them.
@@ -116,9 +116,7 @@ pub(crate) struct CommunicationAgent {
     seen: Seen,
     engagements: BTreeMap<(ReplyToken, AgentId), Exchange>,
     engagements_order: VecDeque<(ReplyToken, AgentId)>,
-    /// The message that is being handled, if a receipt for it is owed, and the exchange it
-    /// opened.
-    owed: Option<(AgentId, MessageId, Option<ReplyToken>)>,
+    receipts: Receipts,
     messages_sent: u64,
 }
 
@@ -145,6 +143,7 @@ impl CommunicationAgent {
         ontology: Arc<str>,
     ) -> CommunicationAgent {
         let outbox = Outbox::new(switchboard.settings());
+        let receipts = Receipts::new(switchboard.settings().retry_first);
         CommunicationAgent {
             id,
             incarnation,
@@ -154,7 +153,7 @@ impl CommunicationAgent {
             seen: Seen::new(SEEN_MESSAGES_MAX),
             engagements: BTreeMap::new(),
             engagements_order: VecDeque::new(),
-            owed: None,
+            receipts,
             messages_sent: 0,
         }
     }
@@ -244,7 +243,9 @@ impl CommunicationAgent {
             self.switchboard.broadcast(&self.id, message.performative, payload);
             return Ok(());
         };
-        self.settle_receipt(to, message.in_reply_to.as_ref());
+        if let Some(exchange) = &message.in_reply_to {
+            self.receipts.answered(to, exchange);
+        }
         let resident = self.switchboard.find(to);
         if message.performative.is_retried() {
             let parcel = Parcel {
@@ -272,21 +273,9 @@ impl CommunicationAgent {
         self.switchboard.send(to, Subject::Message(message.performative), acl::encode(message));
     }
 
-    /// An answer replaces the receipt of the opening it answers. It does not replace that of a
-    /// `cancel`: the answer may have crossed it.
-    fn settle_receipt(&mut self, to: &AgentId, exchange: Option<&ReplyToken>) {
-        let replaced = self.owed.as_ref().is_some_and(|(sender, _, opened)| {
-            sender == to && exchange.is_some() && opened.as_ref() == exchange
-        });
-        if replaced {
-            self.owed = None;
-        }
-    }
-
-    /// Sends the receipt of the message that was just handled, unless an answer has gone out.
-    pub(crate) fn flush_receipt(&mut self) {
-        if let Some((to, id, _)) = self.owed.take() {
-            let payload = Bytes::copy_from_slice(id.as_str().as_bytes());
+    /// Sends the receipts that are owed.
+    pub(crate) fn send_receipts(&mut self) {
+        for (to, payload) in self.receipts.take() {
             self.switchboard.send(&to, Subject::Receipt, payload);
         }
     }
@@ -344,7 +333,8 @@ impl CommunicationAgent {
         };
         if message.performative.is_retried() {
             let opened = message.in_reply_to.is_none().then(|| message.reply_with.clone());
-            self.owed = Some((message.sender.clone(), message.id.clone(), opened.flatten()));
+            let (sender, id) = (message.sender.clone(), message.id.clone());
+            self.receipts.owe(sender, id, opened.flatten(), Instant::now());
         }
         if !self.seen.note(&message.id) {
             tracing::debug!(agent = %self.id, id = %message.id, "heard before");
@@ -424,8 +414,10 @@ impl CommunicationAgent {
 
     // === time and presence ===
 
-    pub(crate) fn receipt(&mut self, id: &MessageId) {
-        self.outbox.received(id);
+    pub(crate) fn received(&mut self, ids: &[MessageId]) {
+        for id in ids {
+            self.outbox.received(id);
+        }
     }
 
     pub(crate) fn forget_exchange(&mut self, exchange: &ReplyToken) {
@@ -433,12 +425,16 @@ impl CommunicationAgent {
     }
 
     pub(crate) fn next_due(&self) -> Option<Instant> {
-        self.outbox.next_due()
+        self.outbox.next_due().into_iter().chain(self.receipts.due()).min()
     }
 
-    /// Sends what is due again; yields the exchanges whose messages nobody will receive.
+    /// Sends what is due, or due again; yields the exchanges whose messages nobody will receive.
     pub(crate) fn retry(&mut self) -> Vec<(ReplyToken, Undelivered)> {
-        let due = self.outbox.due(Instant::now());
+        let now = Instant::now();
+        if self.receipts.due().is_some_and(|due| due <= now) {
+            self.send_receipts();
+        }
+        let due = self.outbox.due(now);
         self.carry_out(due)
     }
 

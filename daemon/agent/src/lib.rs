@@ -19,6 +19,7 @@ mod directory;
 mod mailbox;
 mod outbox;
 mod plugin;
+mod receipts;
 mod settings;
 mod switchboard;
 pub mod upkeep;

@@ -14,7 +14,7 @@ pub(crate) enum Letter {
     /// A message to all that this agent listens to; read once for the whole daemon.
     Broadcast(Arc<Message>),
     /// A receipt for a message of this agent.
-    Receipt(MessageId),
+    Receipts(Vec<MessageId>),
     /// A question that this agent may answer.
     Question(Question),
 }

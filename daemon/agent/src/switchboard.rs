@@ -26,6 +26,7 @@ use tokio::sync::broadcast;
 
 use crate::directory::Directory;
 use crate::mailbox::{Letter, Mailbox, Slot, mailbox};
+use crate::receipts;
 use crate::settings::Settings;
 
 /// Changes of presence an agent may lag behind before it compares directories instead.
@@ -331,8 +332,7 @@ impl Inbound for Switchboard {
                 self.deliver_to(&agent, Letter::Direct(payload));
             }
             Addressed::To(agent, Subject::Receipt) => {
-                let id = MessageId::new(&String::from_utf8_lossy(&payload));
-                self.deliver_to(&agent, Letter::Receipt(id));
+                self.deliver_to(&agent, Letter::Receipts(receipts::read(&payload)));
             }
             Addressed::All(sender, _) | Addressed::Beat(sender) => {
                 self.deliver_to_all(&payload, &sender);

@@ -1,0 +1,144 @@
+//! Receipts this agent owes: sent together a little later, or never where an answer is faster.
+//!
+//! A receipt stops the sender's retries, and nothing waits for it otherwise. So it may come as
+//! late as well before the first retry, and one message carries all that are owed to a sender.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use acl::{AgentId, MessageId, ReplyToken};
+use bytes::Bytes;
+use tokio::time::Instant;
+
+/// Receipts that wait at most; one more sends them all.
+const OWED_MAX: usize = 256;
+
+/// The receipts that an agent owes to others.
+#[derive(Debug)]
+pub(crate) struct Receipts {
+    owed: Vec<Owed>,
+    /// How long the first of them may wait.
+    delay: Duration,
+    due: Option<Instant>,
+}
+
+#[derive(Debug)]
+struct Owed {
+    to: AgentId,
+    message: MessageId,
+    /// The exchange that the message opened: its answer replaces the receipt.
+    opened: Option<ReplyToken>,
+}
+
+impl Receipts {
+    /// None owed. Senders retry after `retry_first`; a fifth of that leaves time for the way.
+    pub(crate) fn new(retry_first: Duration) -> Receipts {
+        Receipts { owed: Vec::new(), delay: retry_first / 5, due: None }
+    }
+
+    /// A message was heard.
+    pub(crate) fn owe(
+        &mut self,
+        to: AgentId,
+        message: MessageId,
+        opened: Option<ReplyToken>,
+        now: Instant,
+    ) {
+        let latest = if self.owed.len() >= OWED_MAX { now } else { now + self.delay };
+        self.due = Some(self.due.map_or(latest, |due| due.min(latest)));
+        self.owed.push(Owed { to, message, opened });
+    }
+
+    /// An answer goes out, which replaces the receipt of what it answers. It does not replace
+    /// that of a `cancel`: the answer may have crossed it.
+    pub(crate) fn answered(&mut self, to: &AgentId, exchange: &ReplyToken) {
+        self.owed.retain(|owed| owed.to != *to || owed.opened.as_ref() != Some(exchange));
+        if self.owed.is_empty() {
+            self.due = None;
+        }
+    }
+
+    /// When they are to be sent.
+    pub(crate) fn due(&self) -> Option<Instant> {
+        self.due
+    }
+
+    /// All that are owed, by whom they are owed to.
+    pub(crate) fn take(&mut self) -> BTreeMap<AgentId, Bytes> {
+        self.due = None;
+        let mut letters: BTreeMap<AgentId, Vec<MessageId>> = BTreeMap::new();
+        for Owed { to, message, .. } in self.owed.drain(..) {
+            letters.entry(to).or_default().push(message);
+        }
+        letters.into_iter().map(|(to, messages)| (to, write(&messages))).collect()
+    }
+}
+
+/// The receipts of these messages, as they travel: a JSON list of their ids.
+fn write(messages: &[MessageId]) -> Bytes {
+    let ids: Vec<_> = messages.iter().map(MessageId::as_str).collect();
+    serde_json::to_vec(&ids).map(Bytes::from).unwrap_or_default()
+}
+
+/// The messages that a letter of receipts names; of garbage, none.
+pub(crate) fn read(payload: &[u8]) -> Vec<MessageId> {
+    let ids: Vec<String> = serde_json::from_slice(payload).unwrap_or_default();
+    ids.iter().map(|id| MessageId::new(id)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RETRY: Duration = Duration::from_millis(100);
+
+    fn name(text: &str) -> AgentId {
+        AgentId::new(text).expect("a name")
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn they_wait_a_little_and_go_together() {
+        let mut receipts = Receipts::new(RETRY);
+        let now = Instant::now();
+        assert_eq!(receipts.due(), None);
+        for (to, message, later) in [("a", "1", 0), ("b", "2", 5), ("a", "3", 9)] {
+            let then = now + Duration::from_millis(later);
+            receipts.owe(name(to), MessageId::new(message), None, then);
+        }
+        assert_eq!(receipts.due(), Some(now + RETRY / 5));
+
+        let letters = receipts.take();
+
+        assert_eq!(read(&letters[&name("a")]), ["1", "3"].map(MessageId::new));
+        assert_eq!(read(&letters[&name("b")]), ["2"].map(MessageId::new));
+        assert_eq!((receipts.due(), receipts.take().len()), (None, 0));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_answer_replaces_the_receipt_of_what_it_answers_only() {
+        let mut receipts = Receipts::new(RETRY);
+        let (exchange, now) = (ReplyToken::new("e"), Instant::now());
+        receipts.owe(name("a"), MessageId::new("request"), Some(exchange.clone()), now);
+        receipts.owe(name("a"), MessageId::new("cancel"), None, now);
+        receipts.answered(&name("b"), &exchange);
+        receipts.answered(&name("a"), &exchange);
+        assert_eq!(read(&receipts.take()[&name("a")]), [MessageId::new("cancel")]);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn so_many_do_not_wait() {
+        let mut receipts = Receipts::new(RETRY);
+        let now = Instant::now();
+        for _ in 0..=OWED_MAX {
+            receipts.owe(name("a"), MessageId::new("m"), None, now);
+        }
+        assert_eq!(receipts.due(), Some(now));
+    }
+
+    #[test]
+    fn garbage_is_no_receipt() {
+        for garbage in ["", "m1", "{}", "[1]", "[\"a\""] {
+            assert_eq!(read(garbage.as_bytes()), [], "{garbage}");
+        }
+    }
+}
