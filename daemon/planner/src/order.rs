@@ -5,7 +5,7 @@
 //! respects this leads to the same end (tests try them all). It is not the weakest such order, which
 //! is hard to find; it is one that always holds.
 
-use pddl::{Domain, Plan, Problem};
+use pddl::{Domain, Plan, PlanStep, Problem};
 
 use crate::outcome::PlanError;
 use crate::validate::{Footprint, World};
@@ -22,12 +22,32 @@ pub struct PartialOrder {
 pub fn deorder(domain: &Domain, problem: &Problem, plan: &Plan) -> Result<PartialOrder, PlanError> {
     let world = World::initial(domain, problem).map_err(PlanError::BadInput)?;
     let footprints: Vec<Footprint> = plan.steps.iter().map(|step| world.footprint(step)).collect();
-    let must_wait = |later: usize, earlier: usize| {
-        let (later, earlier) = (&footprints[later], &footprints[earlier]);
-        let same_agent = later.agent.is_some() && later.agent == earlier.agent;
-        same_agent || later.conflicts(earlier)
-    };
+    let must_wait =
+        |later: usize, earlier: usize| footprints[later].must_wait_for(&footprints[earlier]);
     Ok(PartialOrder::reduced(footprints.len(), must_wait))
+}
+
+/// The first pair of steps of two plans, ours and theirs, whose order may matter; `None` if both
+/// plans can run side by side, however their steps interleave.
+pub fn interference(
+    domain: &Domain,
+    problem: &Problem,
+    ours: &[PlanStep],
+    theirs: &[PlanStep],
+) -> Result<Option<(usize, usize)>, PlanError> {
+    let world = World::initial(domain, problem).map_err(PlanError::BadInput)?;
+    let footprints = |steps: &[PlanStep]| -> Vec<Footprint> {
+        steps.iter().map(|step| world.footprint(step)).collect()
+    };
+    let (ours, theirs) = (footprints(ours), footprints(theirs));
+    let pairs = ours.iter().enumerate().flat_map(|(our_index, our)| {
+        let theirs = theirs.iter().enumerate();
+        theirs.map(move |(their_index, their)| ((our_index, our), (their_index, their)))
+    });
+    Ok(pairs
+        .filter(|((_, our), (_, their))| our.must_wait_for(their))
+        .map(|((our_index, _), (their_index, _))| (our_index, their_index))
+        .next())
 }
 
 // === impl PartialOrder ===

@@ -25,14 +25,20 @@ pub(crate) struct Footprint {
     predicates_read: BTreeSet<Name>,
     functions_read: BTreeSet<Name>,
     /// Who acts, if the action says so.
-    pub(crate) agent: Option<Name>,
+    agent: Option<Name>,
 }
 
 // === impl Footprint ===
 
 impl Footprint {
+    /// Whether the order of two steps may matter, or one agent does both.
+    pub(crate) fn must_wait_for(&self, earlier: &Footprint) -> bool {
+        let same_agent = self.agent.is_some() && self.agent == earlier.agent;
+        same_agent || self.conflicts(earlier)
+    }
+
     /// Whether the order of two steps may matter.
-    pub(crate) fn conflicts(&self, other: &Footprint) -> bool {
+    fn conflicts(&self, other: &Footprint) -> bool {
         self.overwrites(other) || other.overwrites(self)
     }
 

@@ -2,7 +2,7 @@
 
 use expect_test::{Expect, expect};
 use pddl::{Domain, Plan, Problem};
-use planner::order::{PartialOrder, deorder};
+use planner::order::{PartialOrder, deorder, interference};
 use planner::{Verdict, validate};
 
 use crate::support::{domain, parse, problem};
@@ -89,5 +89,29 @@ fn branches_axioms_and_numbers_keep_their_order_and_total_cost_does_not() {
         &problem("(:init (= (n) 0)) (:goal (and (b) (e) (not (c))))"),
         "(branch) (count) (ask) (use-d)",
         expect!["[[], [], [1], [0, 2]], 3 orders"],
+    );
+}
+
+/// Two plans of one office, and which of their steps may not be interleaved.
+#[track_caller]
+fn check_interference(ours: &str, theirs: &str, expected: Option<(usize, usize)>) {
+    let problem = MORNING.replace("(forall (?r - room) (known-temperature ?r))", "(and)");
+    let (domain, problem) = parse(OFFICE, &problem);
+    let steps = |plan| pddl::parse_plan(plan).into_result().expect("the plan parses").steps;
+    let found = interference(&domain, &problem, &steps(ours), &steps(theirs));
+    assert_eq!(found.expect("makes sense"), expected, "{ours} beside {theirs}");
+}
+
+#[test]
+fn plans_that_share_an_agent_or_a_fact_interfere() {
+    let measure = "(measure-temperature ir-1 turtlebot-1 office3)";
+    check_interference("(move turtlebot-2 lab hall)", "(move turtlebot-1 hall office3)", None);
+    check_interference("(move turtlebot-2 lab hall)", measure, None);
+    let both = format!("(report-temperature thermo1 office1) {measure}");
+    check_interference(&both, "(move turtlebot-1 office3 hall)", Some((1, 0)));
+    check_interference(
+        "(report-temperature thermo1 office1)",
+        "(report-temperature thermo1 office1)",
+        Some((0, 0)),
     );
 }
