@@ -391,6 +391,11 @@ pub enum Inform {
     Heartbeat(Heartbeat),
     /// The Domain Maintainer: a new capability epoch or a changed state, and what changed.
     Epoch(EpochChange),
+    /// A Keyboard: what the person answers to a [`Question`].
+    Answer {
+        /// In the person's words.
+        text: String,
+    },
 }
 
 /// An actuator's whole self-description.

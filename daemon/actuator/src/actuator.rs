@@ -18,6 +18,7 @@ use planner::Cancel;
 
 use crate::bidding::bid;
 use crate::device::{Call, Description, Device, Failure, Performed};
+use crate::initiative::Initiatives;
 use crate::ledger::{Ledger, StateFolder};
 
 /// Calls for proposals that are answered side by side; more are refused. Each takes a thread for
@@ -26,7 +27,8 @@ const BIDS_MAX: usize = 16;
 
 /// An agent that senses or acts.
 pub struct Actuator<D: Device> {
-    device: D,
+    pub(crate) device: D,
+    pub(crate) initiatives: Initiatives,
     upkeep: Upkeep,
     ledger: Ledger,
     announced: Announced,
@@ -65,6 +67,7 @@ impl<D: Device> Actuator<D> {
             .map_err(|error| blueprint.problem(format!("its tokens cannot be read: {error}")))?;
         Ok(Actuator {
             device,
+            initiatives: Initiatives::default(),
             upkeep: Upkeep::new(maintainer),
             ledger,
             announced: Announced::default(),
@@ -91,10 +94,12 @@ impl<D: Device> Agent for Actuator<D> {
     fn activated(&mut self, ctx: &mut Context<Self>) {
         self.announce(ctx);
         self.beat_later(ctx);
+        self.watch(ctx);
     }
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         upkeep::presence(self, presence, ctx);
+        self.met(presence, ctx);
     }
 
     fn asked(&mut self, resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
@@ -109,6 +114,7 @@ impl<D: Device> Agent for Actuator<D> {
 
     fn drained(&mut self, ctx: &mut Context<Self>) -> bool {
         self.give_up("the daemon is stopping", ctx);
+        self.withdraw_all(ctx);
         true
     }
 }
@@ -147,7 +153,7 @@ impl<D: Device> Actuator<D> {
     }
 
     /// Says that it works, and what it knows; everything, if what it can do has changed.
-    fn beat(&mut self, ctx: &mut Context<Self>) {
+    pub(crate) fn beat(&mut self, ctx: &mut Context<Self>) {
         let Description { model, methods } = self.device.describe();
         if model_digest(&model.to_string(), &methods) != self.announced.digest {
             return self.announce(ctx);

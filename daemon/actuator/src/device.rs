@@ -7,11 +7,13 @@ use acl::content::Methods;
 use pddl::{ActionModel, InitElement};
 use substrate::BoxFuture;
 
+use crate::initiative::{Initiative, News, Stir};
+
 /// A thing that senses or acts.
 ///
 /// Called on its agent's task, so nothing here may wait; what takes time is in the future that
 /// [`Device::perform`] returns. Dropping that future gives the method up.
-pub trait Device: Send + 'static {
+pub trait Device: Sized + Send + 'static {
     /// What a method yields.
     type Yield: Send + 'static;
 
@@ -30,6 +32,22 @@ pub trait Device: Send + 'static {
 
     /// A method failed, or was given up.
     fn failed(&mut self, _call: &Call, _failure: &Failure) {}
+
+    /// Waits for the next thing that happens to it by itself: somebody moves, a battery runs low.
+    /// When it has, the device is changed as the [`Stir`] says, what it knows and can do is
+    /// announced at once, and its initiatives are taken.
+    ///
+    /// Asked for on activation and again after each; the future may wait for as long as nothing
+    /// happens, and is dropped with the agent. `None`: nothing ever does.
+    fn watch(&mut self) -> Option<BoxFuture<Stir<Self>>> {
+        None
+    }
+
+    /// What became of an initiative of this name, and what the device does now. A device that was
+    /// refused and asks again at once is refused at once.
+    fn heard(&mut self, _name: &str, _news: &News) -> Vec<Initiative> {
+        Vec::new()
+    }
 
     /// Whether it carries the agent of this model, and so can plan with its actions.
     fn carries(&self, _model: &ActionModel) -> bool {

@@ -5,17 +5,20 @@
 //! - Executes an action within what it advertises, when asked, at most once per token.
 //! - Has its own planner and its own Domain Maintainer, and answers a call for proposals with
 //!   what it can do alone, with the agents it carries (the paper, “Decentralized Planning”).
+//! - Speaks up by itself: announces at once what happened to its device, asks for goals, asks people.
 //!
 //! A plugin implements [`Device`]: its model, its facts, its methods. Everything above is here.
 
 mod actuator;
 mod bidding;
 mod device;
+mod initiative;
 mod ledger;
 mod text;
 
 pub use actuator::Actuator;
 pub use device::{Call, Description, Device, Failure, OwnFact, Performed};
+pub use initiative::{Initiative, News, Stir};
 pub use ledger::StateFolder;
 pub use substrate::BoxFuture;
 pub use text::{InvalidPlace, Place, facts_of, model_of};

@@ -391,5 +391,6 @@ fn kind_of(message: &Message) -> Option<Kind> {
         Inform::Model(_) => Some(Kind::Model),
         Inform::Heartbeat(_) => Some(Kind::Heartbeat),
         Inform::Epoch(_) => Some(Kind::Epoch),
+        Inform::Answer { .. } => None,
     }
 }

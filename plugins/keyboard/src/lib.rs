@@ -113,7 +113,9 @@ impl Keyboard {
 
 impl Agent for Keyboard {
     fn callbacks(&self) -> Callbacks<Self> {
-        Callbacks::new().on(Performative::QueryRef, Self::queried)
+        Callbacks::new()
+            .on(Performative::QueryRef, Self::queried)
+            .on_broadcast(Performative::QueryRef, Self::queried)
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {

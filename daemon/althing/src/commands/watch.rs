@@ -115,6 +115,7 @@ fn gist(message: &Message) -> String {
             Ok(Inform::Epoch(change)) => {
                 format!("epoch {}, revision {}", change.epoch, change.revision)
             }
+            Ok(Inform::Answer { text }) => text,
             Err(_) => String::new(),
         },
         _ => {
@@ -122,7 +123,7 @@ fn gist(message: &Message) -> String {
             let first = |keys: &[&str]| {
                 keys.iter().find_map(|key| content.get(*key)).map(ToString::to_string)
             };
-            first(&["goal", "action", "conjuncts", "proposals", "detail", "status", "act"])
+            first(&["goal", "action", "conjuncts", "proposals", "detail", "status", "act", "text"])
                 .map(|text| text.chars().take(100).collect())
                 .unwrap_or_default()
         }

@@ -1,0 +1,324 @@
+//! What an actuator does by itself: says at once what happened to its device, asks for goals as
+//! users do, and asks people.
+//!
+//! - A device says what happens in [`Device::watch`], and what it then does is an [`Initiative`];
+//!   what became of it comes back in [`Device::heard`].
+//! - A goal stays asked for until it ends or is withdrawn: a Plan Requester that was not here, or
+//!   was restarted, is asked (again) when it comes.
+//! - Who answers a question first is heard; one keyboard's refusal is not the last word.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use acl::content::{Achieve, Inform, Question, Reason, Refusal, Report, Request, value};
+use acl::{AgentId, Message, Performative, Protocol, ReplyToken};
+use agent::{Answer, Context, Opening, Presence, Resident, Undelivered, Work};
+use serde_json::Value;
+
+use crate::actuator::Actuator;
+use crate::device::Device;
+
+/// How long a device rests between two things that happen to it by themselves, so that a loose
+/// contact does not flood the ecosystem. The first is announced at once.
+const REST: Duration = Duration::from_millis(100);
+
+/// How long a goal may go without any word. A maintained goal may hold for a year.
+const GOAL_PATIENCE: Duration = Duration::from_secs(365 * 24 * 3_600);
+
+/// Goals and questions of one device at a time. A camera has one or two.
+const OPEN_MAX: usize = 32;
+
+/// Something that happened to a device by itself: changes the device, and says what it does now.
+pub type Stir<D> = Box<dyn FnOnce(&mut D) -> Vec<Initiative> + Send>;
+
+/// What a device does of its own accord. The names are its own, to tell its goals apart, and its
+/// questions.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Initiative {
+    /// Asks the Plan Requester for a goal. The same goal under the same name is asked for once;
+    /// another takes the place of the one before.
+    Want {
+        /// Its name.
+        name: String,
+        /// The goal.
+        goal: Achieve,
+    },
+    /// Gives up the goal of this name, if there is one; nothing more is heard of it.
+    Withdraw {
+        /// Its name.
+        name: String,
+    },
+    /// Asks the people at all keyboards, and takes the first answer. Another question of the same
+    /// name takes its place.
+    Ask {
+        /// Its name.
+        name: String,
+        /// The question.
+        question: Question,
+        /// How long an answer is waited for.
+        patience: Duration,
+    },
+}
+
+/// What became of an initiative.
+#[derive(Clone, Debug, PartialEq)]
+pub enum News {
+    /// How the goal stands.
+    Report(Report),
+    /// It was declined.
+    Refused(Refusal),
+    /// What a person answered.
+    Answer(String),
+    /// Nobody took it, or answered in time; why.
+    Unanswered(String),
+}
+
+impl News {
+    /// Whether nothing more follows: the name is free again.
+    pub fn is_final(&self) -> bool {
+        match self {
+            News::Report(report) => report.outcome.is_final(),
+            News::Refused(_) | News::Answer(_) | News::Unanswered(_) => true,
+        }
+    }
+}
+
+/// What a device has begun by itself.
+#[derive(Default)]
+pub(crate) struct Initiatives {
+    watching: Option<Work>,
+    goals: BTreeMap<String, Wanted>,
+    questions: BTreeMap<String, ReplyToken>,
+    /// Names each asking, so that answers to an earlier one of the same name are known.
+    askings: u64,
+}
+
+/// A goal that is wanted.
+struct Wanted {
+    goal: Achieve,
+    /// `None` while there is no Plan Requester to ask.
+    asked: Option<Asked>,
+}
+
+struct Asked {
+    asking: u64,
+    exchange: ReplyToken,
+    of: Resident,
+}
+
+fn plan_requester() -> AgentId {
+    AgentId::new("plan-requester").expect("invariant: a literal that is a name")
+}
+
+impl<D: Device> Actuator<D> {
+    // === watching ===
+
+    pub(crate) fn watch(&mut self, ctx: &mut Context<Self>) {
+        let Some(next) = self.device.watch() else { return };
+        let work = ctx.run(next, |actuator: &mut Self, stir, ctx| {
+            let initiatives = stir(&mut actuator.device);
+            // What it knows now first: whoever hears of its goal may ask at once.
+            actuator.beat(ctx);
+            actuator.take(initiatives, ctx);
+            ctx.after(REST, |actuator: &mut Self, ctx| actuator.watch(ctx));
+        });
+        self.initiatives.watching = Some(work);
+    }
+
+    fn take(&mut self, initiatives: Vec<Initiative>, ctx: &mut Context<Self>) {
+        for initiative in initiatives {
+            match initiative {
+                Initiative::Want { name, goal } => self.want(name, goal, ctx),
+                Initiative::Withdraw { name } => self.withdraw(&name, ctx),
+                Initiative::Ask { name, question, patience } => {
+                    self.ask(name, &question, patience, ctx);
+                }
+            }
+        }
+    }
+
+    /// Tells the device what became of an initiative.
+    fn hear(&mut self, name: &str, news: &News, ctx: &mut Context<Self>) {
+        tracing::info!(initiative = name, ?news, "of my own accord");
+        let initiatives = self.device.heard(name, news);
+        self.beat(ctx);
+        self.take(initiatives, ctx);
+    }
+
+    fn decline(&mut self, name: String, ctx: &mut Context<Self>) {
+        let detail = format!("{OPEN_MAX} are open already");
+        let news = News::Refused(Refusal::new(Reason::Busy, detail));
+        // Later, because the device is still being asked what it does.
+        ctx.after(Duration::ZERO, move |actuator: &mut Self, ctx| actuator.hear(&name, &news, ctx));
+    }
+
+    // === goals ===
+
+    fn want(&mut self, name: String, goal: Achieve, ctx: &mut Context<Self>) {
+        if self.initiatives.goals.get(&name).is_some_and(|wanted| wanted.goal == goal) {
+            return;
+        }
+        self.withdraw(&name, ctx);
+        if self.initiatives.goals.len() >= OPEN_MAX {
+            return self.decline(name, ctx);
+        }
+        self.initiatives.goals.insert(name.clone(), Wanted { goal, asked: None });
+        if let Some(requester) = ctx.find(&plan_requester()) {
+            self.request(&name, requester, ctx);
+        }
+    }
+
+    fn request(&mut self, name: &str, of: Resident, ctx: &mut Context<Self>) {
+        self.initiatives.askings += 1;
+        let asking = self.initiatives.askings;
+        let Some(wanted) = self.initiatives.goals.get_mut(name) else { return };
+        let opening = Opening {
+            to: Some(of.agent.clone()),
+            performative: Performative::Request,
+            protocol: Protocol::Goal,
+            conversation: ctx.new_conversation(),
+            content: value(&Request::Achieve(wanted.goal.clone())),
+        };
+        let about = name.to_owned();
+        let exchange = ctx.open(opening, GOAL_PATIENCE, move |actuator: &mut Self, answer, ctx| {
+            actuator.requester_answered(&about, asking, &answer, ctx);
+        });
+        wanted.asked = Some(Asked { asking, exchange, of });
+    }
+
+    fn requester_answered(
+        &mut self,
+        name: &str,
+        asking: u64,
+        answer: &Answer,
+        ctx: &mut Context<Self>,
+    ) {
+        let Some(wanted) = self.initiatives.goals.get_mut(name) else { return };
+        if wanted.asked.as_ref().is_none_or(|asked| asked.asking != asking) {
+            return;
+        }
+        let news = match answer {
+            Answer::Undelivered(Undelivered::Left | Undelivered::Restarted) => {
+                wanted.asked = None;
+                return;
+            }
+            Answer::Undelivered(why) => News::Unanswered(why.to_string()),
+            Answer::Silence => News::Unanswered("nothing was heard for a year".to_owned()),
+            Answer::Message(message) => match read(message) {
+                Ok(news) => news,
+                Err(error) => return ctx.not_understood(message, error),
+            },
+        };
+        if news.is_final() {
+            self.initiatives.goals.remove(name);
+        }
+        self.hear(name, &news, ctx);
+    }
+
+    fn withdraw(&mut self, name: &str, ctx: &mut Context<Self>) {
+        let wanted = self.initiatives.goals.remove(name);
+        let Some(Asked { exchange, of, .. }) = wanted.and_then(|wanted| wanted.asked) else {
+            return;
+        };
+        ctx.go_on(&exchange, &of.agent, Performative::Cancel, Value::Null);
+        // The Plan Requester answers when its executor has, which may wait for an actuator.
+        ctx.extend(&exchange, ctx.settings().answer_deadline * 4);
+    }
+
+    /// A Plan Requester that is new here knows nothing of what is wanted.
+    pub(crate) fn met(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
+        let Presence::Joined(resident) = presence else { return };
+        if resident.agent != plan_requester() {
+            return;
+        }
+        let unasked = |wanted: &Wanted| {
+            let asked = wanted.asked.as_ref();
+            asked.is_none_or(|asked| asked.of.incarnation != resident.incarnation)
+        };
+        let goals = self.initiatives.goals.iter();
+        let names: Vec<_> =
+            goals.filter(|(_, wanted)| unasked(wanted)).map(|(name, _)| name.clone()).collect();
+        for name in names {
+            let wanted = self.initiatives.goals.get_mut(&name);
+            if let Some(earlier) = wanted.and_then(|wanted| wanted.asked.take()) {
+                ctx.close(&earlier.exchange);
+            }
+            self.request(&name, resident.clone(), ctx);
+        }
+    }
+
+    /// The daemon is stopping: what this device wanted, nobody wants any more.
+    pub(crate) fn withdraw_all(&mut self, ctx: &mut Context<Self>) {
+        self.initiatives.watching = None;
+        let names: Vec<_> = self.initiatives.goals.keys().cloned().collect();
+        for name in names {
+            self.withdraw(&name, ctx);
+        }
+    }
+
+    // === questions ===
+
+    fn ask(
+        &mut self,
+        name: String,
+        question: &Question,
+        patience: Duration,
+        ctx: &mut Context<Self>,
+    ) {
+        if let Some(earlier) = self.initiatives.questions.remove(&name) {
+            ctx.close(&earlier);
+        }
+        if self.initiatives.questions.len() >= OPEN_MAX {
+            return self.decline(name, ctx);
+        }
+        let opening = Opening {
+            to: None,
+            performative: Performative::QueryRef,
+            protocol: Protocol::Query,
+            conversation: ctx.new_conversation(),
+            content: value(question),
+        };
+        let about = name.clone();
+        let exchange = ctx.open(opening, patience, move |actuator: &mut Self, answer, ctx| {
+            actuator.person_answered(&about, patience, &answer, ctx);
+        });
+        self.initiatives.questions.insert(name, exchange);
+    }
+
+    fn person_answered(
+        &mut self,
+        name: &str,
+        patience: Duration,
+        answer: &Answer,
+        ctx: &mut Context<Self>,
+    ) {
+        let news = match answer {
+            Answer::Message(message) if message.performative == Performative::Inform => {
+                match message.content_as::<Inform>() {
+                    Ok(Inform::Answer { text }) => News::Answer(text),
+                    Ok(_) => return ctx.not_understood(message, "this answers no question"),
+                    Err(error) => return ctx.not_understood(message, error.to_string()),
+                }
+            }
+            Answer::Message(message) => {
+                tracing::debug!(from = %message.sender, "does not answer; somebody else may");
+                return;
+            }
+            Answer::Silence => News::Unanswered(format!("nobody answered within {patience:?}")),
+            Answer::Undelivered(why) => News::Unanswered(why.to_string()),
+        };
+        if let Some(exchange) = self.initiatives.questions.remove(name) {
+            ctx.close(&exchange);
+        }
+        self.hear(name, &news, ctx);
+    }
+}
+
+/// What the Plan Requester says about a goal.
+fn read(message: &Message) -> Result<News, String> {
+    match message.performative {
+        Performative::Confirm => message.content_as().map(News::Report),
+        _ => message.content_as().map(News::Refused),
+    }
+    .map_err(|error| error.to_string())
+}

@@ -1,0 +1,324 @@
+//! A device speaks up by itself, over the in-memory substrate: its facts at once, a goal asked for
+//! and withdrawn, a question and its answer.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use acl::content::{Achieve, Inform, Keep, Outcome, Question, Report, Request};
+use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Message, Performative};
+use actuator::{
+    Actuator, BoxFuture, Call, Description, Device, Failure, Initiative, News, OwnFact, Performed,
+    Stir, facts_of, model_of,
+};
+use agent::{
+    Agent, Berth, Blueprint, Callbacks, Context, Engagement, Host, Launch, LaunchError, Mode,
+    Resources, Settings, Switchboard,
+};
+use substrate::memory::Network;
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+
+fn name(text: &str) -> AgentId {
+    AgentId::new(text).expect("a name")
+}
+
+/// What the test hears of everybody, with the time since it began.
+type Told = mpsc::UnboundedSender<String>;
+
+// === the device ===
+
+/// A doorbell: rings by itself, and then does what the test has written down for it.
+struct Doorbell {
+    rings: Arc<Mutex<mpsc::Receiver<()>>>,
+    scripts: VecDeque<Vec<Initiative>>,
+    rung: usize,
+    told: Told,
+}
+
+impl Device for Doorbell {
+    type Yield = ();
+
+    fn describe(&self) -> Description {
+        let model = model_of("(define (agent bell) (:domain home) (:objects bell - agent))");
+        Description { model, methods: [].into() }
+    }
+
+    fn facts(&self) -> Vec<OwnFact> {
+        facts_of(&format!("(= (rung bell) {})", self.rung))
+    }
+
+    fn perform(&mut self, call: &Call) -> BoxFuture<Result<(), Failure>> {
+        Box::pin(std::future::ready(Err(Failure::UnknownMethod(call.method.clone()))))
+    }
+
+    fn performed(&mut self, _call: &Call, (): ()) -> Performed {
+        Performed::default()
+    }
+
+    fn watch(&mut self) -> Option<BoxFuture<Stir<Doorbell>>> {
+        let rings = Arc::clone(&self.rings);
+        Some(Box::pin(async move {
+            let ring =
+                std::future::poll_fn(|cx| rings.lock().expect("held for an instant").poll_recv(cx));
+            if ring.await.is_none() {
+                std::future::pending::<()>().await;
+            }
+            let stir: Stir<Doorbell> = Box::new(|bell| {
+                bell.rung += 1;
+                bell.scripts.pop_front().unwrap_or_default()
+            });
+            stir
+        }))
+    }
+
+    fn heard(&mut self, name: &str, news: &News) -> Vec<Initiative> {
+        let words = match news {
+            News::Report(report) => report.outcome.to_string(),
+            News::Refused(refusal) => format!("{:?}", refusal.reason),
+            News::Answer(text) => text.clone(),
+            News::Unanswered(why) => why.clone(),
+        };
+        let _ = self.told.send(format!("bell hears of {name}: {words}"));
+        Vec::new()
+    }
+}
+
+fn want(goal: &str) -> Initiative {
+    let goal = Achieve { goal: goal.to_owned(), keep: Keep::Maintain, priority: 1 };
+    Initiative::Want { name: "guests".to_owned(), goal }
+}
+
+fn withdraw() -> Initiative {
+    Initiative::Withdraw { name: "guests".to_owned() }
+}
+
+fn ask() -> Initiative {
+    let question = Question { text: "who is it?".to_owned() };
+    Initiative::Ask { name: "who".to_owned(), question, patience: Duration::from_secs(30) }
+}
+
+// === the others ===
+
+/// Hears heartbeats, takes goals as the Plan Requester, answers questions as a keyboard does.
+struct Other {
+    answer: Option<&'static str>,
+    told: Told,
+    asked: Option<Engagement>,
+}
+
+impl Agent for Other {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+            .on(Performative::Request, Self::requested)
+            .on(Performative::Cancel, Self::cancelled)
+            .on_broadcast(Performative::Inform, Self::informed)
+            .on_broadcast(Performative::QueryRef, Self::queried)
+    }
+}
+
+impl Other {
+    fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let Ok(Request::Achieve(goal)) = message.content_as() else { panic!("{message:?}") };
+        let _ = self.told.send(format!("{} is asked for {}", ctx.id(), goal.goal));
+        let engagement = Engagement::of(&message);
+        ctx.answer(&engagement, Performative::Confirm, &Report::new(Outcome::Holds, "it holds"));
+        self.asked = Some(engagement);
+    }
+
+    fn cancelled(&mut self, _message: Message, ctx: &mut Context<Self>) {
+        let _ = self.told.send(format!("{} is to give it up", ctx.id()));
+        let Some(engagement) = self.asked.take() else { return };
+        ctx.answer(&engagement, Performative::Confirm, &Report::new(Outcome::Cancelled, "done"));
+    }
+
+    fn informed(&mut self, message: Message, _ctx: &mut Context<Self>) {
+        if let Ok(Inform::Heartbeat(beat)) = message.content_as() {
+            let _ = self.told.send(beat.facts.trim().to_owned());
+        }
+    }
+
+    fn queried(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let Some(text) = self.answer.map(str::to_owned) else { return };
+        ctx.answer(&Engagement::of(&message), Performative::Inform, &Inform::Answer { text });
+    }
+}
+
+// === the room ===
+
+struct Room {
+    switchboard: Arc<Switchboard>,
+    told: Told,
+    heard: mpsc::UnboundedReceiver<String>,
+    ring: mpsc::Sender<()>,
+    rings: Option<mpsc::Receiver<()>>,
+    _network: Network,
+}
+
+/// Heartbeats are rare here: what is heard at once was said at once.
+fn room() -> Room {
+    let settings = Settings {
+        heartbeat_period: Duration::from_secs(3_600),
+        heartbeat_lease: Duration::from_secs(36_000),
+        ..Settings::default()
+    };
+    let network = Network::new();
+    let daemon = DaemonId::new("here").expect("a name");
+    let ecosystem = EcosystemId::new("home").expect("a name");
+    let switchboard = Switchboard::new(ecosystem, daemon.clone(), settings);
+    switchboard.connect(network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _));
+    let (told, heard) = mpsc::unbounded_channel();
+    let (ring, rings) = mpsc::channel(8);
+    Room { switchboard, told, heard, ring, rings: Some(rings), _network: network }
+}
+
+impl Room {
+    fn launch(
+        &self,
+        agent: impl Agent,
+        id: &str,
+        life: u64,
+    ) -> (CancellationToken, JoinHandle<Result<(), LaunchError>>) {
+        let stopping = CancellationToken::new();
+        let life = Box::new(agent).launch(Berth {
+            id: name(id),
+            incarnation: Incarnation(life),
+            switchboard: Arc::clone(&self.switchboard),
+            ontology: Arc::from("home"),
+            stopping: stopping.clone(),
+        });
+        (stopping, life)
+    }
+
+    fn other(&self, id: &str, life: u64, answer: Option<&'static str>) -> CancellationToken {
+        let told = self.told.clone();
+        self.launch(Other { answer, told, asked: None }, id, life).0
+    }
+
+    /// The doorbell, which at its first ring takes the first of these initiatives, and so on.
+    fn bell(&mut self, scripts: impl Into<VecDeque<Vec<Initiative>>>) -> CancellationToken {
+        let rings = Arc::new(Mutex::new(self.rings.take().expect("one bell")));
+        let bell = Doorbell { rings, scripts: scripts.into(), rung: 0, told: self.told.clone() };
+        let ontology = pddl::parse_domain(
+            "(define (domain home) (:types agent) (:functions (rung ?a - agent)))",
+        );
+        let map =
+            pddl::parse_problem("(define (problem map) (:domain home) (:init) (:goal (and)))");
+        let host = Host {
+            ontology: Arc::new(ontology.value.expect("a domain")),
+            map: Arc::new(map.value.expect("a map")),
+            mode: Mode::Decentralized,
+            settings: self.switchboard.settings().clone(),
+            resources: Resources::default(),
+        };
+        let blueprint = Blueprint {
+            id: name("bell"),
+            driver: String::new(),
+            config: serde_json::Value::Null,
+            host: Arc::new(host),
+        };
+        self.launch(Actuator::new(&blueprint, bell).expect("built"), "bell", 1).0
+    }
+
+    /// Rings once, and collects what is told until nothing is for ten milliseconds.
+    async fn ring(&mut self) -> Vec<String> {
+        self.ring.send(()).await.expect("the bell is there");
+        self.quiet().await
+    }
+
+    async fn quiet(&mut self) -> Vec<String> {
+        let mut lines = Vec::new();
+        while let Ok(line) =
+            tokio::time::timeout(Duration::from_millis(10), self.heard.recv()).await
+        {
+            lines.extend(line);
+        }
+        lines
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_happens_is_announced_at_once_and_not_too_often() {
+    let mut room = room();
+    room.other("listener", 1, None);
+    room.bell([]);
+    room.quiet().await;
+    assert_eq!(room.ring().await, ["(= (rung bell) 1)"]);
+    let begun = Instant::now();
+    for _ in 0..3 {
+        room.ring.send(()).await.expect("the bell is there");
+    }
+    let mut last = String::new();
+    while last != "(= (rung bell) 4)" {
+        last = room.heard.recv().await.expect("told");
+    }
+    assert!(begun.elapsed() >= Duration::from_millis(250), "{:?}", begun.elapsed());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_goal_is_asked_for_once_and_withdrawn() {
+    let mut room = room();
+    room.other("plan-requester", 1, None);
+    room.bell([vec![want("(a)")], vec![want("(a)")], vec![want("(b)")], vec![withdraw()]]);
+    room.quiet().await;
+    let first = room.ring().await;
+    let asked =
+        ["(= (rung bell) 1)", "plan-requester is asked for (a)", "bell hears of guests: holds"];
+    assert_eq!(first[..3], asked, "{first:?}");
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    assert_eq!(room.ring().await, ["(= (rung bell) 2)"], "it is wanted already");
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    let other = room.ring().await;
+    assert_eq!(other[1..3], ["plan-requester is to give it up", "plan-requester is asked for (b)"]);
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    let last = room.ring().await;
+    assert_eq!(last, ["(= (rung bell) 4)", "plan-requester is to give it up"]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_goal_waits_for_a_plan_requester_and_outlives_it() {
+    let mut room = room();
+    room.bell([vec![want("(a)")]]);
+    assert_eq!(room.ring().await, [""; 0]);
+    for life in [1, 2] {
+        let requester = room.other("plan-requester", life, None);
+        let lines = room.quiet().await;
+        assert!(lines.contains(&"plan-requester is asked for (a)".to_owned()), "{lines:?}");
+        requester.cancel();
+        tokio::time::sleep(Duration::from_secs(5)).await;
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_device_that_stops_wants_nothing_any_more() {
+    let mut room = room();
+    room.other("plan-requester", 1, None);
+    let bell = room.bell([vec![want("(a)")]]);
+    room.ring().await;
+    bell.cancel();
+    assert_eq!(room.quiet().await, ["plan-requester is to give it up"]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_first_answer_counts() {
+    let mut room = room();
+    room.other("keyboard", 1, Some("the postman"));
+    room.other("silent", 1, None);
+    room.bell([vec![ask()]]);
+    let lines = room.ring().await;
+    let answers = lines.iter().filter(|line| line.starts_with("bell hears"));
+    assert_eq!(answers.collect::<Vec<_>>(), ["bell hears of who: the postman"]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn nobody_answers_within_the_patience() {
+    let mut room = room();
+    room.other("silent", 1, None);
+    room.bell([vec![ask()]]);
+    room.ring().await;
+    tokio::time::sleep(Duration::from_secs(31)).await;
+    let lines = room.quiet().await;
+    assert_eq!(lines[0], "bell hears of who: nobody answered within 30s");
+}
