@@ -5,7 +5,8 @@
 //! - `normalize` numbers names and refuses what is not supported; `ground` makes the `task`;
 //!   `state`, `successors`, `heuristic` and `search` solve it.
 //! - [`mod@validate`] checks plans on the texts themselves and shares nothing with the above.
-//! - [`order`] says which steps of a plan must wait for which; [`goal`] takes goals apart.
+//! - [`order`] says which steps of a plan must wait for which; [`goal`] takes goals apart,
+//!   and [`explain`] says what is missing where there is no plan.
 //!
 //! Leaves to others: composing domains (`capability`), carrying plans out (the Plan Executor), other
 //! planners (adapters).
@@ -39,6 +40,8 @@ pub mod validate;
 pub mod order;
 
 pub mod goal;
+
+pub mod explain;
 
 mod id_table;
 

@@ -3,6 +3,7 @@
 mod agreement;
 mod brute_force;
 mod conformance;
+mod explaining;
 mod goals;
 mod numbers;
 mod office;

@@ -1,0 +1,175 @@
+//! From sets of suppositions to alternatives for people: who, and where it would have to be.
+//!
+//! Where a new agent has to be is tried out: the relaxed task is explored with all other places
+//! of it taken away, one after the other.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::support::{Group, Origin, Rules, Set, Support};
+use super::suppose::Supposed;
+use super::{ALTERNATIVES_MAX, Alternative, Missing, Place, Placement, Who};
+
+/// Places tried for one fact about one new agent; of more, the first are told.
+const PLACES_MAX: usize = 128;
+
+/// Rules looked at in all explorations: a second or so.
+const STEPS_MAX: u64 = 50_000_000;
+
+/// The alternatives for each part of the goal.
+pub(super) struct Found {
+    pub(super) of: BTreeMap<usize, Vec<Alternative>>,
+    pub(super) is_complete: bool,
+}
+
+struct Search<'a> {
+    rules: &'a Rules,
+    supposed: &'a Supposed,
+    steps: u64,
+    is_complete: bool,
+}
+
+/// Works out the alternatives for the parts of the goal that are asked about.
+pub(super) fn places(
+    rules: &Rules,
+    support: &Support,
+    supposed: &Supposed,
+    asked: &[usize],
+) -> Found {
+    let mut search = Search { rules, supposed, steps: 0, is_complete: true };
+    let chosen: BTreeMap<usize, Vec<Set>> =
+        asked.iter().map(|part| (*part, search.choose(support.sets(*part)))).collect();
+    let sets: BTreeSet<Set> = chosen.values().flatten().copied().collect();
+    let mut placed: BTreeMap<Set, BTreeMap<usize, Vec<(u32, Placement)>>> = BTreeMap::new();
+    for set in sets {
+        let parts = chosen.iter().filter(|(_, sets)| sets.contains(&set)).map(|(part, _)| *part);
+        let parts: BTreeSet<usize> = parts.collect();
+        placed.insert(set, search.place(&set, &parts));
+    }
+    let mut of = BTreeMap::new();
+    for (part, sets) in chosen {
+        let placements = |set: &Set| placed.get(set).and_then(|parts| parts.get(&part));
+        let alternatives = sets.iter().map(|set| {
+            let placements = placements(set).map_or(&[] as &[_], Vec::as_slice);
+            search.alternative(set, placements)
+        });
+        of.insert(part, alternatives.collect());
+    }
+    Found { of, is_complete: search.is_complete }
+}
+
+// === impl Search ===
+
+impl Search<'_> {
+    /// The first few sets: small before large, agents that are here before new ones, and of
+    /// several that ask the same of agents here or new, one.
+    fn choose(&self, sets: &[Set]) -> Vec<Set> {
+        let new = |set: &&Set| {
+            let agents = set.members().iter().map(|member| self.who(*member));
+            agents.filter(|who| matches!(who, Who::New(_))).count()
+        };
+        let mut sets: Vec<&Set> = sets.iter().collect();
+        sets.sort_by_key(|set| (set.members().len(), new(set), **set));
+        sets.into_iter().take(ALTERNATIVES_MAX).copied().collect()
+    }
+
+    fn who(&self, supposition: u32) -> Who {
+        let (_, agent) = &self.rules.suppositions[supposition as usize];
+        self.supposed.who(agent)
+    }
+
+    fn alternative(&self, set: &Set, placements: &[(u32, Placement)]) -> Alternative {
+        let missing = set.members().iter().map(|member| {
+            let (capability, _) = &self.rules.suppositions[*member as usize];
+            let own = placements.iter().filter(|(of, _)| of == member);
+            Missing {
+                action: self.supposed.capabilities[*capability].outside.clone(),
+                agent: self.who(*member),
+                places: own.map(|(_, placement)| placement.clone()).collect(),
+            }
+        });
+        Alternative { missing: missing.collect() }
+    }
+
+    /// Where the new agents of a set have to be, for each of `parts`.
+    fn place(
+        &mut self,
+        set: &Set,
+        parts: &BTreeSet<usize>,
+    ) -> BTreeMap<usize, Vec<(u32, Placement)>> {
+        let mut placed: BTreeMap<usize, Vec<(u32, Placement)>> = BTreeMap::new();
+        for (number, group) in self.rules.groups.iter().enumerate() {
+            let Some(member) = self.owner(set, group) else { continue };
+            let without = self.reached(set, number, None);
+            let wanting: Vec<usize> =
+                parts.iter().filter(|part| !without.contains(part)).copied().collect();
+            if wanting.is_empty() {
+                continue;
+            }
+            let mut fits: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+            let tried = group.values.len().min(PLACES_MAX);
+            for value in 0..tried {
+                let reached = self.reached(set, number, Some(value));
+                for part in wanting.iter().filter(|part| reached.contains(part)) {
+                    fits.entry(*part).or_default().push(value);
+                }
+            }
+            let supposable = &self.supposed.placements[group.placement];
+            let (predicate, is_reversed) =
+                (supposable.predicate.clone(), supposable.capability.is_none());
+            for part in wanting {
+                let fits = fits.get(&part).map_or(&[] as &[usize], Vec::as_slice);
+                let possible = self.possible(set, group, tried);
+                // Where no place alone will do, it has to be in several; nobody is told of all.
+                let is_anywhere = fits.is_empty() || possible > 1 && fits.len() >= possible;
+                let place = if is_anywhere { Place::Anywhere } else { self.at(group, fits) };
+                let predicate = predicate.clone();
+                let placement = Placement { predicate, is_reversed, place };
+                placed.entry(part).or_default().push((member, placement));
+            }
+        }
+        placed
+    }
+
+    /// How many of the tried places there are, without those on new agents that are not supposed.
+    fn possible(&self, set: &Set, group: &Group, tried: usize) -> usize {
+        let is_there = |object| match self.supposed.who(object) {
+            Who::Here(_) => true,
+            Who::New(_) => set.members().iter().any(|member| {
+                let (_, agent) = &self.rules.suppositions[*member as usize];
+                agent == object
+            }),
+        };
+        group.values[..tried].iter().filter(|value| value.iter().all(is_there)).count()
+    }
+
+    fn at(&self, group: &Group, values: &[usize]) -> Place {
+        let who = |value: &usize| {
+            group.values[*value].iter().map(|object| self.supposed.who(object)).collect()
+        };
+        Place::At(values.iter().map(who).collect())
+    }
+
+    /// The supposition of a set that a group of places belongs to.
+    fn owner(&self, set: &Set, group: &Group) -> Option<u32> {
+        let capability = self.supposed.placements[group.placement].capability;
+        set.members().iter().copied().find(|member| {
+            let (of, agent) = &self.rules.suppositions[*member as usize];
+            *agent == group.agent && capability.is_none_or(|capability| capability == *of)
+        })
+    }
+
+    /// The parts that are reached with the suppositions of a set, and of one group of places
+    /// one or none.
+    fn reached(&mut self, set: &Set, group: usize, only: Option<usize>) -> Vec<usize> {
+        if self.steps >= STEPS_MAX {
+            self.is_complete = false;
+            return Vec::new();
+        }
+        let allowed = |origin| match origin {
+            Origin::World => true,
+            Origin::Suppose(number) => set.members().contains(&number),
+            Origin::Place(of, value) => of != group || only == Some(value),
+        };
+        self.rules.reached(allowed, &mut self.steps)
+    }
+}

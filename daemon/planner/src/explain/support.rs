@@ -1,0 +1,334 @@
+//! Under which suppositions a fact is reached: for each literal of the supposed task the smallest
+//! sets, of two at most, carried along the operators until nothing changes.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use pddl::Name;
+
+use super::suppose::{Meaning, Supposed};
+use crate::task::{Changes, Literal, Task};
+
+/// Sets kept of one literal; more are alternatives that nobody reads.
+const SETS_MAX: usize = 12;
+
+/// Body literals looked at, times the sets of each: a second on a building of hundreds of rooms.
+const STEPS_MAX: u64 = 20_000_000;
+
+/// One or two suppositions, or none: everything is as it is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Set {
+    /// First, so that smaller sets come first.
+    count: u8,
+    members: [u32; 2],
+}
+
+/// What a rule stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Origin {
+    /// Something that anyone can do already.
+    World,
+    /// A supposition, by its number.
+    Suppose(u32),
+    /// A fact about a new agent: the group of its alternatives, and which of them.
+    Place(usize, usize),
+}
+
+/// `heads :- body`
+struct Rule {
+    body: Box<[usize]>,
+    heads: Vec<usize>,
+    origin: Origin,
+}
+
+/// The supposed task as rules over literals.
+#[derive(Default)]
+pub(super) struct Rules {
+    rules: Vec<Rule>,
+    /// For each literal the rules that have it in their body.
+    readers: Vec<Vec<usize>>,
+    /// Literals that hold at first.
+    initial: Vec<usize>,
+    /// Capability and agent of each supposition.
+    pub(super) suppositions: Vec<(usize, Name)>,
+    /// For each alternative placement of one new agent by one fact: its other arguments.
+    pub(super) groups: Vec<Group>,
+    parts: BTreeMap<usize, usize>,
+    touches: BTreeMap<(usize, usize), usize>,
+}
+
+/// The alternatives for one fact about one new agent.
+pub(super) struct Group {
+    pub(super) placement: usize,
+    pub(super) agent: Name,
+    pub(super) values: Vec<Vec<Name>>,
+}
+
+/// For each part of the goal and each fact in it, under which suppositions it is reached.
+pub(super) struct Support {
+    parts: BTreeMap<usize, Vec<Set>>,
+    touches: BTreeMap<(usize, usize), bool>,
+    pub(super) is_complete: bool,
+}
+
+// === impl Set ===
+
+impl Set {
+    fn of(one: u32) -> Set {
+        Set { count: 1, members: [one, 0] }
+    }
+
+    pub(super) fn members(&self) -> &[u32] {
+        &self.members[..usize::from(self.count)]
+    }
+
+    /// Both together; none, if they are too many.
+    fn with(self, other: Set) -> Option<Set> {
+        let mut both = self;
+        for member in other.members() {
+            if both.members().contains(member) {
+                continue;
+            }
+            *both.members.get_mut(usize::from(both.count))? = *member;
+            both.count += 1;
+        }
+        if both.count == 2 {
+            both.members.sort_unstable();
+        }
+        Some(both)
+    }
+
+    fn is_within(&self, other: &Set) -> bool {
+        self.members().iter().all(|member| other.members().contains(member))
+    }
+}
+
+/// Adds a set, unless a smaller one is there; whether anything changed.
+fn insert(sets: &mut Vec<Set>, set: Set, is_complete: &mut bool) -> bool {
+    if sets.iter().any(|known| known.is_within(&set)) {
+        return false;
+    }
+    sets.retain(|known| !set.is_within(known));
+    let at = sets.partition_point(|known| *known < set);
+    if sets.len() >= SETS_MAX {
+        *is_complete = false;
+        // Only a smaller set takes a larger one's place, so that this comes to an end.
+        if sets.last().is_none_or(|last| last.count <= set.count) {
+            return false;
+        }
+        sets.pop();
+    }
+    sets.insert(at.min(sets.len()), set);
+    true
+}
+
+// === impl Rules ===
+
+impl Rules {
+    pub(super) fn new(task: &Task, supposed: &Supposed) -> Rules {
+        let mut rules = Rules::default();
+        let literals = task.fact_count * 2;
+        rules.readers = vec![Vec::new(); literals];
+        rules.begin(task);
+        for operator in &task.operators {
+            let name = &task.schema_names[operator.schema as usize];
+            let names = operator.arguments.iter();
+            let arguments: Vec<Name> =
+                names.map(|object| task.object_names[object.index()].clone()).collect();
+            let body = operator.preconditions.iter().map(|literal| index(*literal)).collect();
+            let mut heads = heads(&operator.effect);
+            let origin = match supposed.meanings.get(name) {
+                None => Origin::World,
+                Some(Meaning::Suppose(capability)) => rules.supposition(*capability, &arguments),
+                Some(Meaning::Place(placement)) => rules.placement(*placement, &arguments),
+                Some(Meaning::Reach(part)) => {
+                    heads = vec![rules.goal()];
+                    rules.parts.insert(*part, heads[0]);
+                    Origin::World
+                }
+                Some(Meaning::Touch(part, atom)) => {
+                    heads = vec![rules.goal()];
+                    rules.touches.insert((*part, *atom), heads[0]);
+                    Origin::World
+                }
+            };
+            for conditional in &operator.conditional {
+                let conditions = operator.preconditions.iter().chain(&conditional.conditions);
+                let body = conditions.map(|literal| index(*literal)).collect();
+                let heads = self::heads(&conditional.effect);
+                rules.add(Rule { body, heads, origin });
+            }
+            rules.add(Rule { body, heads, origin });
+        }
+        for axiom in &task.axioms {
+            let body = axiom.body.iter().map(|literal| index(*literal)).collect();
+            let heads = vec![index(Literal::new(axiom.head, true))];
+            rules.add(Rule { body, heads, origin: Origin::World });
+        }
+        rules
+    }
+
+    /// What holds at first. That a derived fact is false, or a number as it should be, is taken
+    /// to hold: the answer errs on the side of reachable.
+    fn begin(&mut self, task: &Task) {
+        let mut holds = vec![false; task.fact_count];
+        task.initial.iter().for_each(|fact| holds[fact.index()] = true);
+        for (fact, holds) in holds.into_iter().enumerate() {
+            let is_basic = fact < task.basic_count;
+            let is_comparison = !is_basic && fact < task.basic_count + task.comparisons.len();
+            if holds || is_comparison {
+                self.initial.push(fact * 2);
+            }
+            if !holds {
+                self.initial.push(fact * 2 + 1);
+            }
+        }
+    }
+
+    fn add(&mut self, rule: Rule) {
+        for literal in &rule.body {
+            self.readers[*literal].push(self.rules.len());
+        }
+        self.rules.push(rule);
+    }
+
+    /// A literal of no fact.
+    fn goal(&mut self) -> usize {
+        self.readers.push(Vec::new());
+        self.readers.len() - 1
+    }
+
+    fn supposition(&mut self, capability: usize, arguments: &[Name]) -> Origin {
+        let Some(agent) = arguments.first() else { return Origin::World };
+        let number = u32::try_from(self.suppositions.len()).unwrap_or(u32::MAX);
+        self.suppositions.push((capability, agent.clone()));
+        Origin::Suppose(number)
+    }
+
+    fn placement(&mut self, placement: usize, arguments: &[Name]) -> Origin {
+        let Some((agent, others)) = arguments.split_first() else { return Origin::World };
+        let is_same = |group: &Group| group.placement == placement && group.agent == *agent;
+        let group = self.groups.iter().position(is_same).unwrap_or_else(|| {
+            let (agent, values) = (agent.clone(), Vec::new());
+            self.groups.push(Group { placement, agent, values });
+            self.groups.len() - 1
+        });
+        let values = &mut self.groups[group].values;
+        values.push(others.to_vec());
+        Origin::Place(group, values.len() - 1)
+    }
+
+    /// The parts of the goal that the allowed rules reach; `steps` counts the work.
+    pub(super) fn reached(&self, allowed: impl Fn(Origin) -> bool, steps: &mut u64) -> Vec<usize> {
+        let mut holds = vec![false; self.readers.len()];
+        let mut open: Vec<usize> = self.rules.iter().map(|rule| rule.body.len()).collect();
+        let mut queue = self.initial.clone();
+        let is_open = |rule: &Rule| allowed(rule.origin);
+        let free = self.rules.iter().filter(|rule| rule.body.is_empty() && is_open(rule));
+        queue.extend(free.flat_map(|rule| rule.heads.iter().copied()));
+        while let Some(literal) = queue.pop() {
+            if std::mem::replace(&mut holds[literal], true) {
+                continue;
+            }
+            for reader in &self.readers[literal] {
+                *steps += 1;
+                open[*reader] -= 1;
+                let rule = &self.rules[*reader];
+                if open[*reader] == 0 && is_open(rule) {
+                    queue.extend(rule.heads.iter().filter(|head| !holds[**head]));
+                }
+            }
+        }
+        let reached = self.parts.iter().filter(|(_, literal)| holds[**literal]);
+        reached.map(|(part, _)| *part).collect()
+    }
+}
+
+fn index(literal: Literal) -> usize {
+    literal.fact().index() * 2 + usize::from(!literal.is_positive())
+}
+
+fn heads(changes: &Changes) -> Vec<usize> {
+    let adds = changes.adds.iter().map(|fact| index(Literal::new(*fact, true)));
+    let deletes = changes.deletes.iter().map(|fact| index(Literal::new(*fact, false)));
+    adds.chain(deletes).collect()
+}
+
+// === impl Support ===
+
+impl Support {
+    pub(super) fn compute(rules: &Rules) -> Support {
+        let mut sets: Vec<Vec<Set>> = vec![Vec::new(); rules.readers.len()];
+        for literal in &rules.initial {
+            sets[*literal].push(Set::default());
+        }
+        let (mut steps, mut is_complete) = (0, true);
+        let mut queue: VecDeque<usize> = (0..rules.rules.len()).collect();
+        let mut waits = vec![true; rules.rules.len()];
+        while let Some(next) = queue.pop_front() {
+            if steps >= STEPS_MAX {
+                is_complete = false;
+                break;
+            }
+            waits[next] = false;
+            let rule = &rules.rules[next];
+            let found = body_sets(rule, &sets, &mut steps, &mut is_complete);
+            for head in &rule.heads {
+                let known = &mut sets[*head];
+                let before = found.iter().filter(|set| insert(known, **set, &mut is_complete));
+                if before.count() == 0 {
+                    continue;
+                }
+                for reader in &rules.readers[*head] {
+                    if !std::mem::replace(&mut waits[*reader], true) {
+                        queue.push_back(*reader);
+                    }
+                }
+            }
+        }
+        let of = |literal: &usize| sets[*literal].clone();
+        let parts = rules.parts.iter().map(|(part, literal)| (*part, of(literal))).collect();
+        let holds = |literal: &usize| sets[*literal].contains(&Set::default());
+        let touches = rules.touches.iter().map(|(at, literal)| (*at, holds(literal))).collect();
+        Support { parts, touches, is_complete }
+    }
+
+    /// Whether a part of the goal is reached as things are.
+    pub(super) fn is_reached(&self, part: usize) -> bool {
+        self.parts.get(&part).is_some_and(|sets| sets.contains(&Set::default()))
+    }
+
+    /// Whether a fact in a part of the goal is reached as things are.
+    pub(super) fn is_touched(&self, part: usize, atom: usize) -> bool {
+        self.touches.get(&(part, atom)).copied().unwrap_or(false)
+    }
+
+    /// The smallest sets of suppositions under which a part of the goal is reached.
+    pub(super) fn sets(&self, part: usize) -> &[Set] {
+        self.parts.get(&part).map_or(&[], Vec::as_slice)
+    }
+}
+
+/// The smallest sets under which the whole body of a rule holds.
+fn body_sets(rule: &Rule, sets: &[Vec<Set>], steps: &mut u64, is_complete: &mut bool) -> Vec<Set> {
+    let own = match rule.origin {
+        Origin::Suppose(number) => Set::of(number),
+        Origin::World | Origin::Place(..) => Set::default(),
+    };
+    let mut whole = vec![own];
+    for literal in &rule.body {
+        let mut both = Vec::new();
+        for left in &whole {
+            for right in &sets[*literal] {
+                *steps += 1;
+                if let Some(set) = left.with(*right) {
+                    insert(&mut both, set, is_complete);
+                }
+            }
+        }
+        whole = both;
+        if whole.is_empty() {
+            break;
+        }
+    }
+    whole
+}

@@ -1,0 +1,455 @@
+//! The relaxed task in which capabilities are supposed, as a domain and a problem.
+//!
+//! Every action that somebody offers or offered is guarded. An operator `suppose` opens a guard
+//! for one agent, here or new; `place` then lets a new agent satisfy what its own precondition
+//! says of it, and lets an agent that is nowhere yet be put on a new one. `reach` and `touch`
+//! stand for a part of the goal and for a fact in it.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use pddl::{
+    ActionModel, ActionSchema, Atom, Condition, Derived, Domain, Effect, InitElement, Name,
+    ObjectDeclaration, PredicateDeclaration, Privacy, Problem, Span, Term, TypeExpr, Typed, Types,
+};
+
+use super::{Guard, Known, Who};
+
+/// Former models that are looked at: each is checked on its own.
+const FORMER_MAX: usize = 64;
+
+/// Names nobody can write in PDDL, so that they never meet an author's.
+const THERE: &str = "%there";
+const NEW: &str = "%new";
+const EXPLAINED: &str = "%explained";
+
+/// What an operator of the supposed task stands for, by the name of its schema.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Meaning {
+    /// An agent offers this capability.
+    Suppose(usize),
+    /// A fact about a new agent: which of [`Supposed::placements`].
+    Place(usize),
+    /// A part of the goal.
+    Reach(usize),
+    /// A fact in a part of the goal.
+    Touch(usize, usize),
+}
+
+/// A fact about a new agent that may be supposed.
+pub(super) struct Supposable {
+    pub(super) predicate: Name,
+    /// Which capability it belongs to; none, if it is said by another agent's.
+    pub(super) capability: Option<usize>,
+}
+
+/// The domain and the problem, and what is meant by them.
+pub(super) struct Supposed {
+    pub(super) domain: Domain,
+    pub(super) problem: Problem,
+    pub(super) meanings: BTreeMap<Name, Meaning>,
+    pub(super) capabilities: Vec<Guard>,
+    pub(super) placements: Vec<Supposable>,
+    /// The ground facts that each part of the goal wants.
+    pub(super) atoms: Vec<Vec<Atom>>,
+    /// New agents, each with its type.
+    new: BTreeMap<Name, TypeExpr>,
+}
+
+// === impl Supposed ===
+
+impl Supposed {
+    pub(super) fn new(known: Known<'_>, parts: &[Condition]) -> Supposed {
+        let mut guards = known.guards.clone();
+        let mut domain = known.domain.clone();
+        for model in known.former.iter().take(FORMER_MAX) {
+            remember(&mut domain, &mut guards, model);
+        }
+        let mut supposed = Supposed {
+            problem: Problem { metric: None, ..known.problem.clone() },
+            domain,
+            meanings: BTreeMap::new(),
+            capabilities: Vec::new(),
+            placements: Vec::new(),
+            atoms: Vec::new(),
+            new: BTreeMap::new(),
+        };
+        let acting: Vec<(ActionSchema, Guard)> = { supposed.domain.actions.iter() }
+            .filter_map(|action| Some((action.clone(), guards.get(&action.name)?.clone())))
+            .filter(|(action, _)| action.agent.is_some())
+            .collect();
+        supposed.drop_numbers();
+        supposed.welcome(&acting);
+        for (action, guard) in &acting {
+            supposed.suppose(action, guard, &guards);
+        }
+        supposed.link(&acting, &guards);
+        parts.iter().for_each(|part| supposed.ask(part));
+        supposed
+    }
+
+    /// The actions that could make one of `atoms` true, under their agents' names.
+    pub(super) fn adding(&self, atoms: &[Atom]) -> Vec<Name> {
+        let adds = |name: &Name| {
+            let action = self.domain.actions.iter().find(|action| action.name == *name);
+            action.is_some_and(|action| {
+                let mut added = BTreeSet::new();
+                adds_of(&action.effect, &mut added);
+                atoms.iter().any(|atom| added.contains(&atom.predicate))
+            })
+        };
+        let mut names = BTreeSet::new();
+        for (name, meaning) in &self.meanings {
+            if let Meaning::Suppose(capability) = meaning
+                && adds(&Name::new(name.as_str().trim_start_matches("%suppose ")))
+            {
+                names.insert(self.capabilities[*capability].outside.clone());
+            }
+        }
+        names.into_iter().collect()
+    }
+
+    /// An object as people know it.
+    pub(super) fn who(&self, object: &Name) -> Who {
+        match self.new.get(object) {
+            Some(ty) => Who::New(ty.clone()),
+            None => Who::Here(object.clone()),
+        }
+    }
+
+    fn drop_numbers(&mut self) {
+        for action in &mut self.domain.actions {
+            action.precondition = without_numbers(&action.precondition, true);
+            action.effect = without_amounts(&action.effect);
+        }
+        for derived in &mut self.domain.derived {
+            derived.condition = without_numbers(&derived.condition, true);
+        }
+        self.problem.init.retain(|element| matches!(element, InitElement::Atom(_)));
+        self.problem.goal = fact(EXPLAINED, Vec::new());
+        self.domain.predicates.extend([
+            declaration(THERE, vec![typed("x", TypeExpr::default())]),
+            declaration(NEW, vec![typed("x", TypeExpr::default())]),
+            declaration(EXPLAINED, Vec::new()),
+        ]);
+    }
+
+    /// Adds a new agent of every type that acts; nothing happens to it before it is there.
+    fn welcome(&mut self, acting: &[(ActionSchema, Guard)]) {
+        let objects = self.problem.objects.iter().map(|declared| &declared.object);
+        let here: Vec<Name> =
+            objects.chain(&self.domain.constants).map(|object| object.name.clone()).collect();
+        for object in here {
+            self.problem.init.push(InitElement::Atom(atom(THERE, vec![Term::Object(object)])));
+        }
+        let mut kinds: Vec<&TypeExpr> = Vec::new();
+        for agent in acting.iter().filter_map(|(action, _)| action.agent.as_ref()) {
+            if !kinds.contains(&&agent.ty) {
+                kinds.push(&agent.ty);
+            }
+        }
+        for (number, ty) in kinds.into_iter().enumerate() {
+            let name = Name::new(&format!("%new-{number}"));
+            self.new.insert(name.clone(), ty.clone());
+            let object = Typed { name: name.clone(), ty: ty.clone() };
+            let privacy = Privacy::Public;
+            self.problem.objects.push(ObjectDeclaration { object, privacy });
+            self.problem.init.push(InitElement::Atom(atom(NEW, vec![Term::Object(name)])));
+        }
+        let types = Types::of(&self.domain);
+        let new = &self.new;
+        let may_be_new = |ty: &TypeExpr| new.values().any(|kind| types.accepts(ty, kind));
+        for action in &mut self.domain.actions {
+            let others = action.parameters.iter().filter(|parameter| may_be_new(&parameter.ty));
+            let mut wanted: Vec<Condition> =
+                others.map(|parameter| fact(THERE, vec![variable(parameter)])).collect();
+            wanted.push(action.precondition.clone());
+            action.precondition = Condition::And(wanted);
+        }
+    }
+
+    /// Lets agents offer an action, and new ones be where it wants them.
+    fn suppose(&mut self, action: &ActionSchema, guard: &Guard, guards: &BTreeMap<Name, Guard>) {
+        let Some(agent) = &action.agent else { return };
+        let capability = self.capabilities.len();
+        self.capabilities.push(guard.clone());
+        let offers = atom(guard.predicate.as_str(), vec![variable(agent)]);
+        let there = atom(THERE, vec![variable(agent)]);
+        let effect = Effect::And(vec![Effect::Add(offers.clone()), Effect::Add(there)]);
+        let name = format!("%suppose {}", action.name);
+        let always = Condition::always();
+        self.act(&name, vec![agent.clone()], always, effect, Meaning::Suppose(capability));
+        let mut facts = Vec::new();
+        let mut scope: Vec<Typed> = action.parameters.clone();
+        positive(&action.precondition, &mut scope, &mut |atom, scope| {
+            if atom.arguments.contains(&variable(agent)) {
+                facts.push((atom.clone(), scope.to_vec()));
+            }
+        });
+        for (said, scope) in facts {
+            let is_guard = guards.values().any(|guard| guard.predicate == said.predicate);
+            let derives = |derived: &Derived| derived.predicate == said.predicate;
+            if is_guard || said.predicate == THERE || self.domain.derived.iter().any(derives) {
+                continue;
+            }
+            let others = scope.iter().filter(|typed| said.arguments.contains(&variable(typed)));
+            let others: Vec<Typed> = others.cloned().collect();
+            let mut wanted =
+                vec![Condition::Atom(offers.clone()), fact(NEW, vec![variable(agent)])];
+            wanted.extend(others.iter().map(|other| fact(THERE, vec![variable(other)])));
+            let parameters = std::iter::once(agent.clone()).chain(others).collect();
+            self.place(said, parameters, wanted, Some(capability));
+        }
+    }
+
+    /// Lets an agent that is here and says nothing of the kind be put on a new one: a sensor
+    /// whose robot has left.
+    fn link(&mut self, acting: &[(ActionSchema, Guard)], guards: &BTreeMap<Name, Guard>) {
+        let mut changed = BTreeSet::new();
+        acting.iter().for_each(|(action, _)| adds_of(&action.effect, &mut changed));
+        changed.extend(self.domain.derived.iter().map(|derived| derived.predicate.clone()));
+        changed.extend(guards.values().map(|guard| guard.predicate.clone()));
+        let mut linked = BTreeSet::new();
+        for (action, _) in acting {
+            let Some(agent) = &action.agent else { continue };
+            let mut scope = action.parameters.clone();
+            let mut links = Vec::new();
+            positive(&action.precondition, &mut scope, &mut |atom, scope| {
+                if let [Term::Variable(first), Term::Variable(second)] = atom.arguments.as_slice()
+                    && *first == agent.name
+                    && let Some(other) = scope.iter().rev().find(|typed| typed.name == *second)
+                {
+                    links.push((atom.clone(), other.clone()));
+                }
+            });
+            for (said, other) in links {
+                if !changed.contains(&said.predicate) && linked.insert(said.predicate.clone()) {
+                    self.link_by(&said, agent, other);
+                }
+            }
+        }
+    }
+
+    fn link_by(&mut self, said: &Atom, agent: &Typed, other: Typed) {
+        let types = Types::of(&self.domain);
+        let taken = |object: &Name| {
+            self.problem.init.iter().any(|element| match element {
+                InitElement::Atom(atom) => {
+                    atom.predicate == said.predicate
+                        && atom.arguments.first() == Some(&Term::Object(object.clone()))
+                }
+                _ => false,
+            })
+        };
+        let objects = self.problem.objects.iter().map(|declared| &declared.object);
+        let free: Vec<Name> = { objects.chain(&self.domain.constants) }
+            .filter(|object| !self.new.contains_key(&object.name))
+            .filter(|object| types.accepts(&agent.ty, &object.ty) && !taken(&object.name))
+            .map(|object| object.name.clone())
+            .collect();
+        if free.is_empty() || !self.new.values().any(|ty| types.accepts(&other.ty, ty)) {
+            return;
+        }
+        let unplaced = format!("%unplaced {}", said.predicate);
+        let parameter = typed("x", TypeExpr::default());
+        self.domain.predicates.push(declaration(&unplaced, vec![parameter]));
+        for object in free {
+            let fact = atom(&unplaced, vec![Term::Object(object)]);
+            self.problem.init.push(InitElement::Atom(fact));
+        }
+        let wanted = vec![
+            fact(NEW, vec![variable(&other)]),
+            fact(THERE, vec![variable(&other)]),
+            fact(&unplaced, vec![variable(agent)]),
+        ];
+        self.place(said.clone(), vec![other, agent.clone()], wanted, None);
+    }
+
+    /// Lets a fact about a new agent, the first of `parameters`, be supposed.
+    fn place(
+        &mut self,
+        said: Atom,
+        parameters: Vec<Typed>,
+        wanted: Vec<Condition>,
+        capability: Option<usize>,
+    ) {
+        let number = self.placements.len();
+        self.placements.push(Supposable { predicate: said.predicate.clone(), capability });
+        let (name, effect) = (format!("%place {number}"), Effect::Add(said));
+        self.act(&name, parameters, Condition::And(wanted), effect, Meaning::Place(number));
+    }
+
+    /// Asks about a part of the goal.
+    fn ask(&mut self, part: &Condition) {
+        let number = self.atoms.len();
+        let explained = || Effect::Add(atom(EXPLAINED, Vec::new()));
+        let wanted = without_numbers(part, true);
+        let name = format!("%reach {number}");
+        self.act(&name, Vec::new(), wanted, explained(), Meaning::Reach(number));
+        let mut atoms: Vec<Atom> = Vec::new();
+        positive(part, &mut Vec::new(), &mut |atom, _| {
+            let is_ground = atom.arguments.iter().all(|term| matches!(term, Term::Object(_)));
+            if is_ground && !atoms.contains(atom) {
+                atoms.push(atom.clone());
+            }
+        });
+        for (index, atom) in atoms.iter().enumerate() {
+            let (name, wanted) =
+                (format!("%touch {number} {index}"), Condition::Atom(atom.clone()));
+            self.act(&name, Vec::new(), wanted, explained(), Meaning::Touch(number, index));
+        }
+        self.atoms.push(atoms);
+    }
+
+    fn act(
+        &mut self,
+        name: &str,
+        parameters: Vec<Typed>,
+        precondition: Condition,
+        effect: Effect,
+        meaning: Meaning,
+    ) {
+        let (name, span) = (Name::new(name), Span::default());
+        self.meanings.insert(name.clone(), meaning);
+        let agent = None;
+        let action = ActionSchema { name, agent, parameters, precondition, effect, span };
+        self.domain.actions.push(action);
+    }
+}
+
+/// Adds what a former agent could do, as far as it fits into the domain of today.
+fn remember(domain: &mut Domain, guards: &mut BTreeMap<Name, Guard>, model: &ActionModel) {
+    let mut with = domain.clone();
+    let types = Types::of(domain);
+    let new = model.types.iter().filter(|typed| !types.contains(typed.name.as_str()));
+    with.types.extend(new.cloned());
+    let news = model.predicates.iter();
+    let news = news.filter(|new| domain.predicates.iter().all(|known| known.name != new.name));
+    let news: Vec<PredicateDeclaration> = news.cloned().collect();
+    let axioms = model.derived.iter();
+    let axioms = axioms.filter(|axiom| news.iter().any(|new| new.name == axiom.predicate));
+    with.derived.extend(axioms.cloned());
+    with.predicates.extend(news);
+    let functions = model.functions.iter();
+    let functions =
+        functions.filter(|new| domain.functions.iter().all(|known| known.name != new.name));
+    with.functions.extend(functions.cloned());
+    for action in &model.actions {
+        let Some(agent) = &action.agent else { continue };
+        let name = Name::new(&format!("%former {} {}", guards.len(), action.name));
+        let predicate = Name::new(&format!("%offers {}", guards.len()));
+        with.predicates.push(declaration(predicate.as_str(), vec![agent.clone()]));
+        let offers = fact(predicate.as_str(), vec![variable(agent)]);
+        let precondition = Condition::And(vec![offers, action.precondition.clone()]);
+        with.actions.push(ActionSchema { name: name.clone(), precondition, ..action.clone() });
+        let outside = action.name.clone();
+        guards.insert(name, Guard { outside, predicate });
+    }
+    if !pddl::check_domain(&with).iter().any(pddl::Diagnostic::is_error) {
+        *domain = with;
+    }
+}
+
+/// Calls `visit` for the facts that a condition wants to be true, whatever else it wants.
+fn positive(condition: &Condition, scope: &mut Vec<Typed>, visit: &mut dyn FnMut(&Atom, &[Typed])) {
+    match condition {
+        Condition::Atom(atom) => visit(atom, scope),
+        Condition::And(parts) | Condition::Or(parts) => {
+            parts.iter().for_each(|part| positive(part, scope, visit));
+        }
+        Condition::Exists(variables, inner) => {
+            let outer = scope.len();
+            scope.extend(variables.iter().cloned());
+            positive(inner, scope, visit);
+            scope.truncate(outer);
+        }
+        Condition::Not(_)
+        | Condition::Imply(..)
+        | Condition::Forall(..)
+        | Condition::Equal(..)
+        | Condition::Compare(_) => (),
+    }
+}
+
+fn adds_of(effect: &Effect, added: &mut BTreeSet<Name>) {
+    match effect {
+        Effect::Add(atom) => {
+            added.insert(atom.predicate.clone());
+        }
+        Effect::And(parts) => parts.iter().for_each(|part| adds_of(part, added)),
+        Effect::Forall(_, inner) | Effect::When(_, inner) => adds_of(inner, added),
+        Effect::Delete(_) | Effect::Assign(_) => (),
+    }
+}
+
+/// Whether a condition speaks of numbers.
+pub(super) fn counts(condition: &Condition) -> bool {
+    match condition {
+        Condition::Compare(_) => true,
+        Condition::Atom(_) | Condition::Equal(..) => false,
+        Condition::And(parts) | Condition::Or(parts) => parts.iter().any(counts),
+        Condition::Imply(left, right) => counts(left) || counts(right),
+        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
+            counts(inner)
+        }
+    }
+}
+
+/// The condition where comparisons come out as it wants them.
+fn without_numbers(condition: &Condition, positive: bool) -> Condition {
+    let all = |parts: &[Condition]| {
+        parts.iter().map(|part| without_numbers(part, positive)).collect::<Vec<_>>()
+    };
+    match condition {
+        Condition::Compare(_) if positive => Condition::always(),
+        Condition::Compare(_) => Condition::Or(Vec::new()),
+        Condition::Atom(_) | Condition::Equal(..) => condition.clone(),
+        Condition::Not(inner) => Condition::Not(Box::new(without_numbers(inner, !positive))),
+        Condition::And(parts) => Condition::And(all(parts)),
+        Condition::Or(parts) => Condition::Or(all(parts)),
+        Condition::Imply(left, right) => Condition::Imply(
+            Box::new(without_numbers(left, !positive)),
+            Box::new(without_numbers(right, positive)),
+        ),
+        Condition::Exists(variables, inner) => {
+            Condition::Exists(variables.clone(), Box::new(without_numbers(inner, positive)))
+        }
+        Condition::Forall(variables, inner) => {
+            Condition::Forall(variables.clone(), Box::new(without_numbers(inner, positive)))
+        }
+    }
+}
+
+fn without_amounts(effect: &Effect) -> Effect {
+    match effect {
+        Effect::Assign(_) => Effect::nothing(),
+        Effect::Add(_) | Effect::Delete(_) => effect.clone(),
+        Effect::And(parts) => Effect::And(parts.iter().map(without_amounts).collect()),
+        Effect::Forall(variables, inner) => {
+            Effect::Forall(variables.clone(), Box::new(without_amounts(inner)))
+        }
+        Effect::When(condition, inner) => Effect::When(
+            Box::new(without_numbers(condition, true)),
+            Box::new(without_amounts(inner)),
+        ),
+    }
+}
+
+fn atom(predicate: &str, arguments: Vec<Term>) -> Atom {
+    Atom { predicate: Name::new(predicate), arguments, span: Span::default() }
+}
+
+fn fact(predicate: &str, arguments: Vec<Term>) -> Condition {
+    Condition::Atom(atom(predicate, arguments))
+}
+
+fn variable(typed: &Typed) -> Term {
+    Term::Variable(typed.name.clone())
+}
+
+fn typed(name: &str, ty: TypeExpr) -> Typed {
+    Typed { name: Name::new(name), ty }
+}
+
+fn declaration(name: &str, parameters: Vec<Typed>) -> PredicateDeclaration {
+    PredicateDeclaration { name: Name::new(name), parameters, privacy: Privacy::Public }
+}

@@ -1,0 +1,233 @@
+//! Explanations as sentences, for people.
+
+use std::fmt;
+
+use pddl::{Name, Term};
+
+use super::{Alternative, Explanation, Missing, Obstacle, Place, Placement, Who};
+
+/// Things of one kind that are named one by one; of more, the first, and how many follow.
+const NAMED_MAX: usize = 3;
+
+impl fmt::Display for Explanation {
+    /// One sentence for all parts that lack the same, without a period.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut sentences: Vec<(String, Vec<String>, String)> = Vec::new();
+        for obstacle in &self.obstacles {
+            let (lead, subject, rest) = obstacle.sentence();
+            let same =
+                |known: &&mut (String, Vec<String>, String)| known.0 == lead && known.2 == rest;
+            match sentences.iter_mut().find(same) {
+                Some((_, subjects, _)) => subjects.push(subject),
+                None => sentences.push((lead, vec![subject], rest)),
+            }
+        }
+        if sentences.is_empty() {
+            f.write_str(match (self.is_complete, self.parts) {
+                (false, _) => "what is missing was not found within the bounds of the search",
+                (true, 0 | 1) => {
+                    "it can be reached where nothing is undone; what is in the way is how the \
+                     steps towards it interfere"
+                }
+                (true, _) => {
+                    "each part can be reached alone; what is in the way is how they interfere"
+                }
+            })?;
+        }
+        for (number, (lead, subjects, rest)) in sentences.iter().enumerate() {
+            let separator = if number == 0 { "" } else { ". Also, " };
+            write!(f, "{separator}{lead}{}; {rest}", named(subjects))?;
+        }
+        Ok(())
+    }
+}
+
+// === impl Obstacle ===
+
+impl Obstacle {
+    /// What all parts have in common that lack the same, this part, and what would do.
+    fn sentence(&self) -> (String, String, String) {
+        let there = self.there();
+        let (lead, subject) = match (self.actions.as_slice(), self.unreachable.as_slice()) {
+            ([action], [atom]) => match atom.arguments.as_slice() {
+                [place] if self.is_place(&there) => {
+                    (format!("no agent can `{action}` at "), format!("`{}`", text(place)))
+                }
+                [thing] => (format!("no agent can `{action}` for "), format!("`{}`", text(thing))),
+                _ => (format!("no agent can `{action}` for "), format!("`{atom}`")),
+            },
+            _ => ("no agent here can reach ".to_owned(), format!("`{}`", self.conjunct)),
+        };
+        (lead, subject, self.rest(&there))
+    }
+
+    fn rest(&self, there: &[&Name]) -> String {
+        if self.is_numeric {
+            return "an action would do, if it were not for an amount".to_owned();
+        }
+        let is_here = |missing: &Missing| matches!(missing.agent, Who::Here(_));
+        let (here, new): (Vec<&Alternative>, Vec<&Alternative>) =
+            self.alternatives.iter().partition(|one| one.missing.iter().all(is_here));
+        let here = here.iter().map(|alternative| {
+            let silent =
+                alternative.missing.chunk_by(|one, two| one.agent == two.agent).map(|own| {
+                    let actions: Vec<String> =
+                        own.iter().map(|missing| format!("`{}`", missing.action)).collect();
+                    format!("{} does not offer {}", own[0].agent, actions.join(" and "))
+                });
+            format!("{} now", silent.collect::<Vec<_>>().join(" and "))
+        });
+        let mut clauses: Vec<String> = here.collect();
+        if !new.is_empty() {
+            let known = match self.actions.as_slice() {
+                [action] => Some(action),
+                _ => None,
+            };
+            let new: Vec<String> =
+                new.iter().map(|alternative| alternative.words(known, there)).collect();
+            let comma = if new.len() > 1 { "," } else { "" };
+            clauses.push(format!("{}{comma} would do", new.join(", or ")));
+        }
+        match clauses.is_empty() {
+            false => clauses.join("; "),
+            true if self.actions.is_empty() => {
+                "no agent that is or was here has an action for it".to_owned()
+            }
+            true => "one or two more capabilities would not be enough".to_owned(),
+        }
+    }
+
+    /// The objects that this part is about.
+    fn there(&self) -> Vec<&Name> {
+        let terms = self.unreachable.iter().flat_map(|atom| &atom.arguments);
+        terms.map(text).collect()
+    }
+
+    /// Whether something new would have to be where this part is about.
+    fn is_place(&self, there: &[&Name]) -> bool {
+        let missing = self.alternatives.iter().flat_map(|alternative| &alternative.missing);
+        missing.flat_map(|missing| &missing.places).any(|placement| placement.is_there(there))
+    }
+}
+
+// === impl Alternative ===
+
+impl Alternative {
+    /// `known` is the action that nobody can take, so that it is not said again.
+    fn words(&self, known: Option<&Name>, there: &[&Name]) -> String {
+        let mut missing: Vec<&Missing> = self.missing.iter().collect();
+        missing.sort_by_key(|missing| known != Some(&missing.action));
+        match missing.as_slice() {
+            [one, other] if one.is_placed_on(other) => one.words(known, there).replacen(
+                &other.agent.to_string(),
+                &other.words(known, there),
+                1,
+            ),
+            all => {
+                let all: Vec<String> =
+                    all.iter().map(|missing| missing.words(known, there)).collect();
+                all.join(" and ")
+            }
+        }
+    }
+}
+
+// === impl Missing ===
+
+impl Missing {
+    fn words(&self, known: Option<&Name>, there: &[&Name]) -> String {
+        let Missing { action, agent, places } = self;
+        if let Who::Here(_) = agent {
+            return format!("{agent}, which does not offer `{action}` now");
+        }
+        let mut words = agent.to_string();
+        if known != Some(action) {
+            words += &format!(" that can `{action}`");
+        }
+        let mut placed: Vec<String> = Vec::new();
+        for placement in places {
+            let place = placement.words(there);
+            if !placed.contains(&place) {
+                words += &place;
+                placed.push(place);
+            }
+        }
+        words
+    }
+
+    /// Whether it is said of this one that it is on the other, which is new too.
+    fn is_placed_on(&self, other: &Missing) -> bool {
+        let is_other = |place: &Vec<Who>| *place == [other.agent.clone()];
+        matches!(other.agent, Who::New(_))
+            && self.places.iter().any(|placement| match &placement.place {
+                Place::At(places) => !placement.is_reversed && places.iter().all(is_other),
+                Place::Anywhere => false,
+            })
+    }
+}
+
+// === impl Placement ===
+
+impl Placement {
+    fn is_there(&self, there: &[&Name]) -> bool {
+        let Place::At(places) = &self.place else { return false };
+        if self.is_reversed {
+            return false;
+        }
+        let [place] = places.as_slice() else { return false };
+        matches!(place.as_slice(), [Who::Here(object)] if there.contains(&object))
+    }
+
+    fn words(&self, there: &[&Name]) -> String {
+        let Place::At(places) = &self.place else { return String::new() };
+        if self.is_there(there) {
+            return " there".to_owned();
+        }
+        let place =
+            |place: &Vec<Who>| place.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
+        let mut places: Vec<String> = places.iter().map(place).collect();
+        places.dedup();
+        let rest = places.len().saturating_sub(NAMED_MAX);
+        places.truncate(NAMED_MAX);
+        let more = if rest > 0 { format!(" or {rest} more") } else { String::new() };
+        let (predicate, places) =
+            (self.predicate.spelled().replace('-', " "), format!("{}{more}", places.join(" or ")));
+        if self.is_reversed {
+            return format!(", with {places} {predicate} it");
+        }
+        format!(" {predicate} {places}")
+    }
+}
+
+impl fmt::Display for Who {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Who::Here(object) => write!(f, "`{object}`"),
+            Who::New(ty) => {
+                let kinds: Vec<String> =
+                    ty.alternatives.iter().map(|kind| kind.spelled().replace('-', " ")).collect();
+                let kind = if kinds.is_empty() { "agent".to_owned() } else { kinds.join(" or ") };
+                let is_vowel = kind.starts_with(['a', 'e', 'i', 'o', 'u']);
+                write!(f, "{} {kind}", if is_vowel { "an" } else { "a" })
+            }
+        }
+    }
+}
+
+fn text(term: &Term) -> &Name {
+    match term {
+        Term::Object(name) | Term::Variable(name) => name,
+    }
+}
+
+/// `a`, `b`, `c` and 4 more
+fn named(things: &[String]) -> String {
+    let (first, rest) = things.split_at(things.len().min(NAMED_MAX));
+    match (first, rest) {
+        ([.., _], [_, ..]) => format!("{} and {} more", first.join(", "), rest.len()),
+        ([most @ .., last], []) if !most.is_empty() => {
+            format!("{} and {last}", most.join(", "))
+        }
+        _ => first.concat(),
+    }
+}

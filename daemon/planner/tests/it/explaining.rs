@@ -1,0 +1,317 @@
+//! What is missing where there is no plan: the smart office with agents taken away, and small
+//! worlds in which something else is in the way.
+
+use std::collections::BTreeMap;
+
+use expect_test::{Expect, expect};
+use pddl::{ActionModel, Domain, Name, Problem};
+use planner::explain::{Explanation, Guard, Known, explain};
+use planner::{Cancel, Options};
+use proptest::prelude::*;
+
+use crate::support::parse;
+
+const HEAD: &str = "(define (domain office) (:requirements :typing :action-costs)
+    (:types location agent - object room corridor - location mobile-base sensor - agent
+        temperature-sensor ir-temperature-sensor - sensor)
+    (:predicates (connected ?a ?b - location) (at ?b - mobile-base ?l - location)
+        (located ?s - sensor ?r - room) (mounted-on ?s - sensor ?b - mobile-base)
+        (known-temperature ?r - room) (offers-move ?b - mobile-base)
+        (offers-report ?s - temperature-sensor) (offers-measure ?s - ir-temperature-sensor))
+    (:functions (distance ?a ?b - location) (total-cost))";
+
+const MOVE: &str = "(:action move :agent ?b - mobile-base :parameters (?from ?to - location)
+    :precondition (and (offers-move ?b) (at ?b ?from) (connected ?from ?to))
+    :effect (and (not (at ?b ?from)) (at ?b ?to)
+        (increase (total-cost) (distance ?from ?to))))";
+
+const REPORT: &str = "(:action report-temperature--one :agent ?s - temperature-sensor
+    :parameters (?r - room) :precondition (and (offers-report ?s) (located ?s ?r))
+    :effect (and (known-temperature ?r) (increase (total-cost) 1)))";
+
+const MEASURE: &str = "(:action report-temperature--two :agent ?s - ir-temperature-sensor
+    :parameters (?b - mobile-base ?r - room)
+    :precondition (and (offers-measure ?s) (mounted-on ?s ?b) (at ?b ?r))
+    :effect (and (known-temperature ?r) (increase (total-cost) 2)))";
+
+const MAP: &str = "(connected corridor office1) (connected office1 corridor)
+    (= (distance corridor office1) 4) (= (distance office1 corridor) 4)
+    (connected corridor office2) (connected office2 corridor)
+    (= (distance corridor office2) 6) (= (distance office2 corridor) 6) (= (total-cost) 0)";
+
+const GUARDS: &[(&str, &str, &str)] = &[
+    ("move", "move", "offers-move"),
+    ("report-temperature--one", "report-temperature", "offers-report"),
+    ("report-temperature--two", "report-temperature", "offers-measure"),
+];
+
+fn guards(of: &[(&str, &str, &str)]) -> BTreeMap<Name, Guard> {
+    let guard = |(inside, outside, predicate): &(&str, &str, &str)| {
+        let (outside, predicate) = (Name::new(outside), Name::new(predicate));
+        (Name::new(inside), Guard { outside, predicate })
+    };
+    of.iter().map(guard).collect()
+}
+
+fn office(actions: &str, objects: &str, init: &str) -> (Domain, Problem) {
+    let problem = format!(
+        "(define (problem p) (:domain office)
+            (:objects office1 office2 - room corridor - corridor {objects})
+            (:init {MAP} {init}) (:goal (and)))"
+    );
+    parse(&format!("{HEAD} {actions})"), &problem)
+}
+
+fn explained(
+    (domain, problem): &(Domain, Problem),
+    of: &[(&str, &str, &str)],
+    former: &[ActionModel],
+    goal: &str,
+) -> Explanation {
+    let goal = pddl::parse_condition(goal).into_result().expect("the goal parses");
+    let parts = planner::goal::conjuncts(domain, problem, &goal).expect("makes sense");
+    let guards = guards(of);
+    let known = Known { domain, problem, guards: &guards, former };
+    explain(known, &parts, &Options::default(), &Cancel::new()).expect("supported")
+}
+
+/// The words, one clause per line.
+fn lines(explanation: &Explanation) -> String {
+    let text = explanation.to_string().replace("; ", ";\n").replace(", or ", ",\nor ");
+    text.replace(". Also", ".\nAlso") + "\n"
+}
+
+#[track_caller]
+fn check(objects: &str, init: &str, expected: Expect) {
+    let office = office(&[MOVE, REPORT, MEASURE].concat(), objects, init);
+    let goal = "(forall (?r - room) (known-temperature ?r))";
+    expected.assert_eq(&lines(&explained(&office, GUARDS, &[], goal)));
+}
+
+#[test]
+fn without_any_agent_a_sensor_there_would_do_or_two_together() {
+    check(
+        "",
+        "",
+        expect![[r#"
+        no agent can `report-temperature` at `office1` and `office2`;
+        a temperature sensor there,
+        or an ir temperature sensor mounted on a mobile base that can `move`, would do
+    "#]],
+    );
+}
+
+#[test]
+fn a_sensor_without_its_robot_wants_one() {
+    check(
+        "ir - ir-temperature-sensor",
+        "(offers-measure ir)",
+        expect![[r#"
+        no agent can `report-temperature` at `office1` and `office2`;
+        a mobile base that can `move`, with `ir` mounted on it,
+        or a temperature sensor there, would do
+    "#]],
+    );
+}
+
+#[test]
+fn an_agent_that_is_here_and_does_not_offer_is_named() {
+    check(
+        "tb - mobile-base ir - ir-temperature-sensor",
+        "(offers-measure ir) (mounted-on ir tb) (at tb corridor)",
+        expect![[r#"
+            no agent can `report-temperature` at `office1` and `office2`;
+            `tb` does not offer `move` now;
+            a temperature sensor there,
+            or an ir temperature sensor mounted on a mobile base that can `move`, would do
+        "#]],
+    );
+}
+
+#[test]
+fn a_sensor_that_rests_is_named_for_its_own_room_only() {
+    check(
+        "one two - temperature-sensor",
+        "(located one office1) (located two office2) (offers-report two)",
+        expect![[r#"
+            no agent can `report-temperature` at `office1`;
+            `one` does not offer `report-temperature` now;
+            a temperature sensor there,
+            or an ir temperature sensor mounted on a mobile base that can `move`, would do
+        "#]],
+    );
+}
+
+#[test]
+fn a_robot_without_a_sensor_wants_one_on_it() {
+    check(
+        "tb - mobile-base",
+        "(offers-move tb) (at tb corridor)",
+        expect![[r#"
+        no agent can `report-temperature` at `office1` and `office2`;
+        a temperature sensor there,
+        or an ir temperature sensor mounted on `tb`, would do
+    "#]],
+    );
+}
+
+#[test]
+fn a_sensor_on_the_wrong_wall_is_no_answer() {
+    check(
+        "one - temperature-sensor",
+        "(located one office1) (offers-report one)",
+        expect![[r#"
+            no agent can `report-temperature` at `office2`;
+            a temperature sensor there,
+            or an ir temperature sensor mounted on a mobile base that can `move`, would do
+        "#]],
+    );
+}
+
+#[test]
+fn what_agents_could_do_that_have_left_is_remembered() {
+    let office = office("", "", "");
+    let model = |text: &str| pddl::parse_action_model(text).into_result().expect("a model");
+    let former = [
+        model(
+            "(define (agent tb) (:domain office) (:types turtlebot - mobile-base)
+                (:action move :agent ?b - turtlebot :parameters (?from ?to - location)
+                    :precondition (and (at ?b ?from) (connected ?from ?to))
+                    :effect (and (not (at ?b ?from)) (at ?b ?to))))",
+        ),
+        model(
+            "(define (agent one) (:domain office)
+                (:action report-temperature :agent ?s - temperature-sensor :parameters (?r - room)
+                    :precondition (located ?s ?r) :effect (known-temperature ?r)))",
+        ),
+        // It does not fit the ontology of today, and spoils nothing.
+        model(
+            "(define (agent odd) (:domain office)
+                (:action odd :agent ?s - unheard-of :parameters () :effect (unheard-of ?s)))",
+        ),
+    ];
+    let goal = "(and (known-temperature office1) (exists (?b - mobile-base) (at ?b office2)))";
+    let explanation = explained(&office, &[], &former, goal);
+    expect![[r#"
+        no agent can `report-temperature` at `office1`;
+        a temperature sensor there would do.
+        Also, no agent here can reach `(exists (?b - mobile-base) (at ?b office2))`;
+        a turtlebot that can `move` would do
+    "#]]
+    .assert_eq(&lines(&explanation));
+}
+
+#[test]
+fn what_nobody_ever_did_is_said_so() {
+    let office = office(MOVE, "tb - mobile-base", "(offers-move tb) (at tb corridor)");
+    let explanation = explained(&office, &GUARDS[..1], &[], "(known-temperature office1)");
+    expect![[r#"
+        no agent here can reach `(known-temperature office1)`;
+        no agent that is or was here has an action for it
+    "#]]
+    .assert_eq(&lines(&explanation));
+}
+
+#[test]
+fn parts_that_are_reached_alone_interfere() {
+    let actions = [MOVE, REPORT].concat();
+    let office = office(&actions, "tb - mobile-base", "(offers-move tb) (at tb corridor)");
+    let both = explained(&office, GUARDS, &[], "(and (at tb office1) (at tb office2))");
+    expect![[r#"
+        each part can be reached alone;
+        what is in the way is how they interfere
+    "#]]
+    .assert_eq(&lines(&both));
+    let one = explained(&office, GUARDS, &[], "(at tb office1)");
+    expect![[r#"
+        it can be reached where nothing is undone;
+        what is in the way is how the steps towards it interfere
+    "#]]
+    .assert_eq(&lines(&one));
+}
+
+#[test]
+fn an_amount_in_the_way_is_said_so() {
+    let texts = parse(
+        "(define (domain d) (:requirements :typing :numeric-fluents) (:types robot)
+            (:predicates (done) (offers-work ?r - robot)) (:functions (charge ?r - robot))
+            (:action work :agent ?r - robot :parameters ()
+                :precondition (and (offers-work ?r) (>= (charge ?r) 5)) :effect (done)))",
+        "(define (problem p) (:domain d) (:objects r - robot)
+            (:init (offers-work r) (= (charge r) 3)) (:goal (and)))",
+    );
+    let explanation = explained(&texts, &[("work", "work", "offers-work")], &[], "(done)");
+    expect![[r#"
+        no agent here can reach `(done)`;
+        an action would do, if it were not for an amount
+    "#]]
+    .assert_eq(&lines(&explanation));
+}
+
+#[test]
+fn one_agent_may_lack_two_capabilities() {
+    let texts = parse(
+        "(define (domain d) (:requirements :typing) (:types robot box place)
+            (:predicates (at ?r - robot ?p - place) (in ?b - box ?p - place)
+                (holds ?r - robot ?b - box) (offers-go ?r - robot) (offers-pick ?r - robot)
+                (offers-drop ?r - robot))
+            (:action go :agent ?r - robot :parameters (?a ?b - place)
+                :precondition (and (offers-go ?r) (at ?r ?a))
+                :effect (and (at ?r ?b) (not (at ?r ?a))))
+            (:action pick :agent ?r - robot :parameters (?b - box ?p - place)
+                :precondition (and (offers-pick ?r) (at ?r ?p) (in ?b ?p)) :effect (holds ?r ?b))
+            (:action drop :agent ?r - robot :parameters (?b - box ?p - place)
+                :precondition (and (offers-drop ?r) (at ?r ?p) (holds ?r ?b))
+                :effect (in ?b ?p)))",
+        "(define (problem p) (:domain d) (:objects r - robot b - box x y z - place)
+            (:init (at r x) (in b y) (offers-drop r)) (:goal (and)))",
+    );
+    let guards = &[
+        ("go", "go", "offers-go"),
+        ("pick", "pick", "offers-pick"),
+        ("drop", "drop", "offers-drop"),
+    ];
+    expect![[r#"
+        no agent can `drop` for `(in b z)`;
+        `r` does not offer `go` and `pick` now;
+        a robot there would do
+    "#]]
+    .assert_eq(&lines(&explained(&texts, guards, &[], "(in b z)")));
+}
+
+proptest! {
+    /// Whatever is there: what is said to be missing is not there, what would do is small, and the
+    /// same question has the same answer. What is told to be unreachable has no plan.
+    #[test]
+    fn explanations_are_sound_and_repeat(bits in proptest::collection::vec(any::<bool>(), 8)) {
+        let facts = ["(offers-move tb)", "(at tb corridor)", "(offers-measure ir)",
+            "(mounted-on ir tb)", "(offers-report one)", "(located one office1)",
+            "(offers-report two)", "(located two office2)"];
+        let chosen: Vec<&str> =
+            facts.iter().zip(&bits).filter(|(_, bit)| **bit).map(|(fact, _)| *fact).collect();
+        let office = office(
+            &[MOVE, REPORT, MEASURE].concat(),
+            "tb - mobile-base ir - ir-temperature-sensor one two - temperature-sensor",
+            &chosen.join(" "),
+        );
+        let goal = "(forall (?r - room) (known-temperature ?r))";
+        let told = explained(&office, GUARDS, &[], goal);
+        prop_assert_eq!(&told, &explained(&office, GUARDS, &[], goal));
+        prop_assert!(told.is_complete);
+        for obstacle in &told.obstacles {
+            prop_assert!(!obstacle.alternatives.is_empty());
+            for alternative in &obstacle.alternatives {
+                prop_assert!((1..=2).contains(&alternative.missing.len()));
+            }
+            let problem = Problem { goal: obstacle.conjunct.clone(), ..office.1.clone() };
+            let outcome = planner::plan(&office.0, &problem, &Options::default(), &Cancel::new());
+            prop_assert!(outcome.expect("supported").plan.is_none());
+        }
+        if told.obstacles.is_empty() {
+            let goal = pddl::parse_condition(goal).into_result().expect("parses");
+            let problem = Problem { goal, ..office.1.clone() };
+            let outcome = planner::plan(&office.0, &problem, &Options::default(), &Cancel::new());
+            prop_assert!(outcome.expect("supported").plan.is_some());
+        }
+    }
+}
