@@ -111,6 +111,22 @@ pub struct Snapshot {
     pub problem: String,
     /// Who offers what.
     pub offers: Offers,
+    /// What lets an agent act by each schema of the domain, whether or not anybody offers it now.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub guards: BTreeMap<String, Guard>,
+    /// Action schemas that nobody here offers and somebody offered once, or the ontology
+    /// describes: each in an action model of its own. For explanations, never for plans.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub former: Vec<String>,
+}
+
+/// What lets agents act by a schema.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Guard {
+    /// The name that its agents know the action by.
+    pub outside: String,
+    /// The predicate that holds of those who offer it.
+    pub predicate: String,
 }
 
 /// The state as the Domain Maintainer believes it, with provenance.

@@ -7,7 +7,8 @@
 //!
 //! - `maintainer` is told things and answers with a [`Change`], or with why it [`Declined`].
 //! - `compose` makes one domain of many models; `manifest` takes a model apart for it.
-//! - `belief` keeps who claims which fact; `roster` keeps who is here.
+//! - `belief` keeps who claims which fact; `roster` keeps who is here; `remembered` keeps what those
+//!   who left could do.
 //! - [`Follower`] keeps a copy of the state from announced changes.
 //!
 //! Leaves to others: messages and tokens (`agent`), parsing and checking (`pddl`), planning
@@ -39,6 +40,7 @@ mod vocabulary;
 
 mod belief;
 mod fact;
+mod remembered;
 mod roster;
 
 mod digest;

@@ -34,5 +34,9 @@ pub const FORMER_MAX: usize = 4 * AGENTS_MAX;
 /// Actions taken off by request: all actions of thirty agents, one by one.
 pub const WITHHELD_MAX: usize = 4_096;
 
+/// Action schemas remembered after the last agent that offered them left. A building has some
+/// tens of them; they are for explanations, and travel with every snapshot that lacks them.
+pub const REMEMBERED_MAX: usize = 64;
+
 const _: () = assert!(FORMER_MAX >= AGENTS_MAX, "all agents may leave at once");
 const _: () = assert!(OBJECTS_PER_AGENT_MAX <= FACTS_PER_OWNER_MAX, "each object has a place");

@@ -27,6 +27,7 @@ use crate::inputs::Announcement;
 use crate::limits;
 use crate::manifest::Manifest;
 use crate::moment::Moment;
+use crate::remembered::Remembered;
 use crate::roster::{Member, Roster};
 
 /// How much a maintainer may know.
@@ -62,6 +63,7 @@ pub struct Maintainer {
     scope: Scope,
     carried: BTreeSet<AgentId>,
     roster: Roster,
+    remembered: Remembered,
     memory: Memory,
     composite: Arc<Composite>,
     conflicts: Vec<Conflict>,
@@ -89,11 +91,14 @@ impl Maintainer {
         let mut memory = Memory::default();
         let everything = scope == Scope::Everything;
         let (composite, conflicts) = compose(&shared, &[], everything, &mut memory);
+        let mut remembered = Remembered::default();
+        remembered.note(&described(&shared), &shared.manifest);
         let mut maintainer = Maintainer {
             shared,
             scope,
             carried: BTreeSet::new(),
             roster: Roster::default(),
+            remembered,
             memory,
             composite: Arc::new(composite),
             conflicts,
@@ -126,6 +131,9 @@ impl Maintainer {
             return Ok(Admission { change: self.conclude(now), conflicts: Vec::new() });
         }
         let manifest = Manifest::of_model(&model)?;
+        if self.trusts(&agent) {
+            self.remembered.note(&model, &manifest);
+        }
         let member = match known.cloned() {
             Some(known) => {
                 self.is_changed |= known.methods != methods;
@@ -316,4 +324,11 @@ impl Maintainer {
         }
         change
     }
+}
+
+/// The actions that the ontology describes, as a model of nobody: someone may come and offer them.
+fn described(shared: &Shared) -> ActionModel {
+    let name = &shared.ontology.name;
+    let actions = shared.ontology.actions.clone();
+    ActionModel { actions, ..ActionModel::of(name.clone(), name.clone()) }
 }

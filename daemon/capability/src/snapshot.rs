@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, HashSet};
 use std::sync::Arc;
 
 use acl::AgentId;
-use acl::content::{self, Methods, Offer, Offers};
-use pddl::{Atom, Condition, Domain, InitElement, Metric, Name, PlanStep, Problem};
+use acl::content::{self, Guard, Methods, Offer, Offers};
+use pddl::{ActionModel, Atom, Condition, Domain, InitElement, Metric, Name, PlanStep, Problem};
 
 use crate::composite::{Composite, Offered};
 
@@ -24,6 +24,9 @@ pub struct Snapshot {
     pub qualified: BTreeMap<Name, Name>,
     /// The methods of each agent whose actions are known.
     pub methods: BTreeMap<AgentId, Methods>,
+    /// What nobody here offers and somebody offered once, or the ontology describes: each schema
+    /// in a model of its own. For explanations, never for plans.
+    pub former: Vec<Arc<ActionModel>>,
     composite: Arc<Composite>,
 }
 
@@ -36,9 +39,10 @@ impl Snapshot {
         composite: Arc<Composite>,
         problem: Problem,
         methods: BTreeMap<AgentId, Methods>,
+        former: Vec<Arc<ActionModel>>,
     ) -> Snapshot {
         let (domain, qualified) = (Arc::clone(&composite.domain), composite.qualified.clone());
-        Snapshot { epoch, revision, domain, problem, qualified, methods, composite }
+        Snapshot { epoch, revision, domain, problem, qualified, methods, former, composite }
     }
 
     /// Digest of the domain's text.
@@ -91,6 +95,16 @@ impl Snapshot {
         offers
     }
 
+    /// What lets agents act by each schema of the domain, whether or not anybody offers it now.
+    pub fn guards(&self) -> BTreeMap<String, Guard> {
+        let offered = self.composite.offers.values().flatten();
+        let guard = |action: &Offered| {
+            let (outside, predicate) = (action.outside.to_string(), action.guard.to_string());
+            (action.inside.as_str().to_owned(), Guard { outside, predicate })
+        };
+        offered.map(guard).collect()
+    }
+
     fn offer(&self, agent: &AgentId, action: &Offered, guard: &Atom) -> (String, Offer) {
         let outside = action.outside.as_str().to_owned();
         let methods = self.methods.get(agent);
@@ -111,6 +125,8 @@ impl Snapshot {
             digest: self.digest().to_owned(),
             problem: self.problem.to_string(),
             offers: self.offers(),
+            guards: self.guards(),
+            former: self.former.iter().map(ToString::to_string).collect(),
         }
     }
 }

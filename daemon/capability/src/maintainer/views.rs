@@ -82,7 +82,9 @@ impl Maintainer {
             metric: self.metric(),
             ..self.frame()
         };
-        Snapshot::new(self.epoch, self.revision, composite, problem, methods)
+        let trusted = self.roster.iter().filter(|(agent, _)| self.trusts(agent));
+        let former = self.remembered.but_for(trusted.map(|(_, member)| &member.manifest));
+        Snapshot::new(self.epoch, self.revision, composite, problem, methods, former)
     }
 
     fn frame(&self) -> Problem {

@@ -11,6 +11,7 @@ mod beliefs;
 mod scopes;
 
 mod reading;
+mod remembering;
 
 mod following;
 mod order;

@@ -1,0 +1,76 @@
+//! What agents offered that offer it no longer: for explanations, never for plans.
+//!
+//! A schema is remembered with the declarations of the model it came in, because those leave with
+//! the agent as well. Of one schema that several agents offered, one model stands for all.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use pddl::{ActionModel, Name};
+
+use crate::canonical::Key;
+use crate::limits;
+use crate::manifest::Manifest;
+
+/// Schemas that were offered, by name and canonical text.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Remembered {
+    schemas: BTreeMap<(Name, Key), Schema>,
+    stamps: u64,
+}
+
+#[derive(Clone, Debug)]
+struct Schema {
+    /// Counts models; the schema that came longest ago is forgotten first.
+    stamp: u64,
+    /// The model it came in, with this action alone and nothing that is known.
+    model: Arc<ActionModel>,
+}
+
+// === impl Remembered ===
+
+impl Remembered {
+    /// Remembers what a model offers, taken apart as `manifest`.
+    pub(crate) fn note(&mut self, model: &ActionModel, manifest: &Manifest) {
+        self.stamps += 1;
+        let stamp = self.stamps;
+        for offer in &manifest.offers {
+            let at = (offer.schema.name.clone(), offer.key.clone());
+            if let Some(known) = self.schemas.get_mut(&at) {
+                known.stamp = stamp;
+                continue;
+            }
+            let objects = model.objects.iter();
+            let objects = objects.filter(|one| offer.uses.objects.contains(&one.object.name));
+            let model = ActionModel {
+                objects: objects.cloned().collect(),
+                init: Vec::new(),
+                actions: vec![(*offer.schema).clone()],
+                durative_actions: Vec::new(),
+                ..model.clone()
+            };
+            self.schemas.insert(at, Schema { stamp, model: Arc::new(model) });
+        }
+        while self.schemas.len() > limits::REMEMBERED_MAX {
+            let oldest = self.schemas.iter().min_by_key(|(_, schema)| schema.stamp);
+            let Some(oldest) = oldest.map(|(at, _)| at.clone()) else { return };
+            self.schemas.remove(&oldest);
+        }
+    }
+
+    /// The schemas that none of `living` offers, each as a model with one action, in a fixed
+    /// order.
+    pub(crate) fn but_for<'a>(
+        &self,
+        living: impl Iterator<Item = &'a Manifest>,
+    ) -> Vec<Arc<ActionModel>> {
+        let offered: BTreeSet<(&Name, &Key)> = living
+            .flat_map(|manifest| &manifest.offers)
+            .map(|offer| (&offer.schema.name, &offer.key))
+            .collect();
+        { self.schemas.iter() }
+            .filter(|((name, key), _)| !offered.contains(&(name, key)))
+            .map(|(_, schema)| Arc::clone(&schema.model))
+            .collect()
+    }
+}
