@@ -7,12 +7,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use acl::content::{Bid, CallForProposals, Choice, Proposal, Refusal, value};
+use acl::content::{Bid, CallForProposals, Choice, Outcome, Proposal, Refusal, Report, value};
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{Answer, Context, Opening, TimerId};
 use pddl::Condition;
+use planner::explain::Explanation;
 
 use crate::PlanRequester;
+use crate::explaining;
 use crate::goal::Phase;
 use crate::known::Known;
 use crate::planning::explain;
@@ -27,6 +29,7 @@ pub(crate) struct Call {
     awaited: BTreeMap<AgentId, ReplyToken>,
     bids: Bids,
     refusals: BTreeMap<AgentId, String>,
+    silent: BTreeSet<AgentId>,
     /// The exchange in which each proposal was made.
     made_in: Vec<(AgentId, Vec<String>, ReplyToken)>,
     tokens: Vec<ReplyToken>,
@@ -83,12 +86,15 @@ impl PlanRequester {
         open: Vec<Condition>,
         ctx: &mut Context<Self>,
     ) {
+        self.tell_news(id, &known, &open, ctx);
         let conjuncts: Vec<_> = open.iter().map(ToString::to_string).collect();
         let here = ctx.directory();
         let called: Vec<_> =
             known.offers.keys().filter(|agent| here.find(agent).is_some()).cloned().collect();
         if called.is_empty() {
-            return self.no_plan(id, explain(&known, &open, "nobody here offers any action"), ctx);
+            let nobody = || "nobody here offers any action".to_owned();
+            let why = explain(&known, &open, |_| nobody()).unwrap_or_else(nobody);
+            return self.no_plan(id, why, ctx);
         }
         let content = CallForProposals { conjuncts: conjuncts.clone(), together: false };
         let token = self.open_call(id, None, content, ctx);
@@ -102,6 +108,7 @@ impl PlanRequester {
             awaited,
             bids: BTreeMap::new(),
             refusals: BTreeMap::new(),
+            silent: BTreeSet::new(),
             made_in: Vec::new(),
             tokens: vec![token],
             timer,
@@ -216,7 +223,7 @@ impl PlanRequester {
         if !silent.is_empty() {
             tracing::info!(conversation = %id, silent = silent.join(", "), "no answer to the call");
         }
-        call.awaited.clear();
+        call.silent.extend(std::mem::take(&mut call.awaited).into_keys());
         let wanted = bundles(&call.conjuncts, &call.bids);
         if !call.is_second_round && !wanted.is_empty() {
             return self.call_for_bundles(id, wanted, ctx);
@@ -262,7 +269,12 @@ impl PlanRequester {
             });
             match combined {
                 Ok((plan, cost)) => {
+                    let why =
+                        explaining::choice(&selection, &call.bids, &call.refusals, &call.silent);
                     call.settle(Some(&selection), "another set of proposals is cheaper", ctx);
+                    if let Some(why) = why {
+                        self.tell(id, Report::new(Outcome::Progress, why), ctx);
+                    }
                     return self.execute(id, &known, &plan, cost, ctx);
                 }
                 Err(problem) => problems.push(problem),
@@ -289,5 +301,6 @@ fn why_none(call: &Call, problems: &[String]) -> String {
         .collect();
     let names: Vec<_> = missing.iter().map(|conjunct| format!("`{conjunct}`")).collect();
     let otherwise = format!("no agent proposes a plan of its own for {}", names.join(" and "));
-    explain(&call.known, &open, &otherwise)
+    let together = |_: &Explanation| format!("{otherwise}; several of them together might");
+    explain(&call.known, &open, together).unwrap_or_else(|| otherwise.clone())
 }

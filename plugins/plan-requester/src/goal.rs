@@ -9,6 +9,7 @@ use agent::{Engagement, TimerId, Work};
 use pddl::Condition;
 use tokio::time::Instant;
 
+use crate::explaining::Seen;
 use crate::known::Avoided;
 
 /// Lines of history kept per goal: enough to see how it came to where it stands.
@@ -38,6 +39,8 @@ pub(crate) struct Goal {
     /// Whether the user was told that it holds, since it last did not.
     pub(crate) is_told: bool,
     pub(crate) timer: Option<TimerId>,
+    /// What the last round of planning saw.
+    pub(crate) seen: Option<Seen>,
     avoided: BTreeMap<(AgentId, String), Avoidance>,
     history: Vec<String>,
 }
@@ -101,6 +104,7 @@ impl Goal {
             failures: 0,
             is_told: false,
             timer: None,
+            seen: None,
             avoided: BTreeMap::new(),
             history: Vec::new(),
         }

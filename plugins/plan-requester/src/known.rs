@@ -6,9 +6,13 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use acl::AgentId;
 use acl::content::{Offers, Snapshot};
-use pddl::{Condition, Domain, InitElement, Plan, PlanStep, Problem};
+use pddl::{ActionModel, Condition, Domain, InitElement, Name, Plan, PlanStep, Problem};
+use planner::explain::{self, Explanation, Guard};
 use planner::validate::{Verdict, World, validate};
-use planner::{Cancel, Options};
+use planner::{Budget, Cancel, Options};
+
+/// Candidates that grounding may look at for an explanation: a second, for the largest buildings.
+const EXPLAINING_STEPS_MAX: u64 = 20_000_000;
 
 /// What is known, to plan in.
 #[derive(Clone, Debug)]
@@ -18,7 +22,11 @@ pub(crate) struct Known {
     pub(crate) problem: Problem,
     pub(crate) domain_text: String,
     pub(crate) offers: Offers,
-    avoided: Avoided,
+    /// What lets agents act by each schema.
+    pub(crate) guards: BTreeMap<Name, Guard>,
+    /// What agents could do that offer it no longer.
+    former: Vec<ActionModel>,
+    pub(crate) avoided: Avoided,
 }
 
 /// Actions that a goal's earlier plans failed with: they are not asked for again for a while.
@@ -31,15 +39,23 @@ impl Known {
     ///
     /// If it is no PDDL, for a person.
     pub(crate) fn read(snapshot: Snapshot, avoided: &Avoided) -> Result<Known, String> {
-        let Snapshot { epoch, domain, problem, mut offers, .. } = snapshot;
+        let Snapshot { epoch, domain, problem, mut offers, guards, former, .. } = snapshot;
         let domain_text = domain;
         let domain = pddl::parse_domain(&domain_text).into_result().map_err(first)?;
         let mut problem = pddl::parse_problem(&problem).into_result().map_err(first)?;
-        let guards = take_avoided(&mut offers, avoided);
-        let is_guard = |element: &InitElement| guards.contains(&element.to_string());
+        let taken = take_avoided(&mut offers, avoided);
+        let is_guard = |element: &InitElement| taken.contains(&element.to_string());
         problem.init.retain(|element| !is_guard(element));
         let avoided = avoided.clone();
-        Ok(Known { epoch, domain, problem, domain_text, offers, avoided })
+        let guard = |(inside, guard): (String, acl::content::Guard)| {
+            let (outside, predicate) = (Name::new(&guard.outside), Name::new(&guard.predicate));
+            (Name::new(&inside), Guard { outside, predicate })
+        };
+        let guards = guards.into_iter().map(guard).collect();
+        // What cannot be read explains nothing.
+        let read = |text: &String| pddl::parse_action_model(text).into_result().ok();
+        let former = former.iter().filter_map(read).collect();
+        Ok(Known { epoch, domain, problem, domain_text, offers, guards, former, avoided })
     }
 
     /// The problem of reaching `goal` from here.
@@ -55,15 +71,15 @@ impl Known {
         Ok(conjuncts.into_iter().filter(|conjunct| !world.holds(conjunct)).collect())
     }
 
-    /// Which of these not even the relaxation reaches, where no action undoes another.
-    pub(crate) fn unreachable<'a>(&self, conjuncts: &'a [Condition]) -> Vec<&'a Condition> {
-        let (options, cancel) = (Options::default(), Cancel::new());
-        planner::goal::unreachable(&self.domain, &self.problem, conjuncts, &options, &cancel)
-            // What cannot be analyzed explains nothing.
-            .unwrap_or_default()
-            .into_iter()
-            .filter_map(|index| conjuncts.get(index))
-            .collect()
+    /// Which of these not even the relaxation reaches, where no action undoes another, and what is
+    /// missing.
+    pub(crate) fn explain(&self, conjuncts: &[Condition]) -> Option<Explanation> {
+        let Known { domain, problem, guards, former, .. } = self;
+        let budget = Budget { join_steps_max: EXPLAINING_STEPS_MAX, ..Budget::default() };
+        let options = Options { budget, ..Options::default() };
+        let known = explain::Known { domain, problem, guards, former };
+        // What cannot be analyzed explains nothing.
+        explain::explain(known, conjuncts, &options, &Cancel::new()).ok()
     }
 
     /// One plan of several agents' plans, under the names of the composite domain.

@@ -12,6 +12,7 @@
 
 mod calling;
 mod executing;
+mod explaining;
 mod goal;
 mod known;
 mod planning;

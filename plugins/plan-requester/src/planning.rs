@@ -1,12 +1,16 @@
 //! The centralised flow: the Planning Agent computes the plan (the paper, “Flow of Control in
 //! Centralized Plan Execution”).
 
-use acl::content::{Choice, PlanProposal, PlanRequest, PlanStatus, Refusal, Request, value};
+use acl::content::{
+    Choice, Outcome, PlanProposal, PlanRequest, PlanStatus, Refusal, Report, Request, value,
+};
 use acl::{ConversationId, Performative, Protocol};
 use agent::{Answer, Context, Opening};
 use pddl::Condition;
+use planner::explain::Explanation;
 
 use crate::PlanRequester;
+use crate::explaining::{self, Seen};
 use crate::goal::Phase;
 use crate::known::Known;
 
@@ -19,6 +23,7 @@ impl PlanRequester {
         open: Vec<Condition>,
         ctx: &mut Context<Self>,
     ) {
+        self.tell_news(id, &known, &open, ctx);
         let Some(goal) = self.goals.get_mut(id) else { return };
         let request = PlanRequest {
             domain: known.domain_text.clone(),
@@ -38,6 +43,21 @@ impl PlanRequester {
             requester.planner_answered(&asked, &known, &open, answer, ctx);
         });
         goal.phase = Phase::Planning(token);
+    }
+
+    /// Tells what changed since the last round, before planning anew.
+    pub(crate) fn tell_news(
+        &mut self,
+        id: &ConversationId,
+        known: &Known,
+        open: &[Condition],
+        ctx: &mut Context<Self>,
+    ) {
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        let seen = goal.seen.replace(Seen::of(known));
+        if let Some(news) = seen.and_then(|seen| seen.news(known, open)) {
+            self.tell(id, Report::new(Outcome::Progress, news), ctx);
+        }
     }
 
     fn planner_answered(
@@ -79,7 +99,8 @@ impl PlanRequester {
         match judged {
             Ok((plan, cost)) => self.execute(id, known, &plan, cost, ctx),
             Err(why) if proposal.status == PlanStatus::Unsolvable => {
-                let why = explain(known, open, &why);
+                let interfere = |explanation: &Explanation| format!("{why}; {explanation}");
+                let why = explain(known, open, interfere).unwrap_or_else(|| why.clone());
                 self.no_plan(id, why, ctx);
             }
             Err(why) => self.no_plan(id, why, ctx),
@@ -106,12 +127,14 @@ impl PlanRequester {
     }
 }
 
-/// Which part of a goal cannot be reached, where the relaxation shows it.
-pub(crate) fn explain(known: &Known, open: &[Condition], otherwise: &str) -> String {
-    let unreachable = known.unreachable(open);
-    if unreachable.is_empty() {
-        return otherwise.to_owned();
-    }
-    let names: Vec<_> = unreachable.iter().map(|conjunct| format!("`{conjunct}`")).collect();
-    format!("no agent here can reach {}", names.join(" and "))
+/// Which part of a goal cannot be reached and what is missing, where the relaxation shows it; else
+/// what `otherwise` makes of it.
+pub(crate) fn explain(
+    known: &Known,
+    open: &[Condition],
+    otherwise: impl FnOnce(&Explanation) -> String,
+) -> Option<String> {
+    let explanation = known.explain(open)?;
+    let obstacles = explaining::obstacles(&explanation, &known.avoided);
+    Some(obstacles.unwrap_or_else(|| otherwise(&explanation)))
 }

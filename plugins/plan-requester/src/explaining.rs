@@ -1,0 +1,278 @@
+//! Why, in words for people: why there is no plan, why these agents were chosen, what changed
+//! since the last plan. Pure: texts out of what the other modules found.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use acl::AgentId;
+use acl::content::Proposal;
+use pddl::{Condition, Effect, InitElement, Name};
+use planner::explain::Explanation;
+
+use crate::known::{Avoided, Known};
+use crate::selection::{Bids, Selection};
+
+/// Things of one kind that are named; of more, how many.
+const NAMED_MAX: usize = 3;
+
+/// Why a goal cannot be reached, if the relaxation shows an obstacle.
+pub(crate) fn obstacles(explanation: &Explanation, avoided: &Avoided) -> Option<String> {
+    if explanation.obstacles.is_empty() {
+        return None;
+    }
+    let failed = avoided.iter().map(|(agent, action)| format!("`{action}` of `{agent}`"));
+    let failed = listed(failed.collect(), " and ");
+    let why = if failed.is_empty() {
+        String::new()
+    } else {
+        format!(" ({failed} failed a moment ago and will be tried again)")
+    };
+    Some(format!("{explanation}{why}"))
+}
+
+/// Why the chosen agents, and what the others said; nothing, where no other said anything.
+pub(crate) fn choice(
+    chosen: &Selection,
+    bids: &Bids,
+    refusals: &BTreeMap<AgentId, String>,
+    silent: &BTreeSet<AgentId>,
+) -> Option<String> {
+    let winners: BTreeSet<&AgentId> = chosen.chosen.iter().map(|(agent, _)| agent).collect();
+    let mut has_others = false;
+    let mut sentences = Vec::new();
+    for (agent, proposal) in &chosen.chosen {
+        let others: Vec<String> = { bids.iter() }
+            .filter(|(other, _)| *other != agent)
+            .filter_map(|(other, proposals)| {
+                let (shared, best) = closest(proposal, proposals)?;
+                let part = if shared == proposal.covers.len() {
+                    String::new()
+                } else {
+                    format!(" for {shared} of them")
+                };
+                Some(format!("`{other}` asked {}{part}", best.cost))
+            })
+            .collect();
+        has_others |= !others.is_empty();
+        let others = listed(others, ", ");
+        let others = if others.is_empty() { others } else { format!(" ({others})") };
+        let covers = proposal.covers.iter().map(|conjunct| format!("`{conjunct}`")).collect();
+        let covers = listed(covers, " and ");
+        sentences.push(format!("`{agent}` for {covers} at cost {}{others}", proposal.cost));
+    }
+    let declined = refusals.iter().filter(|(agent, _)| !winners.contains(agent));
+    let declined: Vec<String> = declined.map(|(agent, why)| format!("`{agent}`: {why}")).collect();
+    let silent: Vec<String> = silent.iter().map(|agent| format!("`{agent}`")).collect();
+    if !has_others && declined.is_empty() && silent.is_empty() {
+        return None;
+    }
+    let mut text = format!("chosen: {}", listed(sentences, "; "));
+    for (what, who) in [("declined", declined), ("did not answer", silent)] {
+        if !who.is_empty() {
+            text += &format!("; {what}: {}", listed(who, ", "));
+        }
+    }
+    Some(text)
+}
+
+/// Of another's proposals the one that has most in common with a chosen one, and of those the
+/// cheapest.
+fn closest<'a>(chosen: &Proposal, others: &'a [Proposal]) -> Option<(usize, &'a Proposal)> {
+    let shared = |other: &Proposal| {
+        other.covers.iter().filter(|conjunct| chosen.covers.contains(conjunct)).count()
+    };
+    { others.iter() }
+        .map(|other| (shared(other), other))
+        .filter(|(shared, _)| *shared > 0)
+        .max_by(|(one, first), (two, second)| one.cmp(two).then(second.cost.total_cmp(&first.cost)))
+}
+
+/// What a round of planning saw, to tell the next one what changed.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Seen {
+    offers: BTreeSet<(AgentId, String)>,
+    facts: BTreeSet<String>,
+}
+
+// === impl Seen ===
+
+impl Seen {
+    /// Of what plans change by themselves, only what is `open` of the goal is of interest.
+    pub(crate) fn of(known: &Known) -> Seen {
+        let of_agent = |(agent, actions): (&AgentId, &BTreeMap<String, _>)| {
+            let (agent, actions) = (agent.clone(), actions.keys().cloned());
+            actions.map(move |action| (agent.clone(), action)).collect::<Vec<_>>()
+        };
+        let guards: BTreeSet<&Name> = known.guards.values().map(|guard| &guard.predicate).collect();
+        let facts = known.problem.init.iter().filter_map(|element| match element {
+            InitElement::Atom(atom) if !guards.contains(&atom.predicate) => Some(atom.to_string()),
+            _ => None,
+        });
+        Seen { offers: known.offers.iter().flat_map(of_agent).collect(), facts: facts.collect() }
+    }
+
+    /// What is other than it was, for a person; nothing, if plans made all of it.
+    pub(crate) fn news(&self, known: &Known, open: &[Condition]) -> Option<String> {
+        let now = Seen::of(known);
+        let agents = |seen: &Seen| -> BTreeSet<AgentId> {
+            seen.offers.iter().map(|(agent, _)| agent.clone()).collect()
+        };
+        let (before, after) = (agents(self), agents(&now));
+        let name = |agent: &AgentId| format!("`{agent}`");
+        let left: Vec<String> = before.difference(&after).map(name).collect();
+        let joined: Vec<String> = after.difference(&before).map(name).collect();
+        let withdrawn = self.offers.difference(&now.offers);
+        let withdrawn = withdrawn.filter(|(agent, _)| after.contains(agent));
+        let withdrawn = withdrawn.map(|(agent, action)| format!("`{action}` of `{agent}`"));
+        let open: BTreeSet<String> = open.iter().map(ToString::to_string).collect();
+        let changing = changing(known);
+        let lasts =
+            |fact: &&String| open.contains(*fact) || !changing.iter().any(|name| is_of(fact, name));
+        let retracted = self.facts.difference(&now.facts).filter(lasts);
+        let parts = [
+            ("offers nothing now", left),
+            ("offers something now", joined),
+            ("is not offered now", withdrawn.collect()),
+            ("does not hold any more", retracted.map(|fact| format!("`{fact}`")).collect()),
+        ];
+        let told: Vec<String> = parts
+            .into_iter()
+            .filter(|(_, things)| !things.is_empty())
+            .map(|(what, things)| format!("{what}: {}", listed(things, ", ")))
+            .collect();
+        (!told.is_empty()).then(|| format!("since the last plan, {}", told.join("; ")))
+    }
+}
+
+/// The predicates that actions change.
+fn changing(known: &Known) -> BTreeSet<String> {
+    let mut names = BTreeSet::new();
+    for action in &known.domain.actions {
+        changed_by(&action.effect, &mut names);
+    }
+    names
+}
+
+fn changed_by(effect: &Effect, names: &mut BTreeSet<String>) {
+    match effect {
+        Effect::Add(atom) | Effect::Delete(atom) => {
+            names.insert(atom.predicate.to_string());
+        }
+        Effect::And(parts) => parts.iter().for_each(|part| changed_by(part, names)),
+        Effect::Forall(_, inner) | Effect::When(_, inner) => changed_by(inner, names),
+        Effect::Assign(_) => (),
+    }
+}
+
+/// Whether a fact, as text, is one of this predicate.
+fn is_of(fact: &str, predicate: &str) -> bool {
+    let inner = fact.trim_start_matches('(').trim_end_matches(')');
+    inner.split(' ').next().is_some_and(|first| first.eq_ignore_ascii_case(predicate))
+}
+
+/// The first few, and how many more.
+fn listed(mut things: Vec<String>, separator: &str) -> String {
+    let rest = things.len().saturating_sub(NAMED_MAX);
+    things.truncate(NAMED_MAX);
+    let more = if rest > 0 { format!(" and {rest} more") } else { String::new() };
+    format!("{}{more}", things.join(separator))
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::content::{Guard, Offer, Snapshot};
+
+    use super::*;
+
+    const DOMAIN: &str = "(define (domain d) (:requirements :typing) (:types room sensor)
+        (:predicates (known ?r - room) (open ?r - room) (in ?s - sensor ?r - room)
+            (offers-measure ?s - sensor))
+        (:action measure :agent ?s - sensor :parameters (?r - room)
+            :precondition (and (offers-measure ?s) (in ?s ?r) (open ?r)) :effect (known ?r)))";
+
+    fn id(name: &str) -> AgentId {
+        AgentId::new(name).expect("a name")
+    }
+
+    fn known(agents: &[&str], facts: &str, avoided: &Avoided) -> Known {
+        let guard = |agent: &str| format!("(offers-measure {agent})");
+        let guards: Vec<String> = agents.iter().map(|agent| guard(agent)).collect();
+        let offer = |agent: &&str| {
+            let (inside, method) = ("measure".to_owned(), None);
+            let offer = Offer { inside, guard: guard(agent), method };
+            (id(agent), [("measure".to_owned(), offer)].into())
+        };
+        let (outside, predicate) = ("measure".to_owned(), "offers-measure".to_owned());
+        let snapshot = Snapshot {
+            epoch: 1,
+            revision: 1,
+            domain: DOMAIN.to_owned(),
+            digest: String::new(),
+            problem: format!(
+                "(define (problem p) (:domain d) (:objects a b - sensor hall lab - room)
+                    (:init {facts} {}) (:goal (and)))",
+                guards.join(" ")
+            ),
+            offers: agents.iter().map(offer).collect(),
+            guards: [("measure".to_owned(), Guard { outside, predicate })].into(),
+            former: Vec::new(),
+        };
+        Known::read(snapshot, avoided).expect("PDDL")
+    }
+
+    fn goal(text: &str) -> Vec<Condition> {
+        vec![pddl::parse_condition(text).into_result().expect("a condition")]
+    }
+
+    fn proposal(covers: &[&str], cost: f64) -> Proposal {
+        let covers = covers.iter().map(|conjunct| (*conjunct).to_owned()).collect();
+        Proposal { covers, plan: String::new(), cost }
+    }
+
+    #[test]
+    fn an_action_that_is_avoided_is_told_with_the_obstacle() {
+        let avoided: Avoided = [(id("a"), "measure".to_owned())].into();
+        let known = known(&["a"], "(in a hall) (open hall)", &avoided);
+        let explanation = known.explain(&goal("(known hall)")).expect("explained");
+        assert_eq!(
+            obstacles(&explanation, &avoided).expect("an obstacle"),
+            "no agent can `measure` at `hall`; `a` does not offer `measure` now; a sensor there \
+             would do (`measure` of `a` failed a moment ago and will be tried again)"
+        );
+        let known = self::known(&["a"], "(in a hall) (open hall)", &Avoided::new());
+        let explanation = known.explain(&goal("(known hall)")).expect("explained");
+        assert_eq!(obstacles(&explanation, &Avoided::new()), None);
+    }
+
+    #[test]
+    fn a_choice_names_what_others_asked_and_why_they_declined() {
+        let bids: Bids = [
+            (id("a"), vec![proposal(&["(x)"], 2.0), proposal(&["(x)", "(y)"], 3.0)]),
+            (id("b"), vec![proposal(&["(x)"], 2.5), proposal(&["(y)"], 1.5)]),
+            (id("c"), vec![proposal(&["(x)", "(y)"], 7.0)]),
+        ]
+        .into();
+        let selection = Selection { chosen: vec![(id("a"), proposal(&["(x)", "(y)"], 3.0))] };
+        let refusals = [(id("d"), "no plan reaches it".to_owned())].into();
+        assert_eq!(
+            choice(&selection, &bids, &refusals, &[id("e")].into()).expect("others"),
+            "chosen: `a` for `(x)` and `(y)` at cost 3 (`b` asked 1.5 for 1 of them, `c` asked 7); \
+             declined: `d`: no plan reaches it; did not answer: `e`"
+        );
+        let alone: Bids = [(id("a"), vec![proposal(&["(x)", "(y)"], 3.0)])].into();
+        assert_eq!(choice(&selection, &alone, &BTreeMap::new(), &BTreeSet::new()), None);
+    }
+
+    #[test]
+    fn news_are_what_plans_do_not_change_and_what_the_goal_lost() {
+        let none = Avoided::new();
+        let seen = Seen::of(&known(&["a"], "(open hall) (known hall) (known lab)", &none));
+        let open = goal("(known hall)");
+        assert_eq!(
+            seen.news(&known(&["b"], "(in b hall)", &none), &open).expect("news"),
+            "since the last plan, offers nothing now: `a`; offers something now: `b`; does not \
+             hold any more: `(known hall)`, `(open hall)`"
+        );
+        let same = known(&["a"], "(open hall) (known hall)", &none);
+        assert_eq!(seen.news(&same, &[]), None);
+    }
+}
