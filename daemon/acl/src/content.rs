@@ -9,7 +9,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::{AgentId, ConversationId, Deadline};
+use crate::{AgentId, ConversationId, DaemonId, Deadline};
 
 /// Content of a `request`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,6 +25,37 @@ pub enum Request {
     Act(Box<Act>),
     /// To the Domain Maintainer: change the state.
     ChangeState(ChangeState),
+    /// To the Plan Requester: plan by another flow from now on.
+    SetMode(SetMode),
+    /// To a Keyboard Agent: a person's answer to one of its open questions.
+    AnswerQuestion(AnswerQuestion),
+}
+
+/// Ask for another flow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SetMode {
+    /// The flow from now on.
+    pub mode: Mode,
+}
+
+/// Which flow an ecosystem uses (the paper, “Centralized Planning”, “Decentralized Planning”).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Mode {
+    /// One Planning Agent plans for all.
+    Centralized,
+    /// Each actuator plans for itself and bids.
+    #[default]
+    Decentralized,
+}
+
+/// Give a person's answer to a question that a keyboard keeps.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct AnswerQuestion {
+    /// Which of the keyboard's questions.
+    pub question: u64,
+    /// What the person says.
+    pub text: String,
 }
 
 /// Ask for a goal.
@@ -355,6 +386,8 @@ pub enum Reason {
     Conflict,
     /// The daemon is draining.
     Stopping,
+    /// Nobody answered a question to a person in time.
+    Unanswered,
     /// A reason of a newer version.
     #[serde(other)]
     Other,
@@ -407,11 +440,8 @@ pub enum Inform {
     Heartbeat(Heartbeat),
     /// The Domain Maintainer: a new capability epoch or a changed state, and what changed.
     Epoch(EpochChange),
-    /// A Keyboard: what the person answers to a [`Question`].
-    Answer {
-        /// In the person's words.
-        text: String,
-    },
+    /// A Keyboard Agent: what a person answered to a `query-ref`.
+    Answer(PersonsAnswer),
 }
 
 /// An actuator's whole self-description.
@@ -472,6 +502,58 @@ pub struct Question {
     pub text: String,
 }
 
+/// What a person answered.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PersonsAnswer {
+    /// The answer, as it was typed.
+    pub text: String,
+}
+
+/// A question to a person that nobody has answered, for those who ask what is open.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct OpenQuestion {
+    /// The keyboard that keeps it.
+    pub keyboard: AgentId,
+    /// Its number at that keyboard.
+    pub question: u64,
+    /// Who asks.
+    pub from: AgentId,
+    /// The question.
+    pub text: String,
+    /// How long an answer is still waited for.
+    pub left: Deadline,
+}
+
+/// How full the mailboxes of one daemon's agents are, for those who look after it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Mailboxes {
+    /// The daemon.
+    pub daemon: DaemonId,
+    /// Its agents' mailboxes, in the order of their names.
+    pub mailboxes: Vec<MailboxStatus>,
+    /// Messages that came for agents it does not host.
+    pub unknown_receiver: u64,
+    /// Messages to all that it could not read.
+    pub unreadable: u64,
+    /// Messages that its substrate did not take.
+    pub unsent: u64,
+}
+
+/// How full one mailbox is. Counts begin with the agent's life.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MailboxStatus {
+    /// Whose it is.
+    pub agent: AgentId,
+    /// Letters that lie in it now.
+    pub waiting: u64,
+    /// Letters it holds at most.
+    pub waiting_max: u64,
+    /// Letters that were put in.
+    pub received: u64,
+    /// Letters that found no room: requests were refused, the rest is repeated by its sender.
+    pub overflowed: u64,
+}
+
 /// Turns a content into what an envelope carries.
 ///
 /// Contents are plain data, so this cannot fail; were it to, the receiver answers
@@ -512,6 +594,15 @@ impl fmt::Display for ActionToken {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ActionToken { epoch, conversation, round, step } = self;
         write!(f, "{epoch}/{conversation}/{round}/{step}")
+    }
+}
+
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Mode::Centralized => "centralized",
+            Mode::Decentralized => "decentralized",
+        })
     }
 }
 

@@ -71,7 +71,8 @@ pub enum Protocol {
     Execution,
     /// The Plan Executor asks an actuator to act.
     Action,
-    /// Anyone asks the Domain Maintainer for a change of the state.
+    /// Anyone asks the Domain Maintainer for a change of the state, the Plan Requester for another
+    /// flow, or gives a Keyboard Agent a person's answer.
     StateChange,
     /// Anyone asks a person.
     Query,

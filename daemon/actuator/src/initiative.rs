@@ -295,7 +295,7 @@ impl<D: Device> Actuator<D> {
         let news = match answer {
             Answer::Message(message) if message.performative == Performative::Inform => {
                 match message.content_as::<Inform>() {
-                    Ok(Inform::Answer { text }) => News::Answer(text),
+                    Ok(Inform::Answer(answer)) => News::Answer(answer.text),
                     Ok(_) => return ctx.not_understood(message, "this answers no question"),
                     Err(error) => return ctx.not_understood(message, error.to_string()),
                 }

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use acl::content::{Achieve, Inform, Keep, Outcome, Question, Report, Request};
+use acl::content::{Achieve, Inform, Keep, Outcome, PersonsAnswer, Question, Report, Request};
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Message, Performative};
 use actuator::{
     Actuator, BoxFuture, Call, Description, Device, Failure, Initiative, News, OwnFact, Performed,
@@ -142,7 +142,11 @@ impl Other {
 
     fn queried(&mut self, message: Message, ctx: &mut Context<Self>) {
         let Some(text) = self.answer.map(str::to_owned) else { return };
-        ctx.answer(&Engagement::of(&message), Performative::Inform, &Inform::Answer { text });
+        ctx.answer(
+            &Engagement::of(&message),
+            Performative::Inform,
+            &Inform::Answer(PersonsAnswer { text }),
+        );
     }
 }
 

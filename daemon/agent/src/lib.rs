@@ -24,12 +24,13 @@ mod settings;
 mod switchboard;
 pub mod upkeep;
 
+pub use acl::content::Mode;
 pub use base_agent::{Agent, Berth, Launch, LaunchError};
 pub use callbacks::Callbacks;
 pub use communication_agent::{Answer, Engagement, Opening, Undelivered};
 pub use context::{Context, Exchanges, TimerId, Work};
 pub use directory::Directory;
-pub use plugin::{Blueprint, BuildError, Host, Mode, PluginEntry, Resources};
+pub use plugin::{Blueprint, BuildError, Host, PluginEntry, Resources};
 pub use settings::Settings;
 pub use substrate::{Ask, Presence, Resident, Resource};
 pub use switchboard::{Counters, Switchboard};

@@ -1,8 +1,10 @@
 //! An agent's mailbox: bounded, so that a flood is refused and not hoarded.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-use acl::{Message, MessageId};
+use acl::content::MailboxStatus;
+use acl::{AgentId, Message, MessageId};
 use bytes::Bytes;
 use substrate::Question;
 use tokio::sync::mpsc;
@@ -21,30 +23,59 @@ pub(crate) enum Letter {
 
 /// The slot through which letters are put in.
 #[derive(Clone)]
-pub(crate) struct Slot(mpsc::Sender<Letter>);
+pub(crate) struct Slot {
+    letters: mpsc::Sender<Letter>,
+    counts: Arc<Counts>,
+}
+
+/// What became of the letters so far.
+#[derive(Default)]
+struct Counts {
+    received: AtomicU64,
+    overflowed: AtomicU64,
+}
 
 /// Where the agent takes them out.
 pub(crate) struct Mailbox(mpsc::Receiver<Letter>);
 
 /// A mailbox for `letters_max` letters.
 pub(crate) fn mailbox(letters_max: usize) -> (Slot, Mailbox) {
-    let (slot, mailbox) = mpsc::channel(letters_max.max(1));
-    (Slot(slot), Mailbox(mailbox))
+    let (letters, mailbox) = mpsc::channel(letters_max.max(1));
+    (Slot { letters, counts: Arc::default() }, Mailbox(mailbox))
 }
 
 impl Slot {
     /// Puts a letter in; gives it back if the mailbox is full or its agent has ended.
     pub(crate) fn put(&self, letter: Letter) -> Result<(), Letter> {
-        self.0.try_send(letter).map_err(|error| match error {
-            mpsc::error::TrySendError::Full(letter) | mpsc::error::TrySendError::Closed(letter) => {
-                letter
+        match self.letters.try_send(letter) {
+            Ok(()) => {
+                self.counts.received.fetch_add(1, Ordering::Relaxed);
+                Ok(())
             }
-        })
+            Err(mpsc::error::TrySendError::Full(letter)) => {
+                self.counts.overflowed.fetch_add(1, Ordering::Relaxed);
+                Err(letter)
+            }
+            Err(mpsc::error::TrySendError::Closed(letter)) => Err(letter),
+        }
+    }
+
+    /// How full it is, as the mailbox of `agent`.
+    pub(crate) fn status(&self, agent: AgentId) -> MailboxStatus {
+        let (room, most) = (self.letters.capacity(), self.letters.max_capacity());
+        let number = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
+        MailboxStatus {
+            agent,
+            waiting: number(most - room),
+            waiting_max: number(most),
+            received: self.counts.received.load(Ordering::Relaxed),
+            overflowed: self.counts.overflowed.load(Ordering::Relaxed),
+        }
     }
 
     /// Whether nobody takes letters out any more.
     pub(crate) fn is_closed(&self) -> bool {
-        self.0.is_closed()
+        self.letters.is_closed()
     }
 }
 

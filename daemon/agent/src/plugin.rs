@@ -5,9 +5,9 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use acl::AgentId;
+use acl::content::Mode;
 use pddl::{Domain, Problem};
 use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::base_agent::Launch;
@@ -52,17 +52,6 @@ pub struct Host {
     pub settings: Settings,
     /// What drivers reach the world through, by type.
     pub resources: Resources,
-}
-
-/// Which flow an ecosystem uses (the paper, “Centralized Planning”, “Decentralized Planning”).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Mode {
-    /// One Planning Agent plans for all.
-    Centralized,
-    /// Each actuator plans for itself and bids.
-    #[default]
-    Decentralized,
 }
 
 /// Things that drivers share, one per type.

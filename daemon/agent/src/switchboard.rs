@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use std::time::Duration;
 
-use acl::content::{Inform, Reason, Refusal, value};
+use acl::content::{Inform, Mailboxes, Reason, Refusal, value};
 use acl::{
     AgentId, DaemonId, EcosystemId, Incarnation, Message, MessageId, Performative, SCHEMA_VERSION,
 };
@@ -315,6 +315,28 @@ impl Switchboard {
         }
     }
 
+    fn answer_mailbox(&self, question: &Question) {
+        let asked = |agent: &AgentId| question.agent.as_ref().is_none_or(|asked| asked == agent);
+        let state = self.read();
+        let hosted = state.agents.iter().filter(|(agent, _)| asked(agent));
+        let mailboxes: Vec<_> =
+            hosted.map(|(agent, hosted)| hosted.slot.status(agent.clone())).collect();
+        if mailboxes.is_empty() {
+            return;
+        }
+        let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        let answer = Mailboxes {
+            daemon: self.daemon.clone(),
+            mailboxes,
+            unknown_receiver: count(&self.counters.unknown_receiver),
+            unreadable: count(&self.counters.unreadable),
+            unsent: count(&self.counters.unsent),
+        };
+        if let Ok(bytes) = serde_json::to_vec(&answer) {
+            (question.answer)(Bytes::from(bytes));
+        }
+    }
+
     fn read(&self) -> RwLockReadGuard<'_, State> {
         self.state.read().unwrap_or_else(PoisonError::into_inner)
     }
@@ -359,7 +381,8 @@ impl Inbound for Switchboard {
         match question.resource {
             Resource::Directory => self.answer_directory(&question),
             Resource::Model => self.answer_model(&question),
-            Resource::Domain | Resource::State | Resource::Goals => {
+            Resource::Mailbox => self.answer_mailbox(&question),
+            Resource::Domain | Resource::State | Resource::Goals | Resource::Questions => {
                 // Every agent here may be the one that knows; most let the question go.
                 let slots: Vec<_> = {
                     let state = self.read();
@@ -391,6 +414,6 @@ fn kind_of(message: &Message) -> Option<Kind> {
         Inform::Model(_) => Some(Kind::Model),
         Inform::Heartbeat(_) => Some(Kind::Heartbeat),
         Inform::Epoch(_) => Some(Kind::Epoch),
-        Inform::Answer { .. } => None,
+        Inform::Answer(_) => None,
     }
 }

@@ -61,7 +61,7 @@ pub fn informed<A: Maintains>(agent: &mut A, message: &Message, ctx: &mut Contex
     match message.content_as::<Inform>() {
         Ok(Inform::Model(announcement)) => model(agent, message, &announcement, ctx),
         Ok(Inform::Heartbeat(beat)) => heartbeat(agent, message, &beat, ctx),
-        Ok(Inform::Epoch(_) | Inform::Answer { .. }) => (),
+        Ok(Inform::Epoch(_) | Inform::Answer(_)) => (),
         Err(error) => {
             tracing::info!(from = %message.sender, %error, "an inform that nobody understands");
         }

@@ -89,7 +89,8 @@ pub const PROTOCOLS: &[Turn] = &[
     turn(Action, Cancelling, Participant, Agree, Cancelling),
     turn(Action, Cancelling, Participant, Confirm, Closed),
     turn(Action, Cancelling, Participant, Refuse, Closed),
-    // Anyone asks the Domain Maintainer for a change of the state.
+    // Anyone asks the Domain Maintainer for a change of the state, the Plan Requester for another
+    // flow, or gives a Keyboard Agent a person's answer.
     turn(StateChange, Opening, Initiator, Request, Open),
     turn(StateChange, Open, Participant, Confirm, Closed),
     turn(StateChange, Open, Participant, Refuse, Closed),

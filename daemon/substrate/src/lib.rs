@@ -154,6 +154,10 @@ pub enum Resource {
     Goals,
     /// One agent's action model, or all.
     Model,
+    /// How full the mailboxes of a daemon's agents are.
+    Mailbox,
+    /// Questions to people that nobody has answered.
+    Questions,
 }
 
 /// A question to daemons.
@@ -224,8 +228,15 @@ impl Presence {
 
 impl Resource {
     /// All of them.
-    pub const ALL: [Resource; 5] =
-        [Resource::Directory, Resource::Domain, Resource::State, Resource::Goals, Resource::Model];
+    pub const ALL: [Resource; 7] = [
+        Resource::Directory,
+        Resource::Domain,
+        Resource::State,
+        Resource::Goals,
+        Resource::Model,
+        Resource::Mailbox,
+        Resource::Questions,
+    ];
 
     /// The name, as one chunk of a key expression.
     pub fn as_str(self) -> &'static str {
@@ -235,6 +246,8 @@ impl Resource {
             Resource::State => "state",
             Resource::Goals => "goals",
             Resource::Model => "model",
+            Resource::Mailbox => "mailbox",
+            Resource::Questions => "questions",
         }
     }
 }

@@ -19,6 +19,7 @@ use agent::{
     Resource, TimerId,
 };
 use capability::{Change, Conflict, Effects, Maintainer, Owner, Scope};
+use pddl::{Severity, check_init_elements};
 
 /// How long changes are gathered before they are announced: the models of a daemon that starts
 /// come within this time, and one announcement serves them all.
@@ -67,7 +68,11 @@ impl Agent for DomainMaintainer {
                 serde_json::to_string(&snapshot.to_content())
             }
             Resource::State => serde_json::to_string(&self.state()),
-            Resource::Directory | Resource::Goals | Resource::Model => return None,
+            Resource::Directory
+            | Resource::Goals
+            | Resource::Model
+            | Resource::Mailbox
+            | Resource::Questions => return None,
         };
         answer.ok()
     }
@@ -133,8 +138,8 @@ impl DomainMaintainer {
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
         match self.change_state(&message.sender, &change, ctx) {
-            Ok(()) => {
-                let report = Report::new(Outcome::Done, "believed");
+            Ok(detail) => {
+                let report = Report::new(Outcome::Done, detail);
                 ctx.answer(&engagement, Performative::Confirm, &report);
             }
             Err(refusal) => ctx.answer(&engagement, Performative::Refuse, &refusal),
@@ -146,11 +151,14 @@ impl DomainMaintainer {
         asker: &AgentId,
         change: &ChangeState,
         ctx: &mut Context<Self>,
-    ) -> Result<(), Refusal> {
+    ) -> Result<&'static str, Refusal> {
         let effects = Effects::read(change).map_err(|diagnostics| {
             let lines: Vec<_> = diagnostics.iter().map(ToString::to_string).collect();
             Refusal::new(Reason::BadContent, lines.join("; "))
         })?;
+        if change.owner.is_none() {
+            self.check(change, &effects)?;
+        }
         let now = self.upkeep.moment();
         let living = change.owner.as_ref().and_then(|owner| ctx.find(owner));
         let change = match living {
@@ -165,6 +173,21 @@ impl DomainMaintainer {
         };
         let change = change.map_err(|declined| declined.refusal())?;
         upkeep::conclude(self, &change, ctx);
+        Ok(if change.is_empty() { "so it was already" } else { "believed" })
+    }
+
+    /// Whether a person's facts can be believed: what nobody here has a word for would be kept
+    /// and never seen again. An agent's may come before its words do.
+    fn check(&self, change: &ChangeState, effects: &Effects) -> Result<(), Refusal> {
+        let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.moment());
+        let texts = [(&change.believe, &effects.believe), (&change.retract, &effects.retract)];
+        for (text, facts) in texts {
+            let diagnostics = check_init_elements(&snapshot.domain, &snapshot.problem, facts);
+            let mistake = diagnostics.iter().find(|found| found.severity == Severity::Error);
+            if let Some(mistake) = mistake {
+                return Err(Refusal::new(Reason::BadContent, mistake.located(text)));
+            }
+        }
         Ok(())
     }
 

@@ -115,7 +115,7 @@ fn gist(message: &Message) -> String {
             Ok(Inform::Epoch(change)) => {
                 format!("epoch {}, revision {}", change.epoch, change.revision)
             }
-            Ok(Inform::Answer { text }) => text,
+            Ok(Inform::Answer(answer)) => answer.text,
             Err(_) => String::new(),
         },
         _ => {
