@@ -21,7 +21,7 @@ mod selection;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::content::{Achieve, Inform, Keep, Outcome, Reason, Report, Request, Snapshot};
+use acl::content::{Achieve, Inform, Keep, Outcome, Reason, Report, Request, SetMode, Snapshot};
 use acl::{AgentId, ConversationId, Message, Performative};
 use agent::{
     Agent, Ask, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Mode, PluginEntry,
@@ -119,8 +119,13 @@ impl PlanRequester {
         let engagement = Engagement::of(&message);
         let asked = match message.content_as::<Request>() {
             Ok(Request::Achieve(asked)) => asked,
+            Ok(Request::SetMode(SetMode { mode })) => {
+                self.mode = mode;
+                let report = Report::new(Outcome::Done, format!("plans are {mode} from now on"));
+                return ctx.answer(&engagement, Performative::Confirm, &report);
+            }
             Ok(_) => {
-                let detail = "a Plan Requester takes goals: `achieve`";
+                let detail = "a Plan Requester takes goals: `achieve`, and the flow: `set-mode`";
                 return ctx.refuse(&engagement, Reason::Incapable, detail);
             }
             Err(error) => return ctx.not_understood(&message, error.to_string()),
