@@ -10,7 +10,7 @@ use std::time::Duration;
 use acl::content::{Bid, CallForProposals, Choice, Outcome, Proposal, Refusal, Report, value};
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{Answer, Context, Opening, TimerId};
-use pddl::Condition;
+use pddl::{Condition, Plan};
 use planner::explain::Explanation;
 
 use crate::PlanRequester;
@@ -19,6 +19,7 @@ use crate::goal::Phase;
 use crate::known::Known;
 use crate::planning::explain;
 use crate::selection::{Bids, Selection, bundles, selections, uncovered};
+use crate::sharing::Verdict;
 
 /// A call under way.
 pub(crate) struct Call {
@@ -94,7 +95,7 @@ impl PlanRequester {
         if called.is_empty() {
             let nobody = || "nobody here offers any action".to_owned();
             let why = explain(&known, &open, |_| nobody()).unwrap_or_else(nobody);
-            return self.no_plan(id, why, ctx);
+            return self.unplanned(id, &known, why, ctx);
         }
         let content = CallForProposals { conjuncts: conjuncts.clone(), together: false };
         let token = self.open_call(id, None, content, ctx);
@@ -182,6 +183,7 @@ impl PlanRequester {
         let Some(call) = self.calling(id) else { return };
         let Some(token) = message.exchange().cloned() else { return };
         let bidder = message.sender.clone();
+        let is_called = call.known.offers.contains_key(&bidder);
         if message.performative == Performative::Agree {
             match message.content_as::<Bid>() {
                 Ok(bid) => {
@@ -189,7 +191,10 @@ impl PlanRequester {
                         (bidder.clone(), proposal.covers.clone(), token.clone())
                     };
                     call.made_in.extend(bid.proposals.iter().map(covers));
-                    call.bids.entry(bidder.clone()).or_default().extend(bid.proposals);
+                    // Other goals need the rest.
+                    if is_called {
+                        call.bids.entry(bidder.clone()).or_default().extend(bid.proposals);
+                    }
                 }
                 Err(error) => ctx.not_understood(&message, error.to_string()),
             }
@@ -257,32 +262,47 @@ impl PlanRequester {
         let Some(goal) = self.goals.get_mut(id) else { return };
         let phase = std::mem::replace(&mut goal.phase, Phase::Queued);
         let Phase::Calling(call) = phase else { return };
-        let goal = goal.condition.clone();
         let known = call.known.clone();
+        let Some(wanted) = self.wanted(id, &known) else { return };
         let mut problems = Vec::new();
         for selection in selections(&call.conjuncts, &call.bids) {
             let plans: Vec<&str> =
                 selection.chosen.iter().map(|(_, proposal)| proposal.plan.as_str()).collect();
             let combined = known.combine(&plans).and_then(|plan| {
-                let cost = known.validate(&plan, &goal)?;
+                let cost = known.validate(&plan, &wanted)?;
                 Ok((plan, cost))
             });
             match combined {
-                Ok((plan, cost)) => {
-                    let why =
-                        explaining::choice(&selection, &call.bids, &call.refusals, &call.silent);
-                    call.settle(Some(&selection), "another set of proposals is cheaper", ctx);
-                    if let Some(why) = why {
-                        self.tell(id, Report::new(Outcome::Progress, why), ctx);
-                    }
-                    return self.execute(id, &known, &plan, cost, ctx);
-                }
+                Ok((plan, cost)) => return self.chosen(id, *call, &selection, (&plan, cost), ctx),
                 Err(problem) => problems.push(problem),
             }
         }
         let why = why_none(&call, &problems);
         call.reject_all("no set of proposals covers the goal", ctx);
-        self.no_plan(id, why, ctx);
+        self.unplanned(id, &known, why, ctx);
+    }
+
+    /// A set of proposals works: it is carried out, unless other goals come first.
+    fn chosen(
+        &mut self,
+        id: &ConversationId,
+        call: Call,
+        selection: &Selection,
+        (plan, cost): (&Plan, f64),
+        ctx: &mut Context<Self>,
+    ) {
+        let known = call.known.clone();
+        let verdict = self.verdict(id, &known, plan);
+        if matches!(verdict, Verdict::Go) {
+            let why = explaining::choice(selection, &call.bids, &call.refusals, &call.silent);
+            call.settle(Some(selection), "another set of proposals is cheaper", ctx);
+            if let Some(why) = why {
+                self.tell(id, Report::new(Outcome::Progress, why), ctx);
+            }
+        } else {
+            call.reject_all("other goals come first", ctx);
+        }
+        self.follow(id, &known, (plan, cost), verdict, ctx);
     }
 }
 

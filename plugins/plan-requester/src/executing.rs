@@ -60,7 +60,11 @@ impl PlanRequester {
         });
         if let Some(goal) = self.goals.get_mut(id) {
             goal.phase = Phase::Executing(token);
+            goal.steps_left = known.outside(plan).steps;
+            goal.blocked_by.clear();
         }
+        // The next goal may be planned for while this one is carried out.
+        self.next(ctx);
     }
 
     fn executor_answered(
@@ -70,47 +74,52 @@ impl PlanRequester {
         answer: Answer,
         ctx: &mut Context<Self>,
     ) {
-        let Some(goal) = self.goals.get(id) else { return };
-        let is_cancelling = matches!(goal.phase, Phase::Cancelling(_));
-        let (Phase::Executing(token) | Phase::Cancelling(token)) = &goal.phase else { return };
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        let (Phase::Executing(token) | Phase::Cancelling(token) | Phase::Yielding(token)) =
+            &goal.phase
+        else {
+            return;
+        };
         let token = token.clone();
-        let message = match answer {
-            Answer::Message(message) => message,
-            _ if is_cancelling => {
-                let detail = "cancelled; the Plan Executor did not confirm it";
-                return self.end(id, Outcome::Cancelled, detail, ctx);
-            }
-            Answer::Silence => {
-                let why = "the Plan Executor fell silent".to_owned();
-                return self.retry(id, why, crate::ASK_AGAIN, ctx);
-            }
-            Answer::Undelivered(why) => {
-                let why = format!("the Plan Executor could not be reached: {why}");
-                return self.retry(id, why, crate::ASK_AGAIN, ctx);
-            }
-        };
-        let Ok(report) = message.content_as::<Report>() else {
-            let why = message.content_as::<Refusal>().map(|refusal| refusal.detail);
-            let why = format!("the Plan Executor declined: {}", why.unwrap_or_default());
-            return self.retry(id, why, crate::BUSY, ctx);
-        };
-        match report.outcome {
-            Outcome::Progress | Outcome::Holds => {
-                if !is_cancelling {
+        let report = match read(answer) {
+            Ok(report) if matches!(report.outcome, Outcome::Progress | Outcome::Holds) => {
+                report.action.iter().for_each(|action| goal.step_done(action));
+                if matches!(goal.phase, Phase::Executing(_)) {
                     ctx.extend(&token, patience);
                 }
-                self.tell(id, report, ctx);
+                return self.tell(id, report, ctx);
             }
-            Outcome::Cancelled if is_cancelling => {
-                self.end(id, Outcome::Cancelled, "cancelled as asked", ctx);
-            }
-            Outcome::Done if is_cancelling => {
-                self.end(id, Outcome::Done, "it was done before the cancel came", ctx);
-            }
-            _ if is_cancelling => self.end(id, Outcome::Cancelled, report.detail, ctx),
-            Outcome::Done => self.carried_out(id, ctx),
-            Outcome::Failed | Outcome::Cancelled => self.execution_failed(id, report, ctx),
+            read => read,
+        };
+        let asked_to = std::mem::replace(&mut goal.phase, Phase::Queued);
+        self.release(id);
+        match (asked_to, report) {
+            (Phase::Cancelling(_), report) => self.cancelled_in_execution(id, report, ctx),
+            (_, Ok(report)) if report.outcome == Outcome::Done => self.carried_out(id, ctx),
+            // It waits for its turn; whom it gave way to comes first.
+            (Phase::Yielding(_), _) => self.next(ctx),
+            (_, Ok(report)) => self.execution_failed(id, report, ctx),
+            (_, Err((why, wait))) => self.retry(id, why, wait, ctx),
         }
+    }
+
+    fn cancelled_in_execution(
+        &mut self,
+        id: &ConversationId,
+        report: Result<Report, (String, Duration)>,
+        ctx: &mut Context<Self>,
+    ) {
+        let (outcome, detail) = match report {
+            Ok(report) if report.outcome == Outcome::Done => {
+                (Outcome::Done, "it was done before the cancel came".to_owned())
+            }
+            Ok(report) if report.outcome == Outcome::Cancelled => {
+                (Outcome::Cancelled, "cancelled as asked".to_owned())
+            }
+            Ok(report) => (Outcome::Cancelled, report.detail),
+            Err((why, _)) => (Outcome::Cancelled, format!("cancelled, not confirmed: {why}")),
+        };
+        self.end(id, outcome, detail, ctx);
     }
 
     fn carried_out(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
@@ -136,6 +145,24 @@ impl PlanRequester {
         }
         self.retry(id, report.detail, Duration::ZERO, ctx);
     }
+}
+
+/// What the Plan Executor says; or why it says nothing, and how long to wait before trying again.
+fn read(answer: Answer) -> Result<Report, (String, Duration)> {
+    let message = match answer {
+        Answer::Message(message) => message,
+        Answer::Silence => {
+            return Err(("the Plan Executor fell silent".to_owned(), crate::ASK_AGAIN));
+        }
+        Answer::Undelivered(why) => {
+            let why = format!("the Plan Executor could not be reached: {why}");
+            return Err((why, crate::ASK_AGAIN));
+        }
+    };
+    message.content_as::<Report>().map_err(|_| {
+        let why = message.content_as::<Refusal>().map(|refusal| refusal.detail);
+        (format!("the Plan Executor declined: {}", why.unwrap_or_default()), crate::BUSY)
+    })
 }
 
 /// Who failed with what: of the ground action, its first argument and its name.

@@ -216,7 +216,7 @@ mod tests {
             guards: [("measure".to_owned(), Guard { outside, predicate })].into(),
             former: Vec::new(),
         };
-        Known::read(snapshot, avoided).expect("PDDL")
+        Known::read(snapshot).expect("PDDL").avoiding(avoided.clone())
     }
 
     fn goal(text: &str) -> Vec<Condition> {

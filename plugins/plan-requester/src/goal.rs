@@ -6,11 +6,12 @@ use std::time::Duration;
 use acl::content::{Achieve, GoalStatus, Keep};
 use acl::{AgentId, ConversationId, ReplyToken};
 use agent::{Engagement, TimerId, Work};
-use pddl::Condition;
+use pddl::{Condition, PlanStep};
 use tokio::time::Instant;
 
 use crate::explaining::Seen;
 use crate::known::Avoided;
+use crate::sharing::Attempt;
 
 /// Lines of history kept per goal: enough to see how it came to where it stands.
 const HISTORY_LINES_MAX: usize = 64;
@@ -36,6 +37,12 @@ pub(crate) struct Goal {
     pub(crate) rounds: u32,
     /// Plans in a row that failed.
     pub(crate) failures: u32,
+    /// What the next round of planning has to respect.
+    pub(crate) attempt: Attempt,
+    /// The steps of the running plan that are not known to be done, as their agents name them.
+    pub(crate) steps_left: Vec<PlanStep>,
+    /// What the user was told last of what it waits for.
+    pub(crate) blocked_by: String,
     /// Whether the user was told that it holds, since it last did not.
     pub(crate) is_told: bool,
     pub(crate) timer: Option<TimerId>,
@@ -52,8 +59,10 @@ struct Avoidance {
 
 /// Where a goal stands.
 pub(crate) enum Phase {
-    /// Another goal is on its way.
+    /// Another goal is being planned for.
     Queued,
+    /// It needs what the plans of other goals are using.
+    Blocked(String),
     /// It waits: for a capability, or for the state to change.
     Waiting(String),
     /// The state and the domain are asked for.
@@ -66,6 +75,8 @@ pub(crate) enum Phase {
     Executing(ReplyToken),
     /// The executor is asked to give up: the goal was cancelled.
     Cancelling(ReplyToken),
+    /// The executor is asked to give up: another goal or another plan comes first.
+    Yielding(ReplyToken),
     /// It holds, and is watched.
     Holding,
 }
@@ -74,19 +85,26 @@ impl Phase {
     pub(crate) fn words(&self) -> String {
         match self {
             Phase::Queued => "waiting: another goal comes first".to_owned(),
+            Phase::Blocked(why) => format!("waiting: it {why}"),
             Phase::Waiting(why) => format!("waiting: {why}"),
             Phase::Compiling(_) => "compiling domain and state".to_owned(),
             Phase::Planning(_) => "planning".to_owned(),
             Phase::Calling(_) => "calling for proposals".to_owned(),
             Phase::Executing(_) => "executing".to_owned(),
             Phase::Cancelling(_) => "cancelling".to_owned(),
+            Phase::Yielding(_) => "giving way".to_owned(),
             Phase::Holding => "holds".to_owned(),
         }
     }
 
-    /// Whether it is on its way, so that other goals wait for it.
-    pub(crate) fn is_active(&self) -> bool {
-        !matches!(self, Phase::Queued | Phase::Waiting(_) | Phase::Holding)
+    /// Whether it is being planned for, so that other goals wait for their turn.
+    pub(crate) fn is_planning(&self) -> bool {
+        matches!(self, Phase::Compiling(_) | Phase::Planning(_) | Phase::Calling(_))
+    }
+
+    /// Whether a plan of it runs, so that its agents are needed.
+    pub(crate) fn is_running(&self) -> bool {
+        matches!(self, Phase::Executing(_) | Phase::Cancelling(_) | Phase::Yielding(_))
     }
 }
 
@@ -102,6 +120,9 @@ impl Goal {
             phase: Phase::Queued,
             rounds: 0,
             failures: 0,
+            attempt: Attempt::default(),
+            steps_left: Vec::new(),
+            blocked_by: String::new(),
             is_told: false,
             timer: None,
             seen: None,
@@ -112,6 +133,19 @@ impl Goal {
 
     pub(crate) fn conversation(&self) -> &ConversationId {
         &self.engagement.conversation
+    }
+
+    /// The agents that act in what is left of its plan.
+    pub(crate) fn acting(&self) -> impl Iterator<Item = AgentId> + '_ {
+        let actors = self.steps_left.iter().filter_map(|step| step.arguments.first());
+        actors.filter_map(|actor| AgentId::new(actor.as_str()).ok())
+    }
+
+    /// A step of the running plan is done.
+    pub(crate) fn step_done(&mut self, action: &str) {
+        if let Some(index) = self.steps_left.iter().position(|step| step.to_string() == action) {
+            self.steps_left.remove(index);
+        }
     }
 
     pub(crate) fn note(&mut self, line: impl Into<String>) {

@@ -8,6 +8,7 @@ use acl::AgentId;
 use acl::content::{Offers, Snapshot};
 use pddl::{ActionModel, Condition, Domain, InitElement, Name, Plan, PlanStep, Problem};
 use planner::explain::{self, Explanation, Guard};
+use planner::order::interference;
 use planner::validate::{Verdict, World, validate};
 use planner::{Budget, Cancel, Options};
 
@@ -22,6 +23,10 @@ pub(crate) struct Known {
     pub(crate) problem: Problem,
     pub(crate) domain_text: String,
     pub(crate) offers: Offers,
+    /// What everyone offers, planned with or not.
+    all_offers: Offers,
+    /// The problem with everyone, planned with or not.
+    whole: Problem,
     /// What lets agents act by each schema.
     pub(crate) guards: BTreeMap<Name, Guard>,
     /// What agents could do that offer it no longer.
@@ -33,20 +38,16 @@ pub(crate) struct Known {
 pub(crate) type Avoided = BTreeSet<(AgentId, String)>;
 
 impl Known {
-    /// Reads a snapshot, without what is to be avoided.
+    /// Reads a snapshot.
     ///
     /// # Errors
     ///
     /// If it is no PDDL, for a person.
-    pub(crate) fn read(snapshot: Snapshot, avoided: &Avoided) -> Result<Known, String> {
-        let Snapshot { epoch, domain, problem, mut offers, guards, former, .. } = snapshot;
+    pub(crate) fn read(snapshot: Snapshot) -> Result<Known, String> {
+        let Snapshot { epoch, domain, problem, offers, guards, former, .. } = snapshot;
         let domain_text = domain;
         let domain = pddl::parse_domain(&domain_text).into_result().map_err(first)?;
-        let mut problem = pddl::parse_problem(&problem).into_result().map_err(first)?;
-        let taken = take_avoided(&mut offers, avoided);
-        let is_guard = |element: &InitElement| taken.contains(&element.to_string());
-        problem.init.retain(|element| !is_guard(element));
-        let avoided = avoided.clone();
+        let problem = pddl::parse_problem(&problem).into_result().map_err(first)?;
         let guard = |(inside, guard): (String, acl::content::Guard)| {
             let (outside, predicate) = (Name::new(&guard.outside), Name::new(&guard.predicate));
             (Name::new(&inside), Guard { outside, predicate })
@@ -55,7 +56,36 @@ impl Known {
         // What cannot be read explains nothing.
         let read = |text: &String| pddl::parse_action_model(text).into_result().ok();
         let former = former.iter().filter_map(read).collect();
-        Ok(Known { epoch, domain, problem, domain_text, offers, guards, former, avoided })
+        let (all_offers, whole, avoided) = (offers.clone(), problem.clone(), Avoided::new());
+        Ok(Known {
+            epoch,
+            domain,
+            problem,
+            domain_text,
+            offers,
+            all_offers,
+            whole,
+            guards,
+            former,
+            avoided,
+        })
+    }
+
+    /// The same without the actions that failed a moment ago.
+    pub(crate) fn avoiding(mut self, avoided: Avoided) -> Known {
+        let guards = take_avoided(&mut self.offers, &avoided);
+        self.problem = without(self.problem, &guards);
+        self.whole = self.problem.clone();
+        self.avoided = avoided;
+        self
+    }
+
+    /// The same without the agents that other goals need.
+    pub(crate) fn sparing(mut self, reserved: &BTreeSet<AgentId>) -> Known {
+        let taken = reserved.iter().filter_map(|agent| self.offers.remove(agent));
+        let guards = taken.flat_map(BTreeMap::into_values).map(|offer| offer.guard).collect();
+        self.problem = without(self.problem, &guards);
+        self
     }
 
     /// The problem of reaching `goal` from here.
@@ -71,10 +101,58 @@ impl Known {
         Ok(conjuncts.into_iter().filter(|conjunct| !world.holds(conjunct)).collect())
     }
 
+    /// Whether not even the relaxation reaches a condition, with everyone's actions.
+    pub(crate) fn is_hopeless(&self, condition: &Condition) -> bool {
+        let Ok(open) = self.open_conjuncts(condition) else { return true };
+        let (options, cancel) = (Options::default(), Cancel::new());
+        planner::goal::unreachable(&self.domain, &self.whole, &open, &options, &cancel)
+            .is_ok_and(|unreachable| !unreachable.is_empty())
+    }
+
+    /// Whether a condition holds.
+    pub(crate) fn holds(&self, condition: &Condition) -> bool {
+        World::initial(&self.domain, &self.problem).is_ok_and(|world| world.holds(condition))
+    }
+
+    /// Whether a plan can run beside steps of another, and leaves what the other has reached of
+    /// its goal; the steps are told under the names of their agents.
+    pub(crate) fn can_run_beside(&self, plan: &Plan, steps: &[PlanStep], goal: &Condition) -> bool {
+        // A step that nobody offers any more fails by itself.
+        let theirs: Vec<_> =
+            steps.iter().filter_map(|step| self.named(step, &self.all_offers).ok()).collect();
+        let apart = interference(&self.domain, &self.problem, &plan.steps, &theirs);
+        let leaves = self.end_of(plan).is_some_and(|end| {
+            let reached = self.conjuncts_that_hold(goal);
+            reached.iter().all(|conjunct| end.holds(conjunct))
+        });
+        matches!(apart, Ok(None)) && leaves
+    }
+
+    fn conjuncts_that_hold(&self, goal: &Condition) -> Vec<Condition> {
+        let Ok(world) = World::initial(&self.domain, &self.problem) else { return Vec::new() };
+        let conjuncts = planner::goal::conjuncts(&self.domain, &self.problem, goal);
+        let conjuncts = conjuncts.unwrap_or_default().into_iter();
+        conjuncts.filter(|conjunct| world.holds(conjunct)).collect()
+    }
+
+    /// The state in which a plan ends.
+    fn end_of(&self, plan: &Plan) -> Option<World> {
+        let mut world = World::initial(&self.domain, &self.problem).ok()?;
+        plan.steps.iter().try_for_each(|step| world.apply(step)).ok()?;
+        Some(world)
+    }
+
+    /// What it costs to do the rest of a plan from here; `None` if it does not reach its goal.
+    pub(crate) fn cost_of_rest(&self, steps: &[PlanStep], goal: &Condition) -> Option<f64> {
+        let steps = steps.iter().map(|step| self.named(step, &self.all_offers));
+        let plan = Plan { steps: steps.collect::<Result<_, _>>().ok()?, cost: None };
+        self.validate(&plan, goal).ok()
+    }
+
     /// Which of these not even the relaxation reaches, where no action undoes another, and what is
     /// missing.
     pub(crate) fn explain(&self, conjuncts: &[Condition]) -> Option<Explanation> {
-        let Known { domain, problem, guards, former, .. } = self;
+        let Known { domain, whole: problem, guards, former, .. } = self;
         let budget = Budget { join_steps_max: EXPLAINING_STEPS_MAX, ..Budget::default() };
         let options = Options { budget, ..Options::default() };
         let known = explain::Known { domain, problem, guards, former };
@@ -109,13 +187,18 @@ impl Known {
         if agent.is_some_and(is_avoided) {
             return Err(format!("`{step}` failed a moment ago"));
         }
+        self.named(&step, &self.offers)
+    }
+
+    /// A step of an agent's own naming, under the names of the composite domain.
+    fn named(&self, step: &PlanStep, offers: &Offers) -> Result<PlanStep, String> {
         let offer = step
             .arguments
             .first()
-            .and_then(|agent| self.offers.get(agent.as_str()))
+            .and_then(|agent| offers.get(agent.as_str()))
             .and_then(|actions| actions.get(step.action.as_str()))
             .ok_or_else(|| format!("nobody offers `{step}`"))?;
-        Ok(PlanStep { action: offer.inside.as_str().into(), ..step })
+        Ok(PlanStep { action: offer.inside.as_str().into(), ..step.clone() })
     }
 
     /// A plan for people: every action under the name its agent knows.
@@ -149,6 +232,12 @@ impl Known {
         let offers = self.offers.iter().filter(|(agent, _)| is_acting(agent));
         offers.map(|(agent, actions)| (agent.clone(), actions.clone())).collect()
     }
+}
+
+/// A problem in which some facts do not hold.
+fn without(mut problem: Problem, guards: &BTreeSet<String>) -> Problem {
+    problem.init.retain(|element: &InitElement| !guards.contains(&element.to_string()));
+    problem
 }
 
 /// Takes the avoided actions out of the offers; yields the facts that stood for them.

@@ -5,8 +5,7 @@
 //! - Asks the Domain Maintainer for domain and state, then, by the ecosystem's mode, the Planning
 //!   Agent (`planning`) or all actuators (`calling`); asks the Plan Executor to execute.
 //! - Replans at once when a plan fails, and says why. Keeps the goals that are to be kept.
-//! - One goal is on its way at a time, the one of greatest priority first, so no plan breaks
-//!   another's causal links.
+//! - Several goals run side by side, and no plan breaks another's causal links (`sharing`).
 //!
 //! Start reading at `PlanRequester::consider`.
 
@@ -17,6 +16,7 @@ mod goal;
 mod known;
 mod planning;
 mod selection;
+mod sharing;
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -25,7 +25,7 @@ use acl::content::{Achieve, Inform, Keep, Outcome, Reason, Report, Request, SetM
 use acl::{AgentId, ConversationId, Message, Performative};
 use agent::{
     Agent, Ask, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Mode, PluginEntry,
-    Presence, Resource,
+    Presence, Resource, Work,
 };
 use pddl::Condition;
 use serde::Deserialize;
@@ -80,13 +80,15 @@ impl Default for Config {
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let config = blueprint.config_as()?;
     let mode = blueprint.host.mode;
-    Ok(Box::new(PlanRequester { config, mode, goals: BTreeMap::new() }))
+    Ok(Box::new(PlanRequester { config, mode, goals: BTreeMap::new(), comparing: None }))
 }
 
 struct PlanRequester {
     config: Config,
     mode: Mode,
     goals: BTreeMap<ConversationId, Goal>,
+    /// Looks whether running plans could be much cheaper.
+    comparing: Option<Work>,
 }
 
 impl Agent for PlanRequester {
@@ -187,6 +189,7 @@ impl PlanRequester {
                 ctx.go_on(&token, &executor, Performative::Cancel, serde_json::Value::Null);
                 ctx.extend(&token, ctx.settings().answer_deadline * 2);
             }
+            Phase::Yielding(token) => goal.phase = Phase::Cancelling(token.clone()),
             Phase::Cancelling(_) => (),
             Phase::Planning(token) => {
                 let (token, planner) = (token.clone(), self.config.planning_agent.clone());
@@ -230,24 +233,11 @@ impl PlanRequester {
         }
     }
 
-    /// Whether a goal may be considered now; if another comes first, it waits for its end.
-    fn is_its_turn(&mut self, id: &ConversationId) -> bool {
-        let first = self.goals.values().any(|other| other.phase.is_active());
-        let Some(goal) = self.goals.get_mut(id) else { return false };
-        if goal.phase.is_active() {
-            return false;
-        }
-        if first {
-            goal.phase = Phase::Queued;
-        }
-        !first
-    }
-
     fn compiled(&mut self, id: &ConversationId, snapshot: Snapshot, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         let avoided = goal.avoided(ctx.now());
-        let known = match Known::read(snapshot, &avoided) {
-            Ok(known) => known,
+        let known = match Known::read(snapshot) {
+            Ok(known) => known.avoiding(avoided),
             Err(problem) => return self.end(id, Outcome::Failed, problem, ctx),
         };
         if goal.rounds == 0
@@ -267,6 +257,7 @@ impl PlanRequester {
             }
             Ok(open) => {
                 goal.is_told = false;
+                let known = known.sparing(&self.reserved(id));
                 match self.mode {
                     Mode::Centralized => self.ask_planner(id, known, open, ctx),
                     Mode::Decentralized => self.call(id, known, open, ctx),
@@ -279,6 +270,7 @@ impl PlanRequester {
     fn satisfied(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         goal.failures = 0;
+        goal.attempt = sharing::Attempt::default();
         match goal.keep {
             Keep::Achieve => {
                 let detail = if goal.rounds == 0 { "it holds already" } else { "the goal holds" };
@@ -364,21 +356,6 @@ impl PlanRequester {
         }
     }
 
-    /// Gives the turn to the goal of greatest priority that waits for it.
-    fn next(&mut self, ctx: &mut Context<Self>) {
-        let first = self
-            .goals
-            .iter()
-            .filter(|(_, goal)| matches!(goal.phase, Phase::Queued))
-            .max_by_key(|(id, goal)| (goal.priority, std::cmp::Reverse((*id).clone())))
-            .map(|(id, _)| id.clone());
-        if let Some(id) = first {
-            ctx.after(Duration::ZERO, move |requester: &mut Self, ctx| {
-                requester.consider(&id, ctx)
-            });
-        }
-    }
-
     // === telling ===
 
     fn tell(&mut self, id: &ConversationId, report: Report, ctx: &mut Context<Self>) {
@@ -415,16 +392,24 @@ impl PlanRequester {
             return;
         }
         let Ok(Inform::Epoch(change)) = message.content_as::<Inform>() else { return };
+        let agents_changed = !change.joined.is_empty() || !change.left.is_empty();
         let mut concerned = Vec::new();
         for (id, goal) in &mut self.goals {
             change.joined.iter().for_each(|agent| goal.forgive(agent));
-            if !goal.phase.is_active() {
+            let is_concerned = match goal.phase {
+                Phase::Queued | Phase::Waiting(_) | Phase::Holding => true,
+                // What others are using is not freed by news of the state.
+                Phase::Blocked(_) => agents_changed,
+                _ => false,
+            };
+            if is_concerned {
                 concerned.push(id.clone());
             }
         }
         for id in concerned {
             self.settle(&id, ctx);
         }
+        self.look_for_better(&change.joined, ctx);
     }
 
     fn settle(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {

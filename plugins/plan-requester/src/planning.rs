@@ -13,6 +13,7 @@ use crate::PlanRequester;
 use crate::explaining::{self, Seen};
 use crate::goal::Phase;
 use crate::known::Known;
+use crate::sharing::Verdict;
 
 impl PlanRequester {
     /// Asks the Planning Agent for a plan.
@@ -24,10 +25,11 @@ impl PlanRequester {
         ctx: &mut Context<Self>,
     ) {
         self.tell_news(id, &known, &open, ctx);
+        let Some(wanted) = self.wanted(id, &known) else { return };
         let Some(goal) = self.goals.get_mut(id) else { return };
         let request = PlanRequest {
             domain: known.domain_text.clone(),
-            problem: known.problem_of(&goal.condition).to_string(),
+            problem: known.problem_of(&wanted).to_string(),
             epoch: known.epoch,
         };
         let opening = Opening {
@@ -88,22 +90,26 @@ impl PlanRequester {
             let why = why.unwrap_or_else(|_| "in words nobody understands".to_owned());
             return self.retry(id, format!("the Planning Agent declined: {why}"), crate::BUSY, ctx);
         };
-        let judged = self.judge(id, known, &proposal);
-        let (verdict, detail) = match &judged {
-            Ok(_) => (Performative::AcceptProposal, "it is valid".to_owned()),
+        let judged = self.judge(id, known, &proposal).map(|(plan, cost)| {
+            let verdict = self.verdict(id, known, &plan);
+            (plan, cost, verdict)
+        });
+        let (performative, detail) = match &judged {
+            Ok((_, _, Verdict::Go)) => (Performative::AcceptProposal, "it is valid".to_owned()),
+            Ok(_) => (Performative::RejectProposal, "other goals come first".to_owned()),
             Err(detail) => (Performative::RejectProposal, detail.clone()),
         };
         let choice = value(&Choice { covers: Vec::new(), detail });
-        ctx.go_on(&token, &message.sender, verdict, choice);
+        ctx.go_on(&token, &message.sender, performative, choice);
         ctx.close(&token);
         match judged {
-            Ok((plan, cost)) => self.execute(id, known, &plan, cost, ctx),
+            Ok((plan, cost, verdict)) => self.follow(id, known, (&plan, cost), verdict, ctx),
             Err(why) if proposal.status == PlanStatus::Unsolvable => {
                 let interfere = |explanation: &Explanation| format!("{why}; {explanation}");
                 let why = explain(known, open, interfere).unwrap_or_else(|| why.clone());
-                self.no_plan(id, why, ctx);
+                self.unplanned(id, known, why, ctx);
             }
-            Err(why) => self.no_plan(id, why, ctx),
+            Err(why) => self.unplanned(id, known, why, ctx),
         }
     }
 
@@ -118,10 +124,10 @@ impl PlanRequester {
             let detail = proposal.detail.clone().unwrap_or_default();
             return Err(format!("the planner: {}; {detail}", proposal.status));
         };
-        let goal = self.goals.get(id).ok_or("the goal is gone")?;
+        let wanted = self.wanted(id, known).ok_or("the goal is gone")?;
         let plan = pddl::parse_plan(text).into_result().map_err(crate::first)?;
         let cost = known
-            .validate(&plan, &goal.condition)
+            .validate(&plan, &wanted)
             .map_err(|fault| format!("the proposed plan is not valid: {fault}"))?;
         Ok((plan, cost))
     }
