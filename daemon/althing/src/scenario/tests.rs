@@ -5,6 +5,7 @@ use agent::Mode;
 use super::{Script, Stage, play};
 use crate::hosting::Node;
 
+mod goals;
 mod guests;
 
 const MODES: [Mode; 2] = [Mode::Centralized, Mode::Decentralized];
