@@ -6,6 +6,7 @@ use super::{Script, Stage, play};
 use crate::hosting::Node;
 
 mod guests;
+mod sensors;
 
 const MODES: [Mode; 2] = [Mode::Centralized, Mode::Decentralized];
 
