@@ -2,7 +2,7 @@
 //! sensors for CO2, motion, IR distance, light and IR reflection): each reports what it measures
 //! there.
 //!
-//! - [`quantity`] is the table of what can be measured; everything else is the same for all.
+//! - `quantity` is the table of what can be measured; everything else is the same for all.
 //! - [`Probe`] is what a driver does; `simulated` measures in the simulated building.
 //! - What is yes or no (motion) is noticed: announced at once, without being asked.
 //! - After a failed measurement a sensor offers nothing for a while: “re-evaluate and update
