@@ -27,6 +27,10 @@
 
     temperature-sensor        ; fixed in the room that it measures
     ir-temperature-sensor     ; mounted on a mobile base, measures where that is
+    humidity-sensor co2-sensor light-sensor     ; fixed, as the first
+    motion-sensor             ; says by itself when somebody moves
+    distance-sensor           ; IR: how far it is to the next thing before it
+    reflection-sensor         ; IR: whether something is right before it
       - sensor)
 
   (:predicates
@@ -40,10 +44,26 @@
 
     ; Measuring makes this true. It does not say what was measured: planning
     ; needs to know THAT a temperature will be known, not which it will be.
-    (known-temperature ?r - room))
+    (known-temperature ?r - room)
+
+    ; The same of what else is measured in a room.
+    (known-humidity ?r - room)
+    (known-co2 ?r - room)
+    (known-light ?r - room)
+    (known-distance ?r - room)
+    (known-motion ?r - room)
+    (known-reflection ?r - room)
+
+    ; What is yes or no. Where it is known and not said, it is not so.
+    (motion ?r - room)                  ; somebody moves there
+    (reflection ?r - room))             ; something is right before the sensor
 
   (:functions
     (total-cost)                        ; what a plan costs: meters and efforts
     (distance ?a ?b - location)         ; in meters; the map says it
     (speed ?b - mobile-base)            ; in meters per second; the base says it
-    (temperature ?r - room)))           ; in °C; whoever measured it says it
+    (temperature ?r - room)             ; in °C; whoever measured it says it, and so on:
+    (humidity ?r - room)                ; relative, in %
+    (co2 ?r - room)                     ; in ppm
+    (light ?r - room)                   ; in lx
+    (free-distance ?r - room)))         ; before the IR distance sensor, in meters

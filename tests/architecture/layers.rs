@@ -20,7 +20,7 @@ const LAYERS: &[&[&str]] = &[
         "plan-executor",
         "plan-requester",
         "planning-agent",
-        "temperature-sensor",
+        "sensor",
         "turtlebot",
     ],
     &["althing", "tests"],
@@ -39,7 +39,7 @@ const EXCEPTIONS: &[Exception] = &[
     exception("plan-requester", "planner", "validates proposals, takes goals apart"),
     exception("planning-agent", "planner", "it is that planner, given a mailbox"),
     exception("ir-temperature-sensor", "building", "its simulated driver measures there"),
-    exception("temperature-sensor", "building", "its simulated driver measures there"),
+    exception("sensor", "building", "its simulated driver measures there"),
     exception("turtlebot", "building", "its simulated driver moves there"),
 ];
 

@@ -9,7 +9,8 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     planning_agent::PLUGIN,
     plan_executor::PLUGIN,
     keyboard::PLUGIN,
-    temperature_sensor::PLUGIN,
+    sensor::TEMPERATURE_SENSOR,
+    sensor::PLUGIN,
     ir_temperature_sensor::PLUGIN,
     turtlebot::PLUGIN,
 ];

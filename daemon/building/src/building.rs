@@ -165,7 +165,7 @@ impl Building {
 impl Building {
     /// Changes the truth in one instant, and wakes the waiting if something
     /// happened, that is, if it stands in the log.
-    fn change<T>(&self, act: impl FnOnce(&mut Truth) -> T) -> T {
+    pub(crate) fn change<T>(&self, act: impl FnOnce(&mut Truth) -> T) -> T {
         let mut outcome = None;
         self.shared.truth.send_if_modified(|truth| {
             let before = truth.next_sequence();
@@ -178,7 +178,7 @@ impl Building {
 
     /// Keeps a device busy for `takes`, then runs `finish`. Ends early where the
     /// device breaks or leaves; goes on when one that hangs is repaired.
-    async fn work<T>(
+    pub(crate) async fn work<T>(
         &self,
         device: &str,
         takes: Duration,

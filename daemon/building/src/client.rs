@@ -29,6 +29,10 @@ const ANSWER_MAX: Duration = SILENCE_MAX;
 /// time-outs of their own, and drop the question long before.
 const WORK_MAX: Duration = Duration::from_secs(15 * 60);
 
+/// How long a change may be awaited: nobody may enter a room for months. That the server lives is
+/// known from its signs.
+const CHANGE_MAX: Duration = Duration::from_secs(365 * 24 * 3_600);
+
 /// Each question under way needs room for itself and for calling it off.
 const COMMANDS_MAX: usize = 2 * IN_FLIGHT_MAX;
 
@@ -71,7 +75,8 @@ impl Remote {
     pub(crate) async fn ask(&self, ask: Ask) -> Outcome {
         let limit = match &ask {
             Ask::PlaceOf { .. } | Ask::Cancel => ANSWER_MAX,
-            Ask::ReadTemperature { .. } | Ask::Navigate { .. } => WORK_MAX,
+            Ask::ReadTemperature { .. } | Ask::Navigate { .. } | Ask::Measure { .. } => WORK_MAX,
+            Ask::AwaitChange { .. } => CHANGE_MAX,
         };
         let answered = timeout(limit, self.ask_without_limit(ask)).await;
         answered.unwrap_or_else(|_| Err(unreachable(format!("no answer within {limit:?}"))))

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::layout::{CELSIUS_MAX, CELSIUS_MIN, METERS_MAX, NAME_MAX, SPEED_MAX, SPEED_MIN};
+use crate::quantity::Quantity;
 
 /// Why a building cannot be laid out as asked.
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -73,6 +74,19 @@ pub enum LayoutError {
         location: String,
         /// What was written.
         celsius: f64,
+    },
+    /// A value that the quantity cannot have.
+    #[error(
+        "set the {} of `{location}` to {value}: between {} and {} is possible",
+        quantity.name(), quantity.bounds().0, quantity.bounds().1
+    )]
+    BadValue {
+        /// Where.
+        location: String,
+        /// Of what.
+        quantity: Quantity,
+        /// What was written.
+        value: f64,
     },
     /// A distance that no building has.
     #[error(

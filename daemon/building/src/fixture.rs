@@ -16,12 +16,18 @@ fn line(event: &Event) -> String {
     match event {
         Event::Asked { sensor } => format!("{sensor} is asked"),
         Event::Read { sensor, location, celsius } => format!("{sensor} reads {location} {celsius}"),
+        Event::Measured { sensor, location, quantity, value } => {
+            format!("{sensor} measures {location} {} {value}", quantity.name())
+        }
         Event::Departed { robot, from, to } => format!("{robot} departs {from} {to}"),
         Event::Moved { robot, from, to } => format!("{robot} moves {from} {to}"),
         Event::Stayed { robot, at } => format!("{robot} stays {at}"),
         Event::Broken { device, fault } => format!("{device} breaks {fault:?}"),
         Event::Repaired { device } => format!("{device} is repaired"),
         Event::TemperatureSet { location, celsius } => format!("{location} becomes {celsius}"),
+        Event::ValueSet { location, quantity, value } => {
+            format!("{location} has {} {value}", quantity.name())
+        }
         Event::Locked { a, b } => format!("{a} {b} is locked"),
         Event::Unlocked { a, b } => format!("{a} {b} is unlocked"),
         Event::Added { device } => format!("{device} is added"),

@@ -15,11 +15,11 @@ use crate::wire::{Answer, Ask};
 /// A driver's hold on the devices of a building. Clones share the connection.
 #[derive(Clone, Debug)]
 pub struct BuildingHandle {
-    way: Way,
+    pub(crate) way: Way,
 }
 
 #[derive(Clone, Debug)]
-enum Way {
+pub(crate) enum Way {
     InProcess(Building),
     Socket(Remote),
 }

@@ -10,6 +10,7 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{LayoutError, nearest};
+use crate::quantity::Quantity;
 
 mod additions;
 
@@ -67,6 +68,15 @@ pub enum Device {
         /// The location whose temperature it measures.
         location: String,
     },
+    /// A sensor in a location, of something else than its temperature.
+    Sensor {
+        /// Its name.
+        name: String,
+        /// The location where it is.
+        location: String,
+        /// What it measures.
+        quantity: Quantity,
+    },
     /// A mobile base.
     Robot {
         /// Its name.
@@ -90,6 +100,7 @@ impl Device {
     pub fn name(&self) -> &str {
         match self {
             Device::FixedSensor { name, .. }
+            | Device::Sensor { name, .. }
             | Device::Robot { name, .. }
             | Device::MountedSensor { name, .. } => name,
         }
@@ -99,6 +110,7 @@ impl Device {
     pub(crate) fn is(&self) -> &'static str {
         match self {
             Device::FixedSensor { .. } => "fixed sensor",
+            Device::Sensor { .. } => "sensor",
             Device::Robot { .. } => "robot",
             Device::MountedSensor { .. } => "mounted sensor",
         }

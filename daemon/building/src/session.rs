@@ -145,6 +145,12 @@ async fn perform(building: &BuildingHandle, ask: Ask) -> Result<Answer, DeviceEr
             building.navigate(&robot, &to).await.map(|()| Answer::Arrived)
         }
         Ask::PlaceOf { device } => building.place_of(&device).await.map(Answer::Place),
+        Ask::Measure { sensor, quantity } => {
+            building.measure(&sensor, quantity).await.map(Answer::Measured)
+        }
+        Ask::AwaitChange { sensor, quantity, known } => {
+            building.await_change(&sensor, quantity, known).await.map(Answer::Measured)
+        }
         Ask::Cancel => Err(DeviceError::Refused { reason: "nothing to cancel".to_owned() }),
     }
 }

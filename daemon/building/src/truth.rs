@@ -9,6 +9,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::layout::{Device, Layout};
+use crate::quantity::Quantity;
 
 /// How many occurrences the log keeps before it forgets the oldest.
 ///
@@ -49,7 +50,7 @@ pub struct Occurrence {
     pub event: Event,
 }
 
-/// What can happen in a building. A driver causes the first five, fate the rest.
+/// What can happen in a building. A driver causes the first six, fate the rest.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", rename_all_fields = "kebab-case")]
 #[non_exhaustive]
@@ -67,6 +68,17 @@ pub enum Event {
         location: String,
         /// What it measured, in °C.
         celsius: f64,
+    },
+    /// A sensor has measured something else than a temperature where it truly is.
+    Measured {
+        /// The sensor.
+        sensor: String,
+        /// Where it is.
+        location: String,
+        /// What it measured.
+        quantity: Quantity,
+        /// In the quantity's unit.
+        value: f64,
     },
     /// A robot set off; it stands in `from` until it has moved.
     Departed {
@@ -112,6 +124,15 @@ pub enum Event {
         /// Its temperature now, in °C.
         celsius: f64,
     },
+    /// A quantity became another in a location.
+    ValueSet {
+        /// The location.
+        location: String,
+        /// The quantity.
+        quantity: Quantity,
+        /// What it is now, in its unit.
+        value: f64,
+    },
     /// The door between two locations was locked, in both directions.
     Locked {
         /// One side, the alphabetically first.
@@ -144,6 +165,9 @@ pub enum Event {
 pub struct Truth {
     pub(crate) layout: Layout,
     pub(crate) temperatures: BTreeMap<String, f64>,
+    /// What else was said to be so, by quantity and location; the rest is as usual.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) conditions: BTreeMap<Quantity, BTreeMap<String, f64>>,
     /// Where each robot stands; everything else follows from the layout.
     pub(crate) robots: BTreeMap<String, String>,
     pub(crate) faults: BTreeMap<String, Fault>,
@@ -172,7 +196,9 @@ impl Truth {
     /// Where a device truly is: its own place, or its carrier's.
     pub fn place_of(&self, device: &str) -> Option<&str> {
         match self.layout.device(device)? {
-            Device::FixedSensor { location, .. } => Some(location),
+            Device::FixedSensor { location, .. } | Device::Sensor { location, .. } => {
+                Some(location)
+            }
             Device::Robot { name, .. } => self.robots.get(name).map(String::as_str),
             Device::MountedSensor { carrier, .. } => self.robots.get(carrier).map(String::as_str),
         }

@@ -11,6 +11,8 @@ use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt as _, AsyncRead, AsyncWrite, AsyncWriteExt as _, BufReader};
 
 use crate::error::DeviceError;
+use crate::measuring::Measured;
+use crate::quantity::Quantity;
 use crate::truth::Reading;
 
 /// The longest line. The longest that is written is a refusal that lists a
@@ -53,6 +55,16 @@ pub(crate) enum Ask {
     PlaceOf {
         device: String,
     },
+    Measure {
+        sensor: String,
+        quantity: Quantity,
+    },
+    /// Answered when the quantity is not `known` any more.
+    AwaitChange {
+        sensor: String,
+        quantity: Quantity,
+        known: f64,
+    },
     /// Calls off the request of the same id. Has no answer of its own.
     Cancel,
 }
@@ -75,6 +87,7 @@ pub(crate) enum Answer {
     Reading(Reading),
     Arrived,
     Place(String),
+    Measured(Measured),
 }
 
 impl Answer {

@@ -35,6 +35,7 @@ impl Truth {
         Truth {
             robots: robots.collect(),
             temperatures,
+            conditions: Default::default(),
             faults: Default::default(),
             locked: Default::default(),
             log: Log::default(),
@@ -213,21 +214,21 @@ impl Truth {
 // === impl Truth: what must hold ===
 
 impl Truth {
-    fn spring_trap(&mut self, device: &str) {
+    pub(crate) fn spring_trap(&mut self, device: &str) {
         if let Some(fault) = self.traps.remove(device) {
             self.faults.insert(device.to_owned(), fault);
             self.log.record(Event::Broken { device: device.to_owned(), fault });
         }
     }
 
-    fn slowness(&self, device: &str) -> Duration {
+    pub(crate) fn slowness(&self, device: &str) -> Duration {
         match self.fault_of(device) {
             Some(Fault::Slow(longer)) => longer.min(SLOW_MAX),
             _ => Duration::ZERO,
         }
     }
 
-    fn require_device(&self, device: &str) -> Result<&Device, DeviceError> {
+    pub(crate) fn require_device(&self, device: &str) -> Result<&Device, DeviceError> {
         self.layout.device(device).ok_or_else(|| DeviceError::UnknownDevice {
             device: device.to_owned(),
             nearest: self.layout.nearest_device(device),

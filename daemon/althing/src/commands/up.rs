@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use ::building::{Building, BuildingHandle, ServeError, Server};
+use ::building::{BuildingHandle, ServeError, Server};
 use acl::{AgentId, DaemonId};
 use agent::Mode;
 use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
@@ -203,9 +203,7 @@ async fn simulated(
     {
         return Ok((Some(building), None));
     }
-    let layout = hosting::layout_of(ecosystem).map_err(|error| error.to_string())?;
-    let building =
-        Building::new(layout, ecosystem.building.time_scale).map_err(|error| error.to_string())?;
+    let building = hosting::simulate(ecosystem).map_err(|error| error.to_string())?;
     let Some(socket) = &ecosystem.building.socket else {
         return Ok((Some(building.handle()), None));
     };

@@ -58,6 +58,8 @@ pub(crate) struct AgentEntry {
 pub(crate) struct BuildingSettings {
     /// The true temperature of places, in °C.
     pub(crate) temperatures: BTreeMap<String, f64>,
+    /// What else is true of places, by place and quantity.
+    pub(crate) conditions: BTreeMap<String, BTreeMap<String, f64>>,
     /// Factor on all durations; 1 is real time.
     pub(crate) time_scale: f64,
     /// Where several processes share the building.

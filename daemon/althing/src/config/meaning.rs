@@ -11,10 +11,11 @@ mod goals;
 
 mod timing;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
+use ::building::Quantity;
 use acl::{DaemonId, EcosystemId, InvalidName};
 use pddl::{Diagnostic, Span};
 
@@ -148,16 +149,37 @@ impl Meaning<'_> {
         daemons
     }
 
+    /// What is said to be so in the simulated building must be something that it has.
+    fn quantities(&mut self, conditions: &BTreeMap<String, BTreeMap<String, f64>>) {
+        for (place, values) in conditions {
+            for name in values.keys().filter(|name| Quantity::named(name).is_none()) {
+                let known: Vec<_> = Quantity::all().map(Quantity::name).collect();
+                let message = format!("unknown quantity `{name}`");
+                let help = match pddl::nearest(name, known.iter().copied()) {
+                    Some(nearest) => format!("did you mean `{nearest}`?"),
+                    None => format!("known are {}", known.join(", ")),
+                };
+                self.about_key(&format!("building.conditions.{place}.{name}"), |span| {
+                    Diagnostic::error(span, message).with_help(help)
+                });
+            }
+        }
+    }
+
     /// The simulated building, whose places must be those of the map.
     fn building(&mut self, raw: RawBuilding, files: Option<&Files>) -> BuildingSettings {
-        let RawBuilding { temperatures, time_scale, socket } = raw;
-        for place in temperatures.keys() {
-            if let Some((message, help)) = files.and_then(|files| files.unknown_object(place)) {
-                let path = format!("building.temperatures.{place}");
+        let RawBuilding { temperatures, conditions, time_scale, socket } = raw;
+        let under = |key: &'static str, place: &String| (format!("{key}.{place}"), place.clone());
+        let temperate = temperatures.keys().map(|place| under("temperatures", place));
+        let conditioned = conditions.keys().map(|place| under("conditions", place));
+        for (path, place) in temperate.chain(conditioned) {
+            if let Some((message, help)) = files.and_then(|files| files.unknown_object(&place)) {
+                let path = format!("building.{path}");
                 self.about_key(&path, |span| Diagnostic::error(span, message).with_help(help));
             }
         }
+        self.quantities(&conditions);
         let beside = |socket: String| self.file.parent().unwrap_or(Path::new("")).join(socket);
-        BuildingSettings { temperatures, time_scale, socket: socket.map(beside) }
+        BuildingSettings { temperatures, conditions, time_scale, socket: socket.map(beside) }
     }
 }

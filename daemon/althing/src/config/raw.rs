@@ -87,6 +87,8 @@ pub(super) struct RawLimits {
 pub(super) struct RawBuilding {
     #[serde(default)]
     pub(super) temperatures: BTreeMap<String, f64>,
+    #[serde(default)]
+    pub(super) conditions: BTreeMap<String, BTreeMap<String, f64>>,
     pub(super) time_scale: f64,
     #[serde(default)]
     pub(super) socket: Option<String>,

@@ -85,12 +85,16 @@ const LIMITS: &[Key] = &[
 
 const BUILDING: &[Key] = &[
     key("temperatures", Shape::Each(&CELSIUS), "the true temperature of each place, in °C"),
+    key("conditions", Shape::Each(&CONDITIONS), "what else is true of each place, such as its co2"),
     key("time-scale", Shape::Number { min: 0.0, max: 1_000.0 }, "1.0 is real time"),
     key("socket", Shape::Text, "where several processes share the building"),
 ];
 
 /// What exists, and a furnace: the bounds of the simulated building.
 const CELSIUS: Shape = Shape::Number { min: -273.15, max: 1_000.0 };
+
+/// By quantity; the building knows the bounds of each.
+const CONDITIONS: Shape = Shape::Each(&Shape::Number { min: 0.0, max: 1_000_000.0 });
 
 // === impl Shape ===
 

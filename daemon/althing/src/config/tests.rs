@@ -37,6 +37,7 @@ grace = "300ms"
 
 [building]
 temperatures = { hall = 20 }
+conditions = { hall = { co2 = 700 } }
 socket = "house.sock"
 "#;
 
@@ -98,6 +99,7 @@ fn a_file_means_what_it_says() {
     );
     assert_eq!(ecosystem.settings.grace, Duration::from_millis(300));
     assert_eq!(ecosystem.building.temperatures["hall"], 20.0);
+    assert_eq!(ecosystem.building.conditions["hall"]["co2"], 700.0);
     assert_eq!(ecosystem.building.socket, Some(house.folder.path().join("house.sock")));
     assert!(ecosystem.warnings.is_empty());
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use ::building::{Layout, LayoutError};
+use ::building::{Building, Layout, LayoutError, Quantity};
 use pddl::{InitElement, Name, Problem, Term, Types};
 use serde_json::Value;
 
@@ -29,14 +29,31 @@ pub(crate) enum SimulationError {
         /// What it lacks.
         key: &'static str,
     },
+    /// A quantity that no building has.
+    #[error("simulate the building: unknown quantity `{name}`; known are {}", known())]
+    Quantity {
+        /// What was written.
+        name: String,
+    },
 }
 
-/// The building in which an ecosystem's simulated agents live.
+/// The building in which an ecosystem's simulated agents live, as it is at the start.
 ///
 /// # Errors
 ///
-/// If an agent's entry names a place or a carrier that is not there, or does not name one.
-pub(crate) fn layout_of(ecosystem: &Ecosystem) -> Result<Layout, SimulationError> {
+/// If an agent's entry names a place, a carrier or a quantity that is not there, or none, or if
+/// something is said to be so that cannot be.
+pub(crate) fn simulate(ecosystem: &Ecosystem) -> Result<Building, SimulationError> {
+    let building = Building::new(layout_of(ecosystem)?, ecosystem.building.time_scale)?;
+    for (place, values) in &ecosystem.building.conditions {
+        for (name, value) in values {
+            building.set(place, quantity(name)?, *value)?;
+        }
+    }
+    Ok(building)
+}
+
+fn layout_of(ecosystem: &Ecosystem) -> Result<Layout, SimulationError> {
     let mut layout = Layout::new();
     add_places(&mut layout, ecosystem)?;
     add_connections(&mut layout, &ecosystem.problem)?;
@@ -48,6 +65,13 @@ pub(crate) fn layout_of(ecosystem: &Ecosystem) -> Result<Layout, SimulationError
     for entry in of("temperature-sensor") {
         layout.add_fixed_sensor(entry.name.as_str(), text(entry, "location")?)?;
     }
+    for entry in of("sensor") {
+        let (name, location) = (entry.name.as_str(), text(entry, "location")?);
+        match text(entry, "quantity")? {
+            "temperature" => layout.add_fixed_sensor(name, location)?,
+            other => layout.add_sensor(name, location, quantity(other)?)?,
+        };
+    }
     for entry in of("turtlebot") {
         let speed = entry.config.get("speed").and_then(Value::as_f64).unwrap_or(0.3);
         layout.add_robot(entry.name.as_str(), text(entry, "start")?, speed)?;
@@ -56,6 +80,15 @@ pub(crate) fn layout_of(ecosystem: &Ecosystem) -> Result<Layout, SimulationError
         layout.mount(entry.name.as_str(), text(entry, "mounted-on")?)?;
     }
     Ok(layout)
+}
+
+fn quantity(name: &str) -> Result<Quantity, SimulationError> {
+    Quantity::named(name).ok_or_else(|| SimulationError::Quantity { name: name.to_owned() })
+}
+
+fn known() -> String {
+    let names: Vec<_> = Quantity::all().map(Quantity::name).collect();
+    names.join(", ")
 }
 
 fn text<'a>(entry: &'a AgentEntry, key: &'static str) -> Result<&'a str, SimulationError> {

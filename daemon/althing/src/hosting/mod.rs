@@ -19,7 +19,7 @@ use tokio_util::task::TaskTracker;
 
 use crate::config::{AgentEntry, Ecosystem};
 
-pub(crate) use building::layout_of;
+pub(crate) use building::simulate;
 pub(crate) use folders::{running_ecosystems, runtime_folder, socket_in, state_folder};
 use supervisor::Supervised;
 

@@ -7,6 +7,7 @@ use crate::hosting::Node;
 
 mod goals;
 mod guests;
+mod sensors;
 
 const MODES: [Mode; 2] = [Mode::Centralized, Mode::Decentralized];
 

@@ -5,6 +5,7 @@
 
 use super::{Connection, Device, Layout, Location, LocationKind};
 use crate::error::{LayoutError, nearest};
+use crate::quantity::Quantity;
 
 /// The coldest and hottest a location can be, in °C: what exists, and a furnace.
 pub(crate) const CELSIUS_MIN: f64 = -273.15;
@@ -65,6 +66,17 @@ impl Layout {
         self.add_device(Device::FixedSensor { name, location })
     }
 
+    /// Adds a sensor of something else than temperature.
+    pub fn add_sensor(
+        &mut self,
+        name: &str,
+        location: &str,
+        quantity: Quantity,
+    ) -> Result<&mut Layout, LayoutError> {
+        let (name, location) = (name.to_owned(), location.to_owned());
+        self.add_device(Device::Sensor { name, location, quantity })
+    }
+
     /// Adds a robot that stands at `start`.
     pub fn add_robot(
         &mut self,
@@ -115,7 +127,9 @@ impl Layout {
     pub fn add_device(&mut self, device: Device) -> Result<&mut Layout, LayoutError> {
         self.check_new_name(device.name())?;
         match &device {
-            Device::FixedSensor { location, .. } => self.check_location(location)?,
+            Device::FixedSensor { location, .. } | Device::Sensor { location, .. } => {
+                self.check_location(location)?;
+            }
             Device::Robot { name, start, meters_per_second } => {
                 self.check_location(start)?;
                 check_speed(name, *meters_per_second)?;

@@ -1,0 +1,186 @@
+//! Measuring what is not temperature: the truth of it, the hand of fate, what sensors do.
+//!
+//! As with temperature, a driver sees only what its sensor measures where that is. A sensor that
+//! notices changes (motion) is awaited with [`Building::await_change`], which takes no time of
+//! its own: whoever moves is noticed in that instant.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::building::Building;
+use crate::error::{DeviceError, LayoutError};
+use crate::handle::{BuildingHandle, Way};
+use crate::layout::Device;
+use crate::quantity::Quantity;
+use crate::truth::{Event, Fault, Truth};
+use crate::wire::{Answer, Ask};
+use crate::world::MEASURING;
+
+/// What a sensor measured, and where it truly was.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Measured {
+    /// Where the sensor was when it measured.
+    pub location: String,
+    /// What it measured.
+    pub quantity: Quantity,
+    /// In the quantity's unit; of a yes-or-no quantity, 1 is yes and 0 is no.
+    pub value: f64,
+}
+
+// === impl Building ===
+
+impl Building {
+    /// Measures a quantity where the sensor truly is.
+    pub async fn measure(&self, sensor: &str, quantity: Quantity) -> Result<Measured, DeviceError> {
+        let takes = self.change(|truth| truth.begin_measuring(sensor, quantity))?;
+        self.work(sensor, takes, |truth| truth.finish_measuring(sensor, quantity)).await
+    }
+
+    /// Waits until a quantity is not `known` any more where the sensor truly is, and measures it.
+    ///
+    /// May wait for ever: as long as nothing changes, or while the sensor hangs. Whoever calls it
+    /// drops the future.
+    pub async fn await_change(
+        &self,
+        sensor: &str,
+        quantity: Quantity,
+        known: f64,
+    ) -> Result<Measured, DeviceError> {
+        let mut truth = self.subscribe();
+        truth.borrow().require_measuring(sensor, quantity)?;
+        loop {
+            let noticed = {
+                let now = truth.borrow_and_update();
+                now.require_unbroken(sensor)?;
+                let hangs = now.fault_of(sensor) == Some(Fault::Hangs);
+                !hangs && now.measurable(sensor, quantity)?.value != known
+            };
+            if noticed {
+                return self.change(|truth| truth.finish_measuring(sensor, quantity));
+            }
+            truth.changed().await.expect("invariant: `self` holds the sender");
+        }
+    }
+
+    /// Makes a quantity be so in a location, and wakes who waits for it.
+    pub fn set(&self, location: &str, quantity: Quantity, value: f64) -> Result<(), LayoutError> {
+        self.change(|truth| truth.set(location, quantity, value))
+    }
+}
+
+// === impl Truth ===
+
+impl Truth {
+    /// What a quantity truly is in a location.
+    pub fn value(&self, location: &str, quantity: Quantity) -> Option<f64> {
+        self.layout.location(location)?;
+        let said = self.conditions.get(&quantity).and_then(|places| places.get(location));
+        Some(said.copied().unwrap_or(quantity.usual()))
+    }
+
+    fn set(&mut self, location: &str, quantity: Quantity, value: f64) -> Result<(), LayoutError> {
+        if self.layout.location(location).is_none() {
+            let nearest = self.layout.nearest_location(location);
+            return Err(LayoutError::UnknownLocation { name: location.to_owned(), nearest });
+        }
+        let (min, max) = quantity.bounds();
+        let location = location.to_owned();
+        if !(min..=max).contains(&value) {
+            return Err(LayoutError::BadValue { location, quantity, value });
+        }
+        self.conditions.entry(quantity).or_default().insert(location.clone(), value);
+        self.log.record(Event::ValueSet { location, quantity, value });
+        Ok(())
+    }
+
+    /// A sensor is asked. Returns how long it will measure.
+    fn begin_measuring(
+        &mut self,
+        sensor: &str,
+        quantity: Quantity,
+    ) -> Result<Duration, DeviceError> {
+        self.require_measuring(sensor, quantity)?;
+        self.log.record(Event::Asked { sensor: sensor.to_owned() });
+        self.spring_trap(sensor);
+        self.require_unbroken(sensor)?;
+        Ok(MEASURING + self.slowness(sensor))
+    }
+
+    fn finish_measuring(
+        &mut self,
+        sensor: &str,
+        quantity: Quantity,
+    ) -> Result<Measured, DeviceError> {
+        self.require_unbroken(sensor)?;
+        let measured = self.measurable(sensor, quantity)?;
+        let Measured { location, value, .. } = measured.clone();
+        self.log.record(Event::Measured { sensor: sensor.to_owned(), location, quantity, value });
+        Ok(measured)
+    }
+
+    /// What the sensor would measure now.
+    fn measurable(&self, sensor: &str, quantity: Quantity) -> Result<Measured, DeviceError> {
+        let location = self.require_place(sensor)?;
+        let value = self
+            .value(&location, quantity)
+            .expect("invariant: a device is at a location, and each location has all quantities");
+        Ok(Measured { location, quantity, value })
+    }
+
+    /// Fails unless the device measures this quantity.
+    fn require_measuring(&self, sensor: &str, quantity: Quantity) -> Result<(), DeviceError> {
+        match self.require_device(sensor)? {
+            Device::Sensor { quantity: own, .. } if *own == quantity => Ok(()),
+            // The fixed thermometers have a hygrometer on the same board.
+            Device::FixedSensor { .. } if quantity == Quantity::Humidity => Ok(()),
+            other => Err(DeviceError::WrongKind {
+                device: sensor.to_owned(),
+                is: other.is().to_owned(),
+                wanted: format!("{} sensor", quantity.name()),
+            }),
+        }
+    }
+}
+
+// === impl BuildingHandle ===
+
+impl BuildingHandle {
+    /// Measures a quantity where the sensor truly is.
+    pub async fn measure(&self, sensor: &str, quantity: Quantity) -> Result<Measured, DeviceError> {
+        match &self.way {
+            Way::InProcess(building) => building.measure(sensor, quantity).await,
+            Way::Socket(remote) => {
+                measured(remote.ask(Ask::Measure { sensor: sensor.to_owned(), quantity }).await?)
+            }
+        }
+    }
+
+    /// Waits until a quantity is not `known` any more where the sensor truly is, and measures it;
+    /// see [`Building::await_change`].
+    pub async fn await_change(
+        &self,
+        sensor: &str,
+        quantity: Quantity,
+        known: f64,
+    ) -> Result<Measured, DeviceError> {
+        match &self.way {
+            Way::InProcess(building) => building.await_change(sensor, quantity, known).await,
+            Way::Socket(remote) => {
+                let ask = Ask::AwaitChange { sensor: sensor.to_owned(), quantity, known };
+                measured(remote.ask(ask).await?)
+            }
+        }
+    }
+}
+
+fn measured(answer: Answer) -> Result<Measured, DeviceError> {
+    match answer {
+        Answer::Measured(measured) => Ok(measured),
+        other => Err(other.unexpected()),
+    }
+}
+
+#[cfg(test)]
+mod tests;

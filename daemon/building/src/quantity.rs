@@ -1,0 +1,105 @@
+//! What can be measured in a building besides its temperature. To add a quantity, add its line.
+//!
+//! Yes-or-no quantities are numbers too: 1 is yes, 0 is no.
+
+use serde::{Deserialize, Serialize};
+
+/// Something that is true of each location and that a sensor there can measure.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Quantity {
+    /// Relative humidity, in %.
+    Humidity,
+    /// Carbon dioxide, in ppm.
+    Co2,
+    /// Illuminance, in lx.
+    Light,
+    /// Whether something warm moves.
+    Motion,
+    /// Free distance before an IR distance sensor, in m.
+    Distance,
+    /// Whether something is right before an IR reflective sensor.
+    Reflection,
+}
+
+struct Line {
+    quantity: Quantity,
+    name: &'static str,
+    /// What is so where nobody has said otherwise: an empty office by day.
+    usual: f64,
+    min: f64,
+    max: f64,
+}
+
+/// All of them. The bounds are what exists, rounded up: the sun, a storeroom of dry ice.
+const QUANTITIES: &[Line] = &[
+    line(Quantity::Humidity, "humidity", 45.0, 0.0, 100.0),
+    line(Quantity::Co2, "co2", 420.0, 0.0, 1_000_000.0),
+    line(Quantity::Light, "light", 300.0, 0.0, 200_000.0),
+    line(Quantity::Motion, "motion", 0.0, 0.0, 1.0),
+    line(Quantity::Distance, "distance", 3.0, 0.0, 1_000.0),
+    line(Quantity::Reflection, "reflection", 0.0, 0.0, 1.0),
+];
+
+const fn line(quantity: Quantity, name: &'static str, usual: f64, min: f64, max: f64) -> Line {
+    Line { quantity, name, usual, min, max }
+}
+
+impl Quantity {
+    /// All quantities.
+    pub fn all() -> impl Iterator<Item = Quantity> {
+        QUANTITIES.iter().map(|line| line.quantity)
+    }
+
+    /// The quantity of this name.
+    pub fn named(name: &str) -> Option<Quantity> {
+        QUANTITIES.iter().find(|line| line.name == name).map(|line| line.quantity)
+    }
+
+    /// Its name, as in files and on the wire.
+    pub fn name(self) -> &'static str {
+        self.line().name
+    }
+
+    /// What it is where nobody has said otherwise.
+    pub(crate) fn usual(self) -> f64 {
+        self.line().usual
+    }
+
+    /// The least and the most it can be.
+    pub(crate) fn bounds(self) -> (f64, f64) {
+        (self.line().min, self.line().max)
+    }
+
+    fn line(self) -> &'static Line {
+        let line = QUANTITIES.iter().find(|line| line.quantity == self);
+        line.expect("invariant: each quantity has its line; a test counts them")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Quantity;
+
+    #[test]
+    fn each_quantity_has_one_line_and_is_spelled_alike_everywhere() {
+        // A new variant has to be counted here, and so is not forgotten in the table.
+        let count = |quantity| match quantity {
+            Quantity::Humidity
+            | Quantity::Co2
+            | Quantity::Light
+            | Quantity::Motion
+            | Quantity::Distance
+            | Quantity::Reflection => 6,
+        };
+        assert!(Quantity::all().all(|quantity| count(quantity) == Quantity::all().count()));
+        for quantity in Quantity::all() {
+            let json = serde_json::to_string(&quantity).unwrap();
+            assert_eq!(json, format!("\"{}\"", quantity.name()));
+            assert_eq!(Quantity::named(quantity.name()), Some(quantity));
+            let (min, max) = quantity.bounds();
+            assert!((min..=max).contains(&quantity.usual()), "{json}");
+        }
+    }
+}

@@ -1,0 +1,304 @@
+//! The sensors that are fixed in a room (the paper, “Temperature / Humidity Sensor” and the
+//! sensors for CO2, motion, IR distance, light and IR reflection): each reports what it measures
+//! there.
+//!
+//! - `quantity` is the table of what can be measured; everything else is the same for all.
+//! - [`Probe`] is what a driver does; `simulated` measures in the simulated building.
+//! - What is yes or no (motion) is noticed: announced at once, without being asked.
+//! - After a failed measurement a sensor offers nothing for a while: “re-evaluate and update
+//!   self-capabilities” (the paper, “Semantic Plug & Play”).
+
+mod quantity;
+mod simulated;
+
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::Deadline;
+use acl::content::Method;
+use actuator::{
+    Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, Place, Stir,
+    facts_of, model_of,
+};
+use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use serde::Deserialize;
+use tokio::time::Instant;
+
+use crate::quantity::Quantity;
+
+/// How long a sensor that failed offers nothing. A loose wire comes back within seconds.
+const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
+
+/// The longest a measurement may take: slow bus sensors need below a second.
+const MEASURING: Duration = Duration::from_secs(2);
+
+/// The line in the daemon's table of plugins: a sensor of any quantity.
+pub const PLUGIN: PluginEntry = PluginEntry {
+    name: "sensor",
+    about: "reports the CO2, humidity, light, motion … of the room it stands in",
+    drivers: &["simulated"],
+    build,
+};
+
+/// The line of the sensor that every building has: temperature, and humidity on the same board.
+pub const TEMPERATURE_SENSOR: PluginEntry = PluginEntry {
+    name: "temperature-sensor",
+    about: "reports the temperature, and if asked to the humidity, of the room it stands in",
+    drivers: &["simulated"],
+    build: build_temperature_sensor,
+};
+
+/// The entry's `config`.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct Config {
+    /// What it measures, such as `"co2"`.
+    quantity: String,
+    /// The room it stands in.
+    location: Place,
+    /// How long a measurement counts as known, such as `"10m"`; without it, until it dies.
+    #[serde(default)]
+    valid_for: Option<String>,
+}
+
+/// The entry's `config` of a temperature sensor.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct TemperatureConfig {
+    /// The room it stands in.
+    location: Place,
+    /// As above.
+    #[serde(default)]
+    valid_for: Option<String>,
+    /// Whether it measures the humidity too.
+    #[serde(default)]
+    humidity: bool,
+}
+
+/// What a sensor's driver does. Errors complete “failed to …”.
+pub trait Probe: Send + Sync + 'static {
+    /// Measures a quantity of the table, by its name.
+    fn measure(&self, quantity: &'static str) -> BoxFuture<Result<Measurement, String>>;
+
+    /// Waits until a quantity that is yes or no is not `known` any more, and measures it. May wait
+    /// for as long as nothing changes.
+    fn notice(&self, quantity: &'static str, known: f64) -> BoxFuture<Result<Measurement, String>>;
+}
+
+/// What was measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measurement {
+    /// In the quantity's unit; of what is yes or no, 1 is yes and 0 is no.
+    pub value: f64,
+    /// When it was measured.
+    pub at: Instant,
+}
+
+fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+    Ok(Box::new(Actuator::new(&blueprint, sensor(&blueprint)?)?))
+}
+
+fn build_temperature_sensor(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+    Ok(Box::new(Actuator::new(&blueprint, temperature_sensor(&blueprint)?)?))
+}
+
+fn sensor(blueprint: &Blueprint) -> Result<Sensor, BuildError> {
+    let Config { quantity, location, valid_for } = blueprint.config_as()?;
+    Sensor::new(blueprint, &[&quantity], location, valid_for.as_deref())
+}
+
+fn temperature_sensor(blueprint: &Blueprint) -> Result<Sensor, BuildError> {
+    let TemperatureConfig { location, valid_for, humidity } = blueprint.config_as()?;
+    let quantities: &[_] = if humidity { &["temperature", "humidity"] } else { &["temperature"] };
+    Sensor::new(blueprint, quantities, location, valid_for.as_deref())
+}
+
+struct Sensor {
+    id: String,
+    ontology: String,
+    location: Place,
+    /// What it measures. The first says what kind of sensor it is.
+    quantities: Vec<&'static Quantity>,
+    valid_for: Option<Duration>,
+    probe: Arc<dyn Probe>,
+    /// The last measurement of each quantity, by its name.
+    measured: BTreeMap<&'static str, Measurement>,
+    rests_until: Option<Instant>,
+}
+
+impl Sensor {
+    fn new(
+        blueprint: &Blueprint,
+        quantities: &[&str],
+        location: Place,
+        valid_for: Option<&str>,
+    ) -> Result<Sensor, BuildError> {
+        let named =
+            |name: &&str| Quantity::named(name).map_err(|problem| blueprint.problem(problem));
+        let duration = |text| {
+            humantime::parse_duration(text)
+                .map_err(|error| blueprint.problem(format!("valid-for `{text}`: {error}")))
+        };
+        Ok(Sensor {
+            id: blueprint.id.to_string(),
+            ontology: blueprint.host.ontology.name.to_string(),
+            location,
+            quantities: quantities.iter().map(named).collect::<Result<_, _>>()?,
+            valid_for: valid_for.map(duration).transpose()?,
+            probe: simulated::probe(blueprint)?,
+            measured: BTreeMap::new(),
+            rests_until: None,
+        })
+    }
+
+    fn works(&self) -> bool {
+        self.rests_until.is_none_or(|until| until <= Instant::now())
+    }
+
+    /// The quantity that a method reads.
+    fn read_by(&self, method: &str) -> Option<&'static Quantity> {
+        self.quantities.iter().copied().find(|quantity| quantity.method() == method)
+    }
+
+    /// What was measured of a quantity, as facts, as long as it counts as known.
+    fn known(&self, quantity: &Quantity) -> Vec<OwnFact> {
+        let Some(Measurement { value, at }) = self.measured.get(quantity.name) else {
+            return Vec::new();
+        };
+        let known_for = self.valid_for.map(|valid_for| valid_for.saturating_sub(at.elapsed()));
+        if known_for.is_some_and(|left| left.is_zero()) {
+            return Vec::new();
+        }
+        let text = quantity.facts(self.location.as_str(), *value);
+        facts_of(&text).into_iter().map(|fact| OwnFact { known_for, ..fact }).collect()
+    }
+
+    /// It failed: it offers nothing for a while, and what it should notice it may have missed.
+    fn rest(&mut self) {
+        self.rests_until = Some(Instant::now() + REST_AFTER_FAILURE);
+        for quantity in self.quantities.iter().filter(|quantity| quantity.is_noticed()) {
+            self.measured.remove(quantity.name);
+        }
+    }
+
+    fn action(&self, quantity: &Quantity) -> String {
+        format!(
+            "(:action {}
+                :agent ?s - {}
+                :parameters (?r - room)
+                :precondition (located ?s ?r)
+                :effect (and ({} ?r) (increase (total-cost) 1)))",
+            quantity.action(),
+            self.sensor_type(),
+            quantity.known()
+        )
+    }
+
+    fn sensor_type(&self) -> String {
+        let first = self.quantities.first();
+        first.map_or_else(|| "sensor".to_owned(), |quantity| quantity.sensor_type())
+    }
+}
+
+impl Device for Sensor {
+    type Yield = Measurement;
+
+    fn describe(&self) -> Description {
+        let Sensor { id, ontology, location, .. } = self;
+        let offered = self.quantities.iter().filter(|_| self.works());
+        let actions: String = offered.map(|quantity| self.action(quantity)).collect();
+        let text = format!(
+            "(define (agent {id}) (:domain {ontology})
+                (:objects {id} - {})
+                (:init (located {id} {location}))
+                {actions})",
+            self.sensor_type()
+        );
+        let method = |quantity: &&Quantity| {
+            let method = Method {
+                method: quantity.method(),
+                arguments: BTreeMap::new(),
+                timeout: Deadline(MEASURING),
+            };
+            (quantity.action(), method)
+        };
+        let methods = self.quantities.iter().map(method).collect();
+        Description { model: model_of(&text), methods }
+    }
+
+    fn facts(&self) -> Vec<OwnFact> {
+        let located = format!("(located {} {})", self.id, self.location);
+        let known = self.quantities.iter().flat_map(|quantity| self.known(quantity));
+        facts_of(&located).into_iter().chain(known).collect()
+    }
+
+    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Measurement, Failure>> {
+        let Some(quantity) = self.read_by(&call.method) else {
+            let unknown = Failure::UnknownMethod(call.method.clone());
+            return Box::pin(std::future::ready(Err(unknown)));
+        };
+        let measured = self.probe.measure(quantity.name);
+        Box::pin(async move { believable(measured.await).map_err(Failure::Driver) })
+    }
+
+    fn performed(&mut self, call: &Call, measured: Measurement) -> Performed {
+        let Some(quantity) = self.read_by(&call.method) else { return Performed::default() };
+        self.measured.insert(quantity.name, measured);
+        let detail = format!("{} at {}", quantity.words(measured.value), self.location);
+        let observations = self.known(quantity).into_iter().map(|fact| fact.fact).collect();
+        Performed { detail, observations }
+    }
+
+    fn failed(&mut self, _call: &Call, failure: &Failure) {
+        if *failure != Failure::GivenUp {
+            self.rest();
+        }
+    }
+
+    fn watch(&mut self) -> Option<BoxFuture<Stir<Sensor>>> {
+        let quantity = self.quantities.iter().copied().find(|quantity| quantity.is_noticed())?;
+        // What was never measured is not known; but nothing to speak of happens until it is yes.
+        let known = self.measured.get(quantity.name).map_or(0.0, |measured| measured.value);
+        let (probe, rests_until) = (Arc::clone(&self.probe), self.rests_until);
+        Some(Box::pin(async move {
+            if let Some(until) = rests_until {
+                tokio::time::sleep_until(until).await;
+            }
+            let noticed = believable(probe.notice(quantity.name, known).await);
+            let stir: Stir<Sensor> = Box::new(move |sensor| {
+                sensor.noticed(quantity, noticed);
+                Vec::new()
+            });
+            stir
+        }))
+    }
+}
+
+impl Sensor {
+    fn noticed(&mut self, quantity: &'static Quantity, noticed: Result<Measurement, String>) {
+        match noticed {
+            Ok(measured) => {
+                tracing::info!(at = %self.location, "{}", quantity.words(measured.value));
+                self.measured.insert(quantity.name, measured);
+            }
+            Err(problem) => {
+                tracing::warn!("failed to {problem}");
+                self.rest();
+            }
+        }
+    }
+}
+
+/// Numbers that PDDL cannot say are a driver's failure, and not its measurement.
+fn believable(measured: Result<Measurement, String>) -> Result<Measurement, String> {
+    match measured {
+        Ok(Measurement { value, .. }) if !value.is_finite() => {
+            Err(format!("believe what was measured: {value}"))
+        }
+        other => other,
+    }
+}

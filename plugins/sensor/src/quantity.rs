@@ -1,0 +1,120 @@
+//! What the sensors of this family measure. To add a quantity, add its line here, its words to the
+//! shared ontology, and, to simulate it, its line in the building.
+
+/// Something that a sensor measures in the room it stands in.
+///
+/// Its words follow from its name: `co2` is measured by a `co2-sensor`, whose action `report-co2`
+/// runs the method `read_co2` and makes `(known-co2 ROOM)` true.
+#[derive(Debug)]
+pub(crate) struct Quantity {
+    pub(crate) name: &'static str,
+    pub(crate) value: Value,
+}
+
+/// What a quantity's value is, in the ontology and for people.
+#[derive(Debug)]
+pub(crate) enum Value {
+    /// A number: `(= (FUNCTION ROOM) 21.5)`; for people, in a unit.
+    Number { function: &'static str, unit: &'static str, decimals: usize },
+    /// Yes or no: `(PREDICATE ROOM)`, or not. The sensor notices a change by itself.
+    YesOrNo { predicate: &'static str, yes: &'static str, no: &'static str },
+}
+
+/// All of them.
+pub(crate) const QUANTITIES: &[Quantity] = &[
+    number("temperature", "temperature", "°C", 1),
+    number("humidity", "humidity", "% humidity", 0),
+    number("co2", "co2", "ppm of CO2", 0),
+    number("light", "light", "lx", 0),
+    number("distance", "free-distance", "m of free distance", 2),
+    yes_or_no("motion", "motion", "motion", "no motion"),
+    yes_or_no("reflection", "reflection", "something close by", "nothing close by"),
+];
+
+const fn number(
+    name: &'static str,
+    function: &'static str,
+    unit: &'static str,
+    decimals: usize,
+) -> Quantity {
+    Quantity { name, value: Value::Number { function, unit, decimals } }
+}
+
+const fn yes_or_no(
+    name: &'static str,
+    predicate: &'static str,
+    yes: &'static str,
+    no: &'static str,
+) -> Quantity {
+    Quantity { name, value: Value::YesOrNo { predicate, yes, no } }
+}
+
+impl Quantity {
+    /// The quantity of this name; the error says what there is.
+    pub(crate) fn named(name: &str) -> Result<&'static Quantity, String> {
+        let names = || QUANTITIES.iter().map(|quantity| quantity.name);
+        QUANTITIES.iter().find(|quantity| quantity.name == name).ok_or_else(|| match pddl::nearest(
+            name,
+            names(),
+        ) {
+            Some(nearest) => format!("unknown quantity `{name}`; did you mean `{nearest}`?"),
+            None => {
+                let known: Vec<_> = names().collect();
+                format!("unknown quantity `{name}`; known are {}", known.join(", "))
+            }
+        })
+    }
+
+    /// The type of a sensor that measures this before all.
+    pub(crate) fn sensor_type(&self) -> String {
+        format!("{}-sensor", self.name)
+    }
+
+    /// The action that reports it.
+    pub(crate) fn action(&self) -> String {
+        format!("report-{}", self.name)
+    }
+
+    /// The method that carries the action out.
+    pub(crate) fn method(&self) -> String {
+        format!("read_{}", self.name)
+    }
+
+    /// The predicate that it is known.
+    pub(crate) fn known(&self) -> String {
+        format!("known-{}", self.name)
+    }
+
+    /// Whether a sensor notices by itself when it changes.
+    pub(crate) fn is_noticed(&self) -> bool {
+        matches!(self.value, Value::YesOrNo { .. })
+    }
+
+    /// A value of it in a room, as PDDL facts.
+    pub(crate) fn facts(&self, room: &str, value: f64) -> String {
+        let known = self.known();
+        match self.value {
+            Value::Number { function, .. } => {
+                format!("({known} {room}) (= ({function} {room}) {value})")
+            }
+            Value::YesOrNo { predicate, .. } if is_yes(value) => {
+                format!("({known} {room}) ({predicate} {room})")
+            }
+            Value::YesOrNo { .. } => format!("({known} {room})"),
+        }
+    }
+
+    /// A value of it, for people.
+    pub(crate) fn words(&self, value: f64) -> String {
+        match self.value {
+            Value::Number { unit, decimals, .. } => format!("{value:.decimals$} {unit}"),
+            Value::YesOrNo { yes, .. } if is_yes(value) => yes.to_owned(),
+            Value::YesOrNo { no, .. } => no.to_owned(),
+        }
+    }
+}
+
+/// Drivers say 1 or 0; half-way, it is more yes than no.
+fn is_yes(value: f64) -> bool {
+    value >= 0.5
+}

@@ -1,0 +1,228 @@
+//! The table against the ontology and the building; the life of one sensor of each quantity.
+
+use std::sync::Arc;
+
+use agent::{Host, Mode, Resources, Settings};
+use building::{Building, Fault, Layout};
+
+use super::*;
+use crate::quantity::QUANTITIES;
+
+const ONTOLOGY: &str = include_str!("../../../domains/smart-office/domain.pddl");
+
+/// A lab with one sensor of this quantity, which is set to `value` there.
+fn lab(quantity: &str, value: f64) -> Building {
+    let mut layout = Layout::new();
+    layout.add_room("lab", 20.0).expect("a room");
+    match building::Quantity::named(quantity) {
+        None => layout.add_fixed_sensor("s", "lab").expect("a sensor"),
+        Some(simulated) => layout.add_sensor("s", "lab", simulated).expect("a sensor"),
+    };
+    let lab = Building::new(layout, 1.0).expect("a building");
+    set(&lab, quantity, value);
+    lab
+}
+
+fn set(lab: &Building, quantity: &str, value: f64) {
+    match building::Quantity::named(quantity) {
+        None => lab.set_temperature("lab", value),
+        Some(simulated) => lab.set("lab", simulated, value),
+    }
+    .expect("a possible value");
+}
+
+fn blueprint(lab: &Building, config: serde_json::Value) -> Blueprint {
+    let mut resources = Resources::default();
+    resources.insert(lab.handle());
+    let map = "(define (problem map) (:domain smart-office) (:init) (:goal (and)))";
+    let host = Host {
+        ontology: Arc::new(pddl::parse_domain(ONTOLOGY).value.expect("a domain")),
+        map: Arc::new(pddl::parse_problem(map).value.expect("a map")),
+        mode: Mode::Decentralized,
+        settings: Settings::default(),
+        resources,
+    };
+    let id = acl::AgentId::new("s").expect("a name");
+    Blueprint { id, driver: "simulated".to_owned(), config, host: Arc::new(host) }
+}
+
+/// The sensor of this quantity in the lab.
+fn sensor_in(lab: &Building, quantity: &str) -> Sensor {
+    let config = serde_json::json!({ "quantity": quantity, "location": "lab", "valid-for": "10m" });
+    sensor(&blueprint(lab, config)).expect("a sensor")
+}
+
+fn call(quantity: &str) -> Call {
+    let (action, method) = (format!("(report-{quantity} s lab)"), format!("read_{quantity}"));
+    Call { action, method, arguments: BTreeMap::new() }
+}
+
+async fn measure(sensor: &mut Sensor, quantity: &str) -> Result<Performed, Failure> {
+    let call = call(quantity);
+    match sensor.perform(&call).await {
+        Ok(measured) => Ok(sensor.performed(&call, measured)),
+        Err(failure) => {
+            sensor.failed(&call, &failure);
+            Err(failure)
+        }
+    }
+}
+
+fn facts(sensor: &Sensor) -> String {
+    let facts: Vec<_> = sensor.facts().iter().map(|fact| fact.fact.to_string()).collect();
+    facts.join(" ")
+}
+
+/// Waits for the next thing that happens by itself, and lets it happen.
+async fn stir(sensor: &mut Sensor) {
+    let stir = sensor.watch().expect("it notices").await;
+    assert!(stir(sensor).is_empty());
+}
+
+#[test]
+fn every_word_of_the_table_is_in_the_ontology_and_every_quantity_in_the_building() {
+    let ontology = pddl::parse_domain(ONTOLOGY).value.expect("a domain");
+    let predicate = |name: &str| ontology.predicates.iter().any(|known| known.name == name);
+    let function = |name: &str| ontology.functions.iter().any(|known| known.name == name);
+    for quantity in QUANTITIES {
+        let value_is_there = match quantity.value {
+            quantity::Value::Number { function: name, .. } => function(name),
+            quantity::Value::YesOrNo { predicate: name, .. } => predicate(name),
+        };
+        assert!(value_is_there && predicate(&quantity.known()), "{quantity:?}");
+        let sensor_type = quantity.sensor_type();
+        assert!(ontology.types.iter().any(|known| known.name == sensor_type.as_str()));
+        let simulated = building::Quantity::named(quantity.name).is_some();
+        assert_eq!(simulated, quantity.name != "temperature", "{quantity:?}");
+    }
+    assert_eq!(QUANTITIES.len(), 1 + building::Quantity::all().count());
+}
+
+#[tokio::test(start_paused = true)]
+async fn each_quantity_is_reported_as_it_is() {
+    for (quantity, value, detail, known) in [
+        ("temperature", 21.55, "21.6 °C at lab", "(= (temperature lab) 21.55)"),
+        ("humidity", 38.0, "38 % humidity at lab", "(= (humidity lab) 38)"),
+        ("co2", 812.4, "812 ppm of CO2 at lab", "(= (co2 lab) 812.4)"),
+        ("light", 90.0, "90 lx at lab", "(= (light lab) 90)"),
+        ("distance", 0.255, "0.26 m of free distance at lab", "(= (free-distance lab) 0.255)"),
+        ("motion", 1.0, "motion at lab", "(motion lab)"),
+        ("motion", 0.0, "no motion at lab", ""),
+        ("reflection", 1.0, "something close by at lab", "(reflection lab)"),
+        ("reflection", 0.0, "nothing close by at lab", ""),
+    ] {
+        let lab = lab(quantity, value);
+        let mut sensor = sensor_in(&lab, quantity);
+        assert_eq!(facts(&sensor), "(located s lab)");
+        let performed = measure(&mut sensor, quantity).await.expect("measured");
+        assert_eq!(performed.detail, detail);
+        let known = format!("(known-{quantity} lab) {known}");
+        let observed: Vec<_> = performed.observations.iter().map(ToString::to_string).collect();
+        assert_eq!(observed.join(" "), known.trim_end());
+        assert_eq!(facts(&sensor), format!("(located s lab) {}", known.trim_end()));
+        tokio::time::advance(Duration::from_secs(600)).await;
+        assert_eq!(facts(&sensor), "(located s lab)", "ten minutes later it is not known");
+    }
+}
+
+#[test]
+fn a_model_says_what_it_is_and_what_it_does() {
+    let lab = lab("co2", 400.0);
+    let Description { model, methods } = sensor_in(&lab, "co2").describe();
+    let expected = model_of(
+        "(define (agent s) (:domain smart-office)
+            (:objects s - co2-sensor)
+            (:init (located s lab))
+            (:action report-co2 :agent ?s - co2-sensor :parameters (?r - room)
+                :precondition (located ?s ?r)
+                :effect (and (known-co2 ?r) (increase (total-cost) 1))))",
+    );
+    assert_eq!(model.to_string(), expected.to_string());
+    assert_eq!(methods["report-co2"].method, "read_co2");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_thermometer_measures_the_humidity_where_it_is_asked_to() {
+    let lab = lab("temperature", 19.5);
+    lab.set("lab", building::Quantity::Humidity, 61.0).expect("a possible value");
+    for (humidity, actions) in [(false, 1), (true, 2)] {
+        let config = serde_json::json!({ "location": "lab", "humidity": humidity });
+        let mut sensor = temperature_sensor(&blueprint(&lab, config)).expect("a sensor");
+        let Description { model, methods } = sensor.describe();
+        assert_eq!((model.actions.len(), methods.len()), (actions, actions));
+        assert!(measure(&mut sensor, "temperature").await.is_ok());
+        let detail = measure(&mut sensor, "humidity").await.map(|performed| performed.detail);
+        let unknown = Failure::UnknownMethod("read_humidity".to_owned());
+        let expected = if humidity { Ok("61 % humidity at lab".to_owned()) } else { Err(unknown) };
+        assert_eq!(detail, expected);
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_sensor_that_failed_offers_nothing_for_a_while() {
+    for quantity in QUANTITIES {
+        let lab = lab(quantity.name, 1.0);
+        let mut sensor = sensor_in(&lab, quantity.name);
+        assert!(measure(&mut sensor, quantity.name).await.is_ok());
+        lab.break_device("s", Fault::Fails).expect("a device");
+        assert!(measure(&mut sensor, quantity.name).await.is_err());
+        assert!(sensor.describe().model.actions.is_empty(), "{quantity:?}");
+        let knows = facts(&sensor).contains("known-");
+        assert_eq!(knows, !quantity.is_noticed(), "what is blind knows nothing: {quantity:?}");
+        lab.repair("s").expect("a device");
+        tokio::time::advance(REST_AFTER_FAILURE).await;
+        assert_eq!(sensor.describe().model.actions.len(), 1, "{quantity:?}");
+        assert!(measure(&mut sensor, quantity.name).await.is_ok());
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn motion_is_noticed_and_blindness_too() {
+    let lab = lab("motion", 0.0);
+    let mut sensor = sensor_in(&lab, "motion");
+    set(&lab, "motion", 1.0);
+    stir(&mut sensor).await;
+    assert_eq!(facts(&sensor), "(located s lab) (known-motion lab) (motion lab)");
+    set(&lab, "motion", 0.0);
+    stir(&mut sensor).await;
+    assert_eq!(facts(&sensor), "(located s lab) (known-motion lab)");
+
+    lab.break_device("s", Fault::Fails).expect("a device");
+    let broken = Instant::now();
+    stir(&mut sensor).await;
+    assert_eq!(facts(&sensor), "(located s lab)");
+    assert!(sensor.describe().model.actions.is_empty());
+    lab.repair("s").expect("a device");
+    set(&lab, "motion", 1.0);
+    stir(&mut sensor).await;
+    assert_eq!(broken.elapsed(), REST_AFTER_FAILURE);
+    assert_eq!(facts(&sensor), "(located s lab) (known-motion lab) (motion lab)");
+    assert!(sensor_in(&lab, "motion").watch().is_some());
+    assert!(sensor_in(&lab, "co2").watch().is_none(), "numbers are reported when asked for");
+}
+
+#[test]
+fn what_is_no_quantity_is_said_so() {
+    let lab = lab("co2", 400.0);
+    for (config, expected) in [
+        (
+            serde_json::json!({ "quantity": "c02", "location": "lab" }),
+            "build `s`: unknown quantity `c02`; did you mean `co2`?",
+        ),
+        (
+            serde_json::json!({ "quantity": "co2", "location": "lab", "valid-for": "soon" }),
+            "build `s`: valid-for `soon`: expected number at 0",
+        ),
+    ] {
+        let problem = sensor(&blueprint(&lab, config)).err().map(|problem| problem.to_string());
+        assert_eq!(problem.as_deref(), Some(expected));
+    }
+}
+
+#[test]
+fn no_number_that_pddl_cannot_say_is_believed() {
+    for (value, is_believed) in [(0.0, true), (f64::NAN, false), (f64::INFINITY, false)] {
+        let measured = Measurement { value, at: Instant::now() };
+        assert_eq!(believable(Ok(measured)).is_ok(), is_believed, "{value}");
+    }
+}
