@@ -29,6 +29,12 @@ pub enum Request {
     SetMode(SetMode),
     /// To a Keyboard Agent: a person's answer to one of its open questions.
     AnswerQuestion(AnswerQuestion),
+    /// To the Domain Maintainer: change what plans are measured by.
+    ChangeMetric(ChangeMetric),
+    /// To the Domain Maintainer: take actions off, or give them back.
+    ChangeActions(ChangeActions),
+    /// To the Domain Maintainer: believe what the asker has observed.
+    Observe(Observation),
 }
 
 /// Ask for another flow.
@@ -183,6 +189,26 @@ pub struct BelievedFact {
     /// How long it is still known; `None` means until further notice.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub known_for: Option<Deadline>,
+    /// Whose word it is, one by one; owners who contradict each other about a number are all
+    /// here, and the newest is believed.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub claims: Vec<Claim>,
+}
+
+/// One owner's word about a fact.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Claim {
+    /// Who says so.
+    pub owner: String,
+    /// The PDDL fact as this owner says it: of a number, with its value.
+    pub fact: String,
+    /// How it came about: `model`, `heartbeat`, `effect`, `request`, `observation`, `told`.
+    pub source: String,
+    /// How long ago it was last said, in milliseconds.
+    pub age_ms: u64,
+    /// How long it is still known; `None` means until further notice.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub known_for: Option<Deadline>,
 }
 
 /// A goal, for those who ask what the ecosystem is about.
@@ -259,6 +285,46 @@ pub struct ChangeState {
     /// asker's own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub owner: Option<AgentId>,
+}
+
+/// Ask for another measure of plans.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ChangeMetric {
+    /// `(:metric minimize EXPRESSION)`; without it, the map's is the measure again.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub metric: Option<String>,
+}
+
+/// Ask for a change of the actions that can be planned with. All of it is taken, or nothing.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ChangeActions {
+    /// Actions to plan with no longer.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub withhold: Vec<ActionOf>,
+    /// Withheld actions to plan with again, named as they were withheld.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub give_back: Vec<ActionOf>,
+}
+
+/// An action of one agent, or of all who offer it.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct ActionOf {
+    /// The name its agents know it by.
+    pub action: String,
+    /// Whose; without it, everyone's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub agent: Option<AgentId>,
+}
+
+/// What the asker has observed: its own word, until it says otherwise or the time is over.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Observation {
+    /// PDDL facts, and `(not FACT)` for what is seen not to be so.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub facts: String,
+    /// Facts that are known for a while only: each with the time left.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub known_for: BTreeMap<String, Deadline>,
 }
 
 /// Content of a `cfp`: propose plans for these conjuncts of a goal.
@@ -493,6 +559,39 @@ pub struct EpochChange {
     /// PDDL facts that are believed no longer.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub retracted: String,
+    /// Everything that requests changed and that no heartbeat says, where it is news or somebody
+    /// joined who has not heard it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub requested: Option<Requested>,
+}
+
+/// What requests changed, complete: whoever hears it needs nothing that was said before.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Requested {
+    /// Facts that are somebody's word and that no heartbeat says.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub facts: Vec<RequestedFact>,
+    /// PDDL facts of the map that are believed no longer.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub retracted: String,
+    /// What plans are measured by, if not as the map says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub metric: Option<String>,
+    /// Actions that are withheld.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub withheld: Vec<ActionOf>,
+}
+
+/// A fact, and whose word it is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RequestedFact {
+    /// The PDDL fact.
+    pub fact: String,
+    /// Whose word it is.
+    pub owner: AgentId,
+    /// How long it is still known; `None` means until further notice.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub known_for: Option<Deadline>,
 }
 
 /// Content of a `query-ref`: a question to a person.

@@ -5,15 +5,17 @@
 //! - A lost token masks an agent's capabilities at once, and so do heartbeats that stop; when it
 //!   stays away for [`Settings::removal`](crate::Settings), its objects and facts go too (design,
 //!   “Presence”). Silence alone is enough, because a router can lose a token's end.
+//! - What requests changed at the central maintainer comes with its announcements, for those who
+//!   otherwise hear only heartbeats.
 //!
 //! The central Domain Maintainer and each actuator's own live by the same upkeep.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::content::{Heartbeat, Inform, ModelAnnouncement};
+use acl::content::{EpochChange, Heartbeat, Inform, ModelAnnouncement};
 use acl::{AgentId, Incarnation, Message};
-use capability::{Announcement, Beat, Change, Conflict, Maintainer, Moment};
+use capability::{Announcement, Beat, Change, Conflict, Maintainer, Moment, Requests};
 use substrate::{Ask, Presence, Resource};
 use tokio::time::Instant;
 
@@ -61,7 +63,8 @@ pub fn informed<A: Maintains>(agent: &mut A, message: &Message, ctx: &mut Contex
     match message.content_as::<Inform>() {
         Ok(Inform::Model(announcement)) => model(agent, message, &announcement, ctx),
         Ok(Inform::Heartbeat(beat)) => heartbeat(agent, message, &beat, ctx),
-        Ok(Inform::Epoch(_) | Inform::Answer(_)) => (),
+        Ok(Inform::Epoch(change)) => epoch(agent, message, &change, ctx),
+        Ok(Inform::Answer(_)) => (),
         Err(error) => {
             tracing::info!(from = %message.sender, %error, "an inform that nobody understands");
         }
@@ -200,6 +203,35 @@ fn believe<A: Maintains>(
         Ok(change) => conclude(agent, &change, ctx),
         Err(declined) => {
             tracing::debug!(from = %message.sender, %declined, "a heartbeat is not believed");
+        }
+    }
+}
+
+/// Takes what a central maintainer tells of requests; everything else in its announcement is
+/// heard here from those whose word it is.
+fn epoch<A: Maintains>(
+    agent: &mut A,
+    message: &Message,
+    change: &EpochChange,
+    ctx: &mut Context<A>,
+) {
+    let Some(requested) = &change.requested else { return };
+    let (now, maintainer) = (agent.upkeep().moment(), &mut agent.upkeep().maintainer);
+    // Who has an action model is no Domain Maintainer, whatever it says of others.
+    if maintainer.incarnation(&message.sender).is_some() {
+        return;
+    }
+    let requests = match Requests::read(requested, now) {
+        Ok(requests) => requests,
+        Err(diagnostics) => {
+            let lines: Vec<_> = diagnostics.iter().map(ToString::to_string).collect();
+            return ctx.not_understood(message, lines.join("; "));
+        }
+    };
+    match maintainer.follow(&requests, now) {
+        Ok(change) => conclude(agent, &change, ctx),
+        Err(declined) => {
+            tracing::warn!(from = %message.sender, %declined, "requests are not followed");
         }
     }
 }

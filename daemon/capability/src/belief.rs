@@ -4,6 +4,7 @@
 //! claimed but does not fit the composite domain is kept, and holds as soon as it fits.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 
 use acl::Incarnation;
 use pddl::{InitElement, Name};
@@ -26,6 +27,10 @@ pub enum Source {
     Effect,
     /// A request to change the state.
     Request,
+    /// Somebody observed it, and asks to be believed.
+    Observation,
+    /// The central maintainer told that somebody else's word is so.
+    Told,
 }
 
 /// One owner's word about one fact.
@@ -65,6 +70,21 @@ pub(crate) struct Beliefs {
     /// What may no longer be as `holding` says.
     touched: BTreeSet<FactKey>,
     stamps: u64,
+}
+
+// === impl Source ===
+
+impl fmt::Display for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Source::Model => "model",
+            Source::Heartbeat => "heartbeat",
+            Source::Effect => "effect",
+            Source::Request => "request",
+            Source::Observation => "observation",
+            Source::Told => "told",
+        })
+    }
 }
 
 // === impl Claim ===
@@ -169,6 +189,19 @@ impl Beliefs {
         }
     }
 
+    /// Believes nobody any longer about what was told, but for what `stays`.
+    pub(crate) fn withdraw_told(&mut self, stays: impl Fn(&FactKey, &Owner) -> bool) {
+        let over: Vec<(FactKey, Owner)> = { self.claims() }
+            .flat_map(|(fact, claims)| claims.into_iter().map(move |claim| (fact, claim)))
+            .filter(|(_, (_, claim))| claim.source == Source::Told)
+            .filter(|(fact, (owner, _))| !stays(fact, owner))
+            .map(|(fact, (owner, _))| (fact.clone(), owner.clone()))
+            .collect();
+        for (fact, owner) in over {
+            self.withdraw(&fact, &owner);
+        }
+    }
+
     fn facts_of(&self, owner: &Owner) -> impl Iterator<Item = &FactKey> {
         self.by_owner.get(owner).into_iter().flatten()
     }
@@ -260,6 +293,12 @@ impl Beliefs {
     /// What holds of a term, as last settled.
     pub(crate) fn value_of(&self, fact: &FactKey) -> Option<Value> {
         self.holding.get(fact).map(|holding| holding.value)
+    }
+
+    /// Every claim of one fact.
+    pub(crate) fn claims_of(&self, fact: &FactKey) -> impl Iterator<Item = (&Owner, &Claim)> {
+        let owners = self.claims.get(fact).into_iter().flatten();
+        owners.map(|(owner, stamped)| (owner, &stamped.claim))
     }
 
     /// Every claim, by fact.

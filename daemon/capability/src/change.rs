@@ -47,6 +47,7 @@ impl From<&Change> for EpochChange {
             left: left.clone(),
             believed: text_of(believed),
             retracted: text_of(retracted),
+            requested: None,
         }
     }
 }

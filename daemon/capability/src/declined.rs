@@ -46,6 +46,20 @@ pub enum Declined {
         /// The agent.
         agent: AgentId,
     },
+    /// It means nothing in the composite domain.
+    Meaningless {
+        /// Why, in the checker's words.
+        detail: String,
+    },
+    /// Nobody offers such an action, or it is not withheld.
+    UnknownAction {
+        /// The action.
+        action: String,
+        /// Of whom it was said; `None`: of all.
+        agent: Option<AgentId>,
+        /// Whether it was to be given back.
+        is_given_back: bool,
+    },
     /// More than this maintainer takes.
     TooMany {
         /// Of what, in the plural.
@@ -59,9 +73,11 @@ impl Declined {
     /// The reason for a program, as a `refuse` carries it.
     pub fn reason(&self) -> Reason {
         match self {
-            Declined::OtherAgent { .. } | Declined::OtherOntology { .. } => Reason::BadContent,
+            Declined::OtherAgent { .. }
+            | Declined::OtherOntology { .. }
+            | Declined::Meaningless { .. } => Reason::BadContent,
             Declined::FormerIncarnation { .. } | Declined::OldSequence { .. } => Reason::OutOfTurn,
-            Declined::UnknownAgent { .. } => Reason::Unknown,
+            Declined::UnknownAgent { .. } | Declined::UnknownAction { .. } => Reason::Unknown,
             Declined::TooMany { .. } => Reason::Busy,
         }
     }
@@ -96,6 +112,14 @@ impl fmt::Display for Declined {
             ),
             Declined::UnknownAgent { agent } => {
                 write!(f, "`{agent}` has not told its action model; ask it for the model first")
+            }
+            Declined::Meaningless { detail } => f.write_str(detail),
+            Declined::UnknownAction { action, agent, is_given_back } => {
+                let of = agent.as_ref().map(|agent| format!(" of `{agent}`")).unwrap_or_default();
+                match is_given_back {
+                    true => write!(f, "`{action}`{of} is not withheld; name it as it was withheld"),
+                    false => write!(f, "nobody offers `{action}`{of}"),
+                }
             }
             Declined::TooMany { what, limit } => {
                 write!(f, "there are more {what} than the {limit} that are taken")

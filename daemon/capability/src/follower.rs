@@ -53,7 +53,7 @@ impl Follower {
     ///
     /// If the copy has to be asked for again.
     pub fn follow(&mut self, change: &EpochChange) -> Result<(), Lag> {
-        let EpochChange { epoch, revision, believed, retracted, joined: _, left: _ } = change;
+        let EpochChange { epoch, revision, believed, retracted, .. } = change;
         if *revision <= self.revision {
             return Ok(());
         }

@@ -1,8 +1,10 @@
 //! What is told to the Domain Maintainer, made precise at the border.
 
-use acl::content::{ChangeState, Heartbeat, Methods, ModelAnnouncement};
-use acl::{AgentId, Incarnation};
-use pddl::{ActionModel, Diagnostic, InitElement};
+use std::collections::BTreeMap;
+
+use acl::content::{ChangeState, Heartbeat, Methods, ModelAnnouncement, Observation, Requested};
+use acl::{AgentId, Deadline, Incarnation};
+use pddl::{ActionModel, Diagnostic, InitElement, Metric, Name};
 
 use crate::moment::Moment;
 
@@ -64,6 +66,19 @@ pub struct Effects {
     pub retract: Vec<InitElement>,
 }
 
+/// What requests changed at the central maintainer, complete.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Requests {
+    /// Facts, each with whose word it is.
+    pub facts: Vec<(AgentId, Known)>,
+    /// Facts of the map that are believed no longer.
+    pub retracted: Vec<InitElement>,
+    /// What plans are measured by, if not as the map says.
+    pub metric: Option<Metric>,
+    /// Actions that are withheld, of one agent or of all.
+    pub withheld: Vec<(Name, Option<AgentId>)>,
+}
+
 // === impl Announcement ===
 
 impl Announcement {
@@ -99,17 +114,7 @@ impl Beat {
         now: Moment,
     ) -> Result<Beat, Vec<Diagnostic>> {
         let Heartbeat { digest, sequence, facts, known_for, period } = heartbeat;
-        let mut known: Vec<Known> = pddl::parse_init_elements(facts)
-            .into_result()?
-            .into_iter()
-            .map(|fact| Known { fact, until: None })
-            .collect();
-        for (text, left) in known_for {
-            let until = Some(now.after(left.0));
-            for fact in pddl::parse_init_elements(text).into_result()? {
-                known.push(Known { fact, until });
-            }
-        }
+        let known = Known::read_all(facts, known_for, now)?;
         let due = Some(now.after(period.0.saturating_mul(SILENCE_HALF_PERIODS) / 2));
         let (digest, sequence) = (digest.clone(), *sequence);
         Ok(Beat { agent, incarnation, sequence, digest, facts: known, due })
@@ -117,6 +122,34 @@ impl Beat {
 }
 
 // === impl Known ===
+
+impl Known {
+    fn read_all(
+        facts: &str,
+        known_for: &BTreeMap<String, Deadline>,
+        now: Moment,
+    ) -> Result<Vec<Known>, Vec<Diagnostic>> {
+        let lasting = pddl::parse_init_elements(facts).into_result()?;
+        let mut known: Vec<Known> = lasting.into_iter().map(Known::from).collect();
+        for (text, left) in known_for {
+            let until = Some(now.after(left.0));
+            for fact in pddl::parse_init_elements(text).into_result()? {
+                known.push(Known { fact, until });
+            }
+        }
+        Ok(known)
+    }
+
+    /// Reads what somebody observed, as it came at `now`.
+    ///
+    /// # Errors
+    ///
+    /// If it is no PDDL; the diagnostics point into the first text that has mistakes.
+    pub fn read(observed: &Observation, now: Moment) -> Result<Vec<Known>, Vec<Diagnostic>> {
+        let Observation { facts, known_for } = observed;
+        Known::read_all(facts, known_for, now)
+    }
+}
 
 impl From<InitElement> for Known {
     fn from(fact: InitElement) -> Known {
@@ -138,6 +171,36 @@ impl Effects {
             believe: pddl::parse_init_elements(believe).into_result()?,
             retract: pddl::parse_init_elements(retract).into_result()?,
         })
+    }
+}
+
+// === impl Requests ===
+
+impl Requests {
+    /// Reads what was told at `now`.
+    ///
+    /// # Errors
+    ///
+    /// If it is no PDDL; the diagnostics point into the first text that has mistakes.
+    pub fn read(told: &Requested, now: Moment) -> Result<Requests, Vec<Diagnostic>> {
+        let Requested { facts, retracted, metric, withheld } = told;
+        let mut requests = Requests {
+            retracted: pddl::parse_init_elements(retracted).into_result()?,
+            withheld: { withheld.iter() }
+                .map(|of| (Name::new(&of.action), of.agent.clone()))
+                .collect(),
+            ..Requests::default()
+        };
+        for told in facts {
+            let until = told.known_for.map(|left| now.after(left.0));
+            for fact in pddl::parse_init_elements(&told.fact).into_result()? {
+                requests.facts.push((told.owner.clone(), Known { fact, until }));
+            }
+        }
+        if let Some(metric) = metric {
+            requests.metric = Some(pddl::parse_metric(metric).into_result()?);
+        }
+        Ok(requests)
     }
 }
 

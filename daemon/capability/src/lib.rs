@@ -54,7 +54,7 @@ pub use declined::Declined;
 pub use digest::{model_digest, text_digest};
 pub use fact::Owner;
 pub use follower::{Follower, Lag};
-pub use inputs::{Announcement, Beat, Effects, Known, SILENCE_HALF_PERIODS};
+pub use inputs::{Announcement, Beat, Effects, Known, Requests, SILENCE_HALF_PERIODS};
 pub use maintainer::{Admission, AgentView, ClaimedBy, Maintainer, Provenance, Scope};
 pub use moment::Moment;
 pub use snapshot::Snapshot;

@@ -6,6 +6,7 @@
 //! - Leaves to others: what a message is, which clock runs, when a lost agent is removed.
 
 mod facts;
+mod requests;
 mod views;
 
 pub use views::{AgentView, ClaimedBy, Provenance};
@@ -222,37 +223,6 @@ impl Maintainer {
             self.recompose();
         }
         self.conclude(now)
-    }
-
-    /// Takes an action off by request, of one agent or of all: it keeps its schema, and nobody
-    /// concerned is planned with. `action` is the name outside.
-    ///
-    /// # Errors
-    ///
-    /// If too much is withheld already.
-    pub fn withhold(
-        &mut self,
-        action: Name,
-        agent: Option<AgentId>,
-        now: Moment,
-    ) -> Result<Change, Declined> {
-        let limit = limits::WITHHELD_MAX;
-        if self.withheld.len() >= limit {
-            return Err(Declined::TooMany { what: "actions withheld", limit });
-        }
-        self.is_changed |= self.withheld.insert((action, agent));
-        Ok(self.conclude(now))
-    }
-
-    /// Gives back what [`withhold`](Maintainer::withhold) took, said in the same way.
-    pub fn give_back(&mut self, action: Name, agent: Option<AgentId>, now: Moment) -> Change {
-        self.is_changed |= self.withheld.remove(&(action, agent));
-        self.conclude(now)
-    }
-
-    /// Changes by request what is minimized; `None` is the map's metric again, or the total cost.
-    pub fn measure(&mut self, metric: Option<Metric>) {
-        self.metric = metric;
     }
 
     /// Time passes: what is known no longer is believed no longer, and agents whose heartbeats

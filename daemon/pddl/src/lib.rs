@@ -39,7 +39,7 @@ pub use diagnostic::{Diagnostic, Note, Parsed, Severity, line_column};
 pub use nearest::nearest;
 pub use parse::{
     parse_action_model, parse_condition, parse_document, parse_domain, parse_init_element,
-    parse_init_elements, parse_plan, parse_problem, parse_step, text_from_bytes,
+    parse_init_elements, parse_metric, parse_plan, parse_problem, parse_step, text_from_bytes,
 };
 pub use sexpr::NESTING_MAX;
 pub use tree::*;

@@ -7,7 +7,9 @@
 use crate::diagnostic::{Parsed, Problems};
 use crate::grammar::{self, Reader};
 use crate::sexpr::{Forest, Items};
-use crate::tree::{ActionModel, Condition, Document, Domain, InitElement, Plan, PlanStep, Problem};
+use crate::tree::{
+    ActionModel, Condition, Document, Domain, InitElement, Metric, Plan, PlanStep, Problem,
+};
 
 /// Parses a file of any kind: a domain, a problem or an action model.
 ///
@@ -55,6 +57,20 @@ pub fn parse_action_model(text: &str) -> Parsed<ActionModel> {
 /// Parses a condition that stands alone, such as a goal.
 pub fn parse_condition(text: &str) -> Parsed<Condition> {
     read(text, |reader, roots| grammar::single(reader, roots, "condition", grammar::condition))
+}
+
+/// Parses a metric that stands alone, as a problem has it.
+///
+/// ```
+/// let text = "(:metric minimize (+ (total-cost) (* 2 (waits))))";
+/// let metric = pddl::parse_metric(text).into_result().unwrap();
+/// assert_eq!(metric.to_string(), text);
+/// for wrong in ["minimize (total-cost)", "(:goal (and))", "(:metric (total-cost))", ""] {
+///     assert!(pddl::parse_metric(wrong).into_result().is_err(), "{wrong}");
+/// }
+/// ```
+pub fn parse_metric(text: &str) -> Parsed<Metric> {
+    read(text, |reader, roots| grammar::single(reader, roots, "metric", grammar::metric_section))
 }
 
 /// Parses one element of `:init`: a fact, its negation, or the value of a function.

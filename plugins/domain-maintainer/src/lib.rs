@@ -3,23 +3,24 @@
 //!
 //! - Hears action models and heartbeats, sees who comes and goes; composes (`capability`).
 //! - Tells all what changed (`inform`), answers who asks for the domain or the state.
-//! - Takes changes of the state by `request`.
+//! - Takes changes of the state, the metric, the actions, and observations by `request`
+//!   (`changing`), and spreads them to the actuators' own maintainers.
 //! - Does not plan, and decides nothing about goals.
+
+mod changing;
 
 use std::time::Duration;
 
 use acl::content::{
-    BelievedFact, BelievedState, ChangeState, EpochChange, Inform, Outcome, Reason, Refusal,
-    Report, Request,
+    BelievedFact, BelievedState, Claim, EpochChange, Inform, Reason, Refusal, Requested,
 };
-use acl::{AgentId, Deadline, Message, Performative};
+use acl::{Deadline, Message, Performative};
 use agent::upkeep::{self, Maintains, Upkeep};
 use agent::{
-    Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, PluginEntry, Presence,
-    Resource, TimerId,
+    Agent, Blueprint, BuildError, Callbacks, Context, Launch, PluginEntry, Presence, Resource,
+    TimerId,
 };
-use capability::{Change, Conflict, Effects, Maintainer, Owner, Scope};
-use pddl::{Severity, check_init_elements};
+use capability::{Change, Conflict, Maintainer, Scope};
 
 /// How long changes are gathered before they are announced: the models of a daemon that starts
 /// come within this time, and one announcement serves them all.
@@ -40,6 +41,8 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         upkeep: Upkeep::new(maintainer),
         unannounced: None,
         announcing: None,
+        spreads_requests: false,
+        has_requests: false,
     }))
 }
 
@@ -48,6 +51,10 @@ struct DomainMaintainer {
     /// What changed since the last announcement.
     unannounced: Option<EpochChange>,
     announcing: Option<TimerId>,
+    /// Whether the next announcement tells what requests changed.
+    spreads_requests: bool,
+    /// Whether the last one that did had something to tell.
+    has_requests: bool,
 }
 
 impl Agent for DomainMaintainer {
@@ -83,22 +90,14 @@ impl Maintains for DomainMaintainer {
         &mut self.upkeep
     }
 
-    /// Gathers what changed, to announce it in one message.
     fn changed(&mut self, change: &Change, ctx: &mut Context<Self>) {
         if change.epoch_changed {
             tracing::info!(epoch = change.epoch, joined = ?change.joined, left = ?change.left,
                 "a new epoch");
         }
-        let change = EpochChange::from(change);
-        match &mut self.unannounced {
-            None => self.unannounced = Some(change),
-            Some(gathered) => gather(gathered, change),
-        }
-        if self.announcing.is_none() {
-            let announce =
-                |maintainer: &mut Self, ctx: &mut Context<Self>| maintainer.announce(ctx);
-            self.announcing = Some(ctx.after(GATHERING, announce));
-        }
+        // Whoever joined has not heard what requests changed before.
+        self.spreads_requests |= change.epoch_changed;
+        self.announce_soon(EpochChange::from(change), ctx);
     }
 
     fn conflicted(&mut self, conflicts: &[Conflict], ctx: &mut Context<Self>) {
@@ -120,75 +119,37 @@ impl DomainMaintainer {
         upkeep::informed(self, &message, ctx);
     }
 
+    /// Sees to it that what requests changed is announced, also where nothing else is new.
+    fn announce_requests(&mut self, ctx: &mut Context<Self>) {
+        let maintainer = &self.upkeep.maintainer;
+        let (epoch, revision) = (maintainer.epoch(), maintainer.revision());
+        self.announce_soon(EpochChange { epoch, revision, ..EpochChange::default() }, ctx);
+    }
+
+    /// Gathers what changed, to announce it in one message.
+    fn announce_soon(&mut self, change: EpochChange, ctx: &mut Context<Self>) {
+        match &mut self.unannounced {
+            None => self.unannounced = Some(change),
+            Some(gathered) => gather(gathered, change),
+        }
+        if self.announcing.is_none() {
+            let announce =
+                |maintainer: &mut Self, ctx: &mut Context<Self>| maintainer.announce(ctx);
+            self.announcing = Some(ctx.after(GATHERING, announce));
+        }
+    }
+
     fn announce(&mut self, ctx: &mut Context<Self>) {
         self.announcing = None;
-        if let Some(change) = self.unannounced.take() {
-            ctx.inform_all(&Inform::Epoch(change));
+        let Some(mut change) = self.unannounced.take() else { return };
+        if std::mem::take(&mut self.spreads_requests) {
+            let requested = self.upkeep.maintainer.requested(self.upkeep.moment());
+            let is_nothing = requested == Requested::default();
+            // That it is nothing now is news once.
+            let was_something = std::mem::replace(&mut self.has_requests, !is_nothing);
+            change.requested = (!is_nothing || was_something).then_some(requested);
         }
-    }
-
-    fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Engagement::of(&message);
-        let change = match message.content_as::<Request>() {
-            Ok(Request::ChangeState(change)) => change,
-            Ok(_) => {
-                let detail = "a Domain Maintainer changes the state; it takes `change-state`";
-                return ctx.refuse(&engagement, Reason::Incapable, detail);
-            }
-            Err(error) => return ctx.not_understood(&message, error.to_string()),
-        };
-        match self.change_state(&message.sender, &change, ctx) {
-            Ok(detail) => {
-                let report = Report::new(Outcome::Done, detail);
-                ctx.answer(&engagement, Performative::Confirm, &report);
-            }
-            Err(refusal) => ctx.answer(&engagement, Performative::Refuse, &refusal),
-        }
-    }
-
-    fn change_state(
-        &mut self,
-        asker: &AgentId,
-        change: &ChangeState,
-        ctx: &mut Context<Self>,
-    ) -> Result<&'static str, Refusal> {
-        let effects = Effects::read(change).map_err(|diagnostics| {
-            let lines: Vec<_> = diagnostics.iter().map(ToString::to_string).collect();
-            Refusal::new(Reason::BadContent, lines.join("; "))
-        })?;
-        if change.owner.is_none() {
-            self.check(change, &effects)?;
-        }
-        let now = self.upkeep.moment();
-        let living = change.owner.as_ref().and_then(|owner| ctx.find(owner));
-        let change = match living {
-            Some(owner) => {
-                let (agent, life) = (&owner.agent, owner.incarnation);
-                self.upkeep.maintainer.confirm(agent, Some(life), &effects, now)
-            }
-            None => {
-                let owner = Owner::Agent(change.owner.as_ref().unwrap_or(asker).clone());
-                self.upkeep.maintainer.set(&owner, &effects, now)
-            }
-        };
-        let change = change.map_err(|declined| declined.refusal())?;
-        upkeep::conclude(self, &change, ctx);
-        Ok(if change.is_empty() { "so it was already" } else { "believed" })
-    }
-
-    /// Whether a person's facts can be believed: what nobody here has a word for would be kept
-    /// and never seen again. An agent's may come before its words do.
-    fn check(&self, change: &ChangeState, effects: &Effects) -> Result<(), Refusal> {
-        let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.moment());
-        let texts = [(&change.believe, &effects.believe), (&change.retract, &effects.retract)];
-        for (text, facts) in texts {
-            let diagnostics = check_init_elements(&snapshot.domain, &snapshot.problem, facts);
-            let mistake = diagnostics.iter().find(|found| found.severity == Severity::Error);
-            if let Some(mistake) = mistake {
-                return Err(Refusal::new(Reason::BadContent, mistake.located(text)));
-            }
-        }
-        Ok(())
+        ctx.inform_all(&Inform::Epoch(change));
     }
 
     fn state(&self) -> BelievedState {
@@ -207,9 +168,20 @@ impl DomainMaintainer {
                     .min()
                     .unwrap_or(0),
                 known_for: known_for(&fact.claims),
+                claims: fact.claims.iter().map(claim).collect(),
             })
             .collect();
         BelievedState { epoch: maintainer.epoch(), revision: maintainer.revision(), facts }
+    }
+}
+
+fn claim(claim: &capability::ClaimedBy) -> Claim {
+    Claim {
+        owner: claim.owner.to_string(),
+        fact: claim.said.to_string(),
+        source: claim.source.to_string(),
+        age_ms: u64::try_from(claim.age.as_millis()).unwrap_or(u64::MAX),
+        known_for: claim.left.map(Deadline),
     }
 }
 
@@ -220,7 +192,7 @@ fn known_for(claims: &[capability::ClaimedBy]) -> Option<Deadline> {
 }
 
 fn gather(gathered: &mut EpochChange, change: EpochChange) {
-    let EpochChange { epoch, revision, joined, left, believed, retracted } = change;
+    let EpochChange { epoch, revision, joined, left, believed, retracted, requested: _ } = change;
     (gathered.epoch, gathered.revision) = (epoch, revision);
     gathered.joined.retain(|agent| !left.contains(agent));
     gathered.left.retain(|agent| !joined.contains(agent));

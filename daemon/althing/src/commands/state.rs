@@ -38,11 +38,16 @@ async fn print(link: &Link, json: bool) -> ExitCode {
 fn table(state: &BelievedState) -> String {
     let mut text = format!("; epoch {}, revision {}\n", state.epoch, state.revision);
     let _ = writeln!(text, "{:<46} {:<22} AGE", "FACT", "FROM");
-    for BelievedFact { fact, owners, age_ms, known_for } in &state.facts {
+    for BelievedFact { fact, owners, age_ms, known_for, claims } in &state.facts {
         let age = short(Duration::from_millis(*age_ms));
         let left = known_for.map(|left| format!(", for {} more", short(left.0)));
         let left = left.unwrap_or_default();
         let _ = writeln!(text, "{fact:<46} {:<22} {age}{left}", owners.join(", "));
+        // Owners who contradict each other: whose word is not believed now.
+        for other in claims.iter().filter(|claim| claim.fact != *fact) {
+            let age = short(Duration::from_millis(other.age_ms));
+            let _ = writeln!(text, "  not {:<40} {:<22} {age}", other.fact, other.owner);
+        }
     }
     text
 }

@@ -10,7 +10,7 @@ use crate::belief::{Claim, Source};
 use crate::change::Change;
 use crate::declined::Declined;
 use crate::fact::{FactKey, Owner, Statement, Value};
-use crate::inputs::{Beat, Effects};
+use crate::inputs::{Beat, Effects, Known};
 use crate::limits;
 use crate::moment::Moment;
 use crate::roster::Member;
@@ -113,6 +113,40 @@ impl Maintainer {
         now: Moment,
     ) -> Result<Change, Declined> {
         self.take_effect(owner, effects, &Claim::new(Value::True, Source::Request, now))?;
+        Ok(self.conclude(now))
+    }
+
+    /// Believes what `owner` observed: its own word, until it says otherwise, its heartbeats do or
+    /// the time is over. What it saw not to be so is believed of nobody, until an owner says it
+    /// again.
+    ///
+    /// # Errors
+    ///
+    /// If the owner, or all owners, would claim too much.
+    pub fn observe(
+        &mut self,
+        agent: &AgentId,
+        observed: &[Known],
+        now: Moment,
+    ) -> Result<Change, Declined> {
+        let owner = Owner::Agent(agent.clone());
+        self.beliefs.has_room(&owner, observed.len())?;
+        let incarnation = self.roster.get(agent).map(|member| member.incarnation);
+        let incarnation = incarnation.unwrap_or_default();
+        let statement = |known: &Known| (Statement::of(&known.fact), known.until);
+        let (mut seen, mut unseen) = (Vec::new(), Vec::new());
+        for (statement, until) in observed.iter().map(statement) {
+            match statement {
+                Statement::Is(key, value) => seen.push((key, value, until)),
+                Statement::Not(key) => unseen.push(key),
+                Statement::Unusable => (),
+            }
+        }
+        unseen.iter().for_each(|key| self.beliefs.withdraw_all(key));
+        for (key, value, until) in seen {
+            let claim = Claim::new(value, Source::Observation, now).until(until);
+            self.beliefs.claim(key, &owner, Claim { incarnation, ..claim });
+        }
         Ok(self.conclude(now))
     }
 

@@ -11,7 +11,7 @@ use pddl::{
 use super::Maintainer;
 use crate::belief::{Claim, Source};
 use crate::conflict::Conflict;
-use crate::fact::Owner;
+use crate::fact::{FactKey, Owner, Statement, Value};
 use crate::moment::Moment;
 use crate::roster::Member;
 use crate::snapshot::Snapshot;
@@ -32,6 +32,8 @@ pub struct Provenance {
 pub struct ClaimedBy {
     /// The owner.
     pub owner: Owner,
+    /// What it says: of a number, with its own value.
+    pub said: InitElement,
     /// Which life of the owner said it; 0 for the map and by request.
     pub incarnation: Incarnation,
     /// The heartbeat that said it last; 0 if none did.
@@ -87,7 +89,7 @@ impl Maintainer {
         Snapshot::new(self.epoch, self.revision, composite, problem, methods, former)
     }
 
-    fn frame(&self) -> Problem {
+    pub(super) fn frame(&self) -> Problem {
         let map = &self.shared.map;
         Problem {
             name: map.name.clone(),
@@ -158,9 +160,37 @@ impl Maintainer {
                 Some(Provenance {
                     fact: fact.element(value),
                     left_out: self.composite.vocabulary.fact_misfit(fact),
-                    claims: claims.into_iter().map(|claim| ClaimedBy::new(claim, now)).collect(),
+                    claims: { claims.into_iter() }
+                        .map(|claim| ClaimedBy::new(fact, claim, now))
+                        .collect(),
                 })
             })
+            .collect()
+    }
+
+    /// Why a fact does not hold here although it is claimed, for a person; `None` if it can hold.
+    pub fn misfit(&self, fact: &InitElement) -> Option<String> {
+        match Statement::of(fact) {
+            Statement::Is(key, _) | Statement::Not(key) => {
+                self.composite.vocabulary.fact_misfit(&key)
+            }
+            Statement::Unusable => {
+                Some("a fact has objects only, and speaks of no other time".to_owned())
+            }
+        }
+    }
+
+    /// What others than `speaker` say that contradicts a fact: another number, or that what it
+    /// calls false is true.
+    pub fn contradicting(&self, fact: &InitElement, speaker: &Owner) -> Vec<(Owner, InitElement)> {
+        let (key, value) = match Statement::of(fact) {
+            Statement::Is(key, value @ Value::Number(_)) => (key, Some(value)),
+            Statement::Not(key) => (key, None),
+            Statement::Is(..) | Statement::Unusable => return Vec::new(),
+        };
+        { self.beliefs.claims_of(&key) }
+            .filter(|(owner, claim)| *owner != speaker && Some(claim.value) != value)
+            .map(|(owner, claim)| (owner.clone(), key.element(claim.value)))
             .collect()
     }
 
@@ -216,9 +246,10 @@ fn total_cost() -> FluentTerm {
 // === impl ClaimedBy ===
 
 impl ClaimedBy {
-    fn new((owner, claim): (&Owner, &Claim), now: Moment) -> ClaimedBy {
+    fn new(fact: &FactKey, (owner, claim): (&Owner, &Claim), now: Moment) -> ClaimedBy {
         ClaimedBy {
             owner: owner.clone(),
+            said: fact.element(claim.value),
             incarnation: claim.incarnation,
             sequence: claim.sequence,
             source: claim.source,

@@ -298,8 +298,8 @@ fn an_action_withheld_by_request_keeps_its_schema() {
     assert_eq!(office.known("offers-move"), "(offers-move turtlebot-2)");
     office.maintainer.withhold("move".into(), None, now).expect("room");
     assert_eq!((office.known("offers-move"), office.actions()), (String::new(), "move".into()));
-    office.maintainer.give_back("move".into(), None, now);
-    office.maintainer.give_back("move".into(), one, now);
+    office.maintainer.give_back("move".into(), None, now).expect("it is withheld");
+    office.maintainer.give_back("move".into(), one, now).expect("it is withheld");
     assert_eq!(office.known("offers-move"), "(offers-move turtlebot-1)\n(offers-move turtlebot-2)");
 }
 
@@ -312,6 +312,7 @@ fn a_goal_is_measured_by_its_cost_unless_asked_otherwise() {
     let metric = problem.metric.expect("the ontology counts costs");
     assert_eq!(metric.to_string(), "(:metric minimize (total-cost))");
     let dearest = pddl::Metric { direction: pddl::Direction::Maximize, ..metric };
-    office.maintainer.measure(Some(dearest.clone()));
+    let now = office.now;
+    office.maintainer.measure(Some(dearest.clone()), now).expect("it makes sense");
     assert_eq!(office.snapshot().with_goal(goal(), None).metric, Some(dearest));
 }

@@ -59,7 +59,18 @@ fn goal<'f>(reader: &mut Reader<'f>, mut items: Items<'f>) -> Option<Condition> 
     condition::condition(reader, node)
 }
 
-/// `(:metric minimize|maximize EXPRESSION)`
+/// `(:metric minimize|maximize EXPRESSION)`, standing alone.
+pub(crate) fn metric_section<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Metric> {
+    let mut items = reader.expect_list(node, "a metric", METRIC)?;
+    let head = reader.expect(&mut items, "`:metric`", METRIC)?;
+    if Keyword::of(head.symbol().unwrap_or("")).as_str() != ":metric" {
+        reader.unknown(head, "section", &[":metric"]);
+        return None;
+    }
+    metric(reader, items, node.span())
+}
+
+/// `minimize|maximize EXPRESSION`
 fn metric<'f>(reader: &mut Reader<'f>, mut items: Items<'f>, span: Span) -> Option<Metric> {
     let node = reader.expect(&mut items, "`minimize` or `maximize`", METRIC)?;
     let direction = direction(reader, node);

@@ -1,0 +1,226 @@
+//! What requests change beside facts: the metric, and which actions can be planned with. And how
+//! what they changed reaches the maintainers of the actuators, who hear heartbeats only.
+
+use std::collections::BTreeSet;
+
+use acl::content::{ActionOf, Requested, RequestedFact};
+use acl::{AgentId, Deadline};
+use pddl::{Condition, InitElement, Metric, Name, Problem};
+
+use super::{Maintainer, Scope};
+use crate::belief::{Claim, Source};
+use crate::change::{Change, text_of};
+use crate::declined::Declined;
+use crate::fact::{FactKey, Owner, Statement, Value};
+use crate::inputs::Requests;
+use crate::limits;
+use crate::moment::Moment;
+
+/// Of what is known for a while, a later end by less than this is no news: a message takes time.
+const SAME_END_MS: u64 = 1_000;
+
+type Of = (Name, Option<AgentId>);
+
+// === impl Maintainer ===
+
+impl Maintainer {
+    /// Takes an action off by request, of one agent or of all: it keeps its schema, and nobody
+    /// concerned is planned with. `action` is the name outside.
+    ///
+    /// # Errors
+    ///
+    /// If nobody concerned offers it, or too much is withheld already.
+    pub fn withhold(
+        &mut self,
+        action: Name,
+        agent: Option<AgentId>,
+        now: Moment,
+    ) -> Result<Change, Declined> {
+        self.change_actions(&[(action, agent)], &[], now)
+    }
+
+    /// Gives back what [`withhold`](Maintainer::withhold) took, said in the same way.
+    ///
+    /// # Errors
+    ///
+    /// If it is not withheld.
+    pub fn give_back(
+        &mut self,
+        action: Name,
+        agent: Option<AgentId>,
+        now: Moment,
+    ) -> Result<Change, Declined> {
+        self.change_actions(&[], &[(action, agent)], now)
+    }
+
+    /// Takes actions off and gives others back, all of them or none.
+    ///
+    /// # Errors
+    ///
+    /// If one of them nobody concerned offers, or is not withheld; or if too much is withheld.
+    pub fn change_actions(
+        &mut self,
+        withhold: &[Of],
+        give_back: &[Of],
+        now: Moment,
+    ) -> Result<Change, Declined> {
+        let unknown = |(action, agent): &Of, is_given_back| Declined::UnknownAction {
+            action: action.to_string(),
+            agent: agent.clone(),
+            is_given_back,
+        };
+        if let Some(of) = withhold.iter().find(|of| !self.is_offered(of)) {
+            return Err(unknown(of, false));
+        }
+        if let Some(of) = give_back.iter().find(|of| !self.withheld.contains(*of)) {
+            return Err(unknown(of, true));
+        }
+        let mut withheld = self.withheld.clone();
+        give_back.iter().for_each(|of| {
+            withheld.remove(of);
+        });
+        withheld.extend(withhold.iter().cloned());
+        self.set_withheld(withheld)?;
+        Ok(self.conclude(now))
+    }
+
+    fn is_offered(&self, (action, agent): &Of) -> bool {
+        let offers = self.composite.offers.iter();
+        { offers }
+            .filter(|(offerer, _)| agent.as_ref().is_none_or(|agent| agent == *offerer))
+            .any(|(_, offered)| offered.iter().any(|offered| offered.outside == *action))
+    }
+
+    fn set_withheld(&mut self, withheld: BTreeSet<Of>) -> Result<(), Declined> {
+        let limit = limits::WITHHELD_MAX;
+        if withheld.len() > limit {
+            return Err(Declined::TooMany { what: "actions withheld", limit });
+        }
+        self.is_changed |= self.withheld != withheld;
+        self.withheld = withheld;
+        Ok(())
+    }
+
+    /// Changes by request what plans are measured by; `None` is the map's metric again, or the
+    /// total cost. Plans of another epoch may cost other than they said.
+    ///
+    /// # Errors
+    ///
+    /// If it means nothing in the composite domain.
+    pub fn measure(&mut self, metric: Option<Metric>, now: Moment) -> Result<Change, Declined> {
+        if let Some(metric) = &metric {
+            let problem = Problem {
+                objects: self.composite.objects.clone(),
+                goal: Condition::always(),
+                metric: Some(metric.clone()),
+                ..self.frame()
+            };
+            let mistakes = pddl::check_problem(&self.composite.domain, &problem);
+            if let Some(mistake) = mistakes.into_iter().find(pddl::Diagnostic::is_error) {
+                return Err(Declined::Meaningless { detail: mistake.to_string() });
+            }
+        }
+        self.is_changed |= self.metric != metric;
+        self.metric = metric;
+        Ok(self.conclude(now))
+    }
+
+    /// Everything that requests changed and that no heartbeat says, for those who hear heartbeats
+    /// only.
+    pub fn requested(&self, now: Moment) -> Requested {
+        let mut facts = Vec::new();
+        for (fact, claims) in self.beliefs.claims() {
+            for (owner, claim) in claims {
+                if let Owner::Agent(agent) = owner
+                    && self.is_unsaid(agent, fact, claim)
+                    && claim.until.is_none_or(|until| until > now)
+                {
+                    facts.push(RequestedFact {
+                        fact: fact.element(claim.value).to_string(),
+                        owner: agent.clone(),
+                        known_for: claim.until.map(|until| Deadline(until.since(now))),
+                    });
+                }
+            }
+        }
+        let is_gone =
+            |fact: &&(FactKey, Value)| self.beliefs.claim_of(&fact.0, &Owner::Map).is_none();
+        let gone = self.shared.manifest.init.iter().filter(is_gone);
+        let gone: Vec<InitElement> = gone.map(|(fact, value)| fact.element(*value)).collect();
+        let of =
+            |(action, agent): &Of| ActionOf { action: action.to_string(), agent: agent.clone() };
+        Requested {
+            facts,
+            retracted: text_of(&gone),
+            metric: self.metric.as_ref().map(ToString::to_string),
+            withheld: self.withheld.iter().map(of).collect(),
+        }
+    }
+
+    /// Whether nobody learns of a claim from its owner's model or heartbeats.
+    fn is_unsaid(&self, owner: &AgentId, fact: &FactKey, claim: &Claim) -> bool {
+        match claim.source {
+            Source::Request | Source::Observation | Source::Effect => {
+                self.roster.get(owner).is_none_or(|member| !member.owns(fact))
+            }
+            Source::Model | Source::Heartbeat | Source::Told => false,
+        }
+    }
+
+    /// Believes what the central maintainer tells of requests: all of it, and nothing that it told
+    /// before. The word of owners who are heard here themselves goes before it. The central
+    /// maintainer itself knows better than any other.
+    ///
+    /// # Errors
+    ///
+    /// If it is too much.
+    pub fn follow(&mut self, requests: &Requests, now: Moment) -> Result<Change, Declined> {
+        if self.scope == Scope::Everything {
+            return Ok(self.conclude(now));
+        }
+        let Requests { facts, retracted, metric, withheld } = requests;
+        self.set_withheld(withheld.iter().cloned().collect())?;
+        self.is_changed |= self.metric != *metric;
+        self.metric.clone_from(metric);
+        for fact in retracted {
+            if let Statement::Is(key, _) = Statement::of(fact) {
+                self.beliefs.withdraw(&key, &Owner::Map);
+            }
+        }
+        let mut told: BTreeSet<(FactKey, Owner)> = BTreeSet::new();
+        for (agent, known) in facts {
+            let Statement::Is(key, value) = Statement::of(&known.fact) else { continue };
+            let owner = Owner::Agent(agent.clone());
+            told.insert((key.clone(), owner.clone()));
+            if self.is_news(agent, &key, value, known.until) {
+                self.beliefs.has_room(&owner, 1)?;
+                let claim = Claim::new(value, Source::Told, now).until(known.until);
+                self.beliefs.claim(key, &owner, claim);
+            }
+        }
+        self.beliefs.withdraw_told(|fact, owner| told.contains(&(fact.clone(), owner.clone())));
+        Ok(self.conclude(now))
+    }
+
+    /// Whether something told is not known already, and not for its owner to say here. Saying
+    /// again what is known would make it newer than another's word.
+    fn is_news(
+        &self,
+        owner: &AgentId,
+        fact: &FactKey,
+        value: Value,
+        until: Option<Moment>,
+    ) -> bool {
+        if self.roster.get(owner).is_some_and(|member| member.owns(fact)) {
+            return false;
+        }
+        let Some(known) = self.beliefs.claim_of(fact, &Owner::Agent(owner.clone())) else {
+            return true;
+        };
+        let same_end = match (known.until, until) {
+            (Some(known), Some(until)) => known.0.abs_diff(until.0) < SAME_END_MS,
+            (known, until) => known == until,
+        };
+        known.source == Source::Told && !(known.value == value && same_end)
+    }
+}

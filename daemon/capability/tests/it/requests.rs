@@ -1,0 +1,195 @@
+//! What requests change while the house lives, and how the actuators' own maintainers learn of it.
+
+use acl::content::{Observation, Requested};
+use acl::{AgentId, Deadline};
+use capability::{Declined, Known, Moment, Owner, Requests, Source};
+use expect_test::expect;
+
+use crate::office::{Office, effects, facts, id, office, office_of, thermometer, turtlebot};
+
+fn observed(office: &mut Office, who: &str, facts: &str, known_for: &[(&str, u64)]) {
+    let known_for = known_for.iter().map(|(fact, ms)| ((*fact).to_owned(), Deadline::from(*ms)));
+    let observation = Observation { facts: facts.to_owned(), known_for: known_for.collect() };
+    let known = Known::read(&observation, office.now).expect("PDDL");
+    office.maintainer.observe(&id(who), &known, office.now).expect("room");
+}
+
+/// Tells the actuator's own maintainer what the central one has to tell.
+fn tell(central: &Office, local: &mut Office) -> Requested {
+    let told = central.maintainer.requested(central.now);
+    let requests = Requests::read(&told, local.now).expect("PDDL");
+    local.maintainer.follow(&requests, local.now).expect("room");
+    told
+}
+
+fn metric(text: &str) -> Option<pddl::Metric> {
+    Some(pddl::parse_metric(text).into_result().expect("a metric"))
+}
+
+#[test]
+fn an_observation_is_its_observers_word_for_its_time() {
+    let mut office = office().with([thermometer("t-1")]);
+    observed(&mut office, "ann", "", &[("(known-temperature office2)", 10_000)]);
+    assert_eq!(office.known("known-temperature"), "(known-temperature office2)");
+    let provenance = office.maintainer.provenance(office.now);
+    let claims = provenance.iter().flat_map(|fact| &fact.claims);
+    let claim = claims.into_iter().find(|claim| claim.owner == id("ann").into()).expect("hers");
+    assert_eq!(
+        (claim.source, claim.left.map(|left| left.as_secs())),
+        (Source::Observation, Some(10))
+    );
+    office.now = Moment(11_000);
+    assert_eq!(office.known("known-temperature"), "");
+}
+
+#[test]
+fn observers_who_contradict_each_other_are_all_seen_and_the_newest_is_believed() {
+    let ontology_has = "(= (distance corridor office2) 6)";
+    let mut office = office();
+    observed(&mut office, "ann", "(= (distance corridor office2) 7)", &[]);
+    observed(&mut office, "bob", "(= (distance corridor office2) 5)", &[]);
+    assert_eq!(office.known("distance"), "(= (distance corridor office2) 5)");
+    let provenance = office.maintainer.provenance(office.now);
+    let of = provenance.iter().find(|fact| fact.fact.to_string().contains("distance"));
+    let said: Vec<String> = of
+        .expect("it is claimed")
+        .claims
+        .iter()
+        .map(|claim| format!("{}: {}", claim.owner, claim.said))
+        .collect();
+    expect![[r#"
+        [
+            "the map: (= (distance corridor office2) 6)",
+            "ann: (= (distance corridor office2) 7)",
+            "bob: (= (distance corridor office2) 5)",
+        ]
+    "#]]
+    .assert_debug_eq(&said);
+    let fact = &facts(ontology_has)[0];
+    let others = office.maintainer.contradicting(fact, &Owner::Map);
+    assert_eq!(others.len(), 2);
+    // Of what somebody saw not to be so, whoever says it is so contradicts.
+    let not = &facts("(not (connected corridor office2))")[0];
+    let others = office.maintainer.contradicting(not, &Owner::Agent(id("ann")));
+    assert_eq!(others[0].0, Owner::Map);
+    observed(&mut office, "ann", "(not (connected corridor office2))", &[]);
+    assert_eq!(office.known("connected"), "");
+}
+
+#[test]
+fn the_owners_word_goes_before_an_observation() {
+    let mut office = office().with([turtlebot("t")]);
+    observed(&mut office, "ann", "(= (speed t) 9)", &[]);
+    assert_eq!(office.known("speed"), "(= (speed t) 9)");
+    office.beat("t", (1, 1), "(at t corridor) (= (speed t) 0.2)", "").expect("a heartbeat");
+    assert_eq!(office.known("speed"), "(= (speed t) 0.2)");
+}
+
+#[test]
+fn actions_are_changed_together_or_not_at_all() {
+    let mut office = office().with([turtlebot("t"), thermometer("one")]);
+    let of = |action: &str, agent: Option<AgentId>| (action.into(), agent);
+    let now = office.now;
+    let wrong = [of("move", None), of("fly", Some(id("t")))];
+    let declined = office.maintainer.change_actions(&wrong, &[], now).expect_err("no fly");
+    assert_eq!(declined.to_string(), "nobody offers `fly` of `t`");
+    assert_eq!(office.known("offers-move"), "(offers-move t)");
+    let wrong = [of("move", None)];
+    let declined = office.maintainer.change_actions(&[], &wrong, now).expect_err("it is not");
+    assert!(matches!(declined, Declined::UnknownAction { is_given_back: true, .. }));
+    let change = office.maintainer.change_actions(&[of("move", None)], &[], now).expect("offered");
+    assert!(change.epoch_changed);
+    let (give, take) = ([of("move", None)], [of("report-temperature", Some(id("one")))]);
+    office.maintainer.change_actions(&take, &give, now).expect("offered, withheld");
+    assert_eq!(office.known("offers-move"), "(offers-move t)");
+    assert_eq!(office.known("offers-report-temperature"), "");
+}
+
+#[test]
+fn a_metric_has_to_mean_something() {
+    let mut office = office().with([turtlebot("t")]);
+    let now = office.now;
+    let nonsense = metric("(:metric minimize (joy t))");
+    assert!(matches!(office.maintainer.measure(nonsense, now), Err(Declined::Meaningless { .. })));
+    let slow = metric("(:metric minimize (* 2 (total-cost)))");
+    let change = office.maintainer.measure(slow.clone(), now).expect("it makes sense");
+    assert!(change.epoch_changed);
+    assert_eq!(office.snapshot().problem.metric, slow);
+    let again = office.maintainer.measure(slow, now).expect("it makes sense");
+    assert!(again.is_empty());
+}
+
+#[test]
+fn what_requests_changed_reaches_an_actuators_own_maintainer() {
+    let mut central = office().with([turtlebot("t"), thermometer("one")]);
+    let mut local = office_of("one").with([turtlebot("t"), thermometer("one")]);
+    assert_eq!(tell(&central, &mut local), Requested::default());
+    let (ann, now) = (Owner::Agent(id("ann")), central.now);
+    let change = effects("(connected office2 corridor) (not (connected corridor office2))");
+    central.maintainer.set(&ann, &change, now).expect("room");
+    observed(&mut central, "bob", "", &[("(known-temperature office2)", 10_000)]);
+    let slow = metric("(:metric minimize (* 2 (total-cost)))");
+    central.maintainer.measure(slow.clone(), now).expect("it makes sense");
+    let one = Some(id("one"));
+    central.maintainer.withhold("report-temperature".into(), one.clone(), now).expect("offered");
+    tell(&central, &mut local);
+    assert_eq!(local.known("connected"), "(connected office2 corridor)");
+    assert_eq!(local.known("known-temperature"), "(known-temperature office2)");
+    assert_eq!(local.snapshot().problem.metric, slow);
+    assert!(local.snapshot().offers().is_empty());
+    // It is told again, and is no news.
+    let told = Requests::read(&central.maintainer.requested(central.now), local.now);
+    let change = local.maintainer.follow(&told.expect("PDDL"), local.now).expect("room");
+    assert!(change.is_empty(), "{change:?}");
+    // What is not told any more is not so any more; what it was told keeps its time.
+    central
+        .maintainer
+        .set(&ann, &effects("(not (connected office2 corridor))"), now)
+        .expect("room");
+    central.maintainer.give_back("report-temperature".into(), one, now).expect("withheld");
+    central.maintainer.measure(None, now).expect("it makes sense");
+    tell(&central, &mut local);
+    assert_eq!(local.known("connected"), "");
+    assert_eq!(local.snapshot().offers().len(), 1);
+    local.now = Moment(11_000);
+    assert_eq!(local.known("known-temperature"), "");
+}
+
+#[test]
+fn a_word_that_is_told_does_not_go_before_what_an_owner_says_itself() {
+    let mut central = office().with([turtlebot("t")]);
+    let mut local = office_of("one").with([turtlebot("t"), thermometer("one")]);
+    // An effect that the robot's own heartbeats speak of is its to tell.
+    let moved = effects("(not (at t corridor)) (at t office2)");
+    let now = central.now;
+    central.maintainer.confirm(&id("t"), None, &moved, now).expect("it is here");
+    assert_eq!(tell(&central, &mut local), Requested::default());
+    local.beat("t", (1, 1), "(at t corridor)", "").expect("a heartbeat");
+    observed(&mut central, "t", "(at t office2)", &[]);
+    tell(&central, &mut local);
+    assert_eq!(local.known("at"), "(at t corridor)");
+    // What it does not speak of, nobody else would tell.
+    let opened = effects("(connected office2 corridor)");
+    central.maintainer.confirm(&id("t"), None, &opened, now).expect("it is here");
+    tell(&central, &mut local);
+    assert!(local.known("connected").contains("(connected office2 corridor)"));
+    // A number that is told again is not newer than what another owner said meanwhile.
+    central.maintainer.set(&id("ann").into(), &effects("(= (speed t) 9)"), now).expect("room");
+    tell(&central, &mut local);
+    local.beat("t", (1, 2), "(at t corridor) (= (speed t) 0.2)", "").expect("a heartbeat");
+    tell(&central, &mut local);
+    assert_eq!(local.known("speed"), "(= (speed t) 0.2)");
+}
+
+#[test]
+fn the_central_maintainer_follows_nobody() {
+    let mut central = office();
+    let told =
+        Requested { retracted: "(connected corridor office2)".into(), ..Requested::default() };
+    let requests = Requests::read(&told, central.now).expect("PDDL");
+    let change = central.maintainer.follow(&requests, central.now).expect("nothing to take");
+    assert!(change.is_empty());
+    assert_eq!(central.known("connected"), "(connected corridor office2)");
+    let unreadable = Requested { metric: Some("minimize".into()), ..Requested::default() };
+    assert!(Requests::read(&unreadable, central.now).is_err());
+}

@@ -1,0 +1,176 @@
+//! What anyone may change by `request` while the ecosystem runs: the state, what plans are
+//! measured by, which actions there are, and what somebody observed (design, “Action models”).
+//!
+//! Every request is confirmed, with what of it does not count now and who says otherwise; or it is
+//! refused with the reason, and nothing of it is taken.
+
+use acl::content::{
+    ActionOf, ChangeActions, ChangeMetric, ChangeState, Observation, Outcome, Reason, Refusal,
+    Report, Request,
+};
+use acl::{AgentId, Message, Performative};
+use agent::upkeep;
+use agent::{Context, Engagement};
+use capability::{Change, Effects, Known, Owner};
+use pddl::{Diagnostic, InitElement, Name, Severity, check_init_elements};
+
+use crate::DomainMaintainer;
+
+/// What was taken: what follows from it, and what to say of it.
+type Taken = (Change, String);
+
+/// Facts that are spoken of one by one in an answer.
+const TOLD_MAX: usize = 8;
+
+impl DomainMaintainer {
+    pub(crate) fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let engagement = Engagement::of(&message);
+        let asker = &message.sender;
+        let request = message.content_as::<Request>();
+        let is_observed = matches!(request, Ok(Request::Observe(_)));
+        let taken = match request {
+            Ok(Request::ChangeState(change)) => self.change_state(asker, &change, ctx),
+            Ok(Request::ChangeMetric(change)) => self.change_metric(&change),
+            Ok(Request::ChangeActions(change)) => self.change_actions(change),
+            Ok(Request::Observe(observed)) => self.observe(asker, &observed),
+            Ok(_) => Err(Refusal::new(
+                Reason::Incapable,
+                "a Domain Maintainer takes `change-state`, `change-metric`, `change-actions` and \
+                 `observe`",
+            )),
+            Err(error) => return ctx.not_understood(&message, error.to_string()),
+        };
+        match taken {
+            Ok((change, detail)) => {
+                self.spreads_requests = true;
+                upkeep::conclude(self, &change, ctx);
+                // What was observed again changes nothing here, and lasts longer elsewhere too.
+                if is_observed {
+                    self.announce_requests(ctx);
+                }
+                let report = Report::new(Outcome::Done, detail);
+                ctx.answer(&engagement, Performative::Confirm, &report);
+            }
+            Err(refusal) => ctx.answer(&engagement, Performative::Refuse, &refusal),
+        }
+    }
+
+    fn change_state(
+        &mut self,
+        asker: &AgentId,
+        change: &ChangeState,
+        ctx: &mut Context<Self>,
+    ) -> Result<Taken, Refusal> {
+        let effects = Effects::read(change).map_err(|mistakes| unreadable(&mistakes))?;
+        if change.owner.is_none() {
+            self.check(change, &effects)?;
+        }
+        let living = change.owner.as_ref().and_then(|owner| ctx.find(owner));
+        let owner = Owner::Agent(change.owner.as_ref().unwrap_or(asker).clone());
+        let notes = self.notes(&effects.believe, &owner);
+        let now = self.upkeep.moment();
+        let maintainer = &mut self.upkeep.maintainer;
+        let changed = match living {
+            Some(owner) => maintainer.confirm(&owner.agent, Some(owner.incarnation), &effects, now),
+            None => maintainer.set(&owner, &effects, now),
+        };
+        let changed = changed.map_err(|declined| declined.refusal())?;
+        let detail = if changed.is_empty() { "so it was already" } else { "believed" };
+        Ok((changed, with_notes(detail, notes)))
+    }
+
+    /// Whether a person's facts can be believed: what nobody here has a word for would be kept
+    /// and never seen again. An agent's may come before its words do.
+    fn check(&self, change: &ChangeState, effects: &Effects) -> Result<(), Refusal> {
+        let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.moment());
+        let texts = [(&change.believe, &effects.believe), (&change.retract, &effects.retract)];
+        for (text, facts) in texts {
+            let diagnostics = check_init_elements(&snapshot.domain, &snapshot.problem, facts);
+            let mistake = diagnostics.iter().find(|found| found.severity == Severity::Error);
+            if let Some(mistake) = mistake {
+                return Err(Refusal::new(Reason::BadContent, mistake.located(text)));
+            }
+        }
+        Ok(())
+    }
+
+    fn change_metric(&mut self, change: &ChangeMetric) -> Result<Taken, Refusal> {
+        let read = |text: &String| pddl::parse_metric(text).into_result();
+        let metric = change.metric.as_ref().map(read).transpose();
+        let metric = metric.map_err(|mistakes| unreadable(&mistakes))?;
+        let detail = match &metric {
+            Some(metric) => format!("plans are measured by `{metric}` from now on"),
+            None => "plans are measured as the map says again".to_owned(),
+        };
+        let now = self.upkeep.moment();
+        let changed = self.upkeep.maintainer.measure(metric, now);
+        Ok((changed.map_err(|declined| declined.refusal())?, detail))
+    }
+
+    fn change_actions(&mut self, change: ChangeActions) -> Result<Taken, Refusal> {
+        let ChangeActions { withhold, give_back } = change;
+        if withhold.is_empty() && give_back.is_empty() {
+            return Err(Refusal::new(Reason::BadContent, "it names no action to change"));
+        }
+        let of = |of: ActionOf| (Name::new(&of.action), of.agent);
+        let withhold: Vec<_> = withhold.into_iter().map(of).collect();
+        let give_back: Vec<_> = give_back.into_iter().map(of).collect();
+        let now = self.upkeep.moment();
+        let changed = self.upkeep.maintainer.change_actions(&withhold, &give_back, now);
+        let changed = changed.map_err(|declined| declined.refusal())?;
+        let parts = [("withheld", withhold), ("given back", give_back)];
+        let parts = parts.into_iter().filter(|(_, of)| !of.is_empty()).map(|(what, of)| {
+            let names: Vec<String> = of.iter().map(named).collect();
+            format!("{what}: {}", names.join(", "))
+        });
+        Ok((changed, parts.collect::<Vec<_>>().join("; ")))
+    }
+
+    fn observe(&mut self, asker: &AgentId, observed: &Observation) -> Result<Taken, Refusal> {
+        let now = self.upkeep.moment();
+        let known = Known::read(observed, now).map_err(|mistakes| unreadable(&mistakes))?;
+        if known.is_empty() {
+            return Err(Refusal::new(Reason::BadContent, "it says nothing"));
+        }
+        let facts: Vec<InitElement> = known.iter().map(|known| known.fact.clone()).collect();
+        let notes = self.notes(&facts, &Owner::Agent(asker.clone()));
+        let changed = self.upkeep.maintainer.observe(asker, &known, now);
+        Ok((changed.map_err(|declined| declined.refusal())?, with_notes("believed", notes)))
+    }
+
+    /// What of some facts does not count now, and who says otherwise.
+    fn notes(&self, facts: &[InitElement], speaker: &Owner) -> Vec<String> {
+        let maintainer = &self.upkeep.maintainer;
+        let mut notes = Vec::new();
+        for fact in facts {
+            if let Some(misfit) = maintainer.misfit(fact) {
+                notes.push(format!("`{fact}` does not count as long as {misfit}"));
+            }
+            for (owner, said) in maintainer.contradicting(fact, speaker) {
+                notes.push(format!("{owner} says `{said}`, and its next word goes before"));
+            }
+        }
+        notes
+    }
+}
+
+fn unreadable(mistakes: &[Diagnostic]) -> Refusal {
+    let lines: Vec<_> = mistakes.iter().map(ToString::to_string).collect();
+    Refusal::new(Reason::BadContent, lines.join("; "))
+}
+
+fn with_notes(detail: &str, mut notes: Vec<String>) -> String {
+    let rest = notes.len().saturating_sub(TOLD_MAX);
+    notes.truncate(TOLD_MAX);
+    if rest > 0 {
+        notes.push(format!("{rest} more remarks"));
+    }
+    std::iter::once(detail.to_owned()).chain(notes).collect::<Vec<_>>().join("; ")
+}
+
+fn named((action, agent): &(Name, Option<AgentId>)) -> String {
+    match agent {
+        Some(agent) => format!("`{action}` of `{agent}`"),
+        None => format!("`{action}` of everyone"),
+    }
+}
