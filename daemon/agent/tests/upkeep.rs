@@ -3,14 +3,14 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::content::{Heartbeat, Inform, ModelAnnouncement};
+use acl::content::{EpochChange, Heartbeat, Inform, ModelAnnouncement, Requested, RequestedFact};
 use acl::{AgentId, DaemonId, Deadline, EcosystemId, Incarnation, Message, Performative};
 use agent::upkeep::{self, Maintains, Upkeep};
 use agent::{Agent, Berth, Callbacks, Context, Launch as _, Presence, Settings, Switchboard};
 use capability::{Change, Maintainer, Scope, model_digest};
 use substrate::memory::Network;
 use tokio::sync::mpsc;
-use tokio::time::Instant;
+use tokio::time::{Instant, timeout};
 use tokio_util::sync::CancellationToken;
 
 const ONTOLOGY: &str = "(define (domain test) (:requirements :typing)
@@ -86,29 +86,54 @@ impl Keeper {
     }
 }
 
+fn name(text: &str) -> AgentId {
+    AgentId::new(text).expect("a name")
+}
+
+/// A daemon on a wire in memory, and berths on it.
+struct House {
+    switchboard: Arc<Switchboard>,
+    _network: Network,
+}
+
+impl House {
+    fn new() -> House {
+        let daemon = DaemonId::new("d").expect("a name");
+        let ecosystem = EcosystemId::new("test").expect("a name");
+        let switchboard = Switchboard::new(ecosystem, daemon.clone(), Settings::default());
+        let network = Network::new();
+        switchboard.connect(network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _));
+        House { switchboard, _network: network }
+    }
+
+    fn berth(&self, id: &str, life: u64) -> Berth {
+        Berth {
+            id: name(id),
+            incarnation: Incarnation(life),
+            switchboard: Arc::clone(&self.switchboard),
+            ontology: Arc::from("test"),
+            stopping: CancellationToken::new(),
+        }
+    }
+
+    /// Lets a keeper live here, and yields how what it believes changes.
+    fn keep(&self, scope: Scope) -> mpsc::UnboundedReceiver<Change> {
+        let (ontology, map) = (pddl::parse_domain(ONTOLOGY).value, pddl::parse_problem(MAP).value);
+        let maintainer =
+            Maintainer::new(ontology.expect("a domain"), map.expect("a problem"), scope);
+        let (tell, changes) = mpsc::unbounded_channel();
+        let keeper = Keeper { upkeep: Upkeep::new(maintainer), changes: tell };
+        drop(Box::new(keeper).launch(self.berth("keeper", 1)));
+        changes
+    }
+}
+
 /// Lives through a meter of so many heartbeats; when its capability left, and when its fact did.
 async fn silence_of(beats: u64) -> (Duration, Duration) {
-    let name = |text: &str| AgentId::new(text).expect("a name");
-    let daemon = DaemonId::new("d").expect("a name");
-    let ecosystem = EcosystemId::new("test").expect("a name");
-    let switchboard = Switchboard::new(ecosystem, daemon.clone(), Settings::default());
-    let network = Network::new();
-    switchboard.connect(network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _));
-    let berth = |id: &str, life| Berth {
-        id: name(id),
-        incarnation: Incarnation(life),
-        switchboard: Arc::clone(&switchboard),
-        ontology: Arc::from("test"),
-        stopping: CancellationToken::new(),
-    };
-    let (ontology, map) = (pddl::parse_domain(ONTOLOGY).value, pddl::parse_problem(MAP).value);
-    let maintainer =
-        Maintainer::new(ontology.expect("a domain"), map.expect("a problem"), Scope::Everything);
-    let (tell, mut changes) = mpsc::unbounded_channel();
-    let keeper = Keeper { upkeep: Upkeep::new(maintainer), changes: tell };
-    let _keeper = Box::new(keeper).launch(berth("keeper", 1));
+    let house = House::new();
+    let mut changes = house.keep(Scope::Everything);
     let began = Instant::now();
-    let _meter = Box::new(Meter { beats_left: beats, sequence: 0 }).launch(berth("meter", 2));
+    let _meter = Box::new(Meter { beats_left: beats, sequence: 0 }).launch(house.berth("meter", 2));
     let mut masked = None;
     loop {
         let change = changes.recv().await.expect("the keeper lives");
@@ -133,4 +158,72 @@ async fn a_silent_agent_is_masked_then_forgotten_although_its_token_stays() {
         about(masked, last_beat + heartbeat_lease);
         about(forgotten, masked + removal);
     }
+}
+
+/// Announces once what requests changed, as a Domain Maintainer does; with a model of its own or
+/// without.
+struct Teller {
+    requested: Requested,
+    has_model: bool,
+}
+
+impl Agent for Teller {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        if self.has_model {
+            let model = MODEL.replace("agent meter", "agent teller").replace("meter -", "teller -");
+            let heartbeat = Heartbeat {
+                digest: model_digest(&model, &[].into()),
+                sequence: 1,
+                facts: String::new(),
+                known_for: [].into(),
+                period: Deadline(ctx.settings().heartbeat_period),
+            };
+            let methods = [].into();
+            ctx.beat(&Inform::Model(Box::new(ModelAnnouncement { model, methods, heartbeat })));
+        }
+        ctx.after(Duration::from_secs(1), |teller: &mut Self, ctx| {
+            let requested = Some(teller.requested.clone());
+            ctx.inform_all(&Inform::Epoch(EpochChange { requested, ..EpochChange::default() }));
+        });
+    }
+}
+
+fn told(facts: &[(&str, Option<u64>)]) -> Requested {
+    let fact = |(fact, known_for): &(&str, Option<u64>)| RequestedFact {
+        fact: (*fact).to_owned(),
+        owner: name("ann"),
+        known_for: known_for.map(Deadline::from),
+    };
+    Requested { facts: facts.iter().map(fact).collect(), ..Requested::default() }
+}
+
+/// What a keeper of this scope believes and no longer believes, when it hears `requested`.
+async fn heard(scope: Scope, requested: Requested, has_model: bool) -> Vec<String> {
+    let house = House::new();
+    let mut changes = house.keep(scope);
+    drop(Box::new(Teller { requested, has_model }).launch(house.berth("teller", 2)));
+    let mut heard = Vec::new();
+    while let Ok(change) = timeout(Duration::from_secs(2), changes.recv()).await {
+        let Change { believed, retracted, .. } = change.expect("the keeper lives");
+        heard.extend(believed.iter().map(|fact| format!("+{fact}")));
+        heard.extend(retracted.iter().map(|fact| format!("-{fact}")));
+    }
+    heard
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_requests_changed_is_believed_by_those_who_hear_heartbeats_only() {
+    let own = || Scope::Local { own: name("keeper") };
+    let known = told(&[("(known hall)", Some(500))]);
+    assert_eq!(heard(own(), known.clone(), false).await, ["+(known hall)", "-(known hall)"]);
+    let lasting = told(&[("(known hall)", None)]);
+    assert_eq!(heard(own(), lasting.clone(), false).await, ["+(known hall)"]);
+    // The central one knows better, and an agent with a model is no Domain Maintainer.
+    assert!(heard(Scope::Everything, lasting.clone(), false).await.is_empty());
+    assert_eq!(heard(own(), lasting, true).await, [""; 0]);
+    assert!(heard(own(), told(&[("(known", None)]), false).await.is_empty());
 }

@@ -5,6 +5,9 @@ use agent::Mode;
 use super::{Script, Stage, play};
 use crate::hosting::Node;
 
+mod asking;
+mod changes;
+mod explanations;
 mod goals;
 mod guests;
 mod sensors;

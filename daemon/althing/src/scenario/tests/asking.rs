@@ -1,0 +1,99 @@
+//! A person's questions to an office of the tests, and the answers.
+
+use std::time::Duration;
+
+use acl::content::{Refusal, Report, Request, value};
+use acl::{AgentId, ConversationId, Message, Performative, Protocol};
+use agent::{Agent, Answer, Callbacks, Context, Mode, Opening, Resource};
+use building::Layout;
+use substrate::Ask;
+use tokio::sync::mpsc;
+
+use crate::scenario::stage::{self, Set, Stage};
+
+/// Asks once, and tells what is answered until the last word.
+struct Asker {
+    to: &'static str,
+    protocol: Protocol,
+    request: Request,
+    tell: mpsc::UnboundedSender<(bool, String)>,
+}
+
+impl Agent for Asker {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        let opening = Opening {
+            to: AgentId::new(self.to).ok(),
+            performative: Performative::Request,
+            protocol: self.protocol,
+            conversation: ConversationId::new("asked"),
+            content: value(&self.request),
+        };
+        ctx.open(opening, Duration::from_secs(30), |asker: &mut Self, answer, _| {
+            if let Answer::Message(message) = answer {
+                let _ = asker.tell.send(words(&message));
+            }
+        });
+    }
+}
+
+/// Whether an answer is the last, and what it says.
+fn words(message: &Message) -> (bool, String) {
+    if message.performative == Performative::Confirm {
+        let report: Report = message.content_as().expect("a report");
+        return (report.outcome.is_final(), format!("{}: {}", report.outcome, report.detail));
+    }
+    let refusal: Refusal = message.content_as().expect("a refusal");
+    (true, format!("{}: {}", message.performative, refusal.detail))
+}
+
+/// What the Domain Maintainer answers to `who`.
+pub(super) async fn change(set: &Set, who: &str, request: Request) -> String {
+    ask(set, who, "domain-maintainer", Protocol::StateChange, request).await.remove(0)
+}
+
+/// What `to` answers to `who`, until the last word.
+pub(super) async fn ask(
+    set: &Set,
+    who: &str,
+    to: &'static str,
+    protocol: Protocol,
+    request: Request,
+) -> Vec<String> {
+    let (tell, mut answers) = mpsc::unbounded_channel();
+    let id = AgentId::new(who).expect("a name");
+    let asker = Asker { to, protocol, request, tell };
+    set.node.launch(id, asker, set.ecosystem.domain.name.as_str());
+    let mut told = Vec::new();
+    loop {
+        let (is_last, text) = answers.recv().await.expect("an answer");
+        told.push(text);
+        if is_last {
+            break;
+        }
+    }
+    // What follows from it is announced.
+    tokio::time::sleep(Duration::from_millis(500)).await;
+    told
+}
+
+pub(super) async fn read<T: serde::de::DeserializeOwned>(
+    set: &Set,
+    of: &str,
+    resource: Resource,
+) -> T {
+    let ask = Ask { daemon: None, resource, agent: AgentId::new(of).ok() };
+    let answers = set.node.switchboard().ask(ask, Duration::from_secs(5)).await;
+    serde_json::from_slice(answers.first().expect("an answer")).expect("it is one")
+}
+
+/// The paper's office, and the name of one of its sensors.
+pub(super) async fn office(mode: Mode) -> (Set, String) {
+    let scenario = Layout::seeded(0);
+    let set = stage::set(&scenario, Stage::Memory, mode, true).await.expect("a stage");
+    tokio::time::sleep(Duration::from_secs(3)).await;
+    (set, scenario.dying_sensor)
+}

@@ -1,0 +1,74 @@
+//! What people are told where there is no plan, in the whole house.
+
+use std::time::Duration;
+
+use acl::content::{Achieve, Keep, Request};
+use acl::{AgentId, Protocol};
+use agent::Mode;
+
+use super::MODES;
+use super::asking::{ask, office};
+use crate::scenario::stage::Set;
+
+const REASONING: &[&str] =
+    &["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"];
+
+/// The last word on the temperature of `room`.
+async fn wish(set: &Set, who: &str, goal: &str) -> String {
+    let achieve = Achieve { goal: goal.to_owned(), keep: Keep::Achieve, priority: 0 };
+    let request = Request::Achieve(achieve);
+    let told = ask(set, who, "plan-requester", Protocol::Goal, request).await;
+    told.last().cloned().expect("a last word")
+}
+
+fn unplug(set: &Set, which: impl Fn(&str) -> bool) {
+    let agents: Vec<AgentId> = set.node.agents().cloned().collect();
+    for agent in agents.iter().filter(|agent| which(agent.as_str())) {
+        set.node.unplug(agent);
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn who_is_here_and_cannot_then_who_would_have_to_come() {
+    for mode in MODES {
+        let (set, sensor) = office(mode).await;
+        let goal = "(forall (?r - room) (known-temperature ?r))";
+        unplug(&set, |agent| !REASONING.contains(&agent));
+        // They are masked at once, and removed after a while.
+        tokio::time::sleep(Duration::from_millis(200)).await;
+        let told = wish(&set, "ann", goal).await;
+        let silent = format!("`{sensor}` does not offer `report-temperature` now");
+        assert!(told.starts_with("failed: no agent can `report-temperature` at "), "{told}");
+        assert!(told.contains(&silent), "{mode:?}: {told}");
+        // With the agents go their objects and schemas; what they could do is remembered.
+        tokio::time::sleep(Duration::from_secs(600)).await;
+        let told = wish(&set, "bob", goal).await;
+        assert!(told.starts_with("failed: no agent can `report-temperature` at "), "{told}");
+        assert!(told.contains("a temperature sensor there"), "{mode:?}: {told}");
+        assert!(told.contains("an ir temperature sensor"), "{mode:?}: {told}");
+        assert!(!told.contains(&sensor), "{mode:?}: {told}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_goal_that_undoes_itself_is_told_from_a_missing_capability() {
+    let (set, _) = office(Mode::Centralized).await;
+    let robot = set.node.agents().find(|agent| agent.as_str().contains("turtlebot"));
+    let robot = robot.expect("the paper has one").clone();
+    let goal = format!("(and (at {robot} office1) (at {robot} office2))");
+    let told = wish(&set, "ann", &goal).await;
+    let interfere = "each part can be reached alone; what is in the way is how they interfere";
+    assert!(told.contains(interfere), "{told}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn why_an_agent_was_chosen_is_told_where_others_could_answer() {
+    let (set, _) = office(Mode::Decentralized).await;
+    let goal = "(known-temperature office1)".to_owned();
+    let achieve = Achieve { goal, keep: Keep::Achieve, priority: 0 };
+    let request = Request::Achieve(achieve);
+    let told = ask(&set, "ann", "plan-requester", Protocol::Goal, request).await;
+    let chosen = told.iter().find(|text| text.starts_with("progress: chosen: ")).expect("a choice");
+    assert!(chosen.contains("for `(known-temperature office1)` at cost "), "{chosen}");
+    assert!(chosen.contains(" asked ") || chosen.contains("declined: "), "{chosen}");
+}
