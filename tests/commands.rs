@@ -2,37 +2,14 @@
 
 mod support;
 
+use std::process::{Child, Stdio};
 use std::time::Instant;
 
 use serde_json::Value;
-use support::{Office, PATIENCE, stderr, stdout};
+use support::{Office, PATIENCE, ask, lines, office, stderr, stdout};
 
 fn file() -> String {
     Office::file().display().to_string()
-}
-
-/// Runs a command against the office; its exit code and stdout.
-fn ask(office: &Office, arguments: &[&str]) -> (Option<i32>, String) {
-    let file = file();
-    let output = office.run(&[arguments, &["--ecosystem", &file]].concat());
-    (output.status.code(), format!("{}{}", stdout(&output), stderr(&output)))
-}
-
-/// The office on four machines, when all its devices can be planned with.
-fn office() -> Office {
-    let mut office = Office::new();
-    // The robot's laptop comes before the other boards: it lends them the simulated building.
-    office.up(&["reasoning", "turtlebot-laptop", "office2-pi", "conf-room-pi"], &[]);
-    let deadline = Instant::now() + PATIENCE;
-    let devices = ["thermometer-office2", "thermometer-conf-room", "turtlebot-1", "ir-1"];
-    loop {
-        let (_, json) = ask(&office, &["domain", "--json"]);
-        let snapshot: Value = serde_json::from_str(&json).unwrap_or_default();
-        if devices.iter().all(|device| snapshot["offers"].get(device).is_some()) {
-            return office;
-        }
-        assert!(Instant::now() < deadline, "not all devices came: {json}");
-    }
 }
 
 #[test]
@@ -88,6 +65,225 @@ fn an_office_of_four_machines() {
 }
 
 #[test]
+fn one_action_at_a_time() {
+    let office = office();
+    let (code, moved) = ask(&office, &["act", "(move turtlebot-1 corridor office1)"]);
+    assert_eq!(code, Some(0), "{moved}");
+    assert!(moved.contains("arrived at office1"), "{moved}");
+    let (_, state) = ask(&office, &["state"]);
+    assert!(state.contains("(at turtlebot-1 office1)"), "{state}");
+
+    let (code, again) = ask(&office, &["act", "(move turtlebot-1 corridor office1)", "--json"]);
+    assert_eq!(code, Some(1), "it is not in the corridor any more: {again}");
+    assert!(again.contains("(at turtlebot-1 corridor)"), "what does not hold: {again}");
+
+    let (code, nobody) = ask(&office, &["act", "(move turtlebot-2 corridor office1)"]);
+    assert_eq!(code, Some(1), "{nobody}");
+    assert!(nobody.contains("did you mean `turtlebot-1`?"), "{nobody}");
+
+    let (code, broken) = ask(&office, &["act", "(move turtlebot-1"]);
+    assert_eq!(code, Some(33), "{broken}");
+}
+
+#[test]
+fn the_state_is_changed_by_a_word() {
+    let office = office();
+    let fact = "(known-temperature office1)";
+    let (code, set) = ask(&office, &["set", fact]);
+    assert_eq!(code, Some(0), "{set}");
+    let (_, goal) = ask(&office, &["goal", fact]);
+    assert!(goal.contains("it holds already"), "{goal}");
+
+    let (code, retracted) = ask(&office, &["set", "--retract", fact, "--json"]);
+    assert_eq!(code, Some(0), "{retracted}");
+    let (_, state) = ask(&office, &["state"]);
+    assert!(!state.contains(fact), "{state}");
+
+    let (code, unknown) = ask(&office, &["set", "(known-temprature office1)"]);
+    assert_eq!(code, Some(1), "{unknown}");
+    assert!(unknown.contains("did you mean `known-temperature`?"), "{unknown}");
+    let (code, broken) = ask(&office, &["set", "(known-temperature"]);
+    assert_eq!(code, Some(33), "{broken}");
+}
+
+#[test]
+fn the_flow_changes_while_it_runs() {
+    let office = office();
+    let planned = || {
+        let (_, json) = ask(&office, &["mailbox", "planning-agent", "--json"]);
+        let mailboxes: Value = serde_json::from_str(&json).expect("one JSON object");
+        mailboxes["daemons"][0]["mailboxes"][0]["received"].as_u64().expect("a count")
+    };
+    let before = planned();
+    let (code, goal) = ask(&office, &["goal", "(known-temperature office2)"]);
+    assert_eq!(code, Some(0), "{goal}");
+    assert_eq!(planned(), before, "the central planner is idle");
+
+    let (code, mode) = ask(&office, &["mode", "centralized"]);
+    assert_eq!(code, Some(0), "{mode}");
+    assert!(mode.contains("centralized from now on"), "{mode}");
+    let (code, goal) = ask(&office, &["goal", "(known-temperature conf-room)"]);
+    assert_eq!(code, Some(0), "{goal}");
+    assert!(planned() > before, "the central planner was asked");
+}
+
+#[test]
+fn a_question_is_answered_or_ends_at_its_deadline() {
+    let office = office();
+    let question = |patience: u32| {
+        let text = format!(
+            r#"{{"receiver": "keyboard", "performative": "query-ref",
+                "content": {{"text": "May I enter?"}}, "reply_by": {patience}}}"#
+        );
+        office.write(&format!("{patience}.json"), &text).display().to_string()
+    };
+    let (code, none) = ask(&office, &["answer"]);
+    assert_eq!((code, none.as_str()), (Some(0), "no agent asks anybody\n"));
+    let (code, refused) = ask(&office, &["send", &question(300)]);
+    assert_eq!(code, Some(1), "{refused}");
+    assert!(refused.contains("nobody is at a terminal of `keyboard`"), "{refused}");
+
+    let asked = question(60_000);
+    std::thread::scope(|scope| {
+        let asking = scope.spawn(|| ask(&office, &["send", &asked]));
+        let deadline = Instant::now() + PATIENCE;
+        let open = loop {
+            let (_, open) = ask(&office, &["answer"]);
+            if open.contains("May I enter?") {
+                break open;
+            }
+            assert!(Instant::now() < deadline, "the question never came");
+        };
+        assert!(open.contains("keyboard/2"), "{open}");
+        let (code, unknown) = ask(&office, &["answer", "9", "yes"]);
+        assert_eq!(code, Some(33), "{unknown}");
+        assert!(unknown.contains("open: keyboard/2"), "{unknown}");
+        let (code, told) = ask(&office, &["answer", "2", "yes,", "do"]);
+        assert_eq!(code, Some(0), "{told}");
+        let (code, answer) = asking.join().expect("no panic");
+        assert_eq!(code, Some(0), "{answer}");
+        assert!(answer.contains("inform   keyboard: yes, do"), "{answer}");
+    });
+}
+
+/// A command under way, its lines read as they come.
+fn begin(office: &Office, arguments: &[&str]) -> (Child, std::sync::mpsc::Receiver<String>) {
+    let file = file();
+    let mut command = office.command(&[arguments, &["--ecosystem", &file]].concat());
+    let mut child = command.stdout(Stdio::piped()).spawn().expect("the binary is built");
+    let lines = lines(&mut child);
+    (child, lines)
+}
+
+fn await_line(lines: &std::sync::mpsc::Receiver<String>, text: &str) -> String {
+    loop {
+        let line = lines.recv_timeout(PATIENCE);
+        let line = line.unwrap_or_else(|_| panic!("`{text}` never came"));
+        if line.contains(text) {
+            return line;
+        }
+    }
+}
+
+#[test]
+fn a_goal_is_looked_at_and_its_conversation_watched() {
+    let office = office();
+    let (_, none) = ask(&office, &["goals"]);
+    assert_eq!(none, "nobody wants anything\n");
+    let goal = ["goal", "(known-temperature office2)", "--maintain", "--priority", "3"];
+    let (mut keeping, said) = begin(&office, &goal);
+    let asked = await_line(&said, "asked");
+    let id = asked.split_whitespace().last().expect("a conversation").to_owned();
+    await_line(&said, "holds");
+
+    let (code, goals) = ask(&office, &["goals"]);
+    assert_eq!(code, Some(0), "{goals}");
+    for part in ["(known-temperature office2)", "holds; to be kept, priority 3, 1 plan", &id] {
+        assert!(goals.contains(part), "{part}: {goals}");
+    }
+    let (_, json) = ask(&office, &["goals", "--json"]);
+    let goals: Value = serde_json::from_str(&json).expect("one JSON object");
+    assert_eq!(goals["goals"][0]["conversation"], id.as_str());
+
+    let (mut watching, diagram) = begin(&office, &["watch", "--conversation", &id]);
+    await_line(&diagram, "listening");
+    let (code, given_up) = ask(&office, &["goal", "--cancel", &id]);
+    assert_eq!(code, Some(0), "{given_up}");
+    assert!(keeping.wait().is_ok());
+    let cancel = await_line(&diagram, "─ cancel ─");
+    let confirm = await_line(&diagram, "─ confirm ─");
+    let what = await_line(&diagram, "cancelled: ");
+    assert!(cancel.contains("▶ plan-requester"), "{cancel}");
+    for line in [cancel, confirm, what] {
+        assert!(line.chars().count() <= 80, "{line}");
+    }
+    let _ = watching.kill();
+    let _ = watching.wait();
+}
+
+#[test]
+fn mailboxes_and_messages_are_open_to_whoever_looks_after_them() {
+    let office = office();
+    let (code, all) = ask(&office, &["mailbox"]);
+    assert_eq!(code, Some(0), "{all}");
+    for part in ["turtlebot-1 ", "OVERFLOWED", "MISADDRESSED", "reasoning"] {
+        assert!(all.contains(part), "{part}: {all}");
+    }
+    assert!(all.lines().all(|line| line.chars().count() <= 80), "{all}");
+    let (code, unknown) = ask(&office, &["mailbox", "turtlebot-11"]);
+    assert_eq!(code, Some(69), "{unknown}");
+    assert!(unknown.contains("did you mean `turtlebot-1`?"), "{unknown}");
+
+    let message = r#"{"receiver": "turtlebot-1", "performative": "request",
+        "content": {"act": "achieve", "goal": "(known-temperature office1)"}}"#;
+    let file = office.write("message.json", message).display().to_string();
+    let (code, answer) = ask(&office, &["send", &file]);
+    assert_eq!(code, Some(1), "{answer}");
+    assert!(answer.contains("refuse   turtlebot-1: an actuator takes `act`"), "{answer}");
+    let file = office.write("wrong.json", r#"{"performative": "shout"}"#).display().to_string();
+    let (code, wrong) = ask(&office, &["send", &file]);
+    assert_eq!(code, Some(33), "{wrong}");
+}
+
+#[test]
+fn a_script_is_done_line_by_line() {
+    let office = office();
+    let file = file();
+    let script = "# to and fro\n\
+        act (move turtlebot-1 corridor office1)\n\
+        act (move turtlebot-1 office1 corridor)\n\
+        agents\n";
+    let path = office.write("script", script);
+    let run = |path| {
+        let mut command = office.command(&["keyboard", "--ecosystem", &file]);
+        command.stdin(std::fs::File::open(path).expect("just written"));
+        command.output().expect("the binary is built")
+    };
+    let output = run(path);
+    let text = stdout(&output);
+    assert_eq!(output.status.code(), Some(0), "{text}{}", stderr(&output));
+    let first = text.find("[1] done").expect("the first action ends");
+    let second = text.find("[2] asked").expect("the second action begins");
+    assert!(first < second && text.contains("[2] done"), "{text}");
+    assert!(text.contains("thermometer-office2"), "{text}");
+    assert!(!text.contains("althing>") && !text.contains('\u{1b}'), "{text}");
+
+    let output = run(office.write("wrong", "act (fly turtlebot-1)\nquit\nagents\n"));
+    assert_eq!(output.status.code(), Some(1), "{}", stdout(&output));
+    assert!(!stdout(&output).contains("AGENT"), "nothing is done after `quit`");
+}
+
+#[test]
+fn shells_can_complete() {
+    let office = Office::new();
+    for shell in ["bash", "zsh", "fish"] {
+        let output = office.run(&["completions", shell]);
+        assert_eq!(output.status.code(), Some(0));
+        assert!(stdout(&output).contains("mailbox"), "{shell}");
+    }
+}
+
+#[test]
 fn a_frozen_process_is_silence_not_for_ever() {
     let office = office();
     office.signal("office2-pi", "STOP");
@@ -100,7 +296,20 @@ fn a_frozen_process_is_silence_not_for_ever() {
 #[test]
 fn nobody_there_is_said() {
     let office = Office::new();
-    for command in [&["agents"][..], &["goal", "temperatures"], &["state"], &["domain"]] {
+    let commands = [
+        &["agents"][..],
+        &["goal", "temperatures"],
+        &["act", "(move turtlebot-1 corridor office1)"],
+        &["set", "(known-temperature office1)"],
+        &["mode", "centralized"],
+        &["answer"],
+        &["state"],
+        &["domain"],
+        &["goals"],
+        &["mailbox"],
+        &["keyboard"],
+    ];
+    for command in commands {
         let (code, text) = ask(&office, command);
         assert_eq!(code, Some(69), "{text}");
         assert!(text.contains("no daemon of it runs on this machine"), "{text}");

@@ -7,8 +7,9 @@ use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::mpsc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use serde_json::Value;
 use tempfile::TempDir;
 
 /// How long anything may take on a machine that is busy with other tests: longer than a scenario
@@ -45,16 +46,28 @@ impl Office {
 
     /// Any `althing` command of this office.
     pub(crate) fn command(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_althing"));
+        let mut command = self.program(env!("CARGO_BIN_EXE_althing"));
+        command.args(arguments).stdin(Stdio::null());
         command
-            .args(arguments)
+    }
+
+    /// Any program, in this office's folder and environment.
+    pub(crate) fn program(&self, program: &str) -> Command {
+        let mut command = Command::new(program);
+        command
             .current_dir(self.folder.path())
             .env("ALTHING_RUNTIME_DIR", self.runtime_folder())
             .env("ALTHING_STATE_DIR", self.folder.path().join("state"))
             .env("ALTHING_BUILDING__SOCKET", self.folder.path().join("building.sock"))
-            .env("ALTHING_BUILDING__TIME_SCALE", "0.02")
-            .stdin(Stdio::null());
+            .env("ALTHING_BUILDING__TIME_SCALE", "0.02");
         command
+    }
+
+    /// Writes a file into this office's folder; where it is.
+    pub(crate) fn write(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.folder.path().join(name);
+        std::fs::write(&path, text).expect("the folder can be written to");
+        path
     }
 
     /// Runs a command to its end.
@@ -107,6 +120,30 @@ impl Office {
         let id = daemon.child.id().to_string();
         let sent = Command::new("kill").args([&format!("-{signal}"), &id]).status();
         assert!(sent.expect("kill is there").success());
+    }
+}
+
+/// Runs a command against the repository's office; its exit code and what it printed.
+pub(crate) fn ask(office: &Office, arguments: &[&str]) -> (Option<i32>, String) {
+    let file = Office::file().display().to_string();
+    let output = office.run(&[arguments, &["--ecosystem", &file]].concat());
+    (output.status.code(), format!("{}{}", stdout(&output), stderr(&output)))
+}
+
+/// The office on four machines, when all its devices can be planned with.
+pub(crate) fn office() -> Office {
+    let mut office = Office::new();
+    // The robot's laptop comes before the other boards: it lends them the simulated building.
+    office.up(&["reasoning", "turtlebot-laptop", "office2-pi", "conf-room-pi"], &[]);
+    let deadline = Instant::now() + PATIENCE;
+    let devices = ["thermometer-office2", "thermometer-conf-room", "turtlebot-1", "ir-1"];
+    loop {
+        let (_, json) = ask(&office, &["domain", "--json"]);
+        let snapshot: Value = serde_json::from_str(&json).unwrap_or_default();
+        if devices.iter().all(|device| snapshot["offers"].get(device).is_some()) {
+            return office;
+        }
+        assert!(Instant::now() < deadline, "not all devices came: {json}");
     }
 }
 

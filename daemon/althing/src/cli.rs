@@ -22,16 +22,18 @@ Try it
   althing up ecosystems/smart-office.toml   run this machine's part of an office
   althing goal temperatures                 ask the office for an outcome
 
-Run        up        run the daemon: this machine's agents join the ecosystem
-           scenario  play a scenario of the paper in a simulated building
-Ask        goal      ask for an outcome, follow it, keep it up, give it up
-Look       agents    who is here, and what they can do
-           domain    what they can do together, as PDDL
-           state     what is known of the world, and from whom
-           watch     the messages, as they are sent
-Plan alone plan      find a plan for a PDDL domain and problem
-           validate  check a plan, and show the step that fails
-           check     show what is wrong in ecosystem files, PDDL, action models
+Run   up        run the daemon: this machine's agents join the ecosystem
+      keyboard  open a prompt to a running ecosystem, in any terminal
+      scenario  play a scenario of the paper in a simulated building
+Ask   goal      for an outcome: follow it, keep it up, give it up
+      act       for one action         set      change what is known to be true
+      mode      for the other flow     answer   what an agent asks a person
+Look  agents    who is here            domain   what they can do together, as PDDL
+      state     what is known          goals    what is wanted, and how it stands
+      watch     the messages           mailbox  how full agents' mailboxes are
+Plan  plan      without an ecosystem   validate a plan, to the step that fails
+      check     show what is wrong in ecosystem files, PDDL, action models
+More  send      a message, as JSON     completions  for bash, zsh and fish
 
 Options: -v, -vv (log more), --json (where something is printed), -h, -V
 ";
@@ -73,16 +75,38 @@ pub(crate) enum Command {
     Up(UpArgs),
     /// Play a scenario of the paper against the simulated building, and check the outcome
     Scenario(ScenarioArgs),
+    /// Open a prompt to a running ecosystem: goals, actions, answers, and what comes of them
+    #[command(after_help = KEYBOARD_HELP)]
+    Keyboard(KeyboardArgs),
     /// Ask a running ecosystem for a goal, and follow it to its end
     Goal(GoalArgs),
+    /// Ask for one action, and follow it to its end
+    #[command(after_help = ACT_HELP)]
+    Act(ActArgs),
+    /// Change what is known of the world
+    #[command(after_help = SET_HELP)]
+    Set(SetArgs),
+    /// Change the flow while it runs: who plans for the goals from now on
+    Mode(ModeArgs),
+    /// Answer a question that an agent asks a person; without arguments, list the open ones
+    #[command(after_help = ANSWER_HELP)]
+    Answer(AnswerArgs),
     /// Show who is here, with which capabilities
     Agents(AskArgs),
     /// Show what all agents can do together, as a PDDL domain
     Domain(AskArgs),
     /// Show what is known of the world, from whom, and until when
     State(AskArgs),
+    /// Show the goals, where they stand, and what has happened
+    Goals(AskArgs),
     /// Show the messages of a running ecosystem as they are sent
+    #[command(after_help = WATCH_HELP)]
     Watch(WatchArgs),
+    /// Show how full agents' mailboxes are, and what has overflowed
+    Mailbox(MailboxArgs),
+    /// Send one message as it is written, and print the answers
+    #[command(after_help = SEND_HELP)]
+    Send(SendArgs),
     /// Find a plan for a PDDL domain and problem
     #[command(after_help = PLAN_HELP)]
     Plan(PlanArgs),
@@ -92,6 +116,9 @@ pub(crate) enum Command {
     /// Show what is wrong in ecosystem files, PDDL files and action models
     #[command(after_help = CHECK_HELP)]
     Check(CheckArgs),
+    /// Print what lets a shell complete this command line
+    #[command(after_help = COMPLETIONS_HELP)]
+    Completions(CompletionsArgs),
 }
 
 const PLAN_HELP: &str = "\
@@ -118,6 +145,49 @@ Exit codes: 0 nothing wrong, 33 mistakes were found
 Examples: althing check althing.toml
           althing check domains/*/*.pddl --json";
 
+const KEYBOARD_HELP: &str = "\
+At the prompt, Tab completes, `help` lists the verbs, Ctrl-D ends. A line that
+begins with `(` is a goal. Where standard input is no terminal, its lines are
+done one after the other, and the exit code is 1 if one of them failed.
+
+Examples: althing keyboard
+          echo \"act (move turtlebot-1 corridor office1)\" | althing keyboard";
+
+const ACT_HELP: &str = "\
+The first argument of an action is the agent that acts. Ctrl-C gives it up.
+
+Example: althing act \"(move turtlebot-1 corridor office1)\"";
+
+const SET_HELP: &str = "\
+What an agent says of itself overrides it with the agent's next heartbeat.
+
+Examples: althing set \"(known-temperature office1)\"
+          althing set \"(= (distance corridor office1) 9)\"
+          althing set --retract \"(connected corridor office1)\"";
+
+const ANSWER_HELP: &str = "\
+Examples: althing answer               lists the open questions
+          althing answer 1 yes         where one keyboard alone has a question 1
+          althing answer hall/1 yes    question 1 of the keyboard `hall`";
+
+const WATCH_HELP: &str = "\
+Examples: althing watch
+          althing watch --conversation ID     one goal, as a sequence diagram";
+
+const SEND_HELP: &str = "\
+The message is an object with `receiver` (a name; to all without it),
+`performative` (request, query-ref, cfp or cancel) and `content`; where they are
+not given, `protocol`, `conversation_id` and `reply_by` (milliseconds) are
+chosen. Sender, ids and version are the keyboard's.
+
+Example: {\"receiver\": \"keyboard\", \"performative\": \"query-ref\",
+          \"content\": {\"text\": \"May I enter?\"}, \"reply_by\": 30000}";
+
+const COMPLETIONS_HELP: &str = "\
+Examples: source <(althing completions bash)          in ~/.bashrc
+          source <(althing completions zsh)           in ~/.zshrc
+          althing completions fish | source           in config.fish";
+
 /// `althing up`
 #[derive(Debug, Args)]
 pub(crate) struct UpArgs {
@@ -136,9 +206,24 @@ pub(crate) struct UpArgs {
     /// Where another daemon is, such as tcp/office-pi.local:7447; may be repeated
     #[arg(long, value_name = "ENDPOINT")]
     pub(crate) connect: Vec<String>,
-    /// Stop when standard input ends, as it does with the program that started this
+    /// Open a prompt on this terminal; Ctrl-D there ends the daemon too
     #[arg(long)]
+    pub(crate) keyboard: bool,
+    /// Stop when standard input ends, as it does with the program that started this
+    #[arg(long, conflicts_with = "keyboard")]
     pub(crate) until_stdin_ends: bool,
+}
+
+/// `althing keyboard`
+#[derive(Debug, Args)]
+pub(crate) struct KeyboardArgs {
+    /// What agents call this keyboard, to ask whoever sits at it [default: a new name]
+    #[arg(long, value_name = "NAME")]
+    pub(crate) name: Option<String>,
+    #[command(flatten)]
+    pub(crate) reach: ReachArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
 }
 
 /// `althing scenario`
@@ -165,8 +250,19 @@ pub(crate) struct ScenarioArgs {
 
 /// `althing goal`
 #[derive(Debug, Args)]
-#[command(group = ArgGroup::new("what").required(true).args(["goal", "cancel"]))]
 pub(crate) struct GoalArgs {
+    #[command(flatten)]
+    pub(crate) wish: WishArgs,
+    #[command(flatten)]
+    pub(crate) reach: ReachArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// A goal, here and at the prompt.
+#[derive(Debug, Args)]
+#[command(group = ArgGroup::new("what").required(true).args(["goal", "cancel"]))]
+pub(crate) struct WishArgs {
     /// PDDL, such as "(known-temperature office1)", or a name from the ecosystem file
     pub(crate) goal: Option<String>,
     /// Keep the goal: plan again whenever it no longer holds
@@ -184,10 +280,116 @@ pub(crate) struct GoalArgs {
     /// Give up the goal of this conversation
     #[arg(long, value_name = "ID")]
     pub(crate) cancel: Option<String>,
+}
+
+/// `althing act`
+#[derive(Debug, Args)]
+pub(crate) struct ActArgs {
+    #[command(flatten)]
+    pub(crate) action: ActionArgs,
     #[command(flatten)]
     pub(crate) reach: ReachArgs,
     #[command(flatten)]
     pub(crate) print: PrintArgs,
+}
+
+/// One action, here and at the prompt.
+#[derive(Debug, Args)]
+pub(crate) struct ActionArgs {
+    /// A ground action, such as "(move turtlebot-1 corridor office1)"
+    pub(crate) action: String,
+}
+
+/// `althing set`
+#[derive(Debug, Args)]
+pub(crate) struct SetArgs {
+    #[command(flatten)]
+    pub(crate) facts: FactArgs,
+    #[command(flatten)]
+    pub(crate) reach: ReachArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// Facts, here and at the prompt.
+#[derive(Debug, Args)]
+pub(crate) struct FactArgs {
+    /// Facts, such as "(door-open d1)" or "(= (distance corridor office1) 9)"
+    #[arg(required = true, value_name = "FACT")]
+    pub(crate) facts: Vec<String>,
+    /// They are true no longer
+    #[arg(long)]
+    pub(crate) retract: bool,
+}
+
+/// `althing mode`
+#[derive(Debug, Args)]
+pub(crate) struct ModeArgs {
+    /// Who plans from now on
+    pub(crate) mode: ModeArg,
+    #[command(flatten)]
+    pub(crate) reach: ReachArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// `althing answer`
+#[derive(Debug, Args)]
+pub(crate) struct AnswerArgs {
+    #[command(flatten)]
+    pub(crate) reply: ReplyArgs,
+    #[command(flatten)]
+    pub(crate) reach: ReachArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// An answer, here and at the prompt.
+#[derive(Debug, Args)]
+pub(crate) struct ReplyArgs {
+    /// Which question: its number, or KEYBOARD/NUMBER
+    #[arg(requires = "text")]
+    pub(crate) id: Option<String>,
+    /// What to answer
+    pub(crate) text: Vec<String>,
+}
+
+/// `althing mailbox`
+#[derive(Debug, Args)]
+pub(crate) struct MailboxArgs {
+    #[command(flatten)]
+    pub(crate) whose: WhoseArgs,
+    #[command(flatten)]
+    pub(crate) reach: ReachArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// Whose mailbox, here and at the prompt.
+#[derive(Debug, Args)]
+pub(crate) struct WhoseArgs {
+    /// Whose mailbox [default: everybody's]
+    #[arg(value_name = "AGENT")]
+    pub(crate) agent: Option<String>,
+}
+
+/// `althing send`
+#[derive(Debug, Args)]
+pub(crate) struct SendArgs {
+    /// A file with the message, or - for standard input
+    #[arg(value_name = "FILE|-")]
+    pub(crate) file: PathBuf,
+    #[command(flatten)]
+    pub(crate) reach: ReachArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// `althing completions`
+#[derive(Debug, Args)]
+pub(crate) struct CompletionsArgs {
+    /// For which shell
+    pub(crate) shell: ShellArg,
 }
 
 /// `althing agents`, `domain`, `state`
@@ -202,13 +404,27 @@ pub(crate) struct AskArgs {
 /// `althing watch`
 #[derive(Debug, Args)]
 pub(crate) struct WatchArgs {
-    /// Only the messages of this conversation
+    /// Only the messages of this conversation, as a sequence diagram
     #[arg(long, value_name = "ID")]
     pub(crate) conversation: Option<String>,
     #[command(flatten)]
     pub(crate) reach: ReachArgs,
     #[command(flatten)]
     pub(crate) print: PrintArgs,
+}
+
+/// `watch` at the prompt.
+#[derive(Debug, Args)]
+pub(crate) struct WatchWords {
+    /// Only the messages of one goal: its number, or its conversation
+    #[arg(conflicts_with = "conversation")]
+    pub(crate) id: Option<String>,
+    /// The same, as on the command line
+    #[arg(long, value_name = "ID")]
+    pub(crate) conversation: Option<String>,
+    /// Watch no longer
+    #[arg(long)]
+    pub(crate) off: bool,
 }
 
 /// `althing plan`
@@ -293,6 +509,17 @@ pub(crate) struct PrintArgs {
     /// Print JSON, for programs
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// A shell that completes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ShellArg {
+    /// The Bourne Again Shell
+    Bash,
+    /// Z shell
+    Zsh,
+    /// The friendly interactive shell
+    Fish,
 }
 
 /// What carries messages.

@@ -18,7 +18,7 @@ pub(crate) fn start(verbose: u8) {
     });
     let subscriber = tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(std::io::stderr)
+        .with_writer(|| crate::output::Notes)
         .with_ansi(crate::output::stderr_is_colored())
         .finish();
     // A second start, in a test, changes nothing.

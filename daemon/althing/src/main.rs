@@ -3,7 +3,7 @@
 //! 1. [`cli`] reads the command line, 2. [`commands`] has one function per command, 3. [`exit`]
 //!    names what the process ends with.
 //!
-//! Around them: [`hosting`] (one daemon and its agents), [`plugins`] (the table of them), [`scenario`]
+//! Around them: [`prompt`] (a person at a terminal), [`hosting`] (one daemon and its agents), [`plugins`] (the table of them), [`scenario`]
 //! (the paper's demonstrations), [`config`] (what the ecosystem file means), [`report`] and [`render`] (how mistakes
 //! are gathered and shown), [`pddl_files`], [`output`] (the two streams), [`logging`].
 
@@ -16,6 +16,7 @@ mod logging;
 mod output;
 mod pddl_files;
 mod plugins;
+mod prompt;
 mod render;
 mod report;
 mod scenario;

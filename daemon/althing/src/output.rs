@@ -1,18 +1,88 @@
 //! The two streams: results on stdout, everything about them on stderr.
 //!
 //! A reader that goes away (`althing plan … | head -1`) is no error. Colors only where a person
-//! looks: on a terminal, and never with `NO_COLOR`.
+//! looks: on a terminal, and never with `NO_COLOR`. While a prompt is on the terminal, everything
+//! goes [`above`] it, so that nothing garbles the line that is being edited.
 
 use std::fmt::Display;
 use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::process::ExitCode;
+use std::sync::mpsc::Sender;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::exit;
 use crate::render::{self, Look};
 use crate::report::Report;
 
+/// The way to above the prompt, while there is one.
+static ABOVE: Mutex<Option<Sender<String>>> = Mutex::new(None);
+
+/// What a word stands for, for a person.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Color {
+    /// As it comes.
+    Plain,
+    /// Of no weight.
+    Dim,
+    /// Good.
+    Green,
+    /// It wants something of the user.
+    Yellow,
+    /// Bad.
+    Red,
+}
+
+/// Sends everything above a prompt from now on, or, with `None`, to the two streams again.
+pub(crate) fn above(prompt: Option<Sender<String>>) {
+    *lock() = prompt;
+}
+
+/// Prints above the prompt; gives the text back where there is none.
+fn print_above(text: String) -> Result<(), String> {
+    match &*lock() {
+        Some(prompt) => prompt.send(text).map_err(|unsent| unsent.0),
+        None => Err(text),
+    }
+}
+
+fn lock() -> MutexGuard<'static, Option<Sender<String>>> {
+    ABOVE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A word in its color, where stdout has any.
+pub(crate) fn paint(color: Color, word: &str) -> String {
+    let code = match color {
+        Color::Plain => return word.to_owned(),
+        Color::Dim => "2",
+        Color::Green => "32",
+        Color::Yellow => "1;33",
+        Color::Red => "31",
+    };
+    if stdout_is_colored() { format!("\x1b[{code}m{word}\x1b[0m") } else { word.to_owned() }
+}
+
+/// Standard error, or above the prompt: for the log.
+pub(crate) struct Notes;
+
+impl Write for Notes {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match print_above(String::from_utf8_lossy(bytes).into_owned()) {
+            Ok(()) => Ok(bytes.len()),
+            Err(_) => io::stderr().lock().write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        io::stderr().lock().flush()
+    }
+}
+
 /// Writes a result to stdout; `code` if that worked.
 pub(crate) fn print(text: impl Display, code: u8) -> ExitCode {
+    let text = match print_above(text.to_string()) {
+        Ok(()) => return exit::with(code),
+        Err(text) => text,
+    };
     let mut stdout = io::stdout().lock();
     match write!(stdout, "{text}").and_then(|()| stdout.flush()) {
         Ok(()) => exit::with(code),
@@ -31,7 +101,9 @@ pub(crate) fn print_json(value: &serde_json::Value, code: u8) -> ExitCode {
 
 /// Writes a line for people to stderr. There is nowhere to say that this failed.
 pub(crate) fn note(line: &str) {
-    let _ = writeln!(io::stderr().lock(), "{line}");
+    if let Err(line) = print_above(format!("{line}\n")) {
+        let _ = io::stderr().lock().write_all(line.as_bytes());
+    }
 }
 
 /// Shows mistakes: to people on stderr, or on stdout as one JSON object.
@@ -51,13 +123,24 @@ pub(crate) fn show_people(report: &Report) {
         return;
     }
     let text = render::human(report, Look::of_stderr());
-    let _ = write!(io::stderr().lock(), "{text}");
+    if let Err(text) = print_above(text) {
+        let _ = io::stderr().lock().write_all(text.as_bytes());
+    }
     note(&render::summary(report));
 }
 
 /// Whether stderr may have colors.
 pub(crate) fn stderr_is_colored() -> bool {
+    io::stderr().is_terminal() && colors_are_welcome()
+}
+
+/// Whether stdout may have colors.
+pub(crate) fn stdout_is_colored() -> bool {
+    io::stdout().is_terminal() && colors_are_welcome()
+}
+
+fn colors_are_welcome() -> bool {
     let refused = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
     let dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
-    io::stderr().is_terminal() && !refused && !dumb
+    !refused && !dumb
 }

@@ -1,30 +1,52 @@
 //! The Keyboard Agent (the paper, “User Interface”): a person's voice and ear in the ecosystem.
 //!
-//! - Forwards goals to the Plan Requester and passes back what becomes of them.
-//! - Cancels a goal, also one that another keyboard asked for.
-//! - Answers a `query-ref` with `refuse`: asking a person is not built yet, and it says so.
+//! - Asks for goals and single actions, changes the state and the flow, and passes back what
+//!   becomes of them.
+//! - Gives up a goal, also one that another keyboard asked for.
+//! - Keeps the questions that agents put to a person (`query-ref`) until somebody at this
+//!   keyboard, or at another, answers; at its deadline a question is refused with a reason.
 //!
-//! Whoever holds the [`Terminal`] decides what is shown.
+//! There are as many as there are terminals. Whoever holds the [`Terminal`] decides what is shown.
 
-use acl::content::{Achieve, Keep, Outcome, Reason, Refusal, Report, Request, value};
+mod acting;
+mod questions;
+mod terminal;
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use acl::content::{
+    Achieve, AnswerQuestion, ChangeState, Inform, Mode, Outcome, PersonsAnswer, Question, Reason,
+    Refusal, Report, Request, SetMode, value,
+};
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{
-    Agent, Answer, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Opening,
-    PluginEntry, Work,
+    Agent, Answer, Ask, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Opening,
+    PluginEntry, Resource, Work,
 };
 use serde::Deserialize;
 use tokio::sync::mpsc;
+
+use crate::questions::Questions;
+pub use crate::terminal::{Draft, Heard, Said, Terminal, Wish};
 
 /// Wishes and news that may wait for the other side of the terminal.
 const TERMINAL_MAX: usize = 1_024;
 
 /// How long a goal may go without any word. A maintained goal may hold for a year.
-const PATIENCE: std::time::Duration = std::time::Duration::from_secs(365 * 24 * 3_600);
+const PATIENCE: Duration = Duration::from_secs(365 * 24 * 3_600);
+
+/// How long a question waits that names no deadline: a person who is there has seen it by then.
+const QUESTION_PATIENCE: Duration = Duration::from_secs(60);
+
+/// How long before an asker's deadline its question is refused, so that it hears the reason
+/// before it stops listening; a tenth of the time where that is less.
+const QUESTION_MARGIN: Duration = Duration::from_millis(500);
 
 /// The line in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "keyboard",
-    about: "asks for goals on behalf of a person, and tells what becomes of them",
+    about: "speaks and listens for a person: goals, actions, changes, answers",
     drivers: &[],
     build,
 };
@@ -37,54 +59,17 @@ struct Config {
     goals: Vec<Wish>,
 }
 
-/// What a person wants.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct Wish {
-    /// A PDDL condition.
-    pub goal: String,
-    /// Reach it once, or keep it.
-    #[serde(default)]
-    pub keep: Keep,
-    /// Greater goes first.
-    #[serde(default)]
-    pub priority: i32,
-}
-
-/// What a person says.
-#[derive(Clone, Debug)]
-pub enum Said {
-    /// I want this.
-    Wish(Wish),
-    /// Give this up.
-    Cancel(ConversationId),
-}
-
-/// What a person hears.
-#[derive(Clone, Debug)]
-pub enum Heard {
-    /// A goal was asked for; this is its conversation.
-    Asked(ConversationId),
-    /// How a goal stands.
-    Report(ConversationId, Report),
-    /// It was declined.
-    Refused(ConversationId, Refusal),
-    /// Nobody took it.
-    Unanswered(ConversationId, String),
-}
-
-/// The person's side of a keyboard.
-pub struct Terminal {
-    /// What the person says.
-    pub say: mpsc::Sender<Said>,
-    /// What the person hears.
-    pub hear: mpsc::Receiver<Heard>,
-}
-
 /// The agent.
 pub struct Keyboard {
     plan_requester: AgentId,
+    plan_executor: AgentId,
+    domain_maintainer: AgentId,
     wishes: Vec<Wish>,
+    questions: Questions,
+    /// Actions that are prepared: the domain is asked for.
+    preparing: BTreeMap<ConversationId, Work>,
+    /// Actions under way, by their conversations.
+    acting: BTreeMap<ConversationId, ReplyToken>,
     said: Option<mpsc::Receiver<Said>>,
     listening: Option<Work>,
     heard: Option<mpsc::Sender<Heard>>,
@@ -105,9 +90,19 @@ impl Keyboard {
     }
 
     fn deaf() -> Keyboard {
-        let plan_requester =
-            AgentId::new("plan-requester").expect("invariant: a literal that is a name");
-        Keyboard { plan_requester, wishes: Vec::new(), said: None, listening: None, heard: None }
+        let name = |text| AgentId::new(text).expect("invariant: a literal that is a name");
+        Keyboard {
+            plan_requester: name("plan-requester"),
+            plan_executor: name("plan-executor"),
+            domain_maintainer: name("domain-maintainer"),
+            wishes: Vec::new(),
+            questions: Questions::default(),
+            preparing: BTreeMap::new(),
+            acting: BTreeMap::new(),
+            said: None,
+            listening: None,
+            heard: None,
+        }
     }
 }
 
@@ -115,18 +110,36 @@ impl Agent for Keyboard {
     fn callbacks(&self) -> Callbacks<Self> {
         Callbacks::new()
             .on(Performative::QueryRef, Self::queried)
+            .on(Performative::Request, Self::requested)
             .on_broadcast(Performative::QueryRef, Self::queried)
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
         for wish in std::mem::take(&mut self.wishes) {
-            self.ask(wish, ctx);
+            self.wish(wish, ctx);
         }
         self.listen(ctx);
+    }
+
+    fn asked(&mut self, resource: Resource, ctx: &mut Context<Self>) -> Option<String> {
+        if resource != Resource::Questions {
+            return None;
+        }
+        serde_json::to_string(&self.questions.list(ctx.id(), ctx.now())).ok()
+    }
+
+    fn drained(&mut self, ctx: &mut Context<Self>) -> bool {
+        while let Some((_, question)) = self.questions.take_first() {
+            let detail = format!("`{}` was closed before anybody answered", ctx.id());
+            ctx.refuse(&question.engagement, Reason::Stopping, detail);
+        }
+        true
     }
 }
 
 impl Keyboard {
+    // === the person speaks ===
+
     /// Waits for the next thing the person says.
     fn listen(&mut self, ctx: &mut Context<Self>) {
         let Some(mut said) = self.said.take() else { return };
@@ -137,73 +150,210 @@ impl Keyboard {
         self.listening = Some(ctx.run(next, |keyboard: &mut Self, (next, said), ctx| {
             // Nobody holds the terminal any more: there is nobody to listen to.
             let Some(next) = next else { return };
-            match next {
-                Said::Wish(wish) => keyboard.ask(wish, ctx),
-                Said::Cancel(conversation) => keyboard.cancel(conversation, ctx),
-            }
+            keyboard.speak(next, ctx);
             keyboard.said = Some(said);
             keyboard.listen(ctx);
         }));
     }
 
-    fn ask(&mut self, wish: Wish, ctx: &mut Context<Self>) {
+    fn speak(&mut self, said: Said, ctx: &mut Context<Self>) {
+        match said {
+            Said::Wish(wish) => self.wish(wish, ctx),
+            Said::Cancel(conversation) => self.cancel(conversation, ctx),
+            Said::Act(action) => self.act(action, ctx),
+            Said::Set(change) => self.set(change, ctx),
+            Said::Mode(mode) => self.set_mode(mode, ctx),
+            Said::Answer { keyboard, question, text } => {
+                self.give_answer(keyboard, AnswerQuestion { question, text }, ctx);
+            }
+            Said::Send(draft) => self.send(draft, ctx),
+        }
+    }
+
+    fn wish(&mut self, wish: Wish, ctx: &mut Context<Self>) {
         let Wish { goal, keep, priority } = wish;
+        let request = Request::Achieve(Achieve { goal, keep, priority });
+        let to = self.plan_requester.clone();
+        self.request(to, Protocol::Goal, &request, PATIENCE, ctx);
+    }
+
+    fn set(&mut self, change: ChangeState, ctx: &mut Context<Self>) {
+        let (to, patience) = (self.domain_maintainer.clone(), ctx.settings().answer_deadline * 2);
+        self.request(to, Protocol::StateChange, &Request::ChangeState(change), patience, ctx);
+    }
+
+    fn set_mode(&mut self, mode: Mode, ctx: &mut Context<Self>) {
+        let (to, patience) = (self.plan_requester.clone(), ctx.settings().answer_deadline * 2);
+        let request = Request::SetMode(SetMode { mode });
+        self.request(to, Protocol::StateChange, &request, patience, ctx);
+    }
+
+    fn request(
+        &mut self,
+        to: AgentId,
+        protocol: Protocol,
+        request: &Request,
+        patience: Duration,
+        ctx: &mut Context<Self>,
+    ) {
         let conversation = ctx.new_conversation();
-        let content = value(&Request::Achieve(Achieve { goal, keep, priority }));
-        self.open(Performative::Request, conversation.clone(), content, ctx);
-        self.pass(Heard::Asked(conversation));
+        self.pass(Heard::Asked(conversation.clone()));
+        let performative = Performative::Request;
+        let content = value(request);
+        let opening = Opening { to: Some(to), performative, protocol, conversation, content };
+        self.open(opening, patience, ctx);
     }
 
     fn cancel(&mut self, conversation: ConversationId, ctx: &mut Context<Self>) {
-        self.open(Performative::Cancel, conversation, serde_json::Value::Null, ctx);
+        if self.preparing.remove(&conversation).is_some() {
+            let report = Report::new(Outcome::Cancelled, "given up before anyone was asked");
+            return self.pass(Heard::Report(conversation, report));
+        }
+        let nothing = serde_json::Value::Null;
+        if let Some(action) = self.acting.get(&conversation) {
+            return ctx.go_on(action, &self.plan_executor, Performative::Cancel, nothing);
+        }
+        let opening = Opening {
+            to: Some(self.plan_requester.clone()),
+            performative: Performative::Cancel,
+            protocol: Protocol::Goal,
+            conversation,
+            content: nothing,
+        };
+        self.open(opening, PATIENCE, ctx);
     }
+
+    // === one action ===
+
+    /// Asks what is known, to make a plan of the action.
+    fn act(&mut self, action: String, ctx: &mut Context<Self>) {
+        let conversation = ctx.new_conversation();
+        self.pass(Heard::Asked(conversation.clone()));
+        let agent = Some(self.domain_maintainer.clone());
+        let ask = Ask { daemon: None, resource: Resource::Domain, agent };
+        let asked = ctx.switchboard().ask(ask, ctx.settings().answer_deadline);
+        let prepared = conversation.clone();
+        let work = ctx.run(asked, move |keyboard: &mut Self, answers, ctx| {
+            if keyboard.preparing.remove(&prepared).is_none() {
+                return;
+            }
+            match answers.first().and_then(|bytes| serde_json::from_slice(bytes).ok()) {
+                Some(snapshot) => keyboard.execute(prepared, snapshot, &action, ctx),
+                None => {
+                    let why = "no Domain Maintainer answers".to_owned();
+                    keyboard.pass(Heard::Unanswered(prepared, why));
+                }
+            }
+        });
+        self.preparing.insert(conversation, work);
+    }
+
+    fn execute(
+        &mut self,
+        conversation: ConversationId,
+        snapshot: acl::content::Snapshot,
+        action: &str,
+        ctx: &mut Context<Self>,
+    ) {
+        let (execute, timeout) = match acting::plan_of(snapshot, action) {
+            Ok(plan) => plan,
+            Err(problem) => {
+                let refusal = Refusal::new(Reason::BadContent, problem);
+                return self.pass(Heard::Refused(conversation, refusal));
+            }
+        };
+        let opening = Opening {
+            to: Some(self.plan_executor.clone()),
+            performative: Performative::Request,
+            protocol: Protocol::Execution,
+            conversation: conversation.clone(),
+            content: value(&Request::Execute(Box::new(execute))),
+        };
+        // The actuator's word, its method, the executor's word.
+        let patience = timeout + ctx.settings().answer_deadline * 3;
+        let token = self.open(opening, patience, ctx);
+        self.acting.insert(conversation, token);
+    }
+
+    // === a message as it was written ===
+
+    fn send(&mut self, draft: Draft, ctx: &mut Context<Self>) {
+        let Draft { to, performative, protocol, conversation, content, patience } = draft;
+        let conversation = conversation.unwrap_or_else(|| ctx.new_conversation());
+        self.pass(Heard::Asked(conversation.clone()));
+        let about = conversation.clone();
+        let opening = Opening { to, performative, protocol, conversation, content };
+        ctx.open(opening, patience, move |keyboard: &mut Self, answer, _| {
+            keyboard.pass(match answer {
+                Answer::Message(message) => Heard::Answered(message),
+                Answer::Silence => Heard::Unanswered(
+                    about.clone(),
+                    format!("no further answer within {patience:?}"),
+                ),
+                Answer::Undelivered(why) => Heard::Unanswered(about.clone(), why.to_string()),
+            });
+        });
+    }
+
+    // === hearing ===
 
     fn open(
         &mut self,
-        performative: Performative,
-        conversation: ConversationId,
-        content: serde_json::Value,
+        opening: Opening,
+        patience: Duration,
         ctx: &mut Context<Self>,
     ) -> ReplyToken {
-        let opening = Opening {
-            to: Some(self.plan_requester.clone()),
-            performative,
-            protocol: Protocol::Goal,
-            conversation: conversation.clone(),
-            content,
-        };
-        ctx.open(opening, PATIENCE, move |keyboard: &mut Self, answer, ctx| {
-            keyboard.answered(&conversation, answer, ctx);
+        let (conversation, to) = (opening.conversation.clone(), opening.to.clone());
+        ctx.open(opening, patience, move |keyboard: &mut Self, answer, ctx| {
+            keyboard.answered(&conversation, to.as_ref(), answer, ctx);
         })
     }
 
-    fn answered(&mut self, about: &ConversationId, answer: Answer, ctx: &mut Context<Self>) {
+    fn answered(
+        &mut self,
+        about: &ConversationId,
+        who: Option<&AgentId>,
+        answer: Answer,
+        ctx: &mut Context<Self>,
+    ) {
         let about = about.clone();
+        let who = who.map(AgentId::as_str).unwrap_or("everyone");
         let heard = match answer {
             Answer::Message(message) => match read(&message) {
                 Ok(heard) => heard,
                 Err(error) => return ctx.not_understood(&message, error),
             },
-            Answer::Silence => {
-                Heard::Unanswered(about, "the Plan Requester said nothing for a year".to_owned())
-            }
+            Answer::Silence => Heard::Unanswered(about, format!("`{who}` did not answer in time")),
             Answer::Undelivered(why) => {
-                Heard::Unanswered(about, format!("the Plan Requester could not be reached: {why}"))
+                Heard::Unanswered(about, format!("`{who}` could not be reached: {why}"))
             }
         };
+        if heard.is_final()
+            && let Some(about) = heard.conversation()
+        {
+            self.acting.remove(about);
+        }
         self.pass(heard);
     }
 
     fn pass(&mut self, heard: Heard) {
         match &heard {
-            Heard::Asked(goal) => tracing::info!(conversation = %goal, "asked"),
-            Heard::Report(goal, report) => {
-                tracing::info!(conversation = %goal, outcome = %report.outcome, "{}", report.detail);
+            Heard::Asked(about) => tracing::info!(conversation = %about, "asked"),
+            Heard::Report(about, report) => {
+                tracing::info!(conversation = %about, outcome = %report.outcome, "{}", report.detail);
             }
-            Heard::Refused(goal, refusal) => {
-                tracing::warn!(conversation = %goal, "refused: {}", refusal.detail);
+            // With a terminal it is shown there; a log beside it would say it twice.
+            Heard::Refused(about, refusal) if self.heard.is_none() => {
+                tracing::warn!(conversation = %about, "refused: {}", refusal.detail);
             }
-            Heard::Unanswered(goal, why) => tracing::warn!(conversation = %goal, "{why}"),
+            Heard::Unanswered(about, why) if self.heard.is_none() => {
+                tracing::warn!(conversation = %about, "{why}");
+            }
+            Heard::Question(open) => {
+                tracing::info!(question = open.question, from = %open.from, "{}", open.text);
+            }
+            Heard::QuestionClosed(question, why) => tracing::info!(question, "{why}"),
+            Heard::Refused(..) | Heard::Unanswered(..) | Heard::Answered(_) => (),
         }
         if let Some(to) = &self.heard
             && to.try_send(heard).is_err()
@@ -212,13 +362,100 @@ impl Keyboard {
         }
     }
 
+    // === questions to the person ===
+
     fn queried(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let detail = "asking a person is not built yet";
-        ctx.refuse(&Engagement::of(&message), Reason::NotBuilt, detail);
+        let question = match message.content_as::<Question>() {
+            Ok(question) => question,
+            Err(error) => return ctx.not_understood(&message, error.to_string()),
+        };
+        let engagement = Engagement::of(&message);
+        let Some(number) = self.questions.next_number() else {
+            let detail = "too many questions are open at this keyboard";
+            return ctx.refuse(&engagement, Reason::Busy, detail);
+        };
+        let asked = message.reply_by.map_or(QUESTION_PATIENCE, |by| by.0);
+        let patience = asked - QUESTION_MARGIN.min(asked / 10);
+        let timer =
+            ctx.after(patience, move |keyboard: &mut Self, ctx| keyboard.expire(number, ctx));
+        self.questions.keep(engagement, question.text, patience, timer, ctx.now());
+        if let Some(open) = self.questions.find(ctx.id(), number, ctx.now()) {
+            self.pass(Heard::Question(open));
+        }
+    }
+
+    fn expire(&mut self, number: u64, ctx: &mut Context<Self>) {
+        let Some(question) = self.questions.take(number) else { return };
+        let patience = question.patience;
+        let detail = match &self.heard {
+            Some(_) => format!("nobody at `{}` answered within {patience:?}", ctx.id()),
+            None => format!(
+                "nobody is at a terminal of `{}`, and nobody elsewhere answered within {patience:?}",
+                ctx.id()
+            ),
+        };
+        ctx.refuse(&question.engagement, Reason::Unanswered, detail.clone());
+        self.pass(Heard::QuestionClosed(number, detail));
+    }
+
+    /// Gives an answer: to this keyboard's own question, or to another keyboard.
+    fn give_answer(&mut self, keyboard: AgentId, answer: AnswerQuestion, ctx: &mut Context<Self>) {
+        if keyboard != *ctx.id() {
+            let patience = ctx.settings().answer_deadline * 2;
+            let request = Request::AnswerQuestion(answer);
+            return self.request(keyboard, Protocol::StateChange, &request, patience, ctx);
+        }
+        let conversation = ctx.new_conversation();
+        self.pass(Heard::Asked(conversation.clone()));
+        let heard = match self.tell_asker(answer, ctx) {
+            Ok(report) => Heard::Report(conversation, report),
+            Err(refusal) => Heard::Refused(conversation, refusal),
+        };
+        self.pass(heard);
+    }
+
+    /// Another keyboard brings an answer.
+    fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let engagement = Engagement::of(&message);
+        let answer = match message.content_as::<Request>() {
+            Ok(Request::AnswerQuestion(answer)) => answer,
+            Ok(_) => {
+                let detail = "a keyboard takes answers to its questions: `answer-question`";
+                return ctx.refuse(&engagement, Reason::Incapable, detail);
+            }
+            Err(error) => return ctx.not_understood(&message, error.to_string()),
+        };
+        let number = answer.question;
+        match self.tell_asker(answer, ctx) {
+            Ok(report) => {
+                ctx.answer(&engagement, Performative::Confirm, &report);
+                let who = format!("answered by `{}`", message.sender);
+                self.pass(Heard::QuestionClosed(number, who));
+            }
+            Err(refusal) => ctx.answer(&engagement, Performative::Refuse, &refusal),
+        }
+    }
+
+    fn tell_asker(
+        &mut self,
+        answer: AnswerQuestion,
+        ctx: &mut Context<Self>,
+    ) -> Result<Report, Refusal> {
+        let AnswerQuestion { question: number, text } = answer;
+        let Some(question) = self.questions.take(number) else {
+            let open = self.questions.numbers();
+            let detail = format!("`{}` has no open question {number}; open: {open}", ctx.id());
+            return Err(Refusal::new(Reason::Unknown, detail));
+        };
+        ctx.forget(question.timer);
+        let inform = Inform::Answer(PersonsAnswer { text });
+        ctx.answer(&question.engagement, Performative::Inform, &inform);
+        let asker = &question.engagement.initiator;
+        Ok(Report::new(Outcome::Done, format!("`{asker}` was told")))
     }
 }
 
-/// What an answer of the Plan Requester says.
+/// What an answer says.
 fn read(message: &Message) -> Result<Heard, String> {
     let about = message.conversation_id.clone();
     match message.performative {
@@ -230,21 +467,5 @@ fn read(message: &Message) -> Result<Heard, String> {
             let refusal = message.content_as::<Refusal>().map_err(|error| error.to_string())?;
             Ok(Heard::Refused(about, refusal))
         }
-    }
-}
-
-impl Heard {
-    /// Whether nothing more will be heard about its conversation.
-    pub fn is_final(&self) -> bool {
-        match self {
-            Heard::Asked(_) => false,
-            Heard::Report(_, report) => report.outcome.is_final(),
-            Heard::Refused(..) | Heard::Unanswered(..) => true,
-        }
-    }
-
-    /// Whether it is the good end of a goal, or the goal holds.
-    pub fn is_success(&self) -> bool {
-        matches!(self, Heard::Report(_, Report { outcome: Outcome::Done | Outcome::Holds, .. }))
     }
 }

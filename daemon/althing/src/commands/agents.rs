@@ -10,22 +10,22 @@ use agent::{Resident, Resource};
 use serde_json::json;
 
 use crate::cli::AskArgs;
-use crate::commands::client::{self, Link};
+use crate::commands::client::{self, View};
 use crate::{exit, output};
 
 /// Prints a line per agent.
 pub(super) fn run(args: &AskArgs) -> ExitCode {
     let json = args.print.json;
     client::with_link(&args.reach, json, async |link| {
-        let code = print(&link, json).await;
+        let code = print(&link.view, json).await;
         (link, code)
     })
 }
 
-async fn print(link: &Link, json: bool) -> ExitCode {
-    link.directory(None).await;
-    let residents = residents(link).await;
-    let models = models(link).await;
+pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
+    view.directory(None).await;
+    let residents = residents(view).await;
+    let models = models(view).await;
     let offers = |agent: &AgentId| models.get(agent).cloned().unwrap_or_default();
     if json {
         let agents: Vec<_> = residents
@@ -39,7 +39,7 @@ async fn print(link: &Link, json: bool) -> ExitCode {
                 })
             })
             .collect();
-        let value = json!({ "ecosystem": link.name, "agents": agents });
+        let value = json!({ "ecosystem": view.name, "agents": agents });
         return output::print_json(&value, exit::DONE);
     }
     let mut text = format!("{:<24} {:<18} OFFERS\n", "AGENT", "DAEMON");
@@ -52,8 +52,8 @@ async fn print(link: &Link, json: bool) -> ExitCode {
 }
 
 /// Who is here, as each daemon says of its own agents: the link may not have told of all yet.
-async fn residents(link: &Link) -> Vec<Resident> {
-    let mut residents: Vec<Resident> = link
+async fn residents(view: &View) -> Vec<Resident> {
+    let mut residents: Vec<Resident> = view
         .ask(Resource::Directory, None)
         .await
         .iter()
@@ -66,9 +66,9 @@ async fn residents(link: &Link) -> Vec<Resident> {
 }
 
 /// The actions in each agent's model.
-async fn models(link: &Link) -> BTreeMap<AgentId, Vec<String>> {
+async fn models(view: &View) -> BTreeMap<AgentId, Vec<String>> {
     let mut models = BTreeMap::new();
-    for answer in link.ask(Resource::Model, None).await {
+    for answer in view.ask(Resource::Model, None).await {
         let Ok(message) = acl::decode(&answer) else { continue };
         let Ok(Inform::Model(announced)) = message.content_as::<Inform>() else { continue };
         let Some(model) = pddl::parse_action_model(&announced.model).value else { continue };

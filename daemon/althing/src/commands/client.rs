@@ -4,10 +4,11 @@ use std::future::Future;
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{Ask, Directory, Resource};
+use agent::{Ask, Directory, Resource, Switchboard};
 use bytes::Bytes;
 
 use crate::cli::ReachArgs;
@@ -21,16 +22,28 @@ const ANSWERED_WITHIN: Duration = Duration::from_secs(5);
 /// How long agents of the ecosystem may take to be seen after the link is up.
 const SEEN_WITHIN: Duration = Duration::from_secs(2);
 
+/// Of a host's name, what stands in a guest's: lists of agents are 80 columns wide.
+const HOST_CHARS_MAX: usize = 12;
+
 /// A link to a running ecosystem.
-pub(super) struct Link {
-    pub(super) node: Node,
+pub(crate) struct Link {
+    pub(crate) node: Node,
+    pub(crate) view: View,
+}
+
+/// What can be seen of an ecosystem from here: through a link, or from a daemon that is part of it.
+#[derive(Clone)]
+pub(crate) struct View {
+    pub(crate) switchboard: Arc<Switchboard>,
+    pub(crate) name: EcosystemId,
     /// What is known of the ecosystem here, if its file is.
-    pub(super) ecosystem: Option<Ecosystem>,
-    pub(super) name: EcosystemId,
+    pub(crate) ecosystem: Option<Arc<Ecosystem>>,
+    /// Where daemons of it are.
+    pub(crate) endpoints: Vec<String>,
 }
 
 /// Which ecosystem is meant, and where its daemons are.
-pub(super) struct Target {
+pub(crate) struct Target {
     pub(super) name: EcosystemId,
     pub(super) ecosystem: Option<Ecosystem>,
     pub(super) endpoints: Vec<String>,
@@ -87,44 +100,63 @@ impl Target {
 
     /// What a client session is opened with.
     pub(super) fn config(&self) -> Result<substrate_zenoh::Config, String> {
-        let daemon = DaemonId::new(&format!("cli-{}", std::process::id()))
-            .map_err(|error| error.to_string())?;
-        let mut config = substrate_zenoh::Config::new(self.name.clone(), daemon);
-        config.mode = substrate_zenoh::Mode::Client;
-        config.connect = self.endpoints.clone();
-        Ok(config)
+        guest_config(&self.name, &self.endpoints, "cli")
     }
 
     /// Links up.
     pub(super) async fn link(self) -> Result<Link, String> {
         let config = self.config()?;
         let daemon = config.daemon.clone();
-        let Target { name, ecosystem, .. } = self;
+        let Target { name, ecosystem, endpoints } = self;
+        let ecosystem = ecosystem.map(Arc::new);
         let settings =
             ecosystem.as_ref().map(|ecosystem| ecosystem.settings.clone()).unwrap_or_default();
         let wire = Wire::Zenoh(Box::new(config));
         let node = Node::join(name.clone(), daemon, settings, wire)
             .await
             .map_err(|error| error.to_string())?;
-        Ok(Link { node, ecosystem, name })
+        let switchboard = Arc::clone(node.switchboard());
+        Ok(Link { node, view: View { switchboard, name, ecosystem, endpoints } })
     }
 }
 
-impl Link {
+/// What a client session is opened with; `role` tells those of one process apart.
+pub(crate) fn guest_config(
+    ecosystem: &EcosystemId,
+    endpoints: &[String],
+    role: &str,
+) -> Result<substrate_zenoh::Config, String> {
+    let daemon = DaemonId::new(&guest_name(role)).map_err(|error| error.to_string())?;
+    let mut config = substrate_zenoh::Config::new(ecosystem.clone(), daemon);
+    config.mode = substrate_zenoh::Mode::Client;
+    config.connect = endpoints.to_vec();
+    Ok(config)
+}
+
+/// A name that no other process of any machine has: people sit at many terminals.
+pub(crate) fn guest_name(role: &str) -> String {
+    let host = super::up::host_name();
+    let host = host.as_ref().map_or("here", DaemonId::as_str);
+    // Two machines whose names begin alike seldom number their processes alike.
+    let host: String = host.chars().take(HOST_CHARS_MAX).collect();
+    format!("{role}-{host}-{}", std::process::id())
+}
+
+impl View {
     /// The name of the shared ontology, as far as it is known here.
-    pub(super) fn ontology(&self) -> &str {
+    pub(crate) fn ontology(&self) -> &str {
         self.ecosystem.as_ref().map_or("unknown", |ecosystem| ecosystem.domain.name.as_str())
     }
 
     /// Asks all daemons for a resource.
-    pub(super) async fn ask(&self, resource: Resource, agent: Option<AgentId>) -> Vec<Bytes> {
+    pub(crate) async fn ask(&self, resource: Resource, agent: Option<AgentId>) -> Vec<Bytes> {
         let ask = Ask { daemon: None, resource, agent };
-        self.node.switchboard().ask(ask, ANSWERED_WITHIN).await
+        self.switchboard.ask(ask, ANSWERED_WITHIN).await
     }
 
     /// Who is here, once the link has told of `wanted`, or of anyone.
-    pub(super) async fn directory(&self, wanted: Option<&AgentId>) -> Directory {
-        let (mut directory, mut changes) = self.node.switchboard().presence_changes();
+    pub(crate) async fn directory(&self, wanted: Option<&AgentId>) -> Directory {
+        let (mut directory, mut changes) = self.switchboard.presence_changes();
         let deadline = tokio::time::Instant::now() + SEEN_WITHIN;
         let is_seen = |directory: &Directory| match wanted {
             Some(agent) => directory.find(agent).is_some(),
@@ -134,7 +166,7 @@ impl Link {
             if tokio::time::timeout_at(deadline, changes.recv()).await.is_err() {
                 break;
             }
-            directory = self.node.switchboard().directory();
+            directory = self.switchboard.directory();
         }
         directory
     }
@@ -188,7 +220,7 @@ pub(super) fn with_link<F: Future<Output = (Link, ExitCode)>>(
 }
 
 /// Says that something could not be reached.
-pub(super) fn unavailable(problem: &str, json: bool) -> ExitCode {
+pub(crate) fn unavailable(problem: &str, json: bool) -> ExitCode {
     if json {
         let value = serde_json::json!({ "status": "unavailable", "problem": problem });
         return output::print_json(&value, exit::UNAVAILABLE);

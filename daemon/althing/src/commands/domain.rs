@@ -8,22 +8,22 @@ use agent::Resource;
 use serde_json::json;
 
 use crate::cli::AskArgs;
-use crate::commands::client::{self, Link};
+use crate::commands::client::{self, View};
 use crate::{exit, output};
 
 /// Prints the composite domain.
 pub(super) fn run(args: &AskArgs) -> ExitCode {
     let json = args.print.json;
     client::with_link(&args.reach, json, async |link| {
-        let code = print(&link, json).await;
+        let code = print(&link.view, json).await;
         (link, code)
     })
 }
 
-async fn print(link: &Link, json: bool) -> ExitCode {
+pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
     let maintainer = AgentId::new("domain-maintainer").ok();
-    link.directory(maintainer.as_ref()).await;
-    let answers = link.ask(Resource::Domain, maintainer).await;
+    view.directory(maintainer.as_ref()).await;
+    let answers = view.ask(Resource::Domain, maintainer).await;
     let snapshot = answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());
     match snapshot {
         Some(snapshot) if json => output::print_json(&json!(snapshot), exit::DONE),

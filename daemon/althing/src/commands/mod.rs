@@ -2,30 +2,35 @@
 //!
 //! Each prints what it has to say; none reads the command line or the environment itself.
 
-mod plan;
-
-mod validate;
-
+// One command each.
+pub(crate) mod act;
+pub(crate) mod agents;
+pub(crate) mod answer;
 mod check;
-
-mod up;
-
+mod completions;
+pub(crate) mod domain;
+pub(crate) mod goal;
+pub(crate) mod goals;
+mod keyboard;
+pub(crate) mod mailbox;
+mod mode;
+mod plan;
 mod scenario;
+mod send;
+pub(crate) mod set;
+pub(crate) mod state;
+mod up;
+mod validate;
+pub(crate) mod watch;
 
-mod client;
-
-mod goal;
-
-mod agents;
-
-mod domain;
-
-mod state;
-
-mod watch;
+// What several of them need.
+pub(crate) mod client;
+pub(crate) mod hearing;
+mod speaking;
 
 use std::future::Future;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use tokio::signal::unix::{SignalKind, signal};
 
@@ -43,11 +48,46 @@ pub(crate) fn run(command: Command) -> ExitCode {
         Command::Check(args) => check::run(&args, &plugins::known()),
         Command::Up(args) => up::run(&args),
         Command::Scenario(args) => scenario::run(&args),
+        Command::Keyboard(args) => keyboard::run(&args),
         Command::Goal(args) => goal::run(&args),
+        Command::Act(args) => act::run(&args),
+        Command::Set(args) => set::run(&args),
+        Command::Mode(args) => mode::run(&args),
+        Command::Answer(args) => answer::run(&args),
         Command::Agents(args) => agents::run(&args),
         Command::Domain(args) => domain::run(&args),
         Command::State(args) => state::run(&args),
+        Command::Goals(args) => goals::run(&args),
         Command::Watch(args) => watch::run(&args),
+        Command::Mailbox(args) => mailbox::run(&args),
+        Command::Send(args) => send::run(&args),
+        Command::Completions(args) => completions::run(&args),
+    }
+}
+
+/// Says what is wrong with what the user wrote.
+fn wrong(problem: &str, json: bool) -> ExitCode {
+    if json {
+        let value = serde_json::json!({ "status": "bad-input", "problem": problem });
+        return output::print_json(&value, exit::BAD_INPUT);
+    }
+    output::note(&format!("error: {problem}"));
+    exit::with(exit::BAD_INPUT)
+}
+
+/// Mistakes in a text, each with its place.
+fn located(found: &[pddl::Diagnostic], text: &str) -> String {
+    let lines: Vec<_> = found.iter().map(|mistake| mistake.located(text)).collect();
+    lines.join("\n")
+}
+
+/// A duration in its largest unit.
+pub(crate) fn brief(duration: Duration) -> String {
+    match duration.as_secs() {
+        0 => format!("{} ms", duration.as_millis()),
+        seconds @ 1..=119 => format!("{seconds} s"),
+        seconds @ 120..=7_199 => format!("{} min", seconds / 60),
+        seconds => format!("{} h", seconds / 3_600),
     }
 }
 
@@ -59,7 +99,7 @@ fn not_built_yet(command: &str) -> ExitCode {
 
 /// Waits until the process is told to stop: SIGINT or SIGTERM, which it yields. Where signals
 /// cannot be listened to, they end the process as they always do.
-async fn interrupted() -> SignalKind {
+pub(crate) async fn interrupted() -> SignalKind {
     let (interrupt, terminate) = (SignalKind::interrupt(), SignalKind::terminate());
     let (Ok(mut interrupts), Ok(mut terminations)) = (signal(interrupt), signal(terminate)) else {
         return std::future::pending().await;

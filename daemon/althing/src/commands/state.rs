@@ -10,22 +10,22 @@ use agent::Resource;
 use serde_json::json;
 
 use crate::cli::AskArgs;
-use crate::commands::client::{self, Link};
+use crate::commands::client::{self, View};
 use crate::{exit, output};
 
 /// Prints a line per fact.
 pub(super) fn run(args: &AskArgs) -> ExitCode {
     let json = args.print.json;
     client::with_link(&args.reach, json, async |link| {
-        let code = print(&link, json).await;
+        let code = print(&link.view, json).await;
         (link, code)
     })
 }
 
-async fn print(link: &Link, json: bool) -> ExitCode {
+pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
     let maintainer = AgentId::new("domain-maintainer").ok();
-    link.directory(maintainer.as_ref()).await;
-    let answers = link.ask(Resource::State, maintainer).await;
+    view.directory(maintainer.as_ref()).await;
+    let answers = view.ask(Resource::State, maintainer).await;
     let state =
         answers.first().and_then(|bytes| serde_json::from_slice::<BelievedState>(bytes).ok());
     match state {
@@ -39,25 +39,15 @@ fn table(state: &BelievedState) -> String {
     let mut text = format!("; epoch {}, revision {}\n", state.epoch, state.revision);
     let _ = writeln!(text, "{:<46} {:<22} AGE", "FACT", "FROM");
     for BelievedFact { fact, owners, age_ms, known_for, claims } in &state.facts {
-        let age = short(Duration::from_millis(*age_ms));
-        let left = known_for.map(|left| format!(", for {} more", short(left.0)));
+        let age = super::brief(Duration::from_millis(*age_ms));
+        let left = known_for.map(|left| format!(", for {} more", super::brief(left.0)));
         let left = left.unwrap_or_default();
         let _ = writeln!(text, "{fact:<46} {:<22} {age}{left}", owners.join(", "));
         // Owners who contradict each other: whose word is not believed now.
         for other in claims.iter().filter(|claim| claim.fact != *fact) {
-            let age = short(Duration::from_millis(other.age_ms));
+            let age = super::brief(Duration::from_millis(other.age_ms));
             let _ = writeln!(text, "  not {:<40} {:<22} {age}", other.fact, other.owner);
         }
     }
     text
-}
-
-/// A duration in its largest unit.
-fn short(duration: Duration) -> String {
-    match duration.as_secs() {
-        0 => format!("{} ms", duration.as_millis()),
-        seconds @ 1..=119 => format!("{seconds} s"),
-        seconds @ 120..=7_199 => format!("{} min", seconds / 60),
-        seconds => format!("{} h", seconds / 3_600),
-    }
 }

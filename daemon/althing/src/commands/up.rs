@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use ::building::{BuildingHandle, ServeError, Server};
 use acl::{AgentId, DaemonId};
@@ -11,9 +12,11 @@ use serde_json::Value;
 use tokio::sync::oneshot;
 
 use crate::cli::UpArgs;
-use crate::commands::READY;
+use crate::commands::client::{self, View};
+use crate::commands::{READY, hearing};
 use crate::config::{self, AgentEntry, Ecosystem, Overrides};
 use crate::hosting::{self, Node, Part, Wire, socket_in};
+use crate::prompt::{self, Guest};
 use crate::{exit, output, plugins};
 
 /// How a daemon of this machine that is not there yet is sought: four times a second for ever,
@@ -52,7 +55,17 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
             return exit::with(exit::CONFIG);
         }
     };
-    super::in_runtime(up(&ecosystem, place, goals, args.until_stdin_ends))
+    let manner =
+        Manner { goals, has_prompt: args.keyboard, until_stdin_ends: args.until_stdin_ends };
+    super::in_runtime(up(Arc::new(ecosystem), place, manner))
+}
+
+/// What the daemon does for whoever started it.
+struct Manner {
+    /// Goals it asks for.
+    goals: Vec<String>,
+    has_prompt: bool,
+    until_stdin_ends: bool,
 }
 
 /// Which part of the ecosystem this process hosts.
@@ -94,36 +107,42 @@ impl Place {
 }
 
 /// The machine's name, as a daemon's.
-fn host_name() -> Option<DaemonId> {
+pub(super) fn host_name() -> Option<DaemonId> {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").ok()?;
     let first = name.trim().split('.').next()?.to_lowercase();
     DaemonId::new(&first).ok()
 }
 
-async fn up(
-    ecosystem: &Ecosystem,
-    place: Place,
-    goals: Vec<String>,
-    until_stdin_ends: bool,
-) -> ExitCode {
+async fn up(ecosystem: Arc<Ecosystem>, place: Place, manner: Manner) -> ExitCode {
     let unavailable = |problem: String| {
         output::note(&format!("error: {problem}"));
         exit::with(exit::UNAVAILABLE)
     };
-    let (node, _server) = match open(ecosystem, &place).await {
+    let (node, _server) = match open(&ecosystem, &place).await {
         Ok(opened) => opened,
         Err(problem) => return unavailable(format!("failed to {problem}")),
     };
     let interrupted = super::interrupted();
     tokio::pin!(interrupted);
-    let mut stdin_ended = until_stdin_ends.then(watch_stdin);
-    announce(ecosystem, &place, &node);
-    let mut terminal = ask(ecosystem, &node, goals).await;
-    loop {
-        tokio::select! {
-            _ = &mut interrupted => break,
-            () = ended(&mut stdin_ended) => break,
-            heard = hear(&mut terminal) => tell(&heard),
+    announce(&ecosystem, &place, &node);
+    if manner.has_prompt {
+        match prompt(ecosystem, &node, manner.goals).await {
+            Ok(guest) => {
+                prompt::run(guest, interrupted).await;
+            }
+            Err(problem) => output::note(&format!("error: failed to {problem}")),
+        }
+    } else {
+        let mut stdin_ended = manner.until_stdin_ends.then(watch_stdin);
+        let mut terminal = ask(&ecosystem, &node, manner.goals).await;
+        loop {
+            tokio::select! {
+                _ = &mut interrupted => break,
+                () = ended(&mut stdin_ended) => break,
+                heard = hear(&mut terminal) => {
+                    hearing::print(&heard, false);
+                }
+            }
         }
     }
     if node.drain().await {
@@ -131,6 +150,37 @@ async fn up(
     }
     output::note("warning: some agents did not finish in time; they were ended");
     exit::with(exit::DONE)
+}
+
+/// A prompt's end of this daemon: a keyboard of its own, which asks for the goals of the command
+/// line.
+async fn prompt(
+    ecosystem: Arc<Ecosystem>,
+    node: &Node,
+    goals: Vec<String>,
+) -> Result<Guest, String> {
+    let (keyboard, terminal) = Keyboard::with_terminal();
+    let name = client::guest_name("keyboard");
+    let id = AgentId::new(&name).map_err(|error| error.to_string())?;
+    node.launch(id.clone(), keyboard, ecosystem.domain.name.as_str());
+    wish(&terminal, goals).await;
+    let folder = hosting::runtime_folder(&ecosystem.name).map_err(|error| error.to_string())?;
+    let endpoint = |path: &PathBuf| format!("unixsock-stream/{}", path.display());
+    let view = View {
+        switchboard: Arc::clone(node.switchboard()),
+        name: ecosystem.name.clone(),
+        ecosystem: Some(ecosystem),
+        endpoints: sockets(&folder).iter().map(endpoint).collect(),
+    };
+    Ok(Guest { view, id, terminal, json: false })
+}
+
+async fn wish(terminal: &Terminal, goals: Vec<String>) {
+    for goal in goals {
+        let wish = Wish { goal, keep: acl::content::Keep::Maintain, priority: 0 };
+        // The keyboard ends with the daemon, and then nobody wishes anything.
+        let _ = terminal.say.send(Said::Wish(wish)).await;
+    }
 }
 
 /// Reads standard input to its end, on a thread of its own: nothing can wake a read of a terminal,
@@ -248,12 +298,9 @@ async fn ask(ecosystem: &Ecosystem, node: &Node, goals: Vec<String>) -> Option<T
         return None;
     }
     let (keyboard, terminal) = Keyboard::with_terminal();
-    let id = AgentId::new(&format!("starter-{}", std::process::id())).ok()?;
+    let id = AgentId::new(&client::guest_name("starter")).ok()?;
     node.launch(id, keyboard, ecosystem.domain.name.as_str());
-    for goal in goals {
-        let wish = Wish { goal, keep: acl::content::Keep::Maintain, priority: 0 };
-        terminal.say.send(Said::Wish(wish)).await.ok()?;
-    }
+    wish(&terminal, goals).await;
     Some(terminal)
 }
 
@@ -265,12 +312,6 @@ async fn hear(terminal: &mut Option<Terminal>) -> Heard {
     match heard {
         Some(heard) => heard,
         None => std::future::pending().await,
-    }
-}
-
-fn tell(heard: &Heard) {
-    for line in super::goal::lines(heard) {
-        let _ = output::print(format_args!("{line}\n"), exit::DONE);
     }
 }
 

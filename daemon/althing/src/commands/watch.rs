@@ -1,11 +1,11 @@
 //! `althing watch`: the messages of a running ecosystem as they are sent, held against the
-//! protocols.
+//! protocols; those of one conversation as a sequence diagram.
 
 use std::process::ExitCode;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use acl::content::{Inform, Refusal, Report};
-use acl::{Message, Performative};
+use acl::{EcosystemId, Message, Performative};
 use conversation::Transcript;
 use serde_json::json;
 use tokio::signal;
@@ -13,10 +13,19 @@ use tokio::sync::mpsc;
 
 use crate::cli::WatchArgs;
 use crate::commands::client::{self, Target};
+use crate::output::Color;
 use crate::{exit, output};
 
 /// Messages that may wait to be printed; a slow terminal misses the rest, and is told so.
 const WAITING_MAX: usize = 10_000;
+
+/// A terminal's width.
+const COLUMNS: usize = 80;
+
+/// Of a sequence diagram, the width of a name, and of the arrow between two.
+const NAME_COLUMNS: usize = 22;
+const ARROW_COLUMNS: usize = 24;
+const _: () = assert!(9 + 2 * NAME_COLUMNS + ARROW_COLUMNS + 2 <= COLUMNS);
 
 /// Prints a line per message, until Ctrl-C.
 pub(super) fn run(args: &WatchArgs) -> ExitCode {
@@ -25,44 +34,66 @@ pub(super) fn run(args: &WatchArgs) -> ExitCode {
         Ok(target) => target,
         Err(problem) => return client::unavailable(&problem, json),
     };
-    super::in_runtime(watch(target, args))
+    let conversation = args.conversation.clone();
+    super::in_runtime(async move {
+        tokio::select! {
+            ended = listen(&target.name, &target.endpoints, conversation, json, "cli") => match ended {
+                Ok(code) => code,
+                Err(problem) => client::unavailable(&problem, json),
+            },
+            _ = signal::ctrl_c() => exit::with(exit::DONE),
+        }
+    })
 }
 
-async fn watch(target: Target, args: &WatchArgs) -> ExitCode {
-    let json = args.print.json;
-    let config = match target.config() {
-        Ok(config) => config,
-        Err(problem) => return client::unavailable(&problem, json),
-    };
+/// Prints messages until nobody reads them.
+///
+/// # Errors
+///
+/// If the ecosystem cannot be listened to; completes “failed to …”.
+pub(crate) async fn listen(
+    ecosystem: &EcosystemId,
+    endpoints: &[String],
+    conversation: Option<String>,
+    json: bool,
+    role: &str,
+) -> Result<ExitCode, String> {
+    let config = client::guest_config(ecosystem, endpoints, role)?;
     let (hear, mut heard) = mpsc::channel(WAITING_MAX);
     let tap = substrate_zenoh::tap(config, move |_, payload| {
         // A full queue loses a line of a log, and nothing else.
         let _ = hear.try_send(payload);
     });
-    let _tap = match tap.await {
-        Ok(tap) => tap,
-        Err(error) => return client::unavailable(&error.to_string(), json),
-    };
-    output::note(&format!("listening to `{}`; Ctrl-C ends it", target.name));
-    let mut watcher = Watcher { began: Instant::now(), transcript: Transcript::new(), json };
-    loop {
-        let payload = tokio::select! {
-            payload = heard.recv() => payload,
-            _ = signal::ctrl_c() => None,
-        };
-        let Some(payload) = payload else { return exit::with(exit::DONE) };
+    let _tap = tap.await.map_err(|error| error.to_string())?;
+    announce(ecosystem, conversation.as_deref(), json);
+    let is_diagram = conversation.is_some();
+    let (began, transcript) = (Instant::now(), Transcript::new());
+    let mut watcher = Watcher { began, transcript, json, is_diagram };
+    while let Some(payload) = heard.recv().await {
         let Ok(message) = acl::decode(&payload) else { continue };
-        let is_asked_for = args
-            .conversation
-            .as_ref()
-            .is_none_or(|conversation| conversation == message.conversation_id.as_str());
+        let is_asked_for =
+            conversation.as_ref().is_none_or(|asked| asked == message.conversation_id.as_str());
         if !is_asked_for {
             continue;
         }
         let printed = watcher.print(&message);
         if printed != exit::with(exit::DONE) {
-            return printed;
+            return Ok(printed);
         }
+    }
+    Ok(exit::with(exit::DONE))
+}
+
+/// Says from when on nothing is missed.
+fn announce(ecosystem: &EcosystemId, conversation: Option<&str>, json: bool) {
+    let line = match conversation {
+        Some(conversation) => format!("listening to {conversation}"),
+        None => format!("listening to `{ecosystem}`"),
+    };
+    if json {
+        output::note(&line);
+    } else {
+        let _ = output::print(format_args!("{line}\n"), exit::DONE);
     }
 }
 
@@ -70,6 +101,7 @@ struct Watcher {
     began: Instant,
     transcript: Transcript,
     json: bool,
+    is_diagram: bool,
 }
 
 impl Watcher {
@@ -84,24 +116,55 @@ impl Watcher {
             });
             return output::print_json(&value, exit::DONE);
         }
-        let to = message.receiver.first().map_or("all", |receiver| receiver.as_str());
-        let from = &message.sender;
-        let what = gist(message);
-        let mut text = format!(
-            "{:>8.3} {:<15} {from} → {to}  {what}\n",
-            at.as_secs_f64(),
-            message.performative,
-        );
+        let mut text = if self.is_diagram { step(at, message) } else { line(at, message) };
         if let Some(violation) = violation {
-            text.push_str(&format!("         ! out of turn: {violation}\n"));
+            let violation = format!("! out of turn: {violation}");
+            text.push_str(&format!("         {}\n", output::paint(Color::Red, &violation)));
         }
         output::print(text, exit::DONE)
     }
 }
 
-/// What a message says, in a few words.
+fn receiver(message: &Message) -> &str {
+    message.receiver.first().map_or("all", |receiver| receiver.as_str())
+}
+
+/// A message among all others: one line.
+fn line(at: Duration, message: &Message) -> String {
+    let (act, from, to) = (message.performative, &message.sender, receiver(message));
+    let head = format!("{:>8.3} {act:<15} {from} → {to}", at.as_secs_f64());
+    let room = COLUMNS.saturating_sub(head.chars().count() + 2);
+    let what = cut(&gist(message), room);
+    format!("{}\n", format!("{head}  {what}").trim_end())
+}
+
+/// A message of one conversation: an arrow from one agent to another, and what it says below.
+fn step(at: Duration, message: &Message) -> String {
+    let from = cut(message.sender.as_str(), NAME_COLUMNS);
+    let to = cut(receiver(message), NAME_COLUMNS);
+    let act = format!("─ {} ", message.performative);
+    let arrow = format!("{act:─<width$}▶", width = ARROW_COLUMNS - 1);
+    let mut text = format!("{:>8.3} {from:<NAME_COLUMNS$} {arrow} {to}\n", at.as_secs_f64());
+    let what = cut(&gist(message), COLUMNS - 9);
+    if !what.is_empty() {
+        text.push_str(&format!("         {}\n", output::paint(Color::Dim, &what)));
+    }
+    text
+}
+
+/// The beginning of a text, as long as there is room for it.
+fn cut(text: &str, columns: usize) -> String {
+    if text.chars().count() <= columns {
+        return text.to_owned();
+    }
+    let mut cut: String = text.chars().take(columns.saturating_sub(1)).collect();
+    cut.push('…');
+    cut
+}
+
+/// What a message says, in a few words on one line.
 fn gist(message: &Message) -> String {
-    match message.performative {
+    let said = match message.performative {
         Performative::Confirm => message
             .content_as::<Report>()
             .map(|report| format!("{}: {}", report.outcome, report.detail))
@@ -118,14 +181,32 @@ fn gist(message: &Message) -> String {
             Ok(Inform::Answer(answer)) => answer.text,
             Err(_) => String::new(),
         },
-        _ => {
-            let content = &message.content;
-            let first = |keys: &[&str]| {
-                keys.iter().find_map(|key| content.get(*key)).map(ToString::to_string)
-            };
-            first(&["goal", "action", "conjuncts", "proposals", "detail", "status", "act", "text"])
-                .map(|text| text.chars().take(100).collect())
-                .unwrap_or_default()
-        }
+        _ => of_content(message),
+    };
+    said.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// The first field of a content that tells a person something.
+fn of_content(message: &Message) -> String {
+    const TELLING: [&str; 13] = [
+        "goal",
+        "action",
+        "plan",
+        "believe",
+        "retract",
+        "mode",
+        "text",
+        "conjuncts",
+        "proposals",
+        "detail",
+        "token",
+        "status",
+        "act",
+    ];
+    let found = TELLING.iter().find_map(|key| message.content.get(*key));
+    match found {
+        Some(serde_json::Value::String(text)) => text.clone(),
+        Some(other) => other.to_string(),
+        None => String::new(),
     }
 }

@@ -145,7 +145,11 @@ impl<T: FnMut(Event)> Play<T> {
         loop {
             let heard = self.terminal.hear.recv().await;
             match heard.ok_or("the user's keyboard has ended")? {
-                Heard::Asked(_) => (),
+                // Nobody asks this user, and this user sends nothing but the goal.
+                Heard::Asked(_)
+                | Heard::Answered(_)
+                | Heard::Question(_)
+                | Heard::QuestionClosed(..) => (),
                 Heard::Report(_, report) => {
                     self.hear(&report);
                     match report.outcome {

@@ -13,7 +13,25 @@ fn without_arguments_the_first_screen_is_shown() {
 #[test]
 fn help_fits_80_columns() {
     let commands = [
-        "up", "scenario", "goal", "agents", "domain", "state", "watch", "plan", "validate", "check",
+        "up",
+        "keyboard",
+        "scenario",
+        "goal",
+        "act",
+        "set",
+        "mode",
+        "answer",
+        "agents",
+        "domain",
+        "state",
+        "goals",
+        "watch",
+        "mailbox",
+        "send",
+        "plan",
+        "validate",
+        "check",
+        "completions",
     ];
     for command in commands {
         let help = Sandbox::new(&[]).check(&format!("{command} --help"), 0).stdout;

@@ -1,0 +1,30 @@
+//! `althing act`: asks for one action, and follows it to its end.
+
+use std::process::ExitCode;
+
+use keyboard::Said;
+
+use crate::cli::{ActArgs, ActionArgs};
+use crate::commands::speaking::{self, Interrupt, Manner};
+use crate::commands::{client, wrong};
+
+/// Asks for the action.
+pub(super) fn run(args: &ActArgs) -> ExitCode {
+    let json = args.print.json;
+    let said = match said(&args.action) {
+        Ok(said) => said,
+        Err(problem) => return wrong(&problem, json),
+    };
+    client::with_link(&args.reach, json, async |link| {
+        let manner = Manner { to: Some("plan-executor"), json, interrupt: Interrupt::GiveUp };
+        let code = speaking::say(&link, said, manner).await;
+        (link, code)
+    })
+}
+
+/// What is to be said, once it can be read as an action.
+pub(crate) fn said(args: &ActionArgs) -> Result<Said, String> {
+    let action = &args.action;
+    pddl::parse_step(action).into_result().map_err(|found| super::located(&found, action))?;
+    Ok(Said::Act(action.clone()))
+}

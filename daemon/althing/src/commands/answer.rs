@@ -1,0 +1,88 @@
+//! `althing answer`: the questions that agents ask people, and a person's answer to one.
+
+use std::fmt::Write as _;
+use std::process::ExitCode;
+
+use acl::content::OpenQuestion;
+use agent::Resource;
+use keyboard::Said;
+use serde_json::json;
+
+use crate::cli::AnswerArgs;
+use crate::commands::client::{self, Link, View};
+use crate::commands::speaking::{self, Interrupt, Manner};
+use crate::{exit, output};
+
+/// Lists the open questions, or answers one.
+pub(super) fn run(args: &AnswerArgs) -> ExitCode {
+    client::with_link(&args.reach, args.print.json, async |link| {
+        let code = match &args.reply.id {
+            None => list(&link.view, args.print.json).await,
+            Some(id) => answer(&link, id, args).await,
+        };
+        (link, code)
+    })
+}
+
+/// Prints the open questions of all keyboards.
+pub(crate) async fn list(view: &View, json: bool) -> ExitCode {
+    let open = questions(view).await;
+    if json {
+        return output::print_json(&json!({ "questions": open }), exit::DONE);
+    }
+    if open.is_empty() {
+        return output::print("no agent asks anybody\n", exit::DONE);
+    }
+    let mut text = format!("{:<28} {:<20} {:>8}  QUESTION\n", "ID", "FROM", "LEFT");
+    for OpenQuestion { keyboard, question, from, text: asked, left } in &open {
+        let id = format!("{keyboard}/{question}");
+        let left = super::brief(left.0);
+        let _ = writeln!(text, "{id:<28} {:<20} {left:>8}  {asked}", from.as_str());
+    }
+    output::print(text, exit::DONE)
+}
+
+async fn answer(link: &Link, id: &str, args: &AnswerArgs) -> ExitCode {
+    let json = args.print.json;
+    let said = match said(&link.view, id, args.reply.text.join(" ")).await {
+        Ok(said) => said,
+        Err(problem) => return super::wrong(&problem, json),
+    };
+    let interrupt = Interrupt::Leave("the answer may have been given all the same");
+    speaking::say(link, said, Manner { to: None, json, interrupt }).await
+}
+
+/// What is to be said to answer the question `id`: its number, or its keyboard and its number.
+pub(crate) async fn said(view: &View, id: &str, text: String) -> Result<Said, String> {
+    let open = questions(view).await;
+    let is_meant = |open: &&OpenQuestion| match id.split_once('/') {
+        Some((keyboard, number)) => {
+            open.keyboard.as_str() == keyboard && open.question.to_string() == number
+        }
+        None => open.question.to_string() == id,
+    };
+    let meant: Vec<_> = open.iter().filter(is_meant).collect();
+    let ids = |open: &[&OpenQuestion]| {
+        let ids: Vec<_> =
+            open.iter().map(|open| format!("{}/{}", open.keyboard, open.question)).collect();
+        ids.join(", ")
+    };
+    match meant[..] {
+        [one] => Ok(Said::Answer { keyboard: one.keyboard.clone(), question: one.question, text }),
+        [] if open.is_empty() => Err(format!("no question `{id}` is open, nor any other")),
+        [] => {
+            let all: Vec<_> = open.iter().collect();
+            Err(format!("no question `{id}` is open; open: {}", ids(&all)))
+        }
+        _ => Err(format!("several keyboards have a question {id}: say {}", ids(&meant))),
+    }
+}
+
+pub(crate) async fn questions(view: &View) -> Vec<OpenQuestion> {
+    view.directory(None).await;
+    let answers = view.ask(Resource::Questions, None).await;
+    let read = answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok());
+    let mut open: Vec<OpenQuestion> = read.flat_map(|open: Vec<OpenQuestion>| open).collect();
+    open.sort_by(|a, b| (&a.keyboard, a.question).cmp(&(&b.keyboard, b.question)));
+    open
+}

@@ -1,0 +1,21 @@
+//! `althing completions`: what lets a shell complete the command line.
+
+use std::process::ExitCode;
+
+use clap::CommandFactory as _;
+use clap_complete::{Shell, generate};
+
+use crate::cli::{Cli, CompletionsArgs, ShellArg};
+use crate::{exit, output};
+
+/// Prints the shell's script.
+pub(super) fn run(args: &CompletionsArgs) -> ExitCode {
+    let shell = match args.shell {
+        ShellArg::Bash => Shell::Bash,
+        ShellArg::Zsh => Shell::Zsh,
+        ShellArg::Fish => Shell::Fish,
+    };
+    let mut script = Vec::new();
+    generate(shell, &mut Cli::command(), "althing", &mut script);
+    output::print(String::from_utf8_lossy(&script), exit::DONE)
+}

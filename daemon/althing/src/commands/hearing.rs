@@ -1,0 +1,101 @@
+//! What a person hears, as lines for a person and as objects for a program.
+
+use std::process::ExitCode;
+
+use acl::content::{Inform, OpenQuestion, Outcome, Refusal, Report};
+use acl::{Message, Performative};
+use keyboard::Heard;
+use serde_json::{Value, json};
+
+use crate::output::Color;
+use crate::{exit, output};
+
+/// Prints what was heard.
+pub(crate) fn print(heard: &Heard, json: bool) -> ExitCode {
+    if json {
+        return output::print_json(&object(heard), exit::DONE);
+    }
+    let text: String = lines(heard).iter().map(|line| format!("{line}\n")).collect();
+    output::print(text, exit::DONE)
+}
+
+/// What was heard, for a person.
+pub(crate) fn lines(heard: &Heard) -> Vec<String> {
+    match heard {
+        Heard::Asked(id) => vec![line(Color::Dim, "asked", id.as_str())],
+        Heard::Report(_, report) => of_report(report),
+        Heard::Refused(_, refusal) => vec![line(Color::Red, "refused", &refusal.detail)],
+        Heard::Unanswered(_, why) => vec![line(Color::Red, "nobody", why)],
+        Heard::Answered(message) => vec![of_message(message)],
+        Heard::Question(open) => {
+            let OpenQuestion { question, from, text, left, .. } = open;
+            let left = super::brief(left.0);
+            vec![
+                line(Color::Yellow, "asks", &format!("{from}: {text}")),
+                format!("           answer {question} TEXT     within {left}"),
+            ]
+        }
+        Heard::QuestionClosed(question, why) => {
+            vec![line(Color::Dim, "closed", &format!("question {question}: {why}"))]
+        }
+    }
+}
+
+fn line(color: Color, word: &str, rest: &str) -> String {
+    format!("{} {rest}", output::paint(color, &format!("{word:<8}")))
+}
+
+fn of_report(report: &Report) -> Vec<String> {
+    let color = match report.outcome {
+        Outcome::Progress => Color::Plain,
+        Outcome::Holds | Outcome::Done => Color::Green,
+        Outcome::Failed | Outcome::Cancelled => Color::Red,
+    };
+    let mut lines = vec![line(color, &report.outcome.to_string(), &report.detail)];
+    let steps = report.plan.iter().flat_map(|plan| plan.lines());
+    lines.extend(
+        steps.filter(|line| line.starts_with('(')).map(|line| format!("           {line}")),
+    );
+    lines
+}
+
+/// An answer to a message that was sent as it was written.
+fn of_message(message: &Message) -> String {
+    let (from, act) = (&message.sender, message.performative);
+    let said = match act {
+        Performative::Confirm => message
+            .content_as::<Report>()
+            .map(|report| format!("{}: {}", report.outcome, report.detail)),
+        Performative::Refuse | Performative::NotUnderstood => {
+            message.content_as::<Refusal>().map(|refusal| refusal.detail)
+        }
+        Performative::Inform => message.content_as::<Inform>().map(|inform| match inform {
+            Inform::Answer(answer) => answer.text,
+            _ => message.content.to_string(),
+        }),
+        _ => Ok(message.content.to_string()),
+    };
+    let said = said.unwrap_or_else(|_| message.content.to_string());
+    format!("{:<8} {from}: {said}", act.as_str())
+}
+
+/// What was heard, for a program.
+pub(crate) fn object(heard: &Heard) -> Value {
+    match heard {
+        Heard::Asked(id) => json!({ "event": "asked", "conversation": id }),
+        Heard::Report(id, report) => {
+            json!({ "event": "report", "conversation": id, "report": report })
+        }
+        Heard::Refused(id, refusal) => {
+            json!({ "event": "refused", "conversation": id, "refusal": refusal })
+        }
+        Heard::Unanswered(id, why) => {
+            json!({ "event": "unanswered", "conversation": id, "problem": why })
+        }
+        Heard::Answered(message) => json!({ "event": "answered", "message": message }),
+        Heard::Question(open) => json!({ "event": "question", "question": open }),
+        Heard::QuestionClosed(question, why) => {
+            json!({ "event": "question-closed", "question": question, "detail": why })
+        }
+    }
+}

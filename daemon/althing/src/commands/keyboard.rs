@@ -1,0 +1,44 @@
+//! `althing keyboard`: a prompt to a running ecosystem, in any terminal.
+
+use std::process::ExitCode;
+
+use acl::AgentId;
+use keyboard::Keyboard;
+
+use crate::cli::KeyboardArgs;
+use crate::commands::client::{self, Link};
+use crate::prompt::{self, Guest};
+use crate::{exit, output};
+
+/// Opens the prompt.
+pub(super) fn run(args: &KeyboardArgs) -> ExitCode {
+    let json = args.print.json;
+    let name = args.name.clone().unwrap_or_else(|| client::guest_name("keyboard"));
+    let id = match AgentId::new(&name) {
+        Ok(id) => id,
+        Err(error) => return super::wrong(&error.to_string(), json),
+    };
+    client::with_link(&args.reach, json, async |link| {
+        let code = open(&link, id, json).await;
+        (link, code)
+    })
+}
+
+async fn open(link: &Link, id: AgentId, json: bool) -> ExitCode {
+    let directory = link.view.directory(Some(&id)).await;
+    if let Some(holder) = directory.find(&id) {
+        let problem = format!(
+            "be `{id}`: an agent of that name is at daemon `{}`; choose another with --name",
+            holder.daemon
+        );
+        return client::unavailable(&problem, json);
+    }
+    let (keyboard, terminal) = Keyboard::with_terminal();
+    link.node.launch(id.clone(), keyboard, link.view.ontology());
+    let guest = Guest { view: link.view.clone(), id, terminal, json };
+    if prompt::run(guest, super::interrupted()).await {
+        return exit::with(exit::DONE);
+    }
+    output::note("some of what was asked for failed");
+    exit::with(super::speaking::FAILED)
+}

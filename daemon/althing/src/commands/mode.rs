@@ -1,0 +1,20 @@
+//! `althing mode`: changes the flow while it runs.
+
+use std::process::ExitCode;
+
+use keyboard::Said;
+
+use crate::cli::ModeArgs;
+use crate::commands::client;
+use crate::commands::speaking::{self, Interrupt, Manner};
+
+/// Asks for the flow.
+pub(super) fn run(args: &ModeArgs) -> ExitCode {
+    let json = args.print.json;
+    client::with_link(&args.reach, json, async |link| {
+        let interrupt = Interrupt::Leave("the flow may have been changed all the same");
+        let manner = Manner { to: Some("plan-requester"), json, interrupt };
+        let code = speaking::say(&link, Said::Mode(args.mode.into()), manner).await;
+        (link, code)
+    })
+}

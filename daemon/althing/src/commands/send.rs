@@ -1,0 +1,204 @@
+//! `althing send`: one message as it is written, checked, sent from a keyboard; the answers.
+
+use std::io::Read as _;
+use std::path::Path;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use acl::content::{CallForProposals, Question, Request};
+use acl::{AgentId, ConversationId, Deadline, Performative, Protocol};
+use agent::Directory;
+use conversation::{PROTOCOLS, Phase, Role};
+use keyboard::{Draft, Said};
+use serde::Deserialize;
+use serde_json::{Map, Value};
+
+use crate::cli::SendArgs;
+use crate::commands::client::{self, Link};
+use crate::commands::speaking::{self, Interrupt, Manner};
+use crate::report::Source;
+use crate::{exit, output};
+
+/// How long answers are waited for that name no time: longer than an agent has to answer, and
+/// than a plan takes to be found.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// A message of a person is not longer than this; a program that sends megabytes is mistaken.
+const BYTES_MAX: u64 = 1 << 20;
+
+/// What is written in the file.
+#[derive(Deserialize)]
+struct Written {
+    performative: Performative,
+    #[serde(default)]
+    receiver: Receivers,
+    #[serde(default)]
+    content: Value,
+    protocol: Option<Protocol>,
+    conversation_id: Option<ConversationId>,
+    reply_by: Option<Deadline>,
+    /// What the keyboard says itself, or nobody knows.
+    #[serde(flatten)]
+    rest: Map<String, Value>,
+}
+
+/// One name, or a list of them.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Receivers {
+    One(AgentId),
+    Many(Vec<AgentId>),
+}
+
+impl Default for Receivers {
+    fn default() -> Receivers {
+        Receivers::Many(Vec::new())
+    }
+}
+
+/// Sends the message.
+pub(super) fn run(args: &SendArgs) -> ExitCode {
+    let json = args.print.json;
+    let draft = match text(&args.file).and_then(|text| draft(&text)) {
+        Ok(draft) => draft,
+        Err(problem) => return super::wrong(&problem, json),
+    };
+    client::with_link(&args.reach, json, async |link| {
+        let code = send(&link, draft, json).await;
+        (link, code)
+    })
+}
+
+async fn send(link: &Link, draft: Draft, json: bool) -> ExitCode {
+    let directory = link.view.directory(draft.to.as_ref()).await;
+    if let Err(problem) = is_here(&draft, &directory) {
+        return client::unavailable(&problem, json);
+    }
+    let to = draft.to.clone();
+    let interrupt = Interrupt::Leave("the message was sent; its answers are not waited for");
+    let manner = Manner { to: to.as_ref().map(AgentId::as_str), json, interrupt };
+    let is_to_all = draft.to.is_none();
+    let code = speaking::say(link, Said::Send(draft), manner).await;
+    // Of a message to all nobody knows how many will answer: the end of the wait is its end.
+    if is_to_all && code == exit::with(exit::UNAVAILABLE) { exit::with(exit::DONE) } else { code }
+}
+
+/// Whether the receiver is here: a message to a wrong name would wait for its deadline.
+fn is_here(draft: &Draft, directory: &Directory) -> Result<(), String> {
+    let Some(to) = draft.to.as_ref().filter(|to| directory.find(to).is_none()) else {
+        return Ok(());
+    };
+    let known = directory.iter().map(|resident| resident.agent.as_str());
+    let near = pddl::nearest(to.as_str(), known);
+    let near = near.map(|near| format!("; did you mean `{near}`?")).unwrap_or_default();
+    Err(format!("find `{to}`: it is not here{near}"))
+}
+
+fn text(file: &Path) -> Result<String, String> {
+    if file != Path::new("-") {
+        return Source::read(file)
+            .map(|source| source.text.clone())
+            .map_err(|problem| format!("failed to {problem}"));
+    }
+    let mut text = String::new();
+    let read = std::io::stdin().lock().take(BYTES_MAX).read_to_string(&mut text);
+    read.map_err(|error| format!("failed to read standard input: {error}"))?;
+    Ok(text)
+}
+
+/// Reads a message and checks it: its performative must open an exchange of its protocol, and its
+/// content must have the shape that goes with them.
+fn draft(text: &str) -> Result<Draft, String> {
+    let written: Written = serde_json::from_str(text)
+        .map_err(|error| format!("this is no message: {error}; see althing help send"))?;
+    let Written { performative, receiver, content, protocol, conversation_id, reply_by, rest } =
+        written;
+    let left_out: Vec<_> = rest.keys().map(String::as_str).collect();
+    if !left_out.is_empty() {
+        output::note(&format!("left to the keyboard, or unknown: {}", left_out.join(", ")));
+    }
+    let to = match receiver {
+        Receivers::One(one) => Some(one),
+        Receivers::Many(many) if many.len() <= 1 => many.into_iter().next(),
+        Receivers::Many(_) => return Err("name one receiver, or none for all".to_owned()),
+    };
+    let usual = shape(performative, &content)?;
+    let protocol = protocol.unwrap_or(usual);
+    let opens = PROTOCOLS.iter().any(|turn| {
+        (turn.protocol, turn.phase, turn.role, turn.performative)
+            == (protocol, Phase::Opening, Role::Initiator, performative)
+    });
+    if !opens {
+        return Err(format!("`{performative}` does not open an exchange of {protocol:?}"));
+    }
+    if performative == Performative::Cancel && conversation_id.is_none() {
+        return Err("a `cancel` names the goal's `conversation_id`".to_owned());
+    }
+    let patience = reply_by.map_or(PATIENCE, |by| by.0);
+    Ok(Draft { to, performative, protocol, conversation: conversation_id, content, patience })
+}
+
+/// The protocol that goes with a message, once its content can be read.
+fn shape(performative: Performative, content: &Value) -> Result<Protocol, String> {
+    let wrong = |error: serde_json::Error| format!("the content of a `{performative}`: {error}");
+    match performative {
+        Performative::Request => Ok(match Request::deserialize(content).map_err(wrong)? {
+            Request::Achieve(_) => Protocol::Goal,
+            Request::Plan(_) => Protocol::Planning,
+            Request::Execute(_) => Protocol::Execution,
+            Request::Act(_) => Protocol::Action,
+            Request::ChangeState(_) | Request::SetMode(_) | Request::AnswerQuestion(_) => {
+                Protocol::StateChange
+            }
+        }),
+        Performative::QueryRef => {
+            Question::deserialize(content).map(|_| Protocol::Query).map_err(wrong)
+        }
+        Performative::Cfp => {
+            CallForProposals::deserialize(content).map(|_| Protocol::ContractNet).map_err(wrong)
+        }
+        Performative::Cancel => Ok(Protocol::Goal),
+        _ => Err(format!(
+            "a `{performative}` answers somebody; a keyboard sends what opens an exchange: \
+             request, query-ref, cfp, cancel"
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn check_mistake(text: &str, expected: &str) {
+        let problem = draft(text).expect_err("a mistake");
+        assert!(problem.contains(expected), "{problem}");
+    }
+
+    #[test]
+    fn the_protocol_is_the_contents() {
+        let text = r#"{"performative": "request", "receiver": "plan-requester",
+                       "content": {"act": "achieve", "goal": "(on lamp)"}}"#;
+        let draft = draft(text).expect("a message");
+        assert_eq!(draft.protocol, Protocol::Goal);
+        assert_eq!(draft.to, AgentId::new("plan-requester").ok());
+    }
+
+    #[test]
+    fn a_mistake_is_told_before_anything_is_sent() {
+        check_mistake("{", "no message");
+        check_mistake(r#"{"performative": "shout"}"#, "shout");
+        check_mistake(r#"{"performative": "confirm"}"#, "request, query-ref");
+        check_mistake(r#"{"performative": "request", "content": {"act": "fly"}}"#, "fly");
+        check_mistake(r#"{"performative": "query-ref", "content": {}}"#, "text");
+        check_mistake(r#"{"performative": "cancel"}"#, "conversation_id");
+        check_mistake(
+            r#"{"performative": "query-ref", "protocol": "goal", "content": {"text": "?"}}"#,
+            "Goal",
+        );
+        check_mistake(
+            r#"{"performative": "query-ref", "receiver": ["a", "b"], "content": {"text": "?"}}"#,
+            "one receiver",
+        );
+    }
+}

@@ -1,0 +1,38 @@
+//! `althing set`: changes what is known of the world.
+
+use std::process::ExitCode;
+
+use acl::content::ChangeState;
+use keyboard::Said;
+
+use crate::cli::{FactArgs, SetArgs};
+use crate::commands::speaking::{self, Interrupt, Manner};
+use crate::commands::{client, wrong};
+
+/// Asks for the change.
+pub(super) fn run(args: &SetArgs) -> ExitCode {
+    let json = args.print.json;
+    let said = match said(&args.facts) {
+        Ok(said) => said,
+        Err(problem) => return wrong(&problem, json),
+    };
+    client::with_link(&args.reach, json, async |link| {
+        let interrupt = Interrupt::Leave("the change may have been made all the same");
+        let manner = Manner { to: Some("domain-maintainer"), json, interrupt };
+        let code = speaking::say(&link, said, manner).await;
+        (link, code)
+    })
+}
+
+/// What is to be said, once it can be read as facts.
+pub(crate) fn said(args: &FactArgs) -> Result<Said, String> {
+    let facts = args.facts.join("\n");
+    let read = pddl::parse_init_elements(&facts).into_result();
+    read.map_err(|found| super::located(&found, &facts))?;
+    let change = if args.retract {
+        ChangeState { retract: facts, ..ChangeState::default() }
+    } else {
+        ChangeState { believe: facts, ..ChangeState::default() }
+    };
+    Ok(Said::Set(change))
+}

@@ -1,0 +1,205 @@
+//! What Tab offers: verbs, and the goals, actions, objects and agents that are there now.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use acl::content::Snapshot;
+
+use super::verbs;
+
+/// What a condition can begin with besides a predicate.
+const CONNECTIVES: [&str; 6] = ["and", "exists", "forall", "imply", "not", "or"];
+
+/// The words there are.
+#[derive(Debug, Default)]
+pub(super) struct Vocabulary {
+    /// Goals with a name.
+    goals: Vec<String>,
+    /// What facts begin with.
+    predicates: Vec<String>,
+    functions: Vec<String>,
+    /// Who offers each action.
+    actions: BTreeMap<String, BTreeSet<String>>,
+    objects: Vec<String>,
+    agents: Vec<String>,
+    /// Numbers of requests that have not ended.
+    pub(super) requests: Vec<String>,
+    /// Numbers of open questions.
+    pub(super) questions: Vec<String>,
+}
+
+impl Vocabulary {
+    /// Takes the words of the domain as it is now; without one, the former words remain.
+    pub(super) fn renew(
+        &mut self,
+        snapshot: Option<&Snapshot>,
+        goals: Vec<String>,
+        agents: Vec<String>,
+    ) {
+        (self.goals, self.agents) = (goals, agents);
+        let Some(snapshot) = snapshot else { return };
+        if let Some(domain) = pddl::parse_domain(&snapshot.domain).value {
+            let named = domain.predicates.iter().map(|predicate| predicate.name.to_string());
+            // What has two hyphens in its name is made by the Domain Maintainer, for planners.
+            self.predicates = named.filter(|name| !name.contains("--")).collect();
+            self.functions =
+                domain.functions.iter().map(|function| function.name.to_string()).collect();
+            self.objects =
+                domain.constants.iter().map(|constant| constant.name.to_string()).collect();
+        }
+        if let Some(problem) = pddl::parse_problem(&snapshot.problem).value {
+            let named = problem.objects.iter().map(|object| object.object.name.to_string());
+            self.objects.extend(named);
+        }
+        self.actions.clear();
+        for (agent, actions) in &snapshot.offers {
+            for action in actions.keys() {
+                self.actions.entry(action.clone()).or_default().insert(agent.to_string());
+            }
+        }
+    }
+
+    /// Where the word before the cursor begins, and what it may become.
+    pub(super) fn complete(&self, before: &str) -> (usize, Vec<String>) {
+        let is_border = |character: char| character.is_whitespace() || character == '(';
+        let start = before.rfind(is_border).map_or(0, |border| border + 1);
+        let (context, word) = before.split_at(start);
+        let mut fitting: Vec<String> =
+            self.candidates(context).into_iter().filter(|known| known.starts_with(word)).collect();
+        fitting.sort();
+        fitting.dedup();
+        (start, fitting)
+    }
+
+    /// Everything that may follow `context`.
+    fn candidates(&self, context: &str) -> Vec<String> {
+        let line = context.trim_start();
+        let verb = if line.starts_with('(') {
+            "goal"
+        } else {
+            line.split(|character: char| character.is_whitespace() || character == '(')
+                .next()
+                .unwrap_or_default()
+        };
+        if line.is_empty() {
+            return verbs::names();
+        }
+        match innermost(line) {
+            Some(inside) => self.within(verb, inside),
+            None => self.after(verb),
+        }
+    }
+
+    /// Outside any parentheses.
+    fn after(&self, verb: &str) -> Vec<String> {
+        let own = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect();
+        match verb {
+            "goal" => {
+                let mut words: Vec<String> = own(&["--maintain", "--priority", "--cancel"]);
+                words.extend(self.goals.iter().cloned());
+                words
+            }
+            "set" => own(&["--retract"]),
+            "mode" => own(&["centralized", "decentralized"]),
+            "answer" => self.questions.clone(),
+            "cancel" => self.requests.clone(),
+            "watch" => {
+                let mut words: Vec<String> = own(&["--conversation", "--off"]);
+                words.extend(self.requests.iter().cloned());
+                words
+            }
+            "mailbox" => self.agents.clone(),
+            "help" => verbs::names(),
+            _ => Vec::new(),
+        }
+    }
+
+    /// Within parentheses, of which `inside` is what stands in the innermost pair so far.
+    fn within(&self, verb: &str, inside: &str) -> Vec<String> {
+        let mut words = inside.split_whitespace();
+        match (verb, words.next()) {
+            ("act", None) => self.actions.keys().cloned().collect(),
+            // The first argument of an action is who acts.
+            ("act", Some(action)) if words.next().is_none() => {
+                self.actions.get(action).into_iter().flatten().cloned().collect()
+            }
+            (_, Some(_)) => self.objects.clone(),
+            (_, None) => {
+                let connectives = CONNECTIVES.map(str::to_owned).into_iter();
+                let symbols = self.predicates.iter().chain(&self.functions).cloned();
+                connectives.chain(symbols).collect()
+            }
+        }
+    }
+}
+
+/// What stands behind the last parenthesis that is open.
+fn innermost(text: &str) -> Option<&str> {
+    let mut open = Vec::new();
+    for (at, character) in text.char_indices() {
+        match character {
+            '(' => open.push(at + 1),
+            ')' => {
+                open.pop();
+            }
+            _ => (),
+        }
+    }
+    open.last().map(|at| &text[*at..])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn vocabulary() -> Vocabulary {
+        let own = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect();
+        Vocabulary {
+            goals: own(&["temperatures"]),
+            predicates: own(&["at", "known-temperature"]),
+            functions: own(&["distance"]),
+            actions: [("move".to_owned(), ["turtlebot-1".to_owned()].into())].into(),
+            objects: own(&["office1", "office2", "turtlebot-1"]),
+            agents: own(&["plan-requester", "turtlebot-1"]),
+            requests: own(&["2"]),
+            questions: own(&["7"]),
+        }
+    }
+
+    #[track_caller]
+    fn check(before: &str, expected: &[&str]) {
+        let (start, words) = vocabulary().complete(before);
+        assert_eq!(words, expected, "{before}");
+        assert!(before.is_char_boundary(start));
+    }
+
+    #[test]
+    fn verbs_come_first() {
+        check("ag", &["agents"]);
+        check("mo", &["mode"]);
+    }
+
+    #[test]
+    fn each_verb_has_words_of_its_own() {
+        check("goal t", &["temperatures"]);
+        check("mode c", &["centralized"]);
+        check("answer ", &["7"]);
+        check("cancel ", &["2"]);
+        check("mailbox p", &["plan-requester"]);
+        check("set --", &["--retract"]);
+    }
+
+    #[test]
+    fn an_action_is_followed_by_who_can_do_it_and_then_by_things() {
+        check("act (m", &["move"]);
+        check("act (move ", &["turtlebot-1"]);
+        check("act (move turtlebot-1 off", &["office1", "office2"]);
+    }
+
+    #[test]
+    fn a_goal_is_made_of_predicates_and_things() {
+        check("(kn", &["known-temperature"]);
+        check("(and (known-temperature office1) (a", &["and", "at"]);
+        check("goal (known-temperature office2", &["office2"]);
+        check("set (= (dist", &["distance"]);
+    }
+}

@@ -1,0 +1,216 @@
+//! Lines: of a person at a terminal, edited, completed and remembered; or of a script, as they
+//! come. On a thread of its own, because nothing can wake a read.
+
+use std::borrow::Cow;
+use std::io::IsTerminal as _;
+use std::path::PathBuf;
+use std::sync::{Arc, PoisonError, RwLock, mpsc};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use acl::{DaemonId, EcosystemId};
+use rustix::termios::{OptionalActions, Termios, tcgetattr, tcsetattr};
+use rustyline::completion::Completer;
+use rustyline::error::ReadlineError;
+use rustyline::highlight::Highlighter;
+use rustyline::hint::Hinter;
+use rustyline::history::FileHistory;
+use rustyline::validate::Validator;
+use rustyline::{Config, Context, Editor, ExternalPrinter as _, Helper};
+use tokio::sync::mpsc as channel;
+
+use super::completion::Vocabulary;
+use crate::{hosting, output};
+
+/// What stands before the line.
+const PROMPT: &str = "althing> ";
+
+/// Lines remembered from one time to the next.
+const HISTORY_LINES_MAX: usize = 1_000;
+
+/// How long what is still to be printed may take when the prompt closes.
+const PRINTED_WITHIN: Duration = Duration::from_millis(500);
+
+/// What came of reading.
+pub(super) enum Typed {
+    Line(String),
+    /// Ctrl-C: the line is given up.
+    Interrupted,
+    End,
+}
+
+/// Where lines come from.
+pub(super) struct Input {
+    pub(super) is_terminal: bool,
+    typed: channel::Receiver<Typed>,
+    next: mpsc::Sender<()>,
+    printing: Option<JoinHandle<()>>,
+    /// How the terminal was: a read that a signal cuts short leaves it raw.
+    before: Option<Termios>,
+}
+
+impl Input {
+    /// Opens the standard input. Nothing is read before [`Input::next`].
+    pub(super) fn open(words: &Arc<RwLock<Vocabulary>>, ecosystem: &EcosystemId) -> Input {
+        let is_terminal = std::io::stdin().is_terminal() && std::io::stdout().is_terminal();
+        let (tell, typed) = channel::channel(1);
+        let (next, wanted) = mpsc::channel();
+        if !is_terminal {
+            std::thread::spawn(move || read_lines(&wanted, &tell));
+            return Input { is_terminal, typed, next, printing: None, before: None };
+        }
+        let before = tcgetattr(std::io::stdin()).ok();
+        let mut printing = None;
+        match editor(words) {
+            Ok(mut editor) => {
+                printing = print_above(&mut editor);
+                let history = history(ecosystem);
+                std::thread::spawn(move || edit_lines(editor, history, &wanted, &tell));
+            }
+            Err(error) => {
+                output::note(&format!("warning: lines cannot be edited here: {error}"));
+                std::thread::spawn(move || read_lines(&wanted, &tell));
+            }
+        }
+        Input { is_terminal, typed, next, printing, before }
+    }
+
+    /// Lets the next line be read.
+    pub(super) fn next(&self) {
+        // A reader that has ended has said so.
+        let _ = self.next.send(());
+    }
+
+    /// The next line, once it is let be read.
+    pub(super) async fn typed(&mut self) -> Typed {
+        self.typed.recv().await.unwrap_or(Typed::End)
+    }
+
+    /// Prints what is still to be printed and leaves the terminal as it was.
+    pub(super) async fn close(self) {
+        output::above(None);
+        if let Some(printing) = self.printing {
+            let printed = tokio::task::spawn_blocking(move || printing.join());
+            // What a terminal does not take in time is lost, and the terminal with it.
+            let _ = tokio::time::timeout(PRINTED_WITHIN, printed).await;
+        }
+        if let Some(before) = self.before {
+            let _ = tcsetattr(std::io::stdin(), OptionalActions::Now, &before);
+        }
+    }
+}
+
+fn read_lines(wanted: &mpsc::Receiver<()>, tell: &channel::Sender<Typed>) {
+    let mut lines = std::io::stdin().lines();
+    while wanted.recv().is_ok() {
+        let typed = match lines.next() {
+            Some(Ok(line)) => Typed::Line(line),
+            Some(Err(_)) | None => Typed::End,
+        };
+        let has_ended = matches!(typed, Typed::End);
+        if tell.blocking_send(typed).is_err() || has_ended {
+            return;
+        }
+    }
+}
+
+type LineEditor = Editor<Assistant, FileHistory>;
+
+fn editor(words: &Arc<RwLock<Vocabulary>>) -> rustyline::Result<LineEditor> {
+    let config = Config::builder()
+        .auto_add_history(true)
+        .max_history_size(HISTORY_LINES_MAX)?
+        .history_ignore_space(true)
+        .completion_type(rustyline::CompletionType::List)
+        .build();
+    let mut editor = Editor::with_config(config)?;
+    editor.set_helper(Some(Assistant { words: Arc::clone(words) }));
+    Ok(editor)
+}
+
+fn edit_lines(
+    mut editor: LineEditor,
+    history: Option<PathBuf>,
+    wanted: &mpsc::Receiver<()>,
+    tell: &channel::Sender<Typed>,
+) {
+    if let Some(history) = &history {
+        // The first time there is none.
+        let _ = editor.load_history(history);
+    }
+    while wanted.recv().is_ok() {
+        let typed = match editor.readline(PROMPT) {
+            Ok(line) => {
+                // Line by line: a signal may end this process at any time.
+                if let Some(history) = &history {
+                    let _ = editor.append_history(history);
+                }
+                Typed::Line(line)
+            }
+            Err(ReadlineError::Interrupted) => Typed::Interrupted,
+            Err(_) => Typed::End,
+        };
+        let has_ended = matches!(typed, Typed::End);
+        if tell.blocking_send(typed).is_err() || has_ended {
+            return;
+        }
+    }
+}
+
+/// Where lines are remembered: with what this machine keeps of the ecosystem.
+fn history(ecosystem: &EcosystemId) -> Option<PathBuf> {
+    let folder = DaemonId::new("prompt").ok()?;
+    let folder = hosting::state_folder(ecosystem, &folder).ok()?;
+    Some(folder.join("history"))
+}
+
+/// From now on everything is printed above the line that is edited. On a thread of its own: the
+/// editor takes one text at a time, and only while it reads.
+fn print_above(editor: &mut LineEditor) -> Option<JoinHandle<()>> {
+    let mut printer = editor.create_external_printer().ok()?;
+    let (print, printed) = mpsc::channel::<String>();
+    output::above(Some(print));
+    Some(std::thread::spawn(move || {
+        for text in printed {
+            if printer.print(text).is_err() {
+                return;
+            }
+        }
+    }))
+}
+
+/// Helps whoever edits a line.
+struct Assistant {
+    words: Arc<RwLock<Vocabulary>>,
+}
+
+impl Helper for Assistant {}
+impl Validator for Assistant {}
+
+impl Hinter for Assistant {
+    type Hint = String;
+}
+
+impl Highlighter for Assistant {
+    fn highlight_prompt<'b, 's: 'b, 'p: 'b>(
+        &'s self,
+        prompt: &'p str,
+        _default: bool,
+    ) -> Cow<'b, str> {
+        Cow::Owned(output::paint(output::Color::Green, prompt))
+    }
+}
+
+impl Completer for Assistant {
+    type Candidate = String;
+
+    fn complete(
+        &self,
+        line: &str,
+        position: usize,
+        _context: &Context<'_>,
+    ) -> rustyline::Result<(usize, Vec<String>)> {
+        let words = self.words.read().unwrap_or_else(PoisonError::into_inner);
+        Ok(words.complete(line.get(..position).unwrap_or(line)))
+    }
+}

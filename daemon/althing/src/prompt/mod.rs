@@ -1,0 +1,314 @@
+//! The prompt: a person at a terminal of the ecosystem, with the verbs of the command line.
+//!
+//! - [`input`] reads lines: of a terminal with history, completion and editing; of anything else
+//!   one after the other, each when what the one before asked for is done.
+//! - [`verbs`] makes words of a line, [`completion`] completes it from what is there now.
+//! - [`requests`] numbers what was asked for, so that a person can speak of it.
+//!
+//! What is heard is printed above the line that is being edited.
+
+mod completion;
+mod input;
+mod requests;
+mod verbs;
+
+use std::future::Future;
+use std::sync::{Arc, PoisonError, RwLock};
+use std::time::Duration;
+
+use acl::content::Snapshot;
+use acl::{AgentId, ConversationId};
+use agent::Resource;
+use keyboard::{Heard, Said, Terminal};
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+
+use crate::cli::{ReplyArgs, WatchWords};
+use crate::commands::client::View;
+use crate::commands::{
+    act, agents, answer, domain, goal, goals, hearing, mailbox, set, state, watch,
+};
+use crate::{exit, output};
+use completion::Vocabulary;
+use input::{Input, Typed};
+use requests::Requests;
+use verbs::Verb;
+
+/// How long the words of the domain may take before the first line is read without them.
+const WORDS_WITHIN: Duration = Duration::from_secs(2);
+
+/// How long after somebody has come or gone the words are read anew: a model comes after its agent.
+const SETTLING: Duration = Duration::from_millis(300);
+
+/// Who sits at the prompt, and where.
+pub(crate) struct Guest {
+    pub(crate) view: View,
+    /// What agents call this keyboard.
+    pub(crate) id: AgentId,
+    pub(crate) terminal: Terminal,
+    pub(crate) json: bool,
+}
+
+/// Reads and does line after line until the input ends, `quit` is said, or `end` comes. Whether
+/// all that was asked for went well.
+pub(crate) async fn run(guest: Guest, end: impl Future) -> bool {
+    let Guest { view, id, terminal, json } = guest;
+    let Terminal { say, mut hear } = terminal;
+    let words = Arc::new(RwLock::new(Vocabulary::default()));
+    let refresher = Refresher::start(&view, &words).await;
+    let mut input = Input::open(&words, &view.name);
+    let mut prompt =
+        Prompt { view, id, json, say, words, requests: Requests::default(), watching: None };
+    if input.is_terminal {
+        prompt.greet();
+    }
+    input.next();
+    tokio::pin!(end);
+    let mut is_idle = false;
+    let mut has_ended = false;
+    loop {
+        tokio::select! {
+            _ = &mut end => break,
+            heard = hear.recv() => match heard {
+                Some(heard) => prompt.hear(&heard),
+                None => break,
+            },
+            typed = input.typed(), if !is_idle && !has_ended => match typed {
+                Typed::Line(line) => {
+                    has_ended = prompt.obey(&line).await == Next::End;
+                    is_idle = true;
+                    refresher.again();
+                }
+                Typed::Interrupted => {
+                    output::note("Ctrl-D ends, `cancel N` gives up what was asked for");
+                    is_idle = true;
+                }
+                Typed::End => has_ended = true,
+            },
+        }
+        // A person goes on at once; a script when what it asked for is done.
+        let may_go_on = input.is_terminal || prompt.requests.are_settled();
+        if may_go_on && has_ended {
+            break;
+        }
+        if may_go_on && std::mem::take(&mut is_idle) {
+            input.next();
+        }
+    }
+    input.close().await;
+    prompt.requests.went_well()
+}
+
+/// What follows a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Next {
+    GoOn,
+    End,
+}
+
+struct Prompt {
+    view: View,
+    id: AgentId,
+    json: bool,
+    say: mpsc::Sender<Said>,
+    words: Arc<RwLock<Vocabulary>>,
+    requests: Requests,
+    watching: Option<JoinHandle<()>>,
+}
+
+impl Drop for Prompt {
+    fn drop(&mut self) {
+        if let Some(watching) = self.watching.take() {
+            watching.abort();
+        }
+    }
+}
+
+impl Prompt {
+    fn greet(&self) {
+        let Prompt { view, id, .. } = self;
+        output::note(&format!("You are `{id}` in `{}`.", view.name));
+        output::note("Type a goal, or a verb: `help` lists them, Tab completes, Ctrl-D ends.");
+    }
+
+    // === hearing ===
+
+    fn hear(&mut self, heard: &Heard) {
+        let number = self.requests.hear(heard);
+        self.note_words(heard);
+        if self.json {
+            let _ = output::print_json(&hearing::object(heard), exit::DONE);
+            return;
+        }
+        let mark = number.map(|number| format!("[{number}] ")).unwrap_or_default();
+        let lines = hearing::lines(heard);
+        let text: String = lines.iter().map(|line| format!("{mark}{line}\n")).collect();
+        let _ = output::print(text, exit::DONE);
+    }
+
+    /// Numbers that can be completed.
+    fn note_words(&self, heard: &Heard) {
+        let mut words = self.words.write().unwrap_or_else(PoisonError::into_inner);
+        words.requests = self.requests.numbers();
+        match heard {
+            Heard::Question(open) => words.questions.push(open.question.to_string()),
+            Heard::QuestionClosed(question, _) => {
+                words.questions.retain(|open| *open != question.to_string());
+            }
+            _ => (),
+        }
+    }
+
+    // === speaking ===
+
+    async fn obey(&mut self, line: &str) -> Next {
+        match verbs::read(line) {
+            Ok(Some(verb)) => self.act_on(verb).await,
+            Ok(None) => Next::GoOn,
+            Err(problem) => self.decline(&problem),
+        }
+    }
+
+    fn decline(&mut self, problem: &str) -> Next {
+        self.requests.fail();
+        output::note(problem.trim_end());
+        Next::GoOn
+    }
+
+    async fn act_on(&mut self, verb: Verb) -> Next {
+        let (view, json) = (self.view.clone(), self.json);
+        let shown = match verb {
+            Verb::Goal(wish) => {
+                let said = goal::said(view.ecosystem.as_deref(), &wish);
+                return self.say(said.map(|said| self.meant(said))).await;
+            }
+            Verb::Act(action) => return self.say(act::said(&action)).await,
+            Verb::Set(facts) => return self.say(set::said(&facts)).await,
+            Verb::Mode { mode } => return self.say(Ok(Said::Mode(mode.into()))).await,
+            Verb::Cancel { id } => {
+                let said = self.meant(Said::Cancel(ConversationId::new(&id)));
+                return self.say(Ok(said)).await;
+            }
+            Verb::Answer(ReplyArgs { id: None, .. }) => answer::list(&view, json).await,
+            Verb::Answer(ReplyArgs { id: Some(id), text }) => {
+                let said = self.answer(&id, text.join(" ")).await;
+                return self.say(said).await;
+            }
+            Verb::Goals => goals::print(&view, json).await,
+            Verb::Agents => agents::print(&view, json).await,
+            Verb::Domain => domain::print(&view, json).await,
+            Verb::State => state::print(&view, json).await,
+            Verb::Mailbox(whose) => mailbox::print(&view, &whose, json).await,
+            Verb::Watch(words) => return self.watch(words),
+            Verb::Help { verb } => output::print(verbs::help(verb.as_deref()), exit::DONE),
+            Verb::Quit => return Next::End,
+        };
+        if shown != exit::with(exit::DONE) {
+            self.requests.fail();
+        }
+        Next::GoOn
+    }
+
+    /// The same, with the conversation behind the number that a person says.
+    fn meant(&self, said: Said) -> Said {
+        match said {
+            Said::Cancel(id) => Said::Cancel(self.requests.find(id.as_str()).unwrap_or(id)),
+            said => said,
+        }
+    }
+
+    async fn answer(&self, id: &str, text: String) -> Result<Said, String> {
+        let is_own = {
+            let words = self.words.read().unwrap_or_else(PoisonError::into_inner);
+            words.questions.iter().any(|open| open == id)
+        };
+        match id.parse() {
+            Ok(question) if is_own => {
+                Ok(Said::Answer { keyboard: self.id.clone(), question, text })
+            }
+            _ => answer::said(&self.view, id, text).await,
+        }
+    }
+
+    async fn say(&mut self, said: Result<Said, String>) -> Next {
+        let said = match said {
+            Ok(said) => said,
+            Err(problem) => return self.decline(&format!("error: {problem}")),
+        };
+        if let Said::Answer { question, .. } = &said {
+            let mut words = self.words.write().unwrap_or_else(PoisonError::into_inner);
+            words.questions.retain(|open| *open != question.to_string());
+        }
+        self.requests.say(&said);
+        if self.say.send(said).await.is_err() {
+            return Next::End;
+        }
+        Next::GoOn
+    }
+
+    fn watch(&mut self, words: WatchWords) -> Next {
+        if let Some(watching) = self.watching.take() {
+            watching.abort();
+        }
+        if words.off {
+            return Next::GoOn;
+        }
+        let asked = words.id.or(words.conversation);
+        let meant = |id: String| match self.requests.find(&id) {
+            Some(conversation) => conversation.as_str().to_owned(),
+            None => id,
+        };
+        let (conversation, view, json) = (asked.map(meant), self.view.clone(), self.json);
+        self.watching = Some(tokio::spawn(async move {
+            let heard = watch::listen(&view.name, &view.endpoints, conversation, json, "watch");
+            if let Err(problem) = heard.await {
+                output::note(&format!("error: failed to {problem}"));
+            }
+        }));
+        Next::GoOn
+    }
+}
+
+/// Keeps the words that are completed those of the domain as it is.
+struct Refresher {
+    wake: mpsc::Sender<()>,
+}
+
+impl Refresher {
+    /// Reads the words, and goes on reading them.
+    async fn start(view: &View, words: &Arc<RwLock<Vocabulary>>) -> Refresher {
+        let (wake, mut woken) = mpsc::channel::<()>(1);
+        let (view, words) = (view.clone(), Arc::clone(words));
+        let first = read_words(&view, &words);
+        let _ = tokio::time::timeout(WORDS_WITHIN, first).await;
+        let (_, mut changes) = view.switchboard.presence_changes();
+        tokio::spawn(async move {
+            loop {
+                tokio::select! {
+                    _ = changes.recv() => tokio::time::sleep(SETTLING).await,
+                    woken = woken.recv() => if woken.is_none() { return },
+                }
+                changes = changes.resubscribe();
+                read_words(&view, &words).await;
+            }
+        });
+        Refresher { wake }
+    }
+
+    fn again(&self) {
+        // One call that waits serves them all.
+        let _ = self.wake.try_send(());
+    }
+}
+
+async fn read_words(view: &View, words: &RwLock<Vocabulary>) {
+    let maintainer = AgentId::new("domain-maintainer").ok();
+    let answers = view.ask(Resource::Domain, maintainer).await;
+    let snapshot = answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());
+    let goals = view.ecosystem.iter().flat_map(|ecosystem| ecosystem.goals.keys());
+    let goals = goals.cloned().collect();
+    let directory = view.switchboard.directory();
+    let agents = directory.iter().map(|resident| resident.agent.to_string()).collect();
+    let mut words = words.write().unwrap_or_else(PoisonError::into_inner);
+    words.renew(snapshot.as_ref(), goals, agents);
+}

@@ -1,0 +1,188 @@
+//! A line at the prompt as a verb with its words: those of the command line, with the same
+//! arguments. A line that begins with `(` is a goal.
+
+use clap::{CommandFactory, Parser, Subcommand};
+
+use crate::cli::{ActionArgs, FactArgs, ModeArg, ReplyArgs, WatchWords, WhoseArgs, WishArgs};
+
+/// What `help` prints.
+const HELP: &str = "\
+Ask    (GOAL)  goal GOAL|NAME [--maintain] [--priority N]
+       act (ACTION)            one action: (move turtlebot-1 corridor office1)
+       set [--retract] (FACT)  what is known to be true
+       mode MODE               centralized or decentralized
+       cancel N                give up what was asked for as [N]
+       answer N TEXT           answer an agent; without words: who asks
+Look   agents  domain  state  goals  mailbox [AGENT]
+       watch [N|ID]            the messages, or those of one goal; watch --off
+Else   help VERB  quit         Tab completes, Ctrl-D ends
+";
+
+#[derive(Debug, Parser)]
+#[command(multicall = true, disable_help_subcommand = true, max_term_width = 80)]
+struct Line {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+/// What can be typed.
+#[derive(Debug, Subcommand)]
+pub(super) enum Verb {
+    /// Ask for a goal, or give one up
+    Goal(WishArgs),
+    /// Ask for one action
+    Act(ActionArgs),
+    /// Change what is known of the world
+    Set(FactArgs),
+    /// Change who plans from now on
+    Mode {
+        /// The flow
+        mode: ModeArg,
+    },
+    /// Give up a goal or an action
+    Cancel {
+        /// Its number, or its conversation
+        id: String,
+    },
+    /// Answer an agent's question, or list the open ones
+    Answer(ReplyArgs),
+    /// Show the goals and how they stand
+    Goals,
+    /// Show who is here
+    Agents,
+    /// Show what all can do together, as PDDL
+    Domain,
+    /// Show what is known of the world
+    State,
+    /// Show how full mailboxes are
+    Mailbox(WhoseArgs),
+    /// Show the messages as they are sent
+    Watch(WatchWords),
+    /// Tell what can be typed
+    Help {
+        /// About which verb
+        verb: Option<String>,
+    },
+    /// Leave
+    #[command(alias = "exit")]
+    Quit,
+}
+
+/// The verbs' names.
+pub(super) fn names() -> Vec<String> {
+    Line::command().get_subcommands().map(|verb| verb.get_name().to_owned()).collect()
+}
+
+/// What can be typed, or one verb's arguments.
+pub(super) fn help(verb: Option<&str>) -> String {
+    let mut line = Line::command();
+    match verb.and_then(|verb| line.find_subcommand_mut(verb)) {
+        Some(verb) => verb.render_help().to_string(),
+        None => HELP.to_owned(),
+    }
+}
+
+/// Reads a line; nothing where nothing is said.
+///
+/// # Errors
+///
+/// If there is no such verb, or its words do not fit; for a person.
+pub(super) fn read(line: &str) -> Result<Option<Verb>, String> {
+    let mut words = words(line);
+    if words.first().is_none_or(|first| first.starts_with('#')) {
+        return Ok(None);
+    }
+    if words.first().is_some_and(|first| first.starts_with('(')) {
+        words.insert(0, "goal".to_owned());
+    }
+    let read = Line::try_parse_from(words);
+    read.map(|line| Some(line.verb)).map_err(|error| error.render().to_string())
+}
+
+/// Words are parted by blanks, but not within parentheses, nor within quotes.
+fn words(line: &str) -> Vec<String> {
+    let mut words = Vec::new();
+    let mut rest = line.trim_start();
+    while let Some(first) = rest.chars().next() {
+        let (word, length) = match first {
+            '(' => {
+                let length = expression(rest);
+                (&rest[..length], length)
+            }
+            '"' | '\'' => match rest[1..].find(first) {
+                Some(length) => (&rest[1..=length], length + 2),
+                None => (&rest[1..], rest.len()),
+            },
+            _ => {
+                let length = rest.find(char::is_whitespace).unwrap_or(rest.len());
+                (&rest[..length], length)
+            }
+        };
+        words.push(word.to_owned());
+        rest = rest[length..].trim_start();
+    }
+    words
+}
+
+/// The length of the expression at the start of `text`; all of it, where it is not closed.
+fn expression(text: &str) -> usize {
+    let mut depth = 0_usize;
+    for (at, character) in text.char_indices() {
+        match character {
+            '(' => depth += 1,
+            ')' => depth = depth.saturating_sub(1),
+            _ => continue,
+        }
+        if depth == 0 {
+            return at + 1;
+        }
+    }
+    text.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn check(line: &str, expected: &[&str]) {
+        assert_eq!(words(line), expected);
+    }
+
+    #[test]
+    fn an_expression_is_one_word() {
+        check("", &[]);
+        check("  agents ", &["agents"]);
+        check("act (move r a b)", &["act", "(move r a b)"]);
+        check("(and (a) (b)) --maintain", &["(and (a) (b))", "--maintain"]);
+        check("(and (a)", &["(and (a)"]);
+        check("answer 1 it's fine", &["answer", "1", "it's", "fine"]);
+        check("answer 1 'it is' \"so", &["answer", "1", "it is", "so"]);
+        check("set (= (f a) 3)(b)", &["set", "(= (f a) 3)", "(b)"]);
+    }
+
+    #[test]
+    fn a_line_is_a_verb_or_a_goal() {
+        let is_goal = |line: &str| matches!(read(line), Ok(Some(Verb::Goal(_))));
+        assert!(is_goal("(known-temperature office1)"));
+        assert!(is_goal("goal temperatures --maintain"));
+        assert!(matches!(read("mode centralized"), Ok(Some(Verb::Mode { .. }))));
+        assert!(matches!(read(" "), Ok(None)));
+        assert!(matches!(read("# a remark"), Ok(None)));
+    }
+
+    #[test]
+    fn a_slip_is_answered_with_the_likely_verb() {
+        let problem = read("agnets").expect_err("no such verb");
+        assert!(problem.contains("agents"), "{problem}");
+    }
+
+    #[test]
+    fn help_fits_a_terminal_and_names_every_verb() {
+        for name in names() {
+            assert!(HELP.contains(&name), "{name}");
+            assert!(help(Some(&name)).lines().all(|line| line.chars().count() <= 80), "{name}");
+        }
+        assert!(HELP.lines().all(|line| line.chars().count() <= 80));
+    }
+}
