@@ -138,9 +138,12 @@ impl Office {
     /// Sends a signal to a daemon's process, by its id.
     pub(crate) fn signal(&self, name: &str, signal: &str) {
         let daemon = self.daemons.iter().find(|daemon| daemon.name == name).expect("a daemon");
-        let id = daemon.child.id().to_string();
-        let sent = Command::new("kill").args([&format!("-{signal}"), &id]).status();
-        assert!(sent.expect("kill is there").success());
+        send(&daemon.child, signal);
+    }
+
+    /// Asks a process of this test to end.
+    pub(crate) fn terminate(&self, process: &Child) {
+        send(process, "TERM");
     }
 }
 
@@ -164,6 +167,12 @@ impl Daemon {
             }
         }
     }
+}
+
+fn send(process: &Child, signal: &str) {
+    let id = process.id().to_string();
+    let sent = Command::new("kill").args([&format!("-{signal}"), &id]).status();
+    assert!(sent.expect("kill is there").success());
 }
 
 /// The lines a process prints, read as they come so that it never waits for us.

@@ -5,7 +5,8 @@
 //!
 //! Around them: [`hosting`] (one daemon and its agents), [`plugins`] (the table of them), [`scenario`]
 //! (the paper's demonstrations), [`config`] (what the ecosystem file means), [`report`] and [`render`] (how mistakes
-//! are gathered and shown), [`pddl_files`], [`output`] (the two streams), [`logging`].
+//! are gathered and shown), [`pddl_files`], [`output`] (the two streams), [`logging`],
+//! [`service_manager`] (what systemd is told).
 
 mod cli;
 mod commands;
@@ -19,6 +20,7 @@ mod plugins;
 mod render;
 mod report;
 mod scenario;
+mod service_manager;
 
 use std::process::ExitCode;
 

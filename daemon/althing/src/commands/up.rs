@@ -14,6 +14,7 @@ use crate::cli::UpArgs;
 use crate::commands::READY;
 use crate::config::{self, AgentEntry, Ecosystem, Overrides};
 use crate::hosting::{self, Node, Part, Wire, socket_in};
+use crate::service_manager::{self, Watchdog};
 use crate::{exit, output, plugins};
 
 /// How a daemon of this machine that is not there yet is sought: four times a second for ever,
@@ -118,14 +119,17 @@ async fn up(
     tokio::pin!(interrupted);
     let mut stdin_ended = until_stdin_ends.then(watch_stdin);
     announce(ecosystem, &place, &node);
+    let mut watchdog = Watchdog::from_environment();
     let mut terminal = ask(ecosystem, &node, goals).await;
     loop {
         tokio::select! {
             _ = &mut interrupted => break,
             () = ended(&mut stdin_ended) => break,
+            () = watchdog.due() => watchdog.lives(),
             heard = hear(&mut terminal) => tell(&heard),
         }
     }
+    service_manager::stopping();
     if node.drain().await {
         return exit::with(exit::DONE);
     }
@@ -155,7 +159,8 @@ async fn ended(stdin: &mut Option<oneshot::Receiver<()>>) {
     }
 }
 
-/// Says who is here. A process that started this one waits for the line.
+/// Says who is here. A process that started this one waits for the line, a service manager for
+/// its own.
 fn announce(ecosystem: &Ecosystem, place: &Place, node: &Node) {
     let agents: Vec<_> = node.agents().map(AgentId::as_str).collect();
     let alone = if place.is_alone { ", alone on this machine" } else { "" };
@@ -165,6 +170,7 @@ fn announce(ecosystem: &Ecosystem, place: &Place, node: &Node) {
     };
     let line =
         format!("daemon `{}` of `{}` {READY}{alone}: {hosts}\n", place.daemon, ecosystem.name);
+    service_manager::ready(line.trim_end());
     let _ = output::print(line, exit::DONE);
     tracing::info!(locators = ?node.locators, "listening");
 }
