@@ -12,17 +12,22 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// A building's files have no mistake, and its one machine hosts all of it.
-fn up(name: &str, mode: &str, devices: usize) -> Office {
+/// A building whose files have no mistake.
+fn building(name: &str) -> Office {
     let path = |path: String| root().join(path);
     let file = path(format!("ecosystems/{name}.toml"));
-    let mut building = Office::of(file.clone());
+    let building = Office::of(file.clone());
     let domain = path(format!("domains/{name}/domain.pddl"));
     let map = path(format!("domains/{name}/map.pddl"));
     let files = [&file, &domain, &map].map(|file| file.display().to_string());
     let checked = building.run(&["check", &files[0], &files[1], &files[2]]);
     assert!(checked.status.success(), "{}{}", stdout(&checked), stderr(&checked));
+    building
+}
 
+/// All of a building on one machine, when its devices can be planned with.
+fn up(name: &str, mode: &str, devices: usize) -> Office {
+    let mut building = building(name);
     // By no name of the file: a machine that is alone hosts everything.
     building.up_alone(&["--mode", mode]);
     building.await_devices(devices);
@@ -73,5 +78,37 @@ fn robots_of_the_ward_ride_the_lift() {
         for room in ["room-1", "room-2", "pharmacy", "linen", "room-11", "isolation"] {
             assert!(known.contains(&format!("known-temperature {room}")), "{mode}: {known}");
         }
+    }
+}
+
+/// One house of the campus and the machine that reasons: the rest of it is not there yet.
+#[test]
+fn a_house_of_the_campus_is_measured_by_its_own() {
+    for mode in ["centralized", "decentralized"] {
+        let mut campus = building("campus");
+        campus.up(&["reasoning", "house-a"], &["--mode", mode]);
+        campus.await_devices(20);
+        house_a_is_measured(&campus);
+    }
+}
+
+/// All of it, in one process.
+#[test]
+#[ignore = "a hundred devices on one machine need an optimized build: test with --release"]
+fn a_campus_of_a_hundred_devices_plans_together() {
+    for mode in ["centralized", "decentralized"] {
+        let campus = up("campus", mode, 100);
+        house_a_is_measured(&campus);
+    }
+}
+
+fn house_a_is_measured(campus: &Office) {
+    let house = reach(campus, "house-a");
+    let measured = house.lines().filter(|line| line.contains(" °C at a-")).count();
+    assert_eq!(measured, 20, "{house}");
+    assert!(house.contains("arrived at a-"), "no robot drove: {house}");
+    let known = known(campus);
+    for room in ["a-101", "a-110", "a-201", "a-210"] {
+        assert!(known.contains(&format!("known-temperature {room}")), "{room}: {known}");
     }
 }
