@@ -16,8 +16,9 @@ use tempfile::TempDir;
 /// gives itself, so that its own word is heard.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(90);
 
-/// The paper's office in a folder of its own, with daemons that end with it.
+/// The paper's office, or another building, in a folder of its own, with daemons that end with it.
 pub(crate) struct Office {
+    file: PathBuf,
     folder: TempDir,
     daemons: Vec<Daemon>,
 }
@@ -32,8 +33,13 @@ pub(crate) struct Daemon {
 impl Office {
     /// The repository's own smart office, fifty times as fast.
     pub(crate) fn new() -> Office {
+        Office::of(Office::file())
+    }
+
+    /// Another ecosystem, as fast.
+    pub(crate) fn of(file: PathBuf) -> Office {
         let folder = tempfile::Builder::new().prefix("alt-").tempdir().expect("a folder");
-        Office { folder, daemons: Vec::new() }
+        Office { file, folder, daemons: Vec::new() }
     }
 
     pub(crate) fn file() -> PathBuf {
@@ -97,29 +103,59 @@ impl Office {
         Output { status, stdout: read(stdout), stderr: read(stderr) }
     }
 
+    /// Asks the running ecosystem; the exit code, and all that was said.
+    pub(crate) fn ask(&self, arguments: &[&str]) -> (Option<i32>, String) {
+        let file = self.file.display().to_string();
+        let output = self.run(&[arguments, &["--ecosystem", &file]].concat());
+        (output.status.code(), format!("{}{}", stdout(&output), stderr(&output)))
+    }
+
+    /// Waits until that many devices can be planned with.
+    pub(crate) fn await_devices(&self, devices: usize) {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let (_, json) = self.ask(&["domain", "--json"]);
+            let snapshot: Value = serde_json::from_str(&json).unwrap_or_default();
+            let came = snapshot["offers"].as_object().map_or(0, serde_json::Map::len);
+            if came == devices {
+                return;
+            }
+            assert!(Instant::now() < deadline, "{came} of {devices} devices came: {json}");
+        }
+    }
+
     /// Starts daemons one after the other, each when the one before is ready.
     pub(crate) fn up(&mut self, names: &[&str], options: &[&str]) {
         for name in names {
-            let file = Office::file().display().to_string();
-            let arguments = [&["up", &file, "--daemon", name], options].concat();
-            let mut child = self
-                .command(&arguments)
-                .stdout(Stdio::piped())
-                .spawn()
-                .expect("the binary is built");
-            let lines = lines(&mut child);
-            let daemon = Daemon { name: (*name).to_owned(), child, lines };
-            daemon.await_line("is ready");
-            self.daemons.push(daemon);
+            self.start(name, &[&["--daemon", name], options].concat());
         }
+    }
+
+    /// Starts one daemon that hosts everything.
+    pub(crate) fn up_alone(&mut self, options: &[&str]) {
+        self.start("alone", options);
+    }
+
+    fn start(&mut self, name: &str, options: &[&str]) {
+        let file = self.file.display().to_string();
+        let arguments = [&["up", &file], options].concat();
+        let mut child =
+            self.command(&arguments).stdout(Stdio::piped()).spawn().expect("the binary is built");
+        let lines = lines(&mut child);
+        let daemon = Daemon { name: name.to_owned(), child, lines };
+        daemon.await_line("is ready");
+        self.daemons.push(daemon);
     }
 
     /// Sends a signal to a daemon's process, by its id.
     pub(crate) fn signal(&self, name: &str, signal: &str) {
         let daemon = self.daemons.iter().find(|daemon| daemon.name == name).expect("a daemon");
-        let id = daemon.child.id().to_string();
-        let sent = Command::new("kill").args([&format!("-{signal}"), &id]).status();
-        assert!(sent.expect("kill is there").success());
+        send(&daemon.child, signal);
+    }
+
+    /// Asks a process of this test to end.
+    pub(crate) fn terminate(&self, process: &Child) {
+        send(process, "TERM");
     }
 }
 
@@ -167,6 +203,12 @@ impl Daemon {
             }
         }
     }
+}
+
+fn send(process: &Child, signal: &str) {
+    let id = process.id().to_string();
+    let sent = Command::new("kill").args([&format!("-{signal}"), &id]).status();
+    assert!(sent.expect("kill is there").success());
 }
 
 /// The lines a process prints, read as they come so that it never waits for us.

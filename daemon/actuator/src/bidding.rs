@@ -6,8 +6,11 @@
 
 use acl::content::{Bid, CallForProposals, Proposal};
 use capability::{Snapshot, text_digest};
-use pddl::{Condition, InitElement, Plan, Problem};
+use pddl::{Atom, Condition, InitElement, Plan, Problem};
+use planner::goal::facts_out_of_reach;
 use planner::{Cancel, Options};
+
+const NOTHING: &str = "nothing that is called for is within my reach";
 
 /// Plans for a call.
 ///
@@ -19,7 +22,10 @@ pub(crate) fn bid(
     call: &CallForProposals,
     cancel: &Cancel,
 ) -> Result<Bid, String> {
-    let conjuncts = readable(call)?;
+    let conjuncts = within_reach(snapshot, readable(call)?, cancel);
+    if conjuncts.is_empty() {
+        return Err(NOTHING.to_owned());
+    }
     let mut proposals = Vec::new();
     if !call.together {
         for conjunct in &conjuncts {
@@ -36,7 +42,7 @@ pub(crate) fn bid(
         proposals.extend(propose(snapshot, &reachable, cancel));
     }
     if proposals.is_empty() {
-        return Err("nothing that is called for is within my reach".to_owned());
+        return Err(NOTHING.to_owned());
     }
     let local = format!("{}{}", snapshot.domain, snapshot.problem);
     Ok(Bid { proposals, domain_digest: text_digest(&local) })
@@ -54,6 +60,24 @@ fn readable(call: &CallForProposals) -> Result<Vec<(String, Condition)>, String>
     call.conjuncts.iter().map(read).collect()
 }
 
+/// Without the conjuncts that are proven to be out of reach: of a large building's goal, a sensor
+/// on a wall can reach one, and need not plan for each of the others.
+fn within_reach(
+    snapshot: &Snapshot,
+    conjuncts: Vec<(String, Condition)>,
+    cancel: &Cancel,
+) -> Vec<(String, Condition)> {
+    let conditions: Vec<_> = conjuncts.iter().map(|(_, condition)| condition).collect();
+    let mut problem = snapshot.with_goal(Condition::always(), None);
+    forget(&mut problem, &conjuncts);
+    let options = Options::default();
+    let proven = facts_out_of_reach(&snapshot.domain, &problem, &conditions, &options, cancel);
+    // One that cannot be read spoils the proof, not the bid: each is planned for by itself.
+    let proven = proven.unwrap_or_default();
+    let kept = conjuncts.into_iter().enumerate();
+    kept.filter(|(position, _)| !proven.contains(position)).map(|(_, kept)| kept).collect()
+}
+
 /// One plan that covers these conjuncts together, if there is one.
 fn propose(
     snapshot: &Snapshot,
@@ -62,7 +86,7 @@ fn propose(
 ) -> Option<Proposal> {
     let goal = Condition::And(conjuncts.iter().map(|(_, condition)| condition.clone()).collect());
     let mut problem = snapshot.with_goal(goal, None);
-    forget(&mut problem, conjuncts);
+    forget(&mut problem, conjuncts.iter().copied());
     let outcome = planner::plan(&snapshot.domain, &problem, &Options::default(), cancel);
     let plan = match outcome {
         Ok(outcome) => outcome.plan?,
@@ -83,12 +107,13 @@ fn propose(
 
 /// The caller says that these do not hold. What we still believe of them is news it has
 /// overtaken, such as the word of an agent that has just died.
-fn forget(problem: &mut Problem, conjuncts: &[&(String, Condition)]) {
-    let is_called_for = |element: &InitElement| {
-        let InitElement::Atom(fact) = element else { return false };
-        conjuncts
-            .iter()
-            .any(|(_, condition)| matches!(condition, Condition::Atom(atom) if atom == fact))
-    };
+fn forget<'c>(problem: &mut Problem, conjuncts: impl IntoIterator<Item = &'c (String, Condition)>) {
+    let called_for: Vec<&Atom> = { conjuncts.into_iter() }
+        .filter_map(|(_, condition)| match condition {
+            Condition::Atom(atom) => Some(atom),
+            _ => None,
+        })
+        .collect();
+    let is_called_for = |element: &InitElement| matches!(element, InitElement::Atom(fact) if called_for.contains(&fact));
     problem.init.retain(|element| !is_called_for(element));
 }

@@ -326,14 +326,24 @@ impl<A: Agent> Context<A> {
         Work(tokio::spawn(deferred.instrument(tracing::Span::current())))
     }
 
-    /// Computes aside, on a thread that may be busy for long, and calls back with what came of
-    /// it. A computation cannot be ended from outside: give it a flag of its own.
+    /// Computes aside, on a thread that may be busy for long, when its turn has come, and calls
+    /// back with what came of it. A computation cannot be ended from outside: give it a flag of its own.
     pub fn compute<T: Send + 'static>(
         &mut self,
         compute: impl FnOnce() -> T + Send + 'static,
         then: impl FnOnce(&mut A, T, &mut Context<A>) + Send + 'static,
     ) -> Work {
-        let computed = tokio::task::spawn_blocking(compute);
+        let turns = Arc::clone(self.switchboard().turns());
+        let computed = async move {
+            // Nobody closes the turns; without one it would only be in a greater hurry.
+            let turn = turns.acquire_owned().await.ok();
+            let in_turn = move || {
+                let outcome = compute();
+                drop(turn);
+                outcome
+            };
+            tokio::task::spawn_blocking(in_turn).await
+        };
         self.run(computed, |agent, outcome, ctx| match outcome {
             Ok(outcome) => then(agent, outcome, ctx),
             Err(error) => tracing::error!(agent = %ctx.id(), %error, "a computation was lost"),

@@ -22,7 +22,7 @@ use substrate::{
     Addressed, Ask, BoxFuture, Delivery, Inbound, Presence, PresenceToken, Question, Resident,
     Resource, SendError, Subject, Substrate,
 };
-use tokio::sync::broadcast;
+use tokio::sync::{Semaphore, broadcast};
 
 use crate::directory::Directory;
 use crate::mailbox::{Letter, Mailbox, Slot, mailbox};
@@ -31,6 +31,12 @@ use crate::settings::Settings;
 
 /// Changes of presence an agent may lag behind before it compares directories instead.
 const PRESENCE_CHANGES_MAX: usize = 1_024;
+
+/// Computations at one time: one per core, and two where there is one, so that a long search does
+/// not keep a short one waiting.
+fn computations_max() -> usize {
+    std::thread::available_parallelism().map_or(2, |cores| cores.get().max(2))
+}
 
 /// The daemon's own end of the substrate.
 pub struct Switchboard {
@@ -41,6 +47,7 @@ pub struct Switchboard {
     presence: broadcast::Sender<Presence>,
     substrate: OnceLock<Arc<dyn Substrate>>,
     counters: Counters,
+    turns: Arc<Semaphore>,
 }
 
 /// What went wrong so far, for the operator.
@@ -92,6 +99,7 @@ impl Switchboard {
             presence,
             substrate: OnceLock::new(),
             counters: Counters::default(),
+            turns: Arc::new(Semaphore::new(computations_max())),
         })
     }
 
@@ -99,6 +107,12 @@ impl Switchboard {
     pub fn connect(&self, substrate: Arc<dyn Substrate>) {
         // A second substrate would split the daemon's agents; the first one stays.
         let _ = self.substrate.set(substrate);
+    }
+
+    /// Whose turn it is to compute: agents of one daemon share the machine's cores, and a hundred
+    /// that plan at once would leave none to those who listen.
+    pub(crate) fn turns(&self) -> &Arc<Semaphore> {
+        &self.turns
     }
 
     /// The ecosystem.

@@ -5,7 +5,8 @@
 //!
 //! Around them: [`prompt`] (a person at a terminal), [`hosting`] (one daemon and its agents), [`plugins`] (the table of them), [`scenario`]
 //! (the paper's demonstrations), [`config`] (what the ecosystem file means), [`report`] and [`render`] (how mistakes
-//! are gathered and shown), [`pddl_files`], [`output`] (the two streams), [`logging`].
+//! are gathered and shown), [`pddl_files`], [`output`] (the two streams), [`logging`],
+//! [`service_manager`] (what systemd is told).
 
 mod cli;
 mod commands;
@@ -20,6 +21,7 @@ mod prompt;
 mod render;
 mod report;
 mod scenario;
+mod service_manager;
 
 use std::process::ExitCode;
 

@@ -197,6 +197,14 @@ impl Layout {
         self.devices.iter().find(|device| device.name() == name)
     }
 
+    /// Where the robot of that name stands at the start.
+    pub(crate) fn start_of(&self, robot: &str) -> Option<&str> {
+        match self.device(robot)? {
+            Device::Robot { start, .. } => Some(start),
+            _ => None,
+        }
+    }
+
     /// The location of that name.
     pub fn location(&self, name: &str) -> Option<&Location> {
         self.locations.iter().find(|location| location.name == name)

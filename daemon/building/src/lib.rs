@@ -10,12 +10,14 @@
 //!   repairs devices, locks doors, changes temperatures and reads the truth.
 //!   None of that is reachable over the socket, so no agent can cheat.
 //! - [`Layout::seeded`] draws another building per seed, and [`check_scenario_1`]
-//!   says whether the paper's scenario 1 truly came to pass in it.
+//!   says whether the paper's scenario 1 truly came to pass in it. [`Campus`] is
+//!   drawn as large as is asked, with the files of its ecosystem.
 //!
 //! Left to others: what an agent knows or says, PDDL beyond printing a map, and
 //! the substrate. **Invariant:** nothing here speaks Zenoh.
 
 mod building;
+mod campus;
 mod client;
 mod error;
 mod handle;
@@ -36,6 +38,7 @@ mod world;
 mod fixture;
 
 pub use building::Building;
+pub use campus::{Campus, DEVICES_PER_HOUSE, HOUSES_MAX};
 pub use error::{DeviceError, LayoutError, ServeError};
 pub use handle::BuildingHandle;
 pub use layout::{Connection, Device, Layout, Location, LocationKind};

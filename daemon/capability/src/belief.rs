@@ -60,10 +60,14 @@ struct Stamped {
     claim: Claim,
 }
 
+/// Who claims one fact, in the order of their names: one owner as a rule, so a list.
+#[derive(Clone, Debug)]
+struct Owners(Vec<(Owner, Stamped)>);
+
 /// Everything claimed, and what holds because of it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Beliefs {
-    claims: BTreeMap<FactKey, BTreeMap<Owner, Stamped>>,
+    claims: BTreeMap<FactKey, Owners>,
     by_owner: BTreeMap<Owner, BTreeSet<FactKey>>,
     deadlines: BTreeSet<(Moment, FactKey, Owner)>,
     holding: BTreeMap<FactKey, Holding>,
@@ -98,6 +102,40 @@ impl Claim {
 
     pub(crate) fn until(self, until: Option<Moment>) -> Claim {
         Claim { until, ..self }
+    }
+}
+
+// === impl Owners ===
+
+impl Owners {
+    fn place(&self, owner: &Owner) -> Result<usize, usize> {
+        self.0.binary_search_by(|(other, _)| other.cmp(owner))
+    }
+
+    fn get(&self, owner: &Owner) -> Option<&Stamped> {
+        self.place(owner).ok().map(|at| &self.0[at].1)
+    }
+
+    fn get_mut(&mut self, owner: &Owner) -> Option<&mut Stamped> {
+        self.place(owner).ok().map(|at| &mut self.0[at].1)
+    }
+
+    fn insert(&mut self, owner: Owner, stamped: Stamped) {
+        match self.place(&owner) {
+            Ok(at) => self.0[at].1 = stamped,
+            Err(at) => {
+                self.0.reserve_exact(1);
+                self.0.insert(at, (owner, stamped));
+            }
+        }
+    }
+
+    fn remove(&mut self, owner: &Owner) -> Option<Stamped> {
+        self.place(owner).ok().map(|at| self.0.remove(at).1)
+    }
+
+    fn iter(&self) -> impl Iterator<Item = (&Owner, &Stamped)> {
+        self.0.iter().map(|(owner, stamped)| (owner, stamped))
     }
 }
 
@@ -137,7 +175,12 @@ impl Beliefs {
         }
         self.by_owner.entry(owner.clone()).or_default().insert(fact.clone());
         let stamped = Stamped { stamp, claim };
-        self.claims.entry(fact.clone()).or_default().insert(owner.clone(), stamped);
+        match self.claims.get_mut(&fact) {
+            Some(owners) => owners.insert(owner.clone(), stamped),
+            None => {
+                self.claims.insert(fact.clone(), Owners(vec![(owner.clone(), stamped)]));
+            }
+        }
         self.touched.insert(fact);
     }
 
@@ -149,7 +192,7 @@ impl Beliefs {
     pub(crate) fn withdraw(&mut self, fact: &FactKey, owner: &Owner) {
         let Some(owners) = self.claims.get_mut(fact) else { return };
         let Some(Stamped { claim, .. }) = owners.remove(owner) else { return };
-        if owners.is_empty() {
+        if owners.0.is_empty() {
             self.claims.remove(fact);
         }
         if let Some(until) = claim.until {
@@ -166,8 +209,10 @@ impl Beliefs {
 
     /// Believes nobody about this fact.
     pub(crate) fn withdraw_all(&mut self, fact: &FactKey) {
-        let owners: Vec<Owner> =
-            self.claims.get(fact).into_iter().flat_map(BTreeMap::keys).cloned().collect();
+        let owners: Vec<Owner> = { self.claims.get(fact).into_iter() }
+            .flat_map(Owners::iter)
+            .map(|(owner, _)| owner.clone())
+            .collect();
         for owner in owners {
             self.withdraw(fact, &owner);
         }
@@ -297,7 +342,7 @@ impl Beliefs {
 
     /// Every claim of one fact.
     pub(crate) fn claims_of(&self, fact: &FactKey) -> impl Iterator<Item = (&Owner, &Claim)> {
-        let owners = self.claims.get(fact).into_iter().flatten();
+        let owners = self.claims.get(fact).into_iter().flat_map(Owners::iter);
         owners.map(|(owner, stamped)| (owner, &stamped.claim))
     }
 

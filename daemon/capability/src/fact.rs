@@ -1,6 +1,7 @@
 //! Facts: what is said of the world, apart from who says it.
 
 use std::fmt;
+use std::sync::Arc;
 
 use acl::AgentId;
 use pddl::{Atom, FluentTerm, InitElement, Name, Number, Span, Term};
@@ -13,11 +14,16 @@ pub(crate) enum Space {
 }
 
 /// The term of a fact, without its value: two claims about one term are about one thing.
+///
+/// Cheap to clone: it stands in several tables of every maintainer, and a machine may have many.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct FactKey {
+pub(crate) struct FactKey(Arc<Said>);
+
+#[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Said {
     space: Space,
     symbol: Name,
-    arguments: Vec<Name>,
+    arguments: Box<[Name]>,
 }
 
 /// What is said of a term.
@@ -59,31 +65,31 @@ impl FactKey {
                 Term::Variable(_) => None,
             })
             .collect::<Option<_>>()?;
-        Some(FactKey { space, symbol: symbol.clone(), arguments })
+        Some(FactKey(Arc::new(Said { space, symbol: symbol.clone(), arguments })))
     }
 
     pub(crate) fn space(&self) -> Space {
-        self.space
+        self.0.space
     }
 
     pub(crate) fn symbol(&self) -> &Name {
-        &self.symbol
+        &self.0.symbol
     }
 
     pub(crate) fn arguments(&self) -> &[Name] {
-        &self.arguments
+        &self.0.arguments
     }
 
     /// The element of `:init` that gives this term `value`.
     pub(crate) fn element(&self, value: Value) -> InitElement {
-        let arguments = self.arguments.iter().cloned().map(Term::Object).collect();
+        let arguments = self.arguments().iter().cloned().map(Term::Object).collect();
         let span = Span::default();
         match value {
             Value::True => {
-                InitElement::Atom(Atom { predicate: self.symbol.clone(), arguments, span })
+                InitElement::Atom(Atom { predicate: self.symbol().clone(), arguments, span })
             }
             Value::Number(number) => {
-                let function = self.symbol.clone();
+                let function = self.symbol().clone();
                 InitElement::Assign(FluentTerm { function, arguments, span }, number)
             }
         }

@@ -17,6 +17,7 @@ use crate::commands::{READY, hearing};
 use crate::config::{self, AgentEntry, Ecosystem, Overrides};
 use crate::hosting::{self, Node, Part, Wire, socket_in};
 use crate::prompt::{self, Guest};
+use crate::service_manager::{self, Watchdog};
 use crate::{exit, output, plugins};
 
 /// How a daemon of this machine that is not there yet is sought: four times a second for ever,
@@ -133,18 +134,21 @@ async fn up(ecosystem: Arc<Ecosystem>, place: Place, manner: Manner) -> ExitCode
             Err(problem) => output::note(&format!("error: failed to {problem}")),
         }
     } else {
+        let mut watchdog = Watchdog::from_environment();
         let mut stdin_ended = manner.until_stdin_ends.then(watch_stdin);
         let mut terminal = ask(&ecosystem, &node, manner.goals).await;
         loop {
             tokio::select! {
                 _ = &mut interrupted => break,
                 () = ended(&mut stdin_ended) => break,
+                () = watchdog.due() => watchdog.lives(),
                 heard = hear(&mut terminal) => {
                     hearing::print(&heard, false);
                 }
             }
         }
     }
+    service_manager::stopping();
     if node.drain().await {
         return exit::with(exit::DONE);
     }
@@ -205,7 +209,8 @@ async fn ended(stdin: &mut Option<oneshot::Receiver<()>>) {
     }
 }
 
-/// Says who is here. A process that started this one waits for the line.
+/// Says who is here. A process that started this one waits for the line, a service manager for
+/// its own.
 fn announce(ecosystem: &Ecosystem, place: &Place, node: &Node) {
     let agents: Vec<_> = node.agents().map(AgentId::as_str).collect();
     let alone = if place.is_alone { ", alone on this machine" } else { "" };
@@ -215,6 +220,7 @@ fn announce(ecosystem: &Ecosystem, place: &Place, node: &Node) {
     };
     let line =
         format!("daemon `{}` of `{}` {READY}{alone}: {hosts}\n", place.daemon, ecosystem.name);
+    service_manager::ready(line.trim_end());
     let _ = output::print(line, exit::DONE);
     tracing::info!(locators = ?node.locators, "listening");
 }

@@ -26,8 +26,10 @@ use supervisor::Supervised;
 /// How long agents may take to give up their commitments once the daemon drains.
 const DRAIN_GRACE: Duration = Duration::from_secs(3);
 
-/// How long a daemon's own agents may take to be seen by itself.
+/// How long a daemon's own agents may take to be seen by itself: a while, and longer the more they
+/// are, because each hears of each.
 const READY_WITHIN: Duration = Duration::from_secs(10);
+const READY_PER_AGENT: Duration = Duration::from_millis(300);
 
 /// What carries a node's messages.
 #[derive(Clone)]
@@ -70,8 +72,10 @@ pub(crate) enum HostError {
         plugin: String,
     },
     /// The daemon's agents were not seen in time.
-    #[error("see its own agents within {READY_WITHIN:?}: {missing:?} are missing")]
+    #[error("see its own agents within {patience:?}: {missing:?} are missing")]
     NotReady {
+        /// How long they had.
+        patience: Duration,
         /// Who is missing.
         missing: Vec<AgentId>,
     },
@@ -184,14 +188,16 @@ impl Node {
     /// Waits until the daemon sees its own agents.
     async fn await_agents(&self) -> Result<(), HostError> {
         let (mut directory, mut changes) = self.switchboard.presence_changes();
-        let deadline = tokio::time::Instant::now() + READY_WITHIN;
+        let count = u32::try_from(self.agents.len()).unwrap_or(u32::MAX);
+        let patience = READY_WITHIN + READY_PER_AGENT.saturating_mul(count);
+        let deadline = tokio::time::Instant::now() + patience;
         let missing = |directory: &agent::Directory| -> Vec<AgentId> {
             let is_missing = |id: &&AgentId| directory.find(id).is_none();
             self.agents().filter(is_missing).cloned().collect()
         };
         while !missing(&directory).is_empty() {
             if tokio::time::timeout_at(deadline, changes.recv()).await.is_err() {
-                return Err(HostError::NotReady { missing: missing(&directory) });
+                return Err(HostError::NotReady { patience, missing: missing(&directory) });
             }
             directory = self.switchboard.directory();
         }

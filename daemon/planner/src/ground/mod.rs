@@ -20,9 +20,9 @@ use pddl::Diagnostic;
 use self::join::Work;
 use self::values::Values;
 use crate::limits::{Budget, Cancel};
-use crate::normalize::lifted::Lifted;
+use crate::normalize::lifted::{Lifted, PredicateIndex};
 use crate::outcome::{StopReason, Unsupported};
-use crate::task::Task;
+use crate::task::{ObjectId, Task};
 
 /// A ground task and what its author may not have meant.
 pub(crate) struct Grounded {
@@ -59,6 +59,22 @@ fn grounded(lifted: &Lifted, work: &mut Work<'_>) -> Result<Grounded, GroundErro
     let mut raw = instantiate::instantiate(lifted, &mut relations, &mut values, work)?;
     let warnings = std::mem::take(&mut raw.warnings);
     Ok(Grounded { task: finish::finish(lifted, &relations, &values, raw), warnings })
+}
+
+/// Which of these facts the delete relaxation reaches, in their order: the others cannot hold,
+/// whatever is done. One pass for all of them, and no operators are made.
+pub(crate) fn reachable(
+    lifted: &Lifted,
+    facts: &[(PredicateIndex, Vec<ObjectId>)],
+    budget: Budget,
+    cancel: &Cancel,
+) -> Result<Vec<bool>, StopReason> {
+    let values = Values::new(lifted);
+    let relations = reach::reach(lifted, &values, &mut Work::new(budget, cancel))?;
+    let is_found = |(predicate, objects): &(PredicateIndex, Vec<ObjectId>)| {
+        relations[*predicate].find(objects).is_some()
+    };
+    Ok(facts.iter().map(is_found).collect())
 }
 
 impl From<StopReason> for GroundError {

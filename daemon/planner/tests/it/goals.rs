@@ -1,7 +1,8 @@
 //! Goals taken apart, and which parts cannot be had.
 
 use expect_test::{Expect, expect};
-use planner::goal::{conjuncts, unreachable};
+use pddl::Condition;
+use planner::goal::{conjuncts, facts_out_of_reach, unreachable};
 use planner::{Cancel, Options};
 
 use crate::support::parse;
@@ -16,6 +17,11 @@ fn check(goal: &str, replaced: (&str, &str), expected: Expect) {
     let parts = conjuncts(&domain, &problem, &goal).expect("makes sense");
     let missing = unreachable(&domain, &problem, &parts, &Options::default(), &Cancel::new())
         .expect("supported");
+    let all: Vec<_> = parts.iter().collect();
+    let cheaply = facts_out_of_reach(&domain, &problem, &all, &Options::default(), &Cancel::new());
+    let is_fact = |position: &&usize| matches!(parts[**position], Condition::Atom(_));
+    let facts: Vec<usize> = missing.iter().filter(is_fact).copied().collect();
+    assert_eq!(cheaply.expect("supported"), facts, "the cheap proof finds the same facts");
     let line = |(position, part)| {
         let mark = if missing.contains(&position) { "unreachable " } else { "" };
         format!("{mark}{part}\n")

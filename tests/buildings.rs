@@ -1,0 +1,114 @@
+//! The buildings of `ecosystems/` beside the office: each comes up from its files alone, and what
+//! its goals promise comes to pass.
+
+mod support;
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use support::{Office, stderr, stdout};
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// A building whose files have no mistake.
+fn building(name: &str) -> Office {
+    let path = |path: String| root().join(path);
+    let file = path(format!("ecosystems/{name}.toml"));
+    let building = Office::of(file.clone());
+    let domain = path(format!("domains/{name}/domain.pddl"));
+    let map = path(format!("domains/{name}/map.pddl"));
+    let files = [&file, &domain, &map].map(|file| file.display().to_string());
+    let checked = building.run(&["check", &files[0], &files[1], &files[2]]);
+    assert!(checked.status.success(), "{}{}", stdout(&checked), stderr(&checked));
+    building
+}
+
+/// All of a building on one machine, when its devices can be planned with.
+fn up(name: &str, mode: &str, devices: usize) -> Office {
+    let mut building = building(name);
+    // By no name of the file: a machine that is alone hosts everything.
+    building.up_alone(&["--mode", mode]);
+    building.await_devices(devices);
+    building
+}
+
+/// The goal is reached; what was said on the way.
+fn reach(building: &Office, goal: &str) -> String {
+    let (code, said) = building.ask(&["goal", goal]);
+    assert_eq!(code, Some(0), "{goal}: {said}");
+    assert!(said.contains("done     the goal holds"), "{goal}: {said}");
+    said
+}
+
+/// What the ecosystem knows, as JSON.
+fn known(building: &Office) -> String {
+    let (code, json) = building.ask(&["state", "--json"]);
+    assert_eq!(code, Some(0), "{json}");
+    let state: Value = serde_json::from_str(&json).expect("one JSON object");
+    state.to_string()
+}
+
+#[test]
+fn robots_of_the_ward_ride_the_lift() {
+    for mode in ["decentralized", "centralized"] {
+        let ward = up("ward", mode, 8);
+
+        let own = reach(&ward, "pharmacy");
+        assert!(own.contains("18.5 °C at pharmacy"), "{mode}: {own}");
+        assert!(!own.contains("arrived"), "its own thermometer suffices: {own}");
+
+        let isolation = reach(&ward, "isolation");
+        for word in ["arrived at lift", "arrived at airlock-in", "24.5 °C at isolation"] {
+            assert!(isolation.contains(word), "{mode}, no `{word}`: {isolation}");
+        }
+
+        let upstairs = reach(&ward, "upstairs");
+        for word in ["arrived at airlock-out", "21.0 °C at room-13", "23.0 °C at room-12"] {
+            assert!(upstairs.contains(word), "{mode}, no `{word}`: {upstairs}");
+        }
+        assert!(!upstairs.contains("arrived at lift"), "a robot is there already: {upstairs}");
+
+        let all = reach(&ward, "temperatures");
+        for word in ["22.0 °C at room-2", "17.0 °C at linen"] {
+            assert!(all.contains(word), "{mode}, no `{word}`: {all}");
+        }
+        let known = known(&ward);
+        for room in ["room-1", "room-2", "pharmacy", "linen", "room-11", "isolation"] {
+            assert!(known.contains(&format!("known-temperature {room}")), "{mode}: {known}");
+        }
+    }
+}
+
+/// One house of the campus and the machine that reasons: the rest of it is not there yet.
+#[test]
+fn a_house_of_the_campus_is_measured_by_its_own() {
+    for mode in ["centralized", "decentralized"] {
+        let mut campus = building("campus");
+        campus.up(&["reasoning", "house-a"], &["--mode", mode]);
+        campus.await_devices(20);
+        house_a_is_measured(&campus);
+    }
+}
+
+/// All of it, in one process.
+#[test]
+#[ignore = "a hundred devices on one machine need an optimized build: test with --release"]
+fn a_campus_of_a_hundred_devices_plans_together() {
+    for mode in ["centralized", "decentralized"] {
+        let campus = up("campus", mode, 100);
+        house_a_is_measured(&campus);
+    }
+}
+
+fn house_a_is_measured(campus: &Office) {
+    let house = reach(campus, "house-a");
+    let measured = house.lines().filter(|line| line.contains(" °C at a-")).count();
+    assert_eq!(measured, 20, "{house}");
+    assert!(house.contains("arrived at a-"), "no robot drove: {house}");
+    let known = known(campus);
+    for room in ["a-101", "a-110", "a-201", "a-210"] {
+        assert!(known.contains(&format!("known-temperature {room}")), "{room}: {known}");
+    }
+}

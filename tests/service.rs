@@ -1,0 +1,112 @@
+//! A daemon under a service manager: a socket of the test's own hears what systemd would.
+
+mod support;
+
+use std::fs;
+use std::os::unix::net::UnixDatagram;
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+use support::{Office, PATIENCE};
+
+/// What a service manager is.
+struct Manager {
+    socket: UnixDatagram,
+    path: std::path::PathBuf,
+}
+
+impl Manager {
+    fn beside(office: &Office) -> Manager {
+        let path = office.runtime_folder().with_file_name("notify.sock");
+        let socket = UnixDatagram::bind(&path).expect("a socket");
+        socket.set_read_timeout(Some(PATIENCE)).expect("a time-out");
+        Manager { socket, path }
+    }
+
+    /// The next thing it is told.
+    fn hears(&self) -> String {
+        let mut bytes = [0; 4096];
+        let length = self.socket.recv(&mut bytes).expect("the daemon speaks in time");
+        String::from_utf8_lossy(&bytes[..length]).into_owned()
+    }
+
+    /// Waits to be told `what`; what it was told before that.
+    fn awaits(&self, what: &str) -> Vec<String> {
+        let mut before = Vec::new();
+        loop {
+            let heard = self.hears();
+            if heard.lines().any(|line| line == what) {
+                return before;
+            }
+            before.push(heard);
+        }
+    }
+}
+
+/// A daemon that ends with the test.
+struct Ends(Child);
+
+impl Drop for Ends {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn up(office: &Office, manager: &Manager, watchdog: Option<Duration>) -> Ends {
+    let file = Office::file().display().to_string();
+    let mut command = office.command(&["up", &file]);
+    command.env("NOTIFY_SOCKET", &manager.path).env_remove("WATCHDOG_PID").stdout(Stdio::null());
+    match watchdog {
+        Some(deadline) => command.env("WATCHDOG_USEC", deadline.as_micros().to_string()),
+        None => command.env_remove("WATCHDOG_USEC"),
+    };
+    Ends(command.spawn().expect("the binary is built"))
+}
+
+#[test]
+fn the_service_manager_hears_of_a_whole_life() {
+    let office = Office::new();
+    let manager = Manager::beside(&office);
+    let mut daemon = up(&office, &manager, Some(Duration::from_millis(300)));
+
+    assert!(manager.awaits("READY=1").is_empty(), "nothing is said before it is ready");
+    let (code, agents) = office.ask(&["agents"]);
+    assert_eq!(code, Some(0), "{agents}");
+    assert!(agents.contains("turtlebot-1"), "when it says so, it is: {agents}");
+
+    // Three signs per deadline: ten come well within ten deadlines.
+    let began = Instant::now();
+    for _ in 0..10 {
+        manager.awaits("WATCHDOG=1");
+    }
+    assert!(began.elapsed() < PATIENCE, "signs of life come all the time");
+
+    office.terminate(&daemon.0);
+    let before = manager.awaits("STOPPING=1");
+    assert!(before.iter().all(|heard| heard.contains("WATCHDOG=1")), "{before:?}");
+    assert!(daemon.0.wait().expect("our child").success(), "stopping is no failure");
+}
+
+#[test]
+fn no_sign_of_life_is_given_unasked() {
+    let office = Office::new();
+    let manager = Manager::beside(&office);
+    let daemon = up(&office, &manager, None);
+    manager.awaits("READY=1");
+    office.terminate(&daemon.0);
+    assert!(manager.awaits("STOPPING=1").is_empty());
+}
+
+#[test]
+fn the_unit_waits_for_what_the_daemon_says() {
+    let unit = fs::read_to_string(
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../../deploy/systemd/althing.service"),
+    );
+    let unit = unit.expect("the unit is in deploy/systemd");
+    for line in ["Type=notify", "NotifyAccess=main", "RestartPreventExitStatus=78"] {
+        assert!(unit.lines().any(|written| written == line), "no `{line}`");
+    }
+    assert!(unit.lines().any(|line| line.starts_with("WatchdogSec=")), "no watchdog");
+}
