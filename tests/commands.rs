@@ -144,26 +144,23 @@ fn a_question_is_answered_or_ends_at_its_deadline() {
     assert!(refused.contains("nobody is at a terminal of `keyboard`"), "{refused}");
 
     let asked = question(60_000);
-    std::thread::scope(|scope| {
-        let asking = scope.spawn(|| ask(&office, &["send", &asked]));
-        let deadline = Instant::now() + PATIENCE;
-        let open = loop {
-            let (_, open) = ask(&office, &["answer"]);
-            if open.contains("May I enter?") {
-                break open;
-            }
-            assert!(Instant::now() < deadline, "the question never came");
-        };
-        assert!(open.contains("keyboard/2"), "{open}");
-        let (code, unknown) = ask(&office, &["answer", "9", "yes"]);
-        assert_eq!(code, Some(33), "{unknown}");
-        assert!(unknown.contains("open: keyboard/2"), "{unknown}");
-        let (code, told) = ask(&office, &["answer", "2", "yes,", "do"]);
-        assert_eq!(code, Some(0), "{told}");
-        let (code, answer) = asking.join().expect("no panic");
-        assert_eq!(code, Some(0), "{answer}");
-        assert!(answer.contains("inform   keyboard: yes, do"), "{answer}");
-    });
+    let (mut asking, answers) = begin(&office, &["send", &asked]);
+    let deadline = Instant::now() + PATIENCE;
+    let open = loop {
+        let (_, open) = ask(&office, &["answer"]);
+        if open.contains("May I enter?") {
+            break open;
+        }
+        assert!(Instant::now() < deadline, "the question never came");
+    };
+    assert!(open.contains("keyboard/2"), "{open}");
+    let (code, unknown) = ask(&office, &["answer", "9", "yes"]);
+    assert_eq!(code, Some(33), "{unknown}");
+    assert!(unknown.contains("open: keyboard/2"), "{unknown}");
+    let (code, told) = ask(&office, &["answer", "2", "yes,", "do"]);
+    assert_eq!(code, Some(0), "{told}");
+    await_line(&answers, "inform   keyboard: yes, do");
+    assert!(asking.wait().is_ok_and(|status| status.success()));
 }
 
 /// A command under way, its lines read as they come.

@@ -4,11 +4,11 @@ mod support;
 
 use std::io::Read as _;
 use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 use std::sync::mpsc;
 use std::time::Instant;
 
-use support::{Office, PATIENCE, ask, office, stdout};
+use support::{Office, PATIENCE, office, stdout};
 
 /// A terminal with one program in it.
 struct Terminal<'o> {
@@ -147,18 +147,17 @@ fn a_person_at_a_prompt() {
     let question = r#"{"receiver": "alice", "performative": "query-ref",
         "content": {"text": "May I enter?"}, "reply_by": 60000}"#;
     let question = office.write("question.json", question).display().to_string();
-    std::thread::scope(|scope| {
-        let asking = scope.spawn(|| ask(&office, &["send", &question]));
-        terminal.await_text("May I enter?");
-        terminal.await_text("answer 1 TEXT");
-        terminal.await_line("(known-temperature of");
-        terminal.press("C-u");
-        terminal.enter("answer 1 yes, do");
-        terminal.await_text("was told");
-        let (code, answer) = asking.join().expect("no panic");
-        assert_eq!(code, Some(0), "{answer}");
-        assert!(answer.contains("inform   alice: yes, do"), "{answer}");
-    });
+    let mut asking = office.command(&["send", &question, "--ecosystem", &file()]);
+    let asking = asking.stdout(Stdio::piped()).spawn().expect("the binary is built");
+    terminal.await_text("May I enter?");
+    terminal.await_text("answer 1 TEXT");
+    terminal.await_line("(known-temperature of");
+    terminal.press("C-u");
+    terminal.enter("answer 1 yes, do");
+    terminal.await_text("was told");
+    let answer = asking.wait_with_output().expect("our child");
+    assert!(answer.status.success(), "{answer:?}");
+    assert!(stdout(&answer).contains("inform   alice: yes, do"), "{answer:?}");
 
     // A line that begins with a parenthesis is a goal; what was typed is remembered.
     terminal.enter("(known-temperature office1)");

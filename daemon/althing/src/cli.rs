@@ -28,7 +28,7 @@ Run   up        run the daemon: this machine's agents join the ecosystem
 Ask   goal      for an outcome: follow it, keep it up, give it up
       act       for one action         set      change what is known to be true
       mode      for the other flow     answer   what an agent asks a person
-Look  agents    who is here            domain   what they can do together, as PDDL
+Look  agents    who is here            domain   what all can do, as PDDL
       state     what is known          goals    what is wanted, and how it stands
       watch     the messages           mailbox  how full agents' mailboxes are
 Plan  plan      without an ecosystem   validate a plan, to the step that fails

@@ -76,6 +76,8 @@ pub(super) fn names() -> Vec<String> {
 /// What can be typed, or one verb's arguments.
 pub(super) fn help(verb: Option<&str>) -> String {
     let mut line = Line::command();
+    // Until then, a verb knows nothing of the width of the whole.
+    line.build();
     match verb.and_then(|verb| line.find_subcommand_mut(verb)) {
         Some(verb) => verb.render_help().to_string(),
         None => HELP.to_owned(),
