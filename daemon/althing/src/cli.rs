@@ -27,9 +27,9 @@ Run   up        run the daemon: this machine's agents join the ecosystem
       scenario  play a scenario of the paper in a simulated building
 Ask   goal      for an outcome: follow it, keep it up, give it up
       act       for one action         set      change what is known to be true
-      mode      for the other flow     answer   what an agent asks a person
+      mode      for the other flow     answer   what an agent asks people
 Look  agents    who is here            domain   what all can do, as PDDL
-      state     what is known          goals    what is wanted, and how it stands
+      state     what is known          goals    what is wanted, how it stands
       watch     the messages           mailbox  how full agents' mailboxes are
 Plan  plan      without an ecosystem   validate a plan, to the step that fails
       check     show what is wrong in ecosystem files, PDDL, action models
