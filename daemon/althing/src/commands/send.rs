@@ -147,9 +147,12 @@ fn shape(performative: Performative, content: &Value) -> Result<Protocol, String
             Request::Plan(_) => Protocol::Planning,
             Request::Execute(_) => Protocol::Execution,
             Request::Act(_) => Protocol::Action,
-            Request::ChangeState(_) | Request::SetMode(_) | Request::AnswerQuestion(_) => {
-                Protocol::StateChange
-            }
+            Request::ChangeState(_)
+            | Request::ChangeMetric(_)
+            | Request::ChangeActions(_)
+            | Request::Observe(_)
+            | Request::SetMode(_)
+            | Request::AnswerQuestion(_) => Protocol::StateChange,
         }),
         Performative::QueryRef => {
             Question::deserialize(content).map(|_| Protocol::Query).map_err(wrong)

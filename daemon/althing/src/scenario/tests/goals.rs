@@ -74,6 +74,7 @@ impl Office {
                     *goal = Some(conversation);
                     continue;
                 }
+                _ => continue,
             };
             heard.push(format!("{outcome}: {detail}"));
             return (outcome, detail);

@@ -103,7 +103,7 @@ impl Lab {
                 }
                 Heard::Refused(_, refusal) => return Err(refusal.detail),
                 Heard::Unanswered(_, why) => return Err(why),
-                Heard::Asked(_) => (),
+                _ => (),
             }
         }
     }
