@@ -101,6 +101,8 @@ mod tests {
             digest: String::new(),
             problem: problem.into(),
             offers: [(robot, [("move".to_owned(), offer)].into())].into(),
+            guards: [].into(),
+            former: Vec::new(),
         }
     }
 
