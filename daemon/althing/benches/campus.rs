@@ -1,0 +1,266 @@
+//! What a hundred devices cost: the campus of `ecosystems/`, on one machine.
+//!
+//! ```text
+//! cargo bench -p althing --bench campus
+//! ```
+//!
+//! - In this process: how long a change of the composed domain takes, and a plan for what it left.
+//! - In processes of their own: the time from start to ready, resident memory with one house and
+//!   with all, and how long a goal waits for its plan, in both modes.
+//!
+//! Each process has folders of its own and is ended when it has been measured.
+
+use std::error::Error;
+use std::fs;
+use std::io::{BufRead as _, BufReader};
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use acl::content::Methods;
+use acl::{AgentId, Incarnation};
+use building::{Campus, Device, Layout};
+use capability::{Announcement, Maintainer, Moment, Scope, Snapshot, model_digest};
+use pddl::{Atom, Condition, InitElement, Name, Span, Term};
+use planner::{Cancel, Options};
+
+/// As in `ecosystems/campus.toml`.
+const SEED: u64 = 1;
+const HOUSES: usize = 5;
+
+/// How often what takes microseconds or milliseconds is measured; the median is told.
+const ROUNDS: usize = 50;
+
+/// Ten heartbeats: everybody has heard everybody, and models are composed.
+const SETTLING: Duration = Duration::from_secs(10);
+
+const CHANGE_AIM_MS: f64 = 5.0;
+const REPLAN_AIM_MS: f64 = 50.0;
+const DEVICE_AIM_KIB: f64 = 64.0;
+
+const ONTOLOGY: &str = include_str!("../../../domains/campus/domain.pddl");
+
+type Outcome<T> = Result<T, Box<dyn Error>>;
+
+fn main() -> Outcome<()> {
+    // Cargo tries whether the benchmark runs when it tests.
+    let houses = if std::env::args().any(|argument| argument == "--bench") { HOUSES } else { 1 };
+    let campus = Campus::seeded(SEED, houses);
+    println!("{} devices", campus.layout().devices().len());
+    change_and_replan(&campus)?;
+    if houses == HOUSES {
+        memory()?;
+        for mode in ["centralized", "decentralized"] {
+            goal(&campus, mode)?;
+        }
+    }
+    Ok(())
+}
+
+fn tell(what: &str, value: f64, unit: &str, aim: Option<f64>) {
+    let verdict = match aim {
+        Some(aim) if value <= aim => format!(", aim ≤ {aim} {unit}: reached"),
+        Some(aim) => format!(", aim ≤ {aim} {unit}: missed"),
+        None => String::new(),
+    };
+    println!("{what}: {value:.2} {unit}{verdict}");
+}
+
+fn median_ms(mut measure: impl FnMut() -> Outcome<()>) -> Outcome<f64> {
+    let mut took = Vec::new();
+    for _ in 0..ROUNDS {
+        let begun = Instant::now();
+        measure()?;
+        took.push(begun.elapsed().as_secs_f64() * 1_000.0);
+    }
+    took.sort_by(f64::total_cmp);
+    Ok(took[ROUNDS / 2])
+}
+
+// === in this process ===
+
+fn change_and_replan(campus: &Campus) -> Outcome<()> {
+    let ontology = pddl::parse_domain(ONTOLOGY).into_result().map_err(|_| "the domain")?;
+    let map = pddl::parse_problem(&campus.map()).into_result().map_err(|_| "the map")?;
+    let mut maintainer = Maintainer::new(ontology, map, Scope::Everything);
+    let layout = campus.layout();
+    for device in layout.devices() {
+        maintainer.admit(announcement(device)?, Moment(0)).map_err(|error| error.to_string())?;
+    }
+    let dying = layout.rooms().find_map(|room| layout.fixed_sensors_in(room).next());
+    let dying = AgentId::new(dying.ok_or("no thermometer")?)?;
+    let life = Incarnation::default();
+    let change = median_ms(|| {
+        maintainer.mask(&dying, life, Moment(1));
+        maintainer.snapshot(Moment(1));
+        maintainer.unmask(&dying, life, Moment(1));
+        maintainer.snapshot(Moment(1));
+        Ok(())
+    })?;
+    tell("a change, composed into a domain and a problem", change / 2.0, "ms", Some(CHANGE_AIM_MS));
+
+    let all = plan_for(&maintainer.snapshot(Moment(1)), layout, None)?;
+    tell("a plan for all rooms", all, "ms", None);
+    maintainer.mask(&dying, life, Moment(1));
+    let room = dying.as_str().trim_start_matches("thermometer-");
+    let again = plan_for(&maintainer.snapshot(Moment(1)), layout, Some(room))?;
+    tell("a replan: the thermometer of one room is gone", again, "ms", Some(REPLAN_AIM_MS));
+    Ok(())
+}
+
+/// How long it takes to plan for all rooms, of which all are known but `unknown`, or none is.
+fn plan_for(snapshot: &Snapshot, layout: &Layout, unknown: Option<&str>) -> Outcome<f64> {
+    let known = |room: &str| Atom {
+        predicate: Name::new("known-temperature"),
+        arguments: vec![Term::Object(Name::new(room))],
+        span: Span::default(),
+    };
+    let goal = layout.rooms().map(|room| Condition::Atom(known(room))).collect();
+    let mut problem = snapshot.with_goal(Condition::And(goal), None);
+    if let Some(unknown) = unknown {
+        let others = layout.rooms().filter(|room| *room != unknown);
+        problem.init.extend(others.map(|room| InitElement::Atom(known(room))));
+    }
+    median_ms(|| {
+        let outcome =
+            planner::plan(&snapshot.domain, &problem, &Options::default(), &Cancel::new());
+        let plan = outcome.map_err(|error| error.to_string())?.plan.ok_or("no plan")?;
+        if plan.steps.is_empty() { Err("nothing to do".into()) } else { Ok(()) }
+    })
+}
+
+/// What the plugins say of themselves.
+fn announcement(device: &Device) -> Outcome<Announcement> {
+    let name = device.name();
+    let said = match device {
+        Device::FixedSensor { location, .. } => format!(
+            "(:objects {name} - temperature-sensor) (:init (located {name} {location}))
+             (:action report-temperature :agent ?s - temperature-sensor
+               :parameters (?r - room) :precondition (located ?s ?r)
+               :effect (and (known-temperature ?r) (increase (total-cost) 1)))"
+        ),
+        Device::Robot { start, meters_per_second, .. } => format!(
+            "(:types turtlebot - mobile-base) (:objects {name} - turtlebot)
+             (:init (at {name} {start}) (= (speed {name}) {meters_per_second}))
+             (:action move :agent ?b - turtlebot :parameters (?from ?to - location)
+               :precondition (and (at ?b ?from) (connected ?from ?to))
+               :effect (and (not (at ?b ?from)) (at ?b ?to)
+                 (increase (total-cost) (distance ?from ?to))))"
+        ),
+        Device::MountedSensor { carrier, .. } => format!(
+            "(:objects {name} - ir-temperature-sensor) (:init (mounted-on {name} {carrier}))
+             (:action report-temperature :agent ?s - ir-temperature-sensor
+               :parameters (?b - mobile-base ?r - room)
+               :precondition (and (mounted-on ?s ?b) (at ?b ?r))
+               :effect (and (known-temperature ?r) (increase (total-cost) 2)))"
+        ),
+        _ => return Err("a device that the campus does not have".into()),
+    };
+    let text = format!("(define (agent {name}) (:domain campus) {said})");
+    let model = pddl::parse_action_model(&text).into_result().map_err(|_| "a model")?;
+    let (agent, methods) = (AgentId::new(name)?, Methods::new());
+    let digest = model_digest(&text, &methods);
+    Ok(Announcement { agent, incarnation: Incarnation::default(), model, methods, digest })
+}
+
+// === in processes of their own ===
+
+fn memory() -> Outcome<()> {
+    let mut resident = Vec::new();
+    for houses in [1, HOUSES] {
+        let daemon = Daemon::start(&Campus::seeded(SEED, houses), "decentralized")?;
+        tell(&format!("start to ready, {houses} houses"), daemon.ready_ms, "ms", None);
+        std::thread::sleep(SETTLING);
+        resident.push(daemon.resident_kib()?);
+        let what = format!("resident after {SETTLING:?}, {houses} houses");
+        tell(&what, resident[resident.len() - 1] / 1_024.0, "MiB", None);
+    }
+    let further = ((HOUSES - 1) * building::DEVICES_PER_HOUSE) as f64;
+    let each = (resident[1] - resident[0]) / further;
+    tell("resident memory per further device", each, "KiB", Some(DEVICE_AIM_KIB));
+    Ok(())
+}
+
+/// How long the goal of one house, and that of all rooms, wait for their plan.
+fn goal(campus: &Campus, mode: &str) -> Outcome<()> {
+    let daemon = Daemon::start(campus, mode)?;
+    std::thread::sleep(SETTLING);
+    for goal in ["house-a", "temperatures"] {
+        let begun = Instant::now();
+        let mut asking = daemon.command(&["goal", goal, "--ecosystem"]).spawn()?;
+        let stdout = asking.stdout.take().ok_or("no standard output")?;
+        let planned = BufReader::new(stdout).lines().map_while(Result::ok).find_map(|line| {
+            (line.contains("a plan of") || line.starts_with("failed")).then_some(line)
+        });
+        let took = begun.elapsed().as_secs_f64() * 1_000.0;
+        // The rest of its life is not measured.
+        let _ = asking.kill();
+        let _ = asking.wait();
+        let planned = planned.unwrap_or_else(|| "nothing was said".to_owned());
+        let what = planned.trim_start_matches("progress").trim();
+        let what = what.chars().take(60).collect::<String>();
+        tell(&format!("{mode}, asked to told, `{goal}`: {what}"), took, "ms", None);
+    }
+    Ok(())
+}
+
+/// A daemon that is ready; ended when dropped.
+struct Daemon {
+    process: Child,
+    ready_ms: f64,
+    file: PathBuf,
+    folder: tempfile::TempDir,
+}
+
+impl Daemon {
+    fn start(campus: &Campus, mode: &str) -> Outcome<Daemon> {
+        let folder = tempfile::tempdir()?;
+        fs::write(folder.path().join("domain.pddl"), ONTOLOGY)?;
+        fs::write(folder.path().join("map.pddl"), campus.map())?;
+        let file = folder.path().join("campus.toml");
+        fs::write(&file, campus.ecosystem("domain.pddl", "map.pddl"))?;
+        let begun = Instant::now();
+        let process = command(&folder).arg("up").arg(&file).args(["--mode", mode]).spawn()?;
+        // Owned from here on, so that it ends whatever is wrong with its words.
+        let mut daemon = Daemon { process, ready_ms: 0.0, file, folder };
+        let stdout = daemon.process.stdout.take().ok_or("no standard output")?;
+        for line in BufReader::new(stdout).lines() {
+            if line?.contains("is ready") {
+                daemon.ready_ms = begun.elapsed().as_secs_f64() * 1_000.0;
+                return Ok(daemon);
+            }
+        }
+        Err("the daemon ended before it was ready".into())
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = command(&self.folder);
+        command.args(arguments).arg(&self.file);
+        command
+    }
+
+    fn resident_kib(&self) -> Outcome<f64> {
+        let status = fs::read_to_string(format!("/proc/{}/status", self.process.id()))?;
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+        let kib = line.and_then(|line| line.split_whitespace().next());
+        Ok(kib.ok_or("the system does not tell how much memory a process holds")?.parse()?)
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        // If it has ended already, all the better.
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+fn command(folder: &tempfile::TempDir) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_althing"));
+    command
+        .env("ALTHING_RUNTIME_DIR", folder.path().join("run"))
+        .env("ALTHING_STATE_DIR", folder.path().join("state"))
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped());
+    command
+}
