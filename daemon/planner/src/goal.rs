@@ -55,7 +55,7 @@ pub fn unreachable(
 
 /// Which of the conditions are facts that cannot hold at any time: their positions.
 ///
-/// Weaker than [`unreachable`], and much cheaper: one pass looks at all of them, so it can be asked
+/// Weaker than [`unreachable()`], and much cheaper: one pass looks at all of them, so it can be asked
 /// about the whole of a large goal. Conditions that are no single facts are never listed.
 pub fn facts_out_of_reach(
     domain: &Domain,
