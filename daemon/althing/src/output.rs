@@ -94,6 +94,24 @@ pub(crate) fn print(text: impl Display, code: u8) -> ExitCode {
     }
 }
 
+/// Breaks a long line between words where stdout is a terminal; what follows is indented.
+pub(crate) fn folded(line: &str, indent: usize) -> String {
+    let Some((columns, _)) = terminal_size::terminal_size_of(io::stdout()) else {
+        return line.to_owned();
+    };
+    fold(line, usize::from(columns.0), indent)
+}
+
+fn fold(line: &str, columns: usize, indent: usize) -> String {
+    let indent = " ".repeat(indent);
+    // A name is never broken, not even at its hyphens.
+    let options = textwrap::Options::new(columns.max(40))
+        .subsequent_indent(&indent)
+        .word_splitter(textwrap::WordSplitter::NoHyphenation)
+        .break_words(false);
+    textwrap::fill(line, options)
+}
+
 /// Writes one JSON value and a newline to stdout.
 pub(crate) fn print_json(value: &serde_json::Value, code: u8) -> ExitCode {
     print(format_args!("{value}\n"), code)
@@ -143,4 +161,20 @@ fn colors_are_welcome() -> bool {
     let refused = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
     let dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
     !refused && !dumb
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_lines_are_broken_between_words() {
+        let line = "progress chosen: `turtlebot-1` for `(known-temperature office1)` at cost 6";
+        let folded = fold(line, 48, 9);
+        assert_eq!(
+            folded,
+            "progress chosen: `turtlebot-1` for\n         `(known-temperature office1)` at cost 6"
+        );
+        assert_eq!(fold("done     the goal holds", 48, 9), "done     the goal holds");
+    }
 }

@@ -7,7 +7,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use acl::content::{Bid, CallForProposals, Choice, Outcome, Proposal, Refusal, Report, value};
+use acl::content::{
+    Bid, CallForProposals, Choice, Outcome, Proposal, Reason, Refusal, Report, value,
+};
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{Answer, Context, Opening, TimerId};
 use pddl::{Condition, Plan};
@@ -199,8 +201,10 @@ impl PlanRequester {
                 Err(error) => ctx.not_understood(&message, error.to_string()),
             }
         } else {
-            let why = message.content_as::<Refusal>().map(|refusal| refusal.detail);
-            call.refusals.insert(bidder.clone(), why.unwrap_or_default());
+            // That something is not an agent's business is no news.
+            let is_news = |refusal: &Refusal| refusal.reason != Reason::Incapable;
+            let refusal = message.content_as::<Refusal>().ok().filter(is_news);
+            call.refusals.extend(refusal.map(|refusal| (bidder.clone(), refusal.detail)));
         }
         let Some(call) = self.calling(id) else { return };
         call.awaited.remove(&bidder);

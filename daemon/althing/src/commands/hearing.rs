@@ -15,7 +15,8 @@ pub(crate) fn print(heard: &Heard, json: bool) -> ExitCode {
     if json {
         return output::print_json(&object(heard), exit::DONE);
     }
-    let text: String = lines(heard).iter().map(|line| format!("{line}\n")).collect();
+    let folded = |line: &String| format!("{}\n", output::folded(line, 9));
+    let text: String = lines(heard).iter().map(folded).collect();
     output::print(text, exit::DONE)
 }
 

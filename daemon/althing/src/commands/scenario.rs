@@ -86,10 +86,8 @@ async fn perform(script: Script, json: bool) -> ExitCode {
 }
 
 fn show(event: &Event) {
-    let _ = output::print(
-        format_args!("{:>7.3} s  {}\n", event.at.as_secs_f64(), event.text),
-        exit::DONE,
-    );
+    let line = format!("{:>7.3} s  {}", event.at.as_secs_f64(), event.text);
+    let _ = output::print(format_args!("{}\n", output::folded(&line, 11)), exit::DONE);
 }
 
 fn verdict(played: &Played, code: u8) -> ExitCode {
