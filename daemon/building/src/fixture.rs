@@ -22,6 +22,8 @@ fn line(event: &Event) -> String {
         Event::Departed { robot, from, to } => format!("{robot} departs {from} {to}"),
         Event::Moved { robot, from, to } => format!("{robot} moves {from} {to}"),
         Event::Stayed { robot, at } => format!("{robot} stays {at}"),
+        Event::Recharged { robot, at } => format!("{robot} is recharged at {at}"),
+        Event::ChargeSet { robot, meters } => format!("{robot} can drive {meters} m"),
         Event::Broken { device, fault } => format!("{device} breaks {fault:?}"),
         Event::Repaired { device } => format!("{device} is repaired"),
         Event::TemperatureSet { location, celsius } => format!("{location} becomes {celsius}"),

@@ -5,10 +5,11 @@
 //! names are unique PDDL names, every reference is known, every number possible.
 //! What happens in the building is [`Building`](crate::Building)'s matter.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
+use crate::battery::Battery;
 use crate::error::{LayoutError, nearest};
 use crate::quantity::Quantity;
 
@@ -124,6 +125,8 @@ pub struct Layout {
     locations: Vec<Location>,
     connections: Vec<Connection>,
     devices: Vec<Device>,
+    /// By robot; one that is not here needs none.
+    pub(crate) batteries: BTreeMap<String, Battery>,
 }
 
 /// A layout as it stands in a file, nothing checked yet.
@@ -135,13 +138,15 @@ struct Written {
     connections: Vec<Connection>,
     #[serde(default)]
     devices: Vec<Device>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    batteries: BTreeMap<String, Battery>,
 }
 
 impl TryFrom<Written> for Layout {
     type Error = LayoutError;
 
     fn try_from(written: Written) -> Result<Layout, LayoutError> {
-        let Written { locations, connections, devices } = written;
+        let Written { locations, connections, devices, batteries } = written;
         let mut layout = Layout::new();
         for location in locations {
             layout.add_location(location)?;
@@ -155,14 +160,17 @@ impl TryFrom<Written> for Layout {
         for device in standing.into_iter().chain(mounted) {
             layout.add_device(device)?;
         }
+        for (robot, battery) in batteries {
+            layout.equip(&robot, battery)?;
+        }
         Ok(layout)
     }
 }
 
 impl From<Layout> for Written {
     fn from(layout: Layout) -> Written {
-        let Layout { locations, connections, devices } = layout;
-        Written { locations, connections, devices }
+        let Layout { locations, connections, devices, batteries } = layout;
+        Written { locations, connections, devices, batteries }
     }
 }
 

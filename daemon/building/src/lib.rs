@@ -16,6 +16,7 @@
 //! Left to others: what an agent knows or says, PDDL beyond printing a map, and
 //! the substrate. **Invariant:** nothing here speaks Zenoh.
 
+mod battery;
 mod building;
 mod campus;
 mod client;
@@ -37,6 +38,7 @@ mod world;
 #[cfg(test)]
 mod fixture;
 
+pub use battery::Battery;
 pub use building::Building;
 pub use campus::{Campus, DEVICES_PER_HOUSE, HOUSES_MAX};
 pub use error::{DeviceError, LayoutError, ServeError};

@@ -151,6 +151,7 @@ async fn perform(building: &BuildingHandle, ask: Ask) -> Result<Answer, DeviceEr
         Ask::AwaitChange { sensor, quantity, known } => {
             building.await_change(&sensor, quantity, known).await.map(Answer::Measured)
         }
+        Ask::Battery(ask) => building.battery(ask).await.map(Answer::Battery),
         Ask::Cancel => Err(DeviceError::Refused { reason: "nothing to cancel".to_owned() }),
     }
 }

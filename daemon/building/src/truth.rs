@@ -50,7 +50,7 @@ pub struct Occurrence {
     pub event: Event,
 }
 
-/// What can happen in a building. A driver causes the first six, fate the rest.
+/// What can happen in a building.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", rename_all_fields = "kebab-case")]
 #[non_exhaustive]
@@ -104,6 +104,20 @@ pub enum Event {
         robot: String,
         /// Where it stands.
         at: String,
+    },
+    /// A robot has filled its battery.
+    Recharged {
+        /// The robot.
+        robot: String,
+        /// Where its dock is.
+        at: String,
+    },
+    /// Fate filled or emptied a robot's battery.
+    ChargeSet {
+        /// The robot.
+        robot: String,
+        /// How far it can drive now, in meters.
+        meters: f64,
     },
     /// A device broke.
     Broken {
@@ -170,6 +184,9 @@ pub struct Truth {
     pub(crate) conditions: BTreeMap<Quantity, BTreeMap<String, f64>>,
     /// Where each robot stands; everything else follows from the layout.
     pub(crate) robots: BTreeMap<String, String>,
+    /// How far each robot with a battery can still drive, in meters.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) charges: BTreeMap<String, f64>,
     pub(crate) faults: BTreeMap<String, Fault>,
     /// Doors by their two sides, the alphabetically first one first.
     pub(crate) locked: BTreeSet<(String, String)>,

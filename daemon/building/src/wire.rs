@@ -10,6 +10,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt as _, AsyncRead, AsyncWrite, AsyncWriteExt as _, BufReader};
 
+use crate::battery::{BatteryAnswer, BatteryAsk};
 use crate::error::DeviceError;
 use crate::measuring::Measured;
 use crate::quantity::Quantity;
@@ -65,6 +66,7 @@ pub(crate) enum Ask {
         quantity: Quantity,
         known: f64,
     },
+    Battery(BatteryAsk),
     /// Calls off the request of the same id. Has no answer of its own.
     Cancel,
 }
@@ -88,6 +90,7 @@ pub(crate) enum Answer {
     Arrived,
     Place(String),
     Measured(Measured),
+    Battery(BatteryAnswer),
 }
 
 impl Answer {

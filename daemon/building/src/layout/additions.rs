@@ -148,6 +148,7 @@ impl Layout {
         };
         let (gone, kept): (Vec<_>, Vec<_>) = self.devices.drain(..).partition(leaves);
         self.devices = kept;
+        self.batteries.remove(name);
         gone.iter().map(|device| device.name().to_owned()).collect()
     }
 }
@@ -172,7 +173,7 @@ impl Layout {
         }
     }
 
-    fn check_location(&self, name: &str) -> Result<(), LayoutError> {
+    pub(crate) fn check_location(&self, name: &str) -> Result<(), LayoutError> {
         if self.location(name).is_some() {
             return Ok(());
         }
@@ -180,7 +181,7 @@ impl Layout {
         Err(LayoutError::UnknownLocation { name: name.to_owned(), nearest })
     }
 
-    fn check_carrier(&self, name: &str) -> Result<(), LayoutError> {
+    pub(crate) fn check_carrier(&self, name: &str) -> Result<(), LayoutError> {
         match self.device(name) {
             Some(Device::Robot { .. }) => Ok(()),
             Some(other) => {
