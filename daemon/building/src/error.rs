@@ -143,6 +143,12 @@ pub enum LayoutError {
         /// The robot.
         robot: String,
     },
+    /// A camera can look in these directions only.
+    #[error("let `{camera}` see so: at most 16 places, pan -170 to 170, tilt -90 to 90 degrees")]
+    BadView {
+        /// The camera.
+        camera: String,
+    },
     /// Time cannot be scaled by this factor.
     #[error(
         "scale time by {time_scale}: 1.0 is real time, 0.1 ten times faster; between 0 and 1000 is possible"
@@ -221,6 +227,26 @@ pub enum DeviceError {
         device: String,
         /// Where it was sent.
         to: String,
+    },
+    /// The camera does not turn or zoom so far.
+    #[error("turn `{device}` so far: pan -170 to 170, tilt -90 to 90 degrees, zoom 1 to 10")]
+    OutOfReach {
+        /// The camera.
+        device: String,
+    },
+    /// A screen on a wall shows nothing before it has a channel.
+    #[error("show anything on `{device}`: it was given no channel yet")]
+    NoChannel {
+        /// The screen.
+        device: String,
+    },
+    /// No screen is that large.
+    #[error("show that on `{device}`: {bytes_max} bytes are possible")]
+    TooLong {
+        /// The screen.
+        device: String,
+        /// The longest text.
+        bytes_max: usize,
     },
     /// A battery can be filled at the dock only.
     #[error("recharge `{device}`: it {}", at_dock(.dock))]

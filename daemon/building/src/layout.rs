@@ -10,6 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 
 use crate::battery::Battery;
+use crate::camera::View;
 use crate::error::{LayoutError, nearest};
 use crate::quantity::Quantity;
 
@@ -94,6 +95,30 @@ pub enum Device {
         /// The robot that carries it.
         carrier: String,
     },
+    /// A camera that turns.
+    Camera {
+        /// Its name.
+        name: String,
+        /// The location where it hangs.
+        location: String,
+        /// Where the places that it can see lie.
+        #[serde(default)]
+        views: Vec<View>,
+    },
+    /// A screen on a wall.
+    Screen {
+        /// Its name.
+        name: String,
+        /// The location where it hangs.
+        location: String,
+    },
+    /// A screen that is wherever its carrier is.
+    MountedScreen {
+        /// Its name.
+        name: String,
+        /// The robot that carries it.
+        carrier: String,
+    },
 }
 
 impl Device {
@@ -103,7 +128,10 @@ impl Device {
             Device::FixedSensor { name, .. }
             | Device::Sensor { name, .. }
             | Device::Robot { name, .. }
-            | Device::MountedSensor { name, .. } => name,
+            | Device::MountedSensor { name, .. }
+            | Device::Camera { name, .. }
+            | Device::Screen { name, .. }
+            | Device::MountedScreen { name, .. } => name,
         }
     }
 
@@ -114,6 +142,19 @@ impl Device {
             Device::Sensor { .. } => "sensor",
             Device::Robot { .. } => "robot",
             Device::MountedSensor { .. } => "mounted sensor",
+            Device::Camera { .. } => "camera",
+            Device::Screen { .. } => "screen",
+            Device::MountedScreen { .. } => "mounted screen",
+        }
+    }
+
+    /// The robot that carries it.
+    pub(crate) fn carrier(&self) -> Option<&str> {
+        match self {
+            Device::MountedSensor { carrier, .. } | Device::MountedScreen { carrier, .. } => {
+                Some(carrier)
+            }
+            _ => None,
         }
     }
 }
@@ -156,7 +197,7 @@ impl TryFrom<Written> for Layout {
         }
         // Carriers first, so that a file may name its devices in any order.
         let (mounted, standing): (Vec<_>, Vec<_>) =
-            devices.into_iter().partition(|device| matches!(device, Device::MountedSensor { .. }));
+            devices.into_iter().partition(|device| device.carrier().is_some());
         for device in standing.into_iter().chain(mounted) {
             layout.add_device(device)?;
         }

@@ -11,9 +11,11 @@ use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt as _, AsyncRead, AsyncWrite, AsyncWriteExt as _, BufReader};
 
 use crate::battery::{BatteryAnswer, BatteryAsk};
+use crate::camera::{CameraAnswer, CameraAsk};
 use crate::error::DeviceError;
 use crate::measuring::Measured;
 use crate::quantity::Quantity;
+use crate::screen::{ScreenAnswer, ScreenAsk};
 use crate::truth::Reading;
 
 /// The longest line. The longest that is written is a refusal that lists a
@@ -67,6 +69,8 @@ pub(crate) enum Ask {
         known: f64,
     },
     Battery(BatteryAsk),
+    Camera(CameraAsk),
+    Screen(ScreenAsk),
     /// Calls off the request of the same id. Has no answer of its own.
     Cancel,
 }
@@ -91,6 +95,8 @@ pub(crate) enum Answer {
     Place(String),
     Measured(Measured),
     Battery(BatteryAnswer),
+    Camera(CameraAnswer),
+    Screen(ScreenAnswer),
 }
 
 impl Answer {

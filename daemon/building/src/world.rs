@@ -40,6 +40,11 @@ impl Truth {
             temperatures,
             conditions: Default::default(),
             faults: Default::default(),
+            people: Default::default(),
+            stirring: Default::default(),
+            aims: Default::default(),
+            channels: Default::default(),
+            shown: Default::default(),
             locked: Default::default(),
             log: Log::default(),
             traps: Default::default(),
@@ -209,6 +214,9 @@ impl Truth {
             self.robots.remove(&name);
             self.charges.remove(&name);
             self.faults.remove(&name);
+            self.aims.remove(&name);
+            self.channels.remove(&name);
+            self.shown.remove(&name);
             self.traps.remove(&name);
             self.errands.remove(&name);
             self.log.record(Event::Removed { device: name });
@@ -309,13 +317,13 @@ impl Truth {
         Err(LayoutError::UnknownDevice { name: device.to_owned(), nearest })
     }
 
-    fn unknown_location(&self, name: &str) -> LayoutError {
+    pub(crate) fn unknown_location(&self, name: &str) -> LayoutError {
         let nearest = self.layout.nearest_location(name);
         LayoutError::UnknownLocation { name: name.to_owned(), nearest }
     }
 }
 
-fn wrong_kind(device: &Device, wanted: &str) -> DeviceError {
+pub(crate) fn wrong_kind(device: &Device, wanted: &str) -> DeviceError {
     DeviceError::WrongKind {
         device: device.name().to_owned(),
         is: device.is().to_owned(),

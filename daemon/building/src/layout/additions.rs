@@ -134,7 +134,14 @@ impl Layout {
                 self.check_location(start)?;
                 check_speed(name, *meters_per_second)?;
             }
-            Device::MountedSensor { carrier, .. } => self.check_carrier(carrier)?,
+            Device::MountedSensor { carrier, .. } | Device::MountedScreen { carrier, .. } => {
+                self.check_carrier(carrier)?;
+            }
+            Device::Camera { name, location, views } => {
+                self.check_location(location)?;
+                self.check_views(name, views)?;
+            }
+            Device::Screen { location, .. } => self.check_location(location)?,
         }
         self.devices.push(device);
         Ok(self)
@@ -142,10 +149,7 @@ impl Layout {
 
     /// Removes a device, and with a robot what it carries. Returns their names.
     pub(crate) fn remove_device(&mut self, name: &str) -> Vec<String> {
-        let leaves = |device: &Device| {
-            device.name() == name
-                || matches!(device, Device::MountedSensor { carrier, .. } if carrier == name)
-        };
+        let leaves = |device: &Device| device.name() == name || device.carrier() == Some(name);
         let (gone, kept): (Vec<_>, Vec<_>) = self.devices.drain(..).partition(leaves);
         self.devices = kept;
         self.batteries.remove(name);
