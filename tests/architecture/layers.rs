@@ -20,6 +20,7 @@ const LAYERS: &[&[&str]] = &[
         "plan-executor",
         "plan-requester",
         "planning-agent",
+        "ptz-camera",
         "sensor",
         "turtlebot",
     ],
@@ -39,6 +40,7 @@ const EXCEPTIONS: &[Exception] = &[
     exception("plan-requester", "planner", "validates proposals, takes goals apart"),
     exception("planning-agent", "planner", "it is that planner, given a mailbox"),
     exception("ir-temperature-sensor", "building", "its simulated driver measures there"),
+    exception("ptz-camera", "building", "its simulated driver looks there"),
     exception("sensor", "building", "its simulated driver measures there"),
     exception("turtlebot", "building", "its simulated driver moves there"),
 ];

@@ -13,6 +13,7 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     sensor::PLUGIN,
     ir_temperature_sensor::PLUGIN,
     turtlebot::PLUGIN,
+    ptz_camera::PLUGIN,
 ];
 
 /// The plugin of this name.

@@ -17,6 +17,7 @@ use crate::config::{Ecosystem, Overrides, Variables};
 use crate::plugins;
 
 mod robots;
+mod watching;
 
 const ONTOLOGY: &str = include_str!("../../../../domains/smart-office/domain.pddl");
 const MAP: &str = include_str!("../../../../domains/smart-office/map.pddl");
@@ -112,6 +113,19 @@ impl Person {
     async fn reaches(&mut self, goal: &str) -> bool {
         self.wish(goal, Keep::Achieve).await;
         self.hears().await
+    }
+
+    /// Waits until an agent asks this person, and answers.
+    async fn answers(&mut self, answer: &str) {
+        loop {
+            let heard = timeout(PATIENCE, self.terminal.hear.recv()).await;
+            if let Heard::Question(open) = heard.expect("a question in time").expect("it lives") {
+                let (keyboard, question) = (open.keyboard, open.question);
+                let said = Said::Answer { keyboard, question, text: answer.to_owned() };
+                self.terminal.say.send(said).await.expect("the keyboard listens");
+                return;
+            }
+        }
     }
 
     /// Waits for the next word that a goal holds, or that it does not and never will.
