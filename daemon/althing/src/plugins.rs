@@ -14,6 +14,8 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     ir_temperature_sensor::PLUGIN,
     turtlebot::PLUGIN,
     ptz_camera::PLUGIN,
+    screen::PLUGIN,
+    video_robot::PLUGIN,
 ];
 
 /// The plugin of this name.

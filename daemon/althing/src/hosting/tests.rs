@@ -16,6 +16,7 @@ use super::{Node, Part, Wire, simulate};
 use crate::config::{Ecosystem, Overrides, Variables};
 use crate::plugins;
 
+mod presenting;
 mod robots;
 mod watching;
 
