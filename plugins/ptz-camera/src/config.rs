@@ -87,7 +87,7 @@ fn default_motion_for() -> String {
     "30s".to_owned()
 }
 
-/// A person in full view is a few hundredths of a picture.
+/// A person in full view is a hundredth of a picture at least.
 fn default_sensitivity() -> f64 {
     0.004
 }

@@ -100,7 +100,7 @@ fn draw_place(canvas: &mut Canvas, place: &SeenPlace, zoom: f64, milliseconds: u
     for (index, person) in place.people.iter().enumerate() {
         let x = middle_x + (-24.0 + 16.0 * index as f64) * size;
         canvas.fill((x, floor - 16.0 * size), (9.0 * size, 30.0 * size), color_of(person));
-        canvas.fill((x, floor - 35.0 * size), (8.0 * size, 8.0 * size), [232, 190, 160]);
+        canvas.fill((x, floor - 35.0 * size), (8.0 * size, 8.0 * size), [150, 110, 85]);
     }
     if place.stirs {
         let sway = (milliseconds / 100 % 10) as f64 - 5.0;

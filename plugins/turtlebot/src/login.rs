@@ -170,8 +170,8 @@ impl Login {
     /// Passes on what a person answered.
     pub(crate) fn heard(&mut self, news: &News) {
         // Nobody waits any more, or there is an answer already: the first counts.
-        let passed = self.answers.as_ref().map(|answers| answers.try_send(news.clone()));
-        if let Some(Err(_)) = passed {
+        let is_lost = |answers: &mpsc::Sender<News>| answers.try_send(news.clone()).is_err();
+        if self.answers.as_ref().is_some_and(is_lost) {
             self.answers = None;
         }
     }

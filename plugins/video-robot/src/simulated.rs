@@ -15,10 +15,11 @@ struct Simulated {
     robot: String,
 }
 
-/// The base, and its screen.
-pub(crate) fn robot(
-    blueprint: &Blueprint,
-) -> Result<(Arc<dyn BaseDriver>, Arc<dyn Screen>), BuildError> {
+/// What drives the base, and what drives its screen.
+type Drivers = (Arc<dyn BaseDriver>, Arc<dyn Screen>);
+
+/// The drivers of a robot.
+pub(crate) fn robot(blueprint: &Blueprint) -> Result<Drivers, BuildError> {
     let building = blueprint.host.resources.get::<BuildingHandle>().ok_or_else(|| {
         blueprint.problem("a simulated driver needs a simulated building, and there is none")
     })?;
