@@ -17,13 +17,16 @@
 
   ; `a b - c` reads: every a is a c, and so is every b.
   (:types
-    location agent - object
+    location agent preset media - object
 
     room                      ; people want to know something about it
     corridor - location       ; robots pass through it
+    pose - location           ; a spot that a mobile base knows by itself
 
     mobile-base               ; moves, and carries others
-    sensor - agent            ; measures, and moves nothing
+    sensor                    ; measures, and moves nothing
+    camera                    ; sees, in the directions of its presets
+    screen - agent            ; shows media to the people in its room
 
     temperature-sensor        ; fixed in the room that it measures
     ir-temperature-sensor     ; mounted on a mobile base, measures where that is
@@ -41,6 +44,8 @@
     (at ?b - mobile-base ?l - location)
     (located ?s - sensor ?r - room)
     (mounted-on ?s - sensor ?b - mobile-base)
+    (dock-of ?b - mobile-base ?l - location)  ; its battery is filled there
+    (charged ?b - mobile-base)                ; its battery is full
 
     ; Measuring makes this true. It does not say what was measured: planning
     ; needs to know THAT a temperature will be known, not which it will be.
@@ -55,13 +60,31 @@
     (known-reflection ?r - room)
 
     ; What is yes or no. Where it is known and not said, it is not so.
-    (motion ?r - room)                  ; somebody moves there
-    (reflection ?r - room))             ; something is right before the sensor
+    (motion ?l - location)              ; somebody moves there: sensors and cameras say it
+    (reflection ?r - room)              ; something is right before the sensor
+
+    ; Cameras say these: which preset shows what, and what they saw there.
+    (shows ?c - camera ?p - preset ?l - location)
+    (looks-at ?c - camera ?p - preset)
+    (known-picture ?l - location)       ; a picture was taken, and still counts
+    (recorded ?l - location)            ; a video was
+
+    ; Whoever can ask a person says this: somebody logged in there lately.
+    (validated ?l - location)
+
+    ; Screens say these, and robots that have one.
+    (screen-in ?s - screen ?r - room)
+    (allocated ?s - screen)             ; it has what it needs to show anything
+    (can-present ?r - room)
+    (presenting ?b - mobile-base)       ; it stays, because it shows something
+    (presented ?m - media ?r - room))
 
   (:functions
     (total-cost)                        ; what a plan costs: meters and efforts
     (distance ?a ?b - location)         ; in meters; the map says it
     (speed ?b - mobile-base)            ; in meters per second; the base says it
+    (range ?b - mobile-base)            ; meters a full battery lasts; the base says it
+    (charge ?b - mobile-base)           ; meters its battery lasts now; the base says it
     (temperature ?r - room)             ; in °C; whoever measured it says it, and so on:
     (humidity ?r - room)                ; relative, in %
     (co2 ?r - room)                     ; in ppm

@@ -20,8 +20,11 @@ const LAYERS: &[&[&str]] = &[
         "plan-executor",
         "plan-requester",
         "planning-agent",
+        "ptz-camera",
+        "screen",
         "sensor",
         "turtlebot",
+        "video-robot",
     ],
     &["althing", "tests"],
 ];
@@ -39,8 +42,11 @@ const EXCEPTIONS: &[Exception] = &[
     exception("plan-requester", "planner", "validates proposals, takes goals apart"),
     exception("planning-agent", "planner", "it is that planner, given a mailbox"),
     exception("ir-temperature-sensor", "building", "its simulated driver measures there"),
+    exception("ptz-camera", "building", "its simulated driver looks there"),
+    exception("screen", "building", "its simulated driver shows there"),
     exception("sensor", "building", "its simulated driver measures there"),
     exception("turtlebot", "building", "its simulated driver moves there"),
+    exception("video-robot", "building", "its simulated driver moves and shows there"),
 ];
 
 /// What a crate's benchmark knows beside its layer, and why. Nothing of it is shipped.

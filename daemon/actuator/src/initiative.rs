@@ -139,7 +139,14 @@ impl<D: Device> Actuator<D> {
 
     /// Tells the device what became of an initiative.
     fn hear(&mut self, name: &str, news: &News, ctx: &mut Context<Self>) {
-        tracing::info!(initiative = name, ?news, "of my own accord");
+        // Not what a person answered: it may be a secret.
+        let word = match news {
+            News::Report(report) => report.detail.as_str(),
+            News::Refused(refusal) => refusal.detail.as_str(),
+            News::Answer(_) => "somebody answered",
+            News::Unanswered(why) => why.as_str(),
+        };
+        tracing::info!(initiative = name, word, "of my own accord");
         let initiatives = self.device.heard(name, news);
         self.beat(ctx);
         self.take(initiatives, ctx);

@@ -14,11 +14,13 @@ mod bidding;
 mod device;
 mod initiative;
 mod ledger;
+mod mobile_base;
 mod text;
 
 pub use actuator::Actuator;
 pub use device::{Call, Description, Device, Failure, OwnFact, Performed};
 pub use initiative::{Initiative, News, Stir};
 pub use ledger::StateFolder;
+pub use mobile_base::{BaseConfig, BaseDriver, MobileBase, Moved};
 pub use substrate::BoxFuture;
 pub use text::{InvalidPlace, Place, facts_of, model_of};

@@ -13,6 +13,9 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     sensor::PLUGIN,
     ir_temperature_sensor::PLUGIN,
     turtlebot::PLUGIN,
+    ptz_camera::PLUGIN,
+    screen::PLUGIN,
+    video_robot::PLUGIN,
 ];
 
 /// The plugin of this name.

@@ -109,6 +109,9 @@ impl Campus {
                 let config = format!("mounted-on = \"{carrier}\"");
                 return entry(device.name(), "ir-temperature-sensor", &daemon_of(place), &config);
             }
+            Device::Camera { .. } | Device::Screen { .. } | Device::MountedScreen { .. } => {
+                unreachable!("invariant: `draw` puts no camera and no screen into a campus")
+            }
         };
         entry(device.name(), plugin, &daemon_of(place), &config)
     }

@@ -75,8 +75,8 @@ impl Remote {
     pub(crate) async fn ask(&self, ask: Ask) -> Outcome {
         let limit = match &ask {
             Ask::PlaceOf { .. } | Ask::Cancel => ANSWER_MAX,
-            Ask::ReadTemperature { .. } | Ask::Navigate { .. } | Ask::Measure { .. } => WORK_MAX,
             Ask::AwaitChange { .. } => CHANGE_MAX,
+            _ => WORK_MAX,
         };
         let answered = timeout(limit, self.ask_without_limit(ask)).await;
         answered.unwrap_or_else(|_| Err(unreachable(format!("no answer within {limit:?}"))))

@@ -134,6 +134,21 @@ pub enum LayoutError {
         /// What was written.
         meters_per_second: f64,
     },
+    /// A battery that no robot has.
+    #[error(
+        "give `{robot}` such a battery: range, charge and recharge-time are not negative, and the \
+         charge is at most the range"
+    )]
+    BadBattery {
+        /// The robot.
+        robot: String,
+    },
+    /// A camera can look in these directions only.
+    #[error("let `{camera}` see so: at most 16 places, pan -170 to 170, tilt -90 to 90 degrees")]
+    BadView {
+        /// The camera.
+        camera: String,
+    },
     /// Time cannot be scaled by this factor.
     #[error(
         "scale time by {time_scale}: 1.0 is real time, 0.1 ten times faster; between 0 and 1000 is possible"
@@ -205,6 +220,42 @@ pub enum DeviceError {
         /// The robot.
         device: String,
     },
+    /// The robot's battery is empty, or nearly so.
+    #[error("drive `{device}` to `{to}`: its battery does not last so far")]
+    EmptyBattery {
+        /// The robot.
+        device: String,
+        /// Where it was sent.
+        to: String,
+    },
+    /// The camera does not turn or zoom so far.
+    #[error("turn `{device}` so far: pan -170 to 170, tilt -90 to 90 degrees, zoom 1 to 10")]
+    OutOfReach {
+        /// The camera.
+        device: String,
+    },
+    /// A screen on a wall shows nothing before it has a channel.
+    #[error("show anything on `{device}`: it was given no channel yet")]
+    NoChannel {
+        /// The screen.
+        device: String,
+    },
+    /// No screen is that large.
+    #[error("show that on `{device}`: {bytes_max} bytes are possible")]
+    TooLong {
+        /// The screen.
+        device: String,
+        /// The longest text.
+        bytes_max: usize,
+    },
+    /// A battery can be filled at the dock only.
+    #[error("recharge `{device}`: it {}", at_dock(.dock))]
+    NotAtDock {
+        /// The robot.
+        device: String,
+        /// Where it would have to stand; `None` if it has no battery.
+        dock: Option<String>,
+    },
     /// The building's socket does not answer (any more).
     #[error("reach the building: {reason}")]
     Unreachable {
@@ -261,6 +312,13 @@ fn hint(nearest: &Option<String>) -> String {
     match nearest {
         Some(name) => format!("; did you mean `{name}`?"),
         None => String::new(),
+    }
+}
+
+fn at_dock(dock: &Option<String>) -> String {
+    match dock {
+        Some(dock) => format!("does not stand at its dock `{dock}`"),
+        None => "has no battery".to_owned(),
     }
 }
 

@@ -22,6 +22,18 @@ fn line(event: &Event) -> String {
         Event::Departed { robot, from, to } => format!("{robot} departs {from} {to}"),
         Event::Moved { robot, from, to } => format!("{robot} moves {from} {to}"),
         Event::Stayed { robot, at } => format!("{robot} stays {at}"),
+        Event::Recharged { robot, at } => format!("{robot} is recharged at {at}"),
+        Event::ChargeSet { robot, meters } => format!("{robot} can drive {meters} m"),
+        Event::Aimed { camera, aim } => {
+            format!("{camera} looks at {} {} {}", aim.pan, aim.tilt, aim.zoom)
+        }
+        Event::Allocated { screen, channel } => format!("{screen} has channel {channel}"),
+        Event::Shown { screen, text } => format!("{screen} shows {text}"),
+        Event::Darkened { screen } => format!("{screen} goes dark"),
+        Event::Entered { person, location } => format!("{person} enters {location}"),
+        Event::Left { person, location } => format!("{person} leaves {location}"),
+        Event::Stirs { location } => format!("{location} stirs"),
+        Event::Rests { location } => format!("{location} rests"),
         Event::Broken { device, fault } => format!("{device} breaks {fault:?}"),
         Event::Repaired { device } => format!("{device} is repaired"),
         Event::TemperatureSet { location, celsius } => format!("{location} becomes {celsius}"),

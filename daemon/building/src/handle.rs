@@ -29,6 +29,14 @@ impl BuildingHandle {
         BuildingHandle { way: Way::InProcess(building) }
     }
 
+    /// The building in this process, or else the way to it.
+    pub(crate) fn near(&self) -> Result<&Building, &Remote> {
+        match &self.way {
+            Way::InProcess(building) => Ok(building),
+            Way::Socket(remote) => Err(remote),
+        }
+    }
+
     /// Connects to a building that another process serves at `socket_path`.
     ///
     /// Should the connection break, what is under way fails as

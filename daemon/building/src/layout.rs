@@ -5,10 +5,12 @@
 //! names are unique PDDL names, every reference is known, every number possible.
 //! What happens in the building is [`Building`](crate::Building)'s matter.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
+use crate::battery::Battery;
+use crate::camera::View;
 use crate::error::{LayoutError, nearest};
 use crate::quantity::Quantity;
 
@@ -93,6 +95,30 @@ pub enum Device {
         /// The robot that carries it.
         carrier: String,
     },
+    /// A camera that turns.
+    Camera {
+        /// Its name.
+        name: String,
+        /// The location where it hangs.
+        location: String,
+        /// Where the places that it can see lie.
+        #[serde(default)]
+        views: Vec<View>,
+    },
+    /// A screen on a wall.
+    Screen {
+        /// Its name.
+        name: String,
+        /// The location where it hangs.
+        location: String,
+    },
+    /// A screen that is wherever its carrier is.
+    MountedScreen {
+        /// Its name.
+        name: String,
+        /// The robot that carries it.
+        carrier: String,
+    },
 }
 
 impl Device {
@@ -102,7 +128,10 @@ impl Device {
             Device::FixedSensor { name, .. }
             | Device::Sensor { name, .. }
             | Device::Robot { name, .. }
-            | Device::MountedSensor { name, .. } => name,
+            | Device::MountedSensor { name, .. }
+            | Device::Camera { name, .. }
+            | Device::Screen { name, .. }
+            | Device::MountedScreen { name, .. } => name,
         }
     }
 
@@ -113,6 +142,19 @@ impl Device {
             Device::Sensor { .. } => "sensor",
             Device::Robot { .. } => "robot",
             Device::MountedSensor { .. } => "mounted sensor",
+            Device::Camera { .. } => "camera",
+            Device::Screen { .. } => "screen",
+            Device::MountedScreen { .. } => "mounted screen",
+        }
+    }
+
+    /// The robot that carries it.
+    pub(crate) fn carrier(&self) -> Option<&str> {
+        match self {
+            Device::MountedSensor { carrier, .. } | Device::MountedScreen { carrier, .. } => {
+                Some(carrier)
+            }
+            _ => None,
         }
     }
 }
@@ -124,6 +166,8 @@ pub struct Layout {
     locations: Vec<Location>,
     connections: Vec<Connection>,
     devices: Vec<Device>,
+    /// By robot; one that is not here needs none.
+    pub(crate) batteries: BTreeMap<String, Battery>,
 }
 
 /// A layout as it stands in a file, nothing checked yet.
@@ -135,13 +179,15 @@ struct Written {
     connections: Vec<Connection>,
     #[serde(default)]
     devices: Vec<Device>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    batteries: BTreeMap<String, Battery>,
 }
 
 impl TryFrom<Written> for Layout {
     type Error = LayoutError;
 
     fn try_from(written: Written) -> Result<Layout, LayoutError> {
-        let Written { locations, connections, devices } = written;
+        let Written { locations, connections, devices, batteries } = written;
         let mut layout = Layout::new();
         for location in locations {
             layout.add_location(location)?;
@@ -151,9 +197,12 @@ impl TryFrom<Written> for Layout {
         }
         // Carriers first, so that a file may name its devices in any order.
         let (mounted, standing): (Vec<_>, Vec<_>) =
-            devices.into_iter().partition(|device| matches!(device, Device::MountedSensor { .. }));
+            devices.into_iter().partition(|device| device.carrier().is_some());
         for device in standing.into_iter().chain(mounted) {
             layout.add_device(device)?;
+        }
+        for (robot, battery) in batteries {
+            layout.equip(&robot, battery)?;
         }
         Ok(layout)
     }
@@ -161,8 +210,8 @@ impl TryFrom<Written> for Layout {
 
 impl From<Layout> for Written {
     fn from(layout: Layout) -> Written {
-        let Layout { locations, connections, devices } = layout;
-        Written { locations, connections, devices }
+        let Layout { locations, connections, devices, batteries } = layout;
+        Written { locations, connections, devices, batteries }
     }
 }
 

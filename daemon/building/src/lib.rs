@@ -16,7 +16,9 @@
 //! Left to others: what an agent knows or says, PDDL beyond printing a map, and
 //! the substrate. **Invariant:** nothing here speaks Zenoh.
 
+mod battery;
 mod building;
+mod camera;
 mod campus;
 mod client;
 mod error;
@@ -24,9 +26,11 @@ mod handle;
 mod layout;
 mod map;
 mod measuring;
+mod people;
 mod quantity;
 mod random;
 mod scenario_1;
+mod screen;
 mod seeded;
 mod server;
 mod session;
@@ -37,7 +41,9 @@ mod world;
 #[cfg(test)]
 mod fixture;
 
+pub use battery::Battery;
 pub use building::Building;
+pub use camera::{Aim, SeenPlace, Sight, View};
 pub use campus::{Campus, DEVICES_PER_HOUSE, HOUSES_MAX};
 pub use error::{DeviceError, LayoutError, ServeError};
 pub use handle::BuildingHandle;
@@ -45,6 +51,7 @@ pub use layout::{Connection, Device, Layout, Location, LocationKind};
 pub use measuring::Measured;
 pub use quantity::Quantity;
 pub use scenario_1::check_scenario_1;
+pub use screen::Panel;
 pub use seeded::{Dies, SeededScenario};
 pub use server::{Server, serve};
 pub use truth::{Event, Fault, LOG_MAX, Occurrence, Reading, Truth};

@@ -151,6 +151,9 @@ async fn perform(building: &BuildingHandle, ask: Ask) -> Result<Answer, DeviceEr
         Ask::AwaitChange { sensor, quantity, known } => {
             building.await_change(&sensor, quantity, known).await.map(Answer::Measured)
         }
+        Ask::Battery(ask) => building.battery(ask).await.map(Answer::Battery),
+        Ask::Camera(ask) => building.camera(ask).await.map(Answer::Camera),
+        Ask::Screen(ask) => building.screen(ask).await.map(Answer::Screen),
         Ask::Cancel => Err(DeviceError::Refused { reason: "nothing to cancel".to_owned() }),
     }
 }

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+use crate::camera::Aim;
 use crate::layout::{Device, Layout};
 use crate::quantity::Quantity;
 
@@ -50,7 +51,7 @@ pub struct Occurrence {
     pub event: Event,
 }
 
-/// What can happen in a building. A driver causes the first six, fate the rest.
+/// What can happen in a building.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", rename_all_fields = "kebab-case")]
 #[non_exhaustive]
@@ -104,6 +105,70 @@ pub enum Event {
         robot: String,
         /// Where it stands.
         at: String,
+    },
+    /// A robot has filled its battery.
+    Recharged {
+        /// The robot.
+        robot: String,
+        /// Where its dock is.
+        at: String,
+    },
+    /// Fate filled or emptied a robot's battery.
+    ChargeSet {
+        /// The robot.
+        robot: String,
+        /// How far it can drive now, in meters.
+        meters: f64,
+    },
+    /// A camera was turned.
+    Aimed {
+        /// The camera.
+        camera: String,
+        /// Where it looks now.
+        aim: Aim,
+    },
+    /// A screen was given a channel.
+    Allocated {
+        /// The screen.
+        screen: String,
+        /// Its channel.
+        channel: u32,
+    },
+    /// A screen shows something else now.
+    Shown {
+        /// The screen.
+        screen: String,
+        /// What it shows.
+        text: String,
+    },
+    /// A screen went dark as it was told to.
+    Darkened {
+        /// The screen.
+        screen: String,
+    },
+    /// A person came to a location.
+    Entered {
+        /// The person.
+        person: String,
+        /// Where.
+        location: String,
+    },
+    /// A person left the building.
+    Left {
+        /// The person.
+        person: String,
+        /// Where from.
+        location: String,
+    },
+    /// Something began to move, and goes on.
+    Stirs {
+        /// Where.
+        location: String,
+    },
+    /// It moves no more.
+    Rests {
+        /// Where.
+        location: String,
     },
     /// A device broke.
     Broken {
@@ -170,7 +235,25 @@ pub struct Truth {
     pub(crate) conditions: BTreeMap<Quantity, BTreeMap<String, f64>>,
     /// Where each robot stands; everything else follows from the layout.
     pub(crate) robots: BTreeMap<String, String>,
+    /// How far each robot with a battery can still drive, in meters.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) charges: BTreeMap<String, f64>,
     pub(crate) faults: BTreeMap<String, Fault>,
+    /// Where each person is.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) people: BTreeMap<String, String>,
+    /// Locations where something keeps moving.
+    #[serde(skip_serializing_if = "BTreeSet::is_empty")]
+    pub(crate) stirring: BTreeSet<String>,
+    /// Where each camera looks that was ever turned.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) aims: BTreeMap<String, Aim>,
+    /// The channel of each screen that has one.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) channels: BTreeMap<String, u32>,
+    /// What each screen shows, or would if it worked.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) shown: BTreeMap<String, String>,
     /// Doors by their two sides, the alphabetically first one first.
     pub(crate) locked: BTreeSet<(String, String)>,
     pub(crate) log: Log,
@@ -196,11 +279,14 @@ impl Truth {
     /// Where a device truly is: its own place, or its carrier's.
     pub fn place_of(&self, device: &str) -> Option<&str> {
         match self.layout.device(device)? {
-            Device::FixedSensor { location, .. } | Device::Sensor { location, .. } => {
-                Some(location)
-            }
+            Device::FixedSensor { location, .. }
+            | Device::Sensor { location, .. }
+            | Device::Camera { location, .. }
+            | Device::Screen { location, .. } => Some(location),
             Device::Robot { name, .. } => self.robots.get(name).map(String::as_str),
-            Device::MountedSensor { carrier, .. } => self.robots.get(carrier).map(String::as_str),
+            Device::MountedSensor { carrier, .. } | Device::MountedScreen { carrier, .. } => {
+                self.robots.get(carrier).map(String::as_str)
+            }
         }
     }
 

@@ -10,9 +10,12 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt as _, AsyncRead, AsyncWrite, AsyncWriteExt as _, BufReader};
 
+use crate::battery::{BatteryAnswer, BatteryAsk};
+use crate::camera::{CameraAnswer, CameraAsk};
 use crate::error::DeviceError;
 use crate::measuring::Measured;
 use crate::quantity::Quantity;
+use crate::screen::{ScreenAnswer, ScreenAsk};
 use crate::truth::Reading;
 
 /// The longest line. The longest that is written is a refusal that lists a
@@ -65,6 +68,9 @@ pub(crate) enum Ask {
         quantity: Quantity,
         known: f64,
     },
+    Battery(BatteryAsk),
+    Camera(CameraAsk),
+    Screen(ScreenAsk),
     /// Calls off the request of the same id. Has no answer of its own.
     Cancel,
 }
@@ -88,6 +94,9 @@ pub(crate) enum Answer {
     Arrived,
     Place(String),
     Measured(Measured),
+    Battery(BatteryAnswer),
+    Camera(CameraAnswer),
+    Screen(ScreenAnswer),
 }
 
 impl Answer {

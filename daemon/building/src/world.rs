@@ -32,11 +32,19 @@ impl Truth {
             Device::Robot { name, start, .. } => Some((name.clone(), start.clone())),
             _ => None,
         });
+        let charges =
+            layout.batteries.iter().map(|(robot, battery)| (robot.clone(), battery.charge));
         Truth {
             robots: robots.collect(),
+            charges: charges.collect(),
             temperatures,
             conditions: Default::default(),
             faults: Default::default(),
+            people: Default::default(),
+            stirring: Default::default(),
+            aims: Default::default(),
+            channels: Default::default(),
+            shown: Default::default(),
             locked: Default::default(),
             log: Log::default(),
             traps: Default::default(),
@@ -92,6 +100,7 @@ impl Truth {
             return Ok(None);
         }
         let meters = self.require_way(&from, to)?;
+        self.require_charge(robot, to, meters)?;
         let departed = Event::Departed { robot: robot.to_owned(), from, to: to.to_owned() };
         let errand = self.log.record(departed);
         self.errands.insert(robot.to_owned(), errand);
@@ -112,7 +121,8 @@ impl Truth {
             return Err(DeviceError::UnknownDevice { device: robot.to_owned(), nearest: None });
         }
         let from = self.require_place(robot)?;
-        self.require_way(&from, to)?;
+        let meters = self.require_way(&from, to)?;
+        self.drain(robot, meters);
         self.errands.remove(robot);
         self.robots.insert(robot.to_owned(), to.to_owned());
         self.log.record(Event::Moved { robot: robot.to_owned(), from, to: to.to_owned() });
@@ -202,7 +212,11 @@ impl Truth {
         self.require_known(device)?;
         for name in self.layout.remove_device(device) {
             self.robots.remove(&name);
+            self.charges.remove(&name);
             self.faults.remove(&name);
+            self.aims.remove(&name);
+            self.channels.remove(&name);
+            self.shown.remove(&name);
             self.traps.remove(&name);
             self.errands.remove(&name);
             self.log.record(Event::Removed { device: name });
@@ -214,6 +228,14 @@ impl Truth {
 // === impl Truth: what must hold ===
 
 impl Truth {
+    /// A device is used. Returns how much longer that takes than it should.
+    pub(crate) fn begin_use(&mut self, device: &str) -> Result<Duration, DeviceError> {
+        self.require_device(device)?;
+        self.spring_trap(device);
+        self.require_unbroken(device)?;
+        Ok(self.slowness(device))
+    }
+
     pub(crate) fn spring_trap(&mut self, device: &str) {
         if let Some(fault) = self.traps.remove(device) {
             self.faults.insert(device.to_owned(), fault);
@@ -243,7 +265,7 @@ impl Truth {
     }
 
     /// Returns the robot's speed.
-    fn require_robot(&self, device: &str) -> Result<f64, DeviceError> {
+    pub(crate) fn require_robot(&self, device: &str) -> Result<f64, DeviceError> {
         match self.require_device(device)? {
             Device::Robot { meters_per_second, .. } => Ok(*meters_per_second),
             other => Err(wrong_kind(other, "robot")),
@@ -287,7 +309,7 @@ impl Truth {
         Ok(meters)
     }
 
-    fn require_known(&self, device: &str) -> Result<(), LayoutError> {
+    pub(crate) fn require_known(&self, device: &str) -> Result<(), LayoutError> {
         if self.layout.device(device).is_some() {
             return Ok(());
         }
@@ -295,13 +317,13 @@ impl Truth {
         Err(LayoutError::UnknownDevice { name: device.to_owned(), nearest })
     }
 
-    fn unknown_location(&self, name: &str) -> LayoutError {
+    pub(crate) fn unknown_location(&self, name: &str) -> LayoutError {
         let nearest = self.layout.nearest_location(name);
         LayoutError::UnknownLocation { name: name.to_owned(), nearest }
     }
 }
 
-fn wrong_kind(device: &Device, wanted: &str) -> DeviceError {
+pub(crate) fn wrong_kind(device: &Device, wanted: &str) -> DeviceError {
     DeviceError::WrongKind {
         device: device.name().to_owned(),
         is: device.is().to_owned(),

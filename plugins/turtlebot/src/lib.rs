@@ -1,86 +1,64 @@
 //! The TurtleBot (the paper, “TurtleBot”): a mobile base that moves between the places of the map
-//! and carries sensors.
+//! and its own poses, and carries sensors.
 //!
-//! - [`MobileBase`] is what a driver does; `simulated` moves in the simulated building.
+//! - Moving, the battery and the dock are those of every robot: `actuator::MobileBase`; its driver
+//!   is here, `simulated` moves in the simulated building.
 //! - It carries the agents that say they are `mounted-on` it, and so plans with their actions.
-//! - After a move that failed or was given up it asks its driver where it truly stands.
+//! - With a `login` in its config, a person can log in at its on-board screen where it stands.
 
+mod login;
 mod simulated;
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::Deadline;
 use acl::content::Method;
 use actuator::{
-    Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, Place, facts_of,
-    model_of,
+    Actuator, BaseConfig, BoxFuture, Call, Description, Device, Failure, Initiative, MobileBase,
+    Moved, News, OwnFact, Performed, Stir, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
-use pddl::{ActionModel, InitElement, Term};
+use pddl::ActionModel;
 use serde::Deserialize;
+use tokio::time::Instant;
+
+use login::{LOGIN, Login, LoginConfig};
 
 /// The line in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "turtlebot",
-    about: "a mobile base: moves between the places of the map, carries sensors",
+    about: "a mobile base: moves between the places of the map, carries sensors, lets people log in",
     drivers: &["simulated"],
     build,
 };
 
 /// The entry's `config`.
-#[derive(Debug, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
 struct Config {
-    /// Where it stands at first.
-    start: Place,
-    /// How fast it moves, in meters per second.
-    #[serde(default = "default_speed")]
-    speed: f64,
-    /// The longest one move may take, in seconds: a corridor of 30 meters at 0.3 m/s, with a
-    /// person in the way.
-    #[serde(default = "default_move_timeout")]
-    move_timeout: f64,
+    #[serde(flatten)]
+    base: BaseConfig,
+    /// Whether and how people log in at its screen.
+    #[serde(default)]
+    login: Option<LoginConfig>,
+    /// What nobody reads, to be complained about.
+    #[serde(flatten)]
+    unknown: serde_json::Map<String, serde_json::Value>,
 }
-
-fn default_speed() -> f64 {
-    0.3
-}
-
-fn default_move_timeout() -> f64 {
-    120.0
-}
-
-/// What a mobile base's driver does.
-pub trait MobileBase: Send + Sync + 'static {
-    /// Drives to a neighboring place. The error completes “failed to …”. Dropping the future
-    /// stops the base.
-    fn navigate_to(&self, place: &str) -> BoxFuture<Result<(), String>>;
-
-    /// Where it stands.
-    fn place(&self) -> BoxFuture<Result<String, String>>;
-}
-
-/// The place where the base stands as far as it knows: shared with the future that moves it,
-/// which may be dropped at any time.
-type Stands = Arc<Mutex<String>>;
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
-    let Config { start, speed, move_timeout } = blueprint.config_as()?;
-    let positive = |name: &str, number: f64| {
-        let is_fine = number.is_finite() && number > 0.0 && number < 1e6;
-        is_fine
-            .then_some(number)
-            .ok_or_else(|| blueprint.problem(format!("{name} = {number} must be above zero")))
-    };
-    let base = simulated::base(&blueprint)?;
+    let Config { base, login, unknown } = blueprint.config_as()?;
+    if let Some(key) = unknown.keys().next() {
+        return Err(blueprint.problem(format!("a turtlebot's config has no key `{key}`")));
+    }
+    let driver = simulated::base(&blueprint)?;
     let turtlebot = TurtleBot {
         id: blueprint.id.to_string(),
         ontology: blueprint.host.ontology.name.to_string(),
-        speed: positive("speed", speed)?,
-        move_timeout: Duration::from_secs_f64(positive("move-timeout", move_timeout)?),
-        place: Arc::new(Mutex::new(start.to_string())),
-        base,
+        base: MobileBase::new(&blueprint, "turtlebot", base, driver)?,
+        login: login.map(|login| Login::new(&blueprint, login)).transpose()?,
+        validated: BTreeMap::new(),
     };
     Ok(Box::new(Actuator::new(&blueprint, turtlebot)?))
 }
@@ -88,87 +66,116 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
 struct TurtleBot {
     id: String,
     ontology: String,
-    speed: f64,
-    move_timeout: Duration,
-    place: Stands,
-    base: Arc<dyn MobileBase>,
+    base: MobileBase,
+    login: Option<Login>,
+    /// When somebody logged in last in each place.
+    validated: BTreeMap<String, Instant>,
+}
+
+/// What a method has brought.
+enum Done {
+    Moved(Moved),
+    Validated(String),
 }
 
 impl TurtleBot {
-    fn at(&self) -> String {
-        self.place.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    fn validated(&self) -> Vec<OwnFact> {
+        let lasts = self.login.as_ref().map_or(Duration::ZERO, |login| login.valid_for);
+        let known = self.validated.iter().filter_map(|(place, at)| {
+            let left = lasts.saturating_sub(at.elapsed());
+            (!left.is_zero()).then(|| (format!("(validated {place})"), left))
+        });
+        known
+            .flat_map(|(text, left)| facts_of(&text).into_iter().map(move |fact| (fact, left)))
+            .map(|(fact, left)| OwnFact { known_for: Some(left), ..fact })
+            .collect()
     }
 }
 
 impl Device for TurtleBot {
-    type Yield = String;
+    type Yield = Done;
 
     fn describe(&self) -> Description {
-        let TurtleBot { id, ontology, speed, .. } = self;
+        let TurtleBot { id, ontology, base, login, .. } = self;
+        let mut methods = base.methods();
+        let mut actions = base.actions("");
+        if let Some(login) = login.as_ref().filter(|login| login.is_open()) {
+            actions += "(:action validate-person
+                :agent ?b - turtlebot
+                :parameters (?l - location)
+                :precondition (at ?b ?l)
+                :effect (and (validated ?l) (increase (total-cost) 5)))";
+            let method = Method {
+                method: "log_in".to_owned(),
+                arguments: [("place".to_owned(), "?l".to_owned())].into(),
+                timeout: Deadline(login.timeout()),
+            };
+            methods.insert("validate-person".to_owned(), method);
+        }
+        let (objects, lasting) = (base.objects(), base.lasting());
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
                 (:types turtlebot - mobile-base)
-                (:objects {id} - turtlebot)
-                (:init (= (speed {id}) {speed}))
-                (:action move
-                    :agent ?b - turtlebot
-                    :parameters (?from ?to - location)
-                    :precondition (and (at ?b ?from) (connected ?from ?to))
-                    :effect (and (not (at ?b ?from)) (at ?b ?to)
-                        (increase (total-cost) (distance ?from ?to)))))"
+                (:objects {objects})
+                (:init {lasting})
+                {actions})"
         );
-        let method = Method {
-            method: "navigate_to".to_owned(),
-            arguments: [("place".to_owned(), "?to".to_owned())].into(),
-            timeout: Deadline(self.move_timeout),
-        };
-        let methods = [("move".to_owned(), method)].into();
         Description { model: model_of(&text), methods }
     }
 
     fn facts(&self) -> Vec<OwnFact> {
-        let TurtleBot { id, speed, .. } = self;
-        let text = format!("(at {id} {}) (= (speed {id}) {speed})", self.at());
-        facts_of(&text)
+        facts_of(&self.base.facts()).into_iter().chain(self.validated()).collect()
     }
 
-    fn perform(&mut self, call: &Call) -> BoxFuture<Result<String, Failure>> {
-        let place = match call.argument("place") {
-            Ok(place) if call.method == "navigate_to" => place.to_owned(),
-            Ok(_) => return fails(Failure::UnknownMethod(call.method.clone())),
-            Err(failure) => return fails(failure),
+    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Done, Failure>> {
+        let Some(login) = self.login.as_mut().filter(|_| call.method == "log_in") else {
+            let moved = self.base.perform(call);
+            return Box::pin(async move { moved.await.map(Done::Moved) });
         };
-        let (base, stands) = (Arc::clone(&self.base), Arc::clone(&self.place));
-        Box::pin(async move {
-            let moved = base.navigate_to(&place).await;
-            // Where it truly is, however the move ended.
-            let truth = base.place().await.map_err(Failure::Driver)?;
-            *stands.lock().unwrap_or_else(PoisonError::into_inner) = truth.clone();
-            moved.map_err(Failure::Driver)?;
-            if truth == place {
-                return Ok(truth);
+        match call.argument("place") {
+            // The base may have been carried away since the plan was made.
+            Ok(place) if place == self.base.place() => {
+                let validated = login.log_in(place.to_owned());
+                Box::pin(async move { validated.await.map(Done::Validated) })
             }
-            Err(Failure::Driver(format!("arrive at `{place}`: the base stands at `{truth}`")))
-        })
+            Ok(place) => {
+                let problem = format!("validate anybody at `{place}`: the base is elsewhere");
+                Box::pin(std::future::ready(Err(Failure::Driver(problem))))
+            }
+            Err(failure) => Box::pin(std::future::ready(Err(failure))),
+        }
     }
 
-    fn performed(&mut self, _call: &Call, place: String) -> Performed {
-        let at = format!("(at {} {place})", self.id);
-        let observations = facts_of(&at).into_iter().map(|fact| fact.fact).collect();
-        Performed { detail: format!("arrived at {place}"), observations }
+    fn performed(&mut self, _call: &Call, done: Done) -> Performed {
+        match done {
+            Done::Moved(moved) => self.base.performed(&moved),
+            Done::Validated(place) => {
+                let observed = facts_of(&format!("(validated {place})"));
+                let detail = format!("somebody logged in at {place}");
+                self.validated.insert(place, Instant::now());
+                let observations = observed.into_iter().map(|fact| fact.fact).collect();
+                Performed { detail, observations }
+            }
+        }
+    }
+
+    fn watch(&mut self) -> Option<BoxFuture<Stir<TurtleBot>>> {
+        let next = self.login.as_ref()?.next_question();
+        Some(Box::pin(async move {
+            let initiatives = next.await;
+            let stir: Stir<TurtleBot> = Box::new(move |_| initiatives);
+            stir
+        }))
+    }
+
+    fn heard(&mut self, name: &str, news: &News) -> Vec<Initiative> {
+        if let Some(login) = self.login.as_mut().filter(|_| name == LOGIN) {
+            login.heard(news);
+        }
+        Vec::new()
     }
 
     fn carries(&self, model: &ActionModel) -> bool {
-        let is_self = |term: &Term| matches!(term, Term::Object(name) if *name == self.id.as_str());
-        model.init.iter().any(|element| match element {
-            InitElement::Atom(atom) => {
-                atom.predicate == "mounted-on" && atom.arguments.get(1).is_some_and(is_self)
-            }
-            _ => false,
-        })
+        self.base.carries(model)
     }
-}
-
-fn fails(failure: Failure) -> BoxFuture<Result<String, Failure>> {
-    Box::pin(std::future::ready(Err(failure)))
 }

@@ -2,35 +2,43 @@
 
 use std::sync::Arc;
 
-use actuator::BoxFuture;
+use actuator::{BaseDriver, BoxFuture};
 use agent::{Blueprint, BuildError};
 use building::BuildingHandle;
 
-use crate::MobileBase;
-
+#[derive(Clone)]
 struct Simulated {
     building: Arc<BuildingHandle>,
     robot: String,
 }
 
-pub(crate) fn base(blueprint: &Blueprint) -> Result<Arc<dyn MobileBase>, BuildError> {
+pub(crate) fn base(blueprint: &Blueprint) -> Result<Arc<dyn BaseDriver>, BuildError> {
     let building = blueprint.host.resources.get::<BuildingHandle>().ok_or_else(|| {
         blueprint.problem("a simulated driver needs a simulated building, and there is none")
     })?;
     Ok(Arc::new(Simulated { building, robot: blueprint.id.to_string() }))
 }
 
-impl MobileBase for Simulated {
+impl BaseDriver for Simulated {
     fn navigate_to(&self, place: &str) -> BoxFuture<Result<(), String>> {
-        let (building, robot) = (Arc::clone(&self.building), self.robot.clone());
-        let place = place.to_owned();
+        let (Simulated { building, robot }, place) = (self.clone(), place.to_owned());
         Box::pin(async move {
             building.navigate(&robot, &place).await.map_err(|error| error.to_string())
         })
     }
 
+    fn recharge(&self) -> BoxFuture<Result<(), String>> {
+        let Simulated { building, robot } = self.clone();
+        Box::pin(async move { building.recharge(&robot).await.map_err(|error| error.to_string()) })
+    }
+
     fn place(&self) -> BoxFuture<Result<String, String>> {
-        let (building, robot) = (Arc::clone(&self.building), self.robot.clone());
+        let Simulated { building, robot } = self.clone();
         Box::pin(async move { building.place_of(&robot).await.map_err(|error| error.to_string()) })
+    }
+
+    fn charge(&self) -> BoxFuture<Result<Option<f64>, String>> {
+        let Simulated { building, robot } = self.clone();
+        Box::pin(async move { building.charge_of(&robot).await.map_err(|error| error.to_string()) })
     }
 }

@@ -4,7 +4,7 @@
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use acl::content::{Inform, Refusal, Report};
+use acl::content::{Inform, Refusal, Report, Request};
 use acl::{EcosystemId, Message, Performative};
 use conversation::Transcript;
 use serde_json::json;
@@ -178,10 +178,17 @@ fn gist(message: &Message) -> String {
             Ok(Inform::Epoch(change)) => {
                 format!("epoch {}, revision {}", change.epoch, change.revision)
             }
-            Ok(Inform::Answer(answer)) => answer.text,
+            // It may be a secret.
+            Ok(Inform::Answer(_)) => "an answer".to_owned(),
             Err(_) => String::new(),
         },
-        _ => of_content(message),
+        _ => match message.content_as::<Request>() {
+            // As above, on its way to the keyboard that keeps the question.
+            Ok(Request::AnswerQuestion(answer)) => {
+                format!("an answer to question {}", answer.question)
+            }
+            _ => of_content(message),
+        },
     };
     said.split_whitespace().collect::<Vec<_>>().join(" ")
 }
@@ -208,5 +215,33 @@ fn of_content(message: &Message) -> String {
         Some(serde_json::Value::String(text)) => text.clone(),
         Some(other) => other.to_string(),
         None => String::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::Message;
+    use serde_json::{Value, json};
+
+    use super::gist;
+
+    fn said(performative: &str, content: Value) -> String {
+        let message = json!({
+            "version": 1, "id": "m1", "performative": performative, "sender": "alice",
+            "incarnation": 1, "conversation_id": "c1", "content": content,
+        });
+        let message: Message = serde_json::from_value(message).expect("a message");
+        gist(&message)
+    }
+
+    /// It may be a secret: also where another keyboard passes it on.
+    #[test]
+    fn what_a_person_answers_is_not_shown() {
+        let answer = json!({ "of": "answer", "text": "2718" });
+        assert_eq!(said("inform", answer), "an answer");
+        let request = json!({ "act": "answer-question", "question": 3, "text": "2718" });
+        assert_eq!(said("request", request), "an answer to question 3");
+        let question = json!({ "text": "Who is at corridor?" });
+        assert_eq!(said("query-ref", question), "Who is at corridor?");
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use ::building::{Building, Layout, LayoutError, Quantity};
+use ::building::{Battery, Building, Layout, LayoutError, Quantity, View};
 use pddl::{InitElement, Name, Problem, Term, Types};
 use serde_json::Value;
 
@@ -13,6 +13,11 @@ const CELSIUS: f64 = 20.0;
 
 /// Distance of two places between which the map gives none, in meters.
 const METERS: f64 = 5.0;
+
+/// What the plugins of robots take where an entry says nothing: seconds to fill a battery, meters
+/// to a pose.
+const RECHARGE_TIME: f64 = 600.0;
+const POSE_METERS: f64 = 1.0;
 
 /// Why the building cannot be simulated. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
@@ -73,13 +78,71 @@ fn layout_of(ecosystem: &Ecosystem) -> Result<Layout, SimulationError> {
         };
     }
     for entry in of("turtlebot") {
-        let speed = entry.config.get("speed").and_then(Value::as_f64).unwrap_or(0.3);
-        layout.add_robot(entry.name.as_str(), text(entry, "start")?, speed)?;
+        add_robot(&mut layout, entry)?;
+    }
+    for entry in of("video-robot") {
+        add_robot(&mut layout, entry)?;
+        layout.mount_screen(&format!("{}-screen", entry.name), entry.name.as_str())?;
+    }
+    for entry in of("screen") {
+        layout.add_screen(entry.name.as_str(), text(entry, "location")?)?;
+    }
+    for entry in of("ptz-camera") {
+        layout.add_camera(entry.name.as_str(), text(entry, "location")?, views(entry)?)?;
     }
     for entry in of("ir-temperature-sensor") {
         layout.mount(entry.name.as_str(), text(entry, "mounted-on")?)?;
     }
     Ok(layout)
+}
+
+fn add_robot(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationError> {
+    let number = |value: Option<&Value>| value.and_then(Value::as_f64);
+    let speed = number(entry.config.get("speed")).unwrap_or(0.3);
+    add_poses(layout, entry)?;
+    layout.add_robot(entry.name.as_str(), text(entry, "start")?, speed)?;
+    if let Some(battery) = entry.config.get("battery") {
+        let range = number(battery.get("range")).ok_or_else(|| lacks(entry, "battery.range"))?;
+        let charge = number(battery.get("charge")).unwrap_or(range);
+        let recharge_time = number(battery.get("recharge-time")).unwrap_or(RECHARGE_TIME);
+        let dock = text(entry, "dock")?.to_owned();
+        layout.equip(entry.name.as_str(), Battery { dock, range, charge, recharge_time })?;
+    }
+    Ok(())
+}
+
+/// The spots that a robot knows by itself. Two robots may know one.
+fn add_poses(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationError> {
+    let Some(Value::Object(poses)) = entry.config.get("poses") else { return Ok(()) };
+    for (name, pose) in poses {
+        let near = pose.as_str().or_else(|| pose.get("near").and_then(Value::as_str));
+        let near = near.ok_or_else(|| lacks(entry, "poses.near"))?;
+        let meters = pose.get("meters").and_then(Value::as_f64).unwrap_or(POSE_METERS);
+        if layout.location(name).is_none() {
+            let celsius = layout.location(near).map_or(CELSIUS, |place| place.celsius);
+            layout.add_corridor(name, celsius)?;
+        }
+        if layout.meters(near, name).is_none() {
+            layout.connect(near, name, meters)?;
+        }
+    }
+    Ok(())
+}
+
+/// Where the places that a camera can see lie: in the directions of its presets.
+fn views(entry: &AgentEntry) -> Result<Vec<View>, SimulationError> {
+    let Some(Value::Object(presets)) = entry.config.get("presets") else { return Ok(Vec::new()) };
+    let view = |preset: &Value| {
+        let degrees = |key: &str| preset.get(key).and_then(Value::as_f64).unwrap_or_default();
+        let location = preset.get("shows").and_then(Value::as_str);
+        let location = location.ok_or_else(|| lacks(entry, "presets.shows"))?.to_owned();
+        Ok(View { location, pan: degrees("pan"), tilt: degrees("tilt") })
+    };
+    presets.values().map(view).collect()
+}
+
+fn lacks(entry: &AgentEntry, key: &'static str) -> SimulationError {
+    SimulationError::Config { agent: entry.name.to_string(), key }
 }
 
 fn quantity(name: &str) -> Result<Quantity, SimulationError> {
@@ -92,8 +155,7 @@ fn known() -> String {
 }
 
 fn text<'a>(entry: &'a AgentEntry, key: &'static str) -> Result<&'a str, SimulationError> {
-    let lacks = || SimulationError::Config { agent: entry.name.to_string(), key };
-    entry.config.get(key).and_then(Value::as_str).ok_or_else(lacks)
+    entry.config.get(key).and_then(Value::as_str).ok_or_else(|| lacks(entry, key))
 }
 
 fn add_places(layout: &mut Layout, ecosystem: &Ecosystem) -> Result<(), LayoutError> {

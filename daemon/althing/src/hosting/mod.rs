@@ -231,3 +231,6 @@ async fn connect(
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

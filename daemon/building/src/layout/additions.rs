@@ -134,7 +134,14 @@ impl Layout {
                 self.check_location(start)?;
                 check_speed(name, *meters_per_second)?;
             }
-            Device::MountedSensor { carrier, .. } => self.check_carrier(carrier)?,
+            Device::MountedSensor { carrier, .. } | Device::MountedScreen { carrier, .. } => {
+                self.check_carrier(carrier)?;
+            }
+            Device::Camera { name, location, views } => {
+                self.check_location(location)?;
+                self.check_views(name, views)?;
+            }
+            Device::Screen { location, .. } => self.check_location(location)?,
         }
         self.devices.push(device);
         Ok(self)
@@ -142,12 +149,10 @@ impl Layout {
 
     /// Removes a device, and with a robot what it carries. Returns their names.
     pub(crate) fn remove_device(&mut self, name: &str) -> Vec<String> {
-        let leaves = |device: &Device| {
-            device.name() == name
-                || matches!(device, Device::MountedSensor { carrier, .. } if carrier == name)
-        };
+        let leaves = |device: &Device| device.name() == name || device.carrier() == Some(name);
         let (gone, kept): (Vec<_>, Vec<_>) = self.devices.drain(..).partition(leaves);
         self.devices = kept;
+        self.batteries.remove(name);
         gone.iter().map(|device| device.name().to_owned()).collect()
     }
 }
@@ -172,7 +177,7 @@ impl Layout {
         }
     }
 
-    fn check_location(&self, name: &str) -> Result<(), LayoutError> {
+    pub(crate) fn check_location(&self, name: &str) -> Result<(), LayoutError> {
         if self.location(name).is_some() {
             return Ok(());
         }
@@ -180,7 +185,7 @@ impl Layout {
         Err(LayoutError::UnknownLocation { name: name.to_owned(), nearest })
     }
 
-    fn check_carrier(&self, name: &str) -> Result<(), LayoutError> {
+    pub(crate) fn check_carrier(&self, name: &str) -> Result<(), LayoutError> {
         match self.device(name) {
             Some(Device::Robot { .. }) => Ok(()),
             Some(other) => {

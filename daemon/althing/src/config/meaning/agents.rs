@@ -11,7 +11,7 @@ use crate::config::ecosystem::AgentEntry;
 use crate::config::raw::RawAgent;
 
 /// Keys of `config` that mean the same for every plugin: the name of a place on the map.
-const PLACES: &[&str] = &["location", "start"];
+const PLACES: &[&str] = &["location", "start", "dock"];
 /// Keys of `config` that mean the same for every plugin: the name of another agent.
 const CARRIERS: &[&str] = &["mounted-on"];
 

@@ -1,0 +1,416 @@
+//! The mobile base under every robot: it moves between the places of the map and its own poses,
+//! and with a battery it knows how far it comes.
+//!
+//! - [`BaseDriver`] is what a driver does; each robot's plugin has its own.
+//! - After a move, however it ended, it asks its driver where it truly stands and what is left.
+//! - “Re-evaluates what it can do”: with an empty battery it offers no `move`.
+//!
+//! A robot asks it for its part of the model, the facts and the methods, and adds its own.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use acl::Deadline;
+use acl::content::{Method, Methods};
+use agent::{Blueprint, BuildError};
+use pddl::{ActionModel, InitElement, Term};
+use serde::Deserialize;
+use substrate::BoxFuture;
+
+use crate::device::{Call, Failure, Performed};
+use crate::text::{Place, facts_of};
+
+/// What is left of its range, as a share, when a battery counts as empty: with less, cells are
+/// harmed, and the next door is too far anyway.
+const EMPTY: f64 = 0.01;
+
+/// How long finding the dock's contacts may take, beside the charging itself.
+const DOCKING: Duration = Duration::from_secs(60);
+
+/// What a plan pays for charging, in meters: more than a detour past the dock is worth.
+const RECHARGE_COST: u32 = 10;
+
+/// What a mobile base's driver does.
+pub trait BaseDriver: Send + Sync + 'static {
+    /// Drives to a neighboring place. The error completes “failed to …”. Dropping the future
+    /// stops the base.
+    fn navigate_to(&self, place: &str) -> BoxFuture<Result<(), String>>;
+
+    /// Fills the battery, at the dock.
+    fn recharge(&self) -> BoxFuture<Result<(), String>>;
+
+    /// Where it stands.
+    fn place(&self) -> BoxFuture<Result<String, String>>;
+
+    /// How far it can still drive, in meters; `None` if it needs no battery.
+    fn charge(&self) -> BoxFuture<Result<Option<f64>, String>>;
+}
+
+/// What an entry's `config` says about a mobile base.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct BaseConfig {
+    /// Where it stands at first.
+    start: Place,
+    /// How fast it moves, in meters per second.
+    #[serde(default = "default_speed")]
+    speed: f64,
+    /// The longest one move may take, in seconds: a corridor of 30 meters at 0.3 m/s, with a
+    /// person in the way.
+    #[serde(default = "default_move_timeout")]
+    move_timeout: f64,
+    /// Its battery; without one it drives for ever.
+    #[serde(default)]
+    battery: Option<Battery>,
+    /// Where the battery is filled.
+    #[serde(default)]
+    dock: Option<Place>,
+    /// Spots it knows beside the places of the map, by name.
+    #[serde(default)]
+    poses: BTreeMap<String, Pose>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct Battery {
+    /// How far a full one lasts, in meters.
+    range: f64,
+    /// How far it lasts at first, in meters; without it, it is full.
+    #[serde(default)]
+    charge: Option<f64>,
+    /// How long filling an empty one takes, in seconds.
+    #[serde(default = "default_recharge_time")]
+    recharge_time: f64,
+}
+
+/// A spot beside a place of the map: the place alone, or with the way from there.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+enum Pose {
+    Near(Place),
+    Away { near: Place, meters: f64 },
+}
+
+fn default_speed() -> f64 {
+    0.3
+}
+
+fn default_move_timeout() -> f64 {
+    120.0
+}
+
+fn default_recharge_time() -> f64 {
+    600.0
+}
+
+/// The base of one robot.
+pub struct MobileBase {
+    id: String,
+    kind: &'static str,
+    speed: f64,
+    move_timeout: Duration,
+    power: Option<Power>,
+    /// Each pose with the place beside it and the meters between.
+    poses: Vec<(Place, Place, f64)>,
+    state: Arc<Mutex<State>>,
+    driver: Arc<dyn BaseDriver>,
+}
+
+struct Power {
+    range: f64,
+    recharge_time: Duration,
+    dock: Place,
+}
+
+/// What the base knows of itself: shared with the future that moves it, which may be dropped at
+/// any time.
+#[derive(Clone)]
+struct State {
+    place: String,
+    charge: Option<f64>,
+}
+
+/// What a base has done.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Moved {
+    /// It stands at this place now.
+    Arrived(String),
+    /// Its battery is full.
+    Recharged,
+}
+
+impl MobileBase {
+    /// The base of the robot of this blueprint, which is of the PDDL type `kind`.
+    ///
+    /// # Errors
+    ///
+    /// If the config does not fit together.
+    pub fn new(
+        blueprint: &Blueprint,
+        kind: &'static str,
+        config: BaseConfig,
+        driver: Arc<dyn BaseDriver>,
+    ) -> Result<MobileBase, BuildError> {
+        let BaseConfig { start, speed, move_timeout, battery, dock, poses } = config;
+        let problem = |text: String| blueprint.problem(text);
+        let speed = positive("speed", speed).map_err(problem)?;
+        let move_timeout = positive("move-timeout", move_timeout).map_err(problem)?;
+        let charge = battery.as_ref().map(|battery| battery.charge.unwrap_or(battery.range));
+        let power = Power::of(battery, dock).map_err(problem)?;
+        let poses = poses.into_iter().map(|(name, pose)| pose.of(name, blueprint));
+        Ok(MobileBase {
+            id: blueprint.id.to_string(),
+            kind,
+            speed,
+            move_timeout: Duration::from_secs_f64(move_timeout),
+            power,
+            poses: poses.collect::<Result<_, _>>().map_err(problem)?,
+            state: Arc::new(Mutex::new(State { place: start.to_string(), charge })),
+            driver,
+        })
+    }
+
+    /// Where it stands as far as it knows.
+    pub fn place(&self) -> String {
+        self.known().place
+    }
+
+    fn known(&self) -> State {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn is_empty(&self) -> bool {
+        let Some(power) = &self.power else { return false };
+        self.known().charge.is_some_and(|charge| charge <= power.range * EMPTY)
+    }
+}
+
+fn positive(name: &str, number: f64) -> Result<f64, String> {
+    let is_fine = number.is_finite() && number > 0.0 && number < 1e6;
+    is_fine.then_some(number).ok_or_else(|| format!("{name} = {number} must be above zero"))
+}
+
+impl Power {
+    fn of(battery: Option<Battery>, dock: Option<Place>) -> Result<Option<Power>, String> {
+        let (Battery { range, charge, recharge_time }, dock) = match (battery, dock) {
+            (None, None) => return Ok(None),
+            (Some(battery), Some(dock)) => (battery, dock),
+            (Some(_), None) => return Err("a battery needs a `dock`, to be filled there".into()),
+            (None, Some(_)) => return Err("a dock needs a `battery` that is filled there".into()),
+        };
+        let range = positive("battery.range", range)?;
+        let recharge_time = positive("battery.recharge-time", recharge_time)?;
+        if charge.is_some_and(|charge| !(0.0..=range).contains(&charge)) {
+            return Err(format!("battery.charge must be between 0 and the range, {range}"));
+        }
+        Ok(Some(Power { range, recharge_time: Duration::from_secs_f64(recharge_time), dock }))
+    }
+}
+
+impl Pose {
+    /// Half a step into a room, where nothing else is said.
+    const METERS: f64 = 1.0;
+
+    fn of(self, name: String, blueprint: &Blueprint) -> Result<(Place, Place, f64), String> {
+        let is_on_map = |name: &Place| {
+            let mut objects = blueprint.host.map.objects.iter();
+            objects.any(|declaration| declaration.object.name == name.as_str())
+        };
+        let name = Place::try_from(name).map_err(|error| error.to_string())?;
+        let (near, meters) = match self {
+            Pose::Near(near) => (near, Self::METERS),
+            Pose::Away { near, meters } => (near, positive("poses.meters", meters)?),
+        };
+        if is_on_map(&name) {
+            return Err(format!("the pose `{name}` is a place on the map: it needs no pose"));
+        }
+        if !is_on_map(&near) {
+            return Err(format!("the pose `{name}` is near `{near}`, which is not on the map"));
+        }
+        Ok((name, near, meters))
+    }
+}
+
+// === impl MobileBase: its part of a robot's self-description ===
+
+impl MobileBase {
+    /// The objects it brings: itself, and its poses.
+    pub fn objects(&self) -> String {
+        let mut text = format!("{} - {}", self.id, self.kind);
+        for (pose, ..) in &self.poses {
+            push(&mut text, format_args!(" {pose} - pose"));
+        }
+        text
+    }
+
+    /// What never changes while it lives.
+    pub fn lasting(&self) -> String {
+        let mut text = format!("(= (speed {}) {})", self.id, self.speed);
+        for (pose, near, meters) in &self.poses {
+            for (from, to) in [(pose, near), (near, pose)] {
+                let way =
+                    format_args!(" (connected {from} {to}) (= (distance {from} {to}) {meters})");
+                push(&mut text, way);
+            }
+        }
+        if let Some(Power { range, dock, .. }) = &self.power {
+            let id = &self.id;
+            push(&mut text, format_args!(" (dock-of {id} {dock}) (= (range {id}) {range})"));
+        }
+        text
+    }
+
+    /// All it knows now.
+    pub fn facts(&self) -> String {
+        let State { place, charge } = self.known();
+        let mut text = format!("(at {} {place}) {}", self.id, self.lasting());
+        if let (Some(Power { range, .. }), Some(charge)) = (&self.power, charge) {
+            push(&mut text, format_args!(" (= (charge {}) {charge})", self.id));
+            if charge >= *range {
+                push(&mut text, format_args!(" (charged {})", self.id));
+            }
+        }
+        text
+    }
+
+    /// The actions it offers now; it moves only where `guard` holds as well, a condition on `?b`.
+    pub fn actions(&self, guard: &str) -> String {
+        let kind = self.kind;
+        if self.power.is_none() {
+            return format!(
+                "(:action move
+                    :agent ?b - {kind}
+                    :parameters (?from ?to - location)
+                    :precondition (and (at ?b ?from) (connected ?from ?to) {guard})
+                    :effect (and (not (at ?b ?from)) (at ?b ?to)
+                        (increase (total-cost) (distance ?from ?to))))"
+            );
+        }
+        let recharge = format!(
+            "(:action recharge
+                :agent ?b - {kind}
+                :parameters (?l - location)
+                :precondition (and (at ?b ?l) (dock-of ?b ?l))
+                :effect (and (charged ?b) (assign (charge ?b) (range ?b))
+                    (increase (total-cost) {RECHARGE_COST})))"
+        );
+        if self.is_empty() {
+            return recharge;
+        }
+        format!(
+            "(:action move
+                :agent ?b - {kind}
+                :parameters (?from ?to - location)
+                :precondition (and (at ?b ?from) (connected ?from ?to)
+                    (>= (charge ?b) (distance ?from ?to)) {guard})
+                :effect (and (not (at ?b ?from)) (at ?b ?to) (not (charged ?b))
+                    (decrease (charge ?b) (distance ?from ?to))
+                    (increase (total-cost) (distance ?from ?to))))
+            {recharge}"
+        )
+    }
+
+    /// The methods that carry them out.
+    pub fn methods(&self) -> Methods {
+        let navigate = Method {
+            method: "navigate_to".to_owned(),
+            arguments: [("place".to_owned(), "?to".to_owned())].into(),
+            timeout: Deadline(self.move_timeout),
+        };
+        let mut methods: Methods = [("move".to_owned(), navigate)].into();
+        if let Some(Power { recharge_time, .. }) = &self.power {
+            let recharge = Method {
+                method: "recharge".to_owned(),
+                arguments: BTreeMap::new(),
+                timeout: Deadline(*recharge_time * 2 + DOCKING),
+            };
+            methods.insert("recharge".to_owned(), recharge);
+        }
+        methods
+    }
+
+    /// Whether the agent of this model says that it is mounted on this base.
+    pub fn carries(&self, model: &ActionModel) -> bool {
+        let is_self = |term: &Term| matches!(term, Term::Object(name) if *name == self.id.as_str());
+        model.init.iter().any(|element| match element {
+            InitElement::Atom(atom) => {
+                atom.predicate == "mounted-on" && atom.arguments.get(1).is_some_and(is_self)
+            }
+            _ => false,
+        })
+    }
+}
+
+fn push(text: &mut String, piece: std::fmt::Arguments<'_>) {
+    text.write_fmt(piece).expect("invariant: writing to a String cannot fail");
+}
+
+// === impl MobileBase: acting ===
+
+impl MobileBase {
+    /// Runs a method of the base; one that is another's yields [`Failure::UnknownMethod`].
+    pub fn perform(&self, call: &Call) -> BoxFuture<Result<Moved, Failure>> {
+        let body = Body { driver: Arc::clone(&self.driver), state: Arc::clone(&self.state) };
+        match (call.method.as_str(), call.argument("place")) {
+            ("navigate_to", Ok(place)) => {
+                let place = place.to_owned();
+                Box::pin(async move { body.navigate_to(place).await })
+            }
+            ("navigate_to", Err(failure)) => Box::pin(std::future::ready(Err(failure))),
+            ("recharge", _) => Box::pin(async move { body.recharge().await }),
+            _ => {
+                let unknown = Failure::UnknownMethod(call.method.clone());
+                Box::pin(std::future::ready(Err(unknown)))
+            }
+        }
+    }
+
+    /// What a method has brought.
+    pub fn performed(&self, moved: &Moved) -> Performed {
+        let (detail, observed) = match moved {
+            Moved::Arrived(place) => {
+                (format!("arrived at {place}"), format!("(at {} {place})", self.id))
+            }
+            Moved::Recharged => {
+                ("the battery is full".to_owned(), format!("(charged {})", self.id))
+            }
+        };
+        let observations = facts_of(&observed).into_iter().map(|fact| fact.fact).collect();
+        Performed { detail, observations }
+    }
+}
+
+/// What a method works with while it runs.
+struct Body {
+    driver: Arc<dyn BaseDriver>,
+    state: Arc<Mutex<State>>,
+}
+
+impl Body {
+    async fn navigate_to(&self, place: String) -> Result<Moved, Failure> {
+        let moved = self.driver.navigate_to(&place).await;
+        let truth = self.look().await?;
+        moved.map_err(Failure::Driver)?;
+        if truth == place {
+            return Ok(Moved::Arrived(truth));
+        }
+        Err(Failure::Driver(format!("arrive at `{place}`: the base stands at `{truth}`")))
+    }
+
+    async fn recharge(&self) -> Result<Moved, Failure> {
+        let charged = self.driver.recharge().await;
+        self.look().await?;
+        charged.map(|()| Moved::Recharged).map_err(Failure::Driver)
+    }
+
+    /// Where the base truly is and what is left, however the method ended. Yields the place.
+    async fn look(&self) -> Result<String, Failure> {
+        let place = self.driver.place().await.map_err(Failure::Driver)?;
+        let charge = self.driver.charge().await.map_err(Failure::Driver)?;
+        let state = State { place: place.clone(), charge };
+        *self.state.lock().unwrap_or_else(PoisonError::into_inner) = state;
+        Ok(place)
+    }
+}

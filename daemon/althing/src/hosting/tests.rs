@@ -1,0 +1,154 @@
+//! Devices of the office at work: goals through the whole house in memory, in paused time, held
+//! against the building's truth.
+
+use std::time::Duration;
+
+use ::building::{Building, Truth};
+use acl::content::{Keep, Outcome};
+use acl::{AgentId, DaemonId};
+use agent::Mode;
+use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
+use substrate::memory::Network;
+use tempfile::TempDir;
+use tokio::time::timeout;
+
+use super::{Node, Part, Wire, simulate};
+use crate::config::{Ecosystem, Overrides, Variables};
+use crate::plugins;
+
+mod presenting;
+mod robots;
+mod watching;
+
+const ONTOLOGY: &str = include_str!("../../../../domains/smart-office/domain.pddl");
+const MAP: &str = include_str!("../../../../domains/smart-office/map.pddl");
+
+/// How long anything may take, on a clock that runs as fast as it can.
+const PATIENCE: Duration = Duration::from_secs(3_600);
+
+const MODES: [Mode; 2] = [Mode::Centralized, Mode::Decentralized];
+
+/// The paper's office with the devices of one test.
+struct Office {
+    building: Building,
+    node: Node,
+    ecosystem: Ecosystem,
+    folder: TempDir,
+}
+
+/// An entry of the ecosystem file.
+fn entry(name: &str, plugin: &str, config: &str) -> String {
+    format!("[[agent]]\nname = \"{name}\"\nplugin = \"{plugin}\"\nconfig = {config}\n\n")
+}
+
+impl Office {
+    /// Opens the office with these entries; `{folder}` in them is a folder of the test's own.
+    async fn open(entries: &[String], mode: Mode) -> Office {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut text = "[ecosystem]\nname = \"office\"\ndomain = \"domain.pddl\"\n\
+                        problem = \"map.pddl\"\n\n"
+            .to_owned();
+        for plugin in ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"] {
+            text += &entry(plugin, plugin, "{}");
+        }
+        for entry in entries {
+            text += &entry.replace("{folder}", &folder.path().display().to_string());
+        }
+        let file = folder.path().join("althing.toml");
+        let written = [("domain.pddl", ONTOLOGY), ("map.pddl", MAP), ("althing.toml", &text)];
+        for (name, text) in written {
+            std::fs::write(folder.path().join(name), text).expect("written");
+        }
+        let overrides = Overrides::default().mode(Some(mode));
+        let ecosystem =
+            Ecosystem::load_with(&file, &Variables::new(), &overrides, &plugins::known())
+                .unwrap_or_else(|error| panic!("{error:?}\n{text}"));
+        let building = simulate(&ecosystem).unwrap_or_else(|error| panic!("failed to {error}"));
+        let part = Part {
+            ecosystem: &ecosystem,
+            daemon: DaemonId::new("here").expect("a name"),
+            agents: ecosystem.agents.clone(),
+            mode,
+            building: Some(building.handle()),
+            state: None,
+        };
+        let node = Node::open(part, Wire::Memory(Network::new())).await;
+        let node = node.unwrap_or_else(|error| panic!("failed to {error}"));
+        // A heartbeat, so that everybody knows of everybody.
+        tokio::time::sleep(ecosystem.settings.heartbeat_period * 2).await;
+        Office { building, node, ecosystem, folder }
+    }
+
+    /// A person at a keyboard of this name.
+    fn person(&self, name: &str) -> Person {
+        let (keyboard, terminal) = Keyboard::with_terminal();
+        let id = AgentId::new(name).expect("a name");
+        self.node.launch(id, keyboard, self.ecosystem.domain.name.as_str());
+        Person { terminal, lines: Vec::new() }
+    }
+
+    /// Waits until the building's truth is such.
+    async fn until(&self, what: &str, is_so: impl FnMut(&Truth) -> bool) -> Truth {
+        let truth = timeout(PATIENCE, self.building.wait_for(is_so)).await;
+        truth.unwrap_or_else(|_| panic!("never so: {what}; {:#?}", self.building.truth()))
+    }
+
+    async fn close(self) {
+        self.node.drain().await;
+    }
+}
+
+struct Person {
+    terminal: Terminal,
+    /// What was heard, for those who ask why.
+    lines: Vec<String>,
+}
+
+impl Person {
+    async fn wish(&mut self, goal: &str, keep: Keep) {
+        let wish = Wish { goal: goal.to_owned(), keep, priority: 0 };
+        self.terminal.say.send(Said::Wish(wish)).await.expect("the keyboard listens");
+    }
+
+    /// Asks for a goal; whether it was reached.
+    async fn reaches(&mut self, goal: &str) -> bool {
+        self.wish(goal, Keep::Achieve).await;
+        self.hears().await
+    }
+
+    /// Waits until an agent asks this person, and answers.
+    async fn answers(&mut self, answer: &str) {
+        loop {
+            let heard = timeout(PATIENCE, self.terminal.hear.recv()).await;
+            if let Heard::Question(open) = heard.expect("a question in time").expect("it lives") {
+                let (keyboard, question) = (open.keyboard, open.question);
+                let said = Said::Answer { keyboard, question, text: answer.to_owned() };
+                self.terminal.say.send(said).await.expect("the keyboard listens");
+                return;
+            }
+        }
+    }
+
+    /// Waits for the next word that a goal holds, or that it does not and never will.
+    async fn hears(&mut self) -> bool {
+        loop {
+            let heard = timeout(PATIENCE, self.terminal.hear.recv()).await;
+            match heard.expect("a word in time").expect("the keyboard lives") {
+                Heard::Report(_, report) => {
+                    self.lines.push(report.detail);
+                    match report.outcome {
+                        Outcome::Progress => (),
+                        Outcome::Holds | Outcome::Done => return true,
+                        Outcome::Failed | Outcome::Cancelled => return false,
+                    }
+                }
+                Heard::Refused(_, refusal) => {
+                    self.lines.push(refusal.detail);
+                    return false;
+                }
+                Heard::Unanswered(_, why) => panic!("{why}"),
+                _ => (),
+            }
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! The camera: what it takes, what it sees by itself, and scenario 3 of the paper.
+
+use std::collections::VecDeque;
+use std::path::PathBuf;
+
+use ::building::{Event, Truth};
+use acl::content::{Inform, PersonsAnswer, Question};
+use acl::{AgentId, Message, Performative};
+use agent::{Agent, Callbacks, Context, Engagement, Mode};
+
+use super::{MODES, Office, entry};
+
+/// A camera in the corridor that sees the entry and office1.
+fn camera(more: &str) -> String {
+    let config = format!(
+        "{{ location = \"corridor\", folder = \"{{folder}}/pictures\", record-seconds = 1.0, \
+         presets = {{ door = {{ shows = \"corridor\" }}, \
+         desk = {{ shows = \"office1\", pan = 80.0, zoom = 2.0 }} }}{more} }}"
+    );
+    entry("camera-1", "ptz-camera", &config)
+}
+
+/// A robot at whose screen people log in.
+fn robot(login: &str) -> String {
+    let config = format!("{{ start = \"office2\", login = {{ {login} }} }}");
+    entry("turtlebot-1", "turtlebot", &config)
+}
+
+fn files(office: &Office, kind: &str) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(office.folder.path().join("pictures"));
+    let paths = entries.expect("the album").map(|entry| entry.expect("an entry").path());
+    paths.filter(|path| path.extension().is_some_and(|extension| extension == kind)).collect()
+}
+
+#[tokio::test(start_paused = true)]
+async fn pictures_and_videos_are_files_of_what_is_there() {
+    for mode in MODES {
+        let office = Office::open(&[camera("")], mode).await;
+        let mut person = office.person("user");
+        office.building.enter("alice", "office1").expect("it is there");
+        assert!(person.reaches("(known-picture office1)").await, "{:#?}", person.lines);
+        assert_eq!(office.building.truth().seen_by("camera-1"), ["office1"]);
+        let pictures = files(&office, "ppm");
+        assert_eq!(pictures.len(), 1);
+        let picture = std::fs::read(&pictures[0]).expect("a picture");
+        assert!(picture.starts_with(b"P6\n# office1: alice\n160 120\n255\n"), "{mode:?}");
+        assert!(person.reaches("(recorded corridor)").await, "{:#?}", person.lines);
+        assert_eq!(office.building.truth().seen_by("camera-1"), ["corridor"]);
+        let videos = files(&office, "y4m");
+        let video = std::fs::read(&videos[0]).expect("a video");
+        assert!(video.starts_with(b"YUV4MPEG2 W160 H120 F5:1 "), "{mode:?}");
+        assert!(video.len() > 5 * 160 * 120 * 3 / 2, "five frames in a second");
+        office.close().await;
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_moves_is_known_by_itself_and_only_while_it_moves() {
+    let more = ", motion-for = \"20s\"";
+    let office = Office::open(&[camera(more)], Mode::Decentralized).await;
+    let mut person = office.person("user");
+    assert!(!person.reaches("(motion corridor)").await, "nothing moves: {:#?}", person.lines);
+    office.building.set_motion("corridor", true).expect("it is there");
+    tokio::time::sleep(std::time::Duration::from_secs(5)).await;
+    assert!(person.reaches("(motion corridor)").await, "{:#?}", person.lines);
+    office.building.set_motion("corridor", false).expect("it is there");
+    tokio::time::sleep(std::time::Duration::from_secs(60)).await;
+    assert!(!person.reaches("(motion corridor)").await, "{:#?}", person.lines);
+    office.close().await;
+}
+
+// === scenario 3 ===
+
+/// A person at a keyboard: answers each question with the next of these.
+struct Visitor {
+    answers: VecDeque<&'static str>,
+}
+
+impl Agent for Visitor {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new().on_broadcast(Performative::QueryRef, Self::queried)
+    }
+}
+
+impl Visitor {
+    fn queried(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let Ok(Question { .. }) = message.content_as() else { panic!("{message:?}") };
+        let Some(text) = self.answers.pop_front().map(str::to_owned) else { return };
+        ctx.answer(
+            &Engagement::of(&message),
+            Performative::Inform,
+            &Inform::Answer(PersonsAnswer { text }),
+        );
+    }
+}
+
+fn visit(office: &Office, name: &str, answers: &[&'static str]) {
+    let id = AgentId::new(name).expect("a name");
+    let visitor = Visitor { answers: answers.iter().copied().collect() };
+    office.node.launch(id, visitor, office.ecosystem.domain.name.as_str());
+}
+
+fn arrived(truth: &Truth) -> bool {
+    truth.any(|event| matches!(event, Event::Moved { to, .. } if to == "corridor"))
+}
+
+const ON_MOTION: &str = ", on-motion = { goal = \"(validated ?l)\", priority = 5 }";
+
+#[tokio::test(start_paused = true)]
+async fn who_enters_is_seen_and_validated_at_the_robot() {
+    for mode in MODES {
+        let entries = [camera(ON_MOTION), robot("pin = \"2718\"")];
+        let office = Office::open(&entries, mode).await;
+        let mut visitor = office.person("terminal");
+        tokio::time::sleep(std::time::Duration::from_secs(2)).await;
+        office.building.enter("alice", "corridor").expect("it is there");
+        office.until("the robot goes there", arrived).await;
+        visitor.answers("2718").await;
+        let mut person = office.person("user");
+        assert!(person.reaches("(validated corridor)").await, "{mode:?} {:#?}", person.lines);
+        office.close().await;
+    }
+}
+
+/// Asks for validation with these answers of two people; whether it was reached.
+async fn validates(login: &str, first: &[&'static str], second: &[&'static str]) -> bool {
+    let office = Office::open(&[robot(login)], Mode::Decentralized).await;
+    visit(&office, "terminal-1", first);
+    visit(&office, "terminal-2", second);
+    let mut person = office.person("user");
+    let reached = person.reaches("(validated office2)").await;
+    let told = format!("{:#?}", person.lines);
+    assert!(!told.contains("2718") && !told.contains("1111"), "it tells secrets: {told}");
+    office.close().await;
+    reached
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_right_pin_counts_whoever_gives_it_and_no_other() {
+    let login = "pin = \"2718\", attempts = 2, patience = \"30s\"";
+    assert!(validates(login, &["2718"], &["2718"]).await, "two right answers at once");
+    assert!(validates(login, &["1111", "2718"], &[]).await, "wrong, then right");
+    assert!(validates(login, &["1111"], &["1111", "2718"]).await, "two wrong ones, then right");
+    let guesses = &["1111", "1111", "2718"];
+    assert!(!validates(login, guesses, &[]).await, "two wrong ones, and it is locked");
+    assert!(!validates(login, &[], &[]).await, "nobody is there");
+}

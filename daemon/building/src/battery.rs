@@ -1,0 +1,270 @@
+//! The batteries of robots: they drain with every meter driven and fill at the dock.
+//!
+//! A robot without a battery in the layout drives for ever, as one on a cable would. What the
+//! instants are is here; the time that filling takes passes in [`Building`].
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::building::Building;
+use crate::error::{DeviceError, LayoutError};
+use crate::handle::BuildingHandle;
+use crate::layout::Layout;
+use crate::truth::{Event, Truth};
+use crate::wire::{Answer, Ask};
+
+/// The longest range and the longest filling: a hundred kilometers and a day.
+const RANGE_MAX: f64 = 100_000.0;
+const RECHARGE_MAX: f64 = 24.0 * 3_600.0;
+
+/// A robot's battery.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Battery {
+    /// The location where it can be filled.
+    pub dock: String,
+    /// How far the robot drives with a full one, in meters.
+    pub range: f64,
+    /// How far it drives with what is in it at the start, in meters.
+    pub charge: f64,
+    /// How long filling an empty one takes, in seconds of the building's time.
+    pub recharge_time: f64,
+}
+
+/// What a driver asks of a battery.
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum BatteryAsk {
+    Recharge { robot: String },
+    Charge { robot: String },
+}
+
+/// What it hears.
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum BatteryAnswer {
+    Full,
+    Charge(Option<f64>),
+}
+
+// === impl Layout ===
+
+impl Layout {
+    /// Gives a robot a battery, in place of the one it may have.
+    pub fn equip(&mut self, robot: &str, battery: Battery) -> Result<&mut Layout, LayoutError> {
+        self.check_carrier(robot)?;
+        self.check_location(&battery.dock)?;
+        let Battery { range, charge, recharge_time, .. } = &battery;
+        let fits = (0.0..=RANGE_MAX).contains(range)
+            && (0.0..=*range).contains(charge)
+            && (0.0..=RECHARGE_MAX).contains(recharge_time);
+        if !fits {
+            return Err(LayoutError::BadBattery { robot: robot.to_owned() });
+        }
+        self.batteries.insert(robot.to_owned(), battery);
+        Ok(self)
+    }
+
+    /// A robot's battery, if it needs one.
+    pub fn battery(&self, robot: &str) -> Option<&Battery> {
+        self.batteries.get(robot)
+    }
+}
+
+// === impl Truth ===
+
+impl Truth {
+    /// How far a robot can still drive, in meters; `None` for one without a battery.
+    pub fn charge(&self, robot: &str) -> Option<f64> {
+        self.charges.get(robot).copied()
+    }
+
+    pub(crate) fn require_charge(
+        &self,
+        robot: &str,
+        to: &str,
+        meters: f64,
+    ) -> Result<(), DeviceError> {
+        if self.charge(robot).is_some_and(|charge| charge < meters) {
+            let (device, to) = (robot.to_owned(), to.to_owned());
+            return Err(DeviceError::EmptyBattery { device, to });
+        }
+        Ok(())
+    }
+
+    pub(crate) fn drain(&mut self, robot: &str, meters: f64) {
+        if let Some(charge) = self.charges.get_mut(robot) {
+            *charge = (*charge - meters).max(0.0);
+        }
+    }
+
+    /// A robot begins to fill its battery. Returns how long that takes.
+    fn begin_recharging(&mut self, robot: &str) -> Result<Duration, DeviceError> {
+        let slowness = self.begin_use(robot)?;
+        let battery = self.require_dock(robot)?;
+        let charge = self.charge(robot).unwrap_or_default();
+        // A battery without any range is full as it is.
+        let missing = if battery.range > 0.0 { 1.0 - charge / battery.range } else { 0.0 };
+        Ok(Duration::from_secs_f64(battery.recharge_time * missing.clamp(0.0, 1.0)) + slowness)
+    }
+
+    fn finish_recharging(&mut self, robot: &str) -> Result<(), DeviceError> {
+        self.require_unbroken(robot)?;
+        let Battery { dock, range, .. } = self.require_dock(robot)?;
+        self.charges.insert(robot.to_owned(), range);
+        self.log.record(Event::Recharged { robot: robot.to_owned(), at: dock });
+        Ok(())
+    }
+
+    /// Returns the battery of a robot that stands at its dock.
+    fn require_dock(&self, robot: &str) -> Result<Battery, DeviceError> {
+        self.require_robot(robot)?;
+        let Some(battery) = self.layout.battery(robot) else {
+            let (device, dock) = (robot.to_owned(), None);
+            return Err(DeviceError::NotAtDock { device, dock });
+        };
+        if self.require_place(robot)? != battery.dock {
+            let (device, dock) = (robot.to_owned(), Some(battery.dock.clone()));
+            return Err(DeviceError::NotAtDock { device, dock });
+        }
+        Ok(battery.clone())
+    }
+
+    fn set_charge(&mut self, robot: &str, meters: f64) -> Result<(), LayoutError> {
+        self.require_known(robot)?;
+        let range = self.layout.battery(robot).map(|battery| battery.range);
+        if !range.is_some_and(|range| (0.0..=range).contains(&meters)) {
+            return Err(LayoutError::BadBattery { robot: robot.to_owned() });
+        }
+        self.charges.insert(robot.to_owned(), meters);
+        self.log.record(Event::ChargeSet { robot: robot.to_owned(), meters });
+        Ok(())
+    }
+}
+
+// === impl Building ===
+
+impl Building {
+    /// Fills a robot's battery at its dock.
+    pub async fn recharge(&self, robot: &str) -> Result<(), DeviceError> {
+        let takes = self.change(|truth| truth.begin_recharging(robot))?;
+        self.work(robot, takes, |truth| truth.finish_recharging(robot)).await
+    }
+
+    /// How far a robot can still drive, in meters, as its battery says.
+    pub fn charge_of(&self, robot: &str) -> Result<Option<f64>, DeviceError> {
+        let truth = self.subscribe();
+        let truth = truth.borrow();
+        truth.require_robot(robot)?;
+        Ok(truth.charge(robot))
+    }
+
+    /// Fate fills or empties a battery.
+    pub fn set_charge(&self, robot: &str, meters: f64) -> Result<(), LayoutError> {
+        self.change(|truth| truth.set_charge(robot, meters))
+    }
+
+    async fn battery(&self, ask: BatteryAsk) -> Result<BatteryAnswer, DeviceError> {
+        match ask {
+            BatteryAsk::Recharge { robot } => {
+                self.recharge(&robot).await.map(|()| BatteryAnswer::Full)
+            }
+            BatteryAsk::Charge { robot } => self.charge_of(&robot).map(BatteryAnswer::Charge),
+        }
+    }
+}
+
+// === impl BuildingHandle ===
+
+impl BuildingHandle {
+    /// Fills a robot's battery; it has to stand at its dock.
+    pub async fn recharge(&self, robot: &str) -> Result<(), DeviceError> {
+        match self.battery(BatteryAsk::Recharge { robot: robot.to_owned() }).await? {
+            BatteryAnswer::Full => Ok(()),
+            other => Err(Answer::Battery(other).unexpected()),
+        }
+    }
+
+    /// How far a robot can still drive, in meters; `None` if it needs no battery.
+    pub async fn charge_of(&self, robot: &str) -> Result<Option<f64>, DeviceError> {
+        match self.battery(BatteryAsk::Charge { robot: robot.to_owned() }).await? {
+            BatteryAnswer::Charge(charge) => Ok(charge),
+            other => Err(Answer::Battery(other).unexpected()),
+        }
+    }
+
+    pub(crate) async fn battery(&self, ask: BatteryAsk) -> Result<BatteryAnswer, DeviceError> {
+        match self.near() {
+            Ok(building) => building.battery(ask).await,
+            Err(remote) => match remote.ask(Ask::Battery(ask)).await? {
+                Answer::Battery(answer) => Ok(answer),
+                other => Err(other.unexpected()),
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use expect_test::expect;
+    use tokio::time::Instant;
+
+    use super::Battery;
+    use crate::fixture::story;
+    use crate::{Building, Layout};
+
+    fn office_with_battery(charge: f64) -> Building {
+        let mut layout = Layout::seeded(0).layout;
+        let dock = "corridor".to_owned();
+        let battery = Battery { dock, range: 10.0, charge, recharge_time: 60.0 };
+        layout.equip("turtlebot-1", battery).unwrap();
+        Building::new(layout, 1.0).unwrap()
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_battery_drains_by_the_meter_and_fills_at_the_dock_only() {
+        let building = office_with_battery(10.0);
+        let charge = || building.truth().charge("turtlebot-1").unwrap();
+        building.navigate("turtlebot-1", "office1").await.unwrap();
+        assert_eq!(charge(), 6.0);
+        let away = building.recharge("turtlebot-1").await.unwrap_err().to_string();
+        assert_eq!(away, "recharge `turtlebot-1`: it does not stand at its dock `corridor`");
+        building.navigate("turtlebot-1", "corridor").await.unwrap();
+        let empty = building.navigate("turtlebot-1", "office1").await.unwrap_err().to_string();
+        assert_eq!(empty, "drive `turtlebot-1` to `office1`: its battery does not last so far");
+        let began = Instant::now();
+        building.recharge("turtlebot-1").await.unwrap();
+        assert_eq!(began.elapsed(), Duration::from_secs(48), "four fifths of a minute");
+        assert_eq!(charge(), 10.0);
+        expect![[r#"
+            turtlebot-1 departs corridor office1
+            turtlebot-1 moves corridor office1
+            turtlebot-1 departs office1 corridor
+            turtlebot-1 moves office1 corridor
+            turtlebot-1 is recharged at corridor"#]]
+        .assert_eq(&story(&building.truth()).join("\n"));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_trip_that_is_called_off_costs_nothing() {
+        let building = office_with_battery(10.0);
+        let soon = Duration::from_secs(5);
+        let _ = tokio::time::timeout(soon, building.navigate("turtlebot-1", "office1")).await;
+        assert_eq!(building.truth().charge("turtlebot-1"), Some(10.0));
+    }
+
+    #[test]
+    fn a_battery_holds_what_it_can() {
+        for (range, charge, fits) in
+            [(10.0, 10.0, true), (10.0, 11.0, false), (-1.0, 0.0, false), (f64::NAN, 0.0, false)]
+        {
+            let mut layout = Layout::seeded(0).layout;
+            let dock = "corridor".to_owned();
+            let battery = Battery { dock, range, charge, recharge_time: 1.0 };
+            assert_eq!(layout.equip("turtlebot-1", battery).is_ok(), fits, "{range} {charge}");
+        }
+    }
+}

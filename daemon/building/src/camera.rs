@@ -1,0 +1,329 @@
+//! Cameras that turn: where each looks, and what is there to be seen.
+//!
+//! The layout says in which direction each place lies; a camera sees a place when its middle is
+//! within the field of view. Which direction has a name is the agents' affair.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::building::Building;
+use crate::error::{DeviceError, LayoutError};
+use crate::handle::BuildingHandle;
+use crate::layout::{Device, Layout};
+use crate::truth::{Event, Truth};
+use crate::wire::{Answer, Ask};
+
+/// How far a camera turns and zooms: what small dome cameras can.
+const PAN_MAX: f64 = 170.0;
+const TILT_MAX: f64 = 90.0;
+const ZOOM_MAX: f64 = 10.0;
+
+/// Its field of view without zoom, in degrees.
+const WIDTH: f64 = 60.0;
+const HEIGHT: f64 = 40.0;
+
+/// How fast it turns, in degrees per second.
+const TURNING: f64 = 90.0;
+
+/// Places a camera is told about, and people and robots it counts in each: what a line on the
+/// socket can hold.
+const VIEWS_MAX: usize = 16;
+const SEEN_MAX: usize = 8;
+
+/// Where a place lies, seen from a camera.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct View {
+    /// The place.
+    pub location: String,
+    /// Degrees to the right.
+    pub pan: f64,
+    /// Degrees up.
+    pub tilt: f64,
+}
+
+/// Where a camera looks.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Aim {
+    /// Degrees to the right.
+    pub pan: f64,
+    /// Degrees up.
+    pub tilt: f64,
+    /// How many times as near as it is.
+    pub zoom: f64,
+}
+
+impl Default for Aim {
+    fn default() -> Aim {
+        Aim { pan: 0.0, tilt: 0.0, zoom: 1.0 }
+    }
+}
+
+/// What a camera sees at one moment.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Sight {
+    /// Where it looks.
+    pub aim: Aim,
+    /// The places in its field of view.
+    pub places: Vec<SeenPlace>,
+    /// Since the building was opened.
+    pub at: Duration,
+}
+
+/// A place in a camera's field of view, and who is there.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct SeenPlace {
+    /// The place.
+    pub location: String,
+    /// Where its middle is in the picture: from -1 at the left to 1 at the right.
+    pub right: f64,
+    /// From -1 at the bottom to 1 at the top.
+    pub up: f64,
+    /// Who is there.
+    pub people: Vec<String>,
+    /// Which robots stand there.
+    pub robots: Vec<String>,
+    /// Whether something keeps moving there.
+    pub stirs: bool,
+}
+
+/// What a driver asks of a camera.
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum CameraAsk {
+    Aim { camera: String, aim: Aim },
+    Look { camera: String },
+}
+
+/// What it hears.
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum CameraAnswer {
+    Aimed,
+    Sight(Sight),
+}
+
+impl Aim {
+    /// Whether a camera can look there.
+    pub fn is_possible(&self) -> bool {
+        (-PAN_MAX..=PAN_MAX).contains(&self.pan)
+            && (-TILT_MAX..=TILT_MAX).contains(&self.tilt)
+            && (1.0..=ZOOM_MAX).contains(&self.zoom)
+    }
+
+    /// Where in the picture something in this direction is; `None` if it is not in it.
+    fn sees(&self, view: &View) -> Option<(f64, f64)> {
+        let right = (view.pan - self.pan) * self.zoom / (WIDTH / 2.0);
+        let up = (view.tilt - self.tilt) * self.zoom / (HEIGHT / 2.0);
+        (right.abs() <= 1.0 && up.abs() <= 1.0).then_some((right, up))
+    }
+}
+
+// === impl Layout ===
+
+impl Layout {
+    /// Adds a camera that hangs in `location` and can see `views`.
+    pub fn add_camera(
+        &mut self,
+        name: &str,
+        location: &str,
+        views: Vec<View>,
+    ) -> Result<&mut Layout, LayoutError> {
+        let (name, location) = (name.to_owned(), location.to_owned());
+        self.add_device(Device::Camera { name, location, views })
+    }
+
+    pub(crate) fn check_views(&self, camera: &str, views: &[View]) -> Result<(), LayoutError> {
+        for View { location, pan, tilt } in views {
+            self.check_location(location)?;
+            let aim = Aim { pan: *pan, tilt: *tilt, zoom: 1.0 };
+            if views.len() > VIEWS_MAX || !aim.is_possible() {
+                return Err(LayoutError::BadView { camera: camera.to_owned() });
+            }
+        }
+        Ok(())
+    }
+}
+
+// === impl Truth ===
+
+impl Truth {
+    /// Where a camera looks.
+    pub fn aim_of(&self, camera: &str) -> Option<Aim> {
+        matches!(self.layout.device(camera)?, Device::Camera { .. })
+            .then(|| self.aims.get(camera).copied().unwrap_or_default())
+    }
+
+    /// The places in a camera's field of view.
+    pub fn seen_by(&self, camera: &str) -> Vec<&str> {
+        let (Some(Device::Camera { views, .. }), Some(aim)) =
+            (self.layout.device(camera), self.aim_of(camera))
+        else {
+            return Vec::new();
+        };
+        views.iter().filter(|view| aim.sees(view).is_some()).map(|v| v.location.as_str()).collect()
+    }
+
+    fn begin_aiming(&mut self, camera: &str, aim: Aim) -> Result<Duration, DeviceError> {
+        let before = self.require_camera(camera)?;
+        let slowness = self.begin_use(camera)?;
+        if !aim.is_possible() {
+            return Err(DeviceError::OutOfReach { device: camera.to_owned() });
+        }
+        let degrees = (aim.pan - before.pan).abs().max((aim.tilt - before.tilt).abs());
+        Ok(Duration::from_secs_f64(degrees / TURNING) + slowness)
+    }
+
+    fn finish_aiming(&mut self, camera: &str, aim: Aim) -> Result<(), DeviceError> {
+        self.require_unbroken(camera)?;
+        self.aims.insert(camera.to_owned(), aim);
+        self.log.record(Event::Aimed { camera: camera.to_owned(), aim });
+        Ok(())
+    }
+
+    fn sight(&self, camera: &str) -> Result<Sight, DeviceError> {
+        self.require_unbroken(camera)?;
+        let aim = self.require_camera(camera)?;
+        let Some(Device::Camera { views, .. }) = self.layout.device(camera) else {
+            return Ok(Sight { aim, places: Vec::new(), at: self.log.now });
+        };
+        let place = |view: &View| {
+            let (right, up) = aim.sees(view)?;
+            let location = view.location.as_str();
+            let here = |(robot, at): (&String, &String)| (at == location).then(|| robot.clone());
+            Some(SeenPlace {
+                location: location.to_owned(),
+                right,
+                up,
+                people: self.people_in(location).take(SEEN_MAX).map(str::to_owned).collect(),
+                robots: self.robots.iter().filter_map(here).take(SEEN_MAX).collect(),
+                stirs: self.stirs(location),
+            })
+        };
+        let mut places: Vec<SeenPlace> = Vec::new();
+        for seen in views.iter().filter_map(place) {
+            // Two presets may show one place.
+            if places.iter().all(|other| other.location != seen.location) {
+                places.push(seen);
+            }
+        }
+        Ok(Sight { aim, places, at: self.log.now })
+    }
+
+    /// Returns where the camera looks.
+    fn require_camera(&self, device: &str) -> Result<Aim, DeviceError> {
+        let found = self.require_device(device)?;
+        self.aim_of(device).ok_or_else(|| crate::world::wrong_kind(found, "camera"))
+    }
+}
+
+// === impl Building ===
+
+impl Building {
+    /// Turns a camera, as fast as it turns.
+    pub async fn aim(&self, camera: &str, aim: Aim) -> Result<(), DeviceError> {
+        let takes = self.change(|truth| truth.begin_aiming(camera, aim))?;
+        self.work(camera, takes, |truth| truth.finish_aiming(camera, aim)).await
+    }
+
+    /// What a camera sees now.
+    pub async fn look(&self, camera: &str) -> Result<Sight, DeviceError> {
+        let takes = self.change(|truth| truth.begin_use(camera))?;
+        self.work(camera, takes, |truth| truth.sight(camera)).await
+    }
+
+    async fn camera(&self, ask: CameraAsk) -> Result<CameraAnswer, DeviceError> {
+        match ask {
+            CameraAsk::Aim { camera, aim } => {
+                self.aim(&camera, aim).await.map(|()| CameraAnswer::Aimed)
+            }
+            CameraAsk::Look { camera } => self.look(&camera).await.map(CameraAnswer::Sight),
+        }
+    }
+}
+
+// === impl BuildingHandle ===
+
+impl BuildingHandle {
+    /// Turns a camera; see [`Building::aim`].
+    pub async fn aim(&self, camera: &str, aim: Aim) -> Result<(), DeviceError> {
+        match self.camera(CameraAsk::Aim { camera: camera.to_owned(), aim }).await? {
+            CameraAnswer::Aimed => Ok(()),
+            other => Err(Answer::Camera(other).unexpected()),
+        }
+    }
+
+    /// What a camera sees now.
+    pub async fn look(&self, camera: &str) -> Result<Sight, DeviceError> {
+        match self.camera(CameraAsk::Look { camera: camera.to_owned() }).await? {
+            CameraAnswer::Sight(sight) => Ok(sight),
+            other => Err(Answer::Camera(other).unexpected()),
+        }
+    }
+
+    pub(crate) async fn camera(&self, ask: CameraAsk) -> Result<CameraAnswer, DeviceError> {
+        match self.near() {
+            Ok(building) => building.camera(ask).await,
+            Err(remote) => match remote.ask(Ask::Camera(ask)).await? {
+                Answer::Camera(answer) => Ok(answer),
+                other => Err(other.unexpected()),
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use tokio::time::Instant;
+
+    use super::{Aim, View};
+    use crate::{Building, Layout};
+
+    fn view(location: &str, pan: f64) -> View {
+        View { location: location.to_owned(), pan, tilt: 0.0 }
+    }
+
+    fn watched_office() -> Building {
+        let mut layout = Layout::seeded(0).layout;
+        let views = vec![view("corridor", 0.0), view("office1", 90.0)];
+        layout.add_camera("camera-1", "corridor", views).unwrap();
+        Building::new(layout, 1.0).unwrap()
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_camera_sees_who_is_where_it_looks() {
+        let building = watched_office();
+        building.enter("alice", "corridor").unwrap();
+        building.enter("bob", "office1").unwrap();
+        let sight = building.look("camera-1").await.unwrap();
+        assert_eq!(sight.places.len(), 1);
+        let corridor = &sight.places[0];
+        assert_eq!(corridor.people, ["alice"]);
+        assert_eq!(corridor.robots, ["turtlebot-1"]);
+        let began = Instant::now();
+        let aim = Aim { pan: 80.0, tilt: 5.0, zoom: 2.0 };
+        building.aim("camera-1", aim).await.unwrap();
+        assert!(began.elapsed() > Duration::from_millis(880), "it turns 90 degrees a second");
+        assert_eq!(building.truth().seen_by("camera-1"), ["office1"]);
+        let sight = building.look("camera-1").await.unwrap();
+        assert_eq!(sight.places[0].people, ["bob"]);
+        assert!(sight.places[0].right > 0.6, "{sight:?}");
+        building.leave("bob");
+        assert!(building.look("camera-1").await.unwrap().places[0].people.is_empty());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_camera_turns_as_far_as_it_can() {
+        let building = watched_office();
+        let aim = Aim { pan: 171.0, ..Aim::default() };
+        assert!(building.aim("camera-1", aim).await.is_err());
+        assert!(building.aim("turtlebot-1", Aim::default()).await.is_err());
+        assert_eq!(building.truth().aim_of("camera-1"), Some(Aim::default()));
+    }
+}

@@ -1,0 +1,77 @@
+//! People in the building, and what else moves in it: cameras see them, nobody controls them.
+
+use crate::building::Building;
+use crate::error::LayoutError;
+use crate::layout::NAME_MAX;
+use crate::truth::{Event, Truth};
+
+// === impl Truth ===
+
+impl Truth {
+    /// Who is in a location, in the order of their names.
+    pub fn people_in<'a>(&'a self, location: &'a str) -> impl Iterator<Item = &'a str> {
+        let are_here = move |(_, place): &(&String, &String)| place.as_str() == location;
+        self.people.iter().filter(are_here).map(|(person, _)| person.as_str())
+    }
+
+    /// Whether something keeps moving in a location.
+    pub fn stirs(&self, location: &str) -> bool {
+        self.stirring.contains(location)
+    }
+
+    fn enter(&mut self, person: &str, location: &str) -> Result<(), LayoutError> {
+        self.require_place_named(location)?;
+        if person.is_empty() || person.len() > NAME_MAX {
+            return Err(LayoutError::BadName { name: person.to_owned() });
+        }
+        if self.people.insert(person.to_owned(), location.to_owned()).as_deref() != Some(location) {
+            let (person, location) = (person.to_owned(), location.to_owned());
+            self.log.record(Event::Entered { person, location });
+        }
+        Ok(())
+    }
+
+    fn leave(&mut self, person: &str) {
+        if let Some(location) = self.people.remove(person) {
+            self.log.record(Event::Left { person: person.to_owned(), location });
+        }
+    }
+
+    fn set_motion(&mut self, location: &str, moves: bool) -> Result<(), LayoutError> {
+        self.require_place_named(location)?;
+        let location = location.to_owned();
+        if moves && self.stirring.insert(location.clone()) {
+            self.log.record(Event::Stirs { location });
+        } else if !moves && self.stirring.remove(&location) {
+            self.log.record(Event::Rests { location });
+        }
+        Ok(())
+    }
+
+    fn require_place_named(&self, location: &str) -> Result<(), LayoutError> {
+        match self.layout.location(location) {
+            Some(_) => Ok(()),
+            None => Err(self.unknown_location(location)),
+        }
+    }
+}
+
+// === impl Building: fate ===
+
+impl Building {
+    /// A person comes to a location, from outside or from another one.
+    pub fn enter(&self, person: &str, location: &str) -> Result<(), LayoutError> {
+        self.change(|truth| truth.enter(person, location))
+    }
+
+    /// A person leaves the building.
+    pub fn leave(&self, person: &str) {
+        self.change(|truth| truth.leave(person));
+    }
+
+    /// Something begins to move in a location and does not stop, a curtain in the wind; or it
+    /// stops.
+    pub fn set_motion(&self, location: &str, moves: bool) -> Result<(), LayoutError> {
+        self.change(|truth| truth.set_motion(location, moves))
+    }
+}

@@ -1,0 +1,239 @@
+//! Screens: what each shows, on which channel, and what is therefore presented in a room.
+//!
+//! A screen on a wall shows nothing before the building has given it a channel, when it is plugged
+//! in for the first time; it keeps it as long as it is there. One on a robot brings its own.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::building::Building;
+use crate::error::{DeviceError, LayoutError};
+use crate::handle::BuildingHandle;
+use crate::layout::{Device, Layout};
+use crate::truth::{Event, Fault, Truth};
+use crate::wire::{Answer, Ask};
+
+/// The longest text a screen shows, in bytes: a slide, and a line on the socket, however escaped.
+const TEXT_MAX: usize = 1024;
+
+/// How long a screen takes to light up.
+const LIGHTING: Duration = Duration::from_millis(500);
+
+/// What a driver asks of a screen.
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum ScreenAsk {
+    Allocate { screen: String },
+    Show { screen: String, text: Option<String> },
+    Panel { screen: String },
+}
+
+/// What it hears.
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum ScreenAnswer {
+    Channel(u32),
+    Done,
+    Panel(Panel),
+}
+
+/// What a screen says of itself.
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Panel {
+    /// Its channel, if it was given one.
+    pub channel: Option<u32>,
+    /// What it shows.
+    pub text: Option<String>,
+}
+
+// === impl Layout ===
+
+impl Layout {
+    /// Adds a screen on a wall.
+    pub fn add_screen(&mut self, name: &str, location: &str) -> Result<&mut Layout, LayoutError> {
+        let (name, location) = (name.to_owned(), location.to_owned());
+        self.add_device(Device::Screen { name, location })
+    }
+
+    /// Adds a screen that a robot carries.
+    pub fn mount_screen(&mut self, name: &str, robot: &str) -> Result<&mut Layout, LayoutError> {
+        let (name, carrier) = (name.to_owned(), robot.to_owned());
+        self.add_device(Device::MountedScreen { name, carrier })
+    }
+}
+
+// === impl Truth ===
+
+impl Truth {
+    /// The channel that a screen on a wall was given.
+    pub fn channel_of(&self, screen: &str) -> Option<u32> {
+        self.channels.get(screen).copied()
+    }
+
+    /// What a screen shows; one that has failed is dark.
+    pub fn shown_on(&self, screen: &str) -> Option<&str> {
+        let is_dark = self.fault_of(screen) == Some(Fault::Fails);
+        self.shown.get(screen).filter(|_| !is_dark).map(String::as_str)
+    }
+
+    /// What is shown in a location, by whichever screens.
+    pub fn presented_in<'a>(&'a self, location: &'a str) -> impl Iterator<Item = &'a str> {
+        let here = move |screen: &&String| self.place_of(screen) == Some(location);
+        self.shown.keys().filter(here).filter_map(|screen| self.shown_on(screen))
+    }
+
+    fn allocate(&mut self, screen: &str) -> Result<u32, DeviceError> {
+        self.require_screen(screen)?;
+        self.require_unbroken(screen)?;
+        if let Some(channel) = self.channel_of(screen) {
+            return Ok(channel);
+        }
+        let is_free = |channel: &u32| !self.channels.values().any(|taken| taken == channel);
+        let channel = (1..).find(is_free).expect("invariant: fewer screens than numbers");
+        self.channels.insert(screen.to_owned(), channel);
+        self.log.record(Event::Allocated { screen: screen.to_owned(), channel });
+        Ok(channel)
+    }
+
+    fn begin_showing(&mut self, screen: &str, text: Option<&str>) -> Result<Duration, DeviceError> {
+        self.require_screen(screen)?;
+        let slowness = self.begin_use(screen)?;
+        let needs_channel = matches!(self.layout.device(screen), Some(Device::Screen { .. }));
+        if needs_channel && self.channel_of(screen).is_none() {
+            return Err(DeviceError::NoChannel { device: screen.to_owned() });
+        }
+        if text.is_some_and(|text| text.len() > TEXT_MAX) {
+            return Err(DeviceError::TooLong { device: screen.to_owned(), bytes_max: TEXT_MAX });
+        }
+        Ok(LIGHTING + slowness)
+    }
+
+    fn finish_showing(&mut self, screen: &str, text: Option<&str>) -> Result<(), DeviceError> {
+        self.require_unbroken(screen)?;
+        let screen = screen.to_owned();
+        match text.map(str::to_owned) {
+            Some(text) => {
+                self.shown.insert(screen.clone(), text.clone());
+                self.log.record(Event::Shown { screen, text });
+            }
+            None => {
+                if self.shown.remove(&screen).is_some() {
+                    self.log.record(Event::Darkened { screen });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn require_screen(&self, device: &str) -> Result<(), DeviceError> {
+        match self.require_device(device)? {
+            Device::Screen { .. } | Device::MountedScreen { .. } => Ok(()),
+            other => Err(crate::world::wrong_kind(other, "screen")),
+        }
+    }
+}
+
+// === impl Building ===
+
+impl Building {
+    /// Gives a screen a channel, the one it has where it has one.
+    pub fn allocate(&self, screen: &str) -> Result<u32, DeviceError> {
+        self.change(|truth| truth.allocate(screen))
+    }
+
+    /// Shows a text on a screen; without one, the screen goes dark.
+    pub async fn show(&self, screen: &str, text: Option<&str>) -> Result<(), DeviceError> {
+        let takes = self.change(|truth| truth.begin_showing(screen, text))?;
+        self.work(screen, takes, |truth| truth.finish_showing(screen, text)).await
+    }
+
+    /// What a screen says of itself; one that has failed says nothing.
+    pub async fn panel(&self, screen: &str) -> Result<Panel, DeviceError> {
+        let panel = |truth: &mut Truth| {
+            truth.require_screen(screen)?;
+            truth.require_unbroken(screen)?;
+            let text = truth.shown_on(screen).map(str::to_owned);
+            Ok(Panel { channel: truth.channel_of(screen), text })
+        };
+        self.work(screen, Duration::ZERO, panel).await
+    }
+
+    async fn screen(&self, ask: ScreenAsk) -> Result<ScreenAnswer, DeviceError> {
+        match ask {
+            ScreenAsk::Allocate { screen } => self.allocate(&screen).map(ScreenAnswer::Channel),
+            ScreenAsk::Show { screen, text } => {
+                self.show(&screen, text.as_deref()).await.map(|()| ScreenAnswer::Done)
+            }
+            ScreenAsk::Panel { screen } => self.panel(&screen).await.map(ScreenAnswer::Panel),
+        }
+    }
+}
+
+// === impl BuildingHandle ===
+
+impl BuildingHandle {
+    /// Gives a screen a channel; see [`Building::allocate`].
+    pub async fn allocate(&self, screen: &str) -> Result<u32, DeviceError> {
+        match self.screen(ScreenAsk::Allocate { screen: screen.to_owned() }).await? {
+            ScreenAnswer::Channel(channel) => Ok(channel),
+            other => Err(Answer::Screen(other).unexpected()),
+        }
+    }
+
+    /// Shows a text on a screen; without one, the screen goes dark.
+    pub async fn show(&self, screen: &str, text: Option<&str>) -> Result<(), DeviceError> {
+        let (screen, text) = (screen.to_owned(), text.map(str::to_owned));
+        match self.screen(ScreenAsk::Show { screen, text }).await? {
+            ScreenAnswer::Done => Ok(()),
+            other => Err(Answer::Screen(other).unexpected()),
+        }
+    }
+
+    /// What a screen says of itself.
+    pub async fn panel(&self, screen: &str) -> Result<Panel, DeviceError> {
+        match self.screen(ScreenAsk::Panel { screen: screen.to_owned() }).await? {
+            ScreenAnswer::Panel(panel) => Ok(panel),
+            other => Err(Answer::Screen(other).unexpected()),
+        }
+    }
+
+    pub(crate) async fn screen(&self, ask: ScreenAsk) -> Result<ScreenAnswer, DeviceError> {
+        match self.near() {
+            Ok(building) => building.screen(ask).await,
+            Err(remote) => match remote.ask(Ask::Screen(ask)).await? {
+                Answer::Screen(answer) => Ok(answer),
+                other => Err(other.unexpected()),
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{Building, Fault, Layout};
+
+    #[tokio::test(start_paused = true)]
+    async fn a_screen_shows_once_it_has_a_channel_and_until_it_fails() {
+        let mut layout = Layout::seeded(0).layout;
+        layout.add_screen("screen-1", "conf-room").unwrap();
+        layout.mount_screen("screen-2", "turtlebot-1").unwrap();
+        let building = Building::new(layout, 1.0).unwrap();
+        let presented = |room: &str| -> Vec<String> {
+            building.truth().presented_in(room).map(str::to_owned).collect()
+        };
+        assert!(building.show("screen-1", Some("hello")).await.is_err(), "it has no channel");
+        assert_eq!(building.allocate("screen-1").unwrap(), 1);
+        assert_eq!(building.allocate("screen-1").unwrap(), 1, "the same again");
+        building.show("screen-1", Some("hello")).await.unwrap();
+        assert_eq!(presented("conf-room"), ["hello"]);
+        building.break_device("screen-1", Fault::Fails).unwrap();
+        assert!(presented("conf-room").is_empty());
+        assert!(building.panel("screen-1").await.is_err());
+        building.show("screen-2", Some("hello")).await.unwrap();
+        assert!(presented("conf-room").is_empty(), "the robot is in the corridor");
+        building.navigate("turtlebot-1", "conf-room").await.unwrap();
+        assert_eq!(presented("conf-room"), ["hello"]);
+    }
+}

@@ -1,0 +1,190 @@
+//! What an entry's `config` says about a camera, and what it means.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use acl::content::{Achieve, Keep};
+use actuator::{Place, StateFolder};
+use agent::{Blueprint, BuildError};
+use serde::Deserialize;
+
+use crate::album::Album;
+use crate::{Aim, PTZ};
+
+/// The longest recording, in seconds: some 10 MB of plain video.
+const RECORD_MAX: f64 = 60.0;
+
+/// The entry's `config`.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub(crate) struct Config {
+    /// Where it hangs.
+    location: Place,
+    /// Directions with a name.
+    presets: BTreeMap<String, RawPreset>,
+    /// Where pictures and videos are kept; without it, beside what the daemon keeps.
+    #[serde(default)]
+    folder: Option<PathBuf>,
+    /// How many pictures, and how many videos, are kept.
+    #[serde(default = "default_keep")]
+    keep: usize,
+    /// How long a recording is, in seconds.
+    #[serde(default = "default_record_seconds")]
+    record_seconds: f64,
+    /// How long a picture counts as known, such as `"10m"`; without it, until the camera dies.
+    #[serde(default)]
+    valid_for: Option<String>,
+    /// Whether it watches for motion.
+    #[serde(default = "default_motion")]
+    motion: bool,
+    /// How long motion counts as motion after it was seen.
+    #[serde(default = "default_motion_for")]
+    motion_for: String,
+    /// The share of the picture that has to change, from 0 to 1.
+    #[serde(default = "default_sensitivity")]
+    sensitivity: f64,
+    /// The goal to ask for when something moves.
+    #[serde(default)]
+    on_motion: Option<RawGoal>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct RawPreset {
+    /// The place of the map that is seen.
+    shows: Place,
+    #[serde(default)]
+    pan: f64,
+    #[serde(default)]
+    tilt: f64,
+    #[serde(default = "default_zoom")]
+    zoom: f64,
+}
+
+/// A goal; `?l` in it stands for the place where something moves.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct RawGoal {
+    goal: String,
+    #[serde(default)]
+    priority: i32,
+}
+
+fn default_keep() -> usize {
+    50
+}
+
+fn default_record_seconds() -> f64 {
+    5.0
+}
+
+fn default_motion() -> bool {
+    true
+}
+
+fn default_motion_for() -> String {
+    "30s".to_owned()
+}
+
+/// A person in full view is a hundredth of a picture at least.
+fn default_sensitivity() -> f64 {
+    0.004
+}
+
+fn default_zoom() -> f64 {
+    1.0
+}
+
+/// A direction with a name.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Preset {
+    pub(crate) shows: String,
+    pub(crate) aim: Aim,
+}
+
+/// What a camera runs with.
+pub(crate) struct Settings {
+    pub(crate) presets: BTreeMap<String, Preset>,
+    pub(crate) album: Album,
+    pub(crate) recording: Duration,
+    pub(crate) valid_for: Option<Duration>,
+    pub(crate) motion: Option<Motion>,
+}
+
+/// How it watches for motion.
+#[derive(Clone, Debug)]
+pub(crate) struct Motion {
+    pub(crate) lasts: Duration,
+    pub(crate) sensitivity: f64,
+    on_motion: Option<(String, i32)>,
+}
+
+impl Motion {
+    /// The goal to ask for when something moves at `place`.
+    pub(crate) fn goal(&self, place: &str) -> Option<Achieve> {
+        let (goal, priority) = self.on_motion.as_ref()?;
+        let goal = goal.replace("?l", place);
+        Some(Achieve { goal, keep: Keep::Achieve, priority: *priority })
+    }
+}
+
+impl Config {
+    /// What it means.
+    pub(crate) fn understand(self, blueprint: &Blueprint) -> Result<Settings, BuildError> {
+        let Config { location: _, presets, folder, keep, record_seconds, .. } = &self;
+        let problem = |text: String| blueprint.problem(text);
+        if presets.is_empty() {
+            return Err(problem("`presets` needs one direction at least".to_owned()));
+        }
+        if !(0.2..=RECORD_MAX).contains(record_seconds) || *keep == 0 {
+            let text = format!("record-seconds is 0.2 to {RECORD_MAX}, and keep at least 1");
+            return Err(problem(text));
+        }
+        let folder = folder.clone().or_else(|| {
+            let state = blueprint.host.resources.get::<StateFolder>()?;
+            Some(state.0.join("pictures"))
+        });
+        let folder = folder.ok_or_else(|| problem("pictures need a `folder`".to_owned()))?;
+        Ok(Settings {
+            album: Album::new(folder, blueprint.id.to_string(), *keep),
+            recording: Duration::from_secs_f64(*record_seconds),
+            valid_for: self.valid_for.as_deref().map(duration).transpose().map_err(problem)?,
+            motion: self.motion().map_err(problem)?,
+            presets: self.presets().map_err(problem)?,
+        })
+    }
+
+    fn motion(&self) -> Result<Option<Motion>, String> {
+        if !self.motion {
+            return Ok(None);
+        }
+        if !(self.sensitivity > 0.0 && self.sensitivity < 1.0) {
+            return Err("sensitivity is a share of the picture, between 0 and 1".to_owned());
+        }
+        let lasts = duration(&self.motion_for)?;
+        let on_motion = self.on_motion.as_ref().map(|raw| (raw.goal.clone(), raw.priority));
+        if let Some((goal, _)) = &on_motion
+            && !pddl::parse_condition(&goal.replace("?l", self.location.as_str())).is_ok()
+        {
+            return Err(format!("on-motion.goal `{goal}` is no PDDL condition"));
+        }
+        Ok(Some(Motion { lasts, sensitivity: self.sensitivity, on_motion }))
+    }
+
+    fn presets(&self) -> Result<BTreeMap<String, Preset>, String> {
+        let understand = |(name, raw): (&String, &RawPreset)| {
+            let name = Place::try_from(name.clone()).map_err(|error| error.to_string())?;
+            let aim = Aim { pan: raw.pan, tilt: raw.tilt, zoom: raw.zoom };
+            if !PTZ.allows(aim) {
+                return Err(format!("the preset `{name}` is out of reach: {PTZ}"));
+            }
+            Ok((name.to_string(), Preset { shows: raw.shows.to_string(), aim }))
+        };
+        self.presets.iter().map(understand).collect()
+    }
+}
+
+fn duration(text: &str) -> Result<Duration, String> {
+    humantime::parse_duration(text).map_err(|error| format!("`{text}`: {error}"))
+}

@@ -1,0 +1,317 @@
+//! The PTZ camera (the paper, “PTZ Camera”): “can move (PTZ), record video, snap pictures, and
+//! detect motion”.
+//!
+//! - [`Camera`] is what a driver does; `simulated` looks into the simulated building.
+//! - It looks at presets, and by small steps anywhere; a picture or a video is a file in its
+//!   `album`, and what is shown in it is known.
+//! - It watches by itself: motion is announced at once, and may make it ask for a goal.
+//! - A picture of another direction than the plan believes is a failure, not an answer.
+
+mod album;
+mod config;
+mod frame;
+mod simulated;
+mod tasks;
+mod watching;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::Deadline;
+use acl::content::{Method, Methods};
+use actuator::{
+    Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, Stir, facts_of,
+    model_of,
+};
+use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use tokio::time::Instant;
+
+use config::{Config, Settings};
+pub use frame::Frame;
+use tasks::Done;
+
+/// How long a camera that failed offers nothing.
+const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
+
+/// The longest that turning, and taking one picture, may take.
+const ACTING: Duration = Duration::from_secs(15);
+
+/// The line in the daemon's table of plugins.
+pub const PLUGIN: PluginEntry = PluginEntry {
+    name: "ptz-camera",
+    about: "turns, zooms, takes pictures, records, and says when something moves",
+    drivers: &["simulated"],
+    build,
+};
+
+/// How far a camera turns and zooms.
+struct Reach {
+    pan: f64,
+    tilt: f64,
+    zoom: f64,
+}
+
+/// What common dome cameras can.
+const PTZ: Reach = Reach { pan: 170.0, tilt: 90.0, zoom: 10.0 };
+
+/// The steps by which a person turns it: the action, degrees of pan and of tilt, the factor of
+/// zoom.
+const STEPS: [(&str, f64, f64, f64); 6] = [
+    ("pan-left", -10.0, 0.0, 1.0),
+    ("pan-right", 10.0, 0.0, 1.0),
+    ("tilt-up", 0.0, 5.0, 1.0),
+    ("tilt-down", 0.0, -5.0, 1.0),
+    ("zoom-in", 0.0, 0.0, 1.25),
+    ("zoom-out", 0.0, 0.0, 0.8),
+];
+
+/// Where a camera looks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Aim {
+    /// Degrees to the right.
+    pub pan: f64,
+    /// Degrees up.
+    pub tilt: f64,
+    /// How many times as near as it is.
+    pub zoom: f64,
+}
+
+/// What a camera's driver does.
+pub trait Camera: Send + Sync + 'static {
+    /// Turns and zooms. The error completes “failed to …”. Dropping the future stops it.
+    fn aim(&self, aim: Aim) -> BoxFuture<Result<(), String>>;
+
+    /// What it sees now.
+    fn frame(&self) -> BoxFuture<Result<Frame, String>>;
+}
+
+impl Reach {
+    fn allows(&self, aim: Aim) -> bool {
+        (-self.pan..=self.pan).contains(&aim.pan)
+            && (-self.tilt..=self.tilt).contains(&aim.tilt)
+            && (1.0..=self.zoom).contains(&aim.zoom)
+    }
+}
+
+impl std::fmt::Display for Reach {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Reach { pan, tilt, zoom } = self;
+        write!(f, "pan -{pan} to {pan}, tilt -{tilt} to {tilt} degrees, zoom 1 to {zoom}")
+    }
+}
+
+impl Aim {
+    /// Whether it is the same direction, as exactly as motors are.
+    fn is(&self, other: &Aim) -> bool {
+        (self.pan - other.pan).abs() < 0.5
+            && (self.tilt - other.tilt).abs() < 0.5
+            && (self.zoom - other.zoom).abs() < 0.05
+    }
+}
+
+fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+    let settings = blueprint.config_as::<Config>()?.understand(&blueprint)?;
+    let camera = PtzCamera {
+        id: blueprint.id.to_string(),
+        ontology: blueprint.host.ontology.name.to_string(),
+        camera: simulated::camera(&blueprint)?,
+        settings,
+        aim: None,
+        seen: None,
+        pictures: BTreeMap::new(),
+        recorded: BTreeSet::new(),
+        motion: BTreeMap::new(),
+        rests_until: None,
+    };
+    Ok(Box::new(Actuator::new(&blueprint, camera)?))
+}
+
+struct PtzCamera {
+    id: String,
+    ontology: String,
+    settings: Settings,
+    camera: Arc<dyn Camera>,
+    /// Where it looks, once it has looked.
+    aim: Option<Aim>,
+    /// What it saw last, to compare with.
+    seen: Option<Frame>,
+    /// When the last picture of each place was taken.
+    pictures: BTreeMap<String, Instant>,
+    recorded: BTreeSet<String>,
+    /// When something moved last in each place.
+    motion: BTreeMap<String, Instant>,
+    rests_until: Option<Instant>,
+}
+
+impl PtzCamera {
+    fn works(&self) -> bool {
+        self.rests_until.is_none_or(|until| until <= Instant::now())
+    }
+
+    /// The preset it looks at, if it is one.
+    fn preset(&self) -> Option<(&str, &str)> {
+        let aim = self.aim?;
+        let mut presets = self.settings.presets.iter();
+        let (name, preset) = presets.find(|(_, preset)| preset.aim.is(&aim))?;
+        Some((name, &preset.shows))
+    }
+
+    /// What is known of a place for a while after `at`.
+    fn passing(&self, fact: &str, at: Instant, lasts: Option<Duration>) -> Vec<OwnFact> {
+        let known_for = lasts.map(|lasts| lasts.saturating_sub(at.elapsed()));
+        if known_for.is_some_and(|left| left.is_zero()) {
+            return Vec::new();
+        }
+        facts_of(fact).into_iter().map(|fact| OwnFact { known_for, ..fact }).collect()
+    }
+
+    fn lasting(&self) -> String {
+        let mut text = String::new();
+        for (name, preset) in &self.settings.presets {
+            // Writing into memory does not fail.
+            let _ = write!(text, "(shows {} {name} {}) ", self.id, preset.shows);
+        }
+        text
+    }
+
+    fn actions() -> String {
+        let mut text = "(:action look-at
+                :agent ?c - ptz-camera
+                :parameters (?p - preset ?l - location)
+                :precondition (shows ?c ?p ?l)
+                :effect (and (forall (?q - preset) (not (looks-at ?c ?q))) (looks-at ?c ?p)
+                    (increase (total-cost) 1)))
+            (:action take-snapshot
+                :agent ?c - ptz-camera
+                :parameters (?p - preset ?l - location)
+                :precondition (and (looks-at ?c ?p) (shows ?c ?p ?l))
+                :effect (and (known-picture ?l) (increase (total-cost) 1)))
+            (:action record
+                :agent ?c - ptz-camera
+                :parameters (?p - preset ?l - location)
+                :precondition (and (looks-at ?c ?p) (shows ?c ?p ?l))
+                :effect (and (recorded ?l) (increase (total-cost) 2)))"
+            .to_owned();
+        for (name, ..) in STEPS {
+            let _ = write!(
+                text,
+                "(:action {name}
+                    :agent ?c - ptz-camera
+                    :parameters ()
+                    :effect (and (forall (?q - preset) (not (looks-at ?c ?q)))
+                        (increase (total-cost) 1)))"
+            );
+        }
+        text
+    }
+
+    fn methods(&self) -> Methods {
+        let method = |name: &str, arguments: &[(&str, String)], timeout: Duration| Method {
+            method: name.to_owned(),
+            arguments: arguments
+                .iter()
+                .map(|(key, value)| ((*key).to_owned(), value.clone()))
+                .collect(),
+            timeout: Deadline(timeout),
+        };
+        let preset = ("preset", "?p".to_owned());
+        let at = [preset.clone(), ("place", "?l".to_owned())];
+        let recording = ACTING + self.settings.recording * 2;
+        let mut methods: Methods = [
+            ("look-at".to_owned(), method("go_to_preset", &[preset], ACTING)),
+            ("take-snapshot".to_owned(), method("take_picture", &at, ACTING)),
+            ("record".to_owned(), method("record_video", &at, recording)),
+        ]
+        .into();
+        for (name, pan, tilt, zoom) in STEPS {
+            let by = [("pan", pan), ("tilt", tilt), ("zoom", zoom)];
+            let by = by.map(|(key, value)| (key, value.to_string()));
+            methods.insert(name.to_owned(), method("move_by", &by, ACTING));
+        }
+        methods
+    }
+}
+
+impl Device for PtzCamera {
+    type Yield = Done;
+
+    fn describe(&self) -> Description {
+        let PtzCamera { id, ontology, settings, .. } = self;
+        let presets: Vec<_> = settings.presets.keys().map(String::as_str).collect();
+        let (presets, lasting) = (presets.join(" "), self.lasting());
+        let offered = if self.works() { Self::actions() } else { String::new() };
+        let text = format!(
+            "(define (agent {id}) (:domain {ontology})
+                (:types ptz-camera - camera)
+                (:objects {id} - ptz-camera {presets} - preset)
+                (:init {lasting})
+                {offered})"
+        );
+        Description { model: model_of(&text), methods: self.methods() }
+    }
+
+    fn facts(&self) -> Vec<OwnFact> {
+        let mut facts = facts_of(&self.lasting());
+        if let Some((preset, _)) = self.preset() {
+            facts.extend(facts_of(&format!("(looks-at {} {preset})", self.id)));
+        }
+        for (place, at) in &self.pictures {
+            let fact = format!("(known-picture {place})");
+            facts.extend(self.passing(&fact, *at, self.settings.valid_for));
+        }
+        for place in &self.recorded {
+            facts.extend(facts_of(&format!("(recorded {place})")));
+        }
+        let lasts = self.settings.motion.as_ref().map(|motion| motion.lasts);
+        for (place, at) in &self.motion {
+            facts.extend(self.passing(&format!("(motion {place})"), *at, lasts));
+        }
+        facts
+    }
+
+    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Done, Failure>> {
+        match tasks::task(call, self) {
+            Ok(task) => Box::pin(task),
+            Err(failure) => Box::pin(std::future::ready(Err(failure))),
+        }
+    }
+
+    fn performed(&mut self, _call: &Call, done: Done) -> Performed {
+        let (detail, observed) = match done {
+            Done::Aimed(aim) => {
+                self.aim = Some(aim);
+                let Aim { pan, tilt, zoom } = aim;
+                let detail = format!("looks {pan:.0}° right, {tilt:.0}° up, zoom {zoom:.1}");
+                let preset = self.preset();
+                let looks = preset.map(|(name, _)| format!("(looks-at {} {name})", self.id));
+                (detail, looks.unwrap_or_default())
+            }
+            Done::Picture { place, file, caption } => {
+                self.pictures.insert(place.clone(), Instant::now());
+                let detail = format!("picture {}: {caption}", file.display());
+                (detail, format!("(known-picture {place})"))
+            }
+            Done::Video { place, file, frames } => {
+                self.recorded.insert(place.clone());
+                let detail = format!("video {} of {frames} frames", file.display());
+                (detail, format!("(recorded {place})"))
+            }
+        };
+        let observations = facts_of(&observed).into_iter().map(|fact| fact.fact).collect();
+        Performed { detail, observations }
+    }
+
+    fn failed(&mut self, _call: &Call, failure: &Failure) {
+        // Where it stopped, its next look will tell.
+        self.aim = None;
+        if *failure != Failure::GivenUp {
+            self.rests_until = Some(Instant::now() + REST_AFTER_FAILURE);
+        }
+    }
+
+    fn watch(&mut self) -> Option<BoxFuture<Stir<PtzCamera>>> {
+        Some(Box::pin(watching::watch(self)))
+    }
+}

@@ -1,0 +1,286 @@
+//! The screen (the paper, Figure 1): shows media to the people in its room.
+//!
+//! - [`Display`] is what a driver does; `simulated` is a screen of the simulated building.
+//! - Plugged in for the first time, it has no channel yet and asks for the goal that it is given
+//!   one: “complete the setup (resource allocation and integration) automatically”. From then on
+//!   its room can present.
+//! - It looks at itself every second. One that does not work any more says so by itself: it offers
+//!   nothing and presents nothing, so others take over.
+
+mod simulated;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::Deadline;
+use acl::content::{Achieve, Keep, Method, Methods};
+use actuator::{
+    Actuator, BoxFuture, Call, Description, Device, Failure, Initiative, OwnFact, Performed, Place,
+    Stir, facts_of, model_of,
+};
+use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use serde::Deserialize;
+
+/// How often it looks whether it works and what it shows. Within a few seconds of a failure the
+/// meeting goes on elsewhere.
+const LOOKING: Duration = Duration::from_secs(1);
+
+/// The longest a look at itself may take before it counts as not working.
+const LOOKING_MAX: Duration = Duration::from_secs(3);
+
+/// The longest that lighting up may take: a projector's lamp.
+const SHOWING: Duration = Duration::from_secs(30);
+
+/// The line in the daemon's table of plugins.
+pub const PLUGIN: PluginEntry = PluginEntry {
+    name: "screen",
+    about: "shows media to the people in its room",
+    drivers: &["simulated"],
+    build,
+};
+
+/// The entry's `config`.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct Config {
+    /// The room it hangs in.
+    location: Place,
+    /// What it can show: a name for plans, and the text.
+    media: BTreeMap<String, String>,
+}
+
+/// What a screen's driver does. The errors complete “failed to …”.
+pub trait Display: Send + Sync + 'static {
+    /// Gets what it needs to show anything: a channel; the one it has, if it has one.
+    fn allocate(&self) -> BoxFuture<Result<u32, String>>;
+
+    /// Shows a text; without one, goes dark.
+    fn show(&self, text: Option<&str>) -> BoxFuture<Result<(), String>>;
+
+    /// How it is.
+    fn panel(&self) -> BoxFuture<Result<Panel, String>>;
+}
+
+/// What a screen says of itself.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Panel {
+    /// Its channel, once it has one.
+    pub channel: Option<u32>,
+    /// What it shows.
+    pub text: Option<String>,
+}
+
+fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+    let Config { location, media } = blueprint.config_as()?;
+    for name in media.keys() {
+        Place::try_from(name.clone()).map_err(|_| {
+            blueprint.problem(format!("`{name}` cannot name a medium: it has to be a PDDL name"))
+        })?;
+    }
+    if media.values().collect::<BTreeSet<_>>().len() < media.len() {
+        return Err(blueprint.problem("two `media` with one text cannot be told apart"));
+    }
+    let screen = Screen {
+        id: blueprint.id.to_string(),
+        ontology: blueprint.host.ontology.name.to_string(),
+        location,
+        media,
+        display: simulated::display(&blueprint)?,
+        state: State::Unknown,
+    };
+    Ok(Box::new(Actuator::new(&blueprint, screen)?))
+}
+
+struct Screen {
+    id: String,
+    ontology: String,
+    location: Place,
+    media: BTreeMap<String, String>,
+    display: Arc<dyn Display>,
+    state: State,
+}
+
+/// How it is, as far as it knows.
+#[derive(Clone, Debug, PartialEq)]
+enum State {
+    /// It has not looked yet.
+    Unknown,
+    /// It does not work.
+    Broken,
+    /// It works.
+    Works(Panel),
+}
+
+/// What a method has brought.
+enum Done {
+    Allocated(u32),
+    Shows(Option<String>),
+}
+
+impl Screen {
+    fn channel(&self) -> Option<u32> {
+        match &self.state {
+            State::Works(panel) => panel.channel,
+            State::Unknown | State::Broken => None,
+        }
+    }
+
+    /// The name of what it shows.
+    fn shown(&self) -> Option<&str> {
+        let State::Works(Panel { text: Some(text), .. }) = &self.state else { return None };
+        let medium = self.media.iter().find(|(_, shown)| *shown == text);
+        medium.map(|(name, _)| name.as_str())
+    }
+
+    fn actions(&self) -> &'static str {
+        match &self.state {
+            State::Unknown | State::Broken => "",
+            State::Works(Panel { channel: None, .. }) => {
+                "(:action set-up
+                    :agent ?s - screen
+                    :parameters (?r - room)
+                    :precondition (screen-in ?s ?r)
+                    :effect (and (allocated ?s) (can-present ?r) (increase (total-cost) 1)))"
+            }
+            State::Works(_) => {
+                "(:action present
+                    :agent ?s - screen
+                    :parameters (?m - media ?r - room)
+                    :precondition (and (allocated ?s) (screen-in ?s ?r))
+                    :effect (and (forall (?o - media) (not (presented ?o ?r))) (presented ?m ?r)
+                        (increase (total-cost) 1)))
+                (:action go-dark
+                    :agent ?s - screen
+                    :parameters (?r - room)
+                    :precondition (and (allocated ?s) (screen-in ?s ?r))
+                    :effect (and (forall (?o - media) (not (presented ?o ?r)))
+                        (increase (total-cost) 1)))"
+            }
+        }
+    }
+
+    /// It has looked at itself. One without a channel wants to be set up, once it works.
+    fn looked(&mut self, state: State) -> Vec<Initiative> {
+        self.state = state;
+        if !matches!(self.state, State::Works(Panel { channel: None, .. })) {
+            return Vec::new();
+        }
+        let goal = format!("(allocated {})", self.id);
+        let goal = Achieve { goal, keep: Keep::Achieve, priority: 0 };
+        vec![Initiative::Want { name: "set-up".to_owned(), goal }]
+    }
+}
+
+impl Device for Screen {
+    type Yield = Done;
+
+    fn describe(&self) -> Description {
+        let Screen { id, ontology, location, media, .. } = self;
+        let media: Vec<_> = media.keys().map(|name| format!("{name} - media")).collect();
+        let (media, actions) = (media.join(" "), self.actions());
+        let text = format!(
+            "(define (agent {id}) (:domain {ontology})
+                (:objects {id} - screen {media})
+                (:init (screen-in {id} {location}))
+                {actions})"
+        );
+        let method = |name: &str, arguments: &[(&str, &str)]| Method {
+            method: name.to_owned(),
+            arguments: arguments.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect(),
+            timeout: Deadline(SHOWING),
+        };
+        let methods: Methods = [
+            ("set-up".to_owned(), method("allocate", &[])),
+            ("present".to_owned(), method("show", &[("media", "?m")])),
+            ("go-dark".to_owned(), method("hide", &[])),
+        ]
+        .into();
+        Description { model: model_of(&text), methods }
+    }
+
+    fn facts(&self) -> Vec<OwnFact> {
+        let Screen { id, location, .. } = self;
+        let mut text = format!("(screen-in {id} {location})");
+        if self.channel().is_some() {
+            text += &format!(" (allocated {id}) (can-present {location})");
+        }
+        if let Some(medium) = self.shown() {
+            text += &format!(" (presented {medium} {location})");
+        }
+        facts_of(&text)
+    }
+
+    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Done, Failure>> {
+        let display = Arc::clone(&self.display);
+        let text = match (call.method.as_str(), call.argument("media")) {
+            ("allocate", _) => {
+                return Box::pin(async move {
+                    display.allocate().await.map(Done::Allocated).map_err(Failure::Driver)
+                });
+            }
+            ("hide", _) => None,
+            ("show", Ok(medium)) => match self.media.get(medium) {
+                Some(text) => Some(text.clone()),
+                None => return fails(Failure::Driver(format!("find the medium `{medium}`"))),
+            },
+            ("show", Err(failure)) => return fails(failure),
+            _ => return fails(Failure::UnknownMethod(call.method.clone())),
+        };
+        Box::pin(async move {
+            display.show(text.as_deref()).await.map_err(Failure::Driver)?;
+            Ok(Done::Shows(text))
+        })
+    }
+
+    fn performed(&mut self, _call: &Call, done: Done) -> Performed {
+        let (id, location, channel) = (&self.id, &self.location, self.channel());
+        let (panel, detail, observed) = match done {
+            Done::Allocated(channel) => (
+                Panel { channel: Some(channel), text: None },
+                format!("set up on channel {channel}"),
+                format!("(allocated {id}) (can-present {location})"),
+            ),
+            Done::Shows(text) => {
+                let detail = if text.is_some() { "shows it" } else { "is dark" };
+                (Panel { channel, text }, detail.to_owned(), String::new())
+            }
+        };
+        self.state = State::Works(panel);
+        let observed = match self.shown() {
+            Some(medium) => format!("{observed}(presented {medium} {})", self.location),
+            None => observed,
+        };
+        let observations = facts_of(&observed).into_iter().map(|fact| fact.fact).collect();
+        Performed { detail, observations }
+    }
+
+    fn failed(&mut self, _call: &Call, failure: &Failure) {
+        if *failure != Failure::GivenUp {
+            // Until its next look says otherwise.
+            self.state = State::Broken;
+        }
+    }
+
+    fn watch(&mut self) -> Option<BoxFuture<Stir<Screen>>> {
+        let (display, known) = (Arc::clone(&self.display), self.state.clone());
+        Some(Box::pin(async move {
+            loop {
+                let panel = tokio::time::timeout(LOOKING_MAX, display.panel()).await;
+                let state = match panel {
+                    Ok(Ok(panel)) => State::Works(panel),
+                    Ok(Err(_)) | Err(_) => State::Broken,
+                };
+                if state != known {
+                    let stir: Stir<Screen> = Box::new(|screen| screen.looked(state));
+                    return stir;
+                }
+                tokio::time::sleep(LOOKING).await;
+            }
+        }))
+    }
+}
+
+fn fails(failure: Failure) -> BoxFuture<Result<Done, Failure>> {
+    Box::pin(std::future::ready(Err(failure)))
+}

@@ -1,0 +1,198 @@
+//! The video-collaboration robot (the paper, Figure 1): a mobile base with a screen, deployed “to
+//! resume the interrupted meeting” where a screen has failed.
+//!
+//! - Moving, the battery and the dock are those of every robot: `actuator::MobileBase`.
+//! - It presents wherever it stands, dearer than a screen that hangs there; while it presents it
+//!   does not move.
+
+mod simulated;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::Deadline;
+use acl::content::Method;
+use actuator::{
+    Actuator, BaseConfig, BoxFuture, Call, Description, Device, Failure, MobileBase, Moved,
+    OwnFact, Performed, Place, facts_of, model_of,
+};
+use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use pddl::ActionModel;
+use serde::Deserialize;
+
+/// The longest that its screen may take to light up.
+const SHOWING: Duration = Duration::from_secs(30);
+
+/// The line in the daemon's table of plugins.
+pub const PLUGIN: PluginEntry = PluginEntry {
+    name: "video-robot",
+    about: "a mobile base with a screen: presents wherever it drives",
+    drivers: &["simulated"],
+    build,
+};
+
+/// The entry's `config`.
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
+struct Config {
+    #[serde(flatten)]
+    base: BaseConfig,
+    /// What it can show: a name for plans, and the text.
+    media: BTreeMap<String, String>,
+    /// What nobody reads, to be complained about.
+    #[serde(flatten)]
+    unknown: serde_json::Map<String, serde_json::Value>,
+}
+
+/// What the driver of its screen does. The error completes “failed to …”.
+pub trait Screen: Send + Sync + 'static {
+    /// Shows a text; without one, goes dark.
+    fn show(&self, text: Option<&str>) -> BoxFuture<Result<(), String>>;
+}
+
+fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+    let Config { base, media, unknown } = blueprint.config_as()?;
+    if let Some(key) = unknown.keys().next() {
+        return Err(blueprint.problem(format!("a video-robot's config has no key `{key}`")));
+    }
+    for name in media.keys() {
+        Place::try_from(name.clone()).map_err(|_| {
+            blueprint.problem(format!("`{name}` cannot name a medium: it has to be a PDDL name"))
+        })?;
+    }
+    let (driver, screen) = simulated::robot(&blueprint)?;
+    let robot = VideoRobot {
+        id: blueprint.id.to_string(),
+        ontology: blueprint.host.ontology.name.to_string(),
+        base: MobileBase::new(&blueprint, "video-robot", base, driver)?,
+        media,
+        screen,
+        shown: None,
+    };
+    Ok(Box::new(Actuator::new(&blueprint, robot)?))
+}
+
+struct VideoRobot {
+    id: String,
+    ontology: String,
+    base: MobileBase,
+    media: BTreeMap<String, String>,
+    screen: Arc<dyn Screen>,
+    /// The medium it shows.
+    shown: Option<String>,
+}
+
+/// What a method has brought.
+enum Done {
+    Moved(Moved),
+    Shows(Option<String>),
+}
+
+const PRESENTING: &str = "(:action present
+        :agent ?b - video-robot
+        :parameters (?m - media ?r - room)
+        :precondition (at ?b ?r)
+        :effect (and (forall (?o - media) (not (presented ?o ?r))) (presented ?m ?r)
+            (presenting ?b) (increase (total-cost) 5)))
+    (:action stop-presenting
+        :agent ?b - video-robot
+        :parameters (?r - room)
+        :precondition (and (at ?b ?r) (presenting ?b))
+        :effect (and (forall (?o - media) (not (presented ?o ?r))) (not (presenting ?b))
+            (increase (total-cost) 1)))";
+
+impl Device for VideoRobot {
+    type Yield = Done;
+
+    fn describe(&self) -> Description {
+        let VideoRobot { id, ontology, base, media, .. } = self;
+        let media: Vec<_> = media.keys().map(|name| format!("{name} - media")).collect();
+        let (objects, media) = (base.objects(), media.join(" "));
+        let (lasting, moving) = (base.lasting(), base.actions("(not (presenting ?b))"));
+        let text = format!(
+            "(define (agent {id}) (:domain {ontology})
+                (:types video-robot - mobile-base)
+                (:objects {objects} {media})
+                (:init {lasting})
+                {moving}
+                {PRESENTING})"
+        );
+        let mut methods = base.methods();
+        for (action, method, arguments) in [
+            ("present", "show", vec![("media", "?m"), ("room", "?r")]),
+            ("stop-presenting", "hide", vec![]),
+        ] {
+            let arguments = arguments.into_iter().map(|(k, v)| (k.to_owned(), v.to_owned()));
+            let method = Method {
+                method: method.to_owned(),
+                arguments: arguments.collect(),
+                timeout: Deadline(SHOWING),
+            };
+            methods.insert(action.to_owned(), method);
+        }
+        Description { model: model_of(&text), methods }
+    }
+
+    fn facts(&self) -> Vec<OwnFact> {
+        let mut text = self.base.facts();
+        if let Some(medium) = &self.shown {
+            let (id, place) = (&self.id, self.base.place());
+            text += &format!(" (presenting {id}) (presented {medium} {place})");
+        }
+        facts_of(&text)
+    }
+
+    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Done, Failure>> {
+        let screen = Arc::clone(&self.screen);
+        let shown = match call.method.as_str() {
+            "show" => match self.presentation(call) {
+                Ok(shown) => Some(shown),
+                Err(failure) => return Box::pin(std::future::ready(Err(failure))),
+            },
+            "hide" => None,
+            _ => {
+                let moved = self.base.perform(call);
+                return Box::pin(async move { moved.await.map(Done::Moved) });
+            }
+        };
+        Box::pin(async move {
+            let (medium, text) = shown.unzip();
+            screen.show(text.as_deref()).await.map_err(Failure::Driver)?;
+            Ok(Done::Shows(medium))
+        })
+    }
+
+    fn performed(&mut self, _call: &Call, done: Done) -> Performed {
+        let medium = match done {
+            Done::Moved(moved) => return self.base.performed(&moved),
+            Done::Shows(medium) => medium,
+        };
+        self.shown = medium;
+        let Some(medium) = &self.shown else {
+            return Performed { detail: "is dark".to_owned(), observations: Vec::new() };
+        };
+        let place = self.base.place();
+        let observed = facts_of(&format!("(presented {medium} {place})"));
+        let observations = observed.into_iter().map(|fact| fact.fact).collect();
+        Performed { detail: format!("shows {medium} at {place}"), observations }
+    }
+
+    fn carries(&self, model: &ActionModel) -> bool {
+        self.base.carries(model)
+    }
+}
+
+impl VideoRobot {
+    /// What a call wants to be shown: the medium and its text.
+    fn presentation(&self, call: &Call) -> Result<(String, String), Failure> {
+        let (medium, room) = (call.argument("media")?, call.argument("room")?);
+        let place = self.base.place();
+        if room != place {
+            return Err(Failure::Driver(format!("present in `{room}`: it stands at `{place}`")));
+        }
+        let text = self.media.get(medium).cloned();
+        let text = text.ok_or_else(|| Failure::Driver(format!("find the medium `{medium}`")))?;
+        Ok((medium.to_owned(), text))
+    }
+}
