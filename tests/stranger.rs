@@ -61,9 +61,10 @@ async fn listen(office: &Office) -> Vec<Message> {
     }
 }
 
-/// Each exchange, taken alone, went as its protocol allows. A listener hears each sender in the
-/// order in which it spoke, but an answer may overtake, on its way to the listener, what it
-/// answers; so there must be *an* order of both that is allowed.
+/// Each exchange, taken alone, went as its protocol allows. What was lost on its way is heard when
+/// it is said again, so each side's turns are put in the order in which it spoke; and an answer may
+/// overtake, on its way to the listener, what it answers; so there must be *an* order of both that
+/// is allowed.
 ///
 /// Yields the exchanges of which that is not true.
 fn disorder(messages: &[Message]) -> Vec<String> {
@@ -75,7 +76,8 @@ fn disorder(messages: &[Message]) -> Vec<String> {
             exchanges.entry(token).or_default().push(message);
         }
     }
-    for turns in exchanges.values() {
+    for turns in exchanges.values_mut() {
+        turns.sort_by_key(|turn| spoken(turn));
         let opening = turns.iter().find(|turn| turn.opens_exchange());
         let Some(opening) = opening else { continue };
         let (initiator, protocol) = (&opening.sender, opening.protocol.expect("filtered"));
@@ -97,6 +99,12 @@ fn disorder(messages: &[Message]) -> Vec<String> {
         }
     }
     disorder
+}
+
+/// Its number among all that its sender has said: an id ends with it.
+fn spoken(message: &Message) -> u64 {
+    let number = message.id.as_str().rsplit('.').next();
+    number.and_then(|number| number.parse().ok()).expect("an agent numbers its messages")
 }
 
 /// Whether some order of both sides' turns is allowed.

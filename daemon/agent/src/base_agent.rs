@@ -229,7 +229,11 @@ impl<A: Agent> Life<A> {
                 Opened::Continues(token, message) => self.continued(&token, message),
                 Opened::Opens(message) => {
                     if self.ctx.communication.engage(&message) {
+                        let early = self.ctx.communication.take_early(&message);
                         self.call(*message);
+                        if let Some(early) = early {
+                            self.turn(early);
+                        }
                     }
                 }
                 Opened::Nothing => (),
@@ -249,11 +253,18 @@ impl<A: Agent> Life<A> {
     }
 
     fn continued(&mut self, token: &acl::ReplyToken, message: Box<Message>) {
-        let Some(message) = self.ctx.take_answer(&mut self.agent, token, message) else { return };
+        if let Some(message) = self.ctx.take_answer(&mut self.agent, token, message) {
+            self.turn(message);
+        }
+    }
+
+    /// A turn of who opened an exchange with this agent.
+    fn turn(&mut self, message: Box<Message>) {
         if self.ctx.communication.continues_engagement(&message) {
             self.call(*message);
         } else {
-            tracing::debug!(id = %message.id, from = %message.sender, "a late turn");
+            tracing::debug!(id = %message.id, from = %message.sender, "a late turn, or an early one");
+            self.ctx.communication.keep_early(message);
         }
     }
 

@@ -34,6 +34,9 @@ const SEEN_MESSAGES_MAX: usize = 4_096;
 /// later `cancel` of it is not understood.
 const ENGAGEMENTS_MAX: usize = 4_096;
 
+/// Turns that came before what opens their exchange: a `cancel` that overtook a lost `request`.
+const EARLY_TURNS_MAX: usize = 64;
+
 /// How long an answer is retried that carries no deadline of its own.
 const ANSWER_RETRIED: Duration = Duration::from_secs(30);
 
@@ -116,6 +119,7 @@ pub(crate) struct CommunicationAgent {
     seen: Seen,
     engagements: BTreeMap<(ReplyToken, AgentId), Exchange>,
     engagements_order: VecDeque<(ReplyToken, AgentId)>,
+    early: VecDeque<Box<Message>>,
     receipts: Receipts,
     messages_sent: u64,
 }
@@ -153,6 +157,7 @@ impl CommunicationAgent {
             seen: Seen::new(SEEN_MESSAGES_MAX),
             engagements: BTreeMap::new(),
             engagements_order: VecDeque::new(),
+            early: VecDeque::new(),
             receipts,
             messages_sent: 0,
         }
@@ -399,6 +404,27 @@ impl CommunicationAgent {
                 false
             }
         }
+    }
+
+    /// Keeps a `cancel` of an exchange that has not been opened yet; of one that is over, it is
+    /// pushed out by the next.
+    pub(crate) fn keep_early(&mut self, message: Box<Message>) {
+        if message.performative == Performative::Cancel {
+            if self.early.len() >= EARLY_TURNS_MAX {
+                self.early.pop_front();
+            }
+            self.early.push_back(message);
+        }
+    }
+
+    /// The turn that came before `opening` and follows it.
+    pub(crate) fn take_early(&mut self, opening: &Message) -> Option<Box<Message>> {
+        let token = opening.reply_with.as_ref()?;
+        let follows = |early: &Box<Message>| {
+            early.in_reply_to.as_ref() == Some(token) && early.sender == opening.sender
+        };
+        let index = self.early.iter().position(follows)?;
+        self.early.remove(index)
     }
 
     fn advance_engagement(&mut self, key: &(ReplyToken, AgentId), message: &Message) {

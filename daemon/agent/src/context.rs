@@ -28,6 +28,9 @@ use crate::switchboard::Switchboard;
 /// Pieces of work that have finished and wait for their callback.
 const FINISHED_WORK_MAX: usize = 256;
 
+/// Turns of one exchange that wait for what they follow: a protocol has few, and each comes once.
+const EARLY_TURNS_MAX: usize = 32;
+
 pub(crate) type Deferred<A> = Box<dyn FnOnce(&mut A, &mut Context<A>) + Send>;
 type OnAnswer<A> = Box<dyn FnMut(&mut A, Answer, &mut Context<A>) + Send>;
 
@@ -57,6 +60,9 @@ struct Open<A: Agent> {
     /// One per participant that has answered, begun from this.
     begun: Exchange,
     participants: BTreeMap<AgentId, Exchange>,
+    /// Turns that have overtaken what their senders said before them: that was lost on its way,
+    /// and is being sent again.
+    early: Vec<Box<Message>>,
     timer: TimerId,
     on_answer: Option<OnAnswer<A>>,
 }
@@ -158,7 +164,7 @@ impl<A: Agent> Context<A> {
         if let Err(violation) = begun.advance(&opening) {
             tracing::error!(agent = %self.id(), %violation, "this agent opens out of turn");
         }
-        let participants = BTreeMap::new();
+        let (participants, early) = (BTreeMap::new(), Vec::new());
         let on_answer: OnAnswer<A> = Box::new(on_answer);
         let on_answer = Some(on_answer);
         let open = Open {
@@ -168,6 +174,7 @@ impl<A: Agent> Context<A> {
             call: (!opening.performative.is_retried()).then(|| Box::new(opening)),
             begun,
             participants,
+            early,
             timer,
             on_answer,
         };
@@ -235,8 +242,11 @@ impl<A: Agent> Context<A> {
 
     /// Stops waiting in an exchange. What this agent said in it goes on being delivered.
     pub fn close(&mut self, token: &ReplyToken) {
-        if let Some(open) = self.exchanges.remove(token) {
-            self.timers.remove(&open.timer);
+        let Some(open) = self.exchanges.remove(token) else { return };
+        self.timers.remove(&open.timer);
+        for message in open.early {
+            let detail = "what should come before it has not come".to_owned();
+            self.communication.not_understood(&message, Reason::OutOfTurn, detail);
         }
     }
 
@@ -353,6 +363,8 @@ impl<A: Agent> Context<A> {
     // === for the Base Agent ===
 
     /// Takes an answer to an exchange this agent opened; gives it back if it is none.
+    ///
+    /// One that comes too early waits for what it follows, until the exchange ends.
     pub(crate) fn take_answer(
         &mut self,
         agent: &mut A,
@@ -364,8 +376,13 @@ impl<A: Agent> Context<A> {
         let exchange =
             open.participants.entry(message.sender.clone()).or_insert_with(|| begun.clone());
         if let Err(violation) = exchange.advance(&message) {
-            let detail = violation.to_string();
-            self.communication.not_understood(&message, Reason::OutOfTurn, detail);
+            if exchange.may_come_to(&message) && open.early.len() < EARLY_TURNS_MAX {
+                tracing::debug!(agent = %self.communication.id, id = %message.id, %violation, "waits");
+                open.early.push(message);
+            } else {
+                let detail = violation.to_string();
+                self.communication.not_understood(&message, Reason::OutOfTurn, detail);
+            }
             return None;
         }
         let is_closed = exchange.is_closed() && open.to.is_some();
@@ -373,8 +390,21 @@ impl<A: Agent> Context<A> {
         if is_closed {
             self.communication.forget_exchange(token);
             self.close(token);
+        } else if let Some(next) = self.take_early(token) {
+            self.take_answer(agent, token, next);
         }
         None
+    }
+
+    /// A turn that came early and follows now.
+    fn take_early(&mut self, token: &ReplyToken) -> Option<Box<Message>> {
+        let open = self.exchanges.get_mut(token)?;
+        let follows = |early: &Box<Message>| {
+            let exchange = open.participants.get(&early.sender).unwrap_or(&open.begun);
+            exchange.clone().advance(early).is_ok()
+        };
+        let index = open.early.iter().position(follows)?;
+        Some(open.early.remove(index))
     }
 
     /// Ends an exchange with `answer`.

@@ -39,6 +39,13 @@ impl Daemon {
         Daemon { switchboard, port, stopping: CancellationToken::new() }
     }
 
+    /// It hears nothing of the next messages.
+    fn loses(&mut self, network: &Network, count: u32) {
+        let inner = Arc::clone(&self.switchboard);
+        let deaf = Lossy { inner, lose: std::sync::atomic::AtomicU32::new(count) };
+        self.port = network.open(self.switchboard.daemon().clone(), Arc::new(deaf));
+    }
+
     fn launch(
         &self,
         agent: impl Agent,
@@ -90,6 +97,8 @@ impl Worker {
 struct Asker {
     patience: Duration,
     performative: Performative,
+    /// It cancels as soon as it has asked.
+    changes_its_mind: bool,
     heard: mpsc::UnboundedSender<String>,
 }
 
@@ -108,7 +117,7 @@ impl Agent for Asker {
             conversation: ConversationId::new("c"),
             content: value(&Request::Achieve(goal)),
         };
-        ctx.open(opening, self.patience, |asker, answer, ctx| {
+        let token = ctx.open(opening, self.patience, |asker, answer, ctx| {
             let line = match answer {
                 Answer::Message(message) if message.performative == Performative::Refuse => {
                     let refusal: Refusal = message.content_as().expect("a refusal");
@@ -121,6 +130,9 @@ impl Agent for Asker {
             let line = format!("{line} {}", ctx.exchanges().open_count);
             let _ = asker.heard.send(line);
         });
+        if self.changes_its_mind {
+            ctx.go_on(&token, &name("worker"), Performative::Cancel, serde_json::Value::Null);
+        }
     }
 }
 
@@ -140,7 +152,12 @@ fn room(patience: Duration, takes: Duration) -> Room {
     let there = Daemon::open(&network, "there", Settings::default());
     let (hear, heard) = mpsc::unbounded_channel();
     let (do_, done) = mpsc::unbounded_channel();
-    let asker = Some(Asker { patience, performative: Performative::Request, heard: hear });
+    let asker = Some(Asker {
+        patience,
+        performative: Performative::Request,
+        changes_its_mind: false,
+        heard: hear,
+    });
     let worker = Some(Worker { takes, done: do_ });
     Room { network, here, there, heard, done, asker, worker }
 }
@@ -152,14 +169,6 @@ impl Room {
 
     fn work(&mut self) {
         self.there.launch(self.worker.take().expect("works once"), "worker", 1);
-    }
-
-    /// The worker's daemon hears nothing of the next messages.
-    fn loses(&mut self, count: u32) {
-        let inner = Arc::clone(&self.there.switchboard);
-        let deaf = Arc::new(Lossy { inner, lose: std::sync::atomic::AtomicU32::new(count) });
-        let daemon = self.there.switchboard.daemon().clone();
-        self.there.port = self.network.open(daemon, deaf);
     }
 
     /// The next line the asker hears.
@@ -214,13 +223,37 @@ async fn a_death_in_the_middle_is_silence_not_for_ever() {
 async fn lost_messages_are_retried_and_acted_on_once() {
     let mut room = room(30 * SECOND, SECOND);
     // The worker's daemon hears nothing of the first two tries.
-    room.loses(2);
+    room.there.loses(&room.network, 2);
     room.work();
     room.ask();
     assert_eq!(room.hears().await, "agree 1");
     assert_eq!(room.hears().await, "confirm 1");
     assert_eq!((room.did().await, room.did().await), ("began", "done"));
     assert!(room.done.try_recv().is_err(), "once only");
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_answer_that_overtakes_another_waits_for_it() {
+    let mut room = room(30 * SECOND, SECOND / 1_000);
+    room.work();
+    // The `agree` is lost and comes again after the `confirm`.
+    room.here.loses(&room.network, 1);
+    room.ask();
+    assert_eq!(room.hears().await, "agree 1");
+    assert_eq!(room.hears().await, "confirm 1");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_cancel_that_overtakes_its_request_is_heeded() {
+    let mut room = room(30 * SECOND, 60 * SECOND);
+    room.there.loses(&room.network, 1);
+    room.work();
+    room.asker.as_mut().expect("has not asked").changes_its_mind = true;
+    room.ask();
+    assert_eq!(room.hears().await, "agree 1");
+    assert_eq!(room.hears().await, "confirm 1");
+    assert_eq!(room.did().await, "began");
+    assert!(room.done.try_recv().is_err(), "it was given up");
 }
 
 /// Calls everyone once, and reminds `bidder` every second.
@@ -280,7 +313,7 @@ impl Bidder {
 async fn a_call_is_heard_once_however_often_it_is_repeated() {
     for (lost, expected) in [(0, "called"), (1, "reminded"), (2, "reminded")] {
         let mut room = room(SECOND, SECOND);
-        room.loses(lost);
+        room.there.loses(&room.network, lost);
         let (done, mut did) = mpsc::unbounded_channel();
         room.there.launch(Bidder { done }, "bidder", 1);
         let (heard, mut hears) = mpsc::unbounded_channel();
@@ -371,7 +404,11 @@ async fn a_full_mailbox_refuses() {
     for asker in ["a", "b", "c"] {
         let (hear, hears) = mpsc::unbounded_channel();
         let performative = Performative::Request;
-        here.launch(Asker { patience: 5 * SECOND, performative, heard: hear }, asker, 1);
+        here.launch(
+            Asker { patience: 5 * SECOND, performative, changes_its_mind: false, heard: hear },
+            asker,
+            1,
+        );
         heard.push(hears);
     }
     let mut lines = Vec::new();

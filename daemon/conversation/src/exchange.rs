@@ -79,20 +79,38 @@ impl Exchange {
         self.phase == Phase::Closed
     }
 
+    /// Whether a message that does not follow now may follow later: what it answers, or what its
+    /// sender said before it, may still be on its way.
+    pub fn may_come_to(&self, message: &Message) -> bool {
+        let role = self.role(message);
+        let mut reached = vec![self.phase];
+        let mut index = 0;
+        while let Some(phase) = reached.get(index).copied() {
+            index += 1;
+            for turn in PROTOCOLS.iter().filter(|turn| turn.is_of(self.protocol, phase)) {
+                if turn.role == role && turn.performative == message.performative {
+                    return true;
+                }
+                if !reached.contains(&turn.next) {
+                    reached.push(turn.next);
+                }
+            }
+        }
+        false
+    }
+
     /// Takes the next message.
     ///
     /// # Errors
     ///
     /// If the protocol has no such turn here; the exchange stays where it was.
     pub fn advance(&mut self, message: &Message) -> Result<Phase, Violation> {
-        let role =
-            if message.sender == self.initiator { Role::Initiator } else { Role::Participant };
+        let role = self.role(message);
         let performative = message.performative;
         let next = PROTOCOLS
             .iter()
             .find(|turn| {
-                turn.protocol == self.protocol
-                    && turn.phase == self.phase
+                turn.is_of(self.protocol, self.phase)
                     && turn.role == role
                     && turn.performative == performative
             })
@@ -102,6 +120,10 @@ impl Exchange {
             self.phase = next;
         }
         Ok(self.phase)
+    }
+
+    fn role(&self, message: &Message) -> Role {
+        if message.sender == self.initiator { Role::Initiator } else { Role::Participant }
     }
 }
 

@@ -19,6 +19,13 @@ pub struct Turn {
     pub next: Phase,
 }
 
+impl Turn {
+    /// Whether it may be taken where an exchange of `protocol` stands at `phase`.
+    pub(crate) fn is_of(&self, protocol: Protocol, phase: Phase) -> bool {
+        self.protocol == protocol && self.phase == phase
+    }
+}
+
 const fn turn(
     protocol: Protocol,
     phase: Phase,
