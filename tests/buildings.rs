@@ -5,7 +5,6 @@ mod support;
 
 use std::path::{Path, PathBuf};
 
-use serde_json::Value;
 use support::{Office, stderr, stdout};
 
 fn root() -> PathBuf {
@@ -44,10 +43,7 @@ fn reach(building: &Office, goal: &str) -> String {
 
 /// What the ecosystem knows, as JSON.
 fn known(building: &Office) -> String {
-    let (code, json) = building.ask(&["state", "--json"]);
-    assert_eq!(code, Some(0), "{json}");
-    let state: Value = serde_json::from_str(&json).expect("one JSON object");
-    state.to_string()
+    building.ask_json(&["state"]).to_string()
 }
 
 #[test]

@@ -5,7 +5,6 @@ mod support;
 use std::process::{Child, Stdio};
 use std::time::Instant;
 
-use serde_json::Value;
 use support::{Office, PATIENCE, ask, lines, office, stderr, stdout};
 
 fn file() -> String {
@@ -36,9 +35,8 @@ fn an_office_of_four_machines() {
     let parsed = pddl::parse_domain(&domain);
     assert!(parsed.is_ok(), "{:?}", parsed.diagnostics);
 
-    let (_, json) = ask(&office, &["domain", "--json"]);
-    let snapshot: Value = serde_json::from_str(&json).expect("one JSON object");
-    assert!(snapshot["offers"]["turtlebot-1"]["move"].is_object(), "{json}");
+    let snapshot = office.ask_json(&["domain"]);
+    assert!(snapshot["offers"]["turtlebot-1"]["move"].is_object(), "{snapshot}");
 
     // Wrong wishes: a clear answer each, and the office goes on.
     let (code, unknown) = ask(&office, &["goal", "(known-temprature office1)"]);
@@ -110,8 +108,7 @@ fn the_state_is_changed_by_a_word() {
 fn the_flow_changes_while_it_runs() {
     let office = office();
     let planned = || {
-        let (_, json) = ask(&office, &["mailbox", "planning-agent", "--json"]);
-        let mailboxes: Value = serde_json::from_str(&json).expect("one JSON object");
+        let mailboxes = office.ask_json(&["mailbox", "planning-agent"]);
         mailboxes["daemons"][0]["mailboxes"][0]["received"].as_u64().expect("a count")
     };
     let before = planned();
@@ -198,8 +195,7 @@ fn a_goal_is_looked_at_and_its_conversation_watched() {
     for part in ["(known-temperature office2)", "holds; to be kept, priority 3, 1 plan", &id] {
         assert!(goals.contains(part), "{part}: {goals}");
     }
-    let (_, json) = ask(&office, &["goals", "--json"]);
-    let goals: Value = serde_json::from_str(&json).expect("one JSON object");
+    let goals = office.ask_json(&["goals"]);
     assert_eq!(goals["goals"][0]["conversation"], id.as_str());
 
     let (mut watching, diagram) = begin(&office, &["watch", "--conversation", &id]);

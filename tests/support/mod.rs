@@ -110,17 +110,29 @@ impl Office {
         (output.status.code(), format!("{}{}", stdout(&output), stderr(&output)))
     }
 
+    /// Asks the running ecosystem for JSON: what is on stdout, and nothing else. `Null` where
+    /// nothing was answered.
+    pub(crate) fn ask_json(&self, arguments: &[&str]) -> Value {
+        let file = self.file.display().to_string();
+        let output = self.run(&[arguments, &["--json", "--ecosystem", &file]].concat());
+        let json = stdout(&output);
+        if json.is_empty() {
+            return Value::Null;
+        }
+        let value = serde_json::from_str(&json);
+        value.unwrap_or_else(|err| panic!("{err} in one JSON object: {json}{}", stderr(&output)))
+    }
+
     /// Waits until that many devices can be planned with.
     pub(crate) fn await_devices(&self, devices: usize) {
         let deadline = Instant::now() + PATIENCE;
         loop {
-            let (_, json) = self.ask(&["domain", "--json"]);
-            let snapshot: Value = serde_json::from_str(&json).unwrap_or_default();
+            let snapshot = self.ask_json(&["domain"]);
             let came = snapshot["offers"].as_object().map_or(0, serde_json::Map::len);
             if came == devices {
                 return;
             }
-            assert!(Instant::now() < deadline, "{came} of {devices} devices came: {json}");
+            assert!(Instant::now() < deadline, "{came} of {devices} devices came: {snapshot}");
         }
     }
 
@@ -174,12 +186,11 @@ pub(crate) fn office() -> Office {
     let deadline = Instant::now() + PATIENCE;
     let devices = ["thermometer-office2", "thermometer-conf-room", "turtlebot-1", "ir-1"];
     loop {
-        let (_, json) = ask(&office, &["domain", "--json"]);
-        let snapshot: Value = serde_json::from_str(&json).unwrap_or_default();
+        let snapshot = office.ask_json(&["domain"]);
         if devices.iter().all(|device| snapshot["offers"].get(device).is_some()) {
             return office;
         }
-        assert!(Instant::now() < deadline, "not all devices came: {json}");
+        assert!(Instant::now() < deadline, "not all devices came: {snapshot}");
     }
 }
 

@@ -254,14 +254,14 @@ impl<A: Agent> Life<A> {
 
     fn continued(&mut self, token: &acl::ReplyToken, message: Box<Message>) {
         if let Some(message) = self.ctx.take_answer(&mut self.agent, token, message) {
-            self.turn(message);
+            self.turn(*message);
         }
     }
 
     /// A turn of who opened an exchange with this agent.
-    fn turn(&mut self, message: Box<Message>) {
+    fn turn(&mut self, message: Message) {
         if self.ctx.communication.continues_engagement(&message) {
-            self.call(*message);
+            self.call(message);
         } else {
             tracing::debug!(id = %message.id, from = %message.sender, "a late turn, or an early one");
             self.ctx.communication.keep_early(message);

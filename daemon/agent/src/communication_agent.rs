@@ -119,7 +119,7 @@ pub(crate) struct CommunicationAgent {
     seen: Seen,
     engagements: BTreeMap<(ReplyToken, AgentId), Exchange>,
     engagements_order: VecDeque<(ReplyToken, AgentId)>,
-    early: VecDeque<Box<Message>>,
+    early: VecDeque<Message>,
     receipts: Receipts,
     messages_sent: u64,
 }
@@ -408,7 +408,7 @@ impl CommunicationAgent {
 
     /// Keeps a `cancel` of an exchange that has not been opened yet; of one that is over, it is
     /// pushed out by the next.
-    pub(crate) fn keep_early(&mut self, message: Box<Message>) {
+    pub(crate) fn keep_early(&mut self, message: Message) {
         if message.performative == Performative::Cancel {
             if self.early.len() >= EARLY_TURNS_MAX {
                 self.early.pop_front();
@@ -418,9 +418,9 @@ impl CommunicationAgent {
     }
 
     /// The turn that came before `opening` and follows it.
-    pub(crate) fn take_early(&mut self, opening: &Message) -> Option<Box<Message>> {
+    pub(crate) fn take_early(&mut self, opening: &Message) -> Option<Message> {
         let token = opening.reply_with.as_ref()?;
-        let follows = |early: &Box<Message>| {
+        let follows = |early: &Message| {
             early.in_reply_to.as_ref() == Some(token) && early.sender == opening.sender
         };
         let index = self.early.iter().position(follows)?;

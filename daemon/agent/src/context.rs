@@ -62,7 +62,7 @@ struct Open<A: Agent> {
     participants: BTreeMap<AgentId, Exchange>,
     /// Turns that have overtaken what their senders said before them: that was lost on its way,
     /// and is being sent again.
-    early: Vec<Box<Message>>,
+    early: Vec<Message>,
     timer: TimerId,
     on_answer: Option<OnAnswer<A>>,
 }
@@ -378,7 +378,7 @@ impl<A: Agent> Context<A> {
         if let Err(violation) = exchange.advance(&message) {
             if exchange.may_come_to(&message) && open.early.len() < EARLY_TURNS_MAX {
                 tracing::debug!(agent = %self.communication.id, id = %message.id, %violation, "waits");
-                open.early.push(message);
+                open.early.push(*message);
             } else {
                 let detail = violation.to_string();
                 self.communication.not_understood(&message, Reason::OutOfTurn, detail);
@@ -399,12 +399,12 @@ impl<A: Agent> Context<A> {
     /// A turn that came early and follows now.
     fn take_early(&mut self, token: &ReplyToken) -> Option<Box<Message>> {
         let open = self.exchanges.get_mut(token)?;
-        let follows = |early: &Box<Message>| {
+        let follows = |early: &Message| {
             let exchange = open.participants.get(&early.sender).unwrap_or(&open.begun);
             exchange.clone().advance(early).is_ok()
         };
         let index = open.early.iter().position(follows)?;
-        Some(open.early.remove(index))
+        Some(Box::new(open.early.remove(index)))
     }
 
     /// Ends an exchange with `answer`.
