@@ -10,7 +10,8 @@
 //!   repairs devices, locks doors, changes temperatures and reads the truth.
 //!   None of that is reachable over the socket, so no agent can cheat.
 //! - [`Layout::seeded`] draws another building per seed, and [`check_scenario_1`]
-//!   says whether the paper's scenario 1 truly came to pass in it. [`Campus`] is
+//!   says whether the paper's scenario 1 truly came to pass in it; [`Maintenance`],
+//!   [`Access`] and [`Meeting`] are scenarios 2, 3 and Figure 1. [`Campus`] is
 //!   drawn as large as is asked, with the files of its ecosystem.
 //!
 //! Left to others: what an agent knows or says, PDDL beyond printing a map, and
@@ -21,6 +22,7 @@ mod building;
 mod camera;
 mod campus;
 mod client;
+mod draw;
 mod error;
 mod handle;
 mod layout;
@@ -29,7 +31,11 @@ mod measuring;
 mod people;
 mod quantity;
 mod random;
+mod replay;
 mod scenario_1;
+mod scenario_2;
+mod scenario_3;
+mod scenario_4;
 mod screen;
 mod seeded;
 mod server;
@@ -51,6 +57,9 @@ pub use layout::{Connection, Device, Layout, Location, LocationKind};
 pub use measuring::Measured;
 pub use quantity::Quantity;
 pub use scenario_1::check_scenario_1;
+pub use scenario_2::{Death, Maintenance};
+pub use scenario_3::{Access, Admission, Manner, Visit};
+pub use scenario_4::Meeting;
 pub use screen::Panel;
 pub use seeded::{Dies, SeededScenario};
 pub use server::{Server, serve};

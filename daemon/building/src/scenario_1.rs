@@ -7,13 +7,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::layout::{Device, Layout};
+use crate::layout::Layout;
+use crate::replay::{Proven, Replayed, replay, untrue};
 use crate::seeded::{Dies, SeededScenario};
-use crate::truth::{Event, Occurrence, Truth};
-
-/// How far a value told to the user may be off. Temperatures of the scenarios
-/// differ by a tenth of a degree, so this forgives printing and nothing else.
-const CELSIUS_TOLERANCE: f64 = 0.001;
+use crate::truth::{Event, Truth};
 
 /// Checks scenario 1 against the truth; returns every way in which it failed.
 ///
@@ -35,21 +32,13 @@ pub fn check_scenario_1(
     death: u64,
     told: &BTreeMap<String, f64>,
 ) -> Result<(), Vec<String>> {
-    let mut check = Check { scenario, death, problems: Vec::new(), readings: Vec::new() };
-    check.replay(truth);
+    let Replayed { readings, problems, .. } = replay(&scenario.layout, truth);
+    let mut check = Check { scenario, death, problems, readings };
     check.death_was_as_planned(truth);
     check.rooms_were_measured();
     check.dead_sensor_was_replaced();
     check.told_values_are_true(truth, told);
     if check.problems.is_empty() { Ok(()) } else { Err(check.problems) }
-}
-
-/// A reading that is proven by the replay.
-struct Proven {
-    sequence: u64,
-    sensor: String,
-    room: String,
-    mounted: bool,
 }
 
 struct Check<'a> {
@@ -60,53 +49,6 @@ struct Check<'a> {
 }
 
 impl Check<'_> {
-    /// Collects the readings, and notes what the building could not have seen:
-    /// jumps of robots and sensors that measured where they were not.
-    fn replay(&mut self, truth: &Truth) {
-        if truth.forgotten_count() > 0 {
-            let count = truth.forgotten_count();
-            self.problems.push(format!("the log has forgotten its first {count} occurrences"));
-        }
-        let layout = &self.scenario.layout;
-        let mut places = starts(layout);
-        for Occurrence { sequence, event, .. } in truth.occurrences() {
-            match event {
-                Event::Moved { robot, from, to } => {
-                    let stood = places.insert(robot, to);
-                    if stood != Some(from) || layout.meters(from, to).is_none() {
-                        self.problems
-                            .push(format!("`{robot}` went from `{from}` to `{to}`: no way it had"));
-                    }
-                }
-                Event::Read { sensor, location, .. } => {
-                    self.prove(*sequence, sensor, location, &places);
-                }
-                _ => (),
-            }
-        }
-    }
-
-    fn prove(
-        &mut self,
-        sequence: u64,
-        sensor: &str,
-        location: &str,
-        places: &BTreeMap<&String, &String>,
-    ) {
-        let (place, mounted) = match self.scenario.layout.device(sensor) {
-            Some(Device::FixedSensor { location, .. }) => (Some(location), false),
-            Some(Device::MountedSensor { carrier, .. }) => (places.get(carrier).copied(), true),
-            _ => (None, false),
-        };
-        if place.map(String::as_str) != Some(location) {
-            let place = place.map_or("nowhere", String::as_str);
-            self.problems.push(format!("`{sensor}` measured `{location}` and was in `{place}`"));
-            return;
-        }
-        let (sensor, room) = (sensor.to_owned(), location.to_owned());
-        self.readings.push(Proven { sequence, sensor, room, mounted });
-    }
-
     fn death_was_as_planned(&mut self, truth: &Truth) {
         let SeededScenario { dying_sensor, dies, .. } = self.scenario;
         let died = truth.occurrences().any(|occurrence| {
@@ -170,27 +112,8 @@ impl Check<'_> {
                 self.problems.push(format!("the user was not told the temperature of `{room}`"));
             }
         }
-        for (room, celsius) in told {
-            match truth.temperature(room) {
-                Some(true_celsius) if (celsius - true_celsius).abs() <= CELSIUS_TOLERANCE => (),
-                Some(true_celsius) => self.problems.push(format!(
-                    "the user was told {celsius} °C for `{room}`; the truth is {true_celsius} °C"
-                )),
-                None => self
-                    .problems
-                    .push(format!("the user was told of `{room}`, which does not exist")),
-            }
-        }
+        self.problems.extend(untrue(truth, told));
     }
-}
-
-/// Where each robot stands at the start.
-fn starts(layout: &Layout) -> BTreeMap<&String, &String> {
-    let robots = layout.devices().iter().filter_map(|device| match device {
-        Device::Robot { name, start, .. } => Some((name, start)),
-        _ => None,
-    });
-    robots.collect()
 }
 
 /// The rooms whose temperature can be known: by their own sensor or by a robot.

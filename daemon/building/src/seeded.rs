@@ -7,31 +7,10 @@
 use serde::Serialize;
 
 use crate::building::Building;
+use crate::draw::{Draw, ROBOTS, paper_places, sensor_of};
 use crate::error::LayoutError;
 use crate::layout::{Device, Layout};
-use crate::random::Random;
 use crate::truth::{Event, Fault, Truth};
-
-const ROOMS: [&str; 16] = [
-    "archive",
-    "atelier",
-    "canteen",
-    "clinic",
-    "kitchen",
-    "lab",
-    "library",
-    "lounge",
-    "office1",
-    "office2",
-    "office3",
-    "server-room",
-    "store",
-    "studio",
-    "ward",
-    "workshop",
-];
-const CORRIDORS: [&str; 6] = ["arcade", "corridor", "gallery", "hall", "lobby", "passage"];
-const ROBOTS: [&str; 4] = ["turtlebot-1", "turtlebot-2", "rover", "trolley"];
 
 /// When the sensor dies.
 #[derive(Clone, Copy, Debug, Eq, PartialEq, Serialize)]
@@ -117,18 +96,10 @@ impl SeededScenario {
 
 // === Drawing ===
 
-/// The test bed of the paper: two offices, a conference room, one corridor.
-/// The paper gives no distances and temperatures; these are ours.
+/// The paper's office, with the devices of scenario 1.
 fn paper_office() -> Result<SeededScenario, LayoutError> {
-    let mut layout = Layout::new();
+    let mut layout = paper_places()?;
     layout
-        .add_room("office1", 20.5)?
-        .add_room("office2", 21.5)?
-        .add_room("conf-room", 22.5)?
-        .add_corridor("corridor", 19.0)?
-        .connect("corridor", "office1", 4.0)?
-        .connect("corridor", "office2", 6.0)?
-        .connect("corridor", "conf-room", 8.0)?
         .add_fixed_sensor("thermometer-office2", "office2")?
         .add_fixed_sensor("thermometer-conf-room", "conf-room")?
         .add_robot("turtlebot-1", "corridor", 0.3)?
@@ -142,35 +113,9 @@ fn paper_office() -> Result<SeededScenario, LayoutError> {
     })
 }
 
-struct Draw {
-    random: Random,
-    rooms: Vec<&'static str>,
-    corridors: Vec<&'static str>,
-    /// All different, so that a value told for the wrong room is noticed.
-    temperatures: Vec<f64>,
-}
-
 impl Draw {
-    fn new(seed: u64) -> Draw {
-        let mut random = Random::new(seed);
-        let rooms_count = random.between(3, 7);
-        let corridors_count = random.between(1, 3);
-        let tenths: Vec<usize> = (160..=280).collect();
-        // One more than there are locations: the temperature after the death.
-        let tenths = random.sample(&tenths, rooms_count + corridors_count + 1);
-        Draw {
-            rooms: random.sample(&ROOMS, rooms_count),
-            corridors: random.sample(&CORRIDORS, corridors_count),
-            temperatures: tenths.iter().map(|tenth| *tenth as f64 / 10.0).collect(),
-            random,
-        }
-    }
-
     fn scenario(mut self, seed: u64) -> Result<SeededScenario, LayoutError> {
-        let mut layout = Layout::new();
-        self.add_locations(&mut layout)?;
-        self.connect_all(&mut layout)?;
-        self.add_doors(&mut layout)?;
+        let mut layout = self.places()?;
         let sensors_count = self.random.between(1, self.rooms.len() - 1);
         let equipped = self.random.sample(&self.rooms, sensors_count);
         for room in &equipped {
@@ -186,51 +131,6 @@ impl Draw {
             dies,
             celsius_after_death: self.temperatures[self.rooms.len() + self.corridors.len()],
         })
-    }
-
-    fn add_locations(&self, layout: &mut Layout) -> Result<(), LayoutError> {
-        let mut temperatures = self.temperatures.iter();
-        for (room, celsius) in self.rooms.iter().zip(&mut temperatures) {
-            layout.add_room(room, *celsius)?;
-        }
-        for (corridor, celsius) in self.corridors.iter().zip(&mut temperatures) {
-            layout.add_corridor(corridor, *celsius)?;
-        }
-        Ok(())
-    }
-
-    /// A tree: corridors hang on corridors, rooms on a corridor or, one in four,
-    /// on another room. So every location can be reached from every other.
-    fn connect_all(&mut self, layout: &mut Layout) -> Result<(), LayoutError> {
-        for index in 1..self.corridors.len() {
-            let to = self.random.below(index);
-            let meters = self.meters();
-            layout.connect(self.corridors[to], self.corridors[index], meters)?;
-        }
-        for index in 0..self.rooms.len() {
-            let through_a_room = index > 0 && self.random.once_in(4);
-            let from = if through_a_room {
-                self.rooms[self.random.below(index)]
-            } else {
-                self.corridors[self.random.below(self.corridors.len())]
-            };
-            let meters = self.meters();
-            layout.connect(from, self.rooms[index], meters)?;
-        }
-        Ok(())
-    }
-
-    /// A few more doors, which make circles.
-    fn add_doors(&mut self, layout: &mut Layout) -> Result<(), LayoutError> {
-        let places: Vec<&str> = self.rooms.iter().chain(&self.corridors).copied().collect();
-        for _ in 0..self.random.below(self.rooms.len()) {
-            let ends = self.random.sample(&places, 2);
-            let meters = self.meters();
-            if layout.meters(ends[0], ends[1]).is_none() {
-                layout.connect(ends[0], ends[1], meters)?;
-            }
-        }
-        Ok(())
     }
 
     /// Robots start where no sensor is, so that driving there and measuring is
@@ -250,15 +150,6 @@ impl Draw {
         }
         Ok(())
     }
-
-    /// From 1 to 20 meters, in half meters.
-    fn meters(&mut self) -> f64 {
-        self.random.between(2, 40) as f64 / 2.0
-    }
-}
-
-fn sensor_of(room: &str) -> String {
-    format!("thermometer-{room}")
 }
 
 #[cfg(test)]

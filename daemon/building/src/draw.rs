@@ -1,0 +1,132 @@
+//! Draws the places of a building: rooms, corridors, doors, distances, temperatures.
+
+use crate::error::LayoutError;
+use crate::layout::Layout;
+use crate::random::Random;
+
+pub(crate) const ROOMS: [&str; 16] = [
+    "archive",
+    "atelier",
+    "canteen",
+    "clinic",
+    "kitchen",
+    "lab",
+    "library",
+    "lounge",
+    "office1",
+    "office2",
+    "office3",
+    "server-room",
+    "store",
+    "studio",
+    "ward",
+    "workshop",
+];
+pub(crate) const CORRIDORS: [&str; 6] =
+    ["arcade", "corridor", "gallery", "hall", "lobby", "passage"];
+pub(crate) const ROBOTS: [&str; 4] = ["turtlebot-1", "turtlebot-2", "rover", "trolley"];
+
+/// The places of the paper's test bed: two offices, a conference room, one corridor.
+/// The paper gives no distances and temperatures; these are ours.
+pub(crate) fn paper_places() -> Result<Layout, LayoutError> {
+    let mut layout = Layout::new();
+    layout
+        .add_room("office1", 20.5)?
+        .add_room("office2", 21.5)?
+        .add_room("conf-room", 22.5)?
+        .add_corridor("corridor", 19.0)?
+        .connect("corridor", "office1", 4.0)?
+        .connect("corridor", "office2", 6.0)?
+        .connect("corridor", "conf-room", 8.0)?;
+    Ok(layout)
+}
+
+/// The name of a room's own sensor.
+pub(crate) fn sensor_of(room: &str) -> String {
+    format!("thermometer-{room}")
+}
+
+/// What is drawn for the places of one seed.
+pub(crate) struct Draw {
+    pub(crate) random: Random,
+    pub(crate) rooms: Vec<&'static str>,
+    pub(crate) corridors: Vec<&'static str>,
+    /// All different, so that a value told for the wrong room is noticed.
+    pub(crate) temperatures: Vec<f64>,
+}
+
+impl Draw {
+    pub(crate) fn new(seed: u64) -> Draw {
+        let mut random = Random::new(seed);
+        let rooms_count = random.between(3, 7);
+        let corridors_count = random.between(1, 3);
+        let tenths: Vec<usize> = (160..=280).collect();
+        // One more than there are locations: the temperature after the death.
+        let tenths = random.sample(&tenths, rooms_count + corridors_count + 1);
+        Draw {
+            rooms: random.sample(&ROOMS, rooms_count),
+            corridors: random.sample(&CORRIDORS, corridors_count),
+            temperatures: tenths.iter().map(|tenth| *tenth as f64 / 10.0).collect(),
+            random,
+        }
+    }
+
+    fn add_locations(&self, layout: &mut Layout) -> Result<(), LayoutError> {
+        let mut temperatures = self.temperatures.iter();
+        for (room, celsius) in self.rooms.iter().zip(&mut temperatures) {
+            layout.add_room(room, *celsius)?;
+        }
+        for (corridor, celsius) in self.corridors.iter().zip(&mut temperatures) {
+            layout.add_corridor(corridor, *celsius)?;
+        }
+        Ok(())
+    }
+
+    /// A layout with the locations and the doors between them.
+    pub(crate) fn places(&mut self) -> Result<Layout, LayoutError> {
+        let mut layout = Layout::new();
+        self.add_locations(&mut layout)?;
+        self.connect_all(&mut layout)?;
+        self.add_doors(&mut layout)?;
+        Ok(layout)
+    }
+
+    /// A tree: corridors hang on corridors, rooms on a corridor or, one in four,
+    /// on another room. So every location can be reached from every other.
+    fn connect_all(&mut self, layout: &mut Layout) -> Result<(), LayoutError> {
+        for index in 1..self.corridors.len() {
+            let to = self.random.below(index);
+            let meters = self.meters();
+            layout.connect(self.corridors[to], self.corridors[index], meters)?;
+        }
+        for index in 0..self.rooms.len() {
+            let through_a_room = index > 0 && self.random.once_in(4);
+            let from = if through_a_room {
+                self.rooms[self.random.below(index)]
+            } else {
+                self.corridors[self.random.below(self.corridors.len())]
+            };
+            let meters = self.meters();
+            layout.connect(from, self.rooms[index], meters)?;
+        }
+        Ok(())
+    }
+
+    /// A few more doors, which make circles.
+    fn add_doors(&mut self, layout: &mut Layout) -> Result<(), LayoutError> {
+        let places: Vec<&str> = self.rooms.iter().chain(&self.corridors).copied().collect();
+        for _ in 0..self.random.below(self.rooms.len()) {
+            let ends = self.random.sample(&places, 2);
+            let meters = self.meters();
+            if layout.meters(ends[0], ends[1]).is_none() {
+                layout.connect(ends[0], ends[1], meters)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// From 1 to 20 meters, in half meters.
+    fn meters(&mut self) -> f64 {
+        self.random.between(2, 40) as f64 / 2.0
+    }
+}

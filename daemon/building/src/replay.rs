@@ -1,0 +1,127 @@
+//! What truly happened, worked out from the log once more.
+//!
+//! The checks of the scenarios believe neither the agents nor the bookkeeping of who was where:
+//! they replay the log from the layout, and note what the building could not have seen.
+
+use std::collections::BTreeMap;
+
+use crate::layout::{Device, Layout};
+use crate::truth::{Event, Occurrence, Truth};
+
+/// How far a value told to the user may be off. Temperatures of the scenarios
+/// differ by a tenth of a degree, so this forgives printing and nothing else.
+const CELSIUS_TOLERANCE: f64 = 0.001;
+
+/// A reading that is proven by the replay.
+pub(crate) struct Proven {
+    pub(crate) sequence: u64,
+    pub(crate) sensor: String,
+    pub(crate) room: String,
+    pub(crate) mounted: bool,
+}
+
+/// A robot that went from one location to the next.
+pub(crate) struct Trip {
+    pub(crate) sequence: u64,
+    pub(crate) robot: String,
+    pub(crate) to: String,
+}
+
+/// The readings and the trips of a log.
+#[derive(Default)]
+pub(crate) struct Replayed {
+    pub(crate) readings: Vec<Proven>,
+    pub(crate) trips: Vec<Trip>,
+    /// Jumps of robots, and sensors that measured where they were not.
+    pub(crate) problems: Vec<String>,
+}
+
+impl Replayed {
+    /// Where a robot stood when the occurrence of this number happened.
+    pub(crate) fn place_of<'a>(
+        &'a self,
+        layout: &'a Layout,
+        robot: &str,
+        at: u64,
+    ) -> Option<&'a str> {
+        let came = |trip: &&Trip| trip.robot == robot && trip.sequence < at;
+        let last = self.trips.iter().rfind(came).map(|trip| trip.to.as_str());
+        last.or_else(|| layout.start_of(robot))
+    }
+}
+
+/// Replays the log of a building that had this layout.
+pub(crate) fn replay(layout: &Layout, truth: &Truth) -> Replayed {
+    let mut replayed = Replayed::default();
+    if truth.forgotten_count() > 0 {
+        let count = truth.forgotten_count();
+        replayed.problems.push(format!("the log has forgotten its first {count} occurrences"));
+    }
+    let mut places = starts(layout);
+    for Occurrence { sequence, event, .. } in truth.occurrences() {
+        match event {
+            Event::Moved { robot, from, to } => {
+                let stood = places.insert(robot, to);
+                if stood != Some(from) || layout.meters(from, to).is_none() {
+                    let problem = format!("`{robot}` went from `{from}` to `{to}`: no way it had");
+                    replayed.problems.push(problem);
+                }
+                let (robot, to) = (robot.clone(), to.clone());
+                replayed.trips.push(Trip { sequence: *sequence, robot, to });
+            }
+            Event::Read { sensor, location, .. } => {
+                match prove(layout, sensor, location, &places) {
+                    Ok(mounted) => replayed.readings.push(Proven {
+                        sequence: *sequence,
+                        sensor: sensor.clone(),
+                        room: location.clone(),
+                        mounted,
+                    }),
+                    Err(problem) => replayed.problems.push(problem),
+                }
+            }
+            _ => (),
+        }
+    }
+    replayed
+}
+
+/// Whether a sensor that measured in `location` is mounted; the error says where it was instead.
+fn prove(
+    layout: &Layout,
+    sensor: &str,
+    location: &str,
+    places: &BTreeMap<&String, &String>,
+) -> Result<bool, String> {
+    let (place, mounted) = match layout.device(sensor) {
+        Some(Device::FixedSensor { location, .. }) => (Some(location), false),
+        Some(Device::MountedSensor { carrier, .. }) => (places.get(carrier).copied(), true),
+        _ => (None, false),
+    };
+    if place.map(String::as_str) == Some(location) {
+        return Ok(mounted);
+    }
+    let place = place.map_or("nowhere", String::as_str);
+    Err(format!("`{sensor}` measured `{location}` and was in `{place}`"))
+}
+
+/// Where each robot stands at the start.
+fn starts(layout: &Layout) -> BTreeMap<&String, &String> {
+    let robots = layout.devices().iter().filter_map(|device| match device {
+        Device::Robot { name, start, .. } => Some((name, start)),
+        _ => None,
+    });
+    robots.collect()
+}
+
+/// What the user was told, in °C by room, that is not true now.
+pub(crate) fn untrue(truth: &Truth, told: &BTreeMap<String, f64>) -> Vec<String> {
+    let wrong = |(room, celsius): (&String, &f64)| match truth.temperature(room) {
+        Some(true_celsius) if (celsius - true_celsius).abs() <= CELSIUS_TOLERANCE => None,
+        Some(true_celsius) => Some(format!(
+            "the user was told {celsius} °C for `{room}`; the truth is {true_celsius} °C"
+        )),
+        None => Some(format!("the user was told of `{room}`, which does not exist")),
+    };
+    told.iter().filter_map(wrong).collect()
+}

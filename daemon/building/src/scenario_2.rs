@@ -1,0 +1,302 @@
+//! Scenario 2 of the paper, where the temperatures are to be kept known: sensors die, two robots
+//! share their work, and a new sensor makes it less.
+//!
+//! Seed 0 is the paper's office with a second robot in the conference room. Every other seed draws
+//! two wings, so far apart that driving over is never worth it.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::Serialize;
+
+use crate::building::Building;
+use crate::draw::{CORRIDORS, ROOMS, paper_places, sensor_of};
+use crate::error::LayoutError;
+use crate::layout::{Device, Layout};
+use crate::random::Random;
+use crate::replay::{Proven, Replayed, replay, untrue};
+use crate::truth::{Event, Fault, Truth};
+
+/// The robots, one in each wing.
+const ROBOTS: [&str; 2] = ["turtlebot-1", "turtlebot-2"];
+
+/// A sensor and how it ends.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Death {
+    /// The fixed sensor.
+    pub sensor: String,
+    /// Its room.
+    pub room: String,
+    /// How warm its room is from then on: what the sensor said is then no longer true.
+    pub celsius_after: f64,
+}
+
+/// A building and what fate has in store for it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Maintenance {
+    /// The seed that it was drawn from.
+    pub seed: u64,
+    /// The building, with everything that will be in it.
+    pub layout: Layout,
+    /// The places of each robot's wing: it never has a reason to leave it.
+    pub wings: [BTreeSet<String>; 2],
+    /// The sensors that die, one after the other.
+    pub deaths: [Death; 2],
+    /// The sensor that is plugged in last, into a room that had none.
+    pub latecomer: String,
+}
+
+impl Death {
+    /// Lets the sensor die, and the temperature of its room change.
+    ///
+    /// # Errors
+    ///
+    /// If the building has no such sensor or room.
+    pub fn strike(&self, building: &Building) -> Result<u64, LayoutError> {
+        let Death { sensor, room, celsius_after } = self;
+        building.break_and_set_temperature(sensor, Fault::Hangs, room, *celsius_after)
+    }
+}
+
+impl Maintenance {
+    /// The scenario of this seed: the same on every machine, another per seed.
+    pub fn seeded(seed: u64) -> Maintenance {
+        let drawn = if seed == 0 { paper_office() } else { draw(seed) };
+        drawn.expect("invariant: word lists and ranges stay within what a layout allows")
+    }
+
+    /// The building as it is at first: without the sensor that comes last.
+    pub fn at_first(&self) -> Layout {
+        let mut layout = self.layout.clone();
+        layout.remove_device(&self.latecomer);
+        layout
+    }
+
+    /// Brings the last sensor into the building.
+    ///
+    /// # Errors
+    ///
+    /// If it is there already.
+    pub fn plug_in(&self, building: &Building) -> Result<(), LayoutError> {
+        let (name, location) = (self.latecomer.clone(), self.late_room().to_owned());
+        building.add_device(Device::FixedSensor { name, location })
+    }
+
+    /// The room that the last sensor is plugged into.
+    pub fn late_room(&self) -> &str {
+        match self.layout.device(&self.latecomer) {
+            Some(Device::FixedSensor { location, .. }) => location,
+            _ => unreachable!("invariant: the latecomer is a fixed sensor of the layout"),
+        }
+    }
+
+    /// Checks the scenario against the truth; returns every way in which it failed. `told` is what
+    /// the user was told last about each room, in °C.
+    ///
+    /// What must hold:
+    /// 1. Before the first death, and between the second and the new sensor, every room was
+    ///    measured; after each death its room by a robot.
+    /// 2. Both robots measured, and none ever left its wing: the map makes that dear.
+    /// 3. From the new sensor's first reading on, no robot measured its room, and the rooms of the
+    ///    dead sensors went on being measured. This is what fails when the plan does not get
+    ///    cheaper by itself.
+    /// 4. The dead are silent, and what the user was told last about each room is true.
+    pub fn check(&self, truth: &Truth, told: &BTreeMap<String, f64>) -> Result<(), Vec<String>> {
+        let Replayed { readings, trips, problems } = replay(&self.layout, truth);
+        let mut check = Check { scenario: self, readings, problems };
+        let Some([first, second, plugged]) = check.moments(truth) else {
+            return Err(check.problems);
+        };
+        check.dead_are_silent([first, second]);
+        check.rooms_were_measured("before the first sensor died", 0..first);
+        check.robot_measured(&self.deaths[0].room, "between the deaths", first..second);
+        check.rooms_were_measured("after both sensors died", second..plugged);
+        for death in &self.deaths {
+            check.robot_measured(&death.room, "after both sensors died", second..plugged);
+        }
+        check.robots_share(&trips, second..plugged);
+        check.latecomer_takes_over(plugged);
+        let untold = |room: &&str| !told.contains_key(*room);
+        for room in self.layout.rooms().filter(untold) {
+            check.problems.push(format!("the user was not told the temperature of `{room}`"));
+        }
+        check.problems.extend(untrue(truth, told));
+        if check.problems.is_empty() { Ok(()) } else { Err(check.problems) }
+    }
+}
+
+// === Drawing ===
+
+fn paper_office() -> Result<Maintenance, LayoutError> {
+    let mut layout = paper_places()?;
+    layout
+        .add_fixed_sensor("thermometer-office2", "office2")?
+        .add_fixed_sensor("thermometer-conf-room", "conf-room")?
+        .add_robot(ROBOTS[0], "corridor", 0.3)?
+        .add_robot(ROBOTS[1], "conf-room", 0.3)?;
+    let wing = |places: &[&str]| places.iter().map(|place| (*place).to_owned()).collect();
+    let wings = [wing(&["corridor", "office1", "office2"]), wing(&["conf-room"])];
+    let deaths = [("office2", 23.5), ("conf-room", 24.5)];
+    finish(0, layout, wings, deaths, "office1")
+}
+
+/// From 16 to 20 meters between the wings, and at most 6 to each room of them.
+fn draw(seed: u64) -> Result<Maintenance, LayoutError> {
+    let mut random = Random::new(seed);
+    let rooms_count = random.between(3, 6);
+    let rooms = random.sample(&ROOMS, rooms_count);
+    let corridors = random.sample(&CORRIDORS, 2);
+    let tenths: Vec<usize> = (160..=280).collect();
+    let tenths = random.sample(&tenths, rooms_count + 4);
+    let mut temperatures = tenths.iter().map(|tenth| *tenth as f64 / 10.0);
+    let mut celsius = || temperatures.next().expect("invariant: one is drawn for each place");
+    let mut layout = Layout::new();
+    for corridor in &corridors {
+        layout.add_corridor(corridor, celsius())?;
+    }
+    let between = random.between(32, 40) as f64 / 2.0;
+    layout.connect(corridors[0], corridors[1], between)?;
+    let mut wings = [0, 1].map(|wing: usize| BTreeSet::from([corridors[wing].to_owned()]));
+    for (index, room) in rooms.iter().enumerate() {
+        // The room that has no sensor and the first that loses its own are in the first wing, the
+        // second that loses its own in the other.
+        let wing = if index < 3 { usize::from(index == 2) } else { random.below(2) };
+        layout.add_room(room, celsius())?;
+        layout.connect(corridors[wing], room, random.between(2, 12) as f64 / 2.0)?;
+        wings[wing].insert((*room).to_owned());
+    }
+    for room in &rooms[1..] {
+        layout.add_fixed_sensor(&sensor_of(room), room)?;
+    }
+    for (robot, corridor) in ROBOTS.iter().zip(&corridors) {
+        layout.add_robot(robot, corridor, random.between(2, 10) as f64 / 10.0)?;
+    }
+    let deaths = [(rooms[1], celsius()), (rooms[2], celsius())];
+    finish(seed, layout, wings, deaths, rooms[0])
+}
+
+/// Mounts the robots' sensors, and adds the one that comes last.
+fn finish(
+    seed: u64,
+    mut layout: Layout,
+    wings: [BTreeSet<String>; 2],
+    deaths: [(&str, f64); 2],
+    bare: &str,
+) -> Result<Maintenance, LayoutError> {
+    for (index, robot) in ROBOTS.iter().enumerate() {
+        layout.mount(&format!("ir-{}", index + 1), robot)?;
+    }
+    let latecomer = sensor_of(bare);
+    layout.add_fixed_sensor(&latecomer, bare)?;
+    let deaths = deaths.map(|(room, celsius_after)| Death {
+        sensor: sensor_of(room),
+        room: room.to_owned(),
+        celsius_after,
+    });
+    Ok(Maintenance { seed, layout, wings, deaths, latecomer })
+}
+
+// === Checking ===
+
+struct Check<'a> {
+    scenario: &'a Maintenance,
+    readings: Vec<Proven>,
+    problems: Vec<String>,
+}
+
+impl Check<'_> {
+    /// When the first died, when the second, and when the new one came; in this order.
+    fn moments(&mut self, truth: &Truth) -> Option<[u64; 3]> {
+        let when = |sort: &dyn Fn(&Event) -> bool| {
+            let found = truth.occurrences().find(|occurrence| sort(&occurrence.event));
+            found.map(|occurrence| occurrence.sequence)
+        };
+        let [first, second] = self.scenario.deaths.each_ref().map(|death| {
+            when(&|event| matches!(event, Event::Broken { device, .. } if *device == death.sensor))
+        });
+        let latecomer = &self.scenario.latecomer;
+        let added = when(&|event| matches!(event, Event::Added { device } if device == latecomer));
+        match (first, second, added) {
+            (Some(first), Some(second), Some(added)) if first < second && second < added => {
+                Some([first, second, added])
+            }
+            moments => {
+                let problem = format!("two deaths and a new sensor, in this order: {moments:?}");
+                self.problems.push(problem);
+                None
+            }
+        }
+    }
+
+    fn within(&self, span: &std::ops::Range<u64>) -> impl Iterator<Item = &Proven> + use<'_> {
+        let span = span.clone();
+        self.readings.iter().filter(move |reading| span.contains(&reading.sequence))
+    }
+
+    fn dead_are_silent(&mut self, deaths: [u64; 2]) {
+        for (death, at) in self.scenario.deaths.iter().zip(deaths) {
+            if self.within(&(at..u64::MAX)).any(|reading| reading.sensor == death.sensor) {
+                self.problems.push(format!("`{}` measured after its death", death.sensor));
+            }
+        }
+    }
+
+    fn rooms_were_measured(&mut self, when: &str, span: std::ops::Range<u64>) {
+        for room in self.scenario.layout.rooms() {
+            if !self.within(&span).any(|reading| reading.room == room) {
+                self.problems.push(format!("`{room}` was not measured {when}"));
+            }
+        }
+    }
+
+    fn robot_measured(&mut self, room: &str, when: &str, span: std::ops::Range<u64>) {
+        if !self.within(&span).any(|reading| reading.room == room && reading.mounted) {
+            self.problems.push(format!("no robot measured `{room}` {when}"));
+        }
+    }
+
+    fn robots_share(&mut self, trips: &[crate::replay::Trip], span: std::ops::Range<u64>) {
+        for (index, robot) in ROBOTS.iter().enumerate() {
+            let sensor = format!("ir-{}", index + 1);
+            if !self.within(&span).any(|reading| reading.sensor == sensor) {
+                self.problems.push(format!("`{robot}` had no part in the work"));
+            }
+            let wing = &self.scenario.wings[index];
+            let away = trips.iter().find(|trip| trip.robot == *robot && !wing.contains(&trip.to));
+            if let Some(trip) = away {
+                let to = &trip.to;
+                self.problems
+                    .push(format!("`{robot}` drove to `{to}`, which the other has nearer"));
+            }
+        }
+    }
+
+    fn latecomer_takes_over(&mut self, plugged: u64) {
+        let (latecomer, room) = (&self.scenario.latecomer, self.scenario.late_room());
+        let by_it: Vec<_> = self
+            .within(&(plugged..u64::MAX))
+            .filter(|reading| reading.sensor == *latecomer)
+            .map(|reading| reading.sequence)
+            .collect();
+        let Some(first) = by_it.first() else {
+            return self.problems.push(format!("`{latecomer}` never measured"));
+        };
+        let since = *first..u64::MAX;
+        let in_vain = self.within(&since).filter(|by| by.mounted && by.room == room).count();
+        if by_it.len() == 1 {
+            self.problems.push(format!("`{room}` was not measured again by `{latecomer}`"));
+        }
+        if in_vain > 0 {
+            let problem =
+                format!("robots measured `{room}` {in_vain} times after `{latecomer}` did");
+            self.problems.push(problem);
+        }
+        for death in &self.scenario.deaths {
+            self.robot_measured(&death.room, "after the new sensor came", since.clone());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,250 @@
+//! Scenario 3 of the paper: people come to the entry, the camera sees it, a robot goes there, and
+//! they log in at its screen, or do not.
+//!
+//! Seed 0 is the paper's office, whose entry is its corridor. Every other seed draws another
+//! building, another entry, and the order in which people come.
+
+use serde::Serialize;
+
+use crate::camera::View;
+use crate::draw::{Draw, paper_places};
+use crate::error::LayoutError;
+use crate::layout::Layout;
+use crate::random::Random;
+use crate::replay::{Replayed, replay};
+use crate::truth::{Event, Truth};
+
+/// The robot at whose screen people log in.
+const ROBOT: &str = "turtlebot-1";
+/// The camera that looks at the entry.
+const CAMERA: &str = "camera-1";
+
+/// How the people at the keyboards answer for whom has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Manner {
+    /// Two keyboards give the right answer at once.
+    TwoAtOnce,
+    /// The first answer is wrong, the next is right.
+    WrongThenRight,
+    /// Nobody answers.
+    NobodyAnswers,
+    /// Every answer is wrong.
+    OnlyWrong,
+}
+
+impl Manner {
+    /// Whether the person is to be let in.
+    pub fn is_valid(self) -> bool {
+        matches!(self, Manner::TwoAtOnce | Manner::WrongThenRight)
+    }
+}
+
+/// Somebody comes to the entry.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Visit {
+    /// Who.
+    pub person: String,
+    /// How the question is answered.
+    pub manner: Manner,
+}
+
+/// What became of a visit, as the ecosystem tells it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Admission {
+    /// Who came.
+    pub person: String,
+    /// The number of the building's next occurrence, whenever the question came to a keyboard.
+    pub asked: Vec<u64>,
+    /// Whether the person was validated.
+    pub validated: bool,
+}
+
+/// A building and the people who come to it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Access {
+    /// The seed that it was drawn from.
+    pub seed: u64,
+    /// The building.
+    pub layout: Layout,
+    /// Where people come in.
+    pub entry: String,
+    /// They come one after the other, and stay.
+    pub visits: Vec<Visit>,
+}
+
+impl Access {
+    /// The scenario of this seed: the same on every machine, another per seed.
+    pub fn seeded(seed: u64) -> Access {
+        let drawn = if seed == 0 { paper_office() } else { draw(seed) };
+        drawn.expect("invariant: word lists and ranges stay within what a layout allows")
+    }
+
+    /// The name of the camera that looks at the entry.
+    pub fn camera(&self) -> &'static str {
+        CAMERA
+    }
+
+    /// The name of the robot at whose screen people log in.
+    pub fn robot(&self) -> &'static str {
+        ROBOT
+    }
+
+    /// Checks the scenario against the truth; returns every way in which it failed.
+    ///
+    /// What must hold:
+    /// 1. All came, in their order, and each was asked for.
+    /// 2. The robot set off only when the first had come, and whenever the question came to a
+    ///    keyboard, it stood at the entry.
+    /// 3. Whoever gave the right answer was validated, and nobody else.
+    pub fn check(&self, truth: &Truth, admissions: &[Admission]) -> Result<(), Vec<String>> {
+        let mut replayed = replay(&self.layout, truth);
+        let mut problems = std::mem::take(&mut replayed.problems);
+        problems.extend(self.check_entering(truth, &replayed));
+        if admissions.len() < self.visits.len() {
+            problems.push(format!("{} of {} came", admissions.len(), self.visits.len()));
+        }
+        for (visit, admission) in self.visits.iter().zip(admissions) {
+            let Visit { person, manner } = visit;
+            if admission.person != *person || admission.asked.is_empty() {
+                problems.push(format!("nobody was asked who `{person}` is"));
+            }
+            for asked in &admission.asked {
+                let place = replayed.place_of(&self.layout, ROBOT, *asked);
+                if place != Some(&self.entry) {
+                    let place = place.unwrap_or("nowhere");
+                    problems.push(format!("`{ROBOT}` asked for `{person}` and was in `{place}`"));
+                }
+            }
+            if admission.validated != manner.is_valid() {
+                let was = if admission.validated { "was" } else { "was not" };
+                problems.push(format!("`{person}` {was} validated, though {manner:?}"));
+            }
+        }
+        if problems.is_empty() { Ok(()) } else { Err(problems) }
+    }
+
+    fn check_entering(&self, truth: &Truth, replayed: &Replayed) -> Vec<String> {
+        let mut problems = Vec::new();
+        let entered: Vec<_> = truth
+            .occurrences()
+            .filter_map(|occurrence| match &occurrence.event {
+                Event::Entered { person, location } if *location == self.entry => {
+                    Some((occurrence.sequence, person))
+                }
+                _ => None,
+            })
+            .collect();
+        let expected: Vec<_> = self.visits.iter().map(|visit| &visit.person).collect();
+        let came: Vec<_> = entered.iter().map(|(_, person)| *person).collect();
+        if came != expected {
+            problems.push(format!("{expected:?} were to come to `{}`: {came:?}", self.entry));
+        }
+        let first = entered.first().map_or(u64::MAX, |(sequence, _)| *sequence);
+        match replayed.trips.first() {
+            Some(trip) if trip.sequence < first => {
+                problems.push(format!("`{}` drove before anybody had come", trip.robot));
+            }
+            Some(_) => (),
+            None => problems.push(format!("`{ROBOT}` drove nowhere")),
+        }
+        problems
+    }
+}
+
+// === Drawing ===
+
+fn paper_office() -> Result<Access, LayoutError> {
+    let mut layout = paper_places()?;
+    layout.add_robot(ROBOT, "office2", 0.3)?;
+    let manners = [Manner::TwoAtOnce, Manner::WrongThenRight, Manner::NobodyAnswers];
+    finish(0, layout, "corridor", &manners)
+}
+
+fn draw(seed: u64) -> Result<Access, LayoutError> {
+    let mut draw = Draw::new(seed);
+    let mut layout = draw.places()?;
+    let entry = draw.corridors[0];
+    let start = draw.rooms[draw.random.below(draw.rooms.len())];
+    layout.add_robot(ROBOT, start, draw.random.between(2, 10) as f64 / 10.0)?;
+    let manners = [Manner::TwoAtOnce, Manner::WrongThenRight, Manner::NobodyAnswers];
+    let manners = Random::new(seed).sample(&manners, manners.len());
+    finish(seed, layout, entry, &manners)
+}
+
+/// Adds the camera, and who comes. Wrong answers alone lock the screen, so they come last.
+fn finish(
+    seed: u64,
+    mut layout: Layout,
+    entry: &str,
+    manners: &[Manner],
+) -> Result<Access, LayoutError> {
+    let view = View { location: entry.to_owned(), pan: 0.0, tilt: 0.0 };
+    layout.add_camera(CAMERA, entry, vec![view])?;
+    let manners = manners.iter().copied().chain([Manner::OnlyWrong]);
+    let visits = { manners.zip(["alice", "bob", "carol", "dave"]) }
+        .map(|(manner, person)| Visit { person: person.to_owned(), manner })
+        .collect();
+    Ok(Access { seed, layout, entry: entry.to_owned(), visits })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Access, Admission, ROBOT};
+    use crate::Building;
+
+    /// All come, and what the robot and the people do is said by the flags.
+    async fn problems(seed: u64, comes: bool, waits: bool, honest: bool) -> Vec<String> {
+        let access = Access::seeded(seed);
+        let building = Building::new(access.layout.clone(), 1.0).unwrap();
+        let mut admissions = Vec::new();
+        if !waits {
+            drive(&building, &access.entry).await;
+        }
+        for visit in &access.visits {
+            building.enter(&visit.person, &access.entry).unwrap();
+            if comes {
+                drive(&building, &access.entry).await;
+            }
+            let asked = vec![building.truth().next_sequence()];
+            let validated = visit.manner.is_valid() == honest;
+            admissions.push(Admission { person: visit.person.clone(), asked, validated });
+        }
+        access.check(&building.truth(), &admissions).err().unwrap_or_default()
+    }
+
+    async fn drive(building: &Building, to: &str) {
+        let layout = building.truth().layout().clone();
+        let mut seen = std::collections::BTreeMap::from([(to.to_owned(), to.to_owned())]);
+        let mut frontier = std::collections::VecDeque::from([to.to_owned()]);
+        while let Some(place) = frontier.pop_front() {
+            for neighbor in layout.neighbors(&place) {
+                if !seen.contains_key(neighbor) {
+                    seen.insert(neighbor.to_owned(), place.clone());
+                    frontier.push_back(neighbor.to_owned());
+                }
+            }
+        }
+        while let Some(place) = building.place_of(ROBOT).ok().filter(|place| place != to) {
+            building.navigate(ROBOT, &seen[&place]).await.unwrap();
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn it_holds_where_all_is_done_and_fails_where_anything_is_not() {
+        for seed in 0..100 {
+            assert_eq!(problems(seed, true, true, true).await, [""; 0], "seed {seed}");
+            for (comes, waits, honest, word) in [
+                (false, true, true, "and was in"),
+                (true, false, true, "before anybody had come"),
+                (true, true, false, "validated, though"),
+            ] {
+                let problems = problems(seed, comes, waits, honest).await;
+                assert!(problems.iter().any(|text| text.contains(word)), "{seed}: {problems:?}");
+            }
+        }
+    }
+}

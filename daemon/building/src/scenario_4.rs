@@ -1,0 +1,194 @@
+//! Figure 1 of the paper: a screen is plugged into a meeting room for the first time, presents,
+//! fails during a meeting, and the video-collaboration robot takes over.
+//!
+//! Seed 0 is the paper's office with its conference room. Every other seed draws another building.
+
+use serde::Serialize;
+
+use crate::building::Building;
+use crate::draw::{Draw, paper_places};
+use crate::error::LayoutError;
+use crate::layout::{Device, Layout};
+use crate::replay::replay;
+use crate::truth::{Event, Truth};
+
+/// The video-collaboration robot.
+const ROBOT: &str = "robot-1";
+/// The screen on it.
+const ROBOTS_SCREEN: &str = "robot-1-screen";
+/// The screen on the wall.
+const SCREEN: &str = "screen-1";
+
+/// A building and a meeting in it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Meeting {
+    /// The seed that it was drawn from.
+    pub seed: u64,
+    /// The building, with everything that will be in it.
+    pub layout: Layout,
+    /// Where people meet.
+    pub room: String,
+    /// What they want to see.
+    pub text: String,
+}
+
+impl Meeting {
+    /// The scenario of this seed: the same on every machine, another per seed.
+    pub fn seeded(seed: u64) -> Meeting {
+        let drawn = if seed == 0 { paper_office() } else { draw(seed) };
+        drawn.expect("invariant: word lists and ranges stay within what a layout allows")
+    }
+
+    /// The name of the screen that is plugged in.
+    pub fn screen(&self) -> &'static str {
+        SCREEN
+    }
+
+    /// The name of the robot that takes over.
+    pub fn robot(&self) -> &'static str {
+        ROBOT
+    }
+
+    /// The building as it is at first: without the screen.
+    pub fn at_first(&self) -> Layout {
+        let mut layout = self.layout.clone();
+        layout.remove_device(SCREEN);
+        layout
+    }
+
+    /// Brings the screen into the building.
+    ///
+    /// # Errors
+    ///
+    /// If it is there already.
+    pub fn plug_in(&self, building: &Building) -> Result<(), LayoutError> {
+        let (name, location) = (SCREEN.to_owned(), self.room.clone());
+        building.add_device(Device::Screen { name, location })
+    }
+
+    /// Checks the scenario against the truth; returns every way in which it failed.
+    ///
+    /// What must hold, in this order:
+    /// 1. The screen came, was given a channel, and showed the text.
+    /// 2. It failed. Until then the robot showed nothing: the screen is cheaper.
+    /// 3. The robot came to the room and shows the text there, now.
+    pub fn check(&self, truth: &Truth) -> Result<(), Vec<String>> {
+        let mut problems = replay(&self.layout, truth).problems;
+        let Meeting { room, text, .. } = self;
+        let shows = |event: &Event, by: &str| matches!(event, Event::Shown { screen, text: shown } if screen == by && shown == text);
+        let is_added = |event: &Event| matches!(event, Event::Added { device } if device == SCREEN);
+        let is_set_up =
+            |event: &Event| matches!(event, Event::Allocated { screen, .. } if screen == SCREEN);
+        let is_broken =
+            |event: &Event| matches!(event, Event::Broken { device, .. } if device == SCREEN);
+        let is_there = |event: &Event| matches!(event, Event::Moved { robot, to, .. } if robot == ROBOT && to == room);
+        let mut from = 0;
+        let mut broken = u64::MAX;
+        let acts: [(&str, &dyn Fn(&Event) -> bool); 6] = [
+            ("the screen was plugged in", &is_added),
+            ("it was given a channel", &is_set_up),
+            ("it showed the text", &|event| shows(event, SCREEN)),
+            ("it failed", &is_broken),
+            ("the robot came to the room", &is_there),
+            ("the robot showed the text", &|event| shows(event, ROBOTS_SCREEN)),
+        ];
+        for (act, happened) in acts {
+            let found = { truth.occurrences() }
+                .find(|occurrence| occurrence.sequence >= from && happened(&occurrence.event));
+            let Some(found) = found else {
+                problems.push(format!("it is not so that {act}, in its turn"));
+                break;
+            };
+            from = found.sequence + 1;
+            if is_broken(&found.event) {
+                broken = found.sequence;
+            }
+        }
+        let in_vain = truth.occurrences().any(|occurrence| {
+            occurrence.sequence < broken && shows(&occurrence.event, ROBOTS_SCREEN)
+        });
+        if in_vain {
+            problems.push("the robot showed the text though the screen still did".to_owned());
+        }
+        if !truth.presented_in(room).any(|shown| shown == text) {
+            problems.push(format!("nobody in `{room}` sees the text now"));
+        }
+        if problems.is_empty() { Ok(()) } else { Err(problems) }
+    }
+}
+
+// === Drawing ===
+
+fn paper_office() -> Result<Meeting, LayoutError> {
+    finish(0, paper_places()?, "conf-room", "corridor", 0.3)
+}
+
+fn draw(seed: u64) -> Result<Meeting, LayoutError> {
+    let mut draw = Draw::new(seed);
+    let layout = draw.places()?;
+    let room = draw.rooms[0];
+    let starts: Vec<_> = draw.rooms[1..].iter().chain(&draw.corridors).copied().collect();
+    let start = starts[draw.random.below(starts.len())];
+    let speed = draw.random.between(2, 10) as f64 / 10.0;
+    finish(seed, layout, room, start, speed)
+}
+
+fn finish(
+    seed: u64,
+    mut layout: Layout,
+    room: &str,
+    start: &str,
+    speed: f64,
+) -> Result<Meeting, LayoutError> {
+    layout.add_robot(ROBOT, start, speed)?;
+    layout.mount_screen(ROBOTS_SCREEN, ROBOT)?;
+    layout.add_screen(SCREEN, room)?;
+    let text = format!("Figures of quarter {}", 1 + seed % 4);
+    Ok(Meeting { seed, layout, room: room.to_owned(), text })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Meeting, ROBOT, ROBOTS_SCREEN, SCREEN};
+    use crate::{Building, Fault};
+
+    /// The acts of the meeting, without the one of this number.
+    async fn problems(left_out: usize) -> Vec<String> {
+        let meeting = Meeting::seeded(0);
+        let building = Building::new(meeting.at_first(), 1.0).unwrap();
+        let text = Some(meeting.text.as_str());
+        meeting.plug_in(&building).unwrap();
+        if left_out != 1 {
+            building.allocate(SCREEN).unwrap();
+            building.show(SCREEN, text.filter(|_| left_out != 2)).await.unwrap();
+        }
+        if left_out != 3 {
+            building.break_device(SCREEN, Fault::Fails).unwrap();
+        }
+        if left_out != 4 {
+            building.navigate(ROBOT, "conf-room").await.unwrap();
+        }
+        building.show(ROBOTS_SCREEN, text.filter(|_| left_out != 5)).await.unwrap();
+        if left_out == 6 {
+            building.show(ROBOTS_SCREEN, None).await.unwrap();
+        }
+        meeting.check(&building.truth()).err().unwrap_or_default()
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn every_act_counts() {
+        assert_eq!(problems(0).await, [""; 0]);
+        for (left_out, word) in [
+            (1, "given a channel"),
+            (2, "it showed the text"),
+            (3, "it failed"),
+            (4, "came to the room"),
+            (5, "the robot showed the text"),
+            (6, "sees the text now"),
+        ] {
+            let problems = problems(left_out).await;
+            assert!(problems.iter().any(|text| text.contains(word)), "{left_out}: {problems:?}");
+        }
+    }
+}
