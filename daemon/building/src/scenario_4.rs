@@ -19,6 +19,9 @@ const ROBOTS_SCREEN: &str = "robot-1-screen";
 /// The screen on the wall.
 const SCREEN: &str = "screen-1";
 
+/// Whether an event is an act of the meeting.
+type Act<'a> = &'a dyn Fn(&Event) -> bool;
+
 /// A building and a meeting in it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -85,7 +88,7 @@ impl Meeting {
         let is_there = |event: &Event| matches!(event, Event::Moved { robot, to, .. } if robot == ROBOT && to == room);
         let mut from = 0;
         let mut broken = u64::MAX;
-        let acts: [(&str, &dyn Fn(&Event) -> bool); 6] = [
+        let acts: [(&str, Act<'_>); 6] = [
             ("the screen was plugged in", &is_added),
             ("it was given a channel", &is_set_up),
             ("it showed the text", &|event| shows(event, SCREEN)),

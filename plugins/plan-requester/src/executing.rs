@@ -41,9 +41,11 @@ impl PlanRequester {
             round: goal.rounds,
             offers,
         };
-        let steps = plan.steps.len();
-        let mut report =
-            Report::new(Outcome::Progress, format!("a plan of {steps} steps, cost {cost}"));
+        let steps = match plan.steps.len() {
+            1 => "1 step".to_owned(),
+            count => format!("{count} steps"),
+        };
+        let mut report = Report::new(Outcome::Progress, format!("a plan of {steps}, cost {cost}"));
         report.plan = Some(known.outside(plan).to_string());
         report.cost = Some(cost);
         self.tell(id, report, ctx);

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::content::{Achieve, GoalStatus, Keep};
+use acl::content::{Achieve, GoalStatus, Keep, Offers};
 use acl::{AgentId, ConversationId, ReplyToken};
 use agent::{Engagement, TimerId, Work};
 use pddl::{Condition, PlanStep};
@@ -168,6 +168,15 @@ impl Goal {
     /// An agent announced itself anew: what failed before may work now.
     pub(crate) fn forgive(&mut self, agent: &AgentId) {
         self.avoided.retain(|(avoided, _), _| avoided != agent);
+    }
+
+    /// What failed and is not offered now: its agent knows of it by itself, and when it offers it
+    /// again, it works again.
+    pub(crate) fn forgive_what_is_not_offered(&mut self, offers: &Offers) {
+        let is_offered = |(agent, action): &(AgentId, String)| {
+            offers.get(agent).is_some_and(|actions| actions.contains_key(action))
+        };
+        self.avoided.retain(|key, _| is_offered(key));
     }
 
     pub(crate) fn avoided(&self, now: Instant) -> Avoided {

@@ -235,9 +235,11 @@ impl PlanRequester {
 
     fn compiled(&mut self, id: &ConversationId, snapshot: Snapshot, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
-        let avoided = goal.avoided(ctx.now());
         let known = match Known::read(snapshot) {
-            Ok(known) => known.avoiding(avoided),
+            Ok(known) => {
+                goal.forgive_what_is_not_offered(&known.offers);
+                known.avoiding(goal.avoided(ctx.now()))
+            }
             Err(problem) => return self.end(id, Outcome::Failed, problem, ctx),
         };
         if goal.rounds == 0

@@ -3,7 +3,8 @@
 //! - The method that validates a person puts a `query-ref` to all keyboards, each time with a
 //!   deadline, and holds the answer against the PIN of the config.
 //! - Who answers first is heard; a wrong answer is asked for again, a few times. Then the screen
-//!   is locked for a while, whoever asks.
+//!   is locked for a while, whoever asks. Where nobody answers, nobody is asked again for as long
+//!   as an answer was waited for.
 //! - **Invariant:** neither the PIN nor an answer is in a log, a report or a `Debug` of this file.
 //!
 //! Asking is the actuator's: the method says what is to be asked, `Device::watch` asks it, and
@@ -144,6 +145,7 @@ impl Login {
         let attempt = Attempt {
             secret: self.secret.clone(),
             lock: Arc::clone(&self.lock),
+            rest: self.patience,
             ask: self.ask.clone(),
             answers,
             attempts: self.attempts,
@@ -181,6 +183,8 @@ impl Login {
 struct Attempt {
     secret: Secret,
     lock: Lock,
+    /// How long nobody is asked again where nobody answered.
+    rest: Duration,
     ask: mpsc::Sender<String>,
     answers: mpsc::Receiver<News>,
     attempts: u32,
@@ -198,16 +202,22 @@ impl Attempt {
                 Some(News::Answer(answer)) if self.secret.is(&answer) => return Ok(self.place),
                 Some(News::Answer(_)) => (),
                 Some(News::Refused(refusal)) => {
+                    self.close_for(self.rest);
                     return Err(failed(&format!("validate anybody: {}", refusal.detail)));
                 }
                 Some(News::Unanswered(why)) => {
+                    self.close_for(self.rest);
                     return Err(failed(&format!("validate anybody: {why}")));
                 }
                 Some(News::Report(_)) | None => return Err(failed("hear anybody")),
             }
         }
-        let until = Instant::now() + LOCKED_FOR;
-        *self.lock.lock().unwrap_or_else(PoisonError::into_inner) = Some(until);
+        self.close_for(LOCKED_FOR);
         Err(failed(&format!("validate anybody: {} answers were wrong", self.attempts)))
+    }
+
+    fn close_for(&self, time: Duration) {
+        let until = Instant::now() + time;
+        *self.lock.lock().unwrap_or_else(PoisonError::into_inner) = Some(until);
     }
 }

@@ -91,12 +91,6 @@ pub(crate) fn brief(duration: Duration) -> String {
     }
 }
 
-/// A command of the contract that this version does not have.
-fn not_built_yet(command: &str) -> ExitCode {
-    output::note(&format!("error: `althing {command}` is not built yet"));
-    exit::with(exit::UNAVAILABLE)
-}
-
 /// Waits until the process is told to stop: SIGINT or SIGTERM, which it yields. Where signals
 /// cannot be listened to, they end the process as they always do.
 pub(crate) async fn interrupted() -> SignalKind {

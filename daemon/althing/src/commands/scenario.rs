@@ -7,7 +7,7 @@ use agent::Mode;
 use serde_json::json;
 
 use crate::cli::{ScenarioArgs, SubstrateArg};
-use crate::scenario::{Event, Played, Script, Stage, play};
+use crate::scenario::{Event, Played, Scenario, Script, Stage, play};
 use crate::{exit, output};
 
 /// The outcome does not hold.
@@ -15,41 +15,38 @@ const DOES_NOT_HOLD: u8 = 1;
 
 /// Plays, prints what happens, and the verdict.
 pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
-    if args.number != 1 {
-        return super::not_built_yet(&format!("scenario {}", args.number));
-    }
     let mode = args.mode.map_or(Mode::Decentralized, Mode::from);
     let stage = match args.substrate {
         _ if args.processes => Stage::Processes,
         SubstrateArg::Zenoh => Stage::Zenoh,
         SubstrateArg::Memory => Stage::Memory,
     };
-    let script = Script {
-        seed: args.seed.unwrap_or(0),
-        mode,
-        stage,
-        replanning: true,
-        kills: true,
-        guests: None,
+    let number = args.number;
+    let scenario = match number {
+        1 => Scenario::Temperatures,
+        2 => Scenario::Maintenance,
+        3 => Scenario::Access,
+        _ => Scenario::Meeting,
     };
+    let script = Script::new(scenario, args.seed.unwrap_or(0), mode, stage);
     let json = args.print.json;
     super::in_runtime(async move {
         tokio::select! {
-            code = perform(script, json) => code,
+            code = perform(number, script, json) => code,
             // The stage falls with the play, and what was started for it ends.
             signal = super::interrupted() => exit::by_signal(signal),
         }
     })
 }
 
-async fn perform(script: Script, json: bool) -> ExitCode {
+async fn perform(number: u8, script: Script, json: bool) -> ExitCode {
     if !json {
         let flow = match script.mode {
             Mode::Centralized => "centralized",
             Mode::Decentralized => "decentralized",
         };
         let _ = output::print(
-            format_args!("Scenario 1 of the paper, {flow}, building {}\n\n", script.seed),
+            format_args!("{}, {flow}, building {}\n\n", title(number), script.seed),
             exit::DONE,
         );
     }
@@ -72,17 +69,25 @@ async fn perform(script: Script, json: bool) -> ExitCode {
     let code = if played.problems.is_empty() { exit::DONE } else { DOES_NOT_HOLD };
     if json {
         let value = json!({
-            "scenario": 1,
+            "scenario": number,
             "seed": script.seed,
             "mode": script.mode,
             "holds": played.problems.is_empty(),
             "problems": played.problems,
             "told": played.told,
+            "admissions": played.admissions,
             "events": events,
         });
         return output::print_json(&value, code);
     }
     verdict(&played, code)
+}
+
+fn title(number: u8) -> String {
+    match number {
+        4 => "Figure 1 of the paper".to_owned(),
+        number => format!("Scenario {number} of the paper"),
+    }
 }
 
 fn show(event: &Event) {
@@ -93,12 +98,8 @@ fn show(event: &Event) {
 fn verdict(played: &Played, code: u8) -> ExitCode {
     let mut text = String::from("\n");
     if played.problems.is_empty() {
-        let room = played.scenario.dying_room();
-        text.push_str(&format!(
-            "The building's own truth agrees: every room was measured, a robot stood in\n\
-             {room} after {} died, and what the user was told is true:\n",
-            played.scenario.dying_sensor
-        ));
+        text.push_str(&format!("The building's own truth agrees: {}", played.verdict));
+        text.push_str(if played.told.is_empty() { ".\n" } else { ":\n" });
     } else {
         text.push_str("The building's own truth does not agree:\n");
         for problem in &played.problems {
@@ -107,6 +108,9 @@ fn verdict(played: &Played, code: u8) -> ExitCode {
     }
     let told: Vec<_> =
         played.told.iter().map(|(room, celsius)| format!("{room} {celsius:.1} °C")).collect();
-    text.push_str(&format!("  {}\n", told.join(", ")));
+    if !told.is_empty() {
+        text.push_str(&output::folded(&format!("  {}", told.join(", ")), 2));
+        text.push('\n');
+    }
     output::print(text, code)
 }

@@ -45,6 +45,8 @@ pub(crate) struct Node {
     switchboard: Arc<Switchboard>,
     substrate: Arc<dyn Substrate>,
     agents: Vec<Supervised>,
+    /// What agents of the ecosystem file are built with; a guest hosts none.
+    host: Option<Arc<Host>>,
     tasks: TaskTracker,
     stopping: CancellationToken,
     /// A wire in memory lasts as long as somebody holds it.
@@ -70,6 +72,12 @@ pub(crate) enum HostError {
         agent: AgentId,
         /// What it asks for.
         plugin: String,
+    },
+    /// A guest joins with no part of an ecosystem file.
+    #[error("host `{agent}`: a guest hosts nobody")]
+    Guest {
+        /// The agent.
+        agent: AgentId,
     },
     /// The daemon's agents were not seen in time.
     #[error("see its own agents within {patience:?}: {missing:?} are missing")]
@@ -118,8 +126,9 @@ impl Node {
             settings: ecosystem.settings.clone(),
             resources,
         });
+        node.host = Some(host);
         for entry in agents {
-            node.host(entry, &host)?;
+            node.plug_in(entry)?;
         }
         node.await_agents().await?;
         Ok(node)
@@ -143,6 +152,7 @@ impl Node {
             switchboard,
             substrate,
             agents: Vec::new(),
+            host: None,
             tasks: TaskTracker::new(),
             stopping: CancellationToken::new(),
             _wire: wire,
@@ -160,7 +170,15 @@ impl Node {
         self.agents.iter().map(|agent| &agent.id)
     }
 
-    fn host(&mut self, entry: AgentEntry, host: &Arc<Host>) -> Result<(), HostError> {
+    /// Hosts one more agent.
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be built. An agent that fails later is restarted.
+    pub(crate) fn plug_in(&mut self, entry: AgentEntry) -> Result<(), HostError> {
+        let Some(host) = &self.host else {
+            return Err(HostError::Guest { agent: entry.name });
+        };
         let supervised =
             supervisor::begin(entry, host, &self.switchboard, &self.stopping, &self.tasks)?;
         self.agents.push(supervised);

@@ -4,16 +4,18 @@ use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
 
-use ::building::{Building, SeededScenario, Server};
-use acl::{AgentId, DaemonId};
+use ::building::{Building, Server};
+use acl::{AgentId, DaemonId, Message};
 use agent::Mode;
+use bytes::Bytes;
 use substrate::memory::Network;
 use tempfile::TempDir;
 use tokio::io::{AsyncBufReadExt as _, BufReader};
 use tokio::process::{Child, Command};
+use tokio::sync::mpsc;
 
-use super::files;
-use crate::config::{self, Ecosystem, Overrides, Variables};
+use super::setting::{REASONING, Setting};
+use crate::config::{self, AgentEntry, Ecosystem, Overrides, Variables};
 use crate::hosting::{self, Node, Part, Wire};
 use crate::plugins;
 
@@ -38,39 +40,93 @@ pub(crate) struct Set {
     /// The node in this process: all agents, or the user's keyboard alone.
     pub(crate) node: Node,
     pub(crate) processes: Vec<(String, Child)>,
+    /// What a process is started with.
+    program: Program,
+    wire: Wire,
     _server: Option<Server>,
     _folder: TempDir,
 }
 
-/// Sets the stage for a scenario. The error is for a person.
-pub(crate) async fn set(
-    scenario: &SeededScenario,
-    stage: Stage,
-    mode: Mode,
-    replanning: bool,
-) -> Result<Set, String> {
+/// What is heard on the wire while it is held.
+pub(crate) struct Ear {
+    pub(crate) heard: mpsc::Receiver<Message>,
+    _tap: Option<substrate_zenoh::Tap>,
+}
+
+/// Messages that wait to be looked at: more than a small building says in a minute.
+const HEARD_MAX: usize = 16_384;
+
+/// Sets the stage. The error is for a person.
+pub(crate) async fn set(setting: &Setting, stage: Stage, mode: Mode) -> Result<Set, String> {
     let folder = tempfile::Builder::new()
         .prefix("althing-")
         .tempdir()
         .map_err(|error| format!("failed to make a folder for the scenario: {error}"))?;
     let socket = (stage == Stage::Processes).then(|| folder.path().join("building.sock"));
-    let file = files::write(scenario, folder.path(), socket.as_deref(), replanning)
+    let file = setting
+        .write(folder.path(), socket.as_deref())
         .map_err(|error| format!("failed to write the scenario's files: {error}"))?;
     let overrides = Overrides::default().mode(Some(mode));
     // A seed is the same building everywhere, whatever the environment says.
     let ecosystem = Ecosystem::load_with(&file, &Variables::new(), &overrides, &plugins::known())
         .map_err(|error| format!("the scenario's own files are wrong: {error:?}"))?;
-    let building = Building::new(scenario.layout.clone(), ecosystem.building.time_scale)
+    let building = Building::new(setting.at_first.clone(), ecosystem.building.time_scale)
         .map_err(|error| format!("failed to {error}"))?;
+    let program = Program::new(file, folder.path(), mode)?;
+    let at_first: Vec<AgentEntry> = { ecosystem.agents.iter() }
+        .filter(|entry| !setting.comes_later(entry.name.as_str()))
+        .cloned()
+        .collect();
     let mut server = None;
     let mut processes = Vec::new();
     if let Some(socket) = &socket {
         let served = ::building::serve(building.handle(), socket).await;
         server = Some(served.map_err(|error| format!("failed to {error}"))?);
-        processes = spawn_all(&ecosystem, &file, folder.path(), mode).await?;
+        processes = program.spawn_all(&daemons(&ecosystem, &at_first)).await?;
     }
-    let node = open_node(&ecosystem, &building, stage, mode, folder.path()).await?;
-    Ok(Set { building, ecosystem, node, processes, _server: server, _folder: folder })
+    let wire = wire(&ecosystem, stage, folder.path())?;
+    let node = open_node(&ecosystem, &building, stage, mode, (at_first, wire.clone())).await?;
+    Ok(Set {
+        building,
+        ecosystem,
+        node,
+        processes,
+        program,
+        wire,
+        _server: server,
+        _folder: folder,
+    })
+}
+
+/// The daemons that are there at first: not those whose every agent comes later.
+fn daemons(ecosystem: &Ecosystem, at_first: &[AgentEntry]) -> Vec<DaemonId> {
+    let hosts = |entries: &[AgentEntry], daemon: &DaemonId| {
+        entries.iter().any(|entry| entry.daemon.as_ref() == Some(daemon))
+    };
+    let is_there =
+        |daemon: &&DaemonId| hosts(at_first, daemon) || !hosts(&ecosystem.agents, daemon);
+    ecosystem.daemons.iter().filter(is_there).cloned().collect()
+}
+
+/// What carries the messages of the node in this process.
+fn wire(ecosystem: &Ecosystem, stage: Stage, folder: &Path) -> Result<Wire, String> {
+    let daemon = node_name(stage)?;
+    let mut config = substrate_zenoh::Config::new(ecosystem.name.clone(), daemon.clone());
+    match stage {
+        Stage::Memory => return Ok(Wire::Memory(Network::new())),
+        Stage::Zenoh => config.listen = vec![socket_endpoint(folder, daemon.as_str())?],
+        Stage::Processes => {
+            config.mode = substrate_zenoh::Mode::Client;
+            let meeting = folder.join(ecosystem.name.as_str());
+            config.connect = vec![socket_endpoint(&meeting, REASONING)?];
+        }
+    }
+    Ok(Wire::Zenoh(Box::new(config)))
+}
+
+fn node_name(stage: Stage) -> Result<DaemonId, String> {
+    let name = if stage == Stage::Processes { "spectator" } else { "theater" };
+    DaemonId::new(name).map_err(|error| error.to_string())
 }
 
 async fn open_node(
@@ -78,27 +134,10 @@ async fn open_node(
     building: &Building,
     stage: Stage,
     mode: Mode,
-    folder: &Path,
+    (agents, wire): (Vec<AgentEntry>, Wire),
 ) -> Result<Node, String> {
-    let name = if stage == Stage::Processes { "spectator" } else { "theater" };
-    let daemon = DaemonId::new(name).map_err(|error| error.to_string())?;
-    let agents = if stage == Stage::Processes { Vec::new() } else { ecosystem.agents.clone() };
-    let wire = match stage {
-        Stage::Memory => Wire::Memory(Network::new()),
-        Stage::Zenoh => {
-            let mut config = substrate_zenoh::Config::new(ecosystem.name.clone(), daemon.clone());
-            config.listen = vec![socket_endpoint(folder, name)?];
-            Wire::Zenoh(Box::new(config))
-        }
-        Stage::Processes => {
-            let mut config = substrate_zenoh::Config::new(ecosystem.name.clone(), daemon.clone());
-            config.mode = substrate_zenoh::Mode::Client;
-            let meeting = folder.join(ecosystem.name.as_str());
-            config.connect = vec![socket_endpoint(&meeting, files::REASONING)?];
-            Wire::Zenoh(Box::new(config))
-        }
-    };
-    let building = Some(building.handle());
+    let agents = if stage == Stage::Processes { Vec::new() } else { agents };
+    let (daemon, building) = (node_name(stage)?, Some(building.handle()));
     let part = Part { ecosystem, daemon, agents, mode, building, state: None };
     Node::open(part, wire).await.map_err(|error| format!("failed to {error}"))
 }
@@ -109,56 +148,58 @@ fn socket_endpoint(folder: &Path, daemon: &str) -> Result<String, String> {
     Ok(format!("unixsock-stream/{}", path.display()))
 }
 
-/// Starts one `althing up` per daemon of the ecosystem, and waits until all are ready.
-async fn spawn_all(
-    ecosystem: &Ecosystem,
-    file: &Path,
-    folder: &Path,
+/// How an `althing up` of the scenario is started.
+struct Program {
+    path: PathBuf,
+    file: PathBuf,
+    folder: PathBuf,
     mode: Mode,
-) -> Result<Vec<(String, Child)>, String> {
-    let program = std::env::current_exe()
-        .map_err(|error| format!("failed to find this program to start it again: {error}"))?;
-    let mut processes = Vec::new();
-    for daemon in &ecosystem.daemons {
-        let child = spawn(&program, daemon, file, folder, mode)?;
-        processes.push((daemon.to_string(), child));
-    }
-    for (daemon, child) in &mut processes {
-        let ready = tokio::time::timeout(READY_WITHIN, until_ready(child)).await;
-        ready
-            .map_err(|_| format!("daemon `{daemon}` was not ready within {READY_WITHIN:?}"))?
-            .map_err(|problem| format!("daemon `{daemon}` {problem}"))?;
-    }
-    Ok(processes)
 }
 
-fn spawn(
-    program: &PathBuf,
-    daemon: &DaemonId,
-    file: &Path,
-    folder: &Path,
-    mode: Mode,
-) -> Result<Child, String> {
-    let mode = match mode {
-        Mode::Centralized => "centralized",
-        Mode::Decentralized => "decentralized",
-    };
-    let mut command = Command::new(program);
-    for setting in config::variables().keys() {
-        command.env_remove(setting);
+impl Program {
+    fn new(file: PathBuf, folder: &Path, mode: Mode) -> Result<Program, String> {
+        let path = std::env::current_exe()
+            .map_err(|error| format!("failed to find this program to start it again: {error}"))?;
+        Ok(Program { path, file, folder: folder.to_owned(), mode })
     }
-    command
-        .arg("up")
-        .arg(file)
-        .args(["--daemon", daemon.as_str(), "--mode", mode, "--until-stdin-ends"])
-        .env("ALTHING_RUNTIME_DIR", folder)
-        .env("ALTHING_STATE_DIR", folder.join("state"))
-        // Held open as long as we live: however we end, the daemons end too.
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .kill_on_drop(true)
-        .spawn()
-        .map_err(|error| format!("failed to start daemon `{daemon}`: {error}"))
+
+    /// Starts one `althing up` per daemon, and waits until all are ready.
+    async fn spawn_all(&self, daemons: &[DaemonId]) -> Result<Vec<(String, Child)>, String> {
+        let mut processes = Vec::new();
+        for daemon in daemons {
+            processes.push((daemon.to_string(), self.spawn(daemon)?));
+        }
+        for (daemon, child) in &mut processes {
+            let ready = tokio::time::timeout(READY_WITHIN, until_ready(child)).await;
+            ready
+                .map_err(|_| format!("daemon `{daemon}` was not ready within {READY_WITHIN:?}"))?
+                .map_err(|problem| format!("daemon `{daemon}` {problem}"))?;
+        }
+        Ok(processes)
+    }
+
+    fn spawn(&self, daemon: &DaemonId) -> Result<Child, String> {
+        let mode = match self.mode {
+            Mode::Centralized => "centralized",
+            Mode::Decentralized => "decentralized",
+        };
+        let mut command = Command::new(&self.path);
+        for setting in config::variables().keys() {
+            command.env_remove(setting);
+        }
+        command
+            .arg("up")
+            .arg(&self.file)
+            .args(["--daemon", daemon.as_str(), "--mode", mode, "--until-stdin-ends"])
+            .env("ALTHING_RUNTIME_DIR", &self.folder)
+            .env("ALTHING_STATE_DIR", self.folder.join("state"))
+            // Held open as long as we live: however we end, the daemons end too.
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .kill_on_drop(true)
+            .spawn()
+            .map_err(|error| format!("failed to start daemon `{daemon}`: {error}"))
+    }
 }
 
 /// Reads until the daemon says that it is ready. What it says later is read and thrown away, so
@@ -177,18 +218,63 @@ async fn until_ready(child: &mut Child) -> Result<(), String> {
 }
 
 impl Set {
-    /// Kills what hosts a sensor: the agent in this process, or the process of its machine, by
+    /// Kills what hosts an agent: the agent in this process, or the process of its machine, by
     /// SIGKILL.
     pub(crate) async fn kill(&mut self, agent: &AgentId) -> Result<(), String> {
         if self.processes.is_empty() {
             self.node.unplug(agent);
             return Ok(());
         }
-        let entry = self.ecosystem.agents.iter().find(|entry| entry.name == *agent);
-        let daemon = entry.and_then(|entry| entry.daemon.as_ref()).map(ToString::to_string);
+        let daemon = self.entry(agent)?.daemon.as_ref().map(ToString::to_string);
         let process = self.processes.iter_mut().find(|(name, _)| Some(name) == daemon.as_ref());
         let (_, child) = process.ok_or_else(|| format!("no process hosts `{agent}`"))?;
         child.kill().await.map_err(|error| format!("failed to kill the process: {error}"))
+    }
+
+    /// Plugs in an agent that was not there at first: in this process, or with the process of its
+    /// machine.
+    pub(crate) async fn plug_in(&mut self, agent: &AgentId) -> Result<(), String> {
+        let entry = self.entry(agent)?.clone();
+        if self.processes.is_empty() {
+            return self.node.plug_in(entry).map_err(|error| format!("failed to {error}"));
+        }
+        let is_there =
+            |daemon: &DaemonId| self.processes.iter().any(|(name, _)| name == daemon.as_str());
+        match entry.daemon.filter(|daemon| !is_there(daemon)) {
+            Some(daemon) => self.processes.extend(self.program.spawn_all(&[daemon]).await?),
+            None => return Err(format!("`{agent}` needs a machine that is not there yet")),
+        }
+        Ok(())
+    }
+
+    fn entry(&self, agent: &AgentId) -> Result<&AgentEntry, String> {
+        let entry = self.ecosystem.agents.iter().find(|entry| entry.name == *agent);
+        entry.ok_or_else(|| format!("the scenario has no `{agent}`"))
+    }
+
+    /// Listens to everything that is said, as a stranger would.
+    pub(crate) async fn listen(&self) -> Result<Ear, String> {
+        let (tell, heard) = mpsc::channel(HEARD_MAX);
+        // What nobody looks at in time is lost, as it would be for any stranger.
+        let hear = move |payload: &Bytes| {
+            if let Ok(message) = acl::decode(payload) {
+                let _ = tell.try_send(message);
+            }
+        };
+        let endpoint = match &self.wire {
+            Wire::Memory(network) => {
+                network.tap(move |_, payload| hear(payload));
+                return Ok(Ear { heard, _tap: None });
+            }
+            Wire::Zenoh(config) => config.listen.first().or(config.connect.first()).cloned(),
+        };
+        let name = DaemonId::new("stranger").map_err(|error| error.to_string())?;
+        let mut config = substrate_zenoh::Config::new(self.ecosystem.name.clone(), name);
+        config.mode = substrate_zenoh::Mode::Client;
+        config.connect.extend(endpoint);
+        let tap = substrate_zenoh::tap(config, move |_, payload| hear(&payload)).await;
+        let tap = tap.map_err(|error| format!("failed to {error}"))?;
+        Ok(Ear { heard, _tap: Some(tap) })
     }
 
     /// Ends everything on the stage.

@@ -1,8 +1,8 @@
-//! Scenario 1 in both flows on both substrates, over a hundred buildings.
+//! The scenarios in both flows, over many buildings; scenario 1 on both substrates.
 
 use agent::Mode;
 
-use super::{Script, Stage, play};
+use super::{Scenario, Script, Stage, play};
 use crate::hosting::Node;
 
 mod asking;
@@ -15,7 +15,7 @@ mod sensors;
 const MODES: [Mode; 2] = [Mode::Centralized, Mode::Decentralized];
 
 fn script(seed: u64, mode: Mode, stage: Stage) -> Script {
-    Script { seed, mode, stage, replanning: true, kills: true, guests: None }
+    Script::new(Scenario::Temperatures, seed, mode, stage)
 }
 
 /// Plays one script; what the truth has against it.
@@ -66,6 +66,43 @@ async fn without_replanning_no_building_holds() {
             let problems = problems(&script).await;
             let nobody = |problem: &String| problem.starts_with("no robot measured");
             assert!(problems.iter().any(nobody), "seed {seed} {mode:?}: {problems:#?}");
+        }
+    }
+}
+
+/// The other scenarios, in as many buildings as a minute has room for.
+async fn check_all(scenario: Scenario, seeds: std::ops::Range<u64>, stage: Stage) {
+    for seed in seeds {
+        for mode in MODES {
+            let problems = problems(&Script::new(scenario, seed, mode, stage)).await;
+            assert!(problems.is_empty(), "{scenario:?} {seed} {mode:?}: {problems:#?}");
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn temperatures_are_kept_known_in_thirty_buildings() {
+    check_all(Scenario::Maintenance, 0..30, Stage::Memory).await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn who_comes_is_validated_in_ten_buildings() {
+    check_all(Scenario::Access, 0..10, Stage::Memory).await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_meeting_goes_on_in_thirty_buildings() {
+    check_all(Scenario::Meeting, 0..30, Stage::Memory).await;
+}
+
+/// The check is worth something: nobody plans anew, and the building says so.
+#[tokio::test(start_paused = true)]
+async fn without_replanning_no_temperature_is_kept_known() {
+    for seed in 0..5 {
+        for mode in MODES {
+            let script = Script::new(Scenario::Maintenance, seed, mode, Stage::Memory);
+            let problems = problems(&Script { replanning: false, ..script }).await;
+            assert!(!problems.is_empty(), "seed {seed} {mode:?}");
         }
     }
 }

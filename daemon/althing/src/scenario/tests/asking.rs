@@ -10,6 +10,7 @@ use substrate::Ask;
 use tokio::sync::mpsc;
 
 use crate::scenario::stage::{self, Set, Stage};
+use crate::scenario::temperatures;
 
 /// Asks once, and tells what is answered until the last word.
 struct Asker {
@@ -93,7 +94,8 @@ pub(super) async fn read<T: serde::de::DeserializeOwned>(
 /// The paper's office, and the name of one of its sensors.
 pub(super) async fn office(mode: Mode) -> (Set, String) {
     let scenario = Layout::seeded(0);
-    let set = stage::set(&scenario, Stage::Memory, mode, true).await.expect("a stage");
+    let set =
+        stage::set(&temperatures::setting(&scenario), Stage::Memory, mode).await.expect("a stage");
     tokio::time::sleep(Duration::from_secs(3)).await;
     (set, scenario.dying_sensor)
 }

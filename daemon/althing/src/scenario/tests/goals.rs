@@ -11,6 +11,7 @@ use tokio::time::timeout;
 
 use super::MODES;
 use crate::scenario::stage::{self, Set, Stage};
+use crate::scenario::temperatures;
 
 /// Longer than anything here takes in the building's time.
 const PATIENCE: Duration = Duration::from_secs(600);
@@ -36,7 +37,9 @@ impl Office {
     }
 
     async fn of(scenario: &SeededScenario, mode: Mode) -> Office {
-        let set = stage::set(scenario, Stage::Memory, mode, true).await.expect("the stage");
+        let set = stage::set(&temperatures::setting(scenario), Stage::Memory, mode)
+            .await
+            .expect("the stage");
         let mut office = Office { set, users: Vec::new() };
         // A goal that asks for every room is done once all devices are here.
         let all = "(forall (?r - room) (known-temperature ?r))";

@@ -1,0 +1,218 @@
+//! Scenario 3 of the paper: “the camera detects movement at the entry and requests for the person
+//! entering to be validated. The system dispatches the TurtleBot to the location so that the
+//! person can log in through the on-board screen.”
+//!
+//! Four people come. Nobody but the camera asks for a goal. The question comes to two keyboards:
+//! both answer at once, or wrongly at first, or not at all, or wrongly only.
+
+use ::building::{Access, Admission, Device, Manner, Visit};
+use acl::content::{Inform, OpenQuestion, Outcome, Report};
+use acl::{Message, Performative};
+use keyboard::{Heard, Said, Terminal};
+
+use super::performance::{Performance, until_curtain};
+use super::setting::Setting;
+use super::stage::Ear;
+use super::{Event, Played, Script};
+
+/// What a person who may come in answers.
+const PIN: &str = "2718";
+/// What others answer.
+const WRONG: &str = "0000";
+
+/// How long a person counts as validated: short, so that the next who comes is asked for.
+const VALID_FOR: &str = "2s";
+/// How long an answer is waited for.
+const PATIENCE: &str = "3s";
+
+fn setting(access: &Access) -> Setting {
+    let entry = access.entry.clone();
+    let more = move |device: &Device| match device {
+        Device::Camera { .. } => format!(
+            ", presets = {{ door = {{ shows = \"{entry}\" }} }}, folder = \"{{folder}}\", \
+             motion-for = \"1s\", on-motion = {{ goal = \"(validated ?l)\", priority = 5 }}"
+        ),
+        Device::Robot { .. } => format!(
+            ", login = {{ pin = \"{PIN}\", attempts = 2, patience = \"{PATIENCE}\", \
+             valid-for = \"{VALID_FOR}\" }}"
+        ),
+        _ => String::new(),
+    };
+    Setting::new("scenario-3", &access.layout).more(more)
+}
+
+pub(super) async fn play(script: &Script, tell: &mut dyn FnMut(Event)) -> Result<Played, String> {
+    let access = Access::seeded(script.seed);
+    let setting = setting(&access);
+    let performance = Performance::open(&setting, script, tell).await?;
+    let (desk, ear) = (performance.seat("front-desk")?, performance.set.listen().await?);
+    let mut play = Play { performance, desk, ear, access: &access, admissions: Vec::new() };
+    let ended = until_curtain(play.acts(&setting)).await;
+    let Play { performance: Performance { set, building, .. }, admissions, .. } = play;
+    let mut problems: Vec<_> = ended.err().into_iter().collect();
+    problems.extend(access.check(&building.truth(), &admissions).err().unwrap_or_default());
+    set.strike().await;
+    let verdict = format!(
+        "the robot came to {} when somebody\nhad come there, asked nowhere else, and let in \
+         whoever gave the right answer,\nand nobody else",
+        access.entry
+    );
+    Ok(Played { problems, verdict, admissions, ..Played::default() })
+}
+
+struct Play<'t> {
+    performance: Performance<'t>,
+    /// A second keyboard.
+    desk: Terminal,
+    ear: Ear,
+    access: &'t Access,
+    admissions: Vec<Admission>,
+}
+
+/// What happens next at the entry.
+enum Next {
+    AskedUser(OpenQuestion),
+    AskedDesk(OpenQuestion),
+    /// The camera heard what became of its goal.
+    Ended(Report),
+    Other,
+}
+
+impl Play<'_> {
+    async fn acts(&mut self, setting: &Setting) -> Result<(), String> {
+        self.performance.await_agents(setting).await?;
+        // Until the camera has looked once, nothing can move before it.
+        let camera = self.access.camera();
+        self.until_says(camera, |facts| facts.contains("(looks-at ")).await?;
+        for visit in &self.access.visits {
+            let admission = self.visit(visit).await?;
+            self.admissions.push(admission);
+            let robot = self.access.robot();
+            self.until_says(robot, |facts| !facts.contains("(validated ")).await?;
+            // Where nobody answered, nobody is asked again for a while.
+            if visit.manner == Manner::NobodyAnswers {
+                self.until_informs(robot, |inform| match inform {
+                    Inform::Model(model) => model.model.contains("validate-person"),
+                    _ => false,
+                })
+                .await?;
+            }
+        }
+        Ok(())
+    }
+
+    async fn visit(&mut self, visit: &Visit) -> Result<Admission, String> {
+        let Visit { person, manner } = visit;
+        let entry = &self.access.entry;
+        self.performance.say(format!("{person} comes to {entry}"));
+        let building = self.performance.building.clone();
+        building.enter(person, entry).map_err(|error| error.to_string())?;
+        let mut admission =
+            Admission { person: person.clone(), asked: Vec::new(), validated: false };
+        loop {
+            match self.next().await? {
+                Next::AskedUser(question) => {
+                    let place = building.place_of(self.access.robot());
+                    let place = place.map_err(|error| error.to_string())?;
+                    self.performance.say(format!("  robot at {place}: {}", question.text));
+                    let first = admission.asked.is_empty();
+                    admission.asked.push(building.truth().next_sequence());
+                    self.answer_user(*manner, first, &question).await?;
+                }
+                Next::AskedDesk(question) if *manner == Manner::TwoAtOnce => {
+                    answer(&self.desk, &question, PIN).await?;
+                }
+                Next::Ended(report) => {
+                    admission.validated = report.outcome == Outcome::Done;
+                    let verdict = if admission.validated { "let in" } else { "not let in" };
+                    self.performance.say(format!("  {person} is {verdict}: {}", report.detail));
+                    return Ok(admission);
+                }
+                Next::AskedDesk(_) | Next::Other => (),
+            }
+        }
+    }
+
+    async fn answer_user(
+        &mut self,
+        manner: Manner,
+        is_first: bool,
+        question: &OpenQuestion,
+    ) -> Result<(), String> {
+        let (text, how) = match manner {
+            Manner::NobodyAnswers => {
+                self.performance.say("  nobody answers");
+                return Ok(());
+            }
+            Manner::TwoAtOnce => (PIN, "two keyboards answer at once"),
+            Manner::WrongThenRight if !is_first => (PIN, "the answer is right"),
+            Manner::WrongThenRight | Manner::OnlyWrong => (WRONG, "the answer is wrong"),
+        };
+        self.performance.say(format!("  {how}"));
+        answer(&self.performance.user, question, text).await
+    }
+
+    async fn next(&mut self) -> Result<Next, String> {
+        let ended = || "a keyboard has ended".to_owned();
+        tokio::select! {
+            heard = self.performance.user.hear.recv() => match heard.ok_or_else(ended)? {
+                Heard::Question(question) => Ok(Next::AskedUser(question)),
+                _ => Ok(Next::Other),
+            },
+            heard = self.desk.hear.recv() => match heard.ok_or_else(ended)? {
+                Heard::Question(question) => Ok(Next::AskedDesk(question)),
+                _ => Ok(Next::Other),
+            },
+            heard = self.ear.heard.recv() => {
+                let message = heard.ok_or("nobody is heard any more")?;
+                Ok(last_word(&message, self.access.camera()).map_or(Next::Other, Next::Ended))
+            }
+        }
+    }
+
+    /// Listens until the facts in an agent's heartbeat are such.
+    async fn until_says(
+        &mut self,
+        agent: &str,
+        is_so: impl Fn(&str) -> bool,
+    ) -> Result<(), String> {
+        let says = |inform: &Inform| match inform {
+            Inform::Heartbeat(beat) => {
+                let passing: Vec<_> = beat.known_for.keys().map(String::as_str).collect();
+                is_so(&format!("{} {}", beat.facts, passing.join(" ")))
+            }
+            _ => false,
+        };
+        self.until_informs(agent, says).await
+    }
+
+    /// Listens until an agent says this about itself.
+    async fn until_informs(
+        &mut self,
+        agent: &str,
+        is_so: impl Fn(&Inform) -> bool,
+    ) -> Result<(), String> {
+        loop {
+            let message = self.ear.heard.recv().await.ok_or("nobody is heard any more")?;
+            let is_its = message.sender.as_str() == agent;
+            if is_its && message.content_as().is_ok_and(|inform| is_so(&inform)) {
+                return Ok(());
+            }
+        }
+    }
+}
+
+/// The last word that the camera is told about its goal.
+fn last_word(message: &Message, camera: &str) -> Option<Report> {
+    let to_camera = message.receiver.first().is_some_and(|to| to.as_str() == camera);
+    let is_report = message.performative == Performative::Confirm;
+    let from_requester = message.sender.as_str() == "plan-requester";
+    let report = (to_camera && is_report && from_requester).then(|| message.content_as::<Report>());
+    report?.ok().filter(|report| report.outcome.is_final())
+}
+
+async fn answer(terminal: &Terminal, question: &OpenQuestion, text: &str) -> Result<(), String> {
+    let (keyboard, question) = (question.keyboard.clone(), question.question);
+    let said = Said::Answer { keyboard, question, text: text.to_owned() };
+    terminal.say.send(said).await.map_err(|_| "a keyboard has ended".to_owned())
+}

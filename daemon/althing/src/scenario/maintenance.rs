@@ -1,0 +1,109 @@
+//! Scenario 2 of the paper: “Now the sensor in confroom goes down, and the system adapts and
+//! replans accordingly. This again shows how the system responds not only to evolving capabilities
+//! but also to changing environment and (maintenance) goals.”
+//!
+//! A temperature counts as known for a while only, so keeping the goal is work without end. Two
+//! robots share it by cost and map; a sensor that is plugged in takes a room off them.
+
+use ::building::{Device, Event as Occurred, Maintenance, Truth};
+use acl::content::Keep;
+
+use super::performance::{Performance, until_curtain};
+use super::setting::{GOAL, Setting};
+use super::{Event, Played, Script};
+
+/// How long a temperature counts as known. Robots need a fifth of it to go round.
+const KNOWN_FOR: &str = "3s";
+
+fn setting(scenario: &Maintenance) -> Setting {
+    let measures = |device: &Device| {
+        matches!(device, Device::FixedSensor { .. } | Device::MountedSensor { .. })
+    };
+    let more = move |device: &Device| match measures(device) {
+        true => format!(", valid-for = \"{KNOWN_FOR}\""),
+        false => String::new(),
+    };
+    Setting::new("scenario-2", &scenario.layout).at_first(scenario.at_first()).more(more)
+}
+
+pub(super) async fn play(script: &Script, tell: &mut dyn FnMut(Event)) -> Result<Played, String> {
+    let scenario = Maintenance::seeded(script.seed);
+    let setting = setting(&scenario).replanning(script.replanning);
+    let mut performance = Performance::open(&setting, script, tell).await?;
+    let ended = until_curtain(acts(&mut performance, &setting, &scenario)).await;
+    let Performance { set, told, building, .. } = performance;
+    let mut problems: Vec<_> = ended.err().into_iter().collect();
+    problems.extend(scenario.check(&building.truth(), &told).err().unwrap_or_default());
+    set.strike().await;
+    let [first, second] = &scenario.deaths;
+    let verdict = format!(
+        "after {} and {}\nhad died, both robots kept measuring, none where the other was nearer; \
+         since {}\ncame, no robot measured {}; and what the user was told is true",
+        first.sensor,
+        second.sensor,
+        scenario.latecomer,
+        scenario.late_room()
+    );
+    Ok(Played { problems, verdict, told, ..Played::default() })
+}
+
+async fn acts(
+    performance: &mut Performance<'_>,
+    setting: &Setting,
+    scenario: &Maintenance,
+) -> Result<(), String> {
+    performance.await_agents(setting).await?;
+    let goal = performance.set.ecosystem.goal_text(GOAL)?.to_owned();
+    performance.ask(&goal, Keep::Maintain).await?;
+    performance.until_it_holds().await?;
+
+    let building = performance.building.clone();
+    let [first, second] = &scenario.deaths;
+    let died = first.strike(&building).map_err(|error| error.to_string())?;
+    performance.kill(&first.sensor).await?;
+    performance.until(|truth| by_robot(truth, &first.room, died)).await?;
+    let died = second.strike(&building).map_err(|error| error.to_string())?;
+    performance.kill(&second.sensor).await?;
+    let kept = |truth: &Truth| {
+        by_robot(truth, &first.room, died)
+            && by_robot(truth, &second.room, died)
+            && scenario.layout.rooms().all(|room| !readings(truth, room, died).is_empty())
+    };
+    performance.until(kept).await?;
+
+    let plugged = building.truth().next_sequence();
+    scenario.plug_in(&building).map_err(|error| error.to_string())?;
+    performance.plug_in(&scenario.latecomer).await?;
+    let kept = |truth: &Truth| {
+        let by_it: Vec<_> = { readings(truth, scenario.late_room(), plugged).into_iter() }
+            .filter(|(_, sensor)| *sensor == scenario.latecomer)
+            .collect();
+        let [(first_reading, _), _, ..] = by_it.as_slice() else { return false };
+        by_robot(truth, &first.room, *first_reading)
+            && by_robot(truth, &second.room, *first_reading)
+    };
+    performance.until(kept).await?;
+    let truth = building.truth();
+    let is_true = |(room, celsius): (&String, &f64)| truth.temperature(room) == Some(*celsius);
+    let all = scenario.layout.rooms().count();
+    performance.until_told(|told| told.len() == all && told.iter().all(is_true)).await
+}
+
+/// Who measured a room since, and when.
+fn readings<'a>(truth: &'a Truth, room: &str, since: u64) -> Vec<(u64, &'a str)> {
+    let measured = truth.occurrences().filter(|occurrence| occurrence.sequence >= since);
+    let by = measured.filter_map(|occurrence| match &occurrence.event {
+        Occurred::Read { sensor, location, .. } if location == room => {
+            Some((occurrence.sequence, sensor.as_str()))
+        }
+        _ => None,
+    });
+    by.collect()
+}
+
+/// Whether a robot has measured a room since.
+fn by_robot(truth: &Truth, room: &str, since: u64) -> bool {
+    let is_mounted =
+        |sensor: &str| matches!(truth.layout().device(sensor), Some(Device::MountedSensor { .. }));
+    readings(truth, room, since).into_iter().any(|(_, sensor)| is_mounted(sensor))
+}

@@ -1,0 +1,77 @@
+//! Figure 1 of the paper: “When the TV screen in the conference room is plugged in for the first
+//! time, the office should detect the addition of this new component, and complete the setup … the
+//! screen is incapable of displaying anymore. The smart office may now deploy a video collaboration
+//! robot to resume the interrupted meeting.”
+
+use ::building::{Device, Event as Occurred, Fault, Meeting, Truth};
+use acl::content::Keep;
+
+use super::performance::{Performance, until_curtain};
+use super::setting::Setting;
+use super::{Event, Played, Script};
+
+/// The name of what is shown, in plans.
+const MEDIUM: &str = "slides";
+
+fn setting(meeting: &Meeting) -> Setting {
+    let text = meeting.text.clone();
+    let more = move |device: &Device| match device {
+        Device::Screen { .. } | Device::Robot { .. } => {
+            format!(", media = {{ {MEDIUM} = {text:?} }}")
+        }
+        _ => String::new(),
+    };
+    Setting::new("scenario-4", &meeting.layout).at_first(meeting.at_first()).more(more)
+}
+
+pub(super) async fn play(script: &Script, tell: &mut dyn FnMut(Event)) -> Result<Played, String> {
+    let meeting = Meeting::seeded(script.seed);
+    let setting = setting(&meeting);
+    let mut performance = Performance::open(&setting, script, tell).await?;
+    let ended = until_curtain(acts(&mut performance, &setting, &meeting)).await;
+    let Performance { set, building, .. } = performance;
+    let mut problems: Vec<_> = ended.err().into_iter().collect();
+    problems.extend(meeting.check(&building.truth()).err().unwrap_or_default());
+    set.strike().await;
+    let verdict = format!(
+        "{} was given a channel by itself\nand showed “{}” in {} until it failed; then {} \
+         came\nand shows it there",
+        meeting.screen(),
+        meeting.text,
+        meeting.room,
+        meeting.robot()
+    );
+    Ok(Played { problems, verdict, ..Played::default() })
+}
+
+async fn acts(
+    performance: &mut Performance<'_>,
+    setting: &Setting,
+    meeting: &Meeting,
+) -> Result<(), String> {
+    performance.await_agents(setting).await?;
+    let building = performance.building.clone();
+    let (screen, room) = (meeting.screen(), &meeting.room);
+    meeting.plug_in(&building).map_err(|error| error.to_string())?;
+    performance.plug_in(screen).await?;
+    performance.until(|truth| truth.channel_of(screen).is_some()).await?;
+    performance.say(format!("{screen} has a channel, and nobody asked for it"));
+    performance.ask(&format!("(can-present {room})"), Keep::Achieve).await?;
+    performance.until_it_holds().await?;
+    performance.ask(&format!("(presented {MEDIUM} {room})"), Keep::Maintain).await?;
+    performance.until_it_holds().await?;
+
+    let broken = building.break_device(screen, Fault::Fails);
+    let broken = broken.map_err(|error| error.to_string())?;
+    performance.say(format!("✗ {screen} shows nothing any more"));
+    let robot = meeting.robot();
+    let takes_over = |truth: &Truth| {
+        let is_there = truth.place_of(robot) == Some(room);
+        let shown = truth.occurrences().any(|occurrence| {
+            occurrence.sequence > broken && matches!(occurrence.event, Occurred::Shown { .. })
+        });
+        is_there && shown
+    };
+    performance.until(takes_over).await?;
+    performance.until_it_holds().await
+}

@@ -1,0 +1,208 @@
+//! A play on its stage: what every scenario does.
+//!
+//! - Says what happens, with times; hears what the user is told.
+//! - Waits for the building's truth, never for a while.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use ::building::{Building, Truth};
+use acl::AgentId;
+use acl::content::{Keep, Outcome, Report};
+use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
+use pddl::{InitElement, Term};
+use tokio::sync::oneshot;
+use tokio::time::Instant;
+
+use super::setting::Setting;
+use super::stage::{self, Set};
+use super::usher::Usher;
+use super::{Event, Script};
+
+/// How long a whole scenario may take. A building of seven rooms takes seconds.
+const PLAYED_WITHIN: Duration = Duration::from_secs(60);
+
+/// A play under way.
+pub(super) struct Performance<'t> {
+    pub(super) set: Set,
+    pub(super) building: Building,
+    /// The user's keyboard.
+    pub(super) user: Terminal,
+    /// What the user was told last of each room, in °C.
+    pub(super) told: BTreeMap<String, f64>,
+    began: Instant,
+    tell: &'t mut dyn FnMut(Event),
+}
+
+/// Lets a play go on until the curtain falls. The error is for a person.
+pub(super) async fn until_curtain(
+    play: impl Future<Output = Result<(), String>>,
+) -> Result<(), String> {
+    match tokio::time::timeout(PLAYED_WITHIN, play).await {
+        Ok(ended) => ended,
+        Err(_) => Err(format!("the curtain fell after {PLAYED_WITHIN:?}")),
+    }
+}
+
+impl<'t> Performance<'t> {
+    /// Sets the stage. The error is for a person.
+    pub(super) async fn open(
+        setting: &Setting,
+        script: &Script,
+        tell: &'t mut dyn FnMut(Event),
+    ) -> Result<Performance<'t>, String> {
+        let set = stage::set(setting, script.stage, script.mode).await?;
+        let user = seat(&set, "user")?;
+        let (building, began) = (set.building.clone(), Instant::now());
+        Ok(Performance { set, building, user, told: BTreeMap::new(), began, tell })
+    }
+
+    /// Says what happens.
+    pub(super) fn say(&mut self, text: impl Into<String>) {
+        (self.tell)(Event { at: self.began.elapsed(), text: text.into() });
+    }
+
+    /// Another person at a keyboard.
+    pub(super) fn seat(&self, name: &str) -> Result<Terminal, String> {
+        seat(&self.set, name)
+    }
+
+    /// Whether the agents live in several processes.
+    pub(super) fn is_in_processes(&self) -> bool {
+        !self.set.processes.is_empty()
+    }
+
+    // === the agents ===
+
+    /// Waits until every device that is there at first can be planned with.
+    pub(super) async fn await_agents(&mut self, setting: &Setting) -> Result<(), String> {
+        let expected = setting.devices_at_first();
+        let count = expected.len();
+        let (seen, all) = oneshot::channel();
+        let usher = Usher::new(expected, seen);
+        let id = name("usher")?;
+        self.set.node.launch(id, usher, self.set.ecosystem.domain.name.as_str());
+        all.await.map_err(|_| "nobody watches the door".to_owned())?;
+        let place = match self.set.processes.len() {
+            0 => "in one process".to_owned(),
+            processes => format!("in {processes} processes"),
+        };
+        let devices = if count == 1 { "device" } else { "devices" };
+        self.say(format!("{count} {devices} can be planned with, {place}"));
+        Ok(())
+    }
+
+    /// Kills what hosts an agent.
+    pub(super) async fn kill(&mut self, agent: &str) -> Result<(), String> {
+        self.set.kill(&name(agent)?).await?;
+        let how = if self.is_in_processes() { "was killed (SIGKILL)" } else { "is gone" };
+        self.say(format!("✗ {agent} {how}"));
+        Ok(())
+    }
+
+    /// Plugs in an agent that was not there at first.
+    pub(super) async fn plug_in(&mut self, agent: &str) -> Result<(), String> {
+        self.say(format!("＋ {agent} is plugged in"));
+        self.set.plug_in(&name(agent)?).await
+    }
+
+    // === the user ===
+
+    /// The user asks for a goal.
+    pub(super) async fn ask(&mut self, goal: &str, keep: Keep) -> Result<(), String> {
+        let goal = goal.to_owned();
+        let kept = if keep == Keep::Maintain { ", to be kept" } else { "" };
+        self.say(format!("goal{kept}: {goal}"));
+        let wish = Wish { goal, keep, priority: 0 };
+        let said = self.user.say.send(Said::Wish(wish)).await;
+        said.map_err(|_| "the user's keyboard has ended".to_owned())
+    }
+
+    /// Listens until the goal is said to hold.
+    pub(super) async fn until_it_holds(&mut self) -> Result<(), String> {
+        while !self.hear_next().await? {}
+        Ok(())
+    }
+
+    /// Listens until what the user was told is such.
+    pub(super) async fn until_told(
+        &mut self,
+        is_so: impl Fn(&BTreeMap<String, f64>) -> bool,
+    ) -> Result<(), String> {
+        while !is_so(&self.told) {
+            self.hear_next().await?;
+        }
+        Ok(())
+    }
+
+    /// Listens until the building's truth is such.
+    pub(super) async fn until(&mut self, is_so: impl FnMut(&Truth) -> bool) -> Result<(), String> {
+        let building = self.building.clone();
+        let wait = building.wait_for(is_so);
+        tokio::pin!(wait);
+        loop {
+            tokio::select! {
+                _ = &mut wait => return Ok(()),
+                heard = self.user.hear.recv() => {
+                    self.hear(heard)?;
+                }
+            }
+        }
+    }
+
+    async fn hear_next(&mut self) -> Result<bool, String> {
+        let heard = self.user.hear.recv().await;
+        self.hear(heard)
+    }
+
+    /// Whether the goal is said to hold now.
+    fn hear(&mut self, heard: Option<Heard>) -> Result<bool, String> {
+        match heard.ok_or("the user's keyboard has ended")? {
+            Heard::Asked(_)
+            | Heard::Answered(_)
+            | Heard::Question(_)
+            | Heard::QuestionClosed(..) => Ok(false),
+            Heard::Report(_, report) => {
+                self.note(&report);
+                match report.outcome {
+                    Outcome::Progress => Ok(false),
+                    Outcome::Holds | Outcome::Done => Ok(true),
+                    Outcome::Failed | Outcome::Cancelled => {
+                        Err(format!("the goal was given up: {}", report.detail))
+                    }
+                }
+            }
+            Heard::Refused(_, refusal) => Err(format!("the goal was refused: {}", refusal.detail)),
+            Heard::Unanswered(_, why) => Err(why),
+        }
+    }
+
+    fn note(&mut self, report: &Report) {
+        let observed = pddl::parse_init_elements(&report.observations).value;
+        for element in observed.into_iter().flatten() {
+            if let InitElement::Assign(fluent, celsius) = element
+                && fluent.function == "temperature"
+                && let [Term::Object(room)] = fluent.arguments.as_slice()
+            {
+                self.told.insert(room.as_str().to_owned(), celsius.0);
+            }
+        }
+        self.say(report.detail.clone());
+        for step in report.plan.iter().flat_map(|plan| plan.lines()) {
+            if step.starts_with('(') {
+                self.say(format!("  {step}"));
+            }
+        }
+    }
+}
+
+fn name(text: &str) -> Result<AgentId, String> {
+    AgentId::new(text).map_err(|error| error.to_string())
+}
+
+/// A person at a keyboard of this name.
+fn seat(set: &Set, person: &str) -> Result<Terminal, String> {
+    let (keyboard, terminal) = Keyboard::with_terminal();
+    set.node.launch(name(person)?, keyboard, set.ecosystem.domain.name.as_str());
+    Ok(terminal)
+}

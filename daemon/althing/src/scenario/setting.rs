@@ -1,0 +1,165 @@
+//! The setting of a scenario: which building, which agents on which machines, which goals; written
+//! as the files that a person would write.
+
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::{fs, io};
+
+use ::building::{Device, Layout};
+
+/// The office's ontology serves every building of the scenarios.
+const ONTOLOGY: &str = include_str!("../../../../domains/smart-office/domain.pddl");
+
+/// How much faster than real time the building lives: a walk of 4 m takes 130 ms.
+const TIME_SCALE: f64 = 0.01;
+
+/// The name of the goal in the files.
+pub(crate) const GOAL: &str = "temperatures";
+
+/// The daemon that hosts the reasoning engine.
+pub(crate) const REASONING: &str = "reasoning";
+
+/// What a scenario is set in.
+pub(crate) struct Setting {
+    /// The ecosystem's name.
+    name: &'static str,
+    /// The building as it is at first.
+    pub(crate) at_first: Layout,
+    /// The building with everything that will be in it.
+    layout: Layout,
+    /// What is written into the `config` of a device's agent beside where it is.
+    more: Box<dyn Fn(&Device) -> String>,
+    replanning: bool,
+}
+
+impl Setting {
+    /// A building in which nothing is added later, and no agent is told more than where it is.
+    pub(crate) fn new(name: &'static str, layout: &Layout) -> Setting {
+        let more = Box::new(|_: &Device| String::new());
+        let (at_first, layout) = (layout.clone(), layout.clone());
+        Setting { name, at_first, layout, more, replanning: true }
+    }
+
+    /// What is in the building at first; the rest is plugged in later.
+    pub(super) fn at_first(self, at_first: Layout) -> Setting {
+        Setting { at_first, ..self }
+    }
+
+    /// What is written into the `config` of each device's agent beside where it is.
+    pub(super) fn more(self, more: impl Fn(&Device) -> String + 'static) -> Setting {
+        Setting { more: Box::new(more), ..self }
+    }
+
+    /// Off only to show that the check can fail.
+    pub(super) fn replanning(self, replanning: bool) -> Setting {
+        Setting { replanning, ..self }
+    }
+
+    /// The devices that have an agent at first.
+    pub(crate) fn devices_at_first(&self) -> BTreeSet<String> {
+        let has_agent = |device: &&Device| !matches!(device, Device::MountedScreen { .. });
+        let devices = self.at_first.devices().iter().filter(has_agent);
+        devices.map(|device| device.name().to_owned()).collect()
+    }
+
+    /// Whether the agent of this name comes later.
+    pub(super) fn comes_later(&self, agent: &str) -> bool {
+        self.layout.device(agent).is_some() && self.at_first.device(agent).is_none()
+    }
+
+    /// Writes the files into `folder`; yields the ecosystem file.
+    pub(super) fn write(&self, folder: &Path, socket: Option<&Path>) -> io::Result<PathBuf> {
+        fs::write(folder.join("domain.pddl"), ONTOLOGY)?;
+        fs::write(folder.join("map.pddl"), self.layout.map_pddl("smart-office"))?;
+        let file = folder.join("althing.toml");
+        fs::write(&file, self.ecosystem(folder, socket))?;
+        Ok(file)
+    }
+
+    fn ecosystem(&self, folder: &Path, socket: Option<&Path>) -> String {
+        let layout = &self.layout;
+        let daemons: Vec<_> =
+            layout.rooms().map(|room| format!("\"{}\"", daemon_of(room))).collect();
+        let mut text = format!(
+            "[ecosystem]\nname = \"{}\"\ndomain = \"domain.pddl\"\nproblem = \"map.pddl\"\n\
+             daemons = [{}]\n",
+            self.name,
+            daemons.join(", ")
+        );
+        for plugin in ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"] {
+            let stays = plugin == "plan-requester" && !self.replanning;
+            let config = if stays { "replanning = false" } else { "" };
+            agent(&mut text, plugin, plugin, REASONING, config);
+        }
+        for device in layout.devices() {
+            if let Some((plugin, config)) = plugin_of(device, layout) {
+                let config = format!("{config}{}", (self.more)(device))
+                    .replace("{folder}", &folder.display().to_string());
+                agent(&mut text, device.name(), plugin, &daemon_of_device(device, layout), &config);
+            }
+        }
+        let _ = write!(
+            text,
+            "[goals]\n{GOAL} = \"(forall (?r - room) (known-temperature ?r))\"\n\n\
+             [building]\ntime-scale = {TIME_SCALE}\n"
+        );
+        if let Some(socket) = socket {
+            let _ = writeln!(text, "socket = {:?}", socket.display().to_string());
+        }
+        let temperatures: Vec<_> = layout
+            .locations()
+            .iter()
+            .map(|location| format!("{} = {:?}", location.name, location.celsius))
+            .collect();
+        let _ = writeln!(text, "temperatures = {{ {} }}", temperatures.join(", "));
+        text
+    }
+}
+
+/// The plugin of a device's agent, and where it says that it is; `None` if it has no agent.
+fn plugin_of(device: &Device, layout: &Layout) -> Option<(&'static str, String)> {
+    let at = |location: &String| format!("location = \"{location}\"");
+    match device {
+        Device::FixedSensor { location, .. } => Some(("temperature-sensor", at(location))),
+        Device::Camera { location, .. } => Some(("ptz-camera", at(location))),
+        Device::Screen { location, .. } => Some(("screen", at(location))),
+        Device::MountedSensor { carrier, .. } => {
+            Some(("ir-temperature-sensor", format!("mounted-on = \"{carrier}\"")))
+        }
+        Device::Robot { name, start, meters_per_second } => {
+            let has_screen = layout.devices().iter().any(
+                |device| matches!(device, Device::MountedScreen { carrier, .. } if carrier == name),
+            );
+            let plugin = if has_screen { "video-robot" } else { "turtlebot" };
+            Some((plugin, format!("start = \"{start}\", speed = {meters_per_second:?}")))
+        }
+        _ => None,
+    }
+}
+
+fn agent(text: &mut String, name: &str, plugin: &str, daemon: &str, config: &str) {
+    let _ = write!(
+        text,
+        "[[agent]]\nname = \"{name}\"\nplugin = \"{plugin}\"\ndaemon = \"{daemon}\"\n\
+         config = {{ {config} }}\n\n"
+    );
+}
+
+fn daemon_of(room: &str) -> String {
+    format!("{room}-pi")
+}
+
+/// The machine that hosts a device: a place's board, or the laptop on a robot.
+fn daemon_of_device(device: &Device, layout: &Layout) -> String {
+    match device {
+        Device::FixedSensor { location, .. }
+        | Device::Camera { location, .. }
+        | Device::Screen { location, .. } => daemon_of(location),
+        Device::MountedSensor { carrier, .. } => match layout.device(carrier) {
+            Some(carrier) => daemon_of_device(carrier, layout),
+            None => REASONING.to_owned(),
+        },
+        _ => format!("{}-laptop", device.name()),
+    }
+}

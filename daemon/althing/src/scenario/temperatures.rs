@@ -1,0 +1,71 @@
+//! Scenario 1 of the paper, from the goal to the verdict of the building's truth.
+//!
+//! “When the temperature sensor in office2 goes down, the system detects this and re-evaluates
+//! its capabilities automatically and dispatches the TurtleBot to office2 instead.”
+
+use ::building::{Dies, Fault, Layout, SeededScenario, check_scenario_1};
+use acl::content::Keep;
+
+use super::performance::{Performance, until_curtain};
+use super::setting::{GOAL, Setting};
+use super::{Event, Played, Script};
+
+/// The building of a seed.
+pub(crate) fn setting(scenario: &SeededScenario) -> Setting {
+    Setting::new("scenario-1", &scenario.layout)
+}
+
+pub(super) async fn play(script: &Script, tell: &mut dyn FnMut(Event)) -> Result<Played, String> {
+    let scenario = Layout::seeded(script.seed);
+    let setting = setting(&scenario).replanning(script.replanning);
+    let mut performance = Performance::open(&setting, script, tell).await?;
+    if let Some(guests) = script.guests {
+        guests(&performance.set.node);
+    }
+    // Which occurrence in the building's log is the death of the sensor, once it is.
+    let mut death = None;
+    let acts = acts(&mut performance, &setting, &scenario, script.kills, &mut death);
+    let ended = until_curtain(acts).await;
+    let Performance { set, told, building, .. } = performance;
+    let mut problems: Vec<_> = ended.err().into_iter().collect();
+    match death {
+        Some(death) => {
+            let checked = check_scenario_1(&scenario, &building.truth(), death, &told);
+            problems.extend(checked.err().unwrap_or_default());
+        }
+        None => problems.push(format!("`{}` never died", scenario.dying_sensor)),
+    }
+    set.strike().await;
+    let verdict = format!(
+        "every room was measured, a robot stood in\n{} after {} died, and what the user was told \
+         is true",
+        scenario.dying_room(),
+        scenario.dying_sensor
+    );
+    Ok(Played { problems, verdict, told, ..Played::default() })
+}
+
+async fn acts(
+    performance: &mut Performance<'_>,
+    setting: &Setting,
+    scenario: &SeededScenario,
+    kills: bool,
+    death: &mut Option<u64>,
+) -> Result<(), String> {
+    performance.await_agents(setting).await?;
+    let (building, fault) = (performance.building.clone(), Fault::Hangs);
+    scenario.arm(&building, fault).map_err(|error| error.to_string())?;
+    let goal = performance.set.ecosystem.goal_text(GOAL)?.to_owned();
+    performance.ask(&goal, Keep::Maintain).await?;
+    if scenario.dies == Dies::AfterReport {
+        performance.until_it_holds().await?;
+    }
+    let died = scenario.death(&building, fault).await.map_err(|error| error.to_string())?;
+    *death = Some(died);
+    if kills {
+        performance.kill(&scenario.dying_sensor).await?;
+    } else {
+        performance.say(format!("✗ {} hangs", scenario.dying_sensor));
+    }
+    performance.until_it_holds().await
+}
