@@ -32,6 +32,8 @@ pub(crate) struct Known {
     /// What agents could do that offer it no longer.
     former: Vec<ActionModel>,
     pub(crate) avoided: Avoided,
+    /// Agents that other goals needed, and that are not planned with.
+    pub(crate) spared: BTreeSet<AgentId>,
 }
 
 /// Actions that a goal's earlier plans failed with: they are not asked for again for a while.
@@ -68,6 +70,7 @@ impl Known {
             guards,
             former,
             avoided,
+            spared: BTreeSet::new(),
         })
     }
 
@@ -85,6 +88,7 @@ impl Known {
         let taken = reserved.iter().filter_map(|agent| self.offers.remove(agent));
         let guards = taken.flat_map(BTreeMap::into_values).map(|offer| offer.guard).collect();
         self.problem = without(self.problem, &guards);
+        self.spared.clone_from(reserved);
         self
     }
 

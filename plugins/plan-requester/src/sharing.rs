@@ -178,6 +178,12 @@ impl PlanRequester {
         why: String,
         ctx: &mut Context<Self>,
     ) {
+        let is_free_again = !known.spared.is_subset(&self.reserved(id));
+        if let Some(goal) = self.goals.get_mut(id).filter(|_| is_free_again) {
+            // It was looked for without agents that nobody needs any more.
+            goal.phase = Phase::Queued;
+            return self.next(ctx);
+        }
         let Some(goal) = self.goals.get(id) else { return };
         let (attempt, priority) = (goal.attempt, goal.priority);
         let (lower, others): (Vec<_>, Vec<_>) =
