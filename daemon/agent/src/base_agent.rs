@@ -238,17 +238,24 @@ impl<A: Agent> Life<A> {
                 }
                 Opened::Nothing => (),
             },
-            Letter::Broadcast(message) => {
-                let callback = self.callbacks.broadcast(message.performative);
-                if let Some(callback) = callback
-                    && self.ctx.communication.is_new(&message)
-                    && self.ctx.communication.engage(&message)
-                {
-                    callback(&mut self.agent, Message::clone(&message), &mut self.ctx);
-                }
-            }
+            Letter::Broadcast(message) => self.open_broadcast(Message::clone(&message)),
             Letter::Receipts(ids) => self.ctx.communication.received(&ids),
             Letter::Question(question) => self.asked(&question),
+        }
+    }
+
+    fn open_broadcast(&mut self, message: Message) {
+        let Some(callback) = self.callbacks.broadcast(message.performative) else { return };
+        if message.in_reply_to.is_some() {
+            return self.turn(message);
+        }
+        let communication = &mut self.ctx.communication;
+        if communication.is_new(&message) && communication.engage(&message) {
+            let early = communication.take_early(&message);
+            callback(&mut self.agent, message, &mut self.ctx);
+            if let Some(early) = early {
+                self.turn(early);
+            }
         }
     }
 
