@@ -16,8 +16,10 @@ use super::{Node, Part, Wire, simulate};
 use crate::config::{Ecosystem, Overrides, Variables};
 use crate::plugins;
 
+mod mistakes;
 mod presenting;
 mod robots;
+mod strangers;
 mod watching;
 
 const ONTOLOGY: &str = include_str!("../../../../domains/smart-office/domain.pddl");
