@@ -28,6 +28,9 @@ const REST: Duration = Duration::from_millis(100);
 /// How long a goal may go without any word. A maintained goal may hold for a year.
 const GOAL_PATIENCE: Duration = Duration::from_secs(365 * 24 * 3_600);
 
+/// How long a device waits where the Plan Requester's mailbox was full: a burst is over by then.
+const FULL: Duration = Duration::from_secs(1);
+
 /// Goals and questions of one device at a time. A camera has one or two.
 const OPEN_MAX: usize = 32;
 
@@ -219,10 +222,27 @@ impl<D: Device> Actuator<D> {
                 Err(error) => return ctx.not_understood(message, error),
             },
         };
+        let is_full = |refusal: &Refusal| refusal.reason == Reason::MailboxFull;
+        if matches!(&news, News::Refused(refusal) if is_full(refusal)) {
+            return self.request_later(name.to_owned(), asking, ctx);
+        }
         if news.is_final() {
             self.initiatives.goals.remove(name);
         }
         self.hear(name, &news, ctx);
+    }
+
+    /// Nobody has read what was asked: it is asked again a little later, if it still stands.
+    fn request_later(&mut self, name: String, asking: u64, ctx: &mut Context<Self>) {
+        tracing::info!(initiative = name, "the Plan Requester's mailbox is full; asking again");
+        ctx.after(FULL, move |actuator: &mut Self, ctx| {
+            let wanted = actuator.initiatives.goals.get(&name);
+            let asked = wanted.and_then(|wanted| wanted.asked.as_ref());
+            let of = asked.filter(|asked| asked.asking == asking).map(|asked| asked.of.clone());
+            if let Some(of) = of {
+                actuator.request(&name, of, ctx);
+            }
+        });
     }
 
     fn withdraw(&mut self, name: &str, ctx: &mut Context<Self>) {

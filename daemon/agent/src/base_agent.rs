@@ -268,7 +268,11 @@ impl<A: Agent> Life<A> {
     /// A turn of who opened an exchange with this agent.
     fn turn(&mut self, message: Message) {
         if self.ctx.communication.continues_engagement(&message) {
-            self.call(message);
+            let to_all = message.receiver.is_empty();
+            match self.callbacks.broadcast(message.performative).filter(|_| to_all) {
+                Some(callback) => callback(&mut self.agent, message, &mut self.ctx),
+                None => self.call(message),
+            }
         } else {
             tracing::debug!(id = %message.id, from = %message.sender, "a late turn, or an early one");
             self.ctx.communication.keep_early(message);
