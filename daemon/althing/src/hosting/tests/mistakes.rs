@@ -3,11 +3,14 @@
 use std::time::Duration;
 
 use ::building::Event;
-use acl::AgentId;
-use acl::content::{BelievedState, GoalStatus, Keep, Reason};
-use agent::{Launch, Mode, Resource};
+use acl::content::{
+    Achieve, BelievedState, GoalStatus, Keep, Reason, Refusal, Report, Request, value,
+};
+use acl::{AgentId, Performative, Protocol};
+use agent::{Agent, Answer, Callbacks, Context, Launch, Mode, Opening, Resource};
 use keyboard::Keyboard;
 use substrate::Ask;
+use tokio::sync::mpsc;
 use tokio::time::{Instant, timeout};
 use tokio_util::sync::CancellationToken;
 
@@ -97,12 +100,77 @@ async fn a_full_mailbox_is_told_and_tried_again() {
         let conduct = Conduct::RefusesAtFirst(2, Reason::MailboxFull);
         let busy = Stranger::enter(&office, "busy", blesser("busy", 1.0, conduct)).await;
         let mut person = office.person("user");
+        let begun = Instant::now();
         assert!(person.reaches("(blessed office1)").await, "{mode:?}: {:#?}", person.lines);
+        assert!(begun.elapsed() < Duration::from_secs(5), "nobody is to blame, {mode:?}");
         let told = person.lines.iter().filter(|line| line.contains("`busy` declined: my mailbox"));
         assert_eq!(told.count(), 2, "{mode:?}: {:#?}", person.lines);
         assert_eq!(busy.asked().len(), 3, "{mode:?}");
         office.close().await;
     }
+}
+
+/// Asks for as many goals as it is told, all at one instant, and counts what it hears.
+struct Flood {
+    asks: usize,
+    heard: mpsc::UnboundedSender<String>,
+}
+
+impl Agent for Flood {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        for _ in 0..self.asks {
+            let goal = "(at turtlebot-1 office2)".to_owned();
+            let achieve = Achieve { goal, keep: Keep::Achieve, priority: 0 };
+            let opening = Opening {
+                to: AgentId::new("plan-requester").ok(),
+                performative: Performative::Request,
+                protocol: Protocol::Goal,
+                conversation: ctx.new_conversation(),
+                content: value(&Request::Achieve(achieve)),
+            };
+            ctx.open(opening, Duration::from_secs(60), |flood: &mut Self, answer, _| {
+                let word = match answer {
+                    Answer::Message(message) => match message.content_as::<Refusal>() {
+                        Ok(refusal) => format!("{:?}: {}", refusal.reason, refusal.detail),
+                        Err(_) => message.content_as::<Report>().expect("a report").detail,
+                    },
+                    Answer::Silence | Answer::Undelivered(_) => "nothing".to_owned(),
+                };
+                let _ = flood.heard.send(word);
+            });
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_overflows_a_mailbox_is_refused_at_once_and_the_rest_is_served() {
+    let robot = entry("turtlebot-1", "turtlebot", "{ start = \"office2\" }");
+    let office = Office::open(&[robot], Mode::Decentralized).await;
+    let room = office.ecosystem.settings.mailbox_messages_max;
+    let (heard, mut hear) = mpsc::unbounded_channel();
+    let flood = Flood { asks: room + 50, heard };
+    office.node.launch(AgentId::new("flood").expect("a name"), flood, "smart-office");
+    let (mut full, mut held) = (0, 0);
+    let begun = Instant::now();
+    for _ in 0..room + 50 {
+        let word =
+            timeout(Duration::from_secs(30), hear.recv()).await.expect("every one is answered");
+        match word.expect("it lives").as_str() {
+            "MailboxFull: the mailbox of `plan-requester` is full; ask again later" => full += 1,
+            "it holds already" => held += 1,
+            other => panic!("{other}"),
+        }
+    }
+    assert!(full >= 50, "{full} found no room");
+    assert!(held >= room - 50, "{held} were served");
+    assert!(begun.elapsed() < Duration::from_secs(30), "{:?}", begun.elapsed());
+    let mut person = office.person("user");
+    assert!(person.reaches("(at turtlebot-1 office2)").await, "there is room again");
+    office.close().await;
 }
 
 // === a model that changes under a running plan ===
