@@ -478,6 +478,9 @@ pub struct Report {
     /// PDDL facts observed.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub observations: String,
+    /// Why the agent of that action declined it, where it did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub declined: Option<Reason>,
 }
 
 /// How an action, a plan or a goal stands.
@@ -601,6 +604,13 @@ pub struct Question {
     pub text: String,
 }
 
+/// Content of a `cancel` that withdraws a question.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Withdrawal {
+    /// Why nobody need answer any more, for a person.
+    pub detail: String,
+}
+
 /// What a person answered.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PersonsAnswer {
@@ -678,6 +688,7 @@ impl Report {
             plan: None,
             cost: None,
             observations: String::new(),
+            declined: None,
         }
     }
 }

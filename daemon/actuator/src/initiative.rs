@@ -5,12 +5,15 @@
 //!   what became of it comes back in [`Device::heard`].
 //! - A goal stays asked for until it ends or is withdrawn: a Plan Requester that was not here, or
 //!   was restarted, is asked (again) when it comes.
-//! - Who answers a question first is heard; one keyboard's refusal is not the last word.
+//! - Who answers a question first is heard, and the others need not any more; one keyboard's
+//!   refusal is not the last word.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::content::{Achieve, Inform, Question, Reason, Refusal, Report, Request, value};
+use acl::content::{
+    Achieve, Inform, Question, Reason, Refusal, Report, Request, Withdrawal, value,
+};
 use acl::{AgentId, Message, Performative, Protocol, ReplyToken};
 use agent::{Answer, Context, Opening, Presence, Resident, Undelivered, Work};
 use serde_json::Value;
@@ -24,6 +27,9 @@ const REST: Duration = Duration::from_millis(100);
 
 /// How long a goal may go without any word. A maintained goal may hold for a year.
 const GOAL_PATIENCE: Duration = Duration::from_secs(365 * 24 * 3_600);
+
+/// How long a device waits where the Plan Requester's mailbox was full: a burst is over by then.
+const FULL: Duration = Duration::from_secs(1);
 
 /// Goals and questions of one device at a time. A camera has one or two.
 const OPEN_MAX: usize = 32;
@@ -216,10 +222,27 @@ impl<D: Device> Actuator<D> {
                 Err(error) => return ctx.not_understood(message, error),
             },
         };
+        let is_full = |refusal: &Refusal| refusal.reason == Reason::MailboxFull;
+        if matches!(&news, News::Refused(refusal) if is_full(refusal)) {
+            return self.request_later(name.to_owned(), asking, ctx);
+        }
         if news.is_final() {
             self.initiatives.goals.remove(name);
         }
         self.hear(name, &news, ctx);
+    }
+
+    /// Nobody has read what was asked: it is asked again a little later, if it still stands.
+    fn request_later(&mut self, name: String, asking: u64, ctx: &mut Context<Self>) {
+        tracing::info!(initiative = name, "the Plan Requester's mailbox is full; asking again");
+        ctx.after(FULL, move |actuator: &mut Self, ctx| {
+            let wanted = actuator.initiatives.goals.get(&name);
+            let asked = wanted.and_then(|wanted| wanted.asked.as_ref());
+            let of = asked.filter(|asked| asked.asking == asking).map(|asked| asked.of.clone());
+            if let Some(of) = of {
+                actuator.request(&name, of, ctx);
+            }
+        });
     }
 
     fn withdraw(&mut self, name: &str, ctx: &mut Context<Self>) {
@@ -254,12 +277,16 @@ impl<D: Device> Actuator<D> {
         }
     }
 
-    /// The daemon is stopping: what this device wanted, nobody wants any more.
+    /// The daemon is stopping: what this device wanted or asked, it does not any more.
     pub(crate) fn withdraw_all(&mut self, ctx: &mut Context<Self>) {
         self.initiatives.watching = None;
         let names: Vec<_> = self.initiatives.goals.keys().cloned().collect();
         for name in names {
             self.withdraw(&name, ctx);
+        }
+        for exchange in std::mem::take(&mut self.initiatives.questions).into_values() {
+            let detail = format!("`{}` is stopping", ctx.id());
+            ctx.withdraw(&exchange, &Withdrawal { detail });
         }
     }
 
@@ -273,7 +300,8 @@ impl<D: Device> Actuator<D> {
         ctx: &mut Context<Self>,
     ) {
         if let Some(earlier) = self.initiatives.questions.remove(&name) {
-            ctx.close(&earlier);
+            let detail = format!("`{}` asks something else", ctx.id());
+            ctx.withdraw(&earlier, &Withdrawal { detail });
         }
         if self.initiatives.questions.len() >= OPEN_MAX {
             return self.decline(name, ctx);
@@ -315,7 +343,11 @@ impl<D: Device> Actuator<D> {
             Answer::Undelivered(why) => News::Unanswered(why.to_string()),
         };
         if let Some(exchange) = self.initiatives.questions.remove(name) {
-            ctx.close(&exchange);
+            let detail = match answer {
+                Answer::Message(message) => format!("answered at `{}`", message.sender),
+                Answer::Silence | Answer::Undelivered(_) => "nobody answered in time".to_owned(),
+            };
+            ctx.withdraw(&exchange, &Withdrawal { detail });
         }
         self.hear(name, &news, ctx);
     }

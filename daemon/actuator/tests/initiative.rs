@@ -5,7 +5,9 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use acl::content::{Achieve, Inform, Keep, Outcome, PersonsAnswer, Question, Report, Request};
+use acl::content::{
+    Achieve, Inform, Keep, Outcome, PersonsAnswer, Question, Reason, Report, Request, Withdrawal,
+};
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Message, Performative};
 use actuator::{
     Actuator, BoxFuture, Call, Description, Device, Failure, Initiative, News, OwnFact, Performed,
@@ -104,6 +106,8 @@ fn ask() -> Initiative {
 
 /// Hears heartbeats, takes goals as the Plan Requester, answers questions as a keyboard does.
 struct Other {
+    /// How many goals it refuses first, as a full mailbox does.
+    refuses: usize,
     answer: Option<&'static str>,
     told: Told,
     asked: Option<Engagement>,
@@ -116,6 +120,7 @@ impl Agent for Other {
             .on(Performative::Cancel, Self::cancelled)
             .on_broadcast(Performative::Inform, Self::informed)
             .on_broadcast(Performative::QueryRef, Self::queried)
+            .on_broadcast(Performative::Cancel, Self::withdrawn)
     }
 }
 
@@ -124,6 +129,10 @@ impl Other {
         let Ok(Request::Achieve(goal)) = message.content_as() else { panic!("{message:?}") };
         let _ = self.told.send(format!("{} is asked for {}", ctx.id(), goal.goal));
         let engagement = Engagement::of(&message);
+        if self.refuses > 0 {
+            self.refuses -= 1;
+            return ctx.refuse(&engagement, Reason::MailboxFull, "no room");
+        }
         ctx.answer(&engagement, Performative::Confirm, &Report::new(Outcome::Holds, "it holds"));
         self.asked = Some(engagement);
     }
@@ -138,6 +147,11 @@ impl Other {
         if let Ok(Inform::Heartbeat(beat)) = message.content_as() {
             let _ = self.told.send(beat.facts.trim().to_owned());
         }
+    }
+
+    fn withdrawn(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let why: Withdrawal = message.content_as().expect("why");
+        let _ = self.told.send(format!("{} need not answer: {}", ctx.id(), why.detail));
     }
 
     fn queried(&mut self, message: Message, ctx: &mut Context<Self>) {
@@ -198,7 +212,7 @@ impl Room {
 
     fn other(&self, id: &str, life: u64, answer: Option<&'static str>) -> CancellationToken {
         let told = self.told.clone();
-        self.launch(Other { answer, told, asked: None }, id, life).0
+        self.launch(Other { refuses: 0, answer, told, asked: None }, id, life).0
     }
 
     /// The doorbell, which at its first ring takes the first of these initiatives, and so on.
@@ -296,6 +310,21 @@ async fn a_goal_waits_for_a_plan_requester_and_outlives_it() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_goal_that_found_no_room_is_asked_for_again() {
+    let mut room = room();
+    let told = room.told.clone();
+    room.launch(Other { refuses: 2, answer: None, told, asked: None }, "plan-requester", 1);
+    room.bell([vec![want("(a)")], vec![withdraw()]]);
+    room.ring().await;
+    tokio::time::sleep(Duration::from_secs(5)).await;
+    let lines = room.quiet().await;
+    let asked = lines.iter().filter(|line| *line == "plan-requester is asked for (a)");
+    assert_eq!(asked.count(), 2, "after the first: {lines:?}");
+    let heard: Vec<_> = lines.iter().filter(|line| line.starts_with("bell hears")).collect();
+    assert_eq!(heard, ["bell hears of guests: holds"], "and nothing of what was in the way");
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_device_that_stops_wants_nothing_any_more() {
     let mut room = room();
     room.other("plan-requester", 1, None);
@@ -314,6 +343,9 @@ async fn the_first_answer_counts() {
     let lines = room.ring().await;
     let answers = lines.iter().filter(|line| line.starts_with("bell hears"));
     assert_eq!(answers.collect::<Vec<_>>(), ["bell hears of who: the postman"]);
+    let told: Vec<_> = lines.iter().filter(|line| line.contains("need not")).collect();
+    // Who has answered is told nothing.
+    assert_eq!(told, ["silent need not answer: answered at `keyboard`"]);
 }
 
 #[tokio::test(start_paused = true)]

@@ -238,17 +238,24 @@ impl<A: Agent> Life<A> {
                 }
                 Opened::Nothing => (),
             },
-            Letter::Broadcast(message) => {
-                let callback = self.callbacks.broadcast(message.performative);
-                if let Some(callback) = callback
-                    && self.ctx.communication.is_new(&message)
-                    && self.ctx.communication.engage(&message)
-                {
-                    callback(&mut self.agent, Message::clone(&message), &mut self.ctx);
-                }
-            }
+            Letter::Broadcast(message) => self.open_broadcast(Message::clone(&message)),
             Letter::Receipts(ids) => self.ctx.communication.received(&ids),
             Letter::Question(question) => self.asked(&question),
+        }
+    }
+
+    fn open_broadcast(&mut self, message: Message) {
+        let Some(callback) = self.callbacks.broadcast(message.performative) else { return };
+        if message.in_reply_to.is_some() {
+            return self.turn(message);
+        }
+        let communication = &mut self.ctx.communication;
+        if communication.is_new(&message) && communication.engage(&message) {
+            let early = communication.take_early(&message);
+            callback(&mut self.agent, message, &mut self.ctx);
+            if let Some(early) = early {
+                self.turn(early);
+            }
         }
     }
 
@@ -261,7 +268,11 @@ impl<A: Agent> Life<A> {
     /// A turn of who opened an exchange with this agent.
     fn turn(&mut self, message: Message) {
         if self.ctx.communication.continues_engagement(&message) {
-            self.call(message);
+            let to_all = message.receiver.is_empty();
+            match self.callbacks.broadcast(message.performative).filter(|_| to_all) {
+                Some(callback) => callback(&mut self.agent, message, &mut self.ctx),
+                None => self.call(message),
+            }
         } else {
             tracing::debug!(id = %message.id, from = %message.sender, "a late turn, or an early one");
             self.ctx.communication.keep_early(message);

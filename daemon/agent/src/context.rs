@@ -226,6 +226,25 @@ impl<A: Agent> Context<A> {
         }
     }
 
+    /// Stops waiting in an exchange, and tells those whom it was opened with that they need not
+    /// answer any more.
+    pub fn withdraw(&mut self, token: &ReplyToken, why: &impl serde::Serialize) {
+        let Some(open) = self.exchanges.get(token) else { return };
+        match open.to.clone() {
+            Some(to) => self.go_on(token, &to, Performative::Cancel, value(why)),
+            None => {
+                let (protocol, conversation) = (open.protocol, open.conversation.clone());
+                let cancel = Performative::Cancel;
+                let mut message = self.communication.message(cancel, conversation, value(why));
+                message.protocol = Some(protocol);
+                message.in_reply_to = Some(token.clone());
+                // Whom it does not reach goes on until the deadline.
+                let _ = self.communication.post(&message, Duration::ZERO);
+            }
+        }
+        self.close(token);
+    }
+
     /// Gives an exchange more time, from now.
     pub fn extend(&mut self, token: &ReplyToken, patience: Duration) {
         let expired = token.clone();

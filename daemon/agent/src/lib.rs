@@ -30,7 +30,7 @@ pub use callbacks::Callbacks;
 pub use communication_agent::{Answer, Engagement, Opening, Undelivered};
 pub use context::{Context, Exchanges, TimerId, Work};
 pub use directory::Directory;
-pub use plugin::{Blueprint, BuildError, Host, PluginEntry, Resources};
+pub use plugin::{Blueprint, BuildError, Host, PluginEntry, Rehearsal, Resources};
 pub use settings::Settings;
 pub use substrate::{Ask, Presence, Resident, Resource};
 pub use switchboard::{Counters, Switchboard};

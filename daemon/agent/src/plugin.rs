@@ -54,6 +54,11 @@ pub struct Host {
     pub resources: Resources,
 }
 
+/// Among the resources of a host: an agent is built only to see whether it can be, perhaps on
+/// another machine than its own. What is outside the entry is neither read nor missed.
+#[derive(Clone, Copy, Debug)]
+pub struct Rehearsal;
+
 /// Things that drivers share, one per type.
 #[derive(Clone, Default)]
 pub struct Resources(HashMap<TypeId, Arc<dyn Any + Send + Sync>>);

@@ -1,7 +1,9 @@
 //! Beliefs: who claims which fact, since when and for how long; and what holds because of it.
 //!
-//! A fact holds while one owner claims it; of a number, the newest claim is believed. What is
-//! claimed but does not fit the composite domain is kept, and holds as soon as it fits.
+//! A fact holds while one owner claims it; of a number, the newest claim is believed. Heartbeats
+//! that contradict each other do not take turns: of those the word that changed last is newest,
+//! however often the others are repeated. What is claimed but does not fit the composite domain is
+//! kept, and holds as soon as it fits.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -57,7 +59,15 @@ struct Holding {
 #[derive(Clone, Debug)]
 struct Stamped {
     stamp: u64,
+    /// When it was said first, without a word in between that was other.
+    since: u64,
     claim: Claim,
+}
+
+impl Stamped {
+    fn is_heartbeat(&self) -> bool {
+        self.claim.source == Source::Heartbeat
+    }
 }
 
 /// Who claims one fact, in the order of their names: one owner as a rule, so a list.
@@ -163,9 +173,11 @@ impl Beliefs {
     pub(crate) fn claim(&mut self, fact: FactKey, owner: &Owner, claim: Claim) {
         self.stamps += 1;
         let stamp = self.stamps;
+        let before = self.known(&fact, owner).filter(|known| known.claim.value == claim.value);
+        let since = before.map_or(stamp, |known| known.since);
         // Most of what a heartbeat says is what the one before said.
         if let Some(known) = self.known(&fact, owner).filter(|k| k.claim.until == claim.until) {
-            *known = Stamped { stamp, claim };
+            *known = Stamped { stamp, since, claim };
             self.touched.insert(fact);
             return;
         }
@@ -174,7 +186,7 @@ impl Beliefs {
             self.deadlines.insert((until, fact.clone(), owner.clone()));
         }
         self.by_owner.entry(owner.clone()).or_default().insert(fact.clone());
-        let stamped = Stamped { stamp, claim };
+        let stamped = Stamped { stamp, since, claim };
         match self.claims.get_mut(&fact) {
             Some(owners) => owners.insert(owner.clone(), stamped),
             None => {
@@ -314,8 +326,7 @@ impl Beliefs {
                 .map(|stamped| stamped.claim.until)
                 .max_by_key(|until| until.unwrap_or(Moment(u64::MAX)))
                 .map(|until| Holding { value: Value::True, until }),
-            Space::Function => known
-                .max_by_key(|stamped| stamped.stamp)
+            Space::Function => newest(known)
                 .map(|Stamped { claim, .. }| Holding { value: claim.value, until: claim.until }),
         };
         holding.filter(|_| composite.vocabulary.fact_misfit(fact).is_none())
@@ -352,6 +363,13 @@ impl Beliefs {
             (fact, owners.iter().map(|(owner, stamped)| (owner, &stamped.claim)).collect())
         })
     }
+}
+
+/// Which of several words about a number is believed.
+fn newest<'a>(known: impl Iterator<Item = &'a Stamped>) -> Option<&'a Stamped> {
+    let (beats, others): (Vec<_>, Vec<_>) = known.partition(|stamped| stamped.is_heartbeat());
+    let beat = beats.into_iter().max_by_key(|stamped| stamped.since);
+    beat.into_iter().chain(others).max_by_key(|stamped| stamped.stamp)
 }
 
 /// The names that mean something else in one of two composites.

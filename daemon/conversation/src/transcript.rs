@@ -191,6 +191,15 @@ mod tests {
     }
 
     #[test]
+    fn a_question_is_withdrawn_from_those_who_have_not_answered() {
+        // The second answer may have crossed the cancel.
+        let lines = ["a>* query-ref", "k>a inform", "a>* cancel", "l>a inform"];
+        check(Protocol::Query, &lines, None);
+        check(Protocol::Query, &["a>k query-ref", "a>k cancel"], None);
+        check(Protocol::Query, &["a>k query-ref", "k>a cancel"], Some(1));
+    }
+
+    #[test]
     fn every_protocol_can_open_and_close() {
         for protocol in [
             Protocol::Goal,

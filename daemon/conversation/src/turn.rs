@@ -102,8 +102,9 @@ pub const PROTOCOLS: &[Turn] = &[
     turn(StateChange, Open, Participant, Confirm, Closed),
     turn(StateChange, Open, Participant, Refuse, Closed),
     turn(StateChange, Open, Participant, NotUnderstood, Closed),
-    // Anyone asks a person.
+    // Anyone asks a person; who has the answer from somebody else withdraws the question.
     turn(Query, Opening, Initiator, QueryRef, Open),
+    turn(Query, Open, Initiator, Cancel, Closed),
     turn(Query, Open, Participant, Inform, Closed),
     turn(Query, Open, Participant, Refuse, Closed),
     turn(Query, Open, Participant, NotUnderstood, Closed),

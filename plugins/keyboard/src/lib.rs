@@ -4,7 +4,8 @@
 //!   becomes of them.
 //! - Gives up a goal, also one that another keyboard asked for.
 //! - Keeps the questions that agents put to a person (`query-ref`) until somebody at this
-//!   keyboard, or at another, answers; at its deadline a question is refused with a reason.
+//!   keyboard, or at another, answers, or the asker withdraws it; at its deadline a question is
+//!   refused with a reason.
 //!
 //! There are as many as there are terminals. Whoever holds the [`Terminal`] decides what is shown.
 
@@ -17,7 +18,7 @@ use std::time::Duration;
 
 use acl::content::{
     Achieve, AnswerQuestion, ChangeState, Inform, Mode, Outcome, PersonsAnswer, Question, Reason,
-    Refusal, Report, Request, SetMode, value,
+    Refusal, Report, Request, SetMode, Withdrawal, value,
 };
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{
@@ -111,7 +112,9 @@ impl Agent for Keyboard {
         Callbacks::new()
             .on(Performative::QueryRef, Self::queried)
             .on(Performative::Request, Self::requested)
+            .on(Performative::Cancel, Self::withdrawn)
             .on_broadcast(Performative::QueryRef, Self::queried)
+            .on_broadcast(Performative::Cancel, Self::withdrawn)
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
@@ -396,6 +399,18 @@ impl Keyboard {
         };
         ctx.refuse(&question.engagement, Reason::Unanswered, detail.clone());
         self.pass(Heard::QuestionClosed(number, detail));
+    }
+
+    /// The asker needs no answer any more.
+    fn withdrawn(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let Some(exchange) = message.exchange() else { return };
+        let Some((number, question)) = self.questions.take_of(&message.sender, exchange) else {
+            return;
+        };
+        ctx.forget(question.timer);
+        let why = message.content_as::<Withdrawal>().map(|withdrawal| withdrawal.detail);
+        let why = why.unwrap_or_else(|_| "no reason is given".to_owned());
+        self.pass(Heard::QuestionClosed(number, format!("withdrawn: {why}")));
     }
 
     /// Gives an answer: to this keyboard's own question, or to another keyboard.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::content::OpenQuestion;
-use acl::{AgentId, Deadline};
+use acl::{AgentId, Deadline, ReplyToken};
 use agent::{Engagement, TimerId};
 use tokio::time::Instant;
 
@@ -56,6 +56,20 @@ impl Questions {
     /// Takes a question out: it is answered, or its time is over.
     pub(crate) fn take(&mut self, number: u64) -> Option<Question> {
         self.open.remove(&number)
+    }
+
+    /// Takes out the question that `asker` put in this exchange.
+    pub(crate) fn take_of(
+        &mut self,
+        asker: &AgentId,
+        exchange: &ReplyToken,
+    ) -> Option<(u64, Question)> {
+        let is_it = |question: &Question| {
+            question.engagement.initiator == *asker && question.engagement.exchange == *exchange
+        };
+        let (number, _) = self.open.iter().find(|(_, question)| is_it(question))?;
+        let number = *number;
+        self.take(number).map(|question| (number, question))
     }
 
     /// Takes any question out.

@@ -1,11 +1,11 @@
 //! One plan under way: its order, its steps, and the state as it follows from what was confirmed.
 //! Without I/O.
 
-use std::collections::{BTreeSet, HashSet};
+use std::collections::BTreeSet;
 
 use acl::AgentId;
-use acl::content::{ChangeState, Execute, Offers, Snapshot};
-use pddl::{Atom, Domain, InitElement, Name, Plan, PlanStep, Problem, Term};
+use acl::content::{ChangeState, Execute, Offer, Offers, Snapshot};
+use pddl::{Atom, Domain, Plan, PlanStep, Problem};
 use planner::order::{PartialOrder, deorder};
 use planner::validate::{Verdict, World, rest_reaches, validate};
 
@@ -13,6 +13,7 @@ use crate::translate::{Order, acting_agent, translate};
 
 /// One plan under way.
 pub(crate) struct Execution {
+    domain_text: String,
     domain: Domain,
     problem: Problem,
     steps: Vec<PlanStep>,
@@ -50,7 +51,8 @@ impl Execution {
             .map_err(|error| format!("the plan cannot be ordered: {error}"))?;
         let phases = vec![StepPhase::Waiting; plan.steps.len()];
         let offers = execute.offers.clone();
-        Ok(Execution { domain, problem, steps: plan.steps, order, offers, phases, world })
+        let (domain_text, steps) = (execute.domain.clone(), plan.steps);
+        Ok(Execution { domain_text, domain, problem, steps, order, offers, phases, world })
     }
 
     /// The steps that wait for nothing any more.
@@ -110,58 +112,64 @@ impl Execution {
         Some(format!("{unmet} does not hold"))
     }
 
-    /// Whether the steps that are left reach the goal from the state as the Domain Maintainer
-    /// knows it. Steps that are acting count as left: their effects are not confirmed.
+    /// Holds the steps that are left against what the Domain Maintainer knows: the state, and the
+    /// actions as their agents describe them now. If they still reach the goal, the plan goes on
+    /// by that. Steps that are acting count as left: their effects are not confirmed.
     ///
     /// # Errors
     ///
     /// What is in the way, for a person.
-    pub(crate) fn still_reaches(&self, snapshot: &Snapshot) -> Result<(), String> {
+    pub(crate) fn renew(&mut self, snapshot: &Snapshot) -> Result<(), String> {
         let known = pddl::parse_problem(&snapshot.problem).into_result().map_err(first)?;
-        let now = Problem { init: self.readable(known.init), ..self.problem.clone() };
-        let world = World::initial(&self.domain, &now).map_err(first)?;
-        rest_reaches(&world, &self.rest(), &self.problem.goal).map_err(|fault| fault.to_string())
+        let problem = Problem { goal: self.problem.goal.clone(), ..known };
+        let left = self.left();
+        let steps: Result<Vec<_>, _> =
+            left.iter().map(|step| self.renamed(&self.steps[*step], &snapshot.offers)).collect();
+        let steps = steps?;
+        let is_new = snapshot.domain != self.domain_text;
+        let parsed = is_new.then(|| pddl::parse_domain(&snapshot.domain).into_result());
+        let domain = parsed.transpose().map_err(first)?;
+        let read = domain.as_ref().unwrap_or(&self.domain);
+        let world = World::initial(read, &problem).map_err(first)?;
+        rest_reaches(&world, &steps, &problem.goal).map_err(|fault| fault.to_string())?;
+        if let Some(domain) = domain {
+            let rest = Plan { steps, cost: None };
+            let order = deorder(&domain, &problem, &rest)
+                .map_err(|error| format!("the plan cannot be ordered: {error}"))?;
+            for ((step, renamed), before) in left.iter().zip(rest.steps).zip(order.predecessors) {
+                self.steps[*step] = renamed;
+                self.order.predecessors[*step] = before.into_iter().map(|at| left[at]).collect();
+            }
+            self.offers.extend(snapshot.offers.clone());
+            self.domain_text.clone_from(&snapshot.domain);
+            (self.domain, self.problem, self.world) = (domain, problem, world);
+        }
+        Ok(())
     }
 
-    /// The facts that this plan's domain and objects can speak of; agents that joined since then
-    /// brought others, which cannot matter to it.
-    fn readable(&self, init: Vec<InitElement>) -> Vec<InitElement> {
-        let domain = &self.domain;
-        let symbols: HashSet<&Name> = domain
-            .predicates
-            .iter()
-            .map(|predicate| &predicate.name)
-            .chain(domain.functions.iter().map(|function| &function.name))
-            .collect();
-        let objects: HashSet<&Name> = domain
-            .constants
-            .iter()
-            .chain(self.problem.objects.iter().map(|declaration| &declaration.object))
-            .map(|object| &object.name)
-            .collect();
-        let is_readable = |element: &InitElement| {
-            let (symbol, arguments) = match element {
-                InitElement::Atom(atom) | InitElement::Not(atom) => {
-                    (&atom.predicate, &atom.arguments)
-                }
-                InitElement::Assign(fluent, _) => (&fluent.function, &fluent.arguments),
-                InitElement::At(..) => return false,
-            };
-            let is_known =
-                |term: &Term| matches!(term, Term::Object(name) if objects.contains(name));
-            symbols.contains(symbol) && arguments.iter().all(is_known)
-        };
-        init.into_iter().filter(is_readable).collect()
+    /// A step under the name that its action has inside now.
+    fn renamed(&self, step: &PlanStep, offers: &Offers) -> Result<PlanStep, String> {
+        let agent = acting_agent(step).ok_or("no agent acts in it")?;
+        let is_it = |(_, offer): &(&String, &Offer)| step.action == *offer.inside.as_str();
+        let known = self.offers.get(&agent).and_then(|actions| actions.iter().find(is_it));
+        let outside = known.map_or(step.action.as_str(), |(outside, _)| outside.as_str());
+        let offer = offers
+            .get(&agent)
+            .and_then(|actions| actions.get(outside))
+            .ok_or_else(|| format!("`{agent}` does not offer `{outside}` any more"))?;
+        Ok(PlanStep { action: offer.inside.as_str().into(), ..step.clone() })
     }
 
-    fn rest(&self) -> Vec<PlanStep> {
-        let left = self.steps.iter().zip(&self.phases);
-        left.filter(|(_, phase)| **phase != StepPhase::Done).map(|(step, _)| step.clone()).collect()
+    /// The steps that are not done.
+    fn left(&self) -> Vec<usize> {
+        let is_left = |step: &usize| self.phases[*step] != StepPhase::Done;
+        (0..self.steps.len()).filter(is_left).collect()
     }
 
     /// Whether an agent acts in a step that is not done.
     pub(crate) fn needs(&self, agent: &AgentId) -> bool {
-        self.rest().iter().any(|step| acting_agent(step).as_ref() == Some(agent))
+        let left = self.left();
+        left.into_iter().any(|step| acting_agent(&self.steps[step]).as_ref() == Some(agent))
     }
 
     /// A step, for a person: under its agent's name for it.

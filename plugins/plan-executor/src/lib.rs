@@ -5,13 +5,14 @@
 //!   as the steps it depends on are done; side by side where the order allows it.
 //! - Tells the Domain Maintainer what a confirmed action changed, and the Plan Requester every
 //!   step and the outcome.
-//! - Watches: when the world as known changes, it checks whether the rest of the plan still
-//!   reaches the goal.
+//! - Watches: when the world as known or what agents can do changes, it checks whether the rest of
+//!   the plan still reaches the goal; it does not believe who confirms and then says otherwise.
 //! - Does not replan: on failure it takes back what is running, reports, and the Plan Requester
 //!   decides.
 
 mod execution;
 mod translate;
+mod word;
 
 use std::collections::BTreeMap;
 
@@ -22,11 +23,12 @@ use acl::content::{
 use acl::{AgentId, Message, Performative, Protocol, ReplyToken};
 use agent::{
     Agent, Answer, Ask, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Opening,
-    PluginEntry, Resource, TimerId, Work,
+    PluginEntry, Presence, Resource, TimerId, Work,
 };
 use serde::Deserialize;
 
 use crate::execution::Execution;
+use crate::word::{Doubt, Words};
 
 /// Plans that may run side by side. Each keeps a copy of the state; a building has few goals.
 const EXECUTIONS_MAX: usize = 64;
@@ -61,11 +63,13 @@ impl Default for Config {
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let Config { domain_maintainer } = blueprint.config_as()?;
-    Ok(Box::new(PlanExecutor { domain_maintainer, running: BTreeMap::new() }))
+    let (words, running) = (Words::default(), BTreeMap::new());
+    Ok(Box::new(PlanExecutor { domain_maintainer, words, running }))
 }
 
 struct PlanExecutor {
     domain_maintainer: AgentId,
+    words: Words,
     /// By the exchange in which each was asked for.
     running: BTreeMap<ReplyToken, Running>,
 }
@@ -85,7 +89,11 @@ struct Running {
     check: Option<TimerId>,
     asking: Option<Work>,
     /// A check that failed once is made again before the plan is given up: news may have crossed.
-    doubts: u32,
+    retries: u32,
+    /// What agents confirmed against their own word, until their next.
+    doubts: BTreeMap<AgentId, Doubt>,
+    /// How long a plan that is carried out waits for those words.
+    hearing: Option<TimerId>,
 }
 
 /// A step under way.
@@ -103,6 +111,12 @@ impl Agent for PlanExecutor {
             .on(Performative::Request, Self::requested)
             .on(Performative::Cancel, Self::cancelled)
             .on_broadcast(Performative::Inform, Self::informed)
+    }
+
+    fn presence(&mut self, presence: &Presence, _ctx: &mut Context<Self>) {
+        if let Presence::Left(resident) = presence {
+            self.words.forget(&resident.agent);
+        }
     }
 
     fn drained(&mut self, ctx: &mut Context<Self>) -> bool {
@@ -155,7 +169,9 @@ impl PlanExecutor {
             untold: 0,
             check: None,
             asking: None,
-            doubts: 0,
+            retries: 0,
+            doubts: BTreeMap::new(),
+            hearing: None,
         };
         self.running.insert(token.clone(), running);
         self.dispatch(&token, ctx);
@@ -175,6 +191,9 @@ impl PlanExecutor {
         let Some(running) = self.running.get_mut(token) else { return };
         if running.ending.is_some() {
             return self.end_if_quiet(token, ctx);
+        }
+        if running.execution.is_complete() && !running.doubts.is_empty() {
+            return self.hear_out(token, ctx);
         }
         if running.execution.is_complete() {
             let outcome = match running.execution.unmet_goal() {
@@ -272,12 +291,12 @@ impl PlanExecutor {
                 let refusal =
                     refusal.unwrap_or_else(|_| Refusal::new(Reason::Other, "without a reason"));
                 // Who is busy is not to blame: it can do the same a moment later.
-                if refusal.reason == Reason::Busy
-                    && let Some(acting) = self.acting(token, step)
-                {
+                let is_busy = matches!(refusal.reason, Reason::Busy | Reason::MailboxFull);
+                if is_busy && let Some(acting) = self.acting(token, step) {
                     acting.action.clear();
                 }
-                self.failed(token, step, format!("`{agent}` declined: {}", refusal.detail), ctx);
+                let problem = format!("`{agent}` declined: {}", refusal.detail);
+                self.declined(token, step, problem, refusal.reason, ctx);
             }
         }
     }
@@ -316,9 +335,13 @@ impl PlanExecutor {
         ctx: &mut Context<Self>,
     ) {
         let Some(running) = self.running.get_mut(token) else { return };
-        running.acting.remove(&step);
+        let action = running.acting.remove(&step).map(|acting| acting.action).unwrap_or_default();
         match running.execution.finish(step) {
             Ok(mut change) => {
+                // Of one agent the last word counts, and the last deed.
+                running.doubts.remove(agent);
+                let doubt = self.words.doubt(agent, action, &change);
+                running.doubts.extend(doubt.map(|doubt| (agent.clone(), doubt)));
                 change.owner = Some(agent.clone());
                 self.tell(token, change, ctx);
             }
@@ -361,8 +384,30 @@ impl PlanExecutor {
         problem: String,
         ctx: &mut Context<Self>,
     ) {
+        self.fail(token, step, failure(problem), ctx);
+    }
+
+    fn declined(
+        &mut self,
+        token: &ReplyToken,
+        step: usize,
+        problem: String,
+        reason: Reason,
+        ctx: &mut Context<Self>,
+    ) {
+        let report = Report { declined: Some(reason), ..failure(problem) };
+        self.fail(token, step, report, ctx);
+    }
+
+    fn fail(
+        &mut self,
+        token: &ReplyToken,
+        step: usize,
+        mut report: Report,
+        ctx: &mut Context<Self>,
+    ) {
         let Some(running) = self.running.get_mut(token) else { return };
-        let mut report = failure(format!("{}: {problem}", running.execution.step_text(step)));
+        report.detail = format!("{}: {}", running.execution.step_text(step), report.detail);
         if let Some(Acting { exchange, action, .. }) = running.acting.remove(&step) {
             ctx.close(&exchange);
             report.action = Some(action).filter(|action| !action.is_empty());
@@ -395,8 +440,8 @@ impl PlanExecutor {
         }
         let Some(running) = self.running.remove(token) else { return };
         let Some(report) = running.ending else { return };
-        if let Some(check) = running.check {
-            ctx.forget(check);
+        for timer in running.check.into_iter().chain(running.hearing) {
+            ctx.forget(timer);
         }
         tracing::info!(conversation = %running.engagement.conversation, outcome = %report.outcome,
             detail = report.detail, "ends");
@@ -412,14 +457,58 @@ impl PlanExecutor {
     // === watching ===
 
     fn informed(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let Ok(Inform::Epoch(change)) = message.content_as::<Inform>() else { return };
-        if message.sender != self.domain_maintainer {
+        let beat = match message.content_as::<Inform>() {
+            Ok(Inform::Epoch(change)) if message.sender == self.domain_maintainer => {
+                let plans: Vec<_> = self.running.keys().cloned().collect();
+                for token in plans {
+                    self.schedule_check(&token, &change, ctx);
+                }
+                return;
+            }
+            Ok(Inform::Heartbeat(beat)) => beat,
+            Ok(Inform::Model(announcement)) => announcement.heartbeat,
+            _ => return,
+        };
+        self.words.hear(&message.sender, message.incarnation, &beat);
+        let doubts = |running: &Running| running.doubts.contains_key(&message.sender);
+        let plans = self.running.iter().filter(|(_, running)| doubts(running));
+        let plans: Vec<_> = plans.map(|(token, _)| token.clone()).collect();
+        for token in plans {
+            self.hold_against(&token, &message.sender, ctx);
+        }
+    }
+
+    /// Holds what an agent confirmed against its next word.
+    fn hold_against(&mut self, token: &ReplyToken, agent: &AgentId, ctx: &mut Context<Self>) {
+        let Some(running) = self.running.get_mut(token) else { return };
+        let Some(doubt) = running.doubts.get(agent) else { return };
+        let Some(word) = self.words.since(agent, doubt) else { return };
+        let action = running.doubts.remove(agent).map(|doubt| doubt.action).unwrap_or_default();
+        match word {
+            None => self.dispatch(token, ctx),
+            Some(fact) => {
+                let problem = format!("`{action}`: `{agent}` confirmed it, yet says `{fact}`");
+                let report = Report { action: Some(action), ..failure(problem) };
+                self.give_up(token, report, ctx);
+            }
+        }
+    }
+
+    /// Every step is confirmed, some against its agent's last word: the next one is waited for, as
+    /// long as an agent may be silent.
+    fn hear_out(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
+        let Some(running) = self.running.get_mut(token) else { return };
+        if running.hearing.is_some() {
             return;
         }
-        let plans: Vec<_> = self.running.keys().cloned().collect();
-        for token in plans {
-            self.schedule_check(&token, &change, ctx);
-        }
+        let waiting = token.clone();
+        let patience = ctx.settings().heartbeat_lease;
+        running.hearing = Some(ctx.after(patience, move |executor: &mut Self, ctx| {
+            if let Some(running) = executor.running.get_mut(&waiting) {
+                running.doubts.clear();
+            }
+            executor.dispatch(&waiting, ctx);
+        }));
     }
 
     /// A plan that needs an agent which left is given the grace, so that a blink of the network
@@ -472,19 +561,20 @@ impl PlanExecutor {
         let Some(running) = self.running.get_mut(token) else { return };
         // A step that was confirmed while we asked makes the answer older than what we know.
         let is_stale = running.untold > 0;
-        match running.execution.still_reaches(snapshot) {
-            Ok(()) => running.doubts = 0,
-            Err(_) if is_stale || running.doubts == 0 => {
-                running.doubts = u32::from(!is_stale);
+        let renewed = if is_stale { Ok(()) } else { running.execution.renew(snapshot) };
+        match renewed {
+            Ok(()) if !is_stale => running.retries = 0,
+            Err(problem) if running.retries > 0 => {
+                let problem = format!("the rest of the plan does not reach the goal: {problem}");
+                self.give_up(token, failure(problem), ctx);
+            }
+            _ => {
+                running.retries = u32::from(!is_stale);
                 let again = token.clone();
                 running.check =
                     Some(ctx.after(SETTLING, move |executor: &mut Self, ctx| {
                         executor.check(&again, ctx)
                     }));
-            }
-            Err(problem) => {
-                let problem = format!("the rest of the plan does not reach the goal: {problem}");
-                self.give_up(token, failure(problem), ctx);
             }
         }
     }

@@ -188,7 +188,9 @@ impl PlanRequester {
         let is_called = call.known.offers.contains_key(&bidder);
         if message.performative == Performative::Agree {
             match message.content_as::<Bid>() {
-                Ok(bid) => {
+                Ok(mut bid) => {
+                    // What is held against a bidder it may not know.
+                    bid.proposals.retain(|proposal| call.known.admits(&proposal.plan));
                     let covers = |proposal: &Proposal| {
                         (bidder.clone(), proposal.covers.clone(), token.clone())
                     };
@@ -324,7 +326,9 @@ fn why_none(call: &Call, problems: &[String]) -> String {
         .cloned()
         .collect();
     let names: Vec<_> = missing.iter().map(|conjunct| format!("`{conjunct}`")).collect();
-    let otherwise = format!("no agent proposes a plan of its own for {}", names.join(" and "));
+    let held = explaining::held(&call.known.avoided);
+    let names = names.join(" and ");
+    let otherwise = format!("no agent proposes a plan of its own for {names}{held}");
     let together = |_: &Explanation| format!("{otherwise}; several of them together might");
     explain(&call.known, &open, together).unwrap_or_else(|| otherwise.clone())
 }

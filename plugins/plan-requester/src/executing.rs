@@ -142,8 +142,8 @@ impl PlanRequester {
     fn execution_failed(&mut self, id: &ConversationId, report: Report, ctx: &mut Context<Self>) {
         let now = ctx.now();
         let Some(goal) = self.goals.get_mut(id) else { return };
-        if let Some((agent, action)) = report.action.as_deref().and_then(blamed) {
-            goal.avoid(agent, action, now);
+        if let Some(blamed) = report.action.as_deref().and_then(blamed) {
+            goal.avoid(blamed, &report, now);
         }
         self.retry(id, report.detail, Duration::ZERO, ctx);
     }

@@ -4,8 +4,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use acl::AgentId;
-use acl::content::Proposal;
-use pddl::{Condition, Effect, InitElement, Name};
+use acl::content::{Offer, Proposal};
+use pddl::{ActionSchema, Condition, Effect, InitElement, Name};
 use planner::explain::Explanation;
 
 use crate::known::{Avoided, Known};
@@ -19,14 +19,23 @@ pub(crate) fn obstacles(explanation: &Explanation, avoided: &Avoided) -> Option<
     if explanation.obstacles.is_empty() {
         return None;
     }
-    let failed = avoided.iter().map(|(agent, action)| format!("`{action}` of `{agent}`"));
-    let failed = listed(failed.collect(), " and ");
-    let why = if failed.is_empty() {
-        String::new()
-    } else {
-        format!(" ({failed} failed a moment ago and will be tried again)")
-    };
-    Some(format!("{explanation}{why}"))
+    Some(format!("{explanation}{}", held(avoided)))
+}
+
+/// What is held against agents' actions, in brackets; nothing, where nothing is.
+pub(crate) fn held(avoided: &Avoided) -> String {
+    let told = avoided.iter().map(|((agent, action), held)| {
+        let again = if held.is_withdrawn {
+            "failed, and is not offered any more"
+        } else if held.is_for_good {
+            "is not asked for again"
+        } else {
+            "failed a moment ago and will be tried again"
+        };
+        format!("`{action}` of `{agent}` {again}: {}", held.why)
+    });
+    let told = listed(told.collect(), "; ");
+    if told.is_empty() { told } else { format!(" ({told})") }
 }
 
 /// Why the chosen agents, and what the others said; nothing, where no other said anything.
@@ -89,7 +98,8 @@ fn closest<'a>(chosen: &Proposal, others: &'a [Proposal]) -> Option<(usize, &'a 
 /// What a round of planning saw, to tell the next one what changed.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Seen {
-    offers: BTreeSet<(AgentId, String)>,
+    /// Who offers what, and what that takes and does.
+    offers: BTreeMap<(AgentId, String), String>,
     facts: BTreeSet<String>,
 }
 
@@ -98,11 +108,17 @@ pub(crate) struct Seen {
 impl Seen {
     /// Of what plans change by themselves, only what is `open` of the goal is of interest.
     pub(crate) fn of(known: &Known) -> Seen {
-        let of_agent = |(agent, actions): (&AgentId, &BTreeMap<String, _>)| {
-            let (agent, actions) = (agent.clone(), actions.keys().cloned());
-            actions.map(move |action| (agent.clone(), action)).collect::<Vec<_>>()
-        };
         let guards: BTreeSet<&Name> = known.guards.values().map(|guard| &guard.predicate).collect();
+        let schemas: BTreeMap<&str, String> = { known.domain.actions.iter() }
+            .map(|schema| (schema.name.as_str(), meaning(schema, &guards)))
+            .collect();
+        let of_agent = |(agent, actions): (&AgentId, &BTreeMap<String, Offer>)| {
+            let meaning = |offer: &Offer| schemas.get(&*offer.inside).cloned().unwrap_or_default();
+            let named = |(action, offer): (&String, &Offer)| {
+                ((agent.clone(), action.clone()), meaning(offer))
+            };
+            actions.iter().map(named).collect::<Vec<_>>()
+        };
         let facts = known.problem.init.iter().filter_map(|element| match element {
             InitElement::Atom(atom) if !guards.contains(&atom.predicate) => Some(atom.to_string()),
             _ => None,
@@ -114,15 +130,19 @@ impl Seen {
     pub(crate) fn news(&self, known: &Known, open: &[Condition]) -> Option<String> {
         let now = Seen::of(known);
         let agents = |seen: &Seen| -> BTreeSet<AgentId> {
-            seen.offers.iter().map(|(agent, _)| agent.clone()).collect()
+            seen.offers.keys().map(|(agent, _)| agent.clone()).collect()
         };
         let (before, after) = (agents(self), agents(&now));
         let name = |agent: &AgentId| format!("`{agent}`");
         let left: Vec<String> = before.difference(&after).map(name).collect();
         let joined: Vec<String> = after.difference(&before).map(name).collect();
-        let withdrawn = self.offers.difference(&now.offers);
-        let withdrawn = withdrawn.filter(|(agent, _)| after.contains(agent));
-        let withdrawn = withdrawn.map(|(agent, action)| format!("`{action}` of `{agent}`"));
+        let of = |(agent, action): &(AgentId, String)| format!("`{action}` of `{agent}`");
+        let here = self.offers.iter().filter(|((agent, _), _)| after.contains(agent));
+        let withdrawn = here.clone().filter(|(offer, _)| !now.offers.contains_key(*offer));
+        let is_other = |(offer, meaning): &(&(AgentId, String), &String)| {
+            now.offers.get(*offer).is_some_and(|now| now != *meaning)
+        };
+        let other = here.filter(is_other).map(|(offer, _)| of(offer)).collect();
         let open: BTreeSet<String> = open.iter().map(ToString::to_string).collect();
         let changing = changing(known);
         let lasts =
@@ -131,7 +151,8 @@ impl Seen {
         let parts = [
             ("offers nothing now", left),
             ("offers something now", joined),
-            ("is not offered now", withdrawn.collect()),
+            ("is not offered now", withdrawn.map(|(offer, _)| of(offer)).collect()),
+            ("takes or does something else now", other),
             ("does not hold any more", retracted.map(|fact| format!("`{fact}`")).collect()),
         ];
         let told: Vec<String> = parts
@@ -141,6 +162,20 @@ impl Seen {
             .collect();
         (!told.is_empty()).then(|| format!("since the last plan, {}", told.join("; ")))
     }
+}
+
+/// What a schema takes and does, apart from its name and from who offers it.
+fn meaning(schema: &ActionSchema, guards: &BTreeSet<&Name>) -> String {
+    let is_guard = |part: &Condition| matches!(part, Condition::Atom(atom) if guards.contains(&atom.predicate));
+    let parts = match &schema.precondition {
+        Condition::And(parts) => parts.clone(),
+        other => vec![other.clone()],
+    };
+    let takes: Vec<_> =
+        parts.iter().filter(|part| !is_guard(part)).map(ToString::to_string).collect();
+    let parameters: Vec<_> =
+        schema.all_parameters().map(|parameter| parameter.name.to_string()).collect();
+    format!("{}: {} → {}", parameters.join(" "), takes.join(" "), schema.effect)
 }
 
 /// The predicates that actions change.
@@ -179,9 +214,10 @@ fn listed(mut things: Vec<String>, separator: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use acl::content::{Guard, Offer, Snapshot};
+    use acl::content::{Guard, Snapshot};
 
     use super::*;
+    use crate::known::Held;
 
     const DOMAIN: &str = "(define (domain d) (:requirements :typing) (:types room sensor)
         (:predicates (known ?r - room) (open ?r - room) (in ?s - sensor ?r - room)
@@ -194,6 +230,10 @@ mod tests {
     }
 
     fn known(agents: &[&str], facts: &str, avoided: &Avoided) -> Known {
+        known_in(DOMAIN, agents, facts, avoided)
+    }
+
+    fn known_in(domain: &str, agents: &[&str], facts: &str, avoided: &Avoided) -> Known {
         let guard = |agent: &str| format!("(offers-measure {agent})");
         let guards: Vec<String> = agents.iter().map(|agent| guard(agent)).collect();
         let offer = |agent: &&str| {
@@ -205,7 +245,7 @@ mod tests {
         let snapshot = Snapshot {
             epoch: 1,
             revision: 1,
-            domain: DOMAIN.to_owned(),
+            domain: domain.to_owned(),
             digest: String::new(),
             problem: format!(
                 "(define (problem p) (:domain d) (:objects a b - sensor hall lab - room)
@@ -230,13 +270,20 @@ mod tests {
 
     #[test]
     fn an_action_that_is_avoided_is_told_with_the_obstacle() {
-        let avoided: Avoided = [(id("a"), "measure".to_owned())].into();
+        let held =
+            |is_for_good| Held { why: "`a` is stuck".to_owned(), is_for_good, is_withdrawn: false };
+        let avoided: Avoided = [((id("a"), "measure".to_owned()), held(false))].into();
         let known = known(&["a"], "(in a hall) (open hall)", &avoided);
         let explanation = known.explain(&goal("(known hall)")).expect("explained");
         assert_eq!(
             obstacles(&explanation, &avoided).expect("an obstacle"),
             "no agent can `measure` at `hall`; `a` does not offer `measure` now; a sensor there \
-             would do (`measure` of `a` failed a moment ago and will be tried again)"
+             would do (`measure` of `a` failed a moment ago and will be tried again: `a` is stuck)"
+        );
+        let for_good: Avoided = [((id("a"), "measure".to_owned()), held(true))].into();
+        assert_eq!(
+            super::held(&for_good),
+            " (`measure` of `a` is not asked for again: `a` is stuck)"
         );
         let known = self::known(&["a"], "(in a hall) (open hall)", &Avoided::new());
         let explanation = known.explain(&goal("(known hall)")).expect("explained");
@@ -274,5 +321,11 @@ mod tests {
         );
         let same = known(&["a"], "(open hall) (known hall)", &none);
         assert_eq!(seen.news(&same, &[]), None);
+        let locked = DOMAIN.replace("(open ?r))", "(open ?r) (in ?s hall))");
+        let other = known_in(&locked, &["a"], "(open hall) (known hall) (known lab)", &none);
+        assert_eq!(
+            seen.news(&other, &[]).expect("news"),
+            "since the last plan, takes or does something else now: `measure` of `a`"
+        );
     }
 }

@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::content::{Achieve, GoalStatus, Keep, Offers};
-use acl::{AgentId, ConversationId, ReplyToken};
+use acl::content::{Achieve, GoalStatus, Keep, Offers, Reason, Report};
+use acl::{AgentId, ConversationId, Incarnation, ReplyToken};
 use agent::{Engagement, TimerId, Work};
 use pddl::{Condition, PlanStep};
 use tokio::time::Instant;
 
 use crate::explaining::Seen;
-use crate::known::Avoided;
+use crate::known::{Avoided, Held};
 use crate::sharing::Attempt;
 
 /// Lines of history kept per goal: enough to see how it came to where it stands.
@@ -21,6 +21,10 @@ const HISTORY_LINES_MAX: usize = 64;
 const AVOIDED_FIRST: Duration = Duration::from_secs(10);
 const AVOIDED_MAX: Duration = Duration::from_secs(300);
 
+/// How often an action may fail before a goal that is to be achieved does without its agent: it
+/// is asked at once, after ten seconds and after thirty, and then the user is told.
+const TRIES_MAX: u32 = 3;
+
 /// Plans in a row that may fail before a goal that is to be achieved is given up. Every failure
 /// rules out an action for a while, so this many mean that nothing else is left to try.
 pub(crate) const FAILURES_MAX: u32 = 12;
@@ -28,6 +32,8 @@ pub(crate) const FAILURES_MAX: u32 = 12;
 /// One goal.
 pub(crate) struct Goal {
     pub(crate) engagement: Engagement,
+    /// Which life of its asker asked for it.
+    life: Incarnation,
     pub(crate) text: String,
     pub(crate) condition: Condition,
     pub(crate) keep: Keep,
@@ -52,9 +58,16 @@ pub(crate) struct Goal {
     history: Vec<String>,
 }
 
+/// What is held against an agent's action.
 struct Avoidance {
     until: Instant,
     span: Duration,
+    times: u32,
+    /// Its agent said that it does not do it, whatever it advertises.
+    is_refused: bool,
+    /// Its agent does not offer it any more.
+    is_withdrawn: bool,
+    why: String,
 }
 
 /// Where a goal stands.
@@ -109,10 +122,16 @@ impl Phase {
 }
 
 impl Goal {
-    pub(crate) fn new(engagement: Engagement, asked: Achieve, condition: Condition) -> Goal {
+    pub(crate) fn new(
+        engagement: Engagement,
+        life: Incarnation,
+        asked: Achieve,
+        condition: Condition,
+    ) -> Goal {
         let Achieve { goal, keep, priority } = asked;
         Goal {
             engagement,
+            life,
             text: goal,
             condition,
             keep,
@@ -156,13 +175,25 @@ impl Goal {
     }
 
     /// An action failed: it is not asked for again for a while, which doubles.
-    pub(crate) fn avoid(&mut self, agent: AgentId, action: String, now: Instant) {
-        let avoidance = self
-            .avoided
-            .entry((agent, action))
-            .or_insert(Avoidance { until: now, span: AVOIDED_FIRST / 2 });
+    pub(crate) fn avoid(
+        &mut self,
+        (agent, action): (AgentId, String),
+        report: &Report,
+        now: Instant,
+    ) {
+        let avoidance = self.avoided.entry((agent, action)).or_insert_with(|| Avoidance {
+            until: now,
+            span: AVOIDED_FIRST / 2,
+            times: 0,
+            is_refused: false,
+            is_withdrawn: false,
+            why: String::new(),
+        });
         avoidance.span = (avoidance.span * 2).min(AVOIDED_MAX);
         avoidance.until = now + avoidance.span;
+        avoidance.times += 1;
+        avoidance.is_refused = report.declined == Some(Reason::Incapable);
+        avoidance.why.clone_from(&report.detail);
     }
 
     /// An agent announced itself anew: what failed before may work now.
@@ -170,23 +201,51 @@ impl Goal {
         self.avoided.retain(|(avoided, _), _| avoided != agent);
     }
 
-    /// What failed and is not offered now: its agent knows of it by itself, and when it offers it
-    /// again, it works again.
-    pub(crate) fn forgive_what_is_not_offered(&mut self, offers: &Offers) {
-        let is_offered = |(agent, action): &(AgentId, String)| {
-            offers.get(agent).is_some_and(|actions| actions.contains_key(action))
-        };
-        self.avoided.retain(|key, _| is_offered(key));
+    /// What failed and is not offered now has no chance: its agent knows of it by itself. When it
+    /// is offered again, it works again.
+    pub(crate) fn compare_with(&mut self, offers: &Offers) {
+        self.avoided.retain(|(agent, action), avoidance| {
+            let is_offered = offers.get(agent).is_some_and(|actions| actions.contains_key(action));
+            let is_offered_again = avoidance.is_withdrawn && is_offered;
+            avoidance.is_withdrawn = !is_offered;
+            !is_offered_again
+        });
     }
 
     pub(crate) fn avoided(&self, now: Instant) -> Avoided {
-        let avoided = self.avoided.iter().filter(|(_, avoidance)| avoidance.until > now);
-        avoided.map(|(key, _)| key.clone()).collect()
+        let held = |avoidance: &Avoidance| Held {
+            why: avoidance.why.clone(),
+            is_for_good: self.is_done_with(avoidance),
+            is_withdrawn: avoidance.is_withdrawn,
+        };
+        self.avoided
+            .iter()
+            .filter(|(_, avoidance)| {
+                avoidance.until > now || avoidance.is_withdrawn || self.is_done_with(avoidance)
+            })
+            .map(|(key, avoidance)| (key.clone(), held(avoidance)))
+            .collect()
+    }
+
+    /// Whether an action is not tried again until its agent announces itself anew. What is to be
+    /// kept is worth any number of tries, ever more rarely.
+    fn is_done_with(&self, avoidance: &Avoidance) -> bool {
+        self.keep == Keep::Achieve && (avoidance.is_refused || avoidance.times >= TRIES_MAX)
     }
 
     /// When an action that failed may be tried again.
     pub(crate) fn next_chance(&self, now: Instant) -> Option<Instant> {
-        self.avoided.values().map(|avoidance| avoidance.until).filter(|until| *until > now).min()
+        self.avoided
+            .values()
+            .filter(|avoidance| !avoidance.is_withdrawn && !self.is_done_with(avoidance))
+            .map(|avoidance| avoidance.until)
+            .filter(|until| *until > now)
+            .min()
+    }
+
+    /// Whether `asked` is this goal, asked for by a later life of its asker.
+    pub(crate) fn is_asked_anew(&self, by: &AgentId, life: Incarnation, asked: &Achieve) -> bool {
+        self.engagement.initiator == *by && self.life < life && self.text == asked.goal
     }
 
     pub(crate) fn status(&self) -> GoalStatus {

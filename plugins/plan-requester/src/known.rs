@@ -37,7 +37,18 @@ pub(crate) struct Known {
 }
 
 /// Actions that a goal's earlier plans failed with: they are not asked for again for a while.
-pub(crate) type Avoided = BTreeSet<(AgentId, String)>;
+pub(crate) type Avoided = BTreeMap<(AgentId, String), Held>;
+
+/// What is held against an action.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Held {
+    /// For a person.
+    pub(crate) why: String,
+    /// Whether it is not tried again for this goal.
+    pub(crate) is_for_good: bool,
+    /// Whether its agent does not offer it any more.
+    pub(crate) is_withdrawn: bool,
+}
 
 impl Known {
     /// Reads a snapshot.
@@ -103,6 +114,17 @@ impl Known {
         let conjuncts =
             planner::goal::conjuncts(&self.domain, &self.problem, goal).map_err(first)?;
         Ok(conjuncts.into_iter().filter(|conjunct| !world.holds(conjunct)).collect())
+    }
+
+    /// A conjunct of a goal that the goal also wants not to hold.
+    pub(crate) fn contradiction(&self, goal: &Condition) -> Option<Condition> {
+        let conjuncts = planner::goal::conjuncts(&self.domain, &self.problem, goal).ok()?;
+        let denied = conjuncts.iter().filter_map(|conjunct| match conjunct {
+            Condition::Not(inner) => Some(&**inner),
+            _ => None,
+        });
+        let denied: Vec<_> = denied.collect();
+        conjuncts.iter().find(|conjunct| denied.contains(conjunct)).cloned()
     }
 
     /// Whether not even the relaxation reaches a condition, with everyone's actions.
@@ -185,9 +207,15 @@ impl Known {
         }
     }
 
+    /// Whether nothing is held against any step of a plan of an agent's own, and all are offered.
+    pub(crate) fn admits(&self, plan: &str) -> bool {
+        self.combine(&[plan]).is_ok()
+    }
+
     fn inside(&self, step: PlanStep) -> Result<PlanStep, String> {
         let agent = step.arguments.first().and_then(|agent| AgentId::new(agent.as_str()).ok());
-        let is_avoided = |agent| self.avoided.contains(&(agent, step.action.as_str().to_owned()));
+        let is_avoided =
+            |agent| self.avoided.contains_key(&(agent, step.action.as_str().to_owned()));
         if agent.is_some_and(is_avoided) {
             return Err(format!("`{step}` failed a moment ago"));
         }
@@ -247,7 +275,7 @@ fn without(mut problem: Problem, guards: &BTreeSet<String>) -> Problem {
 /// Takes the avoided actions out of the offers; yields the facts that stood for them.
 fn take_avoided(offers: &mut Offers, avoided: &Avoided) -> BTreeSet<String> {
     let mut guards = BTreeSet::new();
-    for (agent, action) in avoided {
+    for (agent, action) in avoided.keys() {
         if let Some(offer) = offers.get_mut(agent).and_then(|actions| actions.remove(action)) {
             guards.insert(offer.guard);
         }

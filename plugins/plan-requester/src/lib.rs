@@ -134,7 +134,8 @@ impl PlanRequester {
         };
         match self.admissible(&asked, &engagement) {
             Ok(condition) => {
-                let mut goal = Goal::new(engagement, asked, condition);
+                self.take_place(&message, &asked, ctx);
+                let mut goal = Goal::new(engagement, message.incarnation, asked, condition);
                 goal.note("asked for");
                 let id = goal.conversation().clone();
                 tracing::info!(conversation = %id, goal = goal.text, "a goal");
@@ -142,6 +143,18 @@ impl PlanRequester {
                 self.consider(&id, ctx);
             }
             Err((reason, detail)) => ctx.refuse(&engagement, reason, detail),
+        }
+    }
+
+    /// A later life of an agent asks for what a former one asked for, who can neither hear of it
+    /// nor give it up any more: the goal is kept once.
+    fn take_place(&mut self, message: &Message, asked: &Achieve, ctx: &mut Context<Self>) {
+        let (by, life) = (&message.sender, message.incarnation);
+        let former = self.goals.iter().filter(|(_, goal)| goal.is_asked_anew(by, life, asked));
+        let former: Vec<_> = former.map(|(id, _)| id.clone()).collect();
+        for id in former {
+            tracing::info!(conversation = %id, "its asker was restarted and asks anew");
+            self.cancel(&id, ctx);
         }
     }
 
@@ -237,7 +250,7 @@ impl PlanRequester {
         let Some(goal) = self.goals.get_mut(id) else { return };
         let known = match Known::read(snapshot) {
             Ok(known) => {
-                goal.forgive_what_is_not_offered(&known.offers);
+                goal.compare_with(&known.offers);
                 known.avoiding(goal.avoided(ctx.now()))
             }
             Err(problem) => return self.end(id, Outcome::Failed, problem, ctx),
@@ -435,7 +448,8 @@ fn wrong_in(goal: &Goal, known: &Known) -> Option<String> {
     let diagnostics = pddl::check::check_condition(&known.domain, &known.problem, &goal.condition);
     let errors: Vec<_> = diagnostics.into_iter().filter(pddl::Diagnostic::is_error).collect();
     if errors.is_empty() {
-        return None;
+        let both = known.contradiction(&goal.condition)?;
+        return Some(format!("it can never hold: it wants `{both}`, and that `{both}` is not so"));
     }
     let lines: Vec<_> = errors.iter().map(|error| error.located(&goal.text)).collect();
     Some(if lines.is_empty() { first(errors) } else { lines.join("\n") })

@@ -16,7 +16,7 @@ use std::time::Duration;
 
 use acl::content::Question;
 use actuator::{BoxFuture, Failure, Initiative, News};
-use agent::{Blueprint, BuildError};
+use agent::{Blueprint, BuildError, Rehearsal};
 use serde::Deserialize;
 use tokio::sync::{Mutex, mpsc};
 use tokio::time::Instant;
@@ -98,8 +98,11 @@ impl Login {
     pub(crate) fn new(blueprint: &Blueprint, config: LoginConfig) -> Result<Login, BuildError> {
         let LoginConfig { pin, pin_file, patience, attempts, valid_for } = config;
         let problem = |text: String| blueprint.problem(text);
+        let is_rehearsal = blueprint.host.resources.get::<Rehearsal>().is_some();
         let secret = match (pin, pin_file) {
             (Some(pin), None) => pin,
+            // It is on the robot's own machine.
+            (None, Some(file)) if is_rehearsal => file.display().to_string(),
             (None, Some(file)) => {
                 let text = std::fs::read_to_string(&file)
                     .map_err(|error| problem(format!("read {}: {error}", file.display())))?;

@@ -1,6 +1,7 @@
 //! `althing check`: what is wrong in these files, each in its line.
 //!
 //! - Tells the kind of a file by its ending (`.toml` is an ecosystem) and its first words.
+//! - An ecosystem's agents are built as `up` would build them, and let go.
 //! - A problem or an action model is checked against the domain it names: one of the files given,
 //!   else one found beside it.
 
@@ -16,6 +17,7 @@ use serde_json::{Value, json};
 
 use crate::cli::CheckArgs;
 use crate::config::{Ecosystem, KnownPlugin, Overrides};
+use crate::hosting;
 use crate::pddl_files::{self, DomainText};
 use crate::render::plural;
 use crate::report::{Report, Source};
@@ -119,8 +121,11 @@ impl Desk {
     fn check_ecosystem(&mut self, path: &Path, known_plugins: &[KnownPlugin]) {
         match Ecosystem::load(path, &Overrides::default(), known_plugins) {
             Ok(ecosystem) => {
-                self.note(path, "ecosystem", about_ecosystem(&ecosystem), false);
+                let mistakes = hosting::rehearse(&ecosystem);
+                let about = about_ecosystem(&ecosystem);
+                self.note(path, "ecosystem", about, mistakes.has_errors());
                 self.report.extend(ecosystem.warnings);
+                self.report.extend(mistakes);
             }
             Err(err) => {
                 self.note(path, "ecosystem", String::new(), true);

@@ -5,9 +5,9 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use acl::content::{Inform, Refusal, Report, Request};
-use acl::{EcosystemId, Message, Performative};
+use acl::{EcosystemId, Message, Performative, Protocol};
 use conversation::Transcript;
-use serde_json::json;
+use serde_json::{Value, json};
 use tokio::signal;
 use tokio::sync::mpsc;
 
@@ -18,6 +18,9 @@ use crate::{exit, output};
 
 /// Messages that may wait to be printed; a slow terminal misses the rest, and is told so.
 const WAITING_MAX: usize = 10_000;
+
+/// What is shown in place of a person's answer; as long for a short one as for a long one.
+const VEIL: &str = "•••";
 
 /// A terminal's width.
 const COLUMNS: usize = 80;
@@ -111,7 +114,7 @@ impl Watcher {
         if self.json {
             let value = json!({
                 "at_ms": u64::try_from(at.as_millis()).unwrap_or(u64::MAX),
-                "message": message,
+                "message": discreet(message),
                 "violation": violation.map(|violation| violation.to_string()),
             });
             return output::print_json(&value, exit::DONE);
@@ -123,6 +126,22 @@ impl Watcher {
         }
         output::print(text, exit::DONE)
     }
+}
+
+/// A message as anyone may see it: without what a person answered, which may be a secret.
+fn discreet(message: &Message) -> Message {
+    let says = |key: &str, word: &str| message.content.get(key).is_some_and(|said| said == word);
+    let answers =
+        message.performative == Performative::Inform && message.protocol == Some(Protocol::Query);
+    let mut shown = message.clone();
+    if answers || says("of", "answer") || says("act", "answer-question") {
+        match shown.content.get_mut("text") {
+            Some(text) => *text = Value::from(VEIL),
+            // Of another shape than ours, and yet an answer.
+            None => shown.content = Value::from(VEIL),
+        }
+    }
+    shown
 }
 
 fn receiver(message: &Message) -> &str {
@@ -223,15 +242,22 @@ mod tests {
     use acl::Message;
     use serde_json::{Value, json};
 
-    use super::gist;
+    use super::{discreet, gist};
 
-    fn said(performative: &str, content: Value) -> String {
+    fn message(performative: &str, content: &Value) -> Message {
         let message = json!({
             "version": 1, "id": "m1", "performative": performative, "sender": "alice",
-            "incarnation": 1, "conversation_id": "c1", "content": content,
+            "incarnation": 1, "conversation_id": "c1", "protocol": "query", "content": content,
         });
-        let message: Message = serde_json::from_value(message).expect("a message");
-        gist(&message)
+        serde_json::from_value(message).expect("a message")
+    }
+
+    fn said(performative: &str, content: Value) -> String {
+        gist(&message(performative, &content))
+    }
+
+    fn shown(performative: &str, content: Value) -> Value {
+        discreet(&message(performative, &content)).content
     }
 
     /// It may be a secret: also where another keyboard passes it on.
@@ -243,5 +269,17 @@ mod tests {
         assert_eq!(said("request", request), "an answer to question 3");
         let question = json!({ "text": "Who is at corridor?" });
         assert_eq!(said("query-ref", question), "Who is at corridor?");
+    }
+
+    #[test]
+    fn nor_is_it_printed_for_programs() {
+        let answer = json!({ "of": "answer", "text": "2718" });
+        assert_eq!(shown("inform", answer), json!({ "of": "answer", "text": "•••" }));
+        assert_eq!(shown("inform", json!({ "pin": 2718 })), json!("•••"));
+        let request = json!({ "act": "answer-question", "question": 3, "text": "2718" });
+        let veiled = json!({ "act": "answer-question", "question": 3, "text": "•••" });
+        assert_eq!(shown("request", request), veiled);
+        let question = json!({ "text": "Who is at corridor?" });
+        assert_eq!(shown("query-ref", question.clone()), question);
     }
 }

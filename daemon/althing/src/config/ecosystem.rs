@@ -9,6 +9,7 @@ use agent::{Mode, Settings};
 use pddl::{Domain, Problem};
 use serde_json::Value;
 
+use super::layer::Places;
 use crate::report::Report;
 
 /// A whole ecosystem, the same on every machine.
@@ -34,6 +35,8 @@ pub(crate) struct Ecosystem {
     pub(crate) settings: Settings,
     /// The simulated building.
     pub(crate) building: BuildingSettings,
+    /// Where the agents' entries were written: `agent.0.config` and what is in it.
+    pub(crate) places: Places,
     /// What is probably not meant.
     pub(crate) warnings: Report,
 }

@@ -13,11 +13,37 @@ use crate::report::Source;
 
 /// Where something was written.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Place {
+pub(crate) struct Place {
     /// The key, or of an element the element.
-    pub(super) key: Span,
+    pub(crate) key: Span,
     /// The value.
-    pub(super) value: Span,
+    pub(crate) value: Span,
+}
+
+/// Where the agents' entries were written, for what is found wrong in them later.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Places(BTreeMap<String, (Arc<Source>, Place)>);
+
+impl Places {
+    /// Those of layers, the strongest last.
+    pub(super) fn of_agents(layers: &[Layer]) -> Places {
+        let places = layers.iter().flat_map(|layer| {
+            let of_agents = layer.places.iter().filter(|(path, _)| path.starts_with("agent."));
+            of_agents.map(|(path, place)| (path.clone(), (Arc::clone(&layer.source), *place)))
+        });
+        Places(places.collect())
+    }
+
+    /// Where something was written, or else the nearest thing around it; and whether it is that.
+    pub(crate) fn find(&self, path: &str) -> Option<(Arc<Source>, Place, bool)> {
+        let mut around = path;
+        loop {
+            if let Some((source, place)) = self.0.get(around) {
+                return Some((Arc::clone(source), *place, around == path));
+            }
+            around = around.rsplit_once('.')?.0;
+        }
+    }
 }
 
 /// Checked values and their places.

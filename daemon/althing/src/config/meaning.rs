@@ -21,7 +21,7 @@ use pddl::{Diagnostic, Span};
 
 use super::KnownPlugin;
 use super::ecosystem::{BuildingSettings, Ecosystem};
-use super::layer::{Layer, Place};
+use super::layer::{Layer, Place, Places};
 use super::raw::{Raw, RawBuilding, RawEcosystem};
 use crate::report::{Report, Source};
 use files::Files;
@@ -70,6 +70,7 @@ pub(super) fn understand(
             zenoh,
             settings,
             building,
+            places: Places::of_agents(layers),
             warnings: report,
         }),
         _ => Err(report),

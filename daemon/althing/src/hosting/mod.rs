@@ -4,6 +4,7 @@
 
 mod building;
 mod folders;
+mod rehearsal;
 mod supervisor;
 
 use std::sync::Arc;
@@ -21,6 +22,7 @@ use crate::config::{AgentEntry, Ecosystem};
 
 pub(crate) use building::simulate;
 pub(crate) use folders::{running_ecosystems, runtime_folder, socket_in, state_folder};
+pub(crate) use rehearsal::rehearse;
 use supervisor::Supervised;
 
 /// How long agents may take to give up their commitments once the daemon drains.

@@ -52,6 +52,14 @@ pub(super) fn begin(
     Ok(Supervised { id, unplugged })
 }
 
+/// Builds an agent of this entry and lets it go: what is wrong with the entry is said as at start.
+pub(super) fn rehearse(entry: &AgentEntry, host: &Arc<Host>) -> Result<(), HostError> {
+    let (agent, plugin) = (entry.name.clone(), entry.plugin.clone());
+    let plugin = plugins::find(&plugin).ok_or(HostError::UnknownPlugin { agent, plugin })?;
+    (plugin.build)(blueprint(entry, plugin, host)?)?;
+    Ok(())
+}
+
 fn blueprint(
     entry: &AgentEntry,
     plugin: &PluginEntry,

@@ -16,8 +16,11 @@ use super::{Node, Part, Wire, simulate};
 use crate::config::{Ecosystem, Overrides, Variables};
 use crate::plugins;
 
+mod joining;
+mod mistakes;
 mod presenting;
 mod robots;
+mod strangers;
 mod watching;
 
 const ONTOLOGY: &str = include_str!("../../../../domains/smart-office/domain.pddl");
@@ -116,15 +119,56 @@ impl Person {
         self.hears().await
     }
 
+    /// Waits until an agent asks this person; the question's number.
+    async fn is_asked(&mut self) -> u64 {
+        self.waits(|heard| match heard {
+            Heard::Question(open) => Some(open.question),
+            _ => None,
+        })
+        .await
+    }
+
     /// Waits until an agent asks this person, and answers.
     async fn answers(&mut self, answer: &str) {
+        let (keyboard, question) = self
+            .waits(|heard| match heard {
+                Heard::Question(open) => Some((open.keyboard, open.question)),
+                _ => None,
+            })
+            .await;
+        let said = Said::Answer { keyboard, question, text: answer.to_owned() };
+        self.terminal.say.send(said).await.expect("the keyboard listens");
+    }
+
+    /// Waits until a question is open no longer; which, and why.
+    async fn hears_closed(&mut self) -> (u64, String) {
+        self.waits(|heard| match heard {
+            Heard::QuestionClosed(number, why) => Some((number, why)),
+            _ => None,
+        })
+        .await
+    }
+
+    /// Waits until this is said of a goal.
+    async fn hears_of(&mut self, words: &str) -> String {
+        let report = |heard| match heard {
+            Heard::Report(_, report) => Some(report.detail),
+            _ => None,
+        };
+        loop {
+            let detail = self.waits(report).await;
+            self.lines.push(detail.clone());
+            if detail.contains(words) {
+                return detail;
+            }
+        }
+    }
+
+    async fn waits<T>(&mut self, is_it: impl Fn(Heard) -> Option<T>) -> T {
         loop {
             let heard = timeout(PATIENCE, self.terminal.hear.recv()).await;
-            if let Heard::Question(open) = heard.expect("a question in time").expect("it lives") {
-                let (keyboard, question) = (open.keyboard, open.question);
-                let said = Said::Answer { keyboard, question, text: answer.to_owned() };
-                self.terminal.say.send(said).await.expect("the keyboard listens");
-                return;
+            if let Some(it) = is_it(heard.expect("in time").expect("the keyboard lives")) {
+                return it;
             }
         }
     }

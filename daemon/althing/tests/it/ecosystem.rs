@@ -418,3 +418,83 @@ fn the_house_s_own_ecosystem_is_right() {
     let run = Sandbox::new(&[]).run(&format!("check {root}/ecosystems/smart-office.toml"));
     assert_eq!(run.code, 0, "{}", run.stderr);
 }
+
+// === what only the plugins know ===
+
+#[test]
+fn a_key_that_the_plugin_does_not_know() {
+    check(
+        "{ location = \"kitchen\" }",
+        "{ location = \"kitchen\", humid = true }",
+        expect![[r#"
+        error: config of `thermometer`: unknown field `humid`, expected one of
+               `location`, `valid-for`, `humidity`
+          --> house.toml:10:34
+           |
+        10 | config = { location = "kitchen", humid = true }
+           |                                  ^^^^^
+
+        1 error
+    "#]],
+    );
+}
+
+#[test]
+fn a_value_of_another_kind() {
+    check(
+        "{ location = \"kitchen\" }",
+        "{ location = \"kitchen\", humidity = 3 }",
+        expect![[r#"
+        error: config of `thermometer`: invalid type: integer `3`, expected a boolean
+          --> house.toml:10:45
+           |
+        10 | config = { location = "kitchen", humidity = 3 }
+           |                                             ^
+
+        1 error
+    "#]],
+    );
+}
+
+#[test]
+fn a_key_that_the_plugin_needs() {
+    check(
+        "{ location = \"kitchen\" }",
+        "{ humidity = true }",
+        expect![[r#"
+        error: config of `thermometer`: missing field `location`
+          --> house.toml:10:10
+           |
+        10 | config = { humidity = true }
+           |          ^^^^^^^^^^^^^^^^^^^
+
+        1 error
+    "#]],
+    );
+}
+
+/// The robot's own machine has the file with the PIN; this one need not.
+#[test]
+fn a_mistake_within_a_table_of_a_config() {
+    let robot = |login: &str| {
+        format!(
+            "{ECOSYSTEM}\n[[agent]]\nname = \"robot\"\nplugin = \"turtlebot\"\n\
+             config = {{ start = \"kitchen\", login = {{ pin-file = \"/no/such\", {login} }} }}\n"
+        )
+    };
+    house(&robot("attempts = 3")).check("check house.toml", 0);
+    let run = house(&robot("attempts = 3, patience = \"soon\"")).check("check house.toml", 33);
+    expect![[r#"
+        error: config of `robot`: `soon`: expected number at 0
+          --> house.toml:18:89
+           |
+        18 | ...uch", attempts = 3, patience = "soon" } }
+           |                                   ^^^^^^
+
+        1 error
+    "#]]
+    .assert_eq(&run.stderr);
+    assert!(
+        run.stdout.contains("house.toml: ecosystem house") && run.stdout.contains("has errors")
+    );
+}

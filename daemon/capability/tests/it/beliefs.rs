@@ -151,6 +151,31 @@ fn of_a_number_the_newest_claim_is_believed() {
 }
 
 #[test]
+fn heartbeats_that_contradict_each_other_do_not_take_turns() {
+    let mut office = robots();
+    let speed = |office: &Office| office.known("speed").lines().next().map(str::to_owned);
+    let word = |number: &str| format!("(= (speed turtlebot-1) {number})");
+    let says = |office: &mut Office, who: &str, beat: u64, number: &str| {
+        let change = office.beat(who, (1, beat), &word(number), "").expect("a heartbeat");
+        change.believed.iter().any(|fact| fact.to_string().contains("speed turtlebot-1"))
+    };
+    assert!(says(&mut office, "turtlebot-1", 1, "0.2"));
+    assert!(says(&mut office, "turtlebot-2", 1, "0.7"));
+    for beat in 2..10 {
+        assert!(!says(&mut office, "turtlebot-1", beat, "0.2"), "it is what it said before");
+        assert!(!says(&mut office, "turtlebot-2", beat, "0.7"), "it is believed already");
+    }
+    assert_eq!(speed(&office), Some(word("0.7")), "the word that changed last");
+    assert!(says(&mut office, "turtlebot-1", 10, "0.3"), "a new word is newer");
+    assert_eq!(speed(&office), Some(word("0.3")));
+    // A person's word counts until the next heartbeat of whoever is believed.
+    office.set("keyboard", &word("0.9")).expect("a request");
+    assert_eq!(speed(&office), Some(word("0.9")));
+    says(&mut office, "turtlebot-1", 11, "0.3");
+    assert_eq!(speed(&office), Some(word("0.3")));
+}
+
+#[test]
 fn the_map_changes_by_request() {
     let mut office = office();
     let now = office.now;

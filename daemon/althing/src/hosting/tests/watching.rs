@@ -4,11 +4,12 @@ use std::collections::VecDeque;
 use std::path::PathBuf;
 
 use ::building::{Event, Truth};
-use acl::content::{Inform, PersonsAnswer, Question};
+use acl::content::{Inform, Keep, OpenQuestion, PersonsAnswer, Question};
 use acl::{AgentId, Message, Performative};
-use agent::{Agent, Callbacks, Context, Engagement, Mode};
+use agent::{Agent, Ask, Callbacks, Context, Engagement, Mode, Resource};
+use keyboard::Said;
 
-use super::{MODES, Office, entry};
+use super::{MODES, Office, PATIENCE, entry};
 
 /// A camera in the corridor that sees the entry and office1.
 fn camera(more: &str) -> String {
@@ -144,4 +145,30 @@ async fn the_right_pin_counts_whoever_gives_it_and_no_other() {
     let guesses = &["1111", "1111", "2718"];
     assert!(!validates(login, guesses, &[]).await, "two wrong ones, and it is locked");
     assert!(!validates(login, &[], &[]).await, "nobody is there");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_question_that_somebody_has_answered_is_closed_elsewhere() {
+    let office = Office::open(&[robot("pin = \"2718\"")], Mode::Decentralized).await;
+    let (mut asker, mut here, mut there) =
+        (office.person("user"), office.person("here"), office.person("there"));
+    asker.wish("(validated office2)", Keep::Achieve).await;
+    let question = there.is_asked().await;
+    here.answers("2718").await;
+    let (closed, why) = there.hears_closed().await;
+    assert_eq!((closed, &*why), (question, "withdrawn: answered at `here`"));
+    assert!(asker.hears().await, "{:#?}", asker.lines);
+    // Whoever looks for questions finds none, and whoever answers it is told so.
+    let ask = Ask { daemon: None, resource: Resource::Questions, agent: None };
+    let answers = office.node.switchboard().ask(ask, PATIENCE).await;
+    let open = answers
+        .iter()
+        .flat_map(|answer| serde_json::from_slice::<Vec<OpenQuestion>>(answer).expect("questions"));
+    assert_eq!(open.count(), 0);
+    let keyboard = AgentId::new("there").expect("a name");
+    let said = Said::Answer { keyboard, question, text: "2718".to_owned() };
+    there.terminal.say.send(said).await.expect("the keyboard listens");
+    assert!(!there.hears().await);
+    assert!(there.lines[0].contains("has no open question"), "{:?}", there.lines);
+    office.close().await;
 }

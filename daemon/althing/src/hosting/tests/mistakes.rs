@@ -1,0 +1,442 @@
+//! What bad input gets: each ends with a clear reason to whoever asked, in bounded time.
+
+use std::time::Duration;
+
+use ::building::Event;
+use acl::content::{
+    Achieve, BelievedState, GoalStatus, Keep, Reason, Refusal, Report, Request, value,
+};
+use acl::{AgentId, Performative, Protocol};
+use agent::{Agent, Answer, Callbacks, Context, Launch, Mode, Opening, Resource};
+use keyboard::Keyboard;
+use substrate::Ask;
+use tokio::sync::mpsc;
+use tokio::time::{Instant, timeout};
+use tokio_util::sync::CancellationToken;
+
+use super::strangers::{Conduct, Script, Stranger};
+use super::{MODES, Office, Person, entry};
+use crate::hosting::supervisor;
+
+const DONE_AT_ONCE: Conduct = Conduct::Confirms(Duration::ZERO);
+
+/// Blesses rooms, which nobody else does.
+fn blesser(name: &str, cost: f64, conduct: Conduct) -> Script {
+    Script {
+        model: format!(
+            "(:predicates (blessed ?r - room)) (:objects {name} - temperature-sensor)
+             (:action bless :agent ?s - temperature-sensor :parameters (?r - room)
+                 :precondition (and)
+                 :effect (and (blessed ?r) (increase (total-cost) {cost})))"
+        ),
+        facts: String::new(),
+        conduct,
+        offers: vec![offer("(blessed office1)", &format!("(bless {name} office1)"), cost)],
+        asked: Vec::new(),
+    }
+}
+
+fn offer(conjunct: &str, plan: &str, cost: f64) -> (String, String, f64) {
+    (conjunct.to_owned(), format!("{plan}\n"), cost)
+}
+
+/// Asks for a goal that cannot be reached; the last word, and how long it took.
+async fn last_word(person: &mut Person, goal: &str) -> (String, Duration) {
+    let begun = Instant::now();
+    assert!(!person.reaches(goal).await, "{:#?}", person.lines);
+    (person.lines.last().cloned().expect("a reason"), begun.elapsed())
+}
+
+async fn read<T: serde::de::DeserializeOwned>(office: &Office, of: &str, what: Resource) -> T {
+    let ask = Ask { daemon: None, resource: what, agent: AgentId::new(of).ok() };
+    let answers = office.node.switchboard().ask(ask, Duration::from_secs(5)).await;
+    serde_json::from_slice(answers.first().expect("an answer")).expect("it is one")
+}
+
+// === who advertises what it does not do ===
+
+#[tokio::test(start_paused = true)]
+async fn who_refuses_what_it_advertises_is_named_and_asked_no_more() {
+    for mode in MODES {
+        let office = Office::open(&[], mode).await;
+        let refuses = Conduct::Refuses(Reason::Incapable);
+        let liar = Stranger::enter(&office, "liar", blesser("liar", 1.0, refuses)).await;
+        let mut person = office.person("user");
+        let (why, took) = last_word(&mut person, "(blessed office1)").await;
+        let reason = "`bless` of `liar` is not asked for again: `(bless liar office1)`: `liar` \
+                      declined: I only say so";
+        assert!(why.contains(reason), "{mode:?}: {why}");
+        assert!(took < Duration::from_secs(5), "{mode:?}: {took:?}");
+        assert_eq!(liar.asked(), ["bless"], "{mode:?}");
+        // Another way is taken, and the liar is asked once for each goal.
+        let honest = blesser("honest", 7.0, DONE_AT_ONCE);
+        let honest = Stranger::enter(&office, "honest", honest).await;
+        assert!(person.reaches("(blessed office1)").await, "{mode:?}: {:#?}", person.lines);
+        assert_eq!((liar.asked().len(), honest.asked().len()), (2, 1), "{mode:?}");
+        office.close().await;
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn who_agrees_and_falls_silent_is_tried_three_times_and_named() {
+    for mode in MODES {
+        let office = Office::open(&[], mode).await;
+        let silent = blesser("silent", 1.0, Conduct::FallsSilent);
+        let silent = Stranger::enter(&office, "silent", silent).await;
+        let mut person = office.person("user");
+        let (why, took) = last_word(&mut person, "(blessed office1)").await;
+        assert!(why.contains("`silent` did not answer in time"), "{mode:?}: {why}");
+        assert_eq!(silent.asked().len(), 3, "{mode:?}");
+        // Three times its method's time, and thirty seconds between them.
+        assert!(took < Duration::from_secs(120), "{mode:?}: {took:?}");
+        office.close().await;
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_full_mailbox_is_told_and_tried_again() {
+    for mode in MODES {
+        let office = Office::open(&[], mode).await;
+        let conduct = Conduct::RefusesAtFirst(2, Reason::MailboxFull);
+        let busy = Stranger::enter(&office, "busy", blesser("busy", 1.0, conduct)).await;
+        let mut person = office.person("user");
+        let begun = Instant::now();
+        assert!(person.reaches("(blessed office1)").await, "{mode:?}: {:#?}", person.lines);
+        assert!(begun.elapsed() < Duration::from_secs(5), "nobody is to blame, {mode:?}");
+        let told = person.lines.iter().filter(|line| line.contains("`busy` declined: my mailbox"));
+        assert_eq!(told.count(), 2, "{mode:?}: {:#?}", person.lines);
+        assert_eq!(busy.asked().len(), 3, "{mode:?}");
+        office.close().await;
+    }
+}
+
+/// Asks for as many goals as it is told, all at one instant, and counts what it hears.
+struct Flood {
+    asks: usize,
+    heard: mpsc::UnboundedSender<String>,
+}
+
+impl Agent for Flood {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        for _ in 0..self.asks {
+            let goal = "(at turtlebot-1 office2)".to_owned();
+            let achieve = Achieve { goal, keep: Keep::Achieve, priority: 0 };
+            let opening = Opening {
+                to: AgentId::new("plan-requester").ok(),
+                performative: Performative::Request,
+                protocol: Protocol::Goal,
+                conversation: ctx.new_conversation(),
+                content: value(&Request::Achieve(achieve)),
+            };
+            ctx.open(opening, Duration::from_secs(60), |flood: &mut Self, answer, _| {
+                let word = match answer {
+                    Answer::Message(message) => match message.content_as::<Refusal>() {
+                        Ok(refusal) => format!("{:?}: {}", refusal.reason, refusal.detail),
+                        Err(_) => message.content_as::<Report>().expect("a report").detail,
+                    },
+                    Answer::Silence | Answer::Undelivered(_) => "nothing".to_owned(),
+                };
+                let _ = flood.heard.send(word);
+            });
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_overflows_a_mailbox_is_refused_at_once_and_the_rest_is_served() {
+    let robot = entry("turtlebot-1", "turtlebot", "{ start = \"office2\" }");
+    let office = Office::open(&[robot], Mode::Decentralized).await;
+    let room = office.ecosystem.settings.mailbox_messages_max;
+    let (heard, mut hear) = mpsc::unbounded_channel();
+    let flood = Flood { asks: room + 50, heard };
+    office.node.launch(AgentId::new("flood").expect("a name"), flood, "smart-office");
+    let (mut full, mut held) = (0, 0);
+    let begun = Instant::now();
+    for _ in 0..room + 50 {
+        let word =
+            timeout(Duration::from_secs(30), hear.recv()).await.expect("every one is answered");
+        match word.expect("it lives").as_str() {
+            "MailboxFull: the mailbox of `plan-requester` is full; ask again later" => full += 1,
+            "it holds already" => held += 1,
+            other => panic!("{other}"),
+        }
+    }
+    assert!(full >= 50, "{full} found no room");
+    assert!(held >= room - 50, "{held} were served");
+    assert!(begun.elapsed() < Duration::from_secs(30), "{:?}", begun.elapsed());
+    let mut person = office.person("user");
+    assert!(person.reaches("(at turtlebot-1 office2)").await, "there is room again");
+    office.close().await;
+}
+
+// === a model that changes under a running plan ===
+
+/// Needs candles before it blesses, which takes five seconds to find.
+fn careful(more: &str, before: &str) -> Script {
+    let conduct = Conduct::Confirms(Duration::from_secs(5));
+    let plan = "(fetch guest)\n(bless guest office1)";
+    Script {
+        model: format!(
+            "(:predicates (blessed ?r - room) (candles ?s - temperature-sensor)
+                 (lit ?r - room))
+             (:objects guest - temperature-sensor)
+             (:action fetch :agent ?s - temperature-sensor :parameters ()
+                 :precondition (and) :effect (and (candles ?s) (increase (total-cost) 1)))
+             (:action light :agent ?s - temperature-sensor :parameters (?r - room)
+                 :precondition (candles ?s)
+                 :effect (and (lit ?r) (increase (total-cost) 1)))
+             {more}"
+        )
+        .replace("BEFORE", before),
+        offers: vec![offer("(blessed office1)", plan, 2.0)],
+        ..blesser("guest", 1.0, conduct)
+    }
+}
+
+const BLESS: &str = "(:action bless :agent ?s - temperature-sensor :parameters (?r - room)
+    :precondition (and (candles ?s) BEFORE)
+    :effect (and (blessed ?r) (increase (total-cost) 1)))";
+
+/// Waits until the guest is fetching candles.
+async fn until_it_fetches(person: &mut Person, guest: &Stranger) {
+    person.wish("(blessed office1)", Keep::Achieve).await;
+    while guest.asked() != ["fetch"] {
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_plan_is_repaired_when_an_action_needs_more_than_it_did() {
+    for mode in MODES {
+        let office = Office::open(&[], mode).await;
+        let guest = Stranger::enter(&office, "guest", careful(BLESS, "")).await;
+        let mut person = office.person("user");
+        until_it_fetches(&mut person, &guest).await;
+        guest.script(|script| {
+            let changed = careful(BLESS, "(lit ?r)");
+            script.model = changed.model;
+            let plan = "(fetch guest)\n(light guest office1)\n(bless guest office1)";
+            script.offers = vec![offer("(blessed office1)", plan, 3.0)];
+            let plan = "(light guest office1)\n(bless guest office1)";
+            script.offers.push(offer("(blessed office1)", plan, 2.0));
+        });
+        assert!(person.hears().await, "{mode:?}: {:#?}", person.lines);
+        let told = person.lines.join("\n");
+        let changed = "takes or does something else now: `bless` of `guest`";
+        assert!(told.contains(changed), "{mode:?}: {told}");
+        assert!(told.contains("the rest of the plan does not reach the goal"), "{mode:?}: {told}");
+        let asked = guest.asked();
+        assert!(asked.ends_with(&["light".to_owned(), "bless".to_owned()]), "{mode:?}: {asked:?}");
+        office.close().await;
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_plan_goes_on_when_a_change_does_not_matter_to_it() {
+    for mode in MODES {
+        let office = Office::open(&[], mode).await;
+        let guest = Stranger::enter(&office, "guest", careful(BLESS, "")).await;
+        let mut person = office.person("user");
+        until_it_fetches(&mut person, &guest).await;
+        guest.script(|script| script.model = careful(BLESS, "(not (lit ?r))").model);
+        assert!(person.hears().await, "{mode:?}: {:#?}", person.lines);
+        assert_eq!(guest.asked(), ["fetch", "bless"], "{mode:?}: {:#?}", person.lines);
+        office.close().await;
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn who_withdraws_an_action_under_a_running_plan_is_named() {
+    for mode in MODES {
+        let office = Office::open(&[], mode).await;
+        let guest = Stranger::enter(&office, "guest", careful(BLESS, "")).await;
+        let mut person = office.person("user");
+        until_it_fetches(&mut person, &guest).await;
+        guest.script(|script| {
+            script.model = careful("", "").model;
+            script.offers.clear();
+        });
+        assert!(!person.hears().await, "{mode:?}: {:#?}", person.lines);
+        let told = person.lines.join("\n");
+        assert!(told.contains("`guest` does not offer `bless` any more"), "{mode:?}: {told}");
+        assert!(told.contains("is not offered now: `bless` of `guest`"), "{mode:?}: {told}");
+        let last = person.lines.last().expect("a reason");
+        assert!(last.contains("`guest` does not offer `bless` now"), "{mode:?}: {told}");
+        office.close().await;
+    }
+}
+
+// === an actuator that confirms what is not true ===
+
+/// Confirms that it moved, and says where it still is.
+fn stuck(name: &str, cost: f64) -> Script {
+    Script {
+        model: format!(
+            "(:predicates (parked ?s - temperature-sensor ?r - room) (served ?r - room))
+             (:objects {name} - temperature-sensor) (:init (parked {name} office2))
+             (:action park :agent ?s - temperature-sensor :parameters (?from ?to - room)
+                 :precondition (parked ?s ?from)
+                 :effect (and (not (parked ?s ?from)) (parked ?s ?to)
+                     (increase (total-cost) {cost})))"
+        ),
+        facts: format!("(parked {name} office2)"),
+        conduct: DONE_AT_ONCE,
+        offers: vec![offer(
+            &format!("(parked {name} office1)"),
+            &format!("(park {name} office2 office1)"),
+            cost,
+        )],
+        asked: Vec::new(),
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn who_confirms_what_its_own_word_denies_is_not_believed_for_long() {
+    for mode in MODES {
+        let office = Office::open(&[], mode).await;
+        let stuck = Stranger::enter(&office, "stuck", stuck("stuck", 1.0)).await;
+        let mut person = office.person("user");
+        let (why, took) = last_word(&mut person, "(parked stuck office1)").await;
+        let reason = "`(park stuck office2 office1)`: `stuck` confirmed it, yet says `(parked \
+                      stuck office2)`";
+        assert!(why.contains(reason), "{mode:?}: {why}");
+        assert_eq!(stuck.asked().len(), 3, "{mode:?}: tried again, and not for ever");
+        assert!(took < Duration::from_secs(60), "{mode:?}: {took:?}");
+        // What is to be kept is tried ever more rarely, and every time the user is told.
+        person.lines.clear();
+        person.wish("(parked stuck office1)", Keep::Maintain).await;
+        let ten_minutes = tokio::time::sleep(Duration::from_secs(600));
+        tokio::select! {
+            held = person.hears() => panic!("{held} {mode:?}: {:#?}", person.lines),
+            () = ten_minutes => (),
+        }
+        assert!((5..=12).contains(&stuck.asked().len()), "{mode:?}: {:?}", stuck.asked());
+        assert!(person.lines.iter().any(|line| line.contains(reason)), "{:#?}", person.lines);
+        // It was stuck and is not: what it confirms is so.
+        stuck.script(|script| script.facts = "(parked stuck office1)".to_owned());
+        assert!(person.hears().await, "{mode:?}: {:#?}", person.lines);
+        office.close().await;
+    }
+}
+
+// === observations that contradict each other ===
+
+#[tokio::test(start_paused = true)]
+async fn two_who_report_different_numbers_do_not_take_turns() {
+    let office = Office::open(&[], Mode::Decentralized).await;
+    for (name, celsius) in [("first", 18), ("second", 21)] {
+        let facts = format!("(= (temperature office1) {celsius})");
+        let script = Script { facts, ..blesser(name, 1.0, DONE_AT_ONCE) };
+        Stranger::enter(&office, name, script).await;
+    }
+    tokio::time::sleep(Duration::from_secs(3)).await;
+    let state = async || read::<BelievedState>(&office, "domain-maintainer", Resource::State).await;
+    let before = state().await;
+    for _ in 0..100 {
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        assert_eq!(state().await.revision, before.revision, "nothing has changed");
+    }
+    let after = state().await;
+    let fact = after.facts.iter().find(|fact| fact.fact.contains("temperature office1"));
+    let fact = fact.expect("it is believed");
+    assert_eq!(fact.fact, "(= (temperature office1) 21)", "the word that changed last");
+    let said: Vec<_> =
+        fact.claims.iter().map(|claim| (&*claim.owner, &*claim.fact, &*claim.source)).collect();
+    let (eighteen, twenty_one) = ("(= (temperature office1) 18)", "(= (temperature office1) 21)");
+    let expected = [("first", eighteen, "heartbeat"), ("second", twenty_one, "heartbeat")];
+    assert_eq!(said, expected);
+    office.close().await;
+}
+
+// === a question that nobody answers ===
+
+#[tokio::test(start_paused = true)]
+async fn a_question_that_nobody_answers_ends_with_that_reason() {
+    for mode in MODES {
+        let login = "{ start = \"office2\", login = { pin = \"2718\", patience = \"20s\" } }";
+        let office = Office::open(&[entry("turtlebot-1", "turtlebot", login)], mode).await;
+        let mut person = office.person("user");
+        let (why, took) = last_word(&mut person, "(validated office2)").await;
+        assert!(why.contains("nobody answered within 20s"), "{mode:?}: {why}");
+        assert!(took < Duration::from_secs(180), "{mode:?}: {took:?}");
+        office.close().await;
+    }
+}
+
+// === goals that are true already, and that never will be ===
+
+#[tokio::test(start_paused = true)]
+async fn a_goal_that_is_true_already_costs_nobody_anything() {
+    for mode in MODES {
+        let robot = entry("turtlebot-1", "turtlebot", "{ start = \"office2\" }");
+        let office = Office::open(&[robot], mode).await;
+        let mut person = office.person("user");
+        assert!(person.reaches("(at turtlebot-1 office2)").await, "{:#?}", person.lines);
+        assert_eq!(person.lines, ["it holds already"], "{mode:?}");
+        let truth = office.building.truth();
+        assert!(!truth.any(|event| matches!(event, Event::Moved { .. })), "{mode:?}");
+        office.close().await;
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_goal_that_can_never_be_true_names_the_conjunct() {
+    for mode in MODES {
+        let robot = entry("turtlebot-1", "turtlebot", "{ start = \"office2\" }");
+        let office = Office::open(&[robot], mode).await;
+        let mut person = office.person("user");
+        let cases = [
+            (
+                "(and (at turtlebot-1 office1) (connected office1 office2))",
+                "(connected office1 office2)",
+            ),
+            (
+                "(and (at turtlebot-1 office1) (not (at turtlebot-1 office1)))",
+                "it wants `(at turtlebot-1 office1)`, and that",
+            ),
+            ("(and (at turtlebot-1 office1) (at turtlebot-1 attic))", "attic"),
+        ];
+        for (goal, named) in cases {
+            let (why, took) = last_word(&mut person, goal).await;
+            assert!(why.contains(named), "{mode:?} {goal}: {why}");
+            assert!(took < Duration::from_secs(30), "{mode:?} {goal}: {took:?}");
+        }
+        office.close().await;
+    }
+}
+
+// === who is restarted and asks anew ===
+
+#[tokio::test(start_paused = true)]
+async fn a_later_life_of_an_asker_keeps_its_goal_once() {
+    for mode in MODES {
+        let config = "{ start = \"office2\" }";
+        let robots = ["turtlebot-1", "turtlebot-2"].map(|name| entry(name, "turtlebot", config));
+        let office = Office::open(&robots, mode).await;
+        // A life that hears that it holds, and one that ends while the robot is on its way.
+        for (robot, patience) in [(1, 60), (1, 60), (2, 0), (2, 60)] {
+            let stopping = CancellationToken::new();
+            let (keyboard, terminal) = Keyboard::with_terminal();
+            let id = AgentId::new("camera").expect("a name");
+            let switchboard = office.node.switchboard();
+            let berth = supervisor::berth(&id, switchboard, "smart-office", &stopping);
+            let life = Box::new(keyboard).launch(berth);
+            let mut asker = Person { terminal, lines: Vec::new() };
+            let goal = format!("(at turtlebot-{robot} office1)");
+            asker.wish(&goal, Keep::Maintain).await;
+            let heard = timeout(Duration::from_secs(patience), asker.hears()).await;
+            assert!(heard.unwrap_or(patience == 0), "{mode:?}: {:#?}", asker.lines);
+            tokio::time::sleep(Duration::from_secs(1)).await;
+            let kept: Vec<GoalStatus> = read(&office, "plan-requester", Resource::Goals).await;
+            let same = kept.iter().filter(|kept| kept.goal == goal);
+            assert_eq!(same.count(), 1, "{mode:?}: {kept:#?}");
+            stopping.cancel();
+            life.await.expect("it ends").expect("in peace");
+        }
+        office.close().await;
+    }
+}

@@ -1,0 +1,174 @@
+//! Agents of a test's own, who do what the test tells them, whatever they say they do.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use acl::content::{
+    Act, Agreement, Bid, CallForProposals, Heartbeat, Inform, Method, ModelAnnouncement, Outcome,
+    Proposal, Reason, Report, Request,
+};
+use acl::{AgentId, Deadline, Message, Performative};
+use agent::{Agent, Callbacks, Context, Engagement};
+use capability::model_digest;
+
+use super::Office;
+
+/// What a stranger does when it is asked to act.
+#[derive(Clone, Copy)]
+pub(super) enum Conduct {
+    /// Refuses.
+    Refuses(Reason),
+    /// Refuses so many times, and then does it.
+    RefusesAtFirst(usize, Reason),
+    /// Agrees, and is not heard of again.
+    FallsSilent,
+    /// Confirms after this time; whether it did anything is another matter.
+    Confirms(Duration),
+}
+
+/// What a stranger says, and does.
+pub(super) struct Script {
+    /// Its actions and what else stands in its model, without the head.
+    pub(super) model: String,
+    /// What its heartbeats say.
+    pub(super) facts: String,
+    pub(super) conduct: Conduct,
+    /// What it proposes, each for one conjunct: the conjunct, the plan, the cost.
+    pub(super) offers: Vec<(String, String, f64)>,
+    /// The actions it was asked for.
+    pub(super) asked: Vec<String>,
+}
+
+/// A test's hold on a stranger.
+#[derive(Clone)]
+pub(super) struct Stranger(Arc<Mutex<Script>>);
+
+impl Stranger {
+    /// Lets a stranger in and waits until everybody knows of it.
+    pub(super) async fn enter(office: &Office, name: &str, script: Script) -> Stranger {
+        let stranger = Stranger(Arc::new(Mutex::new(script)));
+        let id = AgentId::new(name).expect("a name");
+        let agent = Body { script: stranger.clone(), beats: 0 };
+        office.node.launch(id, agent, office.ecosystem.domain.name.as_str());
+        tokio::time::sleep(Duration::from_millis(200)).await;
+        stranger
+    }
+
+    /// Looks at its script, or changes it.
+    pub(super) fn script<T>(&self, look: impl FnOnce(&mut Script) -> T) -> T {
+        look(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// The names of the actions it was asked for.
+    pub(super) fn asked(&self) -> Vec<String> {
+        let name = |action: &String| {
+            let inner = action.trim_start_matches('(');
+            inner.split(' ').next().unwrap_or_default().to_owned()
+        };
+        self.script(|script| script.asked.iter().map(name).collect())
+    }
+}
+
+struct Body {
+    script: Stranger,
+    beats: u64,
+}
+
+impl Agent for Body {
+    fn callbacks(&self) -> Callbacks<Self> {
+        let nothing = |_: &mut Self, _: Message, _: &mut Context<Self>| ();
+        Callbacks::new()
+            .on(Performative::Request, Self::requested)
+            .on(Performative::Cfp, Self::called)
+            .on(Performative::Cancel, Self::cancelled)
+            .on(Performative::AcceptProposal, nothing)
+            .on(Performative::RejectProposal, nothing)
+            .on(Performative::NotUnderstood, nothing)
+            .on(Performative::Refuse, nothing)
+            .on_broadcast(Performative::Cfp, Self::called)
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        self.beat(ctx);
+    }
+}
+
+impl Body {
+    fn beat(&mut self, ctx: &mut Context<Self>) {
+        self.beats += 1;
+        let (model, facts) =
+            self.script.script(|script| (script.model.clone(), script.facts.clone()));
+        let model = format!("(define (agent {}) (:domain smart-office) {model})", ctx.id());
+        let read = pddl::parse_action_model(&model).into_result().expect("a model");
+        let method = |name: &str| Method {
+            method: name.to_owned(),
+            arguments: [].into(),
+            timeout: Deadline(Duration::from_secs(20)),
+        };
+        let actions = read.actions.iter().map(|action| action.name.as_str());
+        let methods = actions.map(|name| (name.to_owned(), method(name))).collect();
+        let heartbeat = Heartbeat {
+            digest: model_digest(&model, &methods),
+            sequence: self.beats,
+            facts,
+            known_for: [].into(),
+            period: Deadline(Duration::from_secs(1)),
+        };
+        ctx.beat(&Inform::Model(Box::new(ModelAnnouncement { model, methods, heartbeat })));
+        ctx.after(Duration::from_secs(1), |body: &mut Self, ctx| body.beat(ctx));
+    }
+
+    fn called(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let call: CallForProposals = message.content_as().expect("a call");
+        let engagement = Engagement::of(&message);
+        let offers = self.script.script(|script| script.offers.clone());
+        let mine = offers.into_iter().filter(|(conjunct, ..)| call.conjuncts.contains(conjunct));
+        let proposal = |(conjunct, plan, cost)| Proposal { covers: vec![conjunct], plan, cost };
+        let proposals: Vec<_> = mine.map(proposal).collect();
+        if proposals.is_empty() {
+            return ctx.refuse(&engagement, Reason::Incapable, "not mine");
+        }
+        let bid = Bid { proposals, domain_digest: "strange".to_owned() };
+        ctx.answer(&engagement, Performative::Agree, &bid);
+    }
+
+    fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let engagement = Engagement::of(&message);
+        let Ok(Request::Act(act)) = message.content_as() else { return };
+        let (conduct, before) = self.script.script(|script| {
+            script.asked.push(act.action.clone());
+            (script.conduct, script.asked.len() - 1)
+        });
+        match conduct {
+            Conduct::Refuses(reason) => ctx.refuse(&engagement, reason, "I only say so"),
+            Conduct::RefusesAtFirst(times, reason) if before < times => {
+                ctx.refuse(&engagement, reason, "my mailbox is full");
+            }
+            Conduct::RefusesAtFirst(..) => self.confirm(engagement, *act, Duration::ZERO, ctx),
+            Conduct::FallsSilent => {
+                ctx.answer(&engagement, Performative::Agree, &Agreement { token: act.token });
+            }
+            Conduct::Confirms(after) => self.confirm(engagement, *act, after, ctx),
+        }
+    }
+
+    fn confirm(
+        &mut self,
+        engagement: Engagement,
+        act: Act,
+        after: Duration,
+        ctx: &mut Context<Self>,
+    ) {
+        ctx.answer(&engagement, Performative::Agree, &Agreement { token: act.token });
+        ctx.after(after, move |_: &mut Self, ctx| {
+            let report = Report::new(Outcome::Done, "so it is");
+            let report = Report { action: Some(act.action), ..report };
+            ctx.answer(&engagement, Performative::Confirm, &report);
+        });
+    }
+
+    fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let report = Report::new(Outcome::Cancelled, "given up as asked");
+        ctx.answer(&Engagement::of(&message), Performative::Confirm, &report);
+    }
+}

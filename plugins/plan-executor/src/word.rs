@@ -1,0 +1,120 @@
+//! What agents say of themselves, held against what they confirm: who confirms a change and denies
+//! it in its next heartbeat has not made it.
+//!
+//! A device says what it knows before it confirms, so its last word agrees already. Only where it
+//! does not, the next one is waited for.
+
+use std::collections::BTreeMap;
+
+use acl::content::{ChangeState, Heartbeat};
+use acl::{AgentId, Incarnation};
+use pddl::{Atom, InitElement};
+
+/// The last heartbeat of every agent that is here.
+#[derive(Debug, Default)]
+pub(crate) struct Words(BTreeMap<AgentId, Word>);
+
+#[derive(Debug)]
+struct Word {
+    at: (Incarnation, u64),
+    facts: String,
+}
+
+/// A confirmed change that its agent's last word denied.
+#[derive(Clone, Debug)]
+pub(crate) struct Doubt {
+    /// The ground action, under the name its agent knows.
+    pub(crate) action: String,
+    change: ChangeState,
+    /// The word that denied it: an older one says nothing new.
+    heard: (Incarnation, u64),
+}
+
+// === impl Words ===
+
+impl Words {
+    /// Keeps a heartbeat, unless a newer one is known.
+    pub(crate) fn hear(&mut self, agent: &AgentId, life: Incarnation, beat: &Heartbeat) {
+        let at = (life, beat.sequence);
+        if self.0.get(agent).is_some_and(|word| word.at >= at) {
+            return;
+        }
+        let known = beat.known_for.keys().map(String::as_str);
+        let facts = std::iter::once(beat.facts.as_str()).chain(known).collect::<Vec<_>>().join(" ");
+        self.0.insert(agent.clone(), Word { at, facts });
+    }
+
+    /// Forgets an agent that has left.
+    pub(crate) fn forget(&mut self, agent: &AgentId) {
+        self.0.remove(agent);
+    }
+
+    /// A doubt about a change that `agent` confirmed, if its last word denies it.
+    pub(crate) fn doubt(
+        &self,
+        agent: &AgentId,
+        action: String,
+        change: &ChangeState,
+    ) -> Option<Doubt> {
+        let word = self.0.get(agent)?;
+        denial(&word.facts, change)?;
+        Some(Doubt { action, change: change.clone(), heard: word.at })
+    }
+
+    /// What `agent` has said since then: nothing new (`None`), nothing against it, or a fact that
+    /// denies it.
+    pub(crate) fn since(&self, agent: &AgentId, doubt: &Doubt) -> Option<Option<String>> {
+        let word = self.0.get(agent).filter(|word| word.at > doubt.heard)?;
+        Some(denial(&word.facts, &doubt.change))
+    }
+}
+
+/// A fact of those `said` that cannot be where a change was made: what it made false, or another
+/// value of what it made true, as in `(at robot here)` for `(at robot there)`.
+fn denial(said: &str, change: &ChangeState) -> Option<String> {
+    let (said, believed, retracted) = (atoms(said), atoms(&change.believe), atoms(&change.retract));
+    let about = |atom: &Atom| (atom.predicate.clone(), atom.arguments.first().cloned());
+    let denies = |fact: &&Atom| {
+        let is_other = |made: &Atom| !said.contains(made) && about(made) == about(fact);
+        retracted.contains(fact) || believed.iter().any(is_other)
+    };
+    said.iter().find(denies).map(ToString::to_string)
+}
+
+fn atoms(text: &str) -> Vec<Atom> {
+    let elements = pddl::parse_init_elements(text).value.unwrap_or_default();
+    let atom = |element| match element {
+        InitElement::Atom(atom) => Some(atom),
+        _ => None,
+    };
+    elements.into_iter().filter_map(atom).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn check(said: &str, believe: &str, retract: &str, expected: Option<&str>) {
+        let (believe, retract) = (believe.to_owned(), retract.to_owned());
+        let change = ChangeState { believe, retract, owner: None };
+        assert_eq!(denial(said, &change).as_deref(), expected, "{said}");
+    }
+
+    #[test]
+    fn what_was_to_become_false_and_another_value_deny() {
+        let (here, there) = ("(at r here)", "(at r there)");
+        check(here, there, here, Some(here));
+        check(here, there, "", Some(here));
+        check("(open door) (at s here)", there, "(open door)", Some("(open door)"));
+    }
+
+    #[test]
+    fn what_agrees_and_what_is_about_something_else_does_not() {
+        let there = "(at r there)";
+        check(there, there, "(at r here)", None);
+        check("(at s here) (speed r)", there, "(at r here)", None);
+        check("(at r there) (at r hall)", there, "", None);
+        check("", there, "(at r here)", None);
+    }
+}
