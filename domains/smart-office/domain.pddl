@@ -72,6 +72,9 @@
     ; Whoever can ask a person says this: somebody logged in there lately.
     (validated ?l - location)
 
+    ; A mobile base says this of where it looked around lately.
+    (patrolled ?l - location)
+
     ; Screens say these, and robots that have one.
     (screen-in ?s - screen ?r - room)
     (allocated ?s - screen)             ; it has what it needs to show anything

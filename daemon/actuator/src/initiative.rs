@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::content::{
-    Achieve, Inform, Question, Reason, Refusal, Report, Request, Withdrawal, value,
+    Achieve, Inform, Outcome, Question, Reason, Refusal, Report, Request, Withdrawal, value,
 };
 use acl::{AgentId, Message, Performative, Protocol, ReplyToken};
 use agent::{Answer, Context, Opening, Presence, Resident, Undelivered, Work};
@@ -31,6 +31,11 @@ const GOAL_PATIENCE: Duration = Duration::from_secs(365 * 24 * 3_600);
 /// How long a device waits where the Plan Requester's mailbox was full: a burst is over by then.
 const FULL: Duration = Duration::from_secs(1);
 
+/// How long a device waits before it asks again for a goal that failed and that it insists on:
+/// doubled at each failure, from what another agent needs to come up to what a repair takes.
+const INSISTING_FIRST: Duration = Duration::from_secs(1);
+const INSISTING_MAX: Duration = Duration::from_secs(300);
+
 /// Goals and questions of one device at a time. A camera has one or two.
 const OPEN_MAX: usize = 32;
 
@@ -48,6 +53,8 @@ pub enum Initiative {
         name: String,
         /// The goal.
         goal: Achieve,
+        /// Whether it is asked for again where it fails, ever more rarely, until it is withdrawn.
+        insists: bool,
     },
     /// Gives up the goal of this name, if there is one; nothing more is heard of it.
     Withdraw {
@@ -87,6 +94,19 @@ impl News {
             News::Refused(_) | News::Answer(_) | News::Unanswered(_) => true,
         }
     }
+
+    /// Whether a goal came to a bad end that nobody asked for.
+    fn has_failed(&self) -> bool {
+        match self {
+            News::Report(report) => report.outcome == Outcome::Failed,
+            News::Refused(_) | News::Unanswered(_) => true,
+            News::Answer(_) => false,
+        }
+    }
+
+    fn holds(&self) -> bool {
+        matches!(self, News::Report(report) if report.outcome == Outcome::Holds)
+    }
 }
 
 /// What a device has begun by itself.
@@ -102,6 +122,9 @@ pub(crate) struct Initiatives {
 /// A goal that is wanted.
 struct Wanted {
     goal: Achieve,
+    insists: bool,
+    /// How often it has failed in a row.
+    failures: u32,
     /// `None` while there is no Plan Requester to ask.
     asked: Option<Asked>,
 }
@@ -134,7 +157,7 @@ impl<D: Device> Actuator<D> {
     fn take(&mut self, initiatives: Vec<Initiative>, ctx: &mut Context<Self>) {
         for initiative in initiatives {
             match initiative {
-                Initiative::Want { name, goal } => self.want(name, goal, ctx),
+                Initiative::Want { name, goal, insists } => self.want(name, goal, insists, ctx),
                 Initiative::Withdraw { name } => self.withdraw(&name, ctx),
                 Initiative::Ask { name, question, patience } => {
                     self.ask(name, &question, patience, ctx);
@@ -167,7 +190,7 @@ impl<D: Device> Actuator<D> {
 
     // === goals ===
 
-    fn want(&mut self, name: String, goal: Achieve, ctx: &mut Context<Self>) {
+    fn want(&mut self, name: String, goal: Achieve, insists: bool, ctx: &mut Context<Self>) {
         if self.initiatives.goals.get(&name).is_some_and(|wanted| wanted.goal == goal) {
             return;
         }
@@ -175,7 +198,8 @@ impl<D: Device> Actuator<D> {
         if self.initiatives.goals.len() >= OPEN_MAX {
             return self.decline(name, ctx);
         }
-        self.initiatives.goals.insert(name.clone(), Wanted { goal, asked: None });
+        let wanted = Wanted { goal, insists, failures: 0, asked: None };
+        self.initiatives.goals.insert(name.clone(), wanted);
         if let Some(requester) = ctx.find(&plan_requester()) {
             self.request(&name, requester, ctx);
         }
@@ -224,18 +248,31 @@ impl<D: Device> Actuator<D> {
         };
         let is_full = |refusal: &Refusal| refusal.reason == Reason::MailboxFull;
         if matches!(&news, News::Refused(refusal) if is_full(refusal)) {
-            return self.request_later(name.to_owned(), asking, ctx);
+            return self.request_later(name.to_owned(), asking, FULL, ctx);
         }
-        if news.is_final() {
+        if news.has_failed() && wanted.insists {
+            let wait = INSISTING_FIRST.saturating_mul(1 << wanted.failures.min(16));
+            wanted.failures += 1;
+            self.request_later(name.to_owned(), asking, wait.min(INSISTING_MAX), ctx);
+        } else if news.is_final() {
             self.initiatives.goals.remove(name);
+        } else if news.holds() {
+            wanted.failures = 0;
         }
         self.hear(name, &news, ctx);
     }
 
-    /// Nobody has read what was asked: it is asked again a little later, if it still stands.
-    fn request_later(&mut self, name: String, asking: u64, ctx: &mut Context<Self>) {
-        tracing::info!(initiative = name, "the Plan Requester's mailbox is full; asking again");
-        ctx.after(FULL, move |actuator: &mut Self, ctx| {
+    /// Nobody has read what was asked, or it failed: it is asked again after `wait`, if it still
+    /// stands.
+    fn request_later(
+        &mut self,
+        name: String,
+        asking: u64,
+        wait: Duration,
+        ctx: &mut Context<Self>,
+    ) {
+        tracing::info!(initiative = name, ?wait, "the goal is asked for again");
+        ctx.after(wait, move |actuator: &mut Self, ctx| {
             let wanted = actuator.initiatives.goals.get(&name);
             let asked = wanted.and_then(|wanted| wanted.asked.as_ref());
             let of = asked.filter(|asked| asked.asking == asking).map(|asked| asked.of.clone());

@@ -3,28 +3,39 @@
 //!
 //! - [`BaseDriver`] is what a driver does; each robot's plugin has its own.
 //! - After a move, however it ended, it asks its driver where it truly stands and what is left.
-//! - “Re-evaluates what it can do”: with an empty battery it offers no `move`.
+//! - “Re-evaluates what it can do”: with an empty battery it offers no `move`. Long before, it asks
+//!   to be charged of its own accord.
 //!
 //! A robot asks it for its part of the model, the facts and the methods, and adds its own.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::future::pending;
+use std::sync::Arc;
 use std::time::Duration;
 
 use acl::Deadline;
-use acl::content::{Method, Methods};
+use acl::content::{Achieve, Keep, Method, Methods};
 use agent::{Blueprint, BuildError};
 use pddl::{ActionModel, InitElement, Term};
 use serde::Deserialize;
 use substrate::BoxFuture;
+use tokio::sync::watch;
 
 use crate::device::{Call, Failure, Performed};
+use crate::initiative::Initiative;
 use crate::text::{Place, facts_of};
 
 /// What is left of its range, as a share, when a battery counts as empty: with less, cells are
 /// harmed, and the next door is too far anyway.
 const EMPTY: f64 = 0.01;
+
+/// What is left of its range, as a share, when it asks to be charged: enough for the way to the
+/// dock in most buildings.
+const LOW: f64 = 0.25;
+
+/// Before what people ask for: a robot that stands still in a doorway helps nobody.
+const CHARGING_PRIORITY: i32 = 10;
 
 /// How long finding the dock's contacts may take, beside the charging itself.
 const DOCKING: Duration = Duration::from_secs(60);
@@ -114,8 +125,10 @@ pub struct MobileBase {
     power: Option<Power>,
     /// Each pose with the place beside it and the meters between.
     poses: Vec<(Place, Place, f64)>,
-    state: Arc<Mutex<State>>,
+    state: Arc<watch::Sender<State>>,
     driver: Arc<dyn BaseDriver>,
+    /// Whether it has asked to be charged.
+    wants_charge: bool,
 }
 
 struct Power {
@@ -130,6 +143,12 @@ struct Power {
 struct State {
     place: String,
     charge: Option<f64>,
+}
+
+impl State {
+    fn is_low(&self, range: f64) -> bool {
+        self.charge.is_some_and(|charge| charge <= range * LOW)
+    }
 }
 
 /// What a base has done.
@@ -167,8 +186,9 @@ impl MobileBase {
             move_timeout: Duration::from_secs_f64(move_timeout),
             power,
             poses: poses.collect::<Result<_, _>>().map_err(problem)?,
-            state: Arc::new(Mutex::new(State { place: start.to_string(), charge })),
+            state: Arc::new(watch::Sender::new(State { place: start.to_string(), charge })),
             driver,
+            wants_charge: false,
         })
     }
 
@@ -178,12 +198,40 @@ impl MobileBase {
     }
 
     fn known(&self) -> State {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.state.borrow().clone()
     }
 
     fn is_empty(&self) -> bool {
         let Some(power) = &self.power else { return false };
         self.known().charge.is_some_and(|charge| charge <= power.range * EMPTY)
+    }
+
+    /// Waits until it wants something of its own accord: a charge where its battery runs low.
+    /// Then [`MobileBase::wishes`] says what.
+    pub fn next_wish(&self) -> BoxFuture<()> {
+        let Some(Power { range, .. }) = self.power else { return Box::pin(pending()) };
+        let (mut changes, wants_charge) = (self.state.subscribe(), self.wants_charge);
+        Box::pin(async move {
+            let is_news = |state: &State| state.is_low(range) != wants_charge;
+            let is_gone = changes.wait_for(is_news).await.is_err();
+            // With the robot, this is gone too.
+            if is_gone {
+                pending().await
+            }
+        })
+    }
+
+    /// What it wants now of its own accord.
+    pub fn wishes(&mut self) -> Vec<Initiative> {
+        let Some(Power { range, .. }) = self.power else { return Vec::new() };
+        let is_low = self.known().is_low(range);
+        if !is_low || std::mem::replace(&mut self.wants_charge, is_low) {
+            self.wants_charge = is_low;
+            return Vec::new();
+        }
+        let goal = format!("(charged {})", self.id);
+        let goal = Achieve { goal, keep: Keep::Achieve, priority: CHARGING_PRIORITY };
+        vec![Initiative::Want { name: "charge".to_owned(), goal, insists: true }]
     }
 }
 
@@ -385,7 +433,7 @@ impl MobileBase {
 /// What a method works with while it runs.
 struct Body {
     driver: Arc<dyn BaseDriver>,
-    state: Arc<Mutex<State>>,
+    state: Arc<watch::Sender<State>>,
 }
 
 impl Body {
@@ -410,7 +458,7 @@ impl Body {
         let place = self.driver.place().await.map_err(Failure::Driver)?;
         let charge = self.driver.charge().await.map_err(Failure::Driver)?;
         let state = State { place: place.clone(), charge };
-        *self.state.lock().unwrap_or_else(PoisonError::into_inner) = state;
+        self.state.send_replace(state);
         Ok(place)
     }
 }

@@ -90,7 +90,7 @@ impl Device for Doorbell {
 
 fn want(goal: &str) -> Initiative {
     let goal = Achieve { goal: goal.to_owned(), keep: Keep::Maintain, priority: 1 };
-    Initiative::Want { name: "guests".to_owned(), goal }
+    Initiative::Want { name: "guests".to_owned(), goal, insists: false }
 }
 
 fn withdraw() -> Initiative {
@@ -106,8 +106,9 @@ fn ask() -> Initiative {
 
 /// Hears heartbeats, takes goals as the Plan Requester, answers questions as a keyboard does.
 struct Other {
-    /// How many goals it refuses first, as a full mailbox does.
+    /// How many goals it refuses first, and why.
     refuses: usize,
+    reason: Reason,
     answer: Option<&'static str>,
     told: Told,
     asked: Option<Engagement>,
@@ -131,7 +132,7 @@ impl Other {
         let engagement = Engagement::of(&message);
         if self.refuses > 0 {
             self.refuses -= 1;
-            return ctx.refuse(&engagement, Reason::MailboxFull, "no room");
+            return ctx.refuse(&engagement, self.reason, "not now");
         }
         ctx.answer(&engagement, Performative::Confirm, &Report::new(Outcome::Holds, "it holds"));
         self.asked = Some(engagement);
@@ -212,7 +213,8 @@ impl Room {
 
     fn other(&self, id: &str, life: u64, answer: Option<&'static str>) -> CancellationToken {
         let told = self.told.clone();
-        self.launch(Other { refuses: 0, answer, told, asked: None }, id, life).0
+        let reason = Reason::Incapable;
+        self.launch(Other { refuses: 0, reason, answer, told, asked: None }, id, life).0
     }
 
     /// The doorbell, which at its first ring takes the first of these initiatives, and so on.
@@ -313,7 +315,9 @@ async fn a_goal_waits_for_a_plan_requester_and_outlives_it() {
 async fn a_goal_that_found_no_room_is_asked_for_again() {
     let mut room = room();
     let told = room.told.clone();
-    room.launch(Other { refuses: 2, answer: None, told, asked: None }, "plan-requester", 1);
+    let reason = Reason::MailboxFull;
+    let full = Other { refuses: 2, reason, answer: None, told, asked: None };
+    room.launch(full, "plan-requester", 1);
     room.bell([vec![want("(a)")], vec![withdraw()]]);
     room.ring().await;
     tokio::time::sleep(Duration::from_secs(5)).await;
@@ -322,6 +326,26 @@ async fn a_goal_that_found_no_room_is_asked_for_again() {
     assert_eq!(asked.count(), 2, "after the first: {lines:?}");
     let heard: Vec<_> = lines.iter().filter(|line| line.starts_with("bell hears")).collect();
     assert_eq!(heard, ["bell hears of guests: holds"], "and nothing of what was in the way");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_goal_that_failed_is_asked_for_again_where_the_device_insists() {
+    for (insists, times) in [(true, 3), (false, 1)] {
+        let mut room = room();
+        let (told, reason) = (room.told.clone(), Reason::Incapable);
+        let other = Other { refuses: 2, reason, answer: None, told, asked: None };
+        room.launch(other, "plan-requester", 1);
+        let Initiative::Want { name, goal, .. } = want("(a)") else { unreachable!("a want") };
+        room.bell([vec![Initiative::Want { name, goal, insists }]]);
+        let mut lines = room.ring().await;
+        // Twice as long after each failure.
+        tokio::time::sleep(Duration::from_secs(1 + 2 + 1)).await;
+        lines.extend(room.quiet().await);
+        let asked = lines.iter().filter(|line| *line == "plan-requester is asked for (a)");
+        assert_eq!(asked.count(), times, "{lines:?}");
+        let holds = lines.iter().any(|line| line == "bell hears of guests: holds");
+        assert_eq!(holds, insists, "{lines:?}");
+    }
 }
 
 #[tokio::test(start_paused = true)]

@@ -85,7 +85,9 @@ fn moved_at(frame: Frame) -> Stir<PtzCamera> {
         let place = place.to_owned();
         let goal = camera.settings.motion.as_ref().and_then(|motion| motion.goal(&place));
         camera.motion.insert(place.clone(), Instant::now());
-        let want = |goal| Initiative::Want { name: format!("motion-{place}"), goal };
+        // Who moves there is gone when it fails.
+        let (name, insists) = (format!("motion-{place}"), false);
+        let want = |goal| Initiative::Want { name, goal, insists };
         goal.map(want).into_iter().collect()
     })
 }

@@ -5,8 +5,10 @@
 //!   is here, `simulated` moves in the simulated building.
 //! - It carries the agents that say they are `mounted-on` it, and so plans with their actions.
 //! - With a `login` in its config, a person can log in at its on-board screen where it stands.
+//! - With a `patrol`, it keeps passing by some places, as long as nobody needs it elsewhere.
 
 mod login;
+mod patrol;
 mod simulated;
 
 use std::collections::BTreeMap;
@@ -24,6 +26,7 @@ use serde::Deserialize;
 use tokio::time::Instant;
 
 use login::{LOGIN, Login, LoginConfig};
+use patrol::{Patrol, PatrolConfig};
 
 /// The line in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -42,13 +45,16 @@ struct Config {
     /// Whether and how people log in at its screen.
     #[serde(default)]
     login: Option<LoginConfig>,
+    /// Where it patrols by itself.
+    #[serde(default)]
+    patrol: Option<PatrolConfig>,
     /// What nobody reads, to be complained about.
     #[serde(flatten)]
     unknown: serde_json::Map<String, serde_json::Value>,
 }
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
-    let Config { base, login, unknown } = blueprint.config_as()?;
+    let Config { base, login, patrol, unknown } = blueprint.config_as()?;
     if let Some(key) = unknown.keys().next() {
         return Err(blueprint.problem(format!("a turtlebot's config has no key `{key}`")));
     }
@@ -58,6 +64,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         ontology: blueprint.host.ontology.name.to_string(),
         base: MobileBase::new(&blueprint, "turtlebot", base, driver)?,
         login: login.map(|login| Login::new(&blueprint, login)).transpose()?,
+        patrol: patrol.map(|patrol| Patrol::new(&blueprint, patrol)).transpose()?,
         validated: BTreeMap::new(),
     };
     Ok(Box::new(Actuator::new(&blueprint, turtlebot)?))
@@ -68,6 +75,7 @@ struct TurtleBot {
     ontology: String,
     base: MobileBase,
     login: Option<Login>,
+    patrol: Option<Patrol>,
     /// When somebody logged in last in each place.
     validated: BTreeMap<String, Instant>,
 }
@@ -76,9 +84,20 @@ struct TurtleBot {
 enum Done {
     Moved(Moved),
     Validated(String),
+    Patrolled(String),
 }
 
 impl TurtleBot {
+    /// The place that a call is about, if the base stands there: it may have been carried away
+    /// since the plan was made.
+    fn here(&self, call: &Call) -> Result<String, Failure> {
+        let (place, here) = (call.argument("place")?, self.base.place());
+        if place == here {
+            return Ok(here);
+        }
+        Err(Failure::Driver(format!("do anything at `{place}`: the base stands at `{here}`")))
+    }
+
     fn validated(&self) -> Vec<OwnFact> {
         let lasts = self.login.as_ref().map_or(Duration::ZERO, |login| login.valid_for);
         let known = self.validated.iter().filter_map(|(place, at)| {
@@ -96,7 +115,7 @@ impl Device for TurtleBot {
     type Yield = Done;
 
     fn describe(&self) -> Description {
-        let TurtleBot { id, ontology, base, login, .. } = self;
+        let TurtleBot { id, ontology, base, login, patrol, .. } = self;
         let mut methods = base.methods();
         let mut actions = base.actions("");
         if let Some(login) = login.as_ref().filter(|login| login.is_open()) {
@@ -106,11 +125,15 @@ impl Device for TurtleBot {
                 :precondition (at ?b ?l)
                 :effect (and (validated ?l) (increase (total-cost) 5)))";
             let method = Method {
-                method: "log_in".to_owned(),
+                method: login::METHOD.to_owned(),
                 arguments: [("place".to_owned(), "?l".to_owned())].into(),
                 timeout: Deadline(login.timeout()),
             };
             methods.insert("validate-person".to_owned(), method);
+        }
+        if let Some(patrol) = patrol {
+            actions += patrol::ACTION;
+            methods.insert("patrol".to_owned(), patrol.method());
         }
         let (objects, lasting) = (base.objects(), base.lasting());
         let text = format!(
@@ -124,25 +147,30 @@ impl Device for TurtleBot {
     }
 
     fn facts(&self) -> Vec<OwnFact> {
-        facts_of(&self.base.facts()).into_iter().chain(self.validated()).collect()
+        let patrolled = self.patrol.iter().flat_map(Patrol::facts);
+        facts_of(&self.base.facts()).into_iter().chain(self.validated()).chain(patrolled).collect()
     }
 
     fn perform(&mut self, call: &Call) -> BoxFuture<Result<Done, Failure>> {
-        let Some(login) = self.login.as_mut().filter(|_| call.method == "log_in") else {
+        if call.method == patrol::METHOD {
+            let here = self.here(call).map(Done::Patrolled);
+            return Box::pin(std::future::ready(here));
+        }
+        if call.method != login::METHOD {
             let moved = self.base.perform(call);
             return Box::pin(async move { moved.await.map(Done::Moved) });
-        };
-        match call.argument("place") {
-            // The base may have been carried away since the plan was made.
-            Ok(place) if place == self.base.place() => {
-                let validated = login.log_in(place.to_owned());
+        }
+        let here = self.here(call);
+        match (here, &mut self.login) {
+            (Ok(place), Some(login)) => {
+                let validated = login.log_in(place);
                 Box::pin(async move { validated.await.map(Done::Validated) })
             }
-            Ok(place) => {
-                let problem = format!("validate anybody at `{place}`: the base is elsewhere");
-                Box::pin(std::future::ready(Err(Failure::Driver(problem))))
+            (Err(failure), _) => Box::pin(std::future::ready(Err(failure))),
+            (Ok(_), None) => {
+                let unknown = Failure::UnknownMethod(call.method.clone());
+                Box::pin(std::future::ready(Err(unknown)))
             }
-            Err(failure) => Box::pin(std::future::ready(Err(failure))),
         }
     }
 
@@ -156,15 +184,36 @@ impl Device for TurtleBot {
                 let observations = observed.into_iter().map(|fact| fact.fact).collect();
                 Performed { detail, observations }
             }
+            Done::Patrolled(place) => match &mut self.patrol {
+                Some(patrol) => patrol.performed(place),
+                None => Performed { detail: "is here".to_owned(), observations: Vec::new() },
+            },
         }
     }
 
     fn watch(&mut self) -> Option<BoxFuture<Stir<TurtleBot>>> {
-        let next = self.login.as_ref()?.next_question();
+        if let Some(wish) = self.patrol.as_mut().and_then(Patrol::first_wish) {
+            return Some(Box::pin(std::future::ready(wish)));
+        }
+        let wish = self.base.next_wish();
+        let question = self.login.as_ref().map(Login::next_question);
         Some(Box::pin(async move {
-            let initiatives = next.await;
-            let stir: Stir<TurtleBot> = Box::new(move |_| initiatives);
-            stir
+            let question = async {
+                match question {
+                    Some(question) => question.await,
+                    None => std::future::pending().await,
+                }
+            };
+            tokio::select! {
+                () = wish => {
+                    let stir: Stir<TurtleBot> = Box::new(|robot| robot.base.wishes());
+                    stir
+                }
+                initiatives = question => {
+                    let stir: Stir<TurtleBot> = Box::new(move |_| initiatives);
+                    stir
+                }
+            }
         }))
     }
 

@@ -24,6 +24,9 @@ use tokio::time::Instant;
 /// The name of the question among the robot's initiatives.
 pub(crate) const LOGIN: &str = "login";
 
+/// The method that lets a person log in.
+pub(crate) const METHOD: &str = "log_in";
+
 /// How long the screen is locked after as many wrong answers as it takes: trying all PINs of four
 /// digits by threes takes eleven days.
 const LOCKED_FOR: Duration = Duration::from_secs(5 * 60);

@@ -15,7 +15,7 @@ use acl::Deadline;
 use acl::content::Method;
 use actuator::{
     Actuator, BaseConfig, BoxFuture, Call, Description, Device, Failure, MobileBase, Moved,
-    OwnFact, Performed, Place, facts_of, model_of,
+    OwnFact, Performed, Place, Stir, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use pddl::ActionModel;
@@ -176,6 +176,15 @@ impl Device for VideoRobot {
         let observed = facts_of(&format!("(presented {medium} {place})"));
         let observations = observed.into_iter().map(|fact| fact.fact).collect();
         Performed { detail: format!("shows {medium} at {place}"), observations }
+    }
+
+    fn watch(&mut self) -> Option<BoxFuture<Stir<VideoRobot>>> {
+        let wish = self.base.next_wish();
+        Some(Box::pin(async move {
+            wish.await;
+            let stir: Stir<VideoRobot> = Box::new(|robot| robot.base.wishes());
+            stir
+        }))
     }
 
     fn carries(&self, model: &ActionModel) -> bool {

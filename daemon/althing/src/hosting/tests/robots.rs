@@ -76,3 +76,72 @@ async fn poses_are_places_that_only_it_knows() {
         office.close().await;
     }
 }
+
+#[tokio::test(start_paused = true)]
+async fn it_goes_home_by_itself_before_its_battery_is_empty() {
+    for mode in MODES {
+        let config = "{ start = \"corridor\", dock = \"corridor\", \
+                      battery = { range = 20.0, charge = 8.5 } }";
+        let office = Office::open(&[entry("turtlebot-1", "turtlebot", config)], mode).await;
+        let mut person = office.person("user");
+        // 4 m there leave 4.5 m, less than a quarter of its range, and enough for the way back.
+        assert!(person.reaches("(at turtlebot-1 office1)").await, "{:#?}", person.lines);
+        let truth =
+            office.until("it charges, and nobody asked for it", |truth| truth.any(recharged));
+        let truth = truth.await;
+        assert_eq!(truth.place_of("turtlebot-1"), Some("corridor"), "{mode:?}");
+        assert_eq!(truth.charge("turtlebot-1"), Some(20.0), "{mode:?}");
+        office.close().await;
+    }
+}
+
+/// A robot that looks at the corridor every minute, and carries a thermometer.
+fn patrol() -> [String; 2] {
+    let config = "{ start = \"office2\", patrol = { places = [\"corridor\"], every = \"1m\" } }";
+    [
+        entry("turtlebot-1", "turtlebot", config),
+        entry("ir-1", "ir-temperature-sensor", "{ mounted-on = \"turtlebot-1\" }"),
+    ]
+}
+
+/// How often the robot came to the corridor.
+fn came(truth: &::building::Truth) -> usize {
+    let is_there = |event: &Event| matches!(event, Event::Moved { to, .. } if to == "corridor");
+    truth.occurrences().filter(|occurrence| is_there(&occurrence.event)).count()
+}
+
+#[tokio::test(start_paused = true)]
+async fn it_patrols_of_its_own_accord_and_comes_back_to_it() {
+    for mode in MODES {
+        let office = Office::open(&patrol(), mode).await;
+        office.until("it sets out by itself", |truth| came(truth) == 1).await;
+        let mut person = office.person("user");
+        let reached = person.reaches("(known-temperature conf-room)").await;
+        assert!(reached, "{mode:?}: it gives way: {:#?}", person.lines);
+        assert_eq!(office.building.truth().place_of("turtlebot-1"), Some("conf-room"));
+        office.until("it passes by again", |truth| came(truth) == 2).await;
+        office.close().await;
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_patrol_under_way_gives_way() {
+    for mode in MODES {
+        let office = Office::open(&patrol(), mode).await;
+        office.until("it sets out by itself", |truth| came(truth) == 1).await;
+        let mut person = office.person("user");
+        assert!(person.reaches("(at turtlebot-1 conf-room)").await, "{:#?}", person.lines);
+        // It has to go back to the corridor, and is on its way.
+        let departed = |truth: &::building::Truth| {
+            let departs =
+                |event: &Event| matches!(event, Event::Departed { to, .. } if to == "corridor");
+            truth.occurrences().filter(|occurrence| departs(&occurrence.event)).count() == 2
+        };
+        office.until("it goes back to its patrol", departed).await;
+        let reached = person.reaches("(known-temperature conf-room)").await;
+        assert!(reached, "{mode:?}: {:#?}", person.lines);
+        assert_eq!(came(&office.building.truth()), 1, "{mode:?}: it left off and turned round");
+        office.until("it passes by again", |truth| came(truth) == 2).await;
+        office.close().await;
+    }
+}

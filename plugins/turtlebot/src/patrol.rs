@@ -1,0 +1,120 @@
+//! The patrol (the paper, “Demonstrations”: “The corridor is patrolled by a mobile base”): a
+//! standing goal of the robot's own, of low priority, so that it gives way to all others.
+//!
+//! A place counts as patrolled for a while after the robot stood there. When that is over, the goal
+//! does not hold any more, and the ecosystem plans for it again: nothing here drives.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use acl::Deadline;
+use acl::content::{Achieve, Keep, Method};
+use actuator::{Initiative, OwnFact, Performed, Place, Stir, facts_of};
+use agent::{Blueprint, BuildError};
+use serde::Deserialize;
+use tokio::time::Instant;
+
+use crate::TurtleBot;
+
+/// The method that looks around where the robot stands.
+pub(crate) const METHOD: &str = "look_around";
+
+/// The action that it carries out.
+pub(crate) const ACTION: &str = "(:action patrol
+        :agent ?b - turtlebot
+        :parameters (?l - location)
+        :precondition (at ?b ?l)
+        :effect (and (patrolled ?l) (increase (total-cost) 1)))";
+
+/// The longest that looking around may take.
+const LOOKING: Duration = Duration::from_secs(5);
+
+/// What `patrol` in an entry's `config` says.
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub(crate) struct PatrolConfig {
+    /// The places to pass by.
+    places: Vec<Place>,
+    /// How long a place counts as patrolled, such as `"10m"`.
+    every: String,
+    /// Below 0, the priority of what people ask for.
+    #[serde(default = "default_priority")]
+    priority: i32,
+}
+
+fn default_priority() -> i32 {
+    -10
+}
+
+/// One robot's patrol.
+pub(crate) struct Patrol {
+    places: Vec<Place>,
+    every: Duration,
+    priority: i32,
+    /// When it stood in each place last.
+    last: BTreeMap<String, Instant>,
+    has_asked: bool,
+}
+
+impl Patrol {
+    pub(crate) fn new(blueprint: &Blueprint, config: PatrolConfig) -> Result<Patrol, BuildError> {
+        let PatrolConfig { places, every, priority } = config;
+        let every = humantime::parse_duration(&every)
+            .map_err(|error| blueprint.problem(format!("patrol.every `{every}`: {error}")))?;
+        if places.is_empty() || every.is_zero() {
+            return Err(
+                blueprint.problem("a `patrol` needs places, and a while between".to_owned())
+            );
+        }
+        let map = &blueprint.host.map.objects;
+        let is_on_map =
+            |place: &Place| map.iter().any(|declaration| declaration.object.name == place.as_str());
+        if let Some(place) = places.iter().find(|place| !is_on_map(place)) {
+            return Err(blueprint.problem(format!("patrol: `{place}` is not on the map")));
+        }
+        Ok(Patrol { places, every, priority, last: BTreeMap::new(), has_asked: false })
+    }
+
+    /// Asks for the patrol, once: it is kept from then on.
+    pub(crate) fn first_wish(&mut self) -> Option<Stir<TurtleBot>> {
+        if std::mem::replace(&mut self.has_asked, true) {
+            return None;
+        }
+        let places: Vec<_> =
+            self.places.iter().map(|place| format!("(patrolled {place})")).collect();
+        let goal = match places.as_slice() {
+            [place] => place.clone(),
+            places => format!("(and {})", places.join(" ")),
+        };
+        let goal = Achieve { goal, keep: Keep::Maintain, priority: self.priority };
+        let want = Initiative::Want { name: "patrol".to_owned(), goal, insists: true };
+        Some(Box::new(move |_| vec![want]))
+    }
+
+    pub(crate) fn method(&self) -> Method {
+        Method {
+            method: METHOD.to_owned(),
+            arguments: [("place".to_owned(), "?l".to_owned())].into(),
+            timeout: Deadline(LOOKING),
+        }
+    }
+
+    /// Where it was lately.
+    pub(crate) fn facts(&self) -> Vec<OwnFact> {
+        let lately = self.last.iter().filter_map(|(place, at)| {
+            let left = self.every.saturating_sub(at.elapsed());
+            (!left.is_zero()).then(|| (format!("(patrolled {place})"), left))
+        });
+        lately
+            .flat_map(|(text, left)| facts_of(&text).into_iter().map(move |fact| (fact, left)))
+            .map(|(fact, left)| OwnFact { known_for: Some(left), ..fact })
+            .collect()
+    }
+
+    pub(crate) fn performed(&mut self, place: String) -> Performed {
+        let detail = format!("all is quiet at {place}");
+        let observed = facts_of(&format!("(patrolled {place})"));
+        self.last.insert(place, Instant::now());
+        Performed { detail, observations: observed.into_iter().map(|fact| fact.fact).collect() }
+    }
+}
