@@ -1,4 +1,4 @@
-//! `althing scenario 1`, as a user runs it: both flows, in one process and in at least five,
+//! `althing scenario`, as a user runs it: both flows, in one process and in at least five,
 //! several buildings. The exit code is the building's truth.
 
 mod support;
@@ -8,8 +8,13 @@ use support::{Office, stderr, stdout};
 
 #[track_caller]
 fn check(arguments: &[&str]) -> Value {
+    check_number("1", arguments)
+}
+
+#[track_caller]
+fn check_number(number: &str, arguments: &[&str]) -> Value {
     let office = Office::new();
-    let all = [&["scenario", "1", "--json"], arguments].concat();
+    let all = [&["scenario", number, "--json"], arguments].concat();
     let output = office.run(&all);
     let printed = stdout(&output);
     assert!(output.status.success(), "{all:?}\n{printed}\n{}", stderr(&output));
@@ -47,9 +52,44 @@ fn on_a_wire_in_memory() {
     check(&["--substrate", "memory", "--seed", "5"]);
 }
 
+/// The temperatures are kept known while sensors die and come.
 #[test]
-fn the_other_scenarios_are_refused_by_name() {
-    let output = Office::new().run(&["scenario", "2"]);
-    assert_eq!(output.status.code(), Some(69));
-    assert!(stderr(&output).contains("scenario 2` is not built yet"), "{}", stderr(&output));
+fn scenario_2_in_processes() {
+    for (seed, mode) in [("0", "decentralized"), ("1", "centralized")] {
+        let value = check_number("2", &["--mode", mode, "--processes", "--seed", seed]);
+        let events = value["events"].to_string();
+        assert_eq!(events.matches("was killed (SIGKILL)").count(), 2, "{events}");
+        assert!(events.contains("is plugged in"), "{events}");
+    }
+}
+
+/// Four people come; two are let in.
+#[test]
+fn scenario_3_in_processes() {
+    for (seed, mode) in [("0", "centralized"), ("1", "decentralized")] {
+        let value = check_number("3", &["--mode", mode, "--processes", "--seed", seed]);
+        let admissions = value["admissions"].as_array().expect("a list");
+        let validated: Vec<_> =
+            admissions.iter().filter(|admission| admission["validated"] == true).collect();
+        assert_eq!((admissions.len(), validated.len()), (4, 2), "{admissions:?}");
+        let printed = value.to_string();
+        assert!(!printed.contains("2718"), "the PIN is a secret: {printed}");
+    }
+}
+
+/// The meeting goes on where the screen fails.
+#[test]
+fn scenario_4_in_processes() {
+    for (seed, mode) in
+        [("0", "centralized"), ("0", "decentralized"), ("1", "centralized"), ("2", "decentralized")]
+    {
+        check_number("4", &["--mode", mode, "--processes", "--seed", seed]);
+    }
+}
+
+#[test]
+fn all_in_one_process() {
+    for (number, mode) in [("2", "centralized"), ("3", "decentralized"), ("4", "centralized")] {
+        check_number(number, &["--mode", mode]);
+    }
 }
