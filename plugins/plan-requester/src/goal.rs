@@ -228,7 +228,8 @@ impl Goal {
 
     /// Whether `asked` is this goal, asked for by a later life of its asker.
     pub(crate) fn is_asked_anew(&self, by: &AgentId, life: Incarnation, asked: &Achieve) -> bool {
-        self.engagement.initiator == *by && self.life < life && self.text == asked.goal
+        let is_same = self.text == asked.goal && self.keep == asked.keep;
+        is_same && self.engagement.initiator == *by && self.life < life
     }
 
     pub(crate) fn status(&self) -> GoalStatus {
