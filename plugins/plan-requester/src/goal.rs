@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::content::{Achieve, GoalStatus, Keep, Reason, Report};
+use acl::content::{Achieve, GoalStatus, Keep, Offers, Reason, Report};
 use acl::{AgentId, ConversationId, Incarnation, ReplyToken};
 use agent::{Engagement, TimerId, Work};
 use pddl::{Condition, PlanStep};
@@ -210,8 +210,19 @@ impl Goal {
             .collect()
     }
 
-    /// Whether an action is not tried again until its agent announces itself anew. What is to be
-    /// kept is worth any number of tries, ever more rarely.
+    /// Who has withdrawn an action itself is not held to what it did while it offered it.
+    pub(crate) fn reconsider(&mut self, offers: &Offers) {
+        let is_offered = |(agent, action): &(AgentId, String)| {
+            offers.get(agent).is_some_and(|actions| actions.contains_key(action))
+        };
+        let withdrawn = self.avoided.iter_mut().filter(|(key, _)| !is_offered(key));
+        for (_, avoidance) in withdrawn {
+            (avoidance.is_refused, avoidance.times) = (false, 0);
+        }
+    }
+
+    /// Whether an action is not tried again until its agent withdraws it or announces itself anew.
+    /// What is to be kept is worth any number of tries, ever more rarely.
     fn is_done_with(&self, avoidance: &Avoidance) -> bool {
         self.keep == Keep::Achieve && (avoidance.is_refused || avoidance.times >= TRIES_MAX)
     }
@@ -242,5 +253,68 @@ impl Goal {
             rounds: self.rounds,
             history: self.history.clone(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::content::{Offer, Outcome};
+
+    use super::*;
+
+    fn goal(keep: Keep) -> Goal {
+        let engagement = Engagement {
+            initiator: AgentId::new("ann").expect("a name"),
+            exchange: ReplyToken::new("e"),
+            conversation: ConversationId::new("c"),
+            protocol: None,
+        };
+        let asked = Achieve { goal: "(lit hall)".to_owned(), keep, priority: 0 };
+        let condition = pddl::parse_condition(&asked.goal).into_result().expect("a condition");
+        Goal::new(engagement, Incarnation(1), asked, condition)
+    }
+
+    fn lamp() -> (AgentId, String) {
+        (AgentId::new("lamp").expect("a name"), "light".to_owned())
+    }
+
+    fn failed(declined: Option<Reason>) -> Report {
+        Report { declined, ..Report::new(Outcome::Failed, "it is dark") }
+    }
+
+    #[test]
+    fn who_failed_is_tried_three_times_and_who_refused_once() {
+        let now = Instant::now();
+        let mut silent = goal(Keep::Achieve);
+        for _ in 0..2 {
+            silent.avoid(lamp(), &failed(None), now);
+            assert!(silent.next_chance(now).is_some());
+        }
+        silent.avoid(lamp(), &failed(None), now);
+        assert_eq!(silent.next_chance(now), None);
+        let year = Duration::from_secs(365 * 24 * 3_600);
+        assert!(silent.avoided(now + year).contains_key(&lamp()));
+        let mut refused = goal(Keep::Achieve);
+        refused.avoid(lamp(), &failed(Some(Reason::Incapable)), now);
+        assert_eq!(refused.next_chance(now), None);
+        let mut kept = goal(Keep::Maintain);
+        kept.avoid(lamp(), &failed(Some(Reason::Incapable)), now);
+        assert_eq!(kept.next_chance(now), Some(now + AVOIDED_FIRST));
+    }
+
+    #[test]
+    fn who_withdraws_an_action_or_comes_anew_is_tried_again() {
+        let now = Instant::now();
+        let mut goal = goal(Keep::Achieve);
+        goal.avoid(lamp(), &failed(Some(Reason::Incapable)), now);
+        let (inside, guard) = ("light".to_owned(), "(offers-light lamp)".to_owned());
+        let offer = Offer { inside, guard, method: None };
+        let (agent, action) = lamp();
+        goal.reconsider(&[(agent.clone(), [(action, offer)].into())].into());
+        assert_eq!(goal.next_chance(now), None, "it goes on offering what it refuses");
+        goal.reconsider(&Offers::new());
+        assert_eq!(goal.next_chance(now), Some(now + AVOIDED_FIRST));
+        goal.forgive(&agent);
+        assert!(goal.avoided(now).is_empty());
     }
 }

@@ -247,12 +247,13 @@ impl PlanRequester {
     }
 
     fn compiled(&mut self, id: &ConversationId, snapshot: Snapshot, ctx: &mut Context<Self>) {
-        let Some(goal) = self.goals.get_mut(id) else { return };
-        let avoided = goal.avoided(ctx.now());
         let known = match Known::read(snapshot) {
-            Ok(known) => known.avoiding(avoided),
+            Ok(known) => known,
             Err(problem) => return self.end(id, Outcome::Failed, problem, ctx),
         };
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        goal.reconsider(&known.offers);
+        let known = known.avoiding(goal.avoided(ctx.now()));
         if goal.rounds == 0
             && let Some(problem) = wrong_in(goal, &known)
         {
