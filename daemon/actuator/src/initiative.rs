@@ -56,7 +56,8 @@ pub enum Initiative {
         /// Whether it is asked for again where it fails, ever more rarely, until it is withdrawn.
         insists: bool,
     },
-    /// Gives up the goal of this name, if there is one; nothing more is heard of it.
+    /// Gives up the goal and the question of this name, if there are such; nothing more is heard
+    /// of them.
     Withdraw {
         /// Its name.
         name: String,
@@ -158,7 +159,10 @@ impl<D: Device> Actuator<D> {
         for initiative in initiatives {
             match initiative {
                 Initiative::Want { name, goal, insists } => self.want(name, goal, insists, ctx),
-                Initiative::Withdraw { name } => self.withdraw(&name, ctx),
+                Initiative::Withdraw { name } => {
+                    self.withdraw(&name, ctx);
+                    self.unask(&name, "nobody waits for the answer any more".to_owned(), ctx);
+                }
                 Initiative::Ask { name, question, patience } => {
                     self.ask(name, &question, patience, ctx);
                 }
@@ -321,9 +325,9 @@ impl<D: Device> Actuator<D> {
         for name in names {
             self.withdraw(&name, ctx);
         }
-        for exchange in std::mem::take(&mut self.initiatives.questions).into_values() {
-            let detail = format!("`{}` is stopping", ctx.id());
-            ctx.withdraw(&exchange, &Withdrawal { detail });
+        let names: Vec<_> = self.initiatives.questions.keys().cloned().collect();
+        for name in names {
+            self.unask(&name, format!("`{}` is stopping", ctx.id()), ctx);
         }
     }
 
@@ -336,10 +340,7 @@ impl<D: Device> Actuator<D> {
         patience: Duration,
         ctx: &mut Context<Self>,
     ) {
-        if let Some(earlier) = self.initiatives.questions.remove(&name) {
-            let detail = format!("`{}` asks something else", ctx.id());
-            ctx.withdraw(&earlier, &Withdrawal { detail });
-        }
+        self.unask(&name, format!("`{}` asks something else", ctx.id()), ctx);
         if self.initiatives.questions.len() >= OPEN_MAX {
             return self.decline(name, ctx);
         }
@@ -355,6 +356,13 @@ impl<D: Device> Actuator<D> {
             actuator.person_answered(&about, patience, &answer, ctx);
         });
         self.initiatives.questions.insert(name, exchange);
+    }
+
+    /// Withdraws a question, if it is open.
+    fn unask(&mut self, name: &str, detail: String, ctx: &mut Context<Self>) {
+        if let Some(exchange) = self.initiatives.questions.remove(name) {
+            ctx.withdraw(&exchange, &Withdrawal { detail });
+        }
     }
 
     fn person_answered(
@@ -379,13 +387,11 @@ impl<D: Device> Actuator<D> {
             Answer::Silence => News::Unanswered(format!("nobody answered within {patience:?}")),
             Answer::Undelivered(why) => News::Unanswered(why.to_string()),
         };
-        if let Some(exchange) = self.initiatives.questions.remove(name) {
-            let detail = match answer {
-                Answer::Message(message) => format!("answered at `{}`", message.sender),
-                Answer::Silence | Answer::Undelivered(_) => "nobody answered in time".to_owned(),
-            };
-            ctx.withdraw(&exchange, &Withdrawal { detail });
-        }
+        let detail = match answer {
+            Answer::Message(message) => format!("answered at `{}`", message.sender),
+            Answer::Silence | Answer::Undelivered(_) => "nobody answered in time".to_owned(),
+        };
+        self.unask(name, detail, ctx);
         self.hear(name, &news, ctx);
     }
 }

@@ -138,7 +138,8 @@ Example: althing validate domain.pddl problem.pddl plan.txt";
 
 const CHECK_HELP: &str = "\
 A problem and an action model are checked against the domain that they name: one
-of the files given, or one found beside them.
+of the files given, or one found beside them. Of an ecosystem, every agent is
+built as `up` builds it, and let go.
 
 Exit codes: 0 nothing wrong, 33 mistakes were found
 

@@ -123,7 +123,10 @@ impl Seen {
             InitElement::Atom(atom) if !guards.contains(&atom.predicate) => Some(atom.to_string()),
             _ => None,
         });
-        Seen { offers: known.offers.iter().flat_map(of_agent).collect(), facts: facts.collect() }
+        Seen {
+            offers: known.all_offers.iter().flat_map(of_agent).collect(),
+            facts: facts.collect(),
+        }
     }
 
     /// What is other than it was, for a person; nothing, if plans made all of it.

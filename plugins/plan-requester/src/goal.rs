@@ -227,8 +227,8 @@ impl Goal {
             .collect()
     }
 
-    /// Whether an action is not tried again until its agent announces itself anew. What is to be
-    /// kept is worth any number of tries, ever more rarely.
+    /// Whether an action is not tried again until its agent offers it anew.
+    /// What is to be kept is worth any number of tries, ever more rarely.
     fn is_done_with(&self, avoidance: &Avoidance) -> bool {
         self.keep == Keep::Achieve && (avoidance.is_refused || avoidance.times >= TRIES_MAX)
     }
@@ -245,7 +245,8 @@ impl Goal {
 
     /// Whether `asked` is this goal, asked for by a later life of its asker.
     pub(crate) fn is_asked_anew(&self, by: &AgentId, life: Incarnation, asked: &Achieve) -> bool {
-        self.engagement.initiator == *by && self.life < life && self.text == asked.goal
+        let is_same = self.text == asked.goal && self.keep == asked.keep;
+        is_same && self.engagement.initiator == *by && self.life < life
     }
 
     pub(crate) fn status(&self) -> GoalStatus {
@@ -258,5 +259,73 @@ impl Goal {
             rounds: self.rounds,
             history: self.history.clone(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::content::{Offer, Outcome};
+
+    use super::*;
+
+    fn goal(keep: Keep) -> Goal {
+        let engagement = Engagement {
+            initiator: AgentId::new("ann").expect("a name"),
+            exchange: ReplyToken::new("e"),
+            conversation: ConversationId::new("c"),
+            protocol: None,
+        };
+        let asked = Achieve { goal: "(lit hall)".to_owned(), keep, priority: 0 };
+        let condition = pddl::parse_condition(&asked.goal).into_result().expect("a condition");
+        Goal::new(engagement, Incarnation(1), asked, condition)
+    }
+
+    fn lamp() -> (AgentId, String) {
+        (AgentId::new("lamp").expect("a name"), "light".to_owned())
+    }
+
+    fn failed(declined: Option<Reason>) -> Report {
+        Report { declined, ..Report::new(Outcome::Failed, "it is dark") }
+    }
+
+    #[test]
+    fn who_failed_is_tried_three_times_and_who_refused_once() {
+        let now = Instant::now();
+        let mut silent = goal(Keep::Achieve);
+        for _ in 0..2 {
+            silent.avoid(lamp(), &failed(None), now);
+            assert!(silent.next_chance(now).is_some());
+        }
+        silent.avoid(lamp(), &failed(None), now);
+        assert_eq!(silent.next_chance(now), None);
+        let year = Duration::from_secs(365 * 24 * 3_600);
+        assert!(silent.avoided(now + year).contains_key(&lamp()));
+        let mut refused = goal(Keep::Achieve);
+        refused.avoid(lamp(), &failed(Some(Reason::Incapable)), now);
+        assert_eq!(refused.next_chance(now), None);
+        let mut kept = goal(Keep::Maintain);
+        kept.avoid(lamp(), &failed(Some(Reason::Incapable)), now);
+        assert_eq!(kept.next_chance(now), Some(now + AVOIDED_FIRST));
+    }
+
+    #[test]
+    fn who_withdraws_an_action_or_comes_anew_is_tried_again() {
+        let now = Instant::now();
+        let mut goal = goal(Keep::Achieve);
+        goal.avoid(lamp(), &failed(Some(Reason::Incapable)), now);
+        let (inside, guard) = ("light".to_owned(), "(offers-light lamp)".to_owned());
+        let offer = Offer { inside, guard, method: None };
+        let (agent, action) = lamp();
+        let offers: Offers = [(agent.clone(), [(action, offer)].into())].into();
+        goal.compare_with(&offers);
+        assert_eq!(goal.next_chance(now), None, "it goes on offering what it refuses");
+        goal.compare_with(&Offers::new());
+        assert_eq!(goal.next_chance(now), None, "nobody offers it");
+        assert_eq!(goal.avoided(now).len(), 1, "and why is still known");
+        goal.compare_with(&offers);
+        assert!(goal.avoided(now).is_empty(), "it is offered again");
+        goal.avoid(lamp(), &failed(Some(Reason::Incapable)), now);
+        goal.forgive(&agent);
+        assert!(goal.avoided(now).is_empty());
     }
 }

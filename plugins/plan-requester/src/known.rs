@@ -24,7 +24,7 @@ pub(crate) struct Known {
     pub(crate) domain_text: String,
     pub(crate) offers: Offers,
     /// What everyone offers, planned with or not.
-    all_offers: Offers,
+    pub(crate) all_offers: Offers,
     /// The problem with everyone, planned with or not.
     whole: Problem,
     /// What lets agents act by each schema.

@@ -247,14 +247,13 @@ impl PlanRequester {
     }
 
     fn compiled(&mut self, id: &ConversationId, snapshot: Snapshot, ctx: &mut Context<Self>) {
-        let Some(goal) = self.goals.get_mut(id) else { return };
         let known = match Known::read(snapshot) {
-            Ok(known) => {
-                goal.compare_with(&known.offers);
-                known.avoiding(goal.avoided(ctx.now()))
-            }
+            Ok(known) => known,
             Err(problem) => return self.end(id, Outcome::Failed, problem, ctx),
         };
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        goal.compare_with(&known.offers);
+        let known = known.avoiding(goal.avoided(ctx.now()));
         if goal.rounds == 0
             && let Some(problem) = wrong_in(goal, &known)
         {

@@ -31,6 +31,13 @@ pub(crate) const METHOD: &str = "log_in";
 /// digits by threes takes eleven days.
 const LOCKED_FOR: Duration = Duration::from_secs(5 * 60);
 
+/// What is to be asked.
+enum Asking {
+    This(String),
+    /// Nothing any more: nobody waits for the answer.
+    Nothing,
+}
+
 /// How many questions may wait to be asked, and answers to be read. There is one of each.
 const WAITING_MAX: usize = 4;
 
@@ -91,8 +98,8 @@ pub(crate) struct Login {
     attempts: u32,
     pub(crate) valid_for: Duration,
     lock: Lock,
-    ask: mpsc::Sender<String>,
-    asked: Arc<Mutex<mpsc::Receiver<String>>>,
+    ask: mpsc::Sender<Asking>,
+    asked: Arc<Mutex<mpsc::Receiver<Asking>>>,
     /// Where the person's answer is waited for, while it is.
     answers: Option<mpsc::Sender<News>>,
 }
@@ -154,6 +161,7 @@ impl Login {
             rest: self.patience,
             ask: self.ask.clone(),
             answers,
+            is_open: false,
             attempts: self.attempts,
             place,
         };
@@ -165,7 +173,8 @@ impl Login {
         let (asked, patience) = (Arc::clone(&self.asked), self.patience);
         Box::pin(async move {
             match asked.lock().await.recv().await {
-                Some(text) => {
+                Some(Asking::Nothing) => vec![Initiative::Withdraw { name: LOGIN.to_owned() }],
+                Some(Asking::This(text)) => {
                     let (name, question) = (LOGIN.to_owned(), Question { text });
                     vec![Initiative::Ask { name, question, patience }]
                 }
@@ -191,8 +200,10 @@ struct Attempt {
     lock: Lock,
     /// How long nobody is asked again where nobody answered.
     rest: Duration,
-    ask: mpsc::Sender<String>,
+    ask: mpsc::Sender<Asking>,
     answers: mpsc::Receiver<News>,
+    /// Whether an answer is waited for.
+    is_open: bool,
     attempts: u32,
     place: String,
 }
@@ -203,9 +214,15 @@ impl Attempt {
         for attempt in 1..=self.attempts {
             let again = if attempt == 1 { "" } else { "That was wrong. " };
             let text = format!("{again}Who is at {}? Log in with your PIN.", self.place);
-            self.ask.send(text).await.map_err(|_| failed("ask anybody: the screen is off"))?;
-            match self.answers.recv().await {
-                Some(News::Answer(answer)) if self.secret.is(&answer) => return Ok(self.place),
+            let asked = self.ask.send(Asking::This(text)).await;
+            asked.map_err(|_| failed("ask anybody: the screen is off"))?;
+            self.is_open = true;
+            let answer = self.answers.recv().await;
+            self.is_open = false;
+            match answer {
+                Some(News::Answer(answer)) if self.secret.is(&answer) => {
+                    return Ok(self.place.clone());
+                }
                 Some(News::Answer(_)) => (),
                 Some(News::Refused(refusal)) => {
                     self.close_for(self.rest);
@@ -225,5 +242,15 @@ impl Attempt {
     fn close_for(&self, time: Duration) {
         let until = Instant::now() + time;
         *self.lock.lock().unwrap_or_else(PoisonError::into_inner) = Some(until);
+    }
+}
+
+impl Drop for Attempt {
+    fn drop(&mut self) {
+        // It was given up: a person need not go to the keyboard for it. If there is no room, the
+        // question ends at its deadline.
+        if self.is_open {
+            let _ = self.ask.try_send(Asking::Nothing);
+        }
     }
 }

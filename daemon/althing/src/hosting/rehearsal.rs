@@ -56,7 +56,9 @@ fn report_at(ecosystem: &Ecosystem, path: &str, error: &HostError, report: &mut 
     match ecosystem.places.find(path) {
         Some((source, place, is_it)) => {
             // An unknown key is wrong itself; elsewhere it is the value.
-            let is_key = !is_it || message.contains("unknown field");
+            let is_unknown =
+                ["unknown field", "has no key"].iter().any(|say| message.contains(say));
+            let is_key = !is_it || is_unknown;
             let span = if is_key { place.key } else { place.value };
             report.add(&source, [Diagnostic::error(span, message)]);
         }

@@ -118,7 +118,8 @@ type LineEditor = Editor<Assistant, FileHistory>;
 
 fn editor(words: &Arc<RwLock<Vocabulary>>) -> rustyline::Result<LineEditor> {
     let config = Config::builder()
-        .auto_add_history(true)
+        // By hand: not everything is to be remembered.
+        .auto_add_history(false)
         .max_history_size(HISTORY_LINES_MAX)?
         .history_ignore_space(true)
         .completion_type(rustyline::CompletionType::List)
@@ -141,9 +142,11 @@ fn edit_lines(
     while wanted.recv().is_ok() {
         let typed = match editor.readline(PROMPT) {
             Ok(line) => {
-                // Line by line: a signal may end this process at any time.
-                if let Some(history) = &history {
-                    let _ = editor.append_history(history);
+                if is_remembered(&line) && editor.add_history_entry(line.as_str()).is_ok() {
+                    // Line by line: a signal may end this process at any time.
+                    if let Some(history) = &history {
+                        let _ = editor.append_history(history);
+                    }
                 }
                 Typed::Line(line)
             }
@@ -155,6 +158,12 @@ fn edit_lines(
             return;
         }
     }
+}
+
+/// Whether a line goes into the history, which is a file: an answer may be a secret.
+fn is_remembered(line: &str) -> bool {
+    let verb = line.split_whitespace().next().unwrap_or_default();
+    verb.trim_matches(['"', '\'']) != "answer"
 }
 
 /// Where lines are remembered: with what this machine keeps of the ecosystem.
@@ -212,5 +221,20 @@ impl Completer for Assistant {
     ) -> rustyline::Result<(usize, Vec<String>)> {
         let words = self.words.read().unwrap_or_else(PoisonError::into_inner);
         Ok(words.complete(line.get(..position).unwrap_or(line)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_remembered;
+
+    #[test]
+    fn answers_are_not_remembered() {
+        for line in ["answer 1 2718", "  answer 1 2718", "\"answer\" 1 2718"] {
+            assert!(!is_remembered(line), "{line}");
+        }
+        for line in ["goal answer", "goals", "act (answer phone-1)", ""] {
+            assert!(is_remembered(line), "{line}");
+        }
     }
 }

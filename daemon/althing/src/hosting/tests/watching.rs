@@ -172,3 +172,17 @@ async fn a_question_that_somebody_has_answered_is_closed_elsewhere() {
     assert!(there.lines[0].contains("has no open question"), "{:?}", there.lines);
     office.close().await;
 }
+
+#[tokio::test(start_paused = true)]
+async fn a_question_ends_with_the_goal_that_it_was_asked_for() {
+    let office = Office::open(&[robot("pin = \"2718\"")], Mode::Centralized).await;
+    let (mut asker, mut there) = (office.person("user"), office.person("there"));
+    asker.wish("(validated office2)", Keep::Achieve).await;
+    let goal = asker.waits(|heard| heard.conversation().cloned()).await;
+    let question = there.is_asked().await;
+    asker.terminal.say.send(Said::Cancel(goal)).await.expect("the keyboard listens");
+    let (closed, why) = there.hears_closed().await;
+    let expected = "withdrawn: nobody waits for the answer any more";
+    assert_eq!((closed, &*why), (question, expected));
+    office.close().await;
+}
