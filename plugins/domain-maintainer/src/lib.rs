@@ -9,6 +9,7 @@
 
 mod changing;
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::{
@@ -36,7 +37,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let (ontology, map) = (&blueprint.host.ontology, &blueprint.host.map);
-    let maintainer = Maintainer::new((**ontology).clone(), (**map).clone(), Scope::Everything);
+    let maintainer = Maintainer::new(Arc::clone(ontology), Arc::clone(map), Scope::Everything);
     Ok(Box::new(DomainMaintainer {
         upkeep: Upkeep::new(maintainer),
         unannounced: None,
