@@ -181,6 +181,8 @@ fn listed(mut things: Vec<String>, separator: &str) -> String {
 mod tests {
     use acl::content::{Guard, Offer, Snapshot};
 
+    use planner::Cancel;
+
     use super::*;
 
     const DOMAIN: &str = "(define (domain d) (:requirements :typing) (:types room sensor)
@@ -232,14 +234,14 @@ mod tests {
     fn an_action_that_is_avoided_is_told_with_the_obstacle() {
         let avoided: Avoided = [(id("a"), "measure".to_owned())].into();
         let known = known(&["a"], "(in a hall) (open hall)", &avoided);
-        let explanation = known.explain(&goal("(known hall)")).expect("explained");
+        let explanation = known.explain(&goal("(known hall)"), &Cancel::new()).expect("explained");
         assert_eq!(
             obstacles(&explanation, &avoided).expect("an obstacle"),
             "no agent can `measure` at `hall`; `a` does not offer `measure` now; a sensor there \
              would do (`measure` of `a` failed a moment ago and will be tried again)"
         );
         let known = self::known(&["a"], "(in a hall) (open hall)", &Avoided::new());
-        let explanation = known.explain(&goal("(known hall)")).expect("explained");
+        let explanation = known.explain(&goal("(known hall)"), &Cancel::new()).expect("explained");
         assert_eq!(obstacles(&explanation, &Avoided::new()), None);
     }
 
