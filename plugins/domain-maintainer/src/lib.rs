@@ -4,7 +4,7 @@
 //! - Hears action models and heartbeats, sees who comes and goes; composes (`capability`).
 //! - Tells all what changed (`inform`), answers who asks for the domain or the state.
 //! - Takes changes of the state, the metric, the actions, and observations by `request`
-//!   (`changing`), and spreads them to the actuators' own maintainers.
+//!   (`changing`), and spreads them to the actuators.
 //! - Does not plan, and decides nothing about goals.
 
 mod changing;
