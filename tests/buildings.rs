@@ -90,11 +90,18 @@ fn a_house_of_the_campus_is_measured_by_its_own() {
 
 /// All of it, in one process.
 #[test]
-#[ignore = "a hundred devices on one machine need an optimized build: test with --release"]
 fn a_campus_of_a_hundred_devices_plans_together() {
     for mode in ["centralized", "decentralized"] {
         let campus = up("campus", mode, 100);
         house_a_is_measured(&campus);
+        // The rest of it, in one goal that spans all houses.
+        let all = reach(&campus, "temperatures");
+        for house in ["b", "c", "d", "e"] {
+            let of_house = |line: &&str| line.contains(&format!(" °C at {house}-"));
+            let measured = all.lines().filter(of_house).count();
+            assert_eq!(measured, 20, "{mode}, house {house}: {all}");
+        }
+        assert!(!all.contains(" °C at a-"), "{mode}, measured twice: {all}");
     }
 }
 

@@ -1,6 +1,7 @@
 //! The agent around a device.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::{
@@ -8,12 +9,10 @@ use acl::content::{
     Reason, Refusal, Report, Request,
 };
 use acl::{AgentId, Deadline, Message, Performative, ReplyToken};
-use agent::upkeep::{self, Maintains, Upkeep};
 use agent::{
-    Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Presence, Resource, Work,
+    Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Host, Presence, Resource, Work,
 };
-use capability::{Maintainer, Scope, model_digest, text_of};
-use pddl::ActionModel;
+use capability::{Snapshot, model_digest, text_of};
 use planner::Cancel;
 
 use crate::bidding::bid;
@@ -29,7 +28,7 @@ const BIDS_MAX: usize = 16;
 pub struct Actuator<D: Device> {
     pub(crate) device: D,
     pub(crate) initiatives: Initiatives,
-    upkeep: Upkeep,
+    host: Arc<Host>,
     ledger: Ledger,
     announced: Announced,
     acting: Option<Acting>,
@@ -53,22 +52,20 @@ struct Acting {
 }
 
 impl<D: Device> Actuator<D> {
-    /// An actuator with the local domain of its blueprint's host.
+    /// An actuator that hears what its blueprint's host does.
     ///
     /// # Errors
     ///
     /// If the tokens of a former life cannot be read.
     pub fn new(blueprint: &Blueprint, device: D) -> Result<Actuator<D>, BuildError> {
-        let host = &blueprint.host;
-        let scope = Scope::Local { own: blueprint.id.clone() };
-        let maintainer = Maintainer::new((*host.ontology).clone(), (*host.map).clone(), scope);
+        let host = Arc::clone(&blueprint.host);
         let folder = host.resources.get::<StateFolder>();
         let ledger = Ledger::open(&blueprint.id, folder.as_deref())
             .map_err(|error| blueprint.problem(format!("its tokens cannot be read: {error}")))?;
         Ok(Actuator {
             device,
             initiatives: Initiatives::default(),
-            upkeep: Upkeep::new(maintainer),
+            host,
             ledger,
             announced: Announced::default(),
             acting: None,
@@ -88,26 +85,23 @@ impl<D: Device> Agent for Actuator<D> {
             .on(Performative::Refuse, Self::declined)
             .on(Performative::NotUnderstood, Self::declined)
             .on_broadcast(Performative::Cfp, Self::called)
-            .on_broadcast(Performative::Inform, Self::informed)
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
+        // Before it says anything itself: its own word belongs to what it hears.
+        ctx.switchboard().commons(&self.host);
         self.announce(ctx);
         self.beat_later(ctx);
         self.watch(ctx);
     }
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
-        upkeep::presence(self, presence, ctx);
         self.met(presence, ctx);
     }
 
-    fn asked(&mut self, resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
+    fn asked(&mut self, resource: Resource, ctx: &mut Context<Self>) -> Option<String> {
         match resource {
-            Resource::Domain => {
-                let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.moment());
-                serde_json::to_string(&snapshot.to_content()).ok()
-            }
+            Resource::Domain => serde_json::to_string(&self.local(ctx)().to_content()).ok(),
             _ => None,
         }
     }
@@ -119,24 +113,17 @@ impl<D: Device> Agent for Actuator<D> {
     }
 }
 
-impl<D: Device> Maintains for Actuator<D> {
-    fn upkeep(&mut self) -> &mut Upkeep {
-        &mut self.upkeep
-    }
-
-    fn admitted(&mut self, model: &ActionModel, _ctx: &mut Context<Self>) {
-        let Ok(agent) = AgentId::new(model.agent.as_str()) else { return };
-        let now = self.upkeep.moment();
-        if self.device.carries(model) {
-            tracing::info!(%agent, "carries");
-            self.upkeep.maintainer.carry(agent, now);
-        } else {
-            self.upkeep.maintainer.put_down(&agent, now);
-        }
-    }
-}
-
 impl<D: Device> Actuator<D> {
+    /// Its local domain, as of now: all that is public, and whole what itself and those it
+    /// carries can do. Made only where it is wanted, because that takes a millisecond.
+    fn local(&self, ctx: &Context<Self>) -> impl FnOnce() -> Snapshot + Send + 'static {
+        let (known, now) = ctx.switchboard().commons(&self.host).look();
+        let carried = known.models().filter(|(_, model)| self.device.carries(model));
+        let own = std::iter::once(ctx.id().clone());
+        let whole: BTreeSet<_> = own.chain(carried.map(|(agent, _)| agent.clone())).collect();
+        move || known.snapshot_for(&whole, now)
+    }
+
     // === announcing ===
 
     /// Says everything: on activation, and whenever what it can do has changed.
@@ -321,11 +308,11 @@ impl<D: Device> Actuator<D> {
         let cancel = Cancel::new();
         let (flag, deadline) = (cancel.clone(), cancel.clone());
         ctx.after(patience.mul_f32(0.8), move |_: &mut Self, _| deadline.set());
-        let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.moment());
+        let local = self.local(ctx);
         let exchange = engagement.exchange.clone();
         let finished = exchange.clone();
         let work = ctx.compute(
-            move || bid(&snapshot, &call, &flag),
+            move || bid(&local(), &call, &flag),
             move |actuator: &mut Self, bid, ctx| {
                 actuator.bidding.remove(&finished);
                 match bid {
@@ -343,10 +330,6 @@ impl<D: Device> Actuator<D> {
     }
 
     // === hearing ===
-
-    fn informed(&mut self, message: Message, ctx: &mut Context<Self>) {
-        upkeep::informed(self, &message, ctx);
-    }
 
     fn declined(&mut self, message: Message, _ctx: &mut Context<Self>) {
         let why = message.content_as::<Refusal>().map(|refusal| refusal.detail);

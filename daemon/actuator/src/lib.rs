@@ -3,8 +3,9 @@
 //! - Announces the action model on activation, on change, and says at every heartbeat that it
 //!   works and what it knows.
 //! - Executes an action within what it advertises, when asked, at most once per token.
-//! - Has its own planner and its own Domain Maintainer, and answers a call for proposals with
-//!   what it can do alone, with the agents it carries (the paper, “Decentralized Planning”).
+//! - Has its own planner and its own domain, made of what its daemon hears, and answers a call
+//!   for proposals with what it can do alone, with the agents it carries (the paper,
+//!   “Decentralized Planning”).
 //! - Speaks up by itself: announces at once what happened to its device, asks for goals, asks people.
 //!
 //! A plugin implements [`Device`]: its model, its facts, its methods. Everything above is here.

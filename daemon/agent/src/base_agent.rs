@@ -122,8 +122,8 @@ struct Life<A: Agent> {
     ctx: Context<A>,
     mailbox: Mailbox,
     presence: broadcast::Receiver<Presence>,
-    /// What this agent was told of who is here.
-    told: Directory,
+    /// What this agent was told of who is here: the daemon's own, where it was told all.
+    told: Arc<Directory>,
     finished: mpsc::Receiver<Deferred<A>>,
     stopping: CancellationToken,
     /// Keeps the agent present.
@@ -302,7 +302,12 @@ impl<A: Agent> Life<A> {
     }
 
     fn tell(&mut self, presence: &Presence) {
-        self.told.update(presence);
+        match self.ctx.switchboard().told_whole(&self.presence) {
+            Some(whole) => self.told = whole,
+            None => {
+                Arc::make_mut(&mut self.told).update(presence);
+            }
+        }
         let lost = self.ctx.communication.presence(presence);
         self.ctx.undelivered(&mut self.agent, lost);
         self.agent.presence(presence, &mut self.ctx);

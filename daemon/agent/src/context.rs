@@ -119,7 +119,7 @@ impl<A: Agent> Context<A> {
     }
 
     /// Who is here.
-    pub fn directory(&self) -> Directory {
+    pub fn directory(&self) -> Arc<Directory> {
         self.switchboard().directory()
     }
 

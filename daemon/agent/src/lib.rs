@@ -6,13 +6,15 @@
 //!   commitments, follows the protocols, and holds messages for agents that are not here yet.
 //! - [`Switchboard`] is the daemon's own end of the substrate: mailboxes, the [`Directory`], and
 //!   the broadcasts a newcomer has missed.
-//! - [`upkeep`] keeps a Domain Maintainer, central or an actuator's own, up to date.
+//! - [`upkeep`] keeps a Domain Maintainer up to date; the [`Commons`] keep what the actuators of
+//!   one daemon hear.
 //! - [`PluginEntry`] is what a plugin crate offers to a daemon.
 //!
 //! An agent sees no substrate and no other agent's code.
 
 mod base_agent;
 mod callbacks;
+mod commons;
 mod communication_agent;
 mod context;
 mod directory;
@@ -27,6 +29,7 @@ pub mod upkeep;
 pub use acl::content::Mode;
 pub use base_agent::{Agent, Berth, Launch, LaunchError};
 pub use callbacks::Callbacks;
+pub use commons::Commons;
 pub use communication_agent::{Answer, Engagement, Opening, Undelivered};
 pub use context::{Context, Exchanges, TimerId, Work};
 pub use directory::Directory;

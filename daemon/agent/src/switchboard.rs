@@ -2,6 +2,7 @@
 //!
 //! - Puts what comes into mailboxes; a full mailbox answers `refuse`.
 //! - Keeps the [`Directory`], and tells agents who joined and who left.
+//! - Lets the [`Commons`] hear what is said to all, before anybody else here does.
 //! - Reads a message to all once for the whole daemon, and keeps the last model, heartbeat and
 //!   epoch of each sender for agents that start later (the paper's “cache broadcast messages”).
 //!
@@ -22,10 +23,13 @@ use substrate::{
     Addressed, Ask, BoxFuture, Delivery, Inbound, Presence, PresenceToken, Question, Resident,
     Resource, SendError, Subject, Substrate,
 };
+use tokio::runtime::Handle;
 use tokio::sync::{Semaphore, broadcast};
 
+use crate::commons::Commons;
 use crate::directory::Directory;
 use crate::mailbox::{Letter, Mailbox, Slot, mailbox};
+use crate::plugin::Host;
 use crate::receipts;
 use crate::settings::Settings;
 
@@ -46,6 +50,7 @@ pub struct Switchboard {
     state: RwLock<State>,
     presence: broadcast::Sender<Presence>,
     substrate: OnceLock<Arc<dyn Substrate>>,
+    commons: OnceLock<Listening>,
     counters: Counters,
     turns: Arc<Semaphore>,
 }
@@ -66,9 +71,16 @@ pub struct Counters {
 #[derive(Default)]
 struct State {
     agents: BTreeMap<AgentId, Hosted>,
-    directory: Directory,
+    /// Shared by all who were told of it, and copied when it changes.
+    directory: Arc<Directory>,
     /// The last broadcasts of each sender, by kind.
     heard: BTreeMap<(AgentId, Kind), Arc<Message>>,
+}
+
+/// The commons, and where they wait for answers.
+struct Listening {
+    commons: Arc<Commons>,
+    runtime: Handle,
 }
 
 struct Hosted {
@@ -98,6 +110,7 @@ impl Switchboard {
             state: RwLock::default(),
             presence,
             substrate: OnceLock::new(),
+            commons: OnceLock::new(),
             counters: Counters::default(),
             turns: Arc::new(Semaphore::new(computations_max())),
         })
@@ -136,8 +149,8 @@ impl Switchboard {
     }
 
     /// Who is here.
-    pub fn directory(&self) -> Directory {
-        self.read().directory.clone()
+    pub fn directory(&self) -> Arc<Directory> {
+        Arc::clone(&self.read().directory)
     }
 
     /// Who holds a name.
@@ -190,10 +203,19 @@ impl Switchboard {
 
     /// Who is here, and every change from now on; whoever lags too far behind compares
     /// directories.
-    pub fn presence_changes(&self) -> (Directory, broadcast::Receiver<Presence>) {
+    pub fn presence_changes(&self) -> (Arc<Directory>, broadcast::Receiver<Presence>) {
         // Subscribed under the lock, so that no change falls between the two.
         let state = self.read();
-        (state.directory.clone(), self.presence.subscribe())
+        (Arc::clone(&state.directory), self.presence.subscribe())
+    }
+
+    /// Who is here, for a listener that has been told of all of it.
+    pub(crate) fn told_whole(
+        &self,
+        told: &broadcast::Receiver<Presence>,
+    ) -> Option<Arc<Directory>> {
+        let state = self.read();
+        told.is_empty().then(|| Arc::clone(&state.directory))
     }
 
     pub(crate) fn announce(
@@ -202,6 +224,74 @@ impl Switchboard {
         incarnation: Incarnation,
     ) -> Result<PresenceToken, SendError> {
         self.substrate.get().ok_or(SendError::Closed)?.announce(agent, incarnation)
+    }
+
+    // === the commons ===
+
+    /// What the actuators of this daemon have heard. The first to ask lets them begin, with what
+    /// was said before.
+    pub fn commons(&self, host: &Host) -> Arc<Commons> {
+        let begin =
+            || Listening { commons: Arc::new(Commons::new(host)), runtime: Handle::current() };
+        let is_new = self.commons.get().is_none();
+        let commons = Arc::clone(&self.commons.get_or_init(begin).commons);
+        if is_new {
+            // From here on they hear by themselves. What comes twice is no news.
+            let (directory, heard) = {
+                let state = self.read();
+                (Arc::clone(&state.directory), state.heard.values().cloned().collect::<Vec<_>>())
+            };
+            heard.iter().for_each(|message| self.tell_commons(message, inform_of(message)));
+            let residents = directory.iter().cloned();
+            residents.for_each(|resident| self.show_commons(&Presence::Joined(resident)));
+        }
+        commons
+    }
+
+    fn tell_commons(&self, message: &Message, inform: Option<Inform>) {
+        if let (Some(Listening { commons, .. }), Some(inform)) = (self.commons.get(), inform)
+            && commons.hear(message, &inform)
+        {
+            self.fetch(&message.sender);
+        }
+    }
+
+    fn show_commons(&self, presence: &Presence) {
+        if let Some(Listening { commons, .. }) = self.commons.get()
+            && commons.presence(presence)
+        {
+            self.fetch(&presence.resident().agent);
+        }
+    }
+
+    /// Asks an agent for its model. Reasoning agents have none and do not answer.
+    fn fetch(&self, whose: &AgentId) {
+        let Some(Listening { commons, runtime }) = self.commons.get() else { return };
+        let Some(substrate) = self.substrate.get().cloned() else { return };
+        let Some(resident) = self.find(whose) else { return };
+        if !commons.begins_to_ask(whose) {
+            return;
+        }
+        let ask = Ask {
+            daemon: Some(resident.daemon),
+            resource: Resource::Model,
+            agent: Some(whose.clone()),
+        };
+        let (commons, whose) = (Arc::clone(commons), whose.clone());
+        let patience = self.settings.answer_deadline;
+        runtime.spawn(async move {
+            for answer in substrate.ask(ask, patience).await {
+                match acl::decode(&answer) {
+                    Ok(message) if message.sender == whose => {
+                        if let Some(inform) = inform_of(&message) {
+                            commons.hear(&message, &inform);
+                        }
+                    }
+                    _ => tracing::info!(from = %whose, "an answer that is no model"),
+                }
+            }
+            commons.has_asked(&whose);
+        });
     }
 
     // === saying ===
@@ -292,7 +382,9 @@ impl Switchboard {
                 return;
             }
         };
-        self.keep(&message);
+        let inform = inform_of(&message);
+        self.keep(&message, inform.as_ref().and_then(kind_of));
+        self.tell_commons(&message, inform);
         let state = self.read();
         for hosted in state.agents.values() {
             if hosted.interests.contains(&message.performative) {
@@ -302,8 +394,8 @@ impl Switchboard {
         }
     }
 
-    fn keep(&self, message: &Arc<Message>) {
-        let Some(kind) = kind_of(message) else { return };
+    fn keep(&self, message: &Arc<Message>, kind: Option<Kind>) {
+        let Some(kind) = kind else { return };
         let mut state = self.write();
         // Only those who are here are kept, so that strangers cannot fill the cache.
         if state.directory.find(&message.sender).is_some() {
@@ -378,8 +470,9 @@ impl Inbound for Switchboard {
 
     fn presence(&self, presence: Presence) {
         let mut state = self.write();
-        for change in state.directory.update(&presence) {
-            if let Presence::Left(resident) = &change {
+        let changes = Arc::make_mut(&mut state.directory).update(&presence);
+        for change in &changes {
+            if let Presence::Left(resident) = change {
                 let agent = &resident.agent;
                 for kind in [Kind::Model, Kind::Heartbeat, Kind::Epoch] {
                     state.heard.remove(&(agent.clone(), kind));
@@ -387,8 +480,10 @@ impl Inbound for Switchboard {
             }
             tracing::debug!(?change, "presence");
             // Nobody listens where no agent runs.
-            let _ = self.presence.send(change);
+            let _ = self.presence.send(change.clone());
         }
+        drop(state);
+        changes.iter().for_each(|change| self.show_commons(change));
     }
 
     fn question(&self, question: Question) {
@@ -420,11 +515,13 @@ impl Inbound for Switchboard {
     }
 }
 
-fn kind_of(message: &Message) -> Option<Kind> {
-    if message.performative != Performative::Inform {
-        return None;
-    }
-    match message.content_as::<Inform>().ok()? {
+fn inform_of(message: &Message) -> Option<Inform> {
+    let is_inform = message.performative == Performative::Inform;
+    is_inform.then(|| message.content_as().ok()).flatten()
+}
+
+fn kind_of(inform: &Inform) -> Option<Kind> {
+    match inform {
         Inform::Model(_) => Some(Kind::Model),
         Inform::Heartbeat(_) => Some(Kind::Heartbeat),
         Inform::Epoch(_) => Some(Kind::Epoch),

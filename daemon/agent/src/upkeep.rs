@@ -8,14 +8,16 @@
 //! - What requests changed at the central maintainer comes with its announcements, for those who
 //!   otherwise hear only heartbeats.
 //!
-//! The central Domain Maintainer and each actuator's own live by the same upkeep.
+//! The central Domain Maintainer lives by this upkeep; what actuators hear, the
+//! [`Commons`](crate::Commons) of their daemon tell a maintainer in the same words.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::content::{EpochChange, Heartbeat, Inform, ModelAnnouncement};
 use acl::{AgentId, Incarnation, Message};
-use capability::{Announcement, Beat, Change, Conflict, Maintainer, Moment, Requests};
+use capability::{Admission, Announcement, Beat, Change, Conflict, Maintainer, Moment, Requests};
+use pddl::Diagnostic;
 use substrate::{Ask, Presence, Resource};
 use tokio::time::Instant;
 
@@ -41,9 +43,6 @@ pub trait Maintains: Agent {
 
     /// Something of the model of `teller` cannot be composed as written.
     fn conflicted(&mut self, _conflicts: &[Conflict], _ctx: &mut Context<Self>) {}
-
-    /// A model of another agent was taken.
-    fn admitted(&mut self, _model: &pddl::ActionModel, _ctx: &mut Context<Self>) {}
 }
 
 impl Upkeep {
@@ -60,15 +59,68 @@ impl Upkeep {
 
 /// Takes an `inform` to all.
 pub fn informed<A: Maintains>(agent: &mut A, message: &Message, ctx: &mut Context<A>) {
-    match message.content_as::<Inform>() {
-        Ok(Inform::Model(announcement)) => model(agent, message, &announcement, ctx),
-        Ok(Inform::Heartbeat(beat)) => heartbeat(agent, message, &beat, ctx),
-        Ok(Inform::Epoch(change)) => epoch(agent, message, &change, ctx),
-        Ok(Inform::Answer(_)) => (),
+    let inform = match message.content_as::<Inform>() {
+        Ok(inform) => inform,
         Err(error) => {
             tracing::info!(from = %message.sender, %error, "an inform that nobody understands");
+            return;
         }
+    };
+    if let Inform::Model(_) = inform {
+        agent.upkeep().fetching.remove(&message.sender);
     }
+    let now = agent.upkeep().moment();
+    let heard = hear(&mut agent.upkeep().maintainer, message, &inform, now);
+    if !heard.conflicts.is_empty() {
+        agent.conflicted(&heard.conflicts, ctx);
+    }
+    for change in &heard.changes {
+        conclude(agent, change, ctx);
+    }
+    if heard.lacks_model {
+        fetch(agent, &message.sender, ctx);
+    }
+    if let Some(mistake) = heard.mistake {
+        ctx.not_understood(message, mistake);
+    }
+}
+
+/// What comes of an `inform` to all.
+#[derive(Default)]
+pub(crate) struct Heard {
+    /// What changed.
+    pub(crate) changes: Vec<Change>,
+    conflicts: Vec<Conflict>,
+    /// Whether the sender's model has to be asked for first.
+    pub(crate) lacks_model: bool,
+    /// What the sender did not say as it should.
+    pub(crate) mistake: Option<String>,
+}
+
+/// Tells a maintainer an `inform` to all.
+pub(crate) fn hear(
+    maintainer: &mut Maintainer,
+    message: &Message,
+    inform: &Inform,
+    now: Moment,
+) -> Heard {
+    let mut heard = Heard::default();
+    match inform {
+        Inform::Model(announced) => {
+            if heard.admit(maintainer, message, announced, now) {
+                heard.believe(maintainer, message, &announced.heartbeat, now);
+            }
+        }
+        Inform::Heartbeat(beat) => {
+            heard.lacks_model = maintainer.needs_model(&message.sender, &beat.digest);
+            if !heard.lacks_model {
+                heard.believe(maintainer, message, beat, now);
+            }
+        }
+        Inform::Epoch(change) => heard.follow(maintainer, message, change, now),
+        Inform::Answer(_) => (),
+    }
+    heard
 }
 
 /// Takes a change of presence.
@@ -126,114 +178,85 @@ fn remove<A: Maintains>(agent: &mut A, gone: &AgentId, life: Incarnation, ctx: &
     conclude(agent, &change, ctx);
 }
 
-fn model<A: Maintains>(
-    agent: &mut A,
-    message: &Message,
-    announcement: &ModelAnnouncement,
-    ctx: &mut Context<A>,
-) {
-    let sender = &message.sender;
-    agent.upkeep().fetching.remove(sender);
-    let model = match pddl::parse_action_model(&announcement.model).into_result() {
-        Ok(model) => model,
-        Err(diagnostics) => {
-            let located = |diagnostic: &pddl::Diagnostic| diagnostic.located(&announcement.model);
-            let lines: Vec<_> = diagnostics.iter().map(located).collect();
-            tracing::warn!(from = %sender, "an unreadable action model: {}", lines.join("; "));
-            ctx.not_understood(message, lines.join("; "));
+impl Heard {
+    /// Takes a model; `false` if it is not taken.
+    fn admit(
+        &mut self,
+        maintainer: &mut Maintainer,
+        message: &Message,
+        announced: &ModelAnnouncement,
+        now: Moment,
+    ) -> bool {
+        let sender = &message.sender;
+        let announcement = Announcement::read(sender.clone(), message.incarnation, announced);
+        let admitted = announcement.map_err(|diagnostics| {
+            let located = |diagnostic: &Diagnostic| diagnostic.located(&announced.model);
+            diagnostics.iter().map(located).collect::<Vec<_>>().join("; ")
+        });
+        let admitted = admitted.and_then(|announcement| {
+            maintainer.admit(announcement, now).map_err(|declined| declined.to_string())
+        });
+        match admitted {
+            Ok(Admission { change, conflicts }) => {
+                self.changes.push(change);
+                self.conflicts = conflicts;
+                true
+            }
+            Err(mistake) => {
+                tracing::warn!(from = %sender, mistake, "an action model is not taken");
+                self.mistake = Some(mistake);
+                false
+            }
+        }
+    }
+
+    fn believe(
+        &mut self,
+        maintainer: &mut Maintainer,
+        message: &Message,
+        heartbeat: &Heartbeat,
+        now: Moment,
+    ) {
+        let (sender, life) = (message.sender.clone(), message.incarnation);
+        match Beat::read(sender, life, heartbeat, now) {
+            Ok(beat) => match maintainer.believe_heartbeat(beat, now) {
+                Ok(change) => self.changes.push(change),
+                Err(declined) => {
+                    tracing::debug!(from = %message.sender, %declined, "a heartbeat is not believed");
+                }
+            },
+            Err(diagnostics) => self.mistake = Some(joined(&diagnostics)),
+        }
+    }
+
+    /// Takes what a central maintainer tells of requests; everything else in its announcement is
+    /// heard here from those whose word it is.
+    fn follow(
+        &mut self,
+        maintainer: &mut Maintainer,
+        message: &Message,
+        change: &EpochChange,
+        now: Moment,
+    ) {
+        let Some(requested) = &change.requested else { return };
+        // Who has an action model is no Domain Maintainer, whatever it says of others.
+        if maintainer.incarnation(&message.sender).is_some() {
             return;
         }
-    };
-    let digest = announcement.heartbeat.digest.clone();
-    if agent.upkeep().maintainer.needs_model(sender, &digest) {
-        agent.admitted(&model, ctx);
-    }
-    let announced = Announcement {
-        agent: sender.clone(),
-        incarnation: message.incarnation,
-        model,
-        methods: announcement.methods.clone(),
-        digest,
-    };
-    let now = agent.upkeep().moment();
-    match agent.upkeep().maintainer.admit(announced, now) {
-        Ok(admission) => {
-            if !admission.conflicts.is_empty() {
-                agent.conflicted(&admission.conflicts, ctx);
-            }
-            conclude(agent, &admission.change, ctx);
-            believe(agent, message, &announcement.heartbeat, ctx);
-        }
-        Err(declined) => {
-            tracing::warn!(from = %sender, %declined, "an action model is declined");
-            ctx.not_understood(message, declined.to_string());
+        match Requests::read(requested, now) {
+            Ok(requests) => match maintainer.follow(&requests, now) {
+                Ok(change) => self.changes.push(change),
+                Err(declined) => {
+                    tracing::warn!(from = %message.sender, %declined, "requests are not followed");
+                }
+            },
+            Err(diagnostics) => self.mistake = Some(joined(&diagnostics)),
         }
     }
 }
 
-fn heartbeat<A: Maintains>(
-    agent: &mut A,
-    message: &Message,
-    heartbeat: &Heartbeat,
-    ctx: &mut Context<A>,
-) {
-    if agent.upkeep().maintainer.needs_model(&message.sender, &heartbeat.digest) {
-        fetch(agent, &message.sender, ctx);
-    } else {
-        believe(agent, message, heartbeat, ctx);
-    }
-}
-
-fn believe<A: Maintains>(
-    agent: &mut A,
-    message: &Message,
-    heartbeat: &Heartbeat,
-    ctx: &mut Context<A>,
-) {
-    let now = agent.upkeep().moment();
-    let (sender, life) = (message.sender.clone(), message.incarnation);
-    let beat = match Beat::read(sender, life, heartbeat, now) {
-        Ok(beat) => beat,
-        Err(diagnostics) => {
-            let lines: Vec<_> = diagnostics.iter().map(ToString::to_string).collect();
-            return ctx.not_understood(message, lines.join("; "));
-        }
-    };
-    match agent.upkeep().maintainer.believe_heartbeat(beat, now) {
-        Ok(change) => conclude(agent, &change, ctx),
-        Err(declined) => {
-            tracing::debug!(from = %message.sender, %declined, "a heartbeat is not believed");
-        }
-    }
-}
-
-/// Takes what a central maintainer tells of requests; everything else in its announcement is
-/// heard here from those whose word it is.
-fn epoch<A: Maintains>(
-    agent: &mut A,
-    message: &Message,
-    change: &EpochChange,
-    ctx: &mut Context<A>,
-) {
-    let Some(requested) = &change.requested else { return };
-    let (now, maintainer) = (agent.upkeep().moment(), &mut agent.upkeep().maintainer);
-    // Who has an action model is no Domain Maintainer, whatever it says of others.
-    if maintainer.incarnation(&message.sender).is_some() {
-        return;
-    }
-    let requests = match Requests::read(requested, now) {
-        Ok(requests) => requests,
-        Err(diagnostics) => {
-            let lines: Vec<_> = diagnostics.iter().map(ToString::to_string).collect();
-            return ctx.not_understood(message, lines.join("; "));
-        }
-    };
-    match maintainer.follow(&requests, now) {
-        Ok(change) => conclude(agent, &change, ctx),
-        Err(declined) => {
-            tracing::warn!(from = %message.sender, %declined, "requests are not followed");
-        }
-    }
+fn joined(diagnostics: &[Diagnostic]) -> String {
+    diagnostics.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
 /// Asks an agent for its model. Reasoning agents have none and do not answer.

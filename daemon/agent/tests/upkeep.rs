@@ -1,4 +1,5 @@
-//! What a Domain Maintainer keeps of agents that fall silent, over the in-memory substrate.
+//! What a Domain Maintainer, and a daemon's commons, keep of agents that fall silent, over the
+//! in-memory substrate.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -6,7 +7,10 @@ use std::time::Duration;
 use acl::content::{EpochChange, Heartbeat, Inform, ModelAnnouncement, Requested, RequestedFact};
 use acl::{AgentId, DaemonId, Deadline, EcosystemId, Incarnation, Message, Performative};
 use agent::upkeep::{self, Maintains, Upkeep};
-use agent::{Agent, Berth, Callbacks, Context, Launch as _, Presence, Settings, Switchboard};
+use agent::{
+    Agent, Berth, Callbacks, Commons, Context, Host, Launch as _, Mode, Presence, Resources,
+    Settings, Switchboard,
+};
 use capability::{Change, Maintainer, Scope, model_digest};
 use substrate::memory::Network;
 use tokio::sync::mpsc;
@@ -116,6 +120,18 @@ impl House {
         }
     }
 
+    /// The commons, as the first actuator here lets them begin.
+    fn commons(&self) -> Arc<Commons> {
+        let (ontology, map) = (pddl::parse_domain(ONTOLOGY).value, pddl::parse_problem(MAP).value);
+        self.switchboard.commons(&Host {
+            ontology: Arc::new(ontology.expect("a domain")),
+            map: Arc::new(map.expect("a problem")),
+            mode: Mode::Decentralized,
+            settings: self.switchboard.settings().clone(),
+            resources: Resources::default(),
+        })
+    }
+
     /// Lets a keeper live here, and yields how what it believes changes.
     fn keep(&self, scope: Scope) -> mpsc::UnboundedReceiver<Change> {
         let (ontology, map) = (pddl::parse_domain(ONTOLOGY).value, pddl::parse_problem(MAP).value);
@@ -158,6 +174,37 @@ async fn a_silent_agent_is_masked_then_forgotten_although_its_token_stays() {
         about(masked, last_beat + heartbeat_lease);
         about(forgotten, masked + removal);
     }
+}
+
+/// Whether the commons count on the meter, and whether they know the hall, at this time of the
+/// test.
+async fn known_at(commons: &Commons, began: Instant, time: Duration) -> (bool, bool) {
+    tokio::time::sleep_until(began + time).await;
+    let (known, now) = commons.look();
+    let problem = known.snapshot_for(&[].into(), now).problem.to_string();
+    (known.is_present(&name("meter")), problem.contains("(known hall)"))
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_commons_know_what_was_said_before_and_forget_in_time_though_nobody_looks() {
+    let Settings { heartbeat_lease, removal, .. } = Settings::default();
+    let (house, began, blink) = (House::new(), Instant::now(), Duration::from_millis(50));
+    let _meter = Box::new(Meter { beats_left: 1, sequence: 0 }).launch(house.berth("meter", 1));
+    tokio::time::sleep(blink).await;
+    let commons = house.commons();
+    let (then, _) = commons.look();
+    assert_eq!(known_at(&commons, began, heartbeat_lease - blink).await, (true, true));
+    assert_eq!(known_at(&commons, began, heartbeat_lease + blink * 2).await, (false, true));
+    let late = house.commons();
+    assert!(Arc::ptr_eq(&late, &commons), "one for all");
+    let forgotten = heartbeat_lease + removal + blink * 2;
+    assert_eq!(known_at(&commons, began, forgotten).await, (false, false));
+    assert!(then.is_present(&name("meter")), "who has looked keeps what was known then");
+
+    let (house, began) = (House::new(), Instant::now());
+    let commons = house.commons();
+    let _meter = Box::new(Meter { beats_left: 1, sequence: 0 }).launch(house.berth("meter", 1));
+    assert_eq!(known_at(&commons, began, heartbeat_lease * 9).await, (false, false));
 }
 
 /// Announces once what requests changed, as a Domain Maintainer does; with a model of its own or
@@ -217,13 +264,15 @@ async fn heard(scope: Scope, requested: Requested, has_model: bool) -> Vec<Strin
 
 #[tokio::test(start_paused = true)]
 async fn what_requests_changed_is_believed_by_those_who_hear_heartbeats_only() {
-    let own = || Scope::Local { own: name("keeper") };
     let known = told(&[("(known hall)", Some(500))]);
-    assert_eq!(heard(own(), known.clone(), false).await, ["+(known hall)", "-(known hall)"]);
+    assert_eq!(
+        heard(Scope::Public, known.clone(), false).await,
+        ["+(known hall)", "-(known hall)"]
+    );
     let lasting = told(&[("(known hall)", None)]);
-    assert_eq!(heard(own(), lasting.clone(), false).await, ["+(known hall)"]);
+    assert_eq!(heard(Scope::Public, lasting.clone(), false).await, ["+(known hall)"]);
     // The central one knows better, and an agent with a model is no Domain Maintainer.
     assert!(heard(Scope::Everything, lasting.clone(), false).await.is_empty());
-    assert_eq!(heard(own(), lasting, true).await, [""; 0]);
-    assert!(heard(own(), told(&[("(known", None)]), false).await.is_empty());
+    assert_eq!(heard(Scope::Public, lasting, true).await, [""; 0]);
+    assert!(heard(Scope::Public, told(&[("(known", None)]), false).await.is_empty());
 }

@@ -346,6 +346,18 @@ impl Beliefs {
         })
     }
 
+    /// What holds at `now` in another composite than the one last settled in, in the same order.
+    pub(crate) fn judged<'a>(
+        &'a self,
+        composite: &'a Composite,
+        now: Moment,
+    ) -> impl Iterator<Item = InitElement> + 'a {
+        self.claims.keys().filter_map(move |fact| {
+            let holding = self.judge(fact, composite, now)?;
+            Some(fact.element(holding.value))
+        })
+    }
+
     /// What holds of a term, as last settled.
     pub(crate) fn value_of(&self, fact: &FactKey) -> Option<Value> {
         self.holding.get(fact).map(|holding| holding.value)

@@ -10,6 +10,7 @@ mod assemble;
 mod declarations;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use acl::AgentId;
 use pddl::{Domain, Name, Privacy, Problem};
@@ -23,8 +24,8 @@ use crate::names::ActionNames;
 /// What everyone shares.
 #[derive(Clone, Debug)]
 pub(crate) struct Shared {
-    pub(crate) ontology: Domain,
-    pub(crate) map: Problem,
+    pub(crate) ontology: Arc<Domain>,
+    pub(crate) map: Arc<Problem>,
     pub(crate) manifest: Manifest,
 }
 

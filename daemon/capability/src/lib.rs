@@ -2,8 +2,9 @@
 //!
 //! Start reading at [`Maintainer`]. Agents come and go, say what they can do and what they know;
 //! at every moment there is one composite domain, one state with provenance, and a [`Snapshot`]
-//! of both to plan in. The central maintainer and each actuator's own are the same machine with
-//! another [`Scope`].
+//! of both to plan in. The central maintainer and what actuators share are the same machine
+//! with another [`Scope`]; what an actuator knows beside what is public, it sees [for
+//! itself](Maintainer::snapshot_for).
 //!
 //! - `maintainer` is told things and answers with a [`Change`], or with why it [`Declined`].
 //! - `compose` makes one domain of many models; `manifest` takes a model apart for it.

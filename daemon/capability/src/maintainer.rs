@@ -25,23 +25,20 @@ use crate::conflict::Conflict;
 use crate::declined::Declined;
 use crate::fact::Owner;
 use crate::inputs::Announcement;
-use crate::limits;
 use crate::manifest::Manifest;
 use crate::moment::Moment;
 use crate::remembered::Remembered;
-use crate::roster::{Member, Roster};
+use crate::roster::{Described, Member, Roster};
 
-/// How much a maintainer may know.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// How much a maintainer shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scope {
     /// All models: the maintainer of the whole ecosystem.
     Everything,
-    /// An actuator's own: the ontology, the map, public facts and objects, its own model and
-    /// those of the agents it carries; nobody else's actions, and nothing private of theirs.
-    Local {
-        /// The actuator.
-        own: AgentId,
-    },
+    /// The ontology, the map, public facts and objects; nobody's actions, and nothing private.
+    /// What actuators share, each of whom sees more [with its own
+    /// eyes](Maintainer::snapshot_for).
+    Public,
 }
 
 /// What came of a model that was taken.
@@ -60,9 +57,8 @@ pub struct Admission {
 /// agents that contradict each other is believed: the one that came first to each.
 #[derive(Clone, Debug)]
 pub struct Maintainer {
-    shared: Shared,
+    shared: Arc<Shared>,
     scope: Scope,
-    carried: BTreeSet<AgentId>,
     roster: Roster,
     remembered: Remembered,
     memory: Memory,
@@ -86,9 +82,14 @@ impl Maintainer {
     /// Knows the shared ontology and the map, and no agent.
     ///
     /// Both are taken as they are: check them first.
-    pub fn new(ontology: Domain, map: Problem, scope: Scope) -> Maintainer {
+    pub fn new(
+        ontology: impl Into<Arc<Domain>>,
+        map: impl Into<Arc<Problem>>,
+        scope: Scope,
+    ) -> Maintainer {
+        let (ontology, map) = (ontology.into(), map.into());
         let manifest = Manifest::of_ontology(&ontology, &map);
-        let shared = Shared { ontology, map, manifest };
+        let shared = Arc::new(Shared { ontology, map, manifest });
         let mut memory = Memory::default();
         let everything = scope == Scope::Everything;
         let (composite, conflicts) = compose(&shared, &[], everything, &mut memory);
@@ -97,7 +98,6 @@ impl Maintainer {
         let mut maintainer = Maintainer {
             shared,
             scope,
-            carried: BTreeSet::new(),
             roster: Roster::default(),
             remembered,
             memory,
@@ -128,19 +128,25 @@ impl Maintainer {
         self.roster.has_room(&agent)?;
         self.speaks_for_itself(&agent, &model)?;
         let known = self.roster.get(&agent).filter(|member| member.incarnation == incarnation);
-        if known.is_some_and(|member| member.digest == digest) {
+        if known.is_some_and(|member| *member.described.digest == *digest) {
             return Ok(Admission { change: self.conclude(now), conflicts: Vec::new() });
         }
         let manifest = Manifest::of_model(&model)?;
-        if self.trusts(&agent) {
+        if self.scope == Scope::Everything {
             self.remembered.note(&model, &manifest);
         }
+        let described = Described {
+            digest: digest.into(),
+            model: Arc::new(model),
+            manifest: Arc::new(manifest),
+            methods: Arc::new(methods),
+        };
         let member = match known.cloned() {
             Some(known) => {
-                self.is_changed |= known.methods != methods;
-                known.with_model(digest, manifest, methods)
+                self.is_changed |= known.described.methods != described.methods;
+                known.with(described)
             }
-            None => Member::new(incarnation, digest, manifest, methods, now),
+            None => Member::new(incarnation, described, now),
         };
         self.seat(&agent, member, now);
         let before: BTreeSet<Conflict> = self.conflicts.drain(..).collect();
@@ -167,7 +173,7 @@ impl Maintainer {
 
     /// Whether the model that goes with `digest` has to be asked for.
     pub fn needs_model(&self, agent: &AgentId, digest: &str) -> bool {
-        self.roster.get(agent).is_none_or(|member| member.digest != digest)
+        self.roster.get(agent).is_none_or(|member| *member.described.digest != *digest)
     }
 
     /// The agent's token is lost: its capabilities leave for new plans at once, its objects and
@@ -207,24 +213,6 @@ impl Maintainer {
         self.conclude(now)
     }
 
-    /// The actuator carries `agent` from now on: its whole model is known, and its actions can
-    /// be planned with. Of [`Scope::Everything`] this changes nothing, and more than
-    /// [`AGENTS_MAX`](limits::AGENTS_MAX) nobody carries.
-    pub fn carry(&mut self, agent: AgentId, now: Moment) -> Change {
-        if self.carried.len() < limits::AGENTS_MAX && self.carried.insert(agent) {
-            self.recompose();
-        }
-        self.conclude(now)
-    }
-
-    /// The actuator no longer carries `agent`.
-    pub fn put_down(&mut self, agent: &AgentId, now: Moment) -> Change {
-        if self.carried.remove(agent) {
-            self.recompose();
-        }
-        self.conclude(now)
-    }
-
     /// Time passes: what is known no longer is believed no longer, and agents whose heartbeats
     /// stopped are masked.
     pub fn expire(&mut self, now: Moment) -> Change {
@@ -250,17 +238,10 @@ impl Maintainer {
     }
 
     fn recompose(&mut self) {
-        let parties: Vec<Party<'_>> = { self.roster.iter() }
-            .map(|(agent, member)| Party {
-                agent,
-                arrival: member.arrival,
-                manifest: &member.manifest,
-                trusted: self.trusts(agent),
-            })
-            .collect();
+        let mut memory = std::mem::take(&mut self.memory);
         let everything = self.scope == Scope::Everything;
-        let (mut composite, conflicts) =
-            compose(&self.shared, &parties, everything, &mut self.memory);
+        let (mut composite, conflicts) = self.compose(&|_| everything, &mut memory);
+        self.memory = memory;
         self.conflicts = conflicts;
         composite.share_domain(&self.composite);
         self.is_changed |= !composite.is_as(&self.composite);
@@ -268,11 +249,21 @@ impl Maintainer {
         self.composite = Arc::new(composite);
     }
 
-    fn trusts(&self, agent: &AgentId) -> bool {
-        match &self.scope {
-            Scope::Everything => true,
-            Scope::Local { own } => agent == own || self.carried.contains(agent),
-        }
+    /// One domain of all models, of which those that `trusts` names are known whole.
+    fn compose(
+        &self,
+        trusts: &dyn Fn(&AgentId) -> bool,
+        memory: &mut Memory,
+    ) -> (Composite, Vec<Conflict>) {
+        let parties: Vec<Party<'_>> = { self.roster.iter() }
+            .map(|(agent, member)| Party {
+                agent,
+                arrival: member.arrival,
+                manifest: &member.described.manifest,
+                trusted: trusts(agent),
+            })
+            .collect();
+        compose(&self.shared, &parties, self.scope == Scope::Everything, memory)
     }
 
     /// Tells what is other than at the end of the call before.

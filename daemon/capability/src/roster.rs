@@ -1,10 +1,11 @@
 //! The agents that are here: which life, which model, and whether their capabilities count.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use acl::content::Methods;
 use acl::{AgentId, Incarnation};
-use pddl::Name;
+use pddl::{ActionModel, Name};
 
 use crate::declined::Declined;
 use crate::fact::{FactKey, Space};
@@ -18,9 +19,7 @@ pub(crate) struct Member {
     pub(crate) incarnation: Incarnation,
     /// Counts arrivals; kept over a change of the model.
     pub(crate) arrival: u64,
-    pub(crate) digest: String,
-    pub(crate) manifest: Manifest,
-    pub(crate) methods: Methods,
+    pub(crate) described: Described,
     /// Its liveliness token is lost.
     pub(crate) is_masked: bool,
     /// Its heartbeats stopped.
@@ -32,6 +31,17 @@ pub(crate) struct Member {
     pub(crate) heard: Moment,
     /// What its heartbeats ever spoke of.
     spoken: BTreeSet<(Space, Name)>,
+}
+
+/// What an agent said of itself. Cheap to clone: it outlives heartbeats, and lives.
+#[derive(Clone, Debug)]
+pub(crate) struct Described {
+    pub(crate) digest: Arc<str>,
+    /// As it was written.
+    pub(crate) model: Arc<ActionModel>,
+    /// Taken apart.
+    pub(crate) manifest: Arc<Manifest>,
+    pub(crate) methods: Arc<Methods>,
 }
 
 /// All of them, and who was here before.
@@ -46,19 +56,11 @@ pub(crate) struct Roster {
 
 impl Member {
     /// A life that begins, with a token and without a heartbeat.
-    pub(crate) fn new(
-        incarnation: Incarnation,
-        digest: String,
-        manifest: Manifest,
-        methods: Methods,
-        now: Moment,
-    ) -> Member {
+    pub(crate) fn new(incarnation: Incarnation, described: Described, now: Moment) -> Member {
         Member {
             incarnation,
             arrival: 0,
-            digest,
-            manifest,
-            methods,
+            described,
             is_masked: false,
             is_silent: false,
             due: None,
@@ -69,8 +71,8 @@ impl Member {
     }
 
     /// The same life with another model.
-    pub(crate) fn with_model(self, digest: String, manifest: Manifest, methods: Methods) -> Member {
-        Member { digest, manifest, methods, ..self }
+    pub(crate) fn with(self, described: Described) -> Member {
+        Member { described, ..self }
     }
 
     /// A heartbeat came.
@@ -89,7 +91,7 @@ impl Member {
     /// Whether the agent's heartbeats are complete for facts like this one.
     pub(crate) fn owns(&self, fact: &FactKey) -> bool {
         let like = (fact.space(), fact.symbol().clone());
-        self.spoken.contains(&like) || self.manifest.owned.contains(&like)
+        self.spoken.contains(&like) || self.described.manifest.owned.contains(&like)
     }
 
     /// Whether its capabilities count for new plans.

@@ -4,11 +4,12 @@
 //! - Hears action models and heartbeats, sees who comes and goes; composes (`capability`).
 //! - Tells all what changed (`inform`), answers who asks for the domain or the state.
 //! - Takes changes of the state, the metric, the actions, and observations by `request`
-//!   (`changing`), and spreads them to the actuators' own maintainers.
+//!   (`changing`), and spreads them to the actuators.
 //! - Does not plan, and decides nothing about goals.
 
 mod changing;
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::{
@@ -36,7 +37,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let (ontology, map) = (&blueprint.host.ontology, &blueprint.host.map);
-    let maintainer = Maintainer::new((**ontology).clone(), (**map).clone(), Scope::Everything);
+    let maintainer = Maintainer::new(Arc::clone(ontology), Arc::clone(map), Scope::Everything);
     Ok(Box::new(DomainMaintainer {
         upkeep: Upkeep::new(maintainer),
         unannounced: None,

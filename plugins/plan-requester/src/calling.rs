@@ -13,6 +13,7 @@ use acl::content::{
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{Answer, Context, Opening, TimerId};
 use pddl::{Condition, Plan};
+use planner::Cancel;
 use planner::explain::Explanation;
 
 use crate::PlanRequester;
@@ -95,9 +96,11 @@ impl PlanRequester {
         let called: Vec<_> =
             known.offers.keys().filter(|agent| here.find(agent).is_some()).cloned().collect();
         if called.is_empty() {
-            let nobody = || "nobody here offers any action".to_owned();
-            let why = explain(&known, &open, |_| nobody()).unwrap_or_else(nobody);
-            return self.unplanned(id, &known, why, ctx);
+            let explained = move |known: &Known, cancel: &Cancel| {
+                let nobody = || "nobody here offers any action".to_owned();
+                explain(known, &open, cancel, |_| nobody()).unwrap_or_else(nobody)
+            };
+            return self.unplanned(id, known, explained, ctx);
         }
         let content = CallForProposals { conjuncts: conjuncts.clone(), together: false };
         let token = self.open_call(id, None, content, ctx);
@@ -283,9 +286,13 @@ impl PlanRequester {
                 Err(problem) => problems.push(problem),
             }
         }
-        let why = why_none(&call, &problems);
+        let missing = uncovered(&call.conjuncts, &call.bids);
+        let open = call.open.clone();
         call.reject_all("no set of proposals covers the goal", ctx);
-        self.unplanned(id, &known, why, ctx);
+        let explained = move |known: &Known, cancel: &Cancel| {
+            why_none(known, open, &missing, &problems, cancel)
+        };
+        self.unplanned(id, known, explained, ctx);
     }
 
     /// A set of proposals works: it is carried out, unless other goals come first.
@@ -312,23 +319,23 @@ impl PlanRequester {
     }
 }
 
-/// Why no set of proposals will do.
-fn why_none(call: &Call, problems: &[String]) -> String {
-    let missing = uncovered(&call.conjuncts, &call.bids);
+/// Why no set of proposals will do, where nobody covers the `missing` conjuncts.
+fn why_none(
+    known: &Known,
+    mut open: Vec<Condition>,
+    missing: &[String],
+    problems: &[String],
+    cancel: &Cancel,
+) -> String {
     if missing.is_empty() {
         let first = problems.first().cloned().unwrap_or_default();
         return format!("no set of single-agent plans works together: {first}");
     }
-    let open: Vec<_> = call
-        .open
-        .iter()
-        .filter(|conjunct| missing.contains(&conjunct.to_string()))
-        .cloned()
-        .collect();
+    open.retain(|conjunct| missing.contains(&conjunct.to_string()));
     let names: Vec<_> = missing.iter().map(|conjunct| format!("`{conjunct}`")).collect();
-    let held = explaining::held(&call.known.avoided);
+    let held = explaining::held(&known.avoided);
     let names = names.join(" and ");
     let otherwise = format!("no agent proposes a plan of its own for {names}{held}");
     let together = |_: &Explanation| format!("{otherwise}; several of them together might");
-    explain(&call.known, &open, together).unwrap_or_else(|| otherwise.clone())
+    explain(known, &open, cancel, together).unwrap_or_else(|| otherwise.clone())
 }

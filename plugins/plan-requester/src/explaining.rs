@@ -219,6 +219,8 @@ fn listed(mut things: Vec<String>, separator: &str) -> String {
 mod tests {
     use acl::content::{Guard, Snapshot};
 
+    use planner::Cancel;
+
     use super::*;
     use crate::known::Held;
 
@@ -277,7 +279,7 @@ mod tests {
             |is_for_good| Held { why: "`a` is stuck".to_owned(), is_for_good, is_withdrawn: false };
         let avoided: Avoided = [((id("a"), "measure".to_owned()), held(false))].into();
         let known = known(&["a"], "(in a hall) (open hall)", &avoided);
-        let explanation = known.explain(&goal("(known hall)")).expect("explained");
+        let explanation = known.explain(&goal("(known hall)"), &Cancel::new()).expect("explained");
         assert_eq!(
             obstacles(&explanation, &avoided).expect("an obstacle"),
             "no agent can `measure` at `hall`; `a` does not offer `measure` now; a sensor there \
@@ -289,7 +291,7 @@ mod tests {
             " (`measure` of `a` is not asked for again: `a` is stuck)"
         );
         let known = self::known(&["a"], "(in a hall) (open hall)", &Avoided::new());
-        let explanation = known.explain(&goal("(known hall)")).expect("explained");
+        let explanation = known.explain(&goal("(known hall)"), &Cancel::new()).expect("explained");
         assert_eq!(obstacles(&explanation, &Avoided::new()), None);
     }
 

@@ -11,7 +11,7 @@ use tokio::time::Instant;
 
 use crate::explaining::Seen;
 use crate::known::{Avoided, Held};
-use crate::sharing::Attempt;
+use crate::sharing::{Attempt, Explaining};
 
 /// Lines of history kept per goal: enough to see how it came to where it stands.
 const HISTORY_LINES_MAX: usize = 64;
@@ -84,6 +84,8 @@ pub(crate) enum Phase {
     Planning(ReplyToken),
     /// Proposals are called for.
     Calling(Box<crate::calling::Call>),
+    /// There is no plan; why is being worked out.
+    Explaining(#[expect(dead_code, reason = "ends the work when it is dropped")] Explaining),
     /// A plan is being executed.
     Executing(ReplyToken),
     /// The executor is asked to give up: the goal was cancelled.
@@ -103,6 +105,7 @@ impl Phase {
             Phase::Compiling(_) => "compiling domain and state".to_owned(),
             Phase::Planning(_) => "planning".to_owned(),
             Phase::Calling(_) => "calling for proposals".to_owned(),
+            Phase::Explaining(_) => "looking why there is no plan".to_owned(),
             Phase::Executing(_) => "executing".to_owned(),
             Phase::Cancelling(_) => "cancelling".to_owned(),
             Phase::Yielding(_) => "giving way".to_owned(),
@@ -112,7 +115,10 @@ impl Phase {
 
     /// Whether it is being planned for, so that other goals wait for their turn.
     pub(crate) fn is_planning(&self) -> bool {
-        matches!(self, Phase::Compiling(_) | Phase::Planning(_) | Phase::Calling(_))
+        matches!(
+            self,
+            Phase::Compiling(_) | Phase::Planning(_) | Phase::Calling(_) | Phase::Explaining(_)
+        )
     }
 
     /// Whether a plan of it runs, so that its agents are needed.

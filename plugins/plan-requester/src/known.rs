@@ -128,10 +128,9 @@ impl Known {
     }
 
     /// Whether not even the relaxation reaches a condition, with everyone's actions.
-    pub(crate) fn is_hopeless(&self, condition: &Condition) -> bool {
+    pub(crate) fn is_hopeless(&self, condition: &Condition, cancel: &Cancel) -> bool {
         let Ok(open) = self.open_conjuncts(condition) else { return true };
-        let (options, cancel) = (Options::default(), Cancel::new());
-        planner::goal::unreachable(&self.domain, &self.whole, &open, &options, &cancel)
+        planner::goal::unreachable(&self.domain, &self.whole, &open, &bounded(), cancel)
             .is_ok_and(|unreachable| !unreachable.is_empty())
     }
 
@@ -177,13 +176,11 @@ impl Known {
 
     /// Which of these not even the relaxation reaches, where no action undoes another, and what is
     /// missing.
-    pub(crate) fn explain(&self, conjuncts: &[Condition]) -> Option<Explanation> {
+    pub(crate) fn explain(&self, conjuncts: &[Condition], cancel: &Cancel) -> Option<Explanation> {
         let Known { domain, whole: problem, guards, former, .. } = self;
-        let budget = Budget { join_steps_max: EXPLAINING_STEPS_MAX, ..Budget::default() };
-        let options = Options { budget, ..Options::default() };
         let known = explain::Known { domain, problem, guards, former };
         // What cannot be analyzed explains nothing.
-        explain::explain(known, conjuncts, &options, &Cancel::new()).ok()
+        explain::explain(known, conjuncts, &bounded(), cancel).ok()
     }
 
     /// One plan of several agents' plans, under the names of the composite domain.
@@ -264,6 +261,12 @@ impl Known {
         let offers = self.offers.iter().filter(|(agent, _)| is_acting(agent));
         offers.map(|(agent, actions)| (agent.clone(), actions.clone())).collect()
     }
+}
+
+/// What looking for a reason may take.
+fn bounded() -> Options {
+    let budget = Budget { join_steps_max: EXPLAINING_STEPS_MAX, ..Budget::default() };
+    Options { budget, ..Options::default() }
 }
 
 /// A problem in which some facts do not hold.

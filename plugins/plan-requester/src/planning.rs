@@ -7,6 +7,7 @@ use acl::content::{
 use acl::{ConversationId, Performative, Protocol};
 use agent::{Answer, Context, Opening};
 use pddl::Condition;
+use planner::Cancel;
 use planner::explain::Explanation;
 
 use crate::PlanRequester;
@@ -105,11 +106,14 @@ impl PlanRequester {
         match judged {
             Ok((plan, cost, verdict)) => self.follow(id, known, (&plan, cost), verdict, ctx),
             Err(why) if proposal.status == PlanStatus::Unsolvable => {
-                let interfere = |explanation: &Explanation| format!("{why}; {explanation}");
-                let why = explain(known, open, interfere).unwrap_or_else(|| why.clone());
-                self.unplanned(id, known, why, ctx);
+                let open = open.to_vec();
+                let explained = move |known: &Known, cancel: &Cancel| {
+                    let interfere = |explanation: &Explanation| format!("{why}; {explanation}");
+                    explain(known, &open, cancel, interfere).unwrap_or(why)
+                };
+                self.unplanned(id, known.clone(), explained, ctx);
             }
-            Err(why) => self.unplanned(id, known, why, ctx),
+            Err(why) => self.unplanned(id, known.clone(), |_, _| why, ctx),
         }
     }
 
@@ -138,9 +142,10 @@ impl PlanRequester {
 pub(crate) fn explain(
     known: &Known,
     open: &[Condition],
+    cancel: &Cancel,
     otherwise: impl FnOnce(&Explanation) -> String,
 ) -> Option<String> {
-    let explanation = known.explain(open)?;
+    let explanation = known.explain(open, cancel)?;
     let obstacles = explaining::obstacles(&explanation, &known.avoided);
     Some(obstacles.unwrap_or_else(|| otherwise(&explanation)))
 }

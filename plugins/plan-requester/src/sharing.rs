@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 
 use acl::content::{Keep, Outcome, Report, Snapshot};
 use acl::{AgentId, ConversationId, Performative};
-use agent::{Ask, Context, Resource};
+use agent::{Ask, Context, Resource, Work};
 use pddl::{Condition, Plan};
 use planner::{Cancel, Options};
 
@@ -36,6 +36,18 @@ pub(crate) enum Attempt {
     Instead,
     /// Nothing; the plan is not carried out, it only explains.
     Regardless,
+}
+
+/// Looks why there is no plan, until it is dropped.
+pub(crate) struct Explaining {
+    cancel: Cancel,
+    _work: Work,
+}
+
+impl Drop for Explaining {
+    fn drop(&mut self) {
+        self.cancel.set();
+    }
 }
 
 /// What may be done with a plan that was found.
@@ -170,12 +182,37 @@ impl PlanRequester {
         }
     }
 
-    /// There is no plan in this attempt: try the next, wait for others, or say so.
+    /// There is no plan in this attempt. Why, and whether others' agents would help, is looked for
+    /// aside: it takes tens of milliseconds in a large building.
     pub(crate) fn unplanned(
         &mut self,
         id: &ConversationId,
+        known: Known,
+        why: impl FnOnce(&Known, &Cancel) -> String + Send + 'static,
+        ctx: &mut Context<Self>,
+    ) {
+        let is_alone = self.goals.len() == 1;
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        let (condition, cancel) = (goal.condition.clone(), Cancel::new());
+        let (flag, unplanned) = (cancel.clone(), id.clone());
+        let look = move || {
+            let why = why(&known, &flag);
+            // Who waits must have something to wait for: with everyone's agents it can be reached.
+            let has_hope = !is_alone && !known.is_hopeless(&condition, &flag);
+            (known, why, has_hope)
+        };
+        let work = ctx.compute(look, move |requester: &mut Self, (known, why, has_hope), ctx| {
+            requester.explained(&unplanned, &known, (why, has_hope), ctx);
+        });
+        goal.phase = Phase::Explaining(Explaining { cancel, _work: work });
+    }
+
+    /// It is clear why there is no plan in this attempt: try the next, wait for others, or say so.
+    fn explained(
+        &mut self,
+        id: &ConversationId,
         known: &Known,
-        why: String,
+        (why, has_hope): (String, bool),
         ctx: &mut Context<Self>,
     ) {
         let is_free_again = !known.spared.is_subset(&self.reserved(id));
@@ -189,8 +226,6 @@ impl PlanRequester {
         let (lower, others): (Vec<_>, Vec<_>) =
             self.running_beside(id).partition(|(_, other)| other.priority < priority);
         let blocking: Vec<_> = others.iter().map(|(other, _)| (*other).clone()).collect();
-        // Who waits must have something to wait for: with everyone's agents it can be reached.
-        let has_hope = !known.is_hopeless(&goal.condition);
         let next = match attempt {
             Attempt::Beside if has_hope && !lower.is_empty() => Some(Attempt::Instead),
             Attempt::Beside | Attempt::Instead if has_hope && !blocking.is_empty() => {

@@ -155,7 +155,7 @@ impl View {
     }
 
     /// Who is here, once the link has told of `wanted`, or of anyone.
-    pub(crate) async fn directory(&self, wanted: Option<&AgentId>) -> Directory {
+    pub(crate) async fn directory(&self, wanted: Option<&AgentId>) -> Arc<Directory> {
         let (mut directory, mut changes) = self.switchboard.presence_changes();
         let deadline = tokio::time::Instant::now() + SEEN_WITHIN;
         let is_seen = |directory: &Directory| match wanted {

@@ -23,7 +23,7 @@ pub(super) fn assemble(
     inside: &BTreeMap<(&Name, &Key), Name>,
     secrets: Secrets,
 ) -> Composite {
-    let mut domain = shared.ontology.clone();
+    let mut domain = Domain::clone(&shared.ontology);
     // What the ontology describes and nobody offers, nobody can carry out.
     domain.actions.clear();
     domain.durative_actions.clear();

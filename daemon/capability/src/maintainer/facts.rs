@@ -67,13 +67,11 @@ impl Maintainer {
 
     /// Begins a new life of an agent that has the model of its former one.
     fn revive(&mut self, agent: &AgentId, incarnation: Incarnation, digest: &str, now: Moment) {
-        let former = self
-            .roster
-            .get(agent)
-            .filter(|member| member.incarnation < incarnation && member.digest == *digest);
+        let former = self.roster.get(agent).filter(|member| {
+            member.incarnation < incarnation && *member.described.digest == *digest
+        });
         if let Some(member) = former.cloned() {
-            let Member { digest, manifest, methods, .. } = member;
-            self.seat(agent, Member::new(incarnation, digest, manifest, methods, now), now);
+            self.seat(agent, Member::new(incarnation, member.described, now), now);
         }
     }
 
@@ -198,7 +196,8 @@ impl Maintainer {
         let claim = Claim::new(Value::True, Source::Model, now);
         let claim = Claim { incarnation: member.incarnation, ..claim };
         let spoken = |fact: &FactKey| member.sequence > 0 && member.owns(fact);
-        for (fact, value) in member.manifest.init.iter().filter(|(fact, _)| !spoken(fact)) {
+        for (fact, value) in member.described.manifest.init.iter().filter(|(fact, _)| !spoken(fact))
+        {
             if self.beliefs.claim_of(fact, owner).is_none() {
                 self.beliefs.claim(fact.clone(), owner, Claim { value: *value, ..claim.clone() });
             }

@@ -1,15 +1,19 @@
 //! What the Domain Maintainer shows: snapshots to plan in, and the state with its provenance.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
+use acl::content::Methods;
 use acl::{AgentId, Incarnation};
 use pddl::{
-    Condition, Direction, Expression, FluentTerm, InitElement, Metric, Name, Number, Problem, Span,
+    ActionModel, Condition, Direction, Expression, FluentTerm, InitElement, Metric, Name, Number,
+    Problem, Span,
 };
 
-use super::Maintainer;
+use super::{Maintainer, Scope};
 use crate::belief::{Claim, Source};
+use crate::composite::Composite;
 use crate::conflict::Conflict;
 use crate::fact::{FactKey, Owner, Statement, Value};
 use crate::moment::Moment;
@@ -72,20 +76,43 @@ const TOTAL_COST: &str = "total-cost";
 impl Maintainer {
     /// The domain and the problem as known at `now`, to plan in.
     pub fn snapshot(&self, now: Moment) -> Snapshot {
-        let composite = Arc::clone(&self.composite);
-        let methods = { self.roster.iter() }
-            .filter(|(agent, _)| self.trusts(agent))
-            .map(|(agent, member)| (agent.clone(), member.methods.clone()))
+        let believed = self.beliefs.holding(&self.composite, now);
+        let everything = self.scope == Scope::Everything;
+        self.shown(&self.composite, &|_| everything, believed)
+    }
+
+    /// The same as an actuator sees it that acts for the agents of `whole`: itself, and those it
+    /// carries. Their models are known whole; of the others, what is public, and no action.
+    ///
+    /// Made when asked for: one maintainer serves all actuators that hear the same.
+    pub fn snapshot_for(&self, whole: &BTreeSet<AgentId>, now: Moment) -> Snapshot {
+        let is_whole = |agent: &AgentId| whole.contains(agent);
+        let (composite, _) = self.compose(&is_whole, &mut self.memory.clone());
+        let composite = Arc::new(composite);
+        self.shown(&composite, &is_whole, self.beliefs.judged(&composite, now))
+    }
+
+    /// What is `believed`, in the domain of `composite`, with the methods of those it trusts.
+    fn shown(
+        &self,
+        composite: &Arc<Composite>,
+        trusts: &dyn Fn(&AgentId) -> bool,
+        believed: impl Iterator<Item = InitElement>,
+    ) -> Snapshot {
+        let trusted: Vec<_> = self.roster.iter().filter(|(agent, _)| trusts(agent)).collect();
+        let methods = { trusted.iter() }
+            .map(|(agent, member)| ((*agent).clone(), Methods::clone(&member.described.methods)))
             .collect();
         let problem = Problem {
             objects: composite.objects.clone(),
-            init: self.init(now),
+            init: self.init(composite, believed),
             goal: Condition::always(),
-            metric: self.metric(),
+            metric: self.metric(composite),
             ..self.frame()
         };
-        let trusted = self.roster.iter().filter(|(agent, _)| self.trusts(agent));
-        let former = self.remembered.but_for(trusted.map(|(_, member)| &member.manifest));
+        let living = trusted.iter().map(|(_, member)| &*member.described.manifest);
+        let former = self.remembered.but_for(living);
+        let composite = Arc::clone(composite);
         Snapshot::new(self.epoch, self.revision, composite, problem, methods, former)
     }
 
@@ -103,22 +130,26 @@ impl Maintainer {
     }
 
     /// What is believed, who can act, and a plan that costs nothing yet.
-    fn init(&self, now: Moment) -> Vec<InitElement> {
+    fn init(
+        &self,
+        composite: &Composite,
+        believed: impl Iterator<Item = InitElement>,
+    ) -> Vec<InitElement> {
         let counts = |element: &InitElement| match element {
             InitElement::Assign(fluent, _) => fluent.function == TOTAL_COST,
             _ => false,
         };
-        let free = self.counts_cost().then(|| InitElement::Assign(total_cost(), Number(0.0)));
-        let believed = self.beliefs.holding(&self.composite, now);
+        let free = counts_cost(composite).then(|| InitElement::Assign(total_cost(), Number(0.0)));
         { free.into_iter() }
             .chain(believed.filter(|element| !counts(element)))
-            .chain(self.guards())
+            .chain(self.guards(composite))
             .collect()
     }
 
-    fn guards(&self) -> impl Iterator<Item = InitElement> {
-        { self.roster.iter() }.filter(|(_, member)| member.is_present()).flat_map(|(agent, _)| {
-            let offered = self.composite.offers.get(agent).into_iter().flatten();
+    fn guards(&self, composite: &Composite) -> impl Iterator<Item = InitElement> {
+        let present = self.roster.iter().filter(|(_, member)| member.is_present());
+        present.flat_map(|(agent, _)| {
+            let offered = composite.offers.get(agent).into_iter().flatten();
             let available = offered.filter(|offered| !self.is_withheld(&offered.outside, agent));
             available.map(|offered| InitElement::Atom(offered.guard_fact(agent)))
         })
@@ -130,14 +161,9 @@ impl Maintainer {
             .any(|agent| self.withheld.contains(&(action.clone(), agent)))
     }
 
-    fn counts_cost(&self) -> bool {
-        let cost = self.composite.vocabulary.functions.get(TOTAL_COST);
-        cost.is_some_and(|signature| signature.parameters.is_empty())
-    }
-
-    fn metric(&self) -> Option<Metric> {
+    fn metric(&self, composite: &Composite) -> Option<Metric> {
         let cheapest = || {
-            self.counts_cost().then(|| Metric {
+            counts_cost(composite).then(|| Metric {
                 direction: Direction::Minimize,
                 expression: Expression::Fluent(total_cost()),
                 span: Span::default(),
@@ -200,7 +226,7 @@ impl Maintainer {
             .map(|(agent, member)| AgentView {
                 agent: agent.clone(),
                 incarnation: member.incarnation,
-                digest: member.digest.clone(),
+                digest: member.described.digest.to_string(),
                 is_masked: member.is_masked,
                 is_silent: member.is_silent,
                 age: now.since(member.heard),
@@ -210,6 +236,11 @@ impl Maintainer {
                     .collect(),
             })
             .collect()
+    }
+
+    /// The models of those who are here, each as its agent wrote it.
+    pub fn models(&self) -> impl Iterator<Item = (&AgentId, &ActionModel)> {
+        self.roster.iter().map(|(agent, member)| (agent, &*member.described.model))
     }
 
     /// Whether the agent's capabilities count for new plans: it told its model, its token is
@@ -237,6 +268,11 @@ impl Maintainer {
     pub fn revision(&self) -> u64 {
         self.revision
     }
+}
+
+fn counts_cost(composite: &Composite) -> bool {
+    let cost = composite.vocabulary.functions.get(TOTAL_COST);
+    cost.is_some_and(|signature| signature.parameters.is_empty())
 }
 
 fn total_cost() -> FluentTerm {

@@ -1,5 +1,7 @@
 //! The office of the tests: its ontology, its map, its agents, and one line to tell it anything.
 
+use std::collections::BTreeSet;
+
 use acl::content::Methods;
 use acl::{AgentId, Incarnation};
 use capability::{
@@ -27,21 +29,23 @@ const MAP: &str = "
 pub(crate) struct Office {
     pub(crate) maintainer: Maintainer,
     pub(crate) now: Moment,
+    /// Whose eyes it is seen with: the agents known whole; `None` sees everything.
+    pub(crate) eyes: Option<BTreeSet<AgentId>>,
 }
 
 pub(crate) fn office() -> Office {
-    scoped(Scope::Everything)
+    scoped(Scope::Everything, None)
 }
 
-/// An office as `own` knows it.
+/// An office as `own` sees what is public.
 pub(crate) fn office_of(own: &str) -> Office {
-    scoped(Scope::Local { own: id(own) })
+    scoped(Scope::Public, Some([id(own)].into()))
 }
 
-fn scoped(scope: Scope) -> Office {
+fn scoped(scope: Scope, eyes: Option<BTreeSet<AgentId>>) -> Office {
     let ontology = pddl::parse_domain(ONTOLOGY).into_result().expect("the ontology");
     let map = pddl::parse_problem(MAP).into_result().expect("the map");
-    Office { maintainer: Maintainer::new(ontology, map, scope), now: Moment(1_000) }
+    Office { maintainer: Maintainer::new(ontology, map, scope), now: Moment(1_000), eyes }
 }
 
 pub(crate) fn id(name: &str) -> AgentId {
@@ -171,7 +175,10 @@ impl Office {
     }
 
     pub(crate) fn snapshot(&self) -> Snapshot {
-        self.maintainer.snapshot(self.now)
+        match &self.eyes {
+            None => self.maintainer.snapshot(self.now),
+            Some(whole) => self.maintainer.snapshot_for(whole, self.now),
+        }
     }
 
     /// What the snapshot believes of `symbol`, one fact per line.

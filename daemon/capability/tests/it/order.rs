@@ -1,6 +1,5 @@
 //! Who comes when does not matter, where nobody disagrees.
 
-use capability::Scope;
 use proptest::prelude::*;
 
 use crate::office::{Office, ir_sensor, model, office, office_of, thermometer, turtlebot};
@@ -68,9 +67,4 @@ proptest! {
         prop_assert_eq!(plain(&office), plain(&alone));
         prop_assert_eq!(office.snapshot().problem.objects, alone.snapshot().problem.objects);
     }
-}
-
-#[test]
-fn a_scope_is_what_it_says() {
-    assert_ne!(Scope::Everything, Scope::Local { own: crate::office::id("a") });
 }

@@ -1,11 +1,11 @@
-//! An actuator's own Domain Maintainer: what it knows of the others, and what it does not.
+//! An actuator's own eyes: what it knows of the others, and what it does not.
 
 use capability::text_of;
 use expect_test::expect;
 
 use crate::office::{Office, id, ir_sensor, office_of, thermometer, turtlebot};
 
-/// The office as `turtlebot-1` knows it; it can carry `ir-1`, and another robot is about.
+/// The office as `turtlebot-1` sees it; it can carry `ir-1`, and another robot is about.
 fn local() -> Office {
     let ir = ir_sensor("ir-1", "turtlebot-1");
     office_of("turtlebot-1").with([turtlebot("turtlebot-1"), turtlebot("turtlebot-2"), ir])
@@ -46,21 +46,26 @@ fn others_keep_their_actions_and_their_secrets() {
 
 #[test]
 fn what_is_carried_is_known_whole() {
-    let mut office = local();
-    let now = office.now;
-    let change = office.maintainer.carry(id("ir-1"), now);
-    assert!(change.epoch_changed);
+    let office = Office { eyes: Some([id("turtlebot-1"), id("ir-1")].into()), ..local() };
     assert_eq!(office.actions(), "move report-temperature");
     assert_eq!(office.known("offers-report-temperature"), "(offers-report-temperature ir-1)");
-    office.maintainer.put_down(&id("ir-1"), now);
-    assert_eq!(office.actions(), "move");
+    let other = Office { eyes: Some([id("turtlebot-2")].into()), ..office };
+    assert_eq!(other.actions(), "move");
+    assert_eq!(other.known("offers-move"), "(offers-move turtlebot-2)");
+}
+
+#[test]
+fn what_is_shared_has_nobodys_actions() {
+    let office = local();
+    let shared = office.maintainer.snapshot(office.now);
+    assert!(shared.domain.actions.is_empty() && shared.methods.is_empty());
+    assert!(shared.offers().is_empty());
 }
 
 #[test]
 fn an_action_unknown_is_no_reason_to_qualify() {
-    let mut office = local().with([thermometer("t-1")]);
-    let now = office.now;
-    office.maintainer.carry(id("ir-1"), now);
+    let office = local().with([thermometer("t-1")]);
+    let office = Office { eyes: Some([id("turtlebot-1"), id("ir-1")].into()), ..office };
     assert_eq!(office.actions(), "move report-temperature");
 }
 

@@ -1,0 +1,122 @@
+//! The commons: what the actuators of one daemon have heard, kept once for all of them.
+//!
+//! Every actuator plans with what it has heard itself (the paper, “Decentralized Planning”). Those
+//! of one daemon hear the same, so it is read and kept once, and each looks at it with its own
+//! eyes ([`Maintainer::snapshot_for`]): memory grows with the agents, not with their square.
+//!
+//! - Hears before the daemon's mailboxes do: who is called for proposals knows all that was said
+//!   before the call.
+//! - Called on the substrate's threads: nothing here waits. Time is caught up with whenever
+//!   something is heard or looked at. Who looks keeps what was known then; what comes meanwhile is
+//!   written into a copy.
+
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use acl::content::Inform;
+use acl::{AgentId, Incarnation, Message};
+use capability::{Change, Maintainer, Moment, Scope};
+use substrate::Presence;
+use tokio::time::Instant;
+
+use crate::plugin::Host;
+use crate::upkeep;
+
+/// What the actuators of one daemon have heard.
+pub struct Commons {
+    began: Instant,
+    /// How long after an agent has left its objects and facts are still believed.
+    removal: Duration,
+    state: Mutex<State>,
+}
+
+struct State {
+    maintainer: Arc<Maintainer>,
+    /// Those who have left, and when they are forgotten.
+    leaving: BTreeSet<(Moment, AgentId, Incarnation)>,
+    /// Those who are being asked for their models.
+    asked: BTreeSet<AgentId>,
+}
+
+impl Commons {
+    /// Has heard nothing yet.
+    pub(crate) fn new(host: &Host) -> Commons {
+        let (ontology, map) = (Arc::clone(&host.ontology), Arc::clone(&host.map));
+        let maintainer = Arc::new(Maintainer::new(ontology, map, Scope::Public));
+        let state = State { maintainer, leaving: BTreeSet::new(), asked: BTreeSet::new() };
+        Commons { began: Instant::now(), removal: host.settings.removal, state: Mutex::new(state) }
+    }
+
+    /// What is known now, and which moment this is.
+    pub fn look(&self) -> (Arc<Maintainer>, Moment) {
+        let (state, now) = self.state();
+        (Arc::clone(&state.maintainer), now)
+    }
+
+    /// Hears an `inform` to all; `true` if its sender's model has to be asked for first.
+    pub(crate) fn hear(&self, message: &Message, inform: &Inform) -> bool {
+        let (mut state, now) = self.state();
+        let heard = upkeep::hear(Arc::make_mut(&mut state.maintainer), message, inform, now);
+        for change in &heard.changes {
+            self.note(&mut state, change, now);
+        }
+        if let Some(mistake) = heard.mistake {
+            // The central Domain Maintainer tells the sender.
+            tracing::debug!(from = %message.sender, mistake, "not understood");
+        }
+        heard.lacks_model
+    }
+
+    /// Takes a change of presence; `true` if the agent's model has to be asked for.
+    pub(crate) fn presence(&self, presence: &Presence) -> bool {
+        let (mut state, now) = self.state();
+        let (who, life) = (&presence.resident().agent, presence.resident().incarnation);
+        let maintainer = Arc::make_mut(&mut state.maintainer);
+        let (change, is_strange) = match presence {
+            Presence::Joined(_) => {
+                let is_strange = maintainer.incarnation(who) != Some(life);
+                (maintainer.unmask(who, life, now), is_strange)
+            }
+            Presence::Left(_) => (maintainer.mask(who, life, now), false),
+        };
+        self.note(&mut state, &change, now);
+        is_strange
+    }
+
+    /// Whether nobody else is asking `agent` for its model.
+    pub(crate) fn begins_to_ask(&self, agent: &AgentId) -> bool {
+        self.state().0.asked.insert(agent.clone())
+    }
+
+    /// `agent` has answered, or will not.
+    pub(crate) fn has_asked(&self, agent: &AgentId) {
+        self.state().0.asked.remove(agent);
+    }
+
+    fn note(&self, state: &mut State, change: &Change, now: Moment) {
+        for gone in &change.left {
+            if let Some(life) = state.maintainer.incarnation(gone) {
+                state.leaving.insert((now.after(self.removal), gone.clone(), life));
+            }
+        }
+    }
+
+    /// The state, as if everything that was due had been done in its time.
+    fn state(&self) -> (MutexGuard<'_, State>, Moment) {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = Moment(u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX));
+        while let Some(due) = state.maintainer.next_expiry().filter(|due| *due <= now) {
+            let change = Arc::make_mut(&mut state.maintainer).expire(due);
+            self.note(&mut state, &change, due);
+        }
+        while state.leaving.first().is_some_and(|(due, ..)| *due <= now)
+            && let Some((_, gone, life)) = state.leaving.pop_first()
+        {
+            if !state.maintainer.is_present(&gone) {
+                Arc::make_mut(&mut state.maintainer).remove(&gone, life, now);
+            }
+        }
+        (state, now)
+    }
+}
