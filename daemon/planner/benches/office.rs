@@ -1,4 +1,10 @@
 //! How long a building waits for an answer: from texts to a validated plan, and parts of that way.
+//!
+//! - `office/` is small, and shows the parts.
+//! - `scenarios/` are the goals of the paper's scenarios, in a whole office: two robots with a
+//!   sensor each, one with a battery and a dock, one at whose screen people log in; thermometers,
+//!   a CO₂ sensor, a camera, a screen, a video-collaboration robot. Domain and problem are what
+//!   `althing domain` shows there without the sensors that have died, and with the goal.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
@@ -7,6 +13,40 @@ use planner::{Cancel, Options, order, plan, validate};
 
 const DOMAIN: &str = include_str!("office/domain.pddl");
 const PROBLEM: &str = include_str!("office/problem.pddl");
+
+/// A scenario's name, its domain and its problem.
+macro_rules! scenario {
+    ($name:literal) => {
+        (
+            $name,
+            include_str!(concat!("scenarios/", $name, "/domain.pddl")),
+            include_str!(concat!("scenarios/", $name, "/problem.pddl")),
+        )
+    };
+}
+
+const SCENARIOS: [(&str, &str, &str); 5] = [
+    scenario!("1-temperatures"),
+    scenario!("2-two-robots"),
+    scenario!("3-validation"),
+    scenario!("4-screen"),
+    scenario!("4-video-robot"),
+];
+
+fn scenarios(criterion: &mut Criterion) {
+    let (options, cancel) = (Options::default(), Cancel::new());
+    let mut group = criterion.benchmark_group("scenarios");
+    for (name, domain, problem) in SCENARIOS {
+        let answer = || {
+            let domain = pddl::parse_domain(domain).into_result().expect("it parses");
+            let problem = pddl::parse_problem(problem).into_result().expect("it parses");
+            plan(&domain, &problem, &options, &cancel).expect("it is supported")
+        };
+        assert!(answer().plan.is_some(), "{name} has a plan");
+        group.bench_function(name, |bencher| bencher.iter(|| black_box(answer())));
+    }
+    group.finish();
+}
 
 fn office(criterion: &mut Criterion) {
     let parse = || {
@@ -35,5 +75,5 @@ fn office(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, office);
+criterion_group!(benches, office, scenarios);
 criterion_main!(benches);

@@ -87,6 +87,8 @@ struct Running {
     /// knows is older than what is known here.
     untold: usize,
     check: Option<TimerId>,
+    /// Ends the grace of an agent that the plan needs and that is not here.
+    grace: Option<TimerId>,
     asking: Option<Work>,
     /// A check that failed once is made again before the plan is given up: news may have crossed.
     retries: u32,
@@ -168,6 +170,7 @@ impl PlanExecutor {
             ending: None,
             untold: 0,
             check: None,
+            grace: None,
             asking: None,
             retries: 0,
             doubts: BTreeMap::new(),
@@ -417,18 +420,23 @@ impl PlanExecutor {
 
     // === ending ===
 
-    /// Takes back what is running; the plan ends when nobody is acting any more.
+    /// Takes back what is running; the plan ends when nobody is acting any more. Who is not here is
+    /// told, should it come back soon, and not waited for.
     fn give_up(&mut self, token: &ReplyToken, report: Report, ctx: &mut Context<Self>) {
         let Some(running) = self.running.get_mut(token) else { return };
         if running.ending.is_none() {
             running.ending = Some(report);
             let patience = ctx.settings().answer_deadline;
-            for Acting { exchange, agent, .. } in
-                running.acting.values().cloned().collect::<Vec<_>>()
-            {
-                ctx.go_on(&exchange, &agent, Performative::Cancel, serde_json::Value::Null);
-                ctx.extend(&exchange, patience);
-            }
+            running.acting.retain(|_, Acting { exchange, agent, .. }| {
+                ctx.go_on(exchange, agent, Performative::Cancel, serde_json::Value::Null);
+                let is_here = ctx.find(agent).is_some();
+                if is_here {
+                    ctx.extend(exchange, patience);
+                } else {
+                    ctx.close(exchange);
+                }
+                is_here
+            });
         }
         self.end_if_quiet(token, ctx);
     }
@@ -440,7 +448,7 @@ impl PlanExecutor {
         }
         let Some(running) = self.running.remove(token) else { return };
         let Some(report) = running.ending else { return };
-        for timer in running.check.into_iter().chain(running.hearing) {
+        for timer in [running.check, running.grace, running.hearing].into_iter().flatten() {
             ctx.forget(timer);
         }
         tracing::info!(conversation = %running.engagement.conversation, outcome = %report.outcome,
@@ -512,7 +520,7 @@ impl PlanExecutor {
     }
 
     /// A plan that needs an agent which left is given the grace, so that a blink of the network
-    /// does not tear it apart.
+    /// does not tear it apart; news of others meanwhile neither shorten nor prolong it.
     fn schedule_check(
         &mut self,
         token: &ReplyToken,
@@ -521,20 +529,33 @@ impl PlanExecutor {
     ) {
         let Some(running) = self.running.get_mut(token) else { return };
         let needs = |agent: &AgentId| running.execution.needs(agent);
-        let wait = if change.left.iter().any(needs) { ctx.settings().grace } else { SETTLING };
-        if let Some(earlier) = running.check.take() {
-            ctx.forget(earlier);
+        let (is_gone, is_back) = (change.left.iter().any(needs), change.joined.iter().any(needs));
+        if !is_gone && !is_back && running.grace.is_some() {
+            return;
+        }
+        let timers = [running.check.take(), running.grace.take()];
+        timers.into_iter().flatten().for_each(|timer| ctx.forget(timer));
+        if is_gone {
+            running.asking = None;
         }
         let checked = token.clone();
-        let check = ctx.after(wait, move |executor: &mut Self, ctx| executor.check(&checked, ctx));
-        running.check = Some(check);
+        let wait = if is_gone { ctx.settings().grace } else { SETTLING };
+        let check = ctx.after(wait, move |executor: &mut Self, ctx| {
+            if is_gone && let Some(running) = executor.running.get_mut(&checked) {
+                // No news cross after that long.
+                running.retries = 1;
+            }
+            executor.check(&checked, ctx);
+        });
+        let timer = if is_gone { &mut running.grace } else { &mut running.check };
+        *timer = Some(check);
     }
 
     /// Asks for the state as known, to hold the rest of the plan against it.
     fn check(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
         let patience = ctx.settings().answer_deadline;
         let Some(running) = self.running.get_mut(token) else { return };
-        running.check = None;
+        (running.check, running.grace) = (None, None);
         if running.untold > 0 {
             let again = token.clone();
             running.check = Some(

@@ -12,7 +12,7 @@ use ::building::{Device, Layout};
 const ONTOLOGY: &str = include_str!("../../../../domains/smart-office/domain.pddl");
 
 /// How much faster than real time the building lives: a walk of 4 m takes 130 ms.
-const TIME_SCALE: f64 = 0.01;
+pub(crate) const TIME_SCALE: f64 = 0.01;
 
 /// The name of the goal in the files.
 pub(crate) const GOAL: &str = "temperatures";

@@ -1,6 +1,9 @@
 //! The scenarios in both flows, over many buildings; scenario 1 on both substrates.
 
-use agent::Mode;
+use std::time::Duration;
+
+use ::building::{Dies, Layout};
+use agent::{Mode, Settings};
 
 use super::{Scenario, Script, Stage, play};
 use crate::hosting::Node;
@@ -54,6 +57,23 @@ async fn ten_buildings_on_zenoh_centralized() {
 #[tokio::test(flavor = "multi_thread")]
 async fn ten_buildings_on_zenoh_decentralized() {
     check(0..10, Mode::Decentralized, Stage::Zenoh).await;
+}
+
+/// A plan that needs the dead is repaired after the grace, and does not wait for its answer.
+#[tokio::test(start_paused = true)]
+async fn nobody_waits_for_the_dead() {
+    let seed = (0..).find(|seed| Layout::seeded(*seed).dies == Dies::BeforeReport);
+    for mode in MODES {
+        let mut events = Vec::new();
+        let script = script(seed.expect("there are many"), mode, Stage::Memory);
+        play(&script, |event| events.push(event)).await.expect("a stage");
+        let at = |word: &str| {
+            let event = events.iter().find(|event| event.text.contains(word));
+            event.unwrap_or_else(|| panic!("{mode}: `{word}` was not said: {events:#?}")).at
+        };
+        let bearable = Settings::default().grace + Duration::from_millis(100);
+        assert!(at("planning anew") - at("is gone") < bearable, "{mode}: {events:#?}");
+    }
 }
 
 /// The check is worth something: without replanning the dead sensor's room is measured by nobody,
@@ -111,8 +131,7 @@ async fn without_replanning_no_temperature_is_kept_known() {
 /// nothing for a while.
 #[tokio::test(start_paused = true)]
 async fn a_sensor_that_hangs_is_replaced() {
-    let dies_before_reporting =
-        |seed: &u64| ::building::Layout::seeded(*seed).dies == ::building::Dies::BeforeReport;
+    let dies_before_reporting = |seed: &u64| Layout::seeded(*seed).dies == Dies::BeforeReport;
     for seed in (0..20).filter(dies_before_reporting) {
         for mode in MODES {
             let script = Script { kills: false, ..script(seed, mode, Stage::Memory) };

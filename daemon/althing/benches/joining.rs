@@ -1,0 +1,252 @@
+//! Plug and play in milliseconds: from the launch of an agent until everybody can plan with it.
+//!
+//! ```text
+//! cargo bench -p althing --bench joining
+//! ```
+//!
+//! The smart office runs in a process of its own. A thermometer that nobody knows is launched
+//!
+//! - in a daemon that is here already, a hundred times;
+//! - with a daemon of its own, a new process and a new router. It calls the daemons whose names
+//!   sort before its own and is called by the others, so both are measured.
+//!
+//! The clock stops when every maintainer has been asked, and has answered that it knows the
+//! newcomer: the Domain Maintainer plans with it, it plans for itself, everyone else's domain has
+//! it. The announcement of the Domain Maintainer comes earlier, and is told, too.
+
+mod support;
+
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use acl::content::{EpochChange, Inform};
+use acl::{AgentId, DaemonId, EcosystemId, Message, Performative};
+use agent::{Agent, Callbacks, Context, Host, Switchboard};
+use building::BuildingHandle;
+use support::{Entry, Figures, Machine, Outcome, PATIENCE, Process};
+use tokio::sync::mpsc;
+
+const AGENTS: usize = 100;
+const AGENT_AIM_MS: f64 = 30.0;
+
+/// Daemons that call the office, and daemons that it has to find.
+const CALLING: usize = 25;
+const FOUND: usize = 25;
+const DAEMON_AIM_MS: f64 = 150.0;
+
+/// A router that comes within 100 ms after another has left may be given its place among Zenoh's
+/// routes; what is measured is one that comes to a house at rest.
+const REST: Duration = Duration::from_millis(300);
+
+const ECOSYSTEM: &str = "smart-office";
+const OFFICE: &str = include_str!("../../../ecosystems/smart-office.toml");
+const DOMAIN: &str = include_str!("../../../domains/smart-office/domain.pddl");
+const MAP: &str = include_str!("../../../domains/smart-office/map.pddl");
+
+/// The daemon of the office, and that of this process, which calls it.
+const HOUSE: &str = "house";
+const HERE: &str = "stand";
+
+/// Announcements that wait to be read.
+const HEARD_MAX: usize = 256;
+
+#[tokio::main]
+async fn main() -> Outcome<()> {
+    let of = |count: usize| if support::is_whole() { count } else { 1 };
+    let counts = [("newcomer", of(AGENTS)), ("wing", of(CALLING)), ("annex", of(FOUND))];
+    let mut bench = Bench::open(&counts).await?;
+    bench.agents(counts[0].1).await?;
+    bench.daemons("wing", "that calls the others", counts[1].1).await?;
+    bench.daemons("annex", "that the others have to find", counts[2].1).await
+}
+
+/// The office in its process, and a daemon here that looks on.
+struct Bench {
+    machine: Machine,
+    switchboard: Arc<Switchboard>,
+    host: Arc<Host>,
+    changes: mpsc::Receiver<(Instant, EpochChange)>,
+    /// Who keeps a domain, without newcomers.
+    maintainers: usize,
+    _office: Process,
+}
+
+impl Bench {
+    async fn open(counts: &[(&str, usize)]) -> Outcome<Bench> {
+        let machine = Machine::new()?;
+        let text = ecosystem(counts);
+        std::fs::write(&machine.file, &text)?;
+        std::fs::write(machine.path().join("domain.pddl"), DOMAIN)?;
+        std::fs::write(machine.path().join("map.pddl"), MAP)?;
+        let mut office = machine.start(HOUSE, "decentralized")?;
+        office.ready().await?;
+
+        let (ecosystem, here) = (EcosystemId::new(ECOSYSTEM)?, DaemonId::new(HERE)?);
+        let mut host = support::host(DOMAIN, MAP, agent::Mode::Decentralized)?;
+        host.resources.insert(BuildingHandle::connect(machine.building()).await?);
+        let settings = host.settings.clone();
+        let switchboard = Switchboard::new(ecosystem.clone(), here.clone(), settings);
+        let mut config = substrate_zenoh::Config::new(ecosystem, here);
+        config.connect = vec![machine.endpoint(ECOSYSTEM, HOUSE)];
+        switchboard.connect(config.open(Arc::<Switchboard>::clone(&switchboard)).await?);
+        let (tell, changes) = mpsc::channel(HEARD_MAX);
+        let ear = Box::new(Ear { tell });
+        support::launch(&AgentId::new("ear")?, ear, &switchboard, ECOSYSTEM);
+
+        let sensors = ["temperature-sensor", "sensor", "ir-temperature-sensor", "turtlebot"];
+        let is_device = |entry: &Entry| sensors.contains(&&*entry.plugin) && entry.daemon == HOUSE;
+        let devices: BTreeSet<_> = support::entries(&text)?
+            .into_iter()
+            .filter(is_device)
+            .map(|entry| entry.name.to_string())
+            .collect();
+        support::await_offers(&switchboard, &devices).await?;
+        let maintainers = devices.len() + 1;
+        let host = Arc::new(host);
+        Ok(Bench { machine, switchboard, host, changes, maintainers, _office: office })
+    }
+
+    /// New agents in this process's daemon, one after the other.
+    async fn agents(&mut self, count: usize) -> Outcome<()> {
+        let (mut announced, mut known) = (Figures::default(), Figures::default());
+        for number in 0..count {
+            let entry = newcomer("newcomer", number)?;
+            let begun = Instant::now();
+            let agent = support::build(&sensor::TEMPERATURE_SENSOR, &entry, &self.host)?;
+            let life = support::launch(&entry.name, agent, &self.switchboard, ECOSYSTEM);
+            announced.push(self.joined(&entry.name).await? - begun);
+            known.push(self.known_to_all(&entry.name).await? - begun);
+            life.abort();
+            self.left(&entry.name).await?;
+        }
+        println!("a new agent in a running daemon, {count} times");
+        announced.tell("launched to announced");
+        known.tell("launched to plannable in every maintainer");
+        support::judge("p99", known.within(0.99), AGENT_AIM_MS);
+        Ok(())
+    }
+
+    /// New daemons with one agent each, one after the other.
+    async fn daemons(&mut self, house: &str, manner: &str, count: usize) -> Outcome<()> {
+        let mut figures = [const { Figures::new() }; 3];
+        for number in 0..count {
+            let name = newcomer(house, number)?.name;
+            let begun = Instant::now();
+            let mut process = self.machine.start(&daemon_of(house, number), "decentralized")?;
+            process.ready().await?;
+            figures[0].push(begun.elapsed());
+            figures[1].push(self.joined(&name).await? - begun);
+            figures[2].push(self.known_to_all(&name).await? - begun);
+            process.kill()?;
+            process.ended().await?;
+            self.left(&name).await?;
+            tokio::time::sleep(REST).await;
+        }
+        println!("a new daemon {manner}, {count} times");
+        figures[0].tell("started to ready");
+        figures[1].tell("started to announced");
+        figures[2].tell("started to plannable in every maintainer");
+        support::judge("p50", figures[2].within(0.5), DAEMON_AIM_MS);
+        Ok(())
+    }
+
+    /// When the Domain Maintainer said that this agent has joined.
+    async fn joined(&mut self, name: &AgentId) -> Outcome<Instant> {
+        self.heard(|change| change.joined.contains(name)).await
+    }
+
+    async fn left(&mut self, name: &AgentId) -> Outcome<Instant> {
+        self.heard(|change| change.left.contains(name)).await
+    }
+
+    async fn heard(&mut self, what: impl Fn(&EpochChange) -> bool) -> Outcome<Instant> {
+        loop {
+            let heard = tokio::time::timeout(PATIENCE, self.changes.recv()).await?;
+            let (at, change) = heard.ok_or("nobody listens")?;
+            if what(&change) {
+                return Ok(at);
+            }
+        }
+    }
+
+    /// When all had answered that they know this agent.
+    async fn known_to_all(&self, name: &AgentId) -> Outcome<Instant> {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let domains = support::domains(&self.switchboard, None).await;
+            let know = domains.iter().filter(|domain| domain.problem.contains(name.as_str()));
+            let plan = domains.iter().filter(|domain| domain.offers.contains_key(name));
+            // Its own maintainer, and the Domain Maintainer, plan with it.
+            if know.count() == self.maintainers + 1 && plan.count() == 2 {
+                return Ok(Instant::now());
+            }
+            if Instant::now() > deadline {
+                return Err(format!("not all maintainers came to know `{name}`").into());
+            }
+        }
+    }
+}
+
+/// Hears what the Domain Maintainer announces.
+struct Ear {
+    tell: mpsc::Sender<(Instant, EpochChange)>,
+}
+
+impl Agent for Ear {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new().on_broadcast(Performative::Inform, Self::informed)
+    }
+}
+
+impl Ear {
+    fn informed(&mut self, message: Message, _ctx: &mut Context<Self>) {
+        if let Ok(Inform::Epoch(change)) = message.content_as::<Inform>() {
+            // What does not fit is missed, and then waited for in vain: the benchmark says so.
+            let _ = self.tell.try_send((Instant::now(), change));
+        }
+    }
+}
+
+// === the ecosystem ===
+
+/// The office on one machine, and thermometers that are not here yet.
+fn ecosystem(counts: &[(&str, usize)]) -> String {
+    let lines = OFFICE.lines().map(|line| match line.split_once(" = ") {
+        Some(("daemon", _)) => format!("daemon = \"{HOUSE}\"\n"),
+        Some(("domain", _)) => "domain = \"domain.pddl\"\n".to_owned(),
+        Some(("problem", _)) => "problem = \"map.pddl\"\n".to_owned(),
+        _ => format!("{line}\n"),
+    });
+    let mut text: String = lines.collect();
+    for (house, count) in counts {
+        for number in 0..*count {
+            let (name, daemon) = (name_of(house, number), daemon_of(house, number));
+            let _ = write!(
+                text,
+                "\n[[agent]]\nname = \"{name}\"\nplugin = \"temperature-sensor\"\n\
+                 daemon = \"{daemon}\"\nconfig = {{ location = \"office1\" }}\n"
+            );
+        }
+    }
+    text
+}
+
+/// No name is the beginning of another.
+fn name_of(house: &str, number: usize) -> String {
+    format!("thermometer-{house}-{number:03}")
+}
+
+fn daemon_of(house: &str, number: usize) -> String {
+    if house == "newcomer" { HERE.to_owned() } else { format!("{house}-{number:03}") }
+}
+
+fn newcomer(house: &str, number: usize) -> Outcome<Entry> {
+    Ok(Entry {
+        name: AgentId::new(&name_of(house, number))?,
+        plugin: sensor::TEMPERATURE_SENSOR.name.to_owned(),
+        daemon: daemon_of(house, number),
+        config: serde_json::json!({ "location": "office1" }),
+    })
+}

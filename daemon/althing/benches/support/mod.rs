@@ -1,0 +1,243 @@
+//! What benchmarks of the whole house share: agents in this process, daemons in others, figures.
+
+#![allow(dead_code, reason = "each benchmark uses its part")]
+
+use std::collections::BTreeSet;
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use acl::content::Snapshot;
+use acl::{AgentId, Incarnation};
+use agent::{
+    Ask, Berth, Blueprint, Host, Launch, LaunchError, PluginEntry, Resource, Resources, Switchboard,
+};
+use tokio::io::{AsyncBufReadExt as _, BufReader};
+use tokio::process::{Child, Command};
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+
+/// How long anything may take before a benchmark gives up: far more than on any machine it should.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
+
+pub(crate) type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
+
+/// Whether all of it is measured; if not, Cargo only tries whether the benchmark runs.
+pub(crate) fn is_whole() -> bool {
+    std::env::args().any(|argument| argument == "--bench")
+}
+
+// === figures ===
+
+/// How long something took, each time.
+#[derive(Default)]
+pub(crate) struct Figures(Vec<Duration>);
+
+impl Figures {
+    pub(crate) const fn new() -> Figures {
+        Figures(Vec::new())
+    }
+
+    pub(crate) fn push(&mut self, took: Duration) {
+        self.0.push(took);
+    }
+
+    /// What this share of the times stayed within, in milliseconds.
+    pub(crate) fn within(&self, share: f64) -> f64 {
+        let mut sorted = self.0.clone();
+        sorted.sort();
+        let rank = (share * sorted.len() as f64).ceil() as usize;
+        sorted.get(rank.max(1) - 1).map_or(f64::NAN, |took| took.as_secs_f64() * 1_000.0)
+    }
+
+    pub(crate) fn tell(&self, what: &str) {
+        let (median, most, worst) = (self.within(0.5), self.within(0.99), self.within(1.0));
+        println!("    {what}: p50 {median:.1} ms, p99 {most:.1} ms, max {worst:.1} ms");
+    }
+}
+
+/// Whether an aim is reached, for a person.
+pub(crate) fn judge(what: &str, value: f64, aim: f64) {
+    let verdict = if value <= aim { "reached" } else { "missed" };
+    println!("    {what} {value:.1} ms, aim ≤ {aim} ms: {verdict}");
+}
+
+// === an ecosystem file ===
+
+/// One agent of an ecosystem file.
+pub(crate) struct Entry {
+    pub(crate) name: AgentId,
+    pub(crate) plugin: String,
+    pub(crate) daemon: String,
+    pub(crate) config: serde_json::Value,
+}
+
+/// The agents of an ecosystem file that nobody checks: it is a benchmark's own.
+pub(crate) fn entries(text: &str) -> Outcome<Vec<Entry>> {
+    let file: toml::Table = toml::from_str(text)?;
+    let agents = file.get("agent").and_then(toml::Value::as_array).ok_or("no agents")?;
+    agents.iter().map(entry).collect()
+}
+
+fn entry(agent: &toml::Value) -> Outcome<Entry> {
+    let text = |key: &str| agent.get(key).and_then(toml::Value::as_str).unwrap_or_default();
+    let config = agent.get("config").map_or(Ok(serde_json::Value::Null), serde_json::to_value)?;
+    let (plugin, daemon) = (text("plugin").to_owned(), text("daemon").to_owned());
+    Ok(Entry { name: AgentId::new(text("name"))?, plugin, daemon, config })
+}
+
+/// What agents in this process are built with.
+pub(crate) fn host(domain: &str, map: &str, mode: agent::Mode) -> Outcome<Host> {
+    let ontology = pddl::parse_domain(domain).into_result().map_err(|_| "the domain")?;
+    let map = pddl::parse_problem(map).into_result().map_err(|_| "the map")?;
+    Ok(Host {
+        ontology: Arc::new(ontology),
+        map: Arc::new(map),
+        mode,
+        settings: agent::Settings::default(),
+        resources: Resources::default(),
+    })
+}
+
+// === agents in this process ===
+
+/// Builds an agent, as a daemon that reads its entry does.
+pub(crate) fn build(
+    plugin: &PluginEntry,
+    entry: &Entry,
+    host: &Arc<Host>,
+) -> Outcome<Box<dyn Launch>> {
+    let driver = plugin.drivers.first().copied().unwrap_or_default().to_owned();
+    let (id, config) = (entry.name.clone(), entry.config.clone());
+    Ok((plugin.build)(Blueprint { id, driver, config, host: Arc::clone(host) })?)
+}
+
+/// Launches an agent in a daemon of this process.
+pub(crate) fn launch(
+    id: &AgentId,
+    agent: Box<dyn Launch>,
+    switchboard: &Arc<Switchboard>,
+    ontology: &str,
+) -> JoinHandle<Result<(), LaunchError>> {
+    agent.launch(Berth {
+        id: id.clone(),
+        incarnation: next_incarnation(),
+        switchboard: Arc::clone(switchboard),
+        ontology: Arc::from(ontology),
+        stopping: CancellationToken::new(),
+    })
+}
+
+fn next_incarnation() -> Incarnation {
+    static LAST: AtomicU64 = AtomicU64::new(0);
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_micros();
+    let began = u64::try_from(now).unwrap_or(0);
+    Incarnation(LAST.fetch_max(began, Ordering::Relaxed).max(began) + 1)
+}
+
+/// What those who keep a domain answer when they are asked for it: all, or one of them.
+pub(crate) async fn domains(switchboard: &Switchboard, of: Option<AgentId>) -> Vec<Snapshot> {
+    let ask = Ask { daemon: None, resource: Resource::Domain, agent: of };
+    let answers = switchboard.ask(ask, Duration::from_secs(2)).await;
+    answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok()).collect()
+}
+
+/// Waits until the Domain Maintainer can plan with all of these.
+pub(crate) async fn await_offers(
+    switchboard: &Switchboard,
+    devices: &BTreeSet<String>,
+) -> Outcome<()> {
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        let domain = domains(switchboard, AgentId::new("domain-maintainer").ok()).await.pop();
+        let offers =
+            |name: &String| domain.as_ref().is_some_and(|d| d.offers.contains_key(&**name));
+        let missing: Vec<_> = devices.iter().filter(|name| !offers(name)).collect();
+        if missing.is_empty() {
+            return Ok(());
+        }
+        if Instant::now() > deadline {
+            return Err(format!("{missing:?} cannot be planned with").into());
+        }
+    }
+}
+
+// === daemons in other processes ===
+
+/// A folder in which daemons of one machine meet.
+pub(crate) struct Machine {
+    pub(crate) folder: tempfile::TempDir,
+    pub(crate) file: PathBuf,
+}
+
+impl Machine {
+    /// A new one, with an ecosystem file yet to be written.
+    pub(crate) fn new() -> Outcome<Machine> {
+        let folder = tempfile::Builder::new().prefix("alt-").tempdir()?;
+        let file = folder.path().join("althing.toml");
+        Ok(Machine { folder, file })
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    pub(crate) fn building(&self) -> PathBuf {
+        self.path().join("building.sock")
+    }
+
+    /// Where the daemon of this name is met.
+    pub(crate) fn endpoint(&self, ecosystem: &str, daemon: &str) -> String {
+        let socket = self.path().join("run").join(ecosystem).join(format!("{daemon}.sock"));
+        format!("unixsock-stream/{}", socket.display())
+    }
+
+    /// Starts `althing up`; it ends when it is dropped.
+    pub(crate) fn start(&self, daemon: &str, mode: &str) -> Outcome<Process> {
+        let child = Command::new(env!("CARGO_BIN_EXE_althing"))
+            .arg("up")
+            .arg(&self.file)
+            .args(["--daemon", daemon, "--mode", mode])
+            .env("ALTHING_RUNTIME_DIR", self.path().join("run"))
+            .env("ALTHING_STATE_DIR", self.path().join("state"))
+            .env("ALTHING_BUILDING__SOCKET", self.building())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .kill_on_drop(true)
+            .spawn()?;
+        Ok(Process(child))
+    }
+}
+
+/// One `althing up`.
+pub(crate) struct Process(Child);
+
+impl Process {
+    /// Reads until the daemon says that it is ready.
+    pub(crate) async fn ready(&mut self) -> Outcome<()> {
+        let stdout = self.0.stdout.take().ok_or("the daemon has no standard output")?;
+        let mut lines = BufReader::new(stdout).lines();
+        while let Some(line) = tokio::time::timeout(PATIENCE, lines.next_line()).await?? {
+            if line.contains("is ready") {
+                // What it says later is read and thrown away, so that it never waits for us.
+                tokio::spawn(async move { while let Ok(Some(_)) = lines.next_line().await {} });
+                return Ok(());
+            }
+        }
+        Err("the daemon ended before it was ready".into())
+    }
+
+    /// SIGKILL, now.
+    pub(crate) fn kill(&mut self) -> Outcome<()> {
+        Ok(self.0.start_kill()?)
+    }
+
+    /// Waits for its end.
+    pub(crate) async fn ended(mut self) -> Outcome<()> {
+        tokio::time::timeout(PATIENCE, self.0.wait()).await??;
+        Ok(())
+    }
+}

@@ -1,0 +1,76 @@
+; See office.rs.
+(define (problem smart-office-map)
+  (:domain smart-office)
+  (:objects
+    office1 office2 conf-room - room
+    corridor - corridor
+    camera-1 - ptz-camera
+    co2-conf-room - co2-sensor
+    desk door - preset
+    entry - pose
+    ir-1 ir-2 - ir-temperature-sensor
+    screen-1 - screen
+    slides - media
+    thermometer-conf-room thermometer-office2 - temperature-sensor
+    turtlebot-1 turtlebot-2 - turtlebot
+    video-robot-1 - video-robot)
+  (:init
+    (= (total-cost) 0)
+    (at turtlebot-1 corridor)
+    (at turtlebot-2 office1)
+    (at video-robot-1 office2)
+    (connected conf-room corridor)
+    (connected corridor conf-room)
+    (connected corridor entry)
+    (connected corridor office1)
+    (connected corridor office2)
+    (connected entry corridor)
+    (connected office1 corridor)
+    (connected office2 corridor)
+    (dock-of turtlebot-2 corridor)
+    (located co2-conf-room conf-room)
+    (located thermometer-conf-room conf-room)
+    (located thermometer-office2 office2)
+    (looks-at camera-1 door)
+    (mounted-on ir-1 turtlebot-1)
+    (mounted-on ir-2 turtlebot-2)
+    (screen-in screen-1 conf-room)
+    (shows camera-1 desk office1)
+    (shows camera-1 door corridor)
+    (= (charge turtlebot-2) 50)
+    (= (distance conf-room corridor) 8)
+    (= (distance corridor conf-room) 8)
+    (= (distance corridor entry) 2.5)
+    (= (distance corridor office1) 4)
+    (= (distance corridor office2) 6)
+    (= (distance entry corridor) 2.5)
+    (= (distance office1 corridor) 4)
+    (= (distance office2 corridor) 6)
+    (= (range turtlebot-2) 200)
+    (= (speed turtlebot-1) 0.3)
+    (= (speed turtlebot-2) 0.5)
+    (= (speed video-robot-1) 0.3)
+    (offers-look-at camera-1)
+    (offers-pan-left camera-1)
+    (offers-pan-right camera-1)
+    (offers-record camera-1)
+    (offers-take-snapshot camera-1)
+    (offers-tilt-down camera-1)
+    (offers-tilt-up camera-1)
+    (offers-zoom-in camera-1)
+    (offers-zoom-out camera-1)
+    (offers-report-co2 co2-conf-room)
+    (offers-report-temperature--ir-1 ir-1)
+    (offers-report-temperature--ir-1 ir-2)
+    (offers-set-up screen-1)
+    (offers-report-temperature--thermometer-office2 thermometer-conf-room)
+    (offers-report-temperature--thermometer-office2 thermometer-office2)
+    (offers-move--turtlebot-1 turtlebot-1)
+    (offers-validate-person turtlebot-1)
+    (offers-move--turtlebot-2 turtlebot-2)
+    (offers-recharge turtlebot-2)
+    (offers-move--video-robot-1 video-robot-1)
+    (offers-present video-robot-1)
+    (offers-stop-presenting video-robot-1))
+  (:goal (can-present conf-room))
+  (:metric minimize (total-cost)))
