@@ -49,6 +49,8 @@ pub(crate) struct Goal {
     pub(crate) steps_left: Vec<PlanStep>,
     /// What the user was told last of what it waits for.
     pub(crate) blocked_by: String,
+    /// Whether it was looked for twice since there was a plan last.
+    pub(crate) looked_twice: bool,
     /// Whether the user was told that it holds, since it last did not.
     pub(crate) is_told: bool,
     pub(crate) timer: Option<TimerId>,
@@ -148,6 +150,7 @@ impl Goal {
             attempt: Attempt::default(),
             steps_left: Vec::new(),
             blocked_by: String::new(),
+            looked_twice: false,
             is_told: false,
             timer: None,
             seen: None,

@@ -40,6 +40,10 @@ const GOALS_MAX: usize = 256;
 /// come in several messages.
 const SETTLING: Duration = Duration::from_millis(20);
 
+/// How long before a second look where there is no plan: what an agent has just said of itself is
+/// known here by then, also on a busy machine.
+const CROSSING: Duration = Duration::from_millis(100);
+
 /// How long to wait before asking again where nobody answered.
 const ASK_AGAIN: Duration = Duration::from_millis(500);
 
@@ -341,12 +345,17 @@ impl PlanRequester {
         self.next(ctx);
     }
 
-    /// There is no plan: a goal to be achieved ends here; one to be kept waits until the
-    /// ecosystem changes, or until what failed may be tried again.
+    /// There is no plan, and none at a second look either: a goal to be achieved ends here; one to
+    /// be kept waits until the ecosystem changes, or until what failed may be tried again.
     fn no_plan(&mut self, id: &ConversationId, why: String, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         let now = ctx.now();
         let chance = goal.next_chance(now);
+        if chance.is_none() && self.config.replanning && !goal.looked_twice {
+            // News may have crossed: agents know of themselves what is not known here yet.
+            goal.looked_twice = true;
+            return self.wait(id, why, CROSSING, ctx);
+        }
         match (goal.keep, chance) {
             (Keep::Achieve, None) => self.end(id, Outcome::Failed, why, ctx),
             (Keep::Achieve, Some(_))

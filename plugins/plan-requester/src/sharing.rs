@@ -165,6 +165,7 @@ impl PlanRequester {
     ) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         goal.attempt = Attempt::Beside;
+        goal.looked_twice &= matches!(verdict, Verdict::Undoes(_));
         match verdict {
             Verdict::Go => self.execute(id, known, plan, cost, ctx),
             Verdict::After(others) => {

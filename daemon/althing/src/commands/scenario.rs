@@ -98,8 +98,10 @@ fn show(event: &Event) {
 fn verdict(played: &Played, code: u8) -> ExitCode {
     let mut text = String::from("\n");
     if played.problems.is_empty() {
-        text.push_str(&format!("The building's own truth agrees: {}", played.verdict));
-        text.push_str(if played.told.is_empty() { ".\n" } else { ":\n" });
+        let end = if played.told.is_empty() { '.' } else { ':' };
+        let verdict = format!("The building's own truth agrees: {}{end}", played.verdict);
+        text.push_str(&output::folded(&verdict, 0));
+        text.push('\n');
     } else {
         text.push_str("The building's own truth does not agree:\n");
         for problem in &played.problems {

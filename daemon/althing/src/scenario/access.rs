@@ -53,8 +53,8 @@ pub(super) async fn play(script: &Script, tell: &mut dyn FnMut(Event)) -> Result
     problems.extend(access.check(&building.truth(), &admissions).err().unwrap_or_default());
     set.strike().await;
     let verdict = format!(
-        "the robot came to {} when somebody\nhad come there, asked nowhere else, and let in \
-         whoever gave the right answer,\nand nobody else",
+        "the robot came to {} when somebody had come there, asked nowhere else, and let in \
+         whoever gave the right answer, and nobody else",
         access.entry
     );
     Ok(Played { problems, verdict, admissions, ..Played::default() })

@@ -37,8 +37,8 @@ pub(super) async fn play(script: &Script, tell: &mut dyn FnMut(Event)) -> Result
     set.strike().await;
     let [first, second] = &scenario.deaths;
     let verdict = format!(
-        "after {} and {}\nhad died, both robots kept measuring, none where the other was nearer; \
-         since {}\ncame, no robot measured {}; and what the user was told is true",
+        "after {} and {} had died, both robots kept measuring, none where the other was nearer; \
+         since {} came, no robot measured {}; and what the user was told is true",
         first.sensor,
         second.sensor,
         scenario.latecomer,

@@ -34,8 +34,8 @@ pub(super) async fn play(script: &Script, tell: &mut dyn FnMut(Event)) -> Result
     problems.extend(meeting.check(&building.truth()).err().unwrap_or_default());
     set.strike().await;
     let verdict = format!(
-        "{} was given a channel by itself\nand showed “{}” in {} until it failed; then {} \
-         came\nand shows it there",
+        "{} was given a channel by itself and showed “{}” in {} until it failed; then {} \
+         came and shows it there",
         meeting.screen(),
         meeting.text,
         meeting.room,

@@ -37,7 +37,7 @@ pub(super) async fn play(script: &Script, tell: &mut dyn FnMut(Event)) -> Result
     }
     set.strike().await;
     let verdict = format!(
-        "every room was measured, a robot stood in\n{} after {} died, and what the user was told \
+        "every room was measured, a robot stood in {} after {} died, and what the user was told \
          is true",
         scenario.dying_room(),
         scenario.dying_sensor
