@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use acl::content::{Achieve, Keep};
 use actuator::{Place, StateFolder};
-use agent::{Blueprint, BuildError};
+use agent::{Blueprint, BuildError, Rehearsal};
 use serde::Deserialize;
 
 use crate::album::Album;
@@ -141,10 +141,11 @@ impl Config {
             let text = format!("record-seconds is 0.2 to {RECORD_MAX}, and keep at least 1");
             return Err(problem(text));
         }
-        let folder = folder.clone().or_else(|| {
-            let state = blueprint.host.resources.get::<StateFolder>()?;
-            Some(state.0.join("pictures"))
-        });
+        let resources = &blueprint.host.resources;
+        let beside_state = || resources.get::<StateFolder>().map(|state| state.0.join("pictures"));
+        // Nobody takes a picture in a rehearsal.
+        let nowhere = || resources.get::<Rehearsal>().map(|_| PathBuf::new());
+        let folder = folder.clone().or_else(beside_state).or_else(nowhere);
         let folder = folder.ok_or_else(|| problem("pictures need a `folder`".to_owned()))?;
         Ok(Settings {
             album: Album::new(folder, blueprint.id.to_string(), *keep),

@@ -46,7 +46,8 @@ pub(super) async fn play(script: &Script, tell: &mut dyn FnMut(Event)) -> Result
     let setting = setting(&access);
     let performance = Performance::open(&setting, script, tell).await?;
     let (desk, ear) = (performance.seat("front-desk")?, performance.set.listen().await?);
-    let mut play = Play { performance, desk, ear, access: &access, admissions: Vec::new() };
+    let (admissions, validity) = (Vec::new(), Vec::new());
+    let mut play = Play { performance, desk, ear, access: &access, admissions, validity };
     let ended = until_curtain(play.acts(&setting)).await;
     let Play { performance: Performance { set, building, .. }, admissions, .. } = play;
     let mut problems: Vec<_> = ended.err().into_iter().collect();
@@ -67,6 +68,8 @@ struct Play<'t> {
     ear: Ear,
     access: &'t Access,
     admissions: Vec<Admission>,
+    /// Since somebody came: whether the robot said that somebody is validated, and no longer.
+    validity: Vec<bool>,
 }
 
 /// What happens next at the entry.
@@ -83,19 +86,24 @@ impl Play<'_> {
         self.performance.await_agents(setting).await?;
         // Until the camera has looked once, nothing can move before it.
         let camera = self.access.camera();
-        self.until_says(camera, |facts| facts.contains("(looks-at ")).await?;
+        self.until_informs(camera, |inform| facts(inform).contains("(looks-at ")).await?;
+        let robot = self.access.robot();
         for visit in &self.access.visits {
             let admission = self.visit(visit).await?;
             self.admissions.push(admission);
-            let robot = self.access.robot();
-            self.until_says(robot, |facts| !facts.contains("(validated ")).await?;
-            // Where nobody answered, nobody is asked again for a while.
-            if visit.manner == Manner::NobodyAnswers {
-                self.until_informs(robot, |inform| match inform {
-                    Inform::Model(model) => model.model.contains("validate-person"),
-                    _ => false,
-                })
-                .await?;
+            match visit.manner {
+                // Until it does not count any more, the next who comes would not be asked for.
+                manner if manner.is_valid() => {
+                    while self.validity != [true, false] {
+                        self.hear().await?;
+                    }
+                }
+                // Nobody is asked again for a while.
+                Manner::NobodyAnswers => {
+                    let offers = |inform: &Inform| matches!(inform, Inform::Model(of) if of.model.contains("validate-person"));
+                    self.until_informs(robot, offers).await?;
+                }
+                _ => (),
             }
         }
         Ok(())
@@ -105,6 +113,7 @@ impl Play<'_> {
         let Visit { person, manner } = visit;
         let entry = &self.access.entry;
         self.performance.say(format!("{person} comes to {entry}"));
+        self.validity.clear();
         let building = self.performance.building.clone();
         building.enter(person, entry).map_err(|error| error.to_string())?;
         let mut admission =
@@ -163,27 +172,15 @@ impl Play<'_> {
                 Heard::Question(question) => Ok(Next::AskedDesk(question)),
                 _ => Ok(Next::Other),
             },
-            heard = self.ear.heard.recv() => {
-                let message = heard.ok_or("nobody is heard any more")?;
+            message = hear(&mut self.ear, &mut self.validity, self.access.robot()) => {
+                let message = message?;
                 Ok(last_word(&message, self.access.camera()).map_or(Next::Other, Next::Ended))
             }
         }
     }
 
-    /// Listens until the facts in an agent's heartbeat are such.
-    async fn until_says(
-        &mut self,
-        agent: &str,
-        is_so: impl Fn(&str) -> bool,
-    ) -> Result<(), String> {
-        let says = |inform: &Inform| match inform {
-            Inform::Heartbeat(beat) => {
-                let passing: Vec<_> = beat.known_for.keys().map(String::as_str).collect();
-                is_so(&format!("{} {}", beat.facts, passing.join(" ")))
-            }
-            _ => false,
-        };
-        self.until_informs(agent, says).await
+    async fn hear(&mut self) -> Result<Message, String> {
+        hear(&mut self.ear, &mut self.validity, self.access.robot()).await
     }
 
     /// Listens until an agent says this about itself.
@@ -193,13 +190,35 @@ impl Play<'_> {
         is_so: impl Fn(&Inform) -> bool,
     ) -> Result<(), String> {
         loop {
-            let message = self.ear.heard.recv().await.ok_or("nobody is heard any more")?;
+            let message = self.hear().await?;
             let is_its = message.sender.as_str() == agent;
             if is_its && message.content_as().is_ok_and(|inform| is_so(&inform)) {
                 return Ok(());
             }
         }
     }
+}
+
+/// The next message on the wire; notes whether the robot says that somebody is validated, where
+/// that changes.
+async fn hear(ear: &mut Ear, validity: &mut Vec<bool>, robot: &str) -> Result<Message, String> {
+    let message = ear.heard.recv().await.ok_or("nobody is heard any more")?;
+    if message.sender.as_str() == robot
+        && let Ok(inform @ Inform::Heartbeat(_)) = message.content_as::<Inform>()
+    {
+        let is_valid = facts(&inform).contains("(validated ");
+        if validity.last().map_or(is_valid, |last| *last != is_valid) {
+            validity.push(is_valid);
+        }
+    }
+    Ok(message)
+}
+
+/// What an agent says in a heartbeat, for ever or for a while.
+fn facts(inform: &Inform) -> String {
+    let Inform::Heartbeat(beat) = inform else { return String::new() };
+    let passing: Vec<_> = beat.known_for.keys().map(String::as_str).collect();
+    format!("{} {}", beat.facts, passing.join(" "))
 }
 
 /// The last word that the camera is told about its goal.
