@@ -12,18 +12,16 @@
 
 mod execution;
 mod translate;
+mod watching;
 mod word;
 
 use std::collections::BTreeMap;
 
-use acl::content::{
-    Act, ActionToken, EpochChange, Inform, Outcome, Reason, Refusal, Report, Request, Snapshot,
-    value,
-};
+use acl::content::{Act, ActionToken, Outcome, Reason, Refusal, Report, Request, value};
 use acl::{AgentId, Message, Performative, Protocol, ReplyToken};
 use agent::{
-    Agent, Answer, Ask, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Opening,
-    PluginEntry, Presence, Resource, TimerId, Work,
+    Agent, Answer, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Opening,
+    PluginEntry, Presence, TimerId, Work,
 };
 use serde::Deserialize;
 
@@ -32,10 +30,6 @@ use crate::word::{Doubt, Words};
 
 /// Plans that may run side by side. Each keeps a copy of the state; a building has few goals.
 const EXECUTIONS_MAX: usize = 64;
-
-/// How long a change of the world settles before the rest of a plan is checked against it: news
-/// of one event come in several messages.
-const SETTLING: std::time::Duration = std::time::Duration::from_millis(30);
 
 /// The line in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -459,144 +453,6 @@ impl PlanExecutor {
     fn report(&mut self, token: &ReplyToken, report: &Report, ctx: &mut Context<Self>) {
         if let Some(running) = self.running.get(token) {
             ctx.answer(&running.engagement, Performative::Confirm, report);
-        }
-    }
-
-    // === watching ===
-
-    fn informed(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let beat = match message.content_as::<Inform>() {
-            Ok(Inform::Epoch(change)) if message.sender == self.domain_maintainer => {
-                let plans: Vec<_> = self.running.keys().cloned().collect();
-                for token in plans {
-                    self.schedule_check(&token, &change, ctx);
-                }
-                return;
-            }
-            Ok(Inform::Heartbeat(beat)) => beat,
-            Ok(Inform::Model(announcement)) => announcement.heartbeat,
-            _ => return,
-        };
-        self.words.hear(&message.sender, message.incarnation, &beat);
-        let doubts = |running: &Running| running.doubts.contains_key(&message.sender);
-        let plans = self.running.iter().filter(|(_, running)| doubts(running));
-        let plans: Vec<_> = plans.map(|(token, _)| token.clone()).collect();
-        for token in plans {
-            self.hold_against(&token, &message.sender, ctx);
-        }
-    }
-
-    /// Holds what an agent confirmed against its next word.
-    fn hold_against(&mut self, token: &ReplyToken, agent: &AgentId, ctx: &mut Context<Self>) {
-        let Some(running) = self.running.get_mut(token) else { return };
-        let Some(doubt) = running.doubts.get(agent) else { return };
-        let Some(word) = self.words.since(agent, doubt) else { return };
-        let action = running.doubts.remove(agent).map(|doubt| doubt.action).unwrap_or_default();
-        match word {
-            None => self.dispatch(token, ctx),
-            Some(fact) => {
-                let problem = format!("`{action}`: `{agent}` confirmed it, yet says `{fact}`");
-                let report = Report { action: Some(action), ..failure(problem) };
-                self.give_up(token, report, ctx);
-            }
-        }
-    }
-
-    /// Every step is confirmed, some against its agent's last word: the next one is waited for, as
-    /// long as an agent may be silent.
-    fn hear_out(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
-        let Some(running) = self.running.get_mut(token) else { return };
-        if running.hearing.is_some() {
-            return;
-        }
-        let waiting = token.clone();
-        let patience = ctx.settings().heartbeat_lease;
-        running.hearing = Some(ctx.after(patience, move |executor: &mut Self, ctx| {
-            if let Some(running) = executor.running.get_mut(&waiting) {
-                running.doubts.clear();
-            }
-            executor.dispatch(&waiting, ctx);
-        }));
-    }
-
-    /// A plan that needs an agent which left is given the grace, so that a blink of the network
-    /// does not tear it apart; news of others meanwhile neither shorten nor prolong it.
-    fn schedule_check(
-        &mut self,
-        token: &ReplyToken,
-        change: &EpochChange,
-        ctx: &mut Context<Self>,
-    ) {
-        let Some(running) = self.running.get_mut(token) else { return };
-        let needs = |agent: &AgentId| running.execution.needs(agent);
-        let (is_gone, is_back) = (change.left.iter().any(needs), change.joined.iter().any(needs));
-        if !is_gone && !is_back && running.grace.is_some() {
-            return;
-        }
-        let timers = [running.check.take(), running.grace.take()];
-        timers.into_iter().flatten().for_each(|timer| ctx.forget(timer));
-        if is_gone {
-            running.asking = None;
-        }
-        let checked = token.clone();
-        let wait = if is_gone { ctx.settings().grace } else { SETTLING };
-        let check = ctx.after(wait, move |executor: &mut Self, ctx| {
-            if is_gone && let Some(running) = executor.running.get_mut(&checked) {
-                // No news cross after that long.
-                running.retries = 1;
-            }
-            executor.check(&checked, ctx);
-        });
-        let timer = if is_gone { &mut running.grace } else { &mut running.check };
-        *timer = Some(check);
-    }
-
-    /// Asks for the state as known, to hold the rest of the plan against it.
-    fn check(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
-        let patience = ctx.settings().answer_deadline;
-        let Some(running) = self.running.get_mut(token) else { return };
-        (running.check, running.grace) = (None, None);
-        if running.untold > 0 {
-            let again = token.clone();
-            running.check = Some(
-                ctx.after(SETTLING, move |executor: &mut Self, ctx| executor.check(&again, ctx)),
-            );
-            return;
-        }
-        let ask = Ask {
-            daemon: None,
-            resource: Resource::Domain,
-            agent: Some(self.domain_maintainer.clone()),
-        };
-        let asked = ctx.switchboard().ask(ask, patience);
-        let checked = token.clone();
-        running.asking = Some(ctx.run(asked, move |executor: &mut Self, answers, ctx| {
-            let snapshot = answers.first().and_then(|bytes| serde_json::from_slice(bytes).ok());
-            if let Some(snapshot) = snapshot {
-                executor.checked(&checked, &snapshot, ctx);
-            }
-        }));
-    }
-
-    fn checked(&mut self, token: &ReplyToken, snapshot: &Snapshot, ctx: &mut Context<Self>) {
-        let Some(running) = self.running.get_mut(token) else { return };
-        // A step that was confirmed while we asked makes the answer older than what we know.
-        let is_stale = running.untold > 0;
-        let renewed = if is_stale { Ok(()) } else { running.execution.renew(snapshot) };
-        match renewed {
-            Ok(()) if !is_stale => running.retries = 0,
-            Err(problem) if running.retries > 0 => {
-                let problem = format!("the rest of the plan does not reach the goal: {problem}");
-                self.give_up(token, failure(problem), ctx);
-            }
-            _ => {
-                running.retries = u32::from(!is_stale);
-                let again = token.clone();
-                running.check =
-                    Some(ctx.after(SETTLING, move |executor: &mut Self, ctx| {
-                        executor.check(&again, ctx)
-                    }));
-            }
         }
     }
 }
