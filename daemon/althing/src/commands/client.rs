@@ -11,7 +11,7 @@ use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{Ask, Directory, Resource, Switchboard};
 use bytes::Bytes;
 
-use crate::cli::ReachArgs;
+use crate::cli::{AskArgs, ReachArgs};
 use crate::config::{self, Ecosystem, Overrides};
 use crate::hosting::{self, Node, Wire};
 use crate::{exit, output, plugins};
@@ -216,6 +216,18 @@ pub(super) fn with_link<F: Future<Output = (Link, ExitCode)>>(
             }
             Err(problem) => unavailable(&problem, json),
         }
+    })
+}
+
+/// Links up, prints what is seen from there, as JSON or for people, and leaves.
+pub(super) fn with_view(
+    args: &AskArgs,
+    print: impl AsyncFnOnce(&View, bool) -> ExitCode,
+) -> ExitCode {
+    let json = args.print.json;
+    with_link(&args.reach, json, async |link| {
+        let code = print(&link.view, json).await;
+        (link, code)
     })
 }
 

@@ -13,11 +13,7 @@ use crate::{exit, output};
 
 /// Prints the composite domain.
 pub(super) fn run(args: &AskArgs) -> ExitCode {
-    let json = args.print.json;
-    client::with_link(&args.reach, json, async |link| {
-        let code = print(&link.view, json).await;
-        (link, code)
-    })
+    client::with_view(args, print)
 }
 
 pub(crate) async fn print(view: &View, json: bool) -> ExitCode {

@@ -17,11 +17,7 @@ const HISTORY_LINES: usize = 6;
 
 /// Prints a paragraph per goal.
 pub(super) fn run(args: &AskArgs) -> ExitCode {
-    let json = args.print.json;
-    client::with_link(&args.reach, json, async |link| {
-        let code = print(&link.view, json).await;
-        (link, code)
-    })
+    client::with_view(args, print)
 }
 
 pub(crate) async fn print(view: &View, json: bool) -> ExitCode {

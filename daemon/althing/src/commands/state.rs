@@ -15,11 +15,7 @@ use crate::{exit, output};
 
 /// Prints a line per fact.
 pub(super) fn run(args: &AskArgs) -> ExitCode {
-    let json = args.print.json;
-    client::with_link(&args.reach, json, async |link| {
-        let code = print(&link.view, json).await;
-        (link, code)
-    })
+    client::with_view(args, print)
 }
 
 pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
