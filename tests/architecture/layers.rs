@@ -11,7 +11,8 @@ use crate::{none, root};
 const LAYERS: &[&[&str]] = &[
     &["acl", "pddl"],
     &["building", "capability", "conversation", "planner", "substrate"],
-    &["agent", "substrate-zenoh"],
+    // `engines` knows `planner` for its validator: no engine's plan is believed.
+    &["agent", "engines", "substrate-zenoh"],
     &["actuator"],
     &[
         "domain-maintainer",

@@ -1,0 +1,144 @@
+//! Where an engine is: as configured, on `PATH`, or, of Fast Downward, in a Python that has it.
+//!
+//! - `ALTHING_FAST_DOWNWARD` and `ALTHING_METRIC_FF` name the program; what they name is not
+//!   doubted, and nothing else is looked for.
+//! - `pip install up-fast-downward` puts no program on `PATH`: it brings the driver script as data
+//!   of a package. Each `python3` and `python` on `PATH` is asked where that package is. It is not
+//!   imported, which would take a second and need what the package itself needs.
+
+use std::env;
+use std::ffi::{OsStr, OsString};
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use crate::outcome::EngineError;
+use crate::planning::Engine;
+
+/// How an engine is called.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Installation {
+    pub(crate) engine: Engine,
+    /// The program and its first arguments.
+    pub(crate) command: Vec<OsString>,
+}
+
+/// Prints the folder of the package, if there is one; exits with 1 otherwise.
+const WHERE: &str = "import importlib.util, sys
+spec = importlib.util.find_spec('up_fast_downward')
+sys.exit(1) if spec is None else print(list(spec.submodule_search_locations)[0])";
+
+// === impl Installation ===
+
+impl Installation {
+    /// An engine that is called with this command, such as `python3 fast-downward.py`.
+    pub fn of(
+        engine: Engine,
+        command: impl IntoIterator<Item = impl Into<OsString>>,
+    ) -> Installation {
+        Installation { engine, command: command.into_iter().map(Into::into).collect() }
+    }
+
+    /// The program and its first arguments.
+    pub fn command(&self) -> &[OsString] {
+        &self.command
+    }
+
+    /// Looks for an engine.
+    pub fn find(engine: Engine) -> Result<Installation, EngineError> {
+        if let Some(configured) = env::var_os(engine.variable()).filter(|it| !it.is_empty()) {
+            return configured_at(engine, PathBuf::from(configured));
+        }
+        let path = env::var_os("PATH").unwrap_or_default();
+        on_path(engine, &path)
+            .or_else(|| match engine {
+                Engine::FastDownward => in_a_python(&path),
+                Engine::MetricFf => None,
+            })
+            .ok_or(EngineError::NotFound { engine, configured: None })
+    }
+}
+
+fn configured_at(engine: Engine, program: PathBuf) -> Result<Installation, EngineError> {
+    if !is_program(&program) {
+        return Err(EngineError::NotFound { engine, configured: Some(program) });
+    }
+    // It will run in another folder.
+    let program = std::path::absolute(&program).unwrap_or(program);
+    Ok(Installation::of(engine, [program]))
+}
+
+fn on_path(engine: Engine, path: &OsStr) -> Option<Installation> {
+    let found = engine.programs().iter().find_map(|name| programs(path, name).next())?;
+    Some(Installation::of(engine, [found]))
+}
+
+/// The driver script in the first Python that has it, with that Python.
+fn in_a_python(path: &OsStr) -> Option<Installation> {
+    let pythons = ["python3", "python"].into_iter().flat_map(|name| programs(path, name));
+    pythons.into_iter().find_map(|python| {
+        let driver = driver_in(&python)?;
+        Some(Installation::of(Engine::FastDownward, [python.into_os_string(), driver.into()]))
+    })
+}
+
+fn driver_in(python: &Path) -> Option<PathBuf> {
+    // From `/`, so that no package of the folder we are in is taken for the installed one.
+    let output = Command::new(python)
+        .args(["-c", WHERE])
+        .current_dir("/")
+        .stdin(Stdio::null())
+        .stderr(Stdio::null())
+        .output()
+        .ok()?;
+    let printed = String::from_utf8(output.stdout).ok()?;
+    let driver = Path::new(printed.trim()).join("downward").join("fast-downward.py");
+    (output.status.success() && driver.is_file()).then_some(driver)
+}
+
+/// The programs of that name, in the order of `PATH`.
+fn programs(path: &OsStr, name: &str) -> impl Iterator<Item = PathBuf> {
+    let folders: Vec<PathBuf> = env::split_paths(path).collect();
+    let candidates = folders.into_iter().map(move |folder| folder.join(name));
+    // A folder of `PATH` may be relative, and the program will run in another folder.
+    candidates.filter(|program| is_program(program)).filter_map(|it| std::path::absolute(it).ok())
+}
+
+fn is_program(path: &Path) -> bool {
+    let is_executable = |metadata: std::fs::Metadata| {
+        metadata.is_file() && metadata.permissions().mode() & 0o111 != 0
+    };
+    path.metadata().is_ok_and(is_executable)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_configured_is_not_doubted_and_not_replaced() {
+        let shell = configured_at(Engine::MetricFf, PathBuf::from("/bin/sh")).expect("a program");
+        assert_eq!(shell, Installation::of(Engine::MetricFf, ["/bin/sh"]));
+        let nowhere = configured_at(Engine::MetricFf, PathBuf::from("/nowhere/ff"));
+        let err = nowhere.expect_err("nothing is there");
+        assert_eq!(err.to_string(), "find Metric-FF at `/nowhere/ff`");
+        assert!(err.help().is_some_and(|help| help.contains("ALTHING_METRIC_FF")));
+    }
+
+    #[test]
+    fn programs_are_found_on_a_path_and_folders_are_none() {
+        let path = OsStr::new("/nowhere:/:/bin");
+        assert_eq!(programs(path, "sh").next(), Some(PathBuf::from("/bin/sh")));
+        assert_eq!(programs(path, "bin").next(), None, "`/bin` is a folder");
+        assert_eq!(on_path(Engine::FastDownward, OsStr::new("/nowhere")), None);
+    }
+
+    #[test]
+    fn a_missing_engine_is_an_error_that_says_how_to_get_it() {
+        let err = EngineError::NotFound { engine: Engine::FastDownward, configured: None };
+        assert_eq!(err.to_string(), "find Fast Downward");
+        let help = err.help().expect("help");
+        assert!(help.contains("pip install up-fast-downward"), "{help}");
+        assert!(help.contains("ALTHING_FAST_DOWNWARD"), "{help}");
+    }
+}

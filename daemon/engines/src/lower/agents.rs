@@ -1,0 +1,16 @@
+//! MA-PDDL: who acts becomes the first parameter, as it is the first argument of a plan's step; who
+//! may know what is no engine's concern.
+
+use pddl::{Domain, Privacy, Problem};
+
+/// Takes agents and privacy out.
+pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) {
+    for action in &mut domain.actions {
+        if let Some(agent) = action.agent.take() {
+            action.parameters.insert(0, agent);
+        }
+    }
+    domain.predicates.iter_mut().for_each(|it| it.privacy = Privacy::Public);
+    domain.functions.iter_mut().for_each(|it| it.privacy = Privacy::Public);
+    problem.objects.iter_mut().for_each(|it| it.privacy = Privacy::Public);
+}

@@ -1,0 +1,59 @@
+//! The sizes that Metric-FF 2.1 was compiled for. Past them it says “increase MAX_PREDICATES” and
+//! ends, or worse; so they are told before it starts.
+//!
+//! Those of the ground task (150,000 facts, 500 steps) only Metric-FF itself can tell.
+
+use pddl::{Domain, Name, Problem, Span};
+use planner::{Text, Unsupported};
+
+use super::refuse::unsupported;
+
+const CONSTANTS_MAX: usize = 2_000;
+const PREDICATES_MAX: usize = 50;
+const FUNCTIONS_MAX: usize = 50;
+const TYPES_MAX: usize = 50;
+const ARITY_MAX: usize = 5;
+const PARAMETERS_MAX: usize = 15;
+
+/// Refuses what is too large.
+pub(super) fn refuse(domain: &Domain, problem: &Problem) -> Result<(), Unsupported> {
+    let spans = |names: Vec<&Name>| names.into_iter().map(Name::span).collect::<Vec<_>>();
+    let predicates = spans(domain.predicates.iter().map(|it| &it.name).collect());
+    few("predicates", &predicates, PREDICATES_MAX)?;
+    let functions = spans(domain.functions.iter().map(|it| &it.name).collect());
+    few("functions", &functions, FUNCTIONS_MAX)?;
+    few("types", &spans(domain.types.iter().map(|it| &it.name).collect()), TYPES_MAX)?;
+    let objects = domain.constants.len() + problem.objects.len();
+    if objects > CONSTANTS_MAX {
+        let last = problem.objects.last().map(|it| it.object.name.span());
+        let (span, text) = match last {
+            Some(span) => (span, Text::Problem),
+            None => (domain.constants[CONSTANTS_MAX].name.span(), Text::Domain),
+        };
+        return Err(unsupported(format!("more than {CONSTANTS_MAX} objects"), span, text));
+    }
+    let arities = domain.predicates.iter().map(|it| (&it.name, it.parameters.len()));
+    let arities = arities.chain(domain.functions.iter().map(|it| (&it.name, it.parameters.len())));
+    slim(arities, ARITY_MAX)?;
+    slim(domain.actions.iter().map(|it| (&it.name, it.parameters.len())), PARAMETERS_MAX)
+}
+
+fn few(what: &str, spans: &[Span], most: usize) -> Result<(), Unsupported> {
+    match spans.get(most) {
+        None => Ok(()),
+        Some(span) => Err(unsupported(format!("more than {most} {what}"), *span, Text::Domain)),
+    }
+}
+
+fn slim<'t>(
+    signatures: impl Iterator<Item = (&'t Name, usize)>,
+    most: usize,
+) -> Result<(), Unsupported> {
+    for (name, parameters) in signatures {
+        if parameters > most {
+            let feature = format!("more than {most} parameters in one signature");
+            return Err(unsupported(feature, name.span(), Text::Domain));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,539 @@
+//! Costs as Fast Downward reads them: `(increase (total-cost) N)` or `(… (f ?x))`, once for each
+//! action, N and the values of `f` whole numbers that are not negative.
+//!
+//! - Several costs of one action, sums, weights and fractions become one static function, tabulated
+//!   over the objects it is about, and scaled to whole numbers.
+//! - Numbers that neither a condition nor the metric reads are left out. What they need to be
+//!   applied at all, a value to start from, stays as a static predicate.
+//! - What depends on the state is refused: that is numeric planning.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use pddl::{
+    ActionSchema, Assign, Assignment, Atom, Condition, Direction, Domain, Effect, Expression,
+    FluentTerm, FunctionDeclaration, InitElement, Metric, Name, Number, Operator,
+    PredicateDeclaration, Privacy, Problem, Span, Term, TypeExpr, Typed, Types,
+};
+use planner::{Text, Unsupported};
+
+use super::refuse::unsupported;
+use super::walk;
+
+const TOTAL_COST: &str = "total-cost";
+
+/// Values that one action's costs may have: a million lines of `:init`.
+const TABLE_MAX: usize = 1_000_000;
+
+/// The largest cost that fractions are scaled up to: two thousand such steps fit into the 31 bits
+/// that Fast Downward counts with.
+const SCALED_MAX: f64 = 1e6;
+
+/// The largest whole cost, where nothing needs scaling.
+const WHOLE_MAX: f64 = 1e9;
+
+type Values = BTreeMap<(Name, Vec<Name>), f64>;
+
+/// Leaves no number but costs; whether those compare exactly as they did.
+pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Result<bool, Unsupported> {
+    let facts = Facts::of(domain, problem)?;
+    let mut tables = Vec::new();
+    for action in &mut domain.actions {
+        let mut numbers = Numbers::default();
+        let effect = std::mem::take(&mut action.effect);
+        action.effect = facts.strip(effect, Nesting::default(), &mut numbers)?;
+        require(action, &numbers.needs);
+        tables.push(facts.table(action, &numbers.costs)?);
+    }
+    facts.declare_needs(domain, problem);
+    problem.init.retain(|element| !matches!(element, InitElement::Assign(..)));
+    domain.functions.clear();
+    if problem.metric.is_none() {
+        return Ok(true);
+    }
+    let scale = Scale::of(tables.iter().flat_map(|table| table.values.values().copied()));
+    for (index, table) in tables.iter().enumerate() {
+        declare_cost(domain, problem, index, table, &scale);
+    }
+    let total_cost = |span| fluent(TOTAL_COST, Vec::new(), span);
+    domain.functions.push(function(TOTAL_COST, 0));
+    problem.init.push(InitElement::Assign(total_cost(Span::default()), Number(0.0)));
+    problem.metric = Some(Metric {
+        direction: Direction::Minimize,
+        expression: Expression::Fluent(total_cost(Span::default())),
+        span: Span::default(),
+    });
+    Ok(scale.is_exact)
+}
+
+/// What the task says of its functions.
+struct Facts {
+    /// What one unit of a function costs; none where there is no metric.
+    weights: BTreeMap<Name, f64>,
+    /// Functions that some action changes.
+    changed: BTreeSet<Name>,
+    /// Functions that some action gives a value, whatever it was.
+    assigned: BTreeSet<Name>,
+    values: Values,
+    objects: BTreeMap<Name, TypeExpr>,
+    types: Types,
+}
+
+/// The numeric side of one action.
+#[derive(Default)]
+struct Numbers {
+    /// What it costs: weights and values.
+    costs: Vec<(f64, Expression)>,
+    /// Fluents that must have a value, or the action does not apply.
+    needs: Vec<FluentTerm>,
+}
+
+/// What surrounds an effect.
+#[derive(Clone, Copy, Default)]
+struct Nesting {
+    when: bool,
+    forall: bool,
+}
+
+/// The costs of one action, by what its variables stand for.
+struct Table {
+    variables: Vec<Name>,
+    values: BTreeMap<Vec<Name>, f64>,
+}
+
+// === impl Facts ===
+
+impl Facts {
+    fn of(domain: &Domain, problem: &Problem) -> Result<Facts, Unsupported> {
+        let assigns = walk::assigns(domain);
+        let names = |those: &dyn Fn(&Assign) -> bool| {
+            let chosen = assigns.iter().filter(|assign| those(assign));
+            chosen.map(|assign| assign.fluent.function.clone()).collect()
+        };
+        let declared = problem.objects.iter().map(|it| &it.object);
+        let objects = domain.constants.iter().chain(declared);
+        let mut weights = BTreeMap::new();
+        if let Some(metric) = &problem.metric {
+            let sign = if metric.direction == Direction::Maximize { -1.0 } else { 1.0 };
+            add_weights(&metric.expression, sign, metric, &mut weights)?;
+        }
+        Ok(Facts {
+            weights,
+            changed: names(&|_| true),
+            assigned: names(&|assign| assign.assignment == Assignment::Assign),
+            values: walk::values(problem),
+            objects: objects.map(|it| (it.name.clone(), it.ty.clone())).collect(),
+            types: Types::of(domain),
+        })
+    }
+
+    /// The effect without its numbers, which are kept apart.
+    fn strip(
+        &self,
+        effect: Effect,
+        nesting: Nesting,
+        numbers: &mut Numbers,
+    ) -> Result<Effect, Unsupported> {
+        match effect {
+            Effect::Add(_) | Effect::Delete(_) => Ok(effect),
+            Effect::And(parts) => {
+                let parts = parts.into_iter().map(|part| self.strip(part, nesting, numbers));
+                Ok(Effect::And(parts.collect::<Result<_, _>>()?))
+            }
+            Effect::When(condition, inner) => {
+                let inner = self.strip(*inner, Nesting { when: true, ..nesting }, numbers)?;
+                Ok(Effect::When(condition, Box::new(inner)))
+            }
+            Effect::Forall(variables, inner) => {
+                let inner = self.strip(*inner, Nesting { forall: true, ..nesting }, numbers)?;
+                Ok(Effect::Forall(variables, Box::new(inner)))
+            }
+            Effect::Assign(assign) => {
+                match self.weights.get(&assign.fluent.function) {
+                    Some(weight) => self.cost(&assign, *weight, nesting, numbers)?,
+                    None => self.idle(&assign, nesting, numbers)?,
+                }
+                Ok(Effect::nothing())
+            }
+        }
+    }
+
+    /// A change of what the metric counts.
+    fn cost(
+        &self,
+        assign: &Assign,
+        weight: f64,
+        nesting: Nesting,
+        numbers: &mut Numbers,
+    ) -> Result<(), Unsupported> {
+        let name = &assign.fluent.function;
+        let refuse = |what: &str| {
+            let feature = format!("{what} of `{name}`, which the metric counts");
+            Err(unsupported(feature, assign.span, Text::Domain))
+        };
+        let sign = match assign.assignment {
+            Assignment::Increase => 1.0,
+            Assignment::Decrease => -1.0,
+            _ => return refuse("an assignment or scaling"),
+        };
+        if nesting.when {
+            return refuse("a conditional change");
+        }
+        if nesting.forall {
+            return refuse("a change under `forall`");
+        }
+        if walk::fluents(&assign.value).iter().any(|it| self.changed.contains(&it.function)) {
+            return refuse("a state-dependent change");
+        }
+        numbers.costs.push((sign * weight, assign.value.clone()));
+        self.need(&assign.fluent, &mut numbers.needs);
+        Ok(())
+    }
+
+    /// A change of what nobody reads. It must be possible, and that is all.
+    fn idle(
+        &self,
+        assign: &Assign,
+        nesting: Nesting,
+        numbers: &mut Numbers,
+    ) -> Result<(), Unsupported> {
+        let mut needs = Vec::new();
+        walk::fluents(&assign.value).into_iter().for_each(|it| self.need(it, &mut needs));
+        if assign.assignment != Assignment::Assign {
+            self.need(&assign.fluent, &mut needs);
+        }
+        let comes_and_goes = needs.iter().any(|it| self.assigned.contains(&it.function));
+        let is_nested = (nesting.when || nesting.forall) && !needs.is_empty();
+        if comes_and_goes || is_nested || divides(&assign.value) {
+            let feature = format!("the number `{}`, which changes", assign.fluent.function);
+            return Err(unsupported(feature, assign.span, Text::Domain));
+        }
+        numbers.needs.extend(needs);
+        Ok(())
+    }
+
+    /// `total-cost` always has a value.
+    fn need(&self, fluent: &FluentTerm, needs: &mut Vec<FluentTerm>) {
+        let is_total_cost = fluent.function == TOTAL_COST && fluent.arguments.is_empty();
+        if !is_total_cost && !needs.contains(fluent) {
+            needs.push(fluent.clone());
+        }
+    }
+
+    /// The costs of an action for all objects that its cost is about.
+    fn table(
+        &self,
+        action: &ActionSchema,
+        costs: &[(f64, Expression)],
+    ) -> Result<Table, Unsupported> {
+        let mut fluents: Vec<&FluentTerm> =
+            costs.iter().flat_map(|(_, value)| walk::fluents(value)).collect();
+        // What binds most comes first, so that the rest is only looked up.
+        fluents.sort_by_key(|fluent| std::cmp::Reverse(fluent.arguments.len()));
+        let mut variables: Vec<Name> = Vec::new();
+        for term in fluents.iter().flat_map(|fluent| &fluent.arguments) {
+            if let Term::Variable(name) = term
+                && !variables.contains(name)
+            {
+                variables.push(name.clone());
+            }
+        }
+        let mut table = Table { variables, values: BTreeMap::new() };
+        let mut binding = BTreeMap::new();
+        let filling = Filling { facts: self, action, costs };
+        filling.fill(&fluents, &mut binding, &mut table)?;
+        Ok(table)
+    }
+
+    /// Declares `(has'FUNCTION …)` for what some action needs a value of.
+    fn declare_needs(&self, domain: &mut Domain, problem: &mut Problem) {
+        let mut needed = BTreeMap::new();
+        for action in &domain.actions {
+            walk::conditions(&action.precondition, &mut |part| {
+                if let Condition::Atom(atom) = part
+                    && let Some(function) = atom.predicate.as_str().strip_prefix(HAS)
+                {
+                    needed.insert(Name::new(function), atom.arguments.len());
+                }
+            });
+        }
+        for (function, arity) in &needed {
+            domain.predicates.push(PredicateDeclaration {
+                name: has(function),
+                parameters: parameters(*arity),
+                privacy: Privacy::Public,
+            });
+        }
+        for (function, objects) in self.values.keys() {
+            if needed.contains_key(function) {
+                let arguments = objects.iter().cloned().map(Term::Object).collect();
+                let predicate = has(function);
+                let atom = Atom { predicate, arguments, span: Span::default() };
+                problem.init.push(InitElement::Atom(atom));
+            }
+        }
+    }
+}
+
+const HAS: &str = "has'";
+
+fn has(function: &Name) -> Name {
+    Name::new(&format!("{HAS}{function}"))
+}
+
+/// Adds `(has'FUNCTION …)` to the precondition.
+fn require(action: &mut ActionSchema, needs: &[FluentTerm]) {
+    if needs.is_empty() {
+        return;
+    }
+    let atoms = needs.iter().map(|fluent| {
+        Condition::Atom(Atom {
+            predicate: has(&fluent.function),
+            arguments: fluent.arguments.clone(),
+            span: fluent.span,
+        })
+    });
+    let precondition = std::mem::take(&mut action.precondition);
+    let told = (!precondition.is_always()).then_some(precondition);
+    action.precondition = Condition::And(told.into_iter().chain(atoms).collect());
+}
+
+fn divides(expression: &Expression) -> bool {
+    let mut found = false;
+    walk::expressions(expression, &mut |part| {
+        if let Expression::Apply(Operator::Divide, operands) = part {
+            let is_safe = |by: &Expression| matches!(by, Expression::Number(by) if by.0 != 0.0);
+            found |= !operands.iter().skip(1).all(is_safe);
+        }
+    });
+    found
+}
+
+/// The metric as a weighted sum of functions without arguments.
+fn add_weights(
+    expression: &Expression,
+    weight: f64,
+    metric: &Metric,
+    weights: &mut BTreeMap<Name, f64>,
+) -> Result<(), Unsupported> {
+    let refuse = |feature: String| Err(unsupported(feature, metric.span, Text::Problem));
+    match expression {
+        Expression::Number(_) => Ok(()),
+        Expression::Fluent(fluent) if fluent.arguments.is_empty() => {
+            *weights.entry(fluent.function.clone()).or_default() += weight;
+            Ok(())
+        }
+        Expression::Fluent(fluent) => refuse(format!("a metric over `{fluent}`, one of several")),
+        Expression::Negate(inner) => add_weights(inner, -weight, metric, weights),
+        Expression::Apply(Operator::Add, operands) => {
+            operands.iter().try_for_each(|one| add_weights(one, weight, metric, weights))
+        }
+        Expression::Apply(Operator::Subtract, operands) => {
+            operands.iter().enumerate().try_for_each(|(index, one)| {
+                let weight = if index == 0 { weight } else { -weight };
+                add_weights(one, weight, metric, weights)
+            })
+        }
+        Expression::Apply(operator, operands) => match (operator, &operands[..]) {
+            (
+                Operator::Multiply,
+                [Expression::Number(by), inner] | [inner, Expression::Number(by)],
+            ) => add_weights(inner, weight * by.0, metric, weights),
+            (Operator::Divide, [inner, Expression::Number(by)]) if by.0 != 0.0 => {
+                add_weights(inner, weight / by.0, metric, weights)
+            }
+            _ => refuse("a metric that is not linear".to_owned()),
+        },
+        _ => refuse("time in a metric".to_owned()),
+    }
+}
+
+/// Fills one table.
+struct Filling<'f> {
+    facts: &'f Facts,
+    action: &'f ActionSchema,
+    costs: &'f [(f64, Expression)],
+}
+
+// === impl Filling ===
+
+impl Filling<'_> {
+    /// Binds the variables of the first fluent to all that has a value, and goes on to the others.
+    fn fill(
+        &self,
+        fluents: &[&FluentTerm],
+        binding: &mut BTreeMap<Name, Name>,
+        table: &mut Table,
+    ) -> Result<(), Unsupported> {
+        let Some((fluent, others)) = fluents.split_first() else {
+            return self.enter(binding, table);
+        };
+        let first = (fluent.function.clone(), Vec::new());
+        let all = self.facts.values.range(first..);
+        for ((_, objects), _) in all.take_while(|((function, _), _)| *function == fluent.function) {
+            let outside = binding.clone();
+            if self.bind(fluent, objects, binding) {
+                self.fill(others, binding, table)?;
+            }
+            *binding = outside;
+        }
+        Ok(())
+    }
+
+    fn bind(
+        &self,
+        fluent: &FluentTerm,
+        objects: &[Name],
+        binding: &mut BTreeMap<Name, Name>,
+    ) -> bool {
+        fluent.arguments.iter().zip(objects).all(|(term, object)| match term {
+            Term::Object(name) => name == object,
+            Term::Variable(name) => match binding.get(name) {
+                Some(bound) => bound == object,
+                None => {
+                    let fits = self.fits(name, object);
+                    binding.insert(name.clone(), object.clone());
+                    fits
+                }
+            },
+        })
+    }
+
+    /// Whether the action takes the object there.
+    fn fits(&self, variable: &Name, object: &Name) -> bool {
+        let parameter = self.action.parameters.iter().find(|it| it.name == *variable);
+        match (parameter, self.facts.objects.get(object)) {
+            (Some(parameter), Some(own)) => self.facts.types.accepts(&parameter.ty, own),
+            _ => false,
+        }
+    }
+
+    fn enter(&self, binding: &BTreeMap<Name, Name>, table: &mut Table) -> Result<(), Unsupported> {
+        let refuse = |feature| Err(unsupported(feature, self.action.span, Text::Domain));
+        let name = &self.action.name;
+        let values = self
+            .costs
+            .iter()
+            .map(|(weight, value)| Some(weight * evaluate(value, binding, &self.facts.values)?));
+        // Without a value, as after a division by zero, the action does not apply.
+        let Some(cost) = values.sum::<Option<f64>>() else { return Ok(()) };
+        if cost < -1e-9 {
+            return refuse(format!("a negative cost of `{name}`"));
+        }
+        let key = table.variables.iter().map(|it| binding[it].clone()).collect();
+        // Also of a zero with a sign, which nobody wants to read.
+        table.values.insert(key, if cost > 0.0 { cost } else { 0.0 });
+        if table.values.len() > TABLE_MAX {
+            return refuse(format!("the cost of `{name}`: more than {TABLE_MAX} values"));
+        }
+        Ok(())
+    }
+}
+
+fn evaluate(
+    expression: &Expression,
+    binding: &BTreeMap<Name, Name>,
+    values: &Values,
+) -> Option<f64> {
+    let value = match expression {
+        Expression::Number(number) => number.0,
+        Expression::Fluent(fluent) => {
+            let objects = fluent.arguments.iter().map(|term| match term {
+                Term::Object(name) => Some(name.clone()),
+                Term::Variable(name) => binding.get(name).cloned(),
+            });
+            let key = (fluent.function.clone(), objects.collect::<Option<_>>()?);
+            *values.get(&key)?
+        }
+        Expression::Negate(inner) => -evaluate(inner, binding, values)?,
+        Expression::Apply(operator, operands) => {
+            let mut operands = operands.iter().map(|one| evaluate(one, binding, values));
+            let first = operands.next()??;
+            operands.try_fold(first, |left, right| {
+                Some(match operator {
+                    Operator::Add => left + right?,
+                    Operator::Subtract => left - right?,
+                    Operator::Multiply => left * right?,
+                    Operator::Divide => left / right?,
+                })
+            })?
+        }
+        _ => return None,
+    };
+    value.is_finite().then_some(value)
+}
+
+/// How costs become whole.
+struct Scale {
+    factor: f64,
+    is_exact: bool,
+}
+
+// === impl Scale ===
+
+impl Scale {
+    /// The smallest power of ten that makes all costs whole; otherwise the largest factor that keeps
+    /// them small, and they are rounded.
+    fn of(costs: impl Iterator<Item = f64> + Clone) -> Scale {
+        let largest = costs.clone().fold(0.0, f64::max);
+        let is_whole = |cost: f64| (cost - cost.round()).abs() <= 1e-9 * cost.max(1.0);
+        if costs.clone().all(is_whole) && largest <= WHOLE_MAX {
+            return Scale { factor: 1.0, is_exact: true };
+        }
+        let powers = (1..=6).map(|exponent| 10_f64.powi(exponent));
+        let exact = powers.into_iter().find(|power| costs.clone().all(|it| is_whole(it * power)));
+        match exact.filter(|factor| largest * factor <= SCALED_MAX) {
+            Some(factor) => Scale { factor, is_exact: true },
+            None => Scale { factor: SCALED_MAX / largest, is_exact: false },
+        }
+    }
+
+    fn apply(&self, cost: f64) -> f64 {
+        (cost * self.factor).round()
+    }
+}
+
+/// Says what one action costs.
+fn declare_cost(
+    domain: &mut Domain,
+    problem: &mut Problem,
+    index: usize,
+    table: &Table,
+    scale: &Scale,
+) {
+    let name = format!("cost'{}", index + 1);
+    let value = match (&table.variables[..], table.values.get(&Vec::new())) {
+        ([], Some(constant)) => Expression::Number(Number(scale.apply(*constant))),
+        (variables, _) => {
+            domain.functions.push(function(&name, variables.len()));
+            for (objects, cost) in &table.values {
+                let arguments = objects.iter().cloned().map(Term::Object).collect();
+                let fluent = fluent(&name, arguments, Span::default());
+                problem.init.push(InitElement::Assign(fluent, Number(scale.apply(*cost))));
+            }
+            let arguments = variables.iter().cloned().map(Term::Variable).collect();
+            Expression::Fluent(fluent(&name, arguments, Span::default()))
+        }
+    };
+    let action = &mut domain.actions[index];
+    let cost = Effect::Assign(Box::new(Assign {
+        assignment: Assignment::Increase,
+        fluent: fluent(TOTAL_COST, Vec::new(), Span::default()),
+        value,
+        span: action.span,
+    }));
+    action.effect = Effect::And(vec![std::mem::take(&mut action.effect), cost]);
+}
+
+fn function(name: &str, arity: usize) -> FunctionDeclaration {
+    let parameters = parameters(arity);
+    FunctionDeclaration { name: Name::new(name), parameters, privacy: Privacy::Public }
+}
+
+fn parameters(arity: usize) -> Vec<Typed> {
+    let names = (1..=arity).map(|index| Name::new(&format!("x{index}")));
+    names.map(|name| Typed { name, ty: TypeExpr::default() }).collect()
+}
+
+fn fluent(name: &str, arguments: Vec<Term>, span: Span) -> FluentTerm {
+    FluentTerm { function: Name::new(name), arguments, span }
+}

@@ -1,0 +1,63 @@
+//! What no pass can take out of a task: told by name and place before anything is started.
+
+use pddl::{Condition, Domain, Expression, InitElement, Problem, Span};
+use planner::{Text, Unsupported};
+
+use super::{Dialect, walk};
+
+/// A refusal.
+pub(super) fn unsupported(feature: impl Into<String>, span: Span, text: Text) -> Unsupported {
+    Unsupported { feature: feature.into(), span, text }
+}
+
+/// Refuses time, which neither engine knows, and what this dialect leaves out.
+pub(super) fn refuse(
+    domain: &Domain,
+    problem: &Problem,
+    dialect: Dialect,
+) -> Result<(), Unsupported> {
+    if let Some(action) = domain.durative_actions.first() {
+        return Err(unsupported("durative actions", action.span, Text::Domain));
+    }
+    for element in &problem.init {
+        if let InitElement::At(_, later) = element {
+            return Err(unsupported("timed initial literals", place(later), Text::Problem));
+        }
+    }
+    if let Some(metric) = &problem.metric {
+        let mut time = None;
+        walk::expressions(&metric.expression, &mut |part| match part {
+            Expression::TotalTime(span)
+            | Expression::Duration(span)
+            | Expression::ContinuousTime(span) => time = time.or(Some(*span)),
+            _ => (),
+        });
+        if let Some(span) = time {
+            return Err(unsupported("`total-time` in a metric", span, Text::Problem));
+        }
+    }
+    if let Some(axiom) = domain.derived.first()
+        && !dialect.has_axioms
+    {
+        return Err(unsupported("derived predicates", axiom.span, Text::Domain));
+    }
+    if dialect.has_numbers { Ok(()) } else { refuse_comparisons(domain, problem) }
+}
+
+fn refuse_comparisons(domain: &Domain, problem: &Problem) -> Result<(), Unsupported> {
+    let mut first = None;
+    walk::all_conditions(domain, problem, &mut |condition, text| {
+        if let (Condition::Compare(compare), None) = (condition, &first) {
+            first = Some(unsupported("a numeric condition", compare.span, text));
+        }
+    });
+    first.map_or(Ok(()), Err)
+}
+
+fn place(element: &InitElement) -> Span {
+    match element {
+        InitElement::Atom(atom) | InitElement::Not(atom) => atom.span,
+        InitElement::Assign(fluent, _) => fluent.span,
+        InitElement::At(_, later) => place(later),
+    }
+}

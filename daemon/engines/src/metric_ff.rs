@@ -1,0 +1,140 @@
+//! Metric-FF: its command line, and how to read what it says.
+//!
+//! It ends with 0 or 1, whether it found a plan or not, so everything is read off its words. It shouts
+//! names (`A-MOVE O-ROBOT`), calls a disjunctive goal's last step `REACH-GOAL`, and keeps costs in
+//! single precision, which is one more reason not to read them.
+
+use pddl::{Name, Plan, PlanStep};
+
+use crate::outcome::{Ending, EngineError};
+use crate::planning::{Aim, Answer, Engine, Job};
+use crate::process::Run;
+
+/// Enforced hill-climbing, then best-first search: blind to costs, complete.
+const WITHOUT_COSTS: &str = "0";
+
+/// The same, then A*epsilon: heeds costs. Without a metric that it likes, Metric-FF gives up here.
+const WITH_COSTS: &str = "5";
+
+/// What it says before the plan.
+const FOUND: &str = "found legal plan as follows";
+
+/// What it says where nothing need be done.
+const TRUE_ALREADY: &str = "goal can be simplified to TRUE";
+
+/// What it says where there is no plan, and what is meant.
+///
+/// The last alone is no proof: a search that throws away what does not look helpful says so too.
+const NO_PLAN: &[(&str, Ending)] = &[
+    ("goal can be simplified to FALSE", Ending::Unsolvable { before_search: true }),
+    (
+        "will never have a defined value. Problem unsolvable",
+        Ending::Unsolvable { before_search: true },
+    ),
+    ("problem proven unsolvable", Ending::Unsolvable { before_search: false }),
+    ("search space empty", Ending::Exhausted),
+];
+
+/// What it says where the task is beyond it.
+const BEYOND: &[&str] =
+    &["This is not a linear task", "increase MAX_", "can't be handled by this version"];
+
+/// What it adds to plans for goals that are no conjunctions.
+const REACH_GOAL: &str = "reach-goal";
+
+/// Runs it, a second time without costs where it does not like the metric.
+pub(crate) fn answer(job: &Job<'_>) -> Result<Answer, EngineError> {
+    if job.options.aim == Aim::CheapestPlan {
+        let said = "no search of mine proves that a plan is the cheapest".to_owned();
+        return Err(EngineError::Beyond { engine: Engine::MetricFf, said });
+    }
+    let folder = job.folder()?;
+    let search = |configuration| {
+        let arguments = ["-o", "domain.pddl", "-f", "problem.pddl", "-s", configuration];
+        job.run(folder.path(), &arguments)
+    };
+    let mut run = search(if job.lowered.has_metric { WITH_COSTS } else { WITHOUT_COSTS })?;
+    if job.lowered.has_metric && dislikes_metric(&run) {
+        run = search(WITHOUT_COSTS)?;
+    }
+    read(job, &run)
+}
+
+/// “A*epsilon not defined for plan length …”
+fn dislikes_metric(run: &Run) -> bool {
+    run.stdout.contains("not defined")
+}
+
+fn read(job: &Job<'_>, run: &Run) -> Result<Answer, EngineError> {
+    let answer = |ending, plans| Ok(Answer { ending, plans, proven_optimal: false });
+    if run.stdout.contains(TRUE_ALREADY) {
+        return answer(Ending::GoalReached, vec![Plan::default()]);
+    }
+    if let Some((_, said)) = run.stdout.split_once(FOUND) {
+        // One that was killed while it spoke has spoken half a plan.
+        let ending = if run.code().is_some() { Ending::GoalReached } else { job.unexplained(run)? };
+        return answer(ending, vec![steps(job, said)?]);
+    }
+    if let Some(ending) = run.code().and_then(|_| no_plan(&run.stdout)) {
+        return answer(ending, Vec::new());
+    }
+    let said = run.stdout.lines().chain(run.stderr.lines());
+    let mut beyond = said.filter(|line| BEYOND.iter().any(|sign| line.contains(sign)));
+    if let Some(line) = beyond.next().filter(|_| run.code().is_some()) {
+        let said = line.trim().to_owned();
+        return Err(EngineError::Beyond { engine: Engine::MetricFf, said });
+    }
+    answer(job.unexplained(run)?, Vec::new())
+}
+
+fn no_plan(said: &str) -> Option<Ending> {
+    NO_PLAN.iter().find(|(sign, _)| said.contains(sign)).map(|(_, ending)| *ending)
+}
+
+/// `step    0: OP A B`, then `        1: OP A B`, …
+fn steps(job: &Job<'_>, said: &str) -> Result<Plan, EngineError> {
+    let lines = said.lines().filter_map(|line| step(line.trim()));
+    let steps: Vec<PlanStep> = lines.filter(|step| step.action != REACH_GOAL).collect();
+    job.lowered.names.raise(Plan { steps, cost: None }).map_err(|name| {
+        let problem = format!("nothing is called `{name}`");
+        EngineError::UnreadablePlan { engine: Engine::MetricFf, problem }
+    })
+}
+
+/// `[step] NUMBER: OP NAME*`
+fn step(line: &str) -> Option<PlanStep> {
+    let line = line.strip_prefix("step").unwrap_or(line).trim_start();
+    let (number, call) = line.split_once(':')?;
+    number.parse::<u32>().ok()?;
+    let mut words = call.split_whitespace();
+    let action = Name::new(words.next()?);
+    Some(PlanStep::new(action, words.map(Name::new)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_read_and_nothing_else() {
+        let step = |line| step(line).map(|step| step.to_string());
+        assert_eq!(step("step    0: A-MOVE O-R O-X").as_deref(), Some("(A-MOVE O-R O-X)"));
+        assert_eq!(step("12: A-GO").as_deref(), Some("(A-GO)"));
+        for other in ["", "plan cost: 12.000000", "time spent:    0.00 seconds", "step", "3:"] {
+            assert_eq!(step(other), None, "{other}");
+        }
+    }
+
+    #[test]
+    fn a_proof_is_told_from_giving_up() {
+        let unsolvable = |before_search| Some(Ending::Unsolvable { before_search });
+        for (said, expected) in [
+            ("ff: goal can be simplified to FALSE. No plan will solve it", unsolvable(true)),
+            ("best first search space empty! problem proven unsolvable.", unsolvable(false)),
+            ("Enforced Hill-climbing failed !\nsearch space empty", Some(Ending::Exhausted)),
+            ("ff: parsing domain file", None),
+        ] {
+            assert_eq!(no_plan(said), expected, "{said}");
+        }
+    }
+}

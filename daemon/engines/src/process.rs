@@ -1,0 +1,268 @@
+//! One run of a foreign program: within limits, and with nothing left of it afterwards.
+//!
+//! The program runs in a process group of its own. A second process, the *watch*, is a shell that
+//! reads from a pipe whose other end this process alone holds. If this process ends, however it
+//! ends, the kernel closes that pipe, and the watch kills the whole group and removes the folder. A
+//! death signal of the parent (`PR_SET_PDEATHSIG`) would reach the program, but not what it has
+//! started: Fast Downward is a driver that starts a translator, then a search.
+//!
+//! The program does not start before it is watched: it waits at a *gate*, the shell that sets its
+//! limits, for a word that comes when the watch stands. What is not guarded against: a program that
+//! leaves its process group, and somebody who kills the watch first.
+//!
+//! Memory is limited with `ulimit -v` (`RLIMIT_AS`), which every child inherits: each process of the
+//! engine is held to it on its own, not their sum. Time is wall-clock time.
+
+use std::ffi::OsString;
+use std::fs::File;
+use std::io::{self, Read as _, Write as _};
+use std::os::unix::process::{CommandExt as _, ExitStatusExt as _};
+use std::path::Path;
+use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
+use std::sync::mpsc;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use planner::Cancel;
+use rustix::io::Errno;
+use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
+
+/// What to run, where, and within what.
+pub(crate) struct Launch<'l> {
+    /// The program and its arguments.
+    pub(crate) command: &'l [OsString],
+    /// Where it runs. Its output is kept there too.
+    pub(crate) folder: &'l Path,
+    /// When it must have ended.
+    pub(crate) deadline: Option<Instant>,
+    /// Bytes of address space for each process.
+    pub(crate) memory_limit: Option<u64>,
+}
+
+/// What became of it.
+pub(crate) struct Run {
+    pub(crate) end: End,
+    /// What it printed, up to [`OUTPUT_MAX`].
+    pub(crate) stdout: String,
+    /// What it complained about, up to the same.
+    pub(crate) stderr: String,
+}
+
+/// How it ended.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum End {
+    /// By itself.
+    Itself(ExitStatus),
+    /// By us, when time was up.
+    OutOfTime,
+    /// By us, because the caller wanted it.
+    Cancelled,
+}
+
+/// The most of an output that is read. A plan of a hundred thousand steps fits.
+const OUTPUT_MAX: u64 = 64 << 20;
+
+/// How often the caller's flag is looked at: a person does not notice.
+const TICK: Duration = Duration::from_millis(20);
+
+/// Waits for the word, limits itself, becomes the program. `$1` is the limit in KiB, or empty.
+const GATE: &str = "read -r word || exit 125
+ulimit -c 0
+[ -z \"$1\" ] || ulimit -v \"$1\" || exit 125
+shift
+exec \"$@\" </dev/null";
+
+/// Waits for the word that all is well, or for the end of whoever was to say it. Removes twice: a
+/// process that was just killed may have finished a file meanwhile.
+const WATCH: &str = "trap '' HUP INT TERM
+read -r word && exit
+kill -KILL \"-$1\"
+rm -rf \"$2\" || rm -rf \"$2\"";
+
+/// Runs it to its end, or to ours.
+pub(crate) fn run(launch: &Launch<'_>, cancel: &Cancel) -> io::Result<Run> {
+    let (stdout, stderr) = (launch.folder.join("stdout"), launch.folder.join("stderr"));
+    let (child, gate) = at_the_gate(launch, File::create(&stdout)?, File::create(&stderr)?)?;
+    let mut group = Group { child, is_reaped: false };
+    let watch = Watch::over(&group, launch.folder)?;
+    open(gate);
+    let end = await_end(&mut group, launch.deadline, cancel)?;
+    watch.dismiss();
+    Ok(Run { end, stdout: read(&stdout)?, stderr: read(&stderr)? })
+}
+
+fn at_the_gate(
+    launch: &Launch<'_>,
+    stdout: File,
+    stderr: File,
+) -> io::Result<(Child, Option<ChildStdin>)> {
+    let kibibytes = launch.memory_limit.map(|bytes| (bytes / 1024).max(1).to_string());
+    let mut child = Command::new("sh")
+        .args(["-c", GATE, "gate", kibibytes.as_deref().unwrap_or("")])
+        .args(launch.command)
+        .current_dir(launch.folder)
+        .stdin(Stdio::piped())
+        .stdout(stdout)
+        .stderr(stderr)
+        .process_group(0)
+        .spawn()?;
+    let gate = child.stdin.take();
+    Ok((child, gate))
+}
+
+/// Lets the program start. If it cannot be told, it has ended, which is seen next.
+fn open(gate: Option<ChildStdin>) {
+    let _ = gate.map(|mut gate| gate.write_all(b"start\n"));
+}
+
+fn await_end(group: &mut Group, deadline: Option<Instant>, cancel: &Cancel) -> io::Result<End> {
+    let ended = group.ended();
+    let by_us = loop {
+        let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()));
+        if cancel.is_set() {
+            break Some(End::Cancelled);
+        }
+        if left.is_some_and(|left| left.is_zero()) {
+            break Some(End::OutOfTime);
+        }
+        match ended.recv_timeout(left.unwrap_or(TICK).min(TICK)) {
+            Err(mpsc::RecvTimeoutError::Timeout) => (),
+            Ok(()) | Err(mpsc::RecvTimeoutError::Disconnected) => break None,
+        }
+    };
+    let status = group.end()?;
+    Ok(by_us.unwrap_or(End::Itself(status)))
+}
+
+fn read(path: &Path) -> io::Result<String> {
+    let mut bytes = Vec::new();
+    File::open(path)?.take(OUTPUT_MAX).read_to_end(&mut bytes)?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+/// The program and all that it starts. Dropped, they end.
+struct Group {
+    /// The leader. Until it is reaped, nobody else can be given the group's number.
+    child: Child,
+    is_reaped: bool,
+}
+
+// === impl Group ===
+
+impl Group {
+    fn pid(&self) -> Option<Pid> {
+        Pid::from_raw(i32::try_from(self.child.id()).ok()?)
+    }
+
+    /// A word when the leader has ended. It is not reaped.
+    fn ended(&self) -> mpsc::Receiver<()> {
+        let (tell, ended) = mpsc::channel();
+        let pid = self.pid();
+        thread::spawn(move || {
+            let unreaped = WaitIdOptions::EXITED | WaitIdOptions::NOWAIT;
+            while let Some(pid) = pid
+                && waitid(WaitId::Pid(pid), unreaped).is_err_and(|err| err == Errno::INTR)
+            {
+            }
+            let _ = tell.send(());
+        });
+        ended
+    }
+
+    /// Kills whatever is left of the group, then reaps the leader.
+    fn end(&mut self) -> io::Result<ExitStatus> {
+        if let Some(pid) = self.pid()
+            && !self.is_reaped
+        {
+            // Where nobody is left but the dead leader, there is nothing to be done.
+            let _ = kill_process_group(pid, Signal::KILL);
+        }
+        let status = self.child.wait()?;
+        self.is_reaped = true;
+        Ok(status)
+    }
+}
+
+impl Drop for Group {
+    fn drop(&mut self) {
+        if !self.is_reaped {
+            let _ = self.end();
+        }
+    }
+}
+
+/// The process that outlives us by one deed.
+struct Watch {
+    child: Child,
+    word: Option<ChildStdin>,
+}
+
+// === impl Watch ===
+
+impl Watch {
+    fn over(group: &Group, folder: &Path) -> io::Result<Watch> {
+        let mut child = Command::new("sh")
+            .args(["-c", WATCH, "watch", &group.child.id().to_string()])
+            .arg(folder)
+            .current_dir("/")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            // What is sent to our group, as Ctrl-C is, is not for the watch.
+            .process_group(0)
+            .spawn()?;
+        let word = child.stdin.take();
+        Ok(Watch { child, word })
+    }
+
+    /// All is well. The group is gone, and its number may soon be another's.
+    fn dismiss(mut self) {
+        let _ = self.word.take().map(|mut word| word.write_all(b"well\n"));
+        let _ = self.child.wait();
+    }
+}
+
+impl Run {
+    /// The exit code of a program that ended by itself and not by a signal.
+    pub(crate) fn code(&self) -> Option<i32> {
+        match self.end {
+            End::Itself(status) => status.code(),
+            End::OutOfTime | End::Cancelled => None,
+        }
+    }
+
+    /// The ending in words.
+    pub(crate) fn status(&self) -> String {
+        match self.end {
+            End::Itself(status) => match (status.code(), status.signal()) {
+                (Some(code), _) => format!("exit code {code}"),
+                (None, Some(signal)) => format!("signal {signal}"),
+                (None, None) => status.to_string(),
+            },
+            End::OutOfTime => "the end of its time".to_owned(),
+            End::Cancelled => "a cancellation".to_owned(),
+        }
+    }
+
+    /// The last line that says something, of its complaints if there are any.
+    pub(crate) fn last_words(&self) -> String {
+        let last = |text: &str| {
+            text.lines().map(str::trim).rfind(|line| !line.is_empty()).map(str::to_owned)
+        };
+        last(&self.stderr).or_else(|| last(&self.stdout)).unwrap_or_default()
+    }
+
+    /// Whether somebody on the way complained that memory was not to be had: interpreters, loaders
+    /// and allocators do, in these words.
+    pub(crate) fn wants_memory(&self) -> bool {
+        let complaints = [
+            "MemoryError",
+            "annot allocate memory",
+            "failed to map segment",
+            "bad_alloc",
+            "NO MEMORY",
+            "ut of memory",
+        ];
+        complaints.iter().any(|one| self.stderr.contains(one) || self.stdout.contains(one))
+    }
+}

@@ -1,0 +1,215 @@
+//! Generated small tasks: what the embedded planner says is what Fast Downward says.
+//!
+//! Solvable where the other finds a plan, of equal cost where it is proven the cheapest. Every task
+//! comes of its number alone, so a failure can be played again.
+
+use std::fmt::Write as _;
+
+use engines::{Aim, Ending, Installation, Options};
+use planner::{Cancel, StopReason};
+
+use crate::support::{PATIENCE, fast_downward, parse, run};
+
+/// How many tasks; each kind has a quarter of them.
+const TASKS: u64 = 40;
+
+/// What a task has besides STRIPS.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    /// Nothing but costs.
+    Strips,
+    /// Negation, disjunction, quantifiers, equality.
+    Adl,
+    /// Conditional and universal effects, costs that depend on objects.
+    Conditional,
+    /// Derived predicates, recursive or negated.
+    Derived,
+}
+
+const KINDS: [Kind; 4] = [Kind::Strips, Kind::Adl, Kind::Conditional, Kind::Derived];
+
+/// A source of numbers, all of which come of the seed (splitmix64).
+struct Dice(u64);
+
+// === impl Dice ===
+
+impl Dice {
+    fn below(&mut self, bound: u64) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut mixed = self.0;
+        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (mixed ^ (mixed >> 31)) % bound
+    }
+
+    fn one_in(&mut self, bound: u64) -> bool {
+        self.below(bound) == 0
+    }
+
+    /// A variable of `variables`, or now and then an object.
+    fn term(&mut self, variables: u64) -> String {
+        if variables > 0 && !self.one_in(4) {
+            format!("?v{}", self.below(variables))
+        } else {
+            format!("o{}", self.below(3))
+        }
+    }
+
+    fn atom(&mut self, variables: u64) -> String {
+        match self.below(7) {
+            0 => "(z)".to_owned(),
+            1..=2 => format!("(p {})", self.term(variables)),
+            3..=4 => format!("(q {})", self.term(variables)),
+            _ => format!("(r {} {})", self.term(variables), self.term(variables)),
+        }
+    }
+
+    fn literal(&mut self, variables: u64, negative: u64) -> String {
+        let is_negative = self.one_in(negative);
+        let atom = self.atom(variables);
+        if is_negative { format!("(not {atom})") } else { atom }
+    }
+
+    /// One part of a condition.
+    fn part(&mut self, kind: Kind, variables: u64) -> String {
+        let own = format!("?v{variables}");
+        match (kind, self.below(6)) {
+            (Kind::Strips, _) => self.atom(variables),
+            (Kind::Derived, 0) => format!("(d {})", self.term(variables)),
+            (Kind::Derived, 1) => format!("(not (d {}))", self.term(variables)),
+            (Kind::Adl, 0) => {
+                format!("(or {} {})", self.literal(variables, 3), self.literal(variables, 3))
+            }
+            (Kind::Adl, 1) => {
+                format!("(exists ({own} - t) {})", self.literal(variables + 1, 4))
+            }
+            (Kind::Adl, 2) => {
+                let (left, right) = (self.atom(variables + 1), self.atom(variables + 1));
+                format!("(forall ({own}) (imply {left} {right}))")
+            }
+            (Kind::Adl, 3) if variables > 1 => "(not (= ?v0 ?v1))".to_owned(),
+            _ => self.literal(variables, 4),
+        }
+    }
+
+    fn conjunction(&mut self, kind: Kind, variables: u64, parts: u64) -> String {
+        let parts: String = (0..parts).map(|_| self.part(kind, variables)).collect();
+        format!("(and {parts})")
+    }
+
+    fn effect(&mut self, kind: Kind, variables: u64) -> String {
+        match (kind, self.below(3)) {
+            (Kind::Conditional, 0) => {
+                format!("(when {} {})", self.literal(variables, 3), self.literal(variables, 3))
+            }
+            (Kind::Conditional, 1) => {
+                let (when, then) = (self.literal(variables + 1, 3), self.literal(variables + 1, 3));
+                format!("(forall (?v{variables} - t) (when {when} {then}))")
+            }
+            _ => self.literal(variables, 4),
+        }
+    }
+
+    fn action(&mut self, kind: Kind, index: u64) -> String {
+        let variables = 1 + self.below(2);
+        let parameters: String = (0..variables).map(|variable| format!(" ?v{variable}")).collect();
+        let parts = 1 + self.below(2);
+        let precondition = self.conjunction(kind, variables, parts);
+        let effects: String =
+            (0..2 + self.below(2)).map(|_| self.effect(kind, variables)).collect();
+        let cost = match kind {
+            Kind::Conditional => "(weight ?v0)".to_owned(),
+            _ => self.below(4).to_string(),
+        };
+        format!(
+            "(:action a{index} :parameters ({parameters}) :precondition {precondition}
+               :effect (and {effects} (increase (total-cost) {cost})))"
+        )
+    }
+
+    /// A domain and a problem.
+    fn task(&mut self, kind: Kind) -> (String, String) {
+        let mut domain = "(define (domain generated) (:types t) (:constants o0 o1 - t o2)
+            (:predicates (z) (p ?x) (q ?x) (r ?x ?y) (d ?x)) (:functions (total-cost) (weight ?x))"
+            .to_owned();
+        if kind == Kind::Derived {
+            let body = match self.below(3) {
+                0 => "(or (q ?x) (exists (?y) (and (r ?x ?y) (d ?y))))",
+                1 => "(exists (?y) (and (r ?x ?y) (not (q ?y))))",
+                _ => "(forall (?y - t) (or (p ?y) (r ?x ?y)))",
+            };
+            let _ = write!(domain, "(:derived (d ?x) {body})");
+        }
+        for index in 0..4 + self.below(3) {
+            domain += &self.action(kind, index);
+        }
+        let init: String = (0..2 + self.below(3)).map(|_| self.atom(0)).collect();
+        let parts = 3 + self.below(2);
+        let goal = self.conjunction(kind, 0, parts);
+        let metric = if self.one_in(3) { "" } else { "(:metric minimize (total-cost))" };
+        let problem = format!(
+            "(define (problem one) (:domain generated)
+               (:init {init} (= (weight o0) 1) (= (weight o1) 0.5) (= (weight o2) 2))
+               (:goal {goal}) {metric})"
+        );
+        (domain + ")", problem)
+    }
+}
+
+/// The first of some tasks that takes the embedded planner more than a step; of every third number
+/// the first at all, as most of what is generated has no plan.
+fn task(number: u64, kind: Kind) -> (String, String) {
+    let wants_steps = !number.is_multiple_of(3);
+    let tasks = (0..40).map(|attempt| Dice(number * 1_000 + attempt).task(kind));
+    let takes_steps = |(domain, problem): &(String, String)| {
+        let (domain, problem) = parse(domain, problem);
+        let options = planner::Options::default();
+        let outcome = planner::plan(&domain, &problem, &options, &Cancel::new());
+        outcome.is_ok_and(|it| it.plan.is_some_and(|plan| plan.steps.len() > 1))
+    };
+    let mut tasks = tasks.skip_while(|task| wants_steps && !takes_steps(task));
+    tasks.next().unwrap_or_else(|| Dice(number * 1_000).task(kind))
+}
+
+/// What both say of one task: the least cost, or that there is no plan.
+fn compare(installation: &Installation, number: u64) -> Option<(f64, usize)> {
+    let kind = KINDS[usize::try_from(number).expect("small") % KINDS.len()];
+    let (domain, problem) = task(number, kind);
+    let told = format!("task {number}, {kind:?}:\n{domain}\n{problem}");
+    let options =
+        Options { aim: Aim::CheapestPlan, time_limit: Some(PATIENCE), ..Options::default() };
+    let theirs = run(installation, &domain, &problem, &options);
+    let theirs = theirs.unwrap_or_else(|err| panic!("{err}\n{told}"));
+    let (domain, problem) = parse(&domain, &problem);
+    let ours = planner::plan(&domain, &problem, &planner::Options::default(), &Cancel::new());
+    let ours = ours.unwrap_or_else(|err| panic!("{err}\n{told}"));
+    match (ours.plan, theirs.plan) {
+        (None, None) => {
+            assert!(matches!(ours.stop_reason, StopReason::Unsolvable { .. }), "{told}");
+            assert!(matches!(theirs.ending, Ending::Unsolvable { .. }), "{told}");
+            None
+        }
+        (Some(our_plan), Some(their_plan)) => {
+            assert!(theirs.proven_optimal && ours.statistics.proven_optimal, "{told}");
+            let cost = |plan: &pddl::Plan| plan.cost.map_or(f64::NAN, |cost| cost.0);
+            let (ours, theirs) = (cost(&our_plan), cost(&their_plan));
+            assert!((ours - theirs).abs() < 1e-9, "ours {ours}, theirs {theirs}\n{told}");
+            Some((ours, our_plan.steps.len()))
+        }
+        (ours, theirs) => {
+            panic!("ours: {}, theirs: {}\n{told}", ours.is_some(), theirs.is_some())
+        }
+    }
+}
+
+#[test]
+fn fast_downward_and_the_embedded_planner_agree() {
+    let Some(installation) = fast_downward() else { return };
+    let answers: Vec<_> = (0..TASKS).map(|number| compare(&installation, number)).collect();
+    // Tasks that are all trivial or all hopeless would show nothing.
+    let solvable = answers.iter().flatten().count();
+    let long = answers.iter().flatten().filter(|(_, steps)| *steps > 1).count();
+    let figures = format!("{solvable} of {TASKS} solvable, {long} in more than one step");
+    assert!(solvable >= 15 && answers.len() - solvable >= 8 && long >= 10, "{figures}");
+    eprintln!("{figures}");
+}

@@ -1,0 +1,73 @@
+//! What the tests share: parsing, and engines that are there, or loudly not.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use engines::{Engine, EngineError, Installation, Options, Outcome, plan};
+use pddl::{Domain, Problem};
+use planner::Cancel;
+
+/// How long anything may take on a machine that is busy with other tests.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(120);
+
+#[track_caller]
+pub(crate) fn parse(domain: &str, problem: &str) -> (Domain, Problem) {
+    let domain = pddl::parse_domain(domain);
+    assert!(domain.is_ok(), "{:?}", domain.diagnostics);
+    let problem = pddl::parse_problem(problem);
+    assert!(problem.is_ok(), "{:?}", problem.diagnostics);
+    (domain.value.expect("a domain"), problem.value.expect("a problem"))
+}
+
+/// Fast Downward, if it is installed. Where `CI` is set it must be.
+#[track_caller]
+pub(crate) fn fast_downward() -> Option<Installation> {
+    match Installation::find(Engine::FastDownward) {
+        Ok(found) => Some(found),
+        Err(err) => absent(&format!("{err}: {}", err.help().unwrap_or_default())),
+    }
+}
+
+/// The Python that has unified-planning, if there is one. Where `CI` is set there must be.
+#[track_caller]
+pub(crate) fn unified_planning() -> Option<PathBuf> {
+    let has_it = std::process::Command::new("python3")
+        .args(["-c", "import importlib.util, sys; sys.exit(not importlib.util.find_spec('unified_planning'))"])
+        .status()
+        .is_ok_and(|status| status.success());
+    if has_it { Some("python3".into()) } else { absent("no python3 has unified-planning") }
+}
+
+#[track_caller]
+fn absent<T>(why: &str) -> Option<T> {
+    assert!(std::env::var_os("CI").is_none(), "CI must have it: {why}");
+    eprintln!("SKIPPED: {why}");
+    None
+}
+
+/// Runs an engine on two texts.
+#[track_caller]
+pub(crate) fn run(
+    installation: &Installation,
+    domain: &str,
+    problem: &str,
+    options: &Options,
+) -> Result<Outcome, EngineError> {
+    let (domain, problem) = parse(domain, problem);
+    plan(installation, &domain, &problem, options, &Cancel::new())
+}
+
+/// A stand-in for an engine: a shell script of `tests/fake`, with arguments.
+pub(crate) fn fake(engine: Engine, script: &str, arguments: &[&str]) -> Installation {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fake");
+    let script: [OsString; 2] = ["sh".into(), folder.join(script).into()];
+    let arguments = arguments.iter().map(|argument| OsString::from(*argument));
+    Installation::of(engine, script.into_iter().chain(arguments))
+}
+
+/// A file of the repository.
+pub(crate) fn repository(path: &str) -> String {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..").join(path);
+    std::fs::read_to_string(&path).unwrap_or_else(|err| panic!("{}: {err}", path.display()))
+}
