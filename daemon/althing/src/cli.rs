@@ -127,9 +127,16 @@ stderr.
 
 Exit codes: 0 plan found, 10 proven unsolvable before search, 11 proven
 unsolvable, 12 search ended without plan or proof, 22 out of memory, 23 out of
-time, 33 bad input, 34 unsupported feature
+time, 32 an engine broke down, 33 bad input, 34 unsupported feature, 69 the
+engine is not installed
 
-Example: althing plan domain.pddl problem.pddl --plan plan.txt --time-limit 10";
+Other engines are programs of their own. Fast Downward is found on PATH or, after
+`pip install up-fast-downward`, in a Python on PATH; Metric-FF on PATH. The
+variables ALTHING_FAST_DOWNWARD and ALTHING_METRIC_FF name another program. Their
+memory limit is one for each of their processes.
+
+Examples: althing plan domain.pddl problem.pddl --plan plan.txt --time-limit 10
+          althing plan domain.pddl problem.pddl --engine fast-downward";
 
 const VALIDATE_HELP: &str = "\
 Exit codes: 0 the plan works, 1 it does not, 33 bad input, 34 unsupported feature
@@ -550,6 +557,19 @@ pub(crate) enum Engine {
     FastDownward,
     /// Metric-FF, as a program of its own
     MetricFf,
+}
+
+// === impl Engine ===
+
+impl Engine {
+    /// As it is written on the command line.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Engine::Embedded => "embedded",
+            Engine::FastDownward => "fast-downward",
+            Engine::MetricFf => "metric-ff",
+        }
+    }
 }
 
 // === impl ModeArg ===

@@ -98,7 +98,9 @@ fn driver_in(python: &Path) -> Option<PathBuf> {
 
 /// The programs of that name, in the order of `PATH`.
 fn programs(path: &OsStr, name: &str) -> impl Iterator<Item = PathBuf> {
-    let folders: Vec<PathBuf> = env::split_paths(path).collect();
+    // An empty part would be the folder we are in, which nobody means.
+    let folders = env::split_paths(path).filter(|folder| !folder.as_os_str().is_empty());
+    let folders: Vec<PathBuf> = folders.collect();
     let candidates = folders.into_iter().map(move |folder| folder.join(name));
     // A folder of `PATH` may be relative, and the program will run in another folder.
     candidates.filter(|program| is_program(program)).filter_map(|it| std::path::absolute(it).ok())

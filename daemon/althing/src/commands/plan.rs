@@ -1,7 +1,10 @@
 //! `althing plan`: the planner alone, with the habits of the planning competitions.
 //!
+//! - Hands on to `external` what another engine is to plan.
 //! - Owns the wall clock: the planner knows none, so a timer sets its `Cancel` flag.
 //! - Refuses by name what the planner cannot do yet; nothing asked for is silently left out.
+
+mod external;
 
 use std::fmt::Write as _;
 use std::process::ExitCode;
@@ -35,6 +38,13 @@ pub(crate) fn run(args: &PlanArgs) -> ExitCode {
             return output::show(&report, args.print.json, "bad-input", exit::BAD_INPUT);
         }
     };
+    match args.engine {
+        Engine::Embedded => (),
+        Engine::FastDownward => {
+            return external::run(args, engines::Engine::FastDownward, &task, started);
+        }
+        Engine::MetricFf => return external::run(args, engines::Engine::MetricFf, &task, started),
+    }
     if args.time_limit.is_some_and(|limit| started.elapsed() >= limit) {
         // Reading took all of it; the timer's thread may be late to say so.
         cancel.set();
@@ -51,22 +61,19 @@ fn refusal(args: &PlanArgs) -> Option<Diagnostic> {
         let message = format!("{what} is not supported yet");
         Some(Diagnostic::error(pddl::Span::default(), message).with_help(help))
     };
-    match args.engine {
-        Engine::Embedded => (),
-        Engine::FastDownward => {
-            return refuse("`--engine fast-downward`", "leave it out to use the embedded planner");
-        }
-        Engine::MetricFf => {
-            return refuse("`--engine metric-ff`", "leave it out to use the embedded planner");
-        }
-    }
     if args.threads > 1 {
         return refuse("`--threads` above 1", "the search runs on one thread");
     }
     if args.anytime {
         return refuse("`--anytime`", "without it, the search ends with its first good plan");
     }
-    if args.optimal {
+    if args.optimal && args.engine == Engine::MetricFf {
+        return refuse(
+            "`--optimal` with Metric-FF",
+            "none of its searches proves anything cheapest",
+        );
+    }
+    if args.optimal && args.engine == Engine::Embedded {
         let help = "without it, small problems are still solved at the lowest cost; the summary \
                     says where that is proven";
         return refuse("`--optimal`", help);
@@ -109,11 +116,8 @@ fn show(args: &PlanArgs, task: &Task, outcome: &Outcome, elapsed: Duration) -> E
     let code = outcome.stop_reason.exit_code();
     let unit_cost = task.problem.metric.is_none();
     let text = outcome.plan.as_ref().map(|plan| ipc(plan, unit_cost));
-    if let (Some(file), Some(text)) = (&args.plan, &text)
-        && let Err(err) = std::fs::write(file, text)
-    {
-        report.add_failure(format_args!("write `{}`: {}", file.display(), reason(&err)));
-        return output::show(&report, args.print.json, "not-written", exit::OUTPUT);
+    if let Some(refused) = write_plan(args, text.as_deref(), &mut report) {
+        return refused;
     }
     if args.print.json {
         return output::print_json(&json_outcome(outcome, unit_cost, &report, elapsed), code);
@@ -124,6 +128,14 @@ fn show(args: &PlanArgs, task: &Task, outcome: &Outcome, elapsed: Duration) -> E
         Some(text) if args.plan.is_none() => output::print(text, code),
         _ => exit::with(code),
     }
+}
+
+/// Writes a plan to the file that is to have it; what the process ends with if that does not work.
+fn write_plan(args: &PlanArgs, text: Option<&str>, report: &mut Report) -> Option<ExitCode> {
+    let (file, text) = (args.plan.as_ref()?, text?);
+    let err = std::fs::write(file, text).err()?;
+    report.add_failure(format_args!("write `{}`: {}", file.display(), reason(&err)));
+    Some(output::show(report, args.print.json, "not-written", exit::OUTPUT))
 }
 
 /// The format of the planning competitions, with the cost as Fast Downward writes it.
@@ -148,15 +160,7 @@ fn cost_kind(unit_cost: bool) -> &'static str {
 /// The line or two for people.
 fn summary(outcome: &Outcome, unit_cost: bool, elapsed: Duration) -> String {
     let first = match &outcome.plan {
-        Some(plan) => {
-            let proof = match (outcome.statistics.proven_optimal, unit_cost) {
-                (true, true) => "; no shorter plan exists",
-                (true, false) => "; no cheaper plan exists",
-                (false, _) => "",
-            };
-            let steps = plural(plan.steps.len(), "step");
-            format!("plan found: {steps}, cost {} ({}){proof}", cost(plan), cost_kind(unit_cost))
-        }
+        Some(plan) => found(plan, unit_cost, outcome.statistics.proven_optimal),
         None => format!("no plan: {}", words(outcome.stop_reason)),
     };
     let Statistics { facts, operators, expansions, .. } = outcome.statistics;
@@ -167,6 +171,17 @@ fn summary(outcome: &Outcome, unit_cost: bool, elapsed: Duration) -> String {
         plural(facts, "fact"),
         plural(operators, "operator")
     )
+}
+
+/// What a plan is like.
+fn found(plan: &Plan, unit_cost: bool, proven_optimal: bool) -> String {
+    let proof = match (proven_optimal, unit_cost) {
+        (true, true) => "; no shorter plan exists",
+        (true, false) => "; no cheaper plan exists",
+        (false, _) => "",
+    };
+    let steps = plural(plan.steps.len(), "step");
+    format!("plan found: {steps}, cost {} ({}){proof}", cost(plan), cost_kind(unit_cost))
 }
 
 /// The reason in the words of this command line, where the planner's own are another's.

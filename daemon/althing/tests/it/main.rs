@@ -11,5 +11,6 @@ mod validate;
 mod check;
 
 mod ecosystem;
+mod engines;
 
 mod screens;

@@ -1,0 +1,204 @@
+//! `althing plan --engine …`: the same question to a planner outside of this process.
+//!
+//! - Ctrl-C cancels: the engine ends, nothing of it is left, and the exit code says so.
+//! - On a terminal a line now and then says that it still runs.
+//! - What a plan costs is what our validator says, and never what the engine claims.
+
+use std::io::IsTerminal as _;
+use std::process::ExitCode;
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use engines::{Aim, Ending, Engine, EngineError, Installation, Options, Outcome};
+use pddl::{Diagnostic, Span};
+use planner::{Cancel, Text};
+use serde_json::json;
+use tokio::signal::unix::SignalKind;
+
+use crate::cli::PlanArgs;
+use crate::pddl_files::{self, Task};
+use crate::render::number;
+use crate::{exit, output};
+
+/// How often a person is told that an engine still runs.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// The engine broke down, or brought a plan that does not work: “critical error” in the field.
+const BROKE_DOWN: u8 = 32;
+
+/// Plans with an engine, and shows the plan or why there is none.
+pub(super) fn run(args: &PlanArgs, engine: Engine, task: &Task, started: Instant) -> ExitCode {
+    let installation = match Installation::find(engine) {
+        Ok(installation) => installation,
+        Err(err) => return show_error(args, task, &err),
+    };
+    let mut options = Options {
+        time_limit: args.time_limit.map(|limit| limit.saturating_sub(started.elapsed())),
+        ..Options::default()
+    };
+    if let Some(mebibytes) = args.memory_limit {
+        options.memory_limit = Some(u64::from(mebibytes) << 20);
+    }
+    if args.optimal {
+        options.aim = Aim::CheapestPlan;
+    }
+    let cancel = Cancel::new();
+    let interrupted = on_interrupt(cancel.clone());
+    let telling = (!args.print.json && std::io::stderr().is_terminal())
+        .then(|| Telling::start(engine, started));
+    let outcome = engines::plan(&installation, &task.domain, &task.problem, &options, &cancel);
+    drop(telling);
+    match outcome {
+        Ok(outcome) if outcome.ending == Ending::Cancelled => {
+            let signal = *interrupted.lock().unwrap_or_else(PoisonError::into_inner);
+            show(args, engine, task, &outcome, started.elapsed());
+            exit::by_signal(signal.unwrap_or_else(SignalKind::interrupt))
+        }
+        Ok(outcome) => show(args, engine, task, &outcome, started.elapsed()),
+        Err(err) => show_error(args, task, &err),
+    }
+}
+
+/// Sets the flag at SIGINT or SIGTERM; which of them it was.
+fn on_interrupt(cancel: Cancel) -> Arc<Mutex<Option<SignalKind>>> {
+    let interrupted = Arc::new(Mutex::new(None));
+    let tell = Arc::clone(&interrupted);
+    // Where this cannot be set up, a signal ends this process, and the engine with it.
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    if let Ok(runtime) = runtime {
+        thread::spawn(move || {
+            let signal = runtime.block_on(crate::commands::interrupted());
+            *tell.lock().unwrap_or_else(PoisonError::into_inner) = Some(signal);
+            cancel.set();
+        });
+    }
+    interrupted
+}
+
+/// Says now and then that an engine still runs, until it is dropped.
+struct Telling {
+    stop: Option<mpsc::Sender<()>>,
+    thread: Option<thread::JoinHandle<()>>,
+}
+
+// === impl Telling ===
+
+impl Telling {
+    fn start(engine: Engine, started: Instant) -> Telling {
+        let (stop, stopped) = mpsc::channel::<()>();
+        let thread = thread::spawn(move || {
+            while stopped.recv_timeout(PATIENCE) == Err(mpsc::RecvTimeoutError::Timeout) {
+                let seconds = started.elapsed().as_secs();
+                output::note(&format!("{engine} has been at it for {seconds} s"));
+            }
+        });
+        Telling { stop: Some(stop), thread: Some(thread) }
+    }
+}
+
+impl Drop for Telling {
+    fn drop(&mut self) {
+        drop(self.stop.take());
+        let _ = self.thread.take().map(thread::JoinHandle::join);
+    }
+}
+
+fn show(
+    args: &PlanArgs,
+    engine: Engine,
+    task: &Task,
+    outcome: &Outcome,
+    elapsed: Duration,
+) -> ExitCode {
+    let mut report = task.report.clone();
+    let code = outcome.ending.exit_code().unwrap_or(exit::DONE);
+    let unit_cost = task.problem.metric.is_none();
+    let text = outcome.plan.as_ref().map(|plan| super::ipc(plan, unit_cost));
+    if let Some(refused) = super::write_plan(args, text.as_deref(), &mut report) {
+        return refused;
+    }
+    let seconds = elapsed.as_secs_f64();
+    if args.print.json {
+        let plan = outcome.plan.as_ref();
+        let steps = plan.map(|plan| plan.steps.iter().map(ToString::to_string));
+        let value = json!({
+            "status": status(outcome.ending),
+            "reason": words(outcome.ending, args),
+            "engine": args.engine.name(),
+            "plan": steps.map(Iterator::collect::<Vec<String>>),
+            "cost": plan.map(|plan| number(super::cost(plan))),
+            "cost_kind": plan.map(|_| super::cost_kind(unit_cost)),
+            "statistics": { "proven_optimal": outcome.proven_optimal, "seconds": seconds },
+            "diagnostics": crate::render::json(&report),
+        });
+        return output::print_json(&value, code);
+    }
+    output::show_people(&report);
+    let first = match &outcome.plan {
+        Some(plan) => super::found(plan, unit_cost, outcome.proven_optimal),
+        None => format!("no plan: {}", words(outcome.ending, args)),
+    };
+    output::note(&format!("{first}\n{engine} ended after {seconds:.3} s"));
+    match text {
+        Some(text) if args.plan.is_none() => output::print(text, code),
+        _ => exit::with(code),
+    }
+}
+
+fn words(ending: Ending, args: &PlanArgs) -> String {
+    match ending {
+        Ending::OutOfTime if args.time_limit.is_some() => "out of time (--time-limit)".to_owned(),
+        Ending::OutOfMemory => "out of memory (--memory-limit)".to_owned(),
+        other => other.to_string(),
+    }
+}
+
+/// One word for programs; it never changes its meaning.
+fn status(ending: Ending) -> &'static str {
+    match ending {
+        Ending::GoalReached => "plan-found",
+        Ending::Unsolvable { .. } => "unsolvable",
+        Ending::Exhausted => "no-plan",
+        Ending::OutOfMemory => "out-of-memory",
+        Ending::OutOfTime => "out-of-time",
+        Ending::Cancelled => "cancelled",
+    }
+}
+
+fn show_error(args: &PlanArgs, task: &Task, err: &EngineError) -> ExitCode {
+    let mut report = task.report.clone();
+    let mut diagnostic = match err {
+        EngineError::BadInput(mistakes) => {
+            report.add(pddl_files::blamed(task), mistakes.iter().cloned());
+            return output::show(&report, args.print.json, "bad-input", exit::BAD_INPUT);
+        }
+        EngineError::Unsupported { engine, unsupported } => {
+            let message = format!("{engine} does not support {}", unsupported.feature);
+            Diagnostic::error(unsupported.span, message)
+        }
+        other => Diagnostic::error(Span::default(), format!("failed to {}", full(other))),
+    };
+    diagnostic.help = err.help();
+    match err {
+        EngineError::Unsupported { unsupported, .. } if unsupported.text == Text::Domain => {
+            report.add(&task.domain_source, [diagnostic]);
+        }
+        EngineError::Unsupported { .. } => report.add(&task.problem_source, [diagnostic]),
+        _ => report.add_general(diagnostic),
+    }
+    let (status, code) = match err {
+        EngineError::Unsupported { .. } | EngineError::Beyond { .. } => {
+            ("unsupported", exit::UNSUPPORTED)
+        }
+        EngineError::NotFound { .. } => ("unavailable", exit::UNAVAILABLE),
+        _ => ("engine-failed", BROKE_DOWN),
+    };
+    output::show(&report, args.print.json, status, code)
+}
+
+/// The error and what is behind it.
+fn full(err: &EngineError) -> String {
+    let behind = std::error::Error::source(err).map(|source| format!(": {source}"));
+    format!("{err}{}", behind.unwrap_or_default())
+}
