@@ -191,7 +191,7 @@ impl fmt::Display for Engine {
 impl Job<'_> {
     /// A folder of its own with `domain.pddl` and `problem.pddl` in it.
     pub(crate) fn folder(&self) -> Result<tempfile::TempDir, EngineError> {
-        let folder = tempfile::Builder::new().prefix("althing-").tempdir();
+        let folder = tempfile::Builder::new().prefix("althing-engine-").tempdir();
         let folder = folder.map_err(|source| self.failed(source))?;
         for (name, text) in
             [("domain.pddl", &self.lowered.domain), ("problem.pddl", &self.lowered.problem)]
