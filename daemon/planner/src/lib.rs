@@ -25,6 +25,8 @@ mod normalize;
 
 mod ground;
 
+mod operators;
+
 mod task;
 
 mod state;

@@ -3,6 +3,8 @@
 //! - Made by `ground`, read by everything that searches. Nothing changes it.
 //! - A [`FactId`] or [`OperatorId`] means something in one task only. Nothing stores it on the wire.
 
+pub(crate) use crate::operators::{Changes, ConditionalEffect, Operator, Operators};
+
 use pddl::{Comparison, Name, Number, Operator as Arithmetic, Plan, PlanStep};
 
 /// Index of an object.
@@ -21,38 +23,6 @@ pub(crate) struct OperatorId(pub(crate) u32);
 /// A fact that must be true, or one that must be false.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct Literal(u32);
-
-/// A ground action.
-#[derive(Clone, Debug)]
-pub(crate) struct Operator {
-    /// Which schema it comes from.
-    pub(crate) schema: u32,
-    /// The objects of its parameters, the agent before all.
-    pub(crate) arguments: Box<[ObjectId]>,
-    /// What must hold.
-    pub(crate) preconditions: Box<[Literal]>,
-    /// What changes in any case.
-    pub(crate) effect: Changes,
-    /// What changes where more holds, all read in the state before.
-    pub(crate) conditional: Box<[ConditionalEffect]>,
-    /// In units of [`Task::cost_unit`].
-    pub(crate) cost: u64,
-}
-
-/// Facts and numbers that change together. A fact both deleted and added is true afterwards.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Changes {
-    pub(crate) adds: Box<[FactId]>,
-    pub(crate) deletes: Box<[FactId]>,
-    pub(crate) numeric: Box<[NumericChange]>,
-}
-
-/// Changes that happen where conditions hold in the state before.
-#[derive(Clone, Debug)]
-pub(crate) struct ConditionalEffect {
-    pub(crate) conditions: Box<[Literal]>,
-    pub(crate) effect: Changes,
-}
 
 /// A change of one numeric fluent.
 #[derive(Clone, Debug, PartialEq)]
@@ -96,7 +66,7 @@ pub(crate) struct Task {
     pub(crate) basic_count: usize,
     /// The comparisons; their facts follow the basic ones.
     pub(crate) comparisons: Vec<GroundComparison>,
-    pub(crate) operators: Vec<Operator>,
+    pub(crate) operators: Operators,
     /// Sorted by stratum.
     pub(crate) axioms: Vec<Axiom>,
     pub(crate) goal: Vec<Literal>,
@@ -164,33 +134,6 @@ impl Literal {
     }
 }
 
-// === impl Operator ===
-
-impl Operator {
-    /// About how many bytes it takes.
-    pub(crate) fn bytes(&self) -> usize {
-        let changes = |changes: &Changes| {
-            (changes.adds.len() + changes.deletes.len()) * 4
-                + changes.numeric.len() * size_of::<NumericChange>()
-        };
-        let conditional = self.conditional.iter().map(|one| {
-            size_of::<ConditionalEffect>() + one.conditions.len() * 4 + changes(&one.effect)
-        });
-        size_of::<Operator>()
-            + (self.arguments.len() + self.preconditions.len()) * 4
-            + changes(&self.effect)
-            + conditional.sum::<usize>()
-    }
-}
-
-// === impl Changes ===
-
-impl Changes {
-    pub(crate) fn is_empty(&self) -> bool {
-        self.adds.is_empty() && self.deletes.is_empty() && self.numeric.is_empty()
-    }
-}
-
 // === impl GroundExpression ===
 
 impl GroundExpression {
@@ -230,8 +173,13 @@ impl GroundExpression {
 // === impl Task ===
 
 impl Task {
-    pub(crate) fn operator(&self, id: OperatorId) -> &Operator {
-        &self.operators[id.index()]
+    #[inline]
+    pub(crate) fn operator(&self, id: OperatorId) -> Operator<'_> {
+        self.operators.get(id.index())
+    }
+
+    pub(crate) fn operator_count(&self) -> usize {
+        self.operators.len()
     }
 
     /// The operator as a step of a plan, with the author's names.

@@ -5,7 +5,7 @@ use super::instantiate::Raw;
 use super::relation::Relation;
 use super::values::Values;
 use crate::normalize::lifted::Lifted;
-use crate::task::{Axiom, Changes, ConditionalEffect, FactId, Literal, Operator, Task};
+use crate::task::{Axiom, Changes, FactId, Literal, Operator, Operators, Task};
 
 /// The task; `None` if the goal cannot hold.
 pub(super) fn finish(
@@ -16,7 +16,7 @@ pub(super) fn finish(
 ) -> Option<Task> {
     let facts = Facts::new(lifted, relations, &raw);
     let goal = facts.fold(raw.goal.as_deref()?)?;
-    fold_operators(&facts, &mut raw);
+    let costs = fold_operators(&facts, &mut raw);
     let relevance = Relevance::compute(&facts, &raw, &goal);
     let numbering = Numbering::new(&facts, &relevance);
     let mut task = Task {
@@ -42,14 +42,14 @@ pub(super) fn finish(
         }
     }
     task.axioms.sort_by_key(|axiom| axiom.stratum);
-    let mut costs = Vec::new();
-    for (index, operator) in raw.operators.into_iter().enumerate() {
-        if let Some(operator) = numbering.operator(&facts, operator) {
-            costs.push(raw.costs[index]);
-            task.operators.push(operator);
+    let mut kept = Vec::new();
+    for (operator, cost) in raw.operators.iter().zip(costs) {
+        if numbering.operator(&facts, operator, &mut task.operators) {
+            kept.push(cost);
         }
     }
-    set_costs(&mut task, &costs, lifted.costs.weights.is_none());
+    task.operators.shrink();
+    set_costs(&mut task, &kept, lifted.costs.weights.is_none());
     Some(task)
 }
 
@@ -58,7 +58,7 @@ fn set_costs(task: &mut Task, costs: &[f64], is_unit: bool) {
     task.cost_unit = 1.0;
     task.costs_exact = true;
     if is_unit {
-        task.operators.iter_mut().for_each(|operator| operator.cost = 1);
+        task.operators.costs_mut().fill(1);
         task.costs_equal = true;
         return;
     }
@@ -69,12 +69,13 @@ fn set_costs(task: &mut Task, costs: &[f64], is_unit: bool) {
     task.costs_exact = scale.is_some();
     let scale = scale.unwrap_or(1e6);
     task.cost_unit = 1.0 / scale;
-    for (operator, cost) in task.operators.iter_mut().zip(costs) {
+    for (unit, cost) in task.operators.costs_mut().iter_mut().zip(costs) {
         // Negative costs were refused; the conversion saturates.
-        operator.cost = (cost * scale).round() as u64;
+        *unit = (cost * scale).round() as u64;
     }
-    let first = task.operators.first().map_or(1, |operator| operator.cost);
-    task.costs_equal = first > 0 && task.operators.iter().all(|operator| operator.cost == first);
+    let costs = task.operators.costs();
+    let first = costs.first().copied().unwrap_or(1);
+    task.costs_equal = first > 0 && costs.iter().all(|cost| *cost == first);
 }
 
 /// What is known of every raw fact, by its dense index: rows of relations, comparisons, auxiliaries.
@@ -122,7 +123,7 @@ impl Facts {
         let candidates = (0..self.end).map(|index| self.initial[index] && !self.derived[index]);
         self.always = candidates.collect();
         for changes in raw.operators.iter().flat_map(all_changes) {
-            for fact in &changes.deletes {
+            for fact in changes.deletes {
                 self.always[fact.index()] = false;
             }
         }
@@ -152,27 +153,29 @@ impl Facts {
 }
 
 /// What an operator changes, whatever the condition.
-fn all_changes(operator: &Operator) -> impl Iterator<Item = &Changes> {
-    std::iter::once(&operator.effect).chain(operator.conditional.iter().map(|one| &one.effect))
+fn all_changes(operator: Operator<'_>) -> impl Iterator<Item = Changes<'_>> {
+    std::iter::once(operator.effect).chain(operator.conditional.iter().map(|one| one.effect))
 }
 
-fn fold_operators(facts: &Facts, raw: &mut Raw) {
-    let costs = std::mem::take(&mut raw.costs);
+/// Folds all conditions; returns the costs of the operators left.
+fn fold_operators(facts: &Facts, raw: &mut Raw) -> Vec<f64> {
+    let mut costs = Vec::new();
     let operators = std::mem::take(&mut raw.operators);
-    for (mut operator, cost) in operators.into_iter().zip(costs) {
-        let Some(preconditions) = facts.fold(&operator.preconditions) else { continue };
-        operator.preconditions = preconditions.into_boxed_slice();
-        if !operator.conditional.is_empty() {
-            let conditional = operator.conditional.into_vec().into_iter();
-            operator.conditional = conditional
-                .filter_map(|ConditionalEffect { conditions, effect }| {
-                    let conditions = facts.fold(&conditions)?.into_boxed_slice();
-                    Some(ConditionalEffect { conditions, effect })
-                })
-                .collect();
+    for (operator, cost) in operators.iter().zip(&raw.costs) {
+        let Some(preconditions) = facts.fold(operator.preconditions) else { continue };
+        let arguments = operator.arguments.iter().copied();
+        raw.operators.push(operator.schema, arguments, preconditions);
+        for one in operator.conditional.iter() {
+            let Some(conditions) = facts.fold(one.conditions) else { continue };
+            let Changes { adds, deletes, numeric } = one.effect;
+            let (adds, deletes) = (adds.iter().copied(), deletes.iter().copied());
+            let numeric = numeric.iter().cloned();
+            raw.operators.push_conditional(conditions, adds, deletes, numeric);
         }
-        raw.operators.push(operator);
-        raw.costs.push(cost);
+        let Changes { adds, deletes, numeric } = operator.effect;
+        let (adds, deletes) = (adds.iter().copied(), deletes.iter().copied());
+        raw.operators.set_effect(adds, deletes, numeric.iter().cloned());
+        costs.push(*cost);
     }
     raw.axioms.retain_mut(|axiom| match facts.fold(&axiom.body) {
         Some(body) => {
@@ -181,6 +184,7 @@ fn fold_operators(facts: &Facts, raw: &mut Raw) {
         }
         None => false,
     });
+    costs
 }
 
 /// What can matter to the goal: facts, by dense index, and operators that change one of them.
@@ -203,10 +207,10 @@ impl Relevance {
             }
             for &operator in changers.operators.row(fact) {
                 if !std::mem::replace(&mut operators[operator as usize], true) {
-                    let operator = &raw.operators[operator as usize];
-                    relevance.want(facts, &operator.preconditions);
-                    for one in &operator.conditional {
-                        relevance.want(facts, &one.conditions);
+                    let operator = raw.operators.get(operator as usize);
+                    relevance.want(facts, operator.preconditions);
+                    for one in operator.conditional.iter() {
+                        relevance.want(facts, one.conditions);
                     }
                 }
             }
@@ -248,10 +252,10 @@ impl Changers {
         let mut operators = Vec::new();
         for (index, operator) in raw.operators.iter().enumerate() {
             for changes in all_changes(operator) {
-                for fact in changes.adds.iter().chain(&changes.deletes) {
+                for fact in changes.adds.iter().chain(changes.deletes) {
                     operators.push((fact.0, index as u32));
                 }
-                for change in &changes.numeric {
+                for change in changes.numeric {
                     let mut comparisons = readers[change.fluent as usize].clone();
                     // What other fluents are set to from this one matters as well; being lavish
                     // here costs little, so every comparison counts as depending on it.
@@ -349,31 +353,37 @@ impl Numbering {
         literals.iter().filter_map(new).collect()
     }
 
-    fn changes(&self, facts: &Facts, changes: Changes) -> Changes {
-        let kept = |all: &[FactId]| all.iter().filter_map(|fact| self.fact(facts, *fact)).collect();
-        Changes {
-            adds: kept(&changes.adds),
-            deletes: kept(&changes.deletes),
-            numeric: changes.numeric,
-        }
+    fn facts<'f>(
+        &'f self,
+        facts: &'f Facts,
+        all: &'f [FactId],
+    ) -> impl Iterator<Item = FactId> + 'f {
+        all.iter().filter_map(|fact| self.fact(facts, *fact))
     }
 
-    /// The operator over new numbers; `None` if it changes nothing that matters.
-    fn operator(&self, facts: &Facts, operator: Operator) -> Option<Operator> {
-        let effect = self.changes(facts, operator.effect);
-        let conditional = operator.conditional.into_vec().into_iter();
-        let conditional: Box<[ConditionalEffect]> = conditional
-            .map(|one| (one.conditions, self.changes(facts, one.effect)))
-            .filter(|(_, effect)| !effect.is_empty())
-            .map(|(conditions, effect)| ConditionalEffect {
-                conditions: self.literals(facts, &conditions).into_boxed_slice(),
-                effect,
-            })
-            .collect();
-        if effect.is_empty() && conditional.is_empty() {
-            return None;
+    /// Adds the operator over new numbers; `false` if it changes nothing that matters.
+    fn operator(&self, facts: &Facts, operator: Operator<'_>, into: &mut Operators) -> bool {
+        let preconditions = self.literals(facts, operator.preconditions);
+        into.push(operator.schema, operator.arguments.iter().copied(), preconditions);
+        let mut matters = false;
+        let matter = |changes: Changes<'_>| {
+            let mut all = changes.adds.iter().chain(changes.deletes);
+            !changes.numeric.is_empty() || all.any(|fact| self.fact(facts, *fact).is_some())
+        };
+        for one in operator.conditional.iter().filter(|one| matter(one.effect)) {
+            matters = true;
+            let conditions = self.literals(facts, one.conditions);
+            let (adds, deletes) =
+                (self.facts(facts, one.effect.adds), self.facts(facts, one.effect.deletes));
+            into.push_conditional(conditions, adds, deletes, one.effect.numeric.iter().cloned());
         }
-        let preconditions = self.literals(facts, &operator.preconditions).into_boxed_slice();
-        Some(Operator { preconditions, effect, conditional, ..operator })
+        matters |= matter(operator.effect);
+        let Changes { adds, deletes, numeric } = operator.effect;
+        let (adds, deletes) = (self.facts(facts, adds), self.facts(facts, deletes));
+        into.set_effect(adds, deletes, numeric.iter().cloned());
+        if !matters {
+            into.pop();
+        }
+        matters
     }
 }

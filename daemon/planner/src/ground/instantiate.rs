@@ -18,8 +18,7 @@ use crate::normalize::lifted::{
 };
 use crate::outcome::{StopReason, Unsupported};
 use crate::task::{
-    Changes, ConditionalEffect, FactId, GroundComparison, GroundExpression, Literal, NumericChange,
-    ObjectId, Operator,
+    FactId, GroundComparison, GroundExpression, Literal, NumericChange, ObjectId, Operators,
 };
 
 /// Ways to satisfy one precondition before disjunctions in it become facts of their own.
@@ -30,7 +29,7 @@ const CONDITION_ALTERNATIVES_MAX: usize = 4;
 
 /// The ground task over raw facts.
 pub(super) struct Raw {
-    pub(super) operators: Vec<Operator>,
+    pub(super) operators: Operators,
     /// Per operator, in units of the metric.
     pub(super) costs: Vec<f64>,
     pub(super) axioms: Vec<RawAxiom>,
@@ -57,7 +56,7 @@ struct Instantiation<'g, 'w, 'c> {
     work: &'w mut Work<'c>,
     /// The stratum after those of all axioms: for facts that stand for parts of preconditions.
     top: usize,
-    operators: Vec<Operator>,
+    operators: Operators,
     costs: Vec<f64>,
     bytes: usize,
     warnings: Vec<Diagnostic>,
@@ -136,7 +135,7 @@ pub(super) fn instantiate(
         auxiliaries: Auxiliaries::new(auxiliary_offset),
         work,
         top: lifted.axioms.iter().map(|axiom| axiom.stratum + 1).max().unwrap_or(0),
-        operators: Vec::new(),
+        operators: Operators::default(),
         costs: Vec::new(),
         bytes: 0,
         warnings: Vec::new(),
@@ -238,10 +237,8 @@ impl Instantiation<'_, '_, '_> {
         for preconditions in
             self.auxiliaries.conjunctions(&whole, PRECONDITION_ALTERNATIVES_MAX, self.top)
         {
-            let operator = draft.operator(ready.index, arguments, preconditions);
-            self.bytes += operator.bytes();
-            self.work.check_memory(self.bytes)?;
-            self.operators.push(operator);
+            draft.operator(ready.index, arguments, preconditions, &mut self.operators);
+            self.work.check_memory(self.bytes + self.operators.bytes())?;
             self.costs.push(draft.cost);
         }
         Ok(())
@@ -429,13 +426,14 @@ impl Draft {
         &mut self.effects[position].1
     }
 
-    /// The operator with one of the ways to satisfy the precondition.
+    /// Adds the operator with one of the ways to satisfy the precondition.
     fn operator(
         &self,
         schema: usize,
         arguments: &[ObjectId],
         preconditions: Vec<Literal>,
-    ) -> Operator {
+        operators: &mut Operators,
+    ) {
         // What the precondition says need not be asked again, and what contradicts it cannot happen.
         let mut always = DraftChanges::default();
         let mut conditional = Vec::new();
@@ -454,20 +452,16 @@ impl Draft {
                 conditional.push((conditions, changes.clone()));
             }
         }
-        let effect = always.finish(&[]);
-        let conditional = conditional.into_iter().map(|(conditions, changes)| ConditionalEffect {
-            conditions: conditions.into_boxed_slice(),
-            effect: changes.finish(&effect.adds),
-        });
-        let conditional = conditional.filter(|one| !one.effect.is_empty()).collect();
-        Operator {
-            schema: schema as u32,
-            arguments: arguments.into(),
-            preconditions: preconditions.into_boxed_slice(),
-            effect,
-            conditional,
-            cost: 0,
+        always.tidy(&[]);
+        operators.push(schema as u32, arguments.iter().copied(), preconditions);
+        for (conditions, mut changes) in conditional {
+            changes.tidy(&always.adds);
+            if !changes.is_empty() {
+                let DraftChanges { adds, deletes, numeric } = changes;
+                operators.push_conditional(conditions, adds, deletes, numeric);
+            }
         }
+        operators.set_effect(always.adds, always.deletes, always.numeric);
     }
 }
 
@@ -480,20 +474,19 @@ impl DraftChanges {
         self.numeric.extend(other.numeric.iter().cloned());
     }
 
-    /// Sorted, without deletes that an add overrules; `added` is added in any case.
-    fn finish(mut self, added: &[FactId]) -> Changes {
+    /// Sorts, and leaves out deletes that an add overrules; `added` is added in any case.
+    fn tidy(&mut self, added: &[FactId]) {
         self.adds.retain(|fact| added.binary_search(fact).is_err());
         self.adds.sort_unstable();
         self.adds.dedup();
         self.deletes.sort_unstable();
         self.deletes.dedup();
-        let adds = self.adds;
+        let adds = &self.adds;
         self.deletes
             .retain(|fact| adds.binary_search(fact).is_err() && added.binary_search(fact).is_err());
-        Changes {
-            adds: adds.into_boxed_slice(),
-            deletes: self.deletes.into_boxed_slice(),
-            numeric: self.numeric.into_boxed_slice(),
-        }
+    }
+
+    fn is_empty(&self) -> bool {
+        self.adds.is_empty() && self.deletes.is_empty() && self.numeric.is_empty()
     }
 }
