@@ -45,8 +45,11 @@ pub mod goal;
 
 pub mod explain;
 
+mod extent;
+
 mod id_table;
 
+pub use extent::{Extent, Prepared, prepare};
 pub use heuristic::{HEURISTICS, Heuristic};
 pub use limits::{Budget, Cancel, Options};
 pub use outcome::{Outcome, PlanError, Statistics, StopReason, Text, Unsupported};

@@ -89,6 +89,52 @@ struct ConditionalTable {
     effects: ChangesTable,
 }
 
+/// What [`Operators::renumber`] does.
+pub(crate) trait Renumbering {
+    /// Whether an operator stays; asked with its old facts.
+    fn keeps(&self, operator: Operator<'_>) -> bool;
+
+    /// Whether a conditional effect of an operator that stays does.
+    fn keeps_effect(&self, conditions: &[Literal], effect: Changes<'_>) -> bool;
+
+    /// The literal as it is called now; `None` if it need not be asked.
+    fn literal(&self, literal: Literal) -> Option<Literal>;
+
+    /// The fact as it is called now; `None` if it does not matter.
+    fn fact(&self, fact: FactId) -> Option<FactId>;
+}
+
+/// Entries of a table that are kept.
+#[derive(Debug)]
+struct Kept {
+    rows: Vec<ChangesRow>,
+    facts: usize,
+    numeric: usize,
+}
+
+impl Default for Kept {
+    fn default() -> Kept {
+        Kept { rows: vec![ChangesRow::default()], facts: 0, numeric: 0 }
+    }
+}
+
+/// Moves literals behind those kept already, sorted.
+fn renumber_literals(
+    all: &mut [Literal],
+    read: std::ops::Range<usize>,
+    kept: &mut usize,
+    by: &impl Renumbering,
+) {
+    let start = *kept;
+    for read in read {
+        if let Some(literal) = by.literal(all[read]) {
+            all[*kept] = literal;
+            *kept += 1;
+        }
+    }
+    all[start..*kept].sort_unstable();
+}
+
 /// A length as the end of a row. Lengths stay below: the caps on memory see to it.
 fn end(length: usize) -> u32 {
     u32::try_from(length).unwrap_or(u32::MAX)
@@ -185,25 +231,61 @@ impl Operators {
         }
     }
 
-    /// Takes back the last operator.
-    pub(crate) fn pop(&mut self) {
-        if self.costs.pop().is_none() {
-            return;
+    /// Sets what the last operator costs.
+    pub(crate) fn set_cost(&mut self, cost: u64) {
+        if let Some(last) = self.costs.last_mut() {
+            *last = cost;
         }
-        self.rows.pop();
-        let row = self.rows.last().copied().unwrap_or_default();
-        self.arguments.truncate(row.arguments as usize);
-        self.preconditions.truncate(row.preconditions as usize);
-        self.effects.truncate(self.costs.len());
-        self.conditional.truncate(row.conditional as usize);
-    }
-
-    pub(crate) fn costs(&self) -> &[u64] {
-        &self.costs
     }
 
     pub(crate) fn costs_mut(&mut self) -> &mut [u64] {
         &mut self.costs
+    }
+
+    /// Leaves out operators and parts of them, and numbers facts anew. The long arrays are written
+    /// in place: what is kept never overtakes what is read.
+    pub(crate) fn renumber(&mut self, by: &impl Renumbering) {
+        let mut rows = vec![OperatorRow::default()];
+        let (mut effects, mut conditional) = (Kept::default(), Kept::default());
+        let (mut ends, mut conditions) = (vec![0], 0);
+        let (mut arguments, mut preconditions) = (0, 0);
+        for index in 0..self.len() {
+            if !by.keeps(self.get(index)) {
+                continue;
+            }
+            let (from, to) = (self.rows[index], self.rows[index + 1]);
+            self.arguments.copy_within(from.arguments as usize..to.arguments as usize, arguments);
+            arguments += (to.arguments - from.arguments) as usize;
+            let read = from.preconditions as usize..to.preconditions as usize;
+            renumber_literals(&mut self.preconditions, read, &mut preconditions, by);
+            self.effects.keep(index, &mut effects, by);
+            for one in from.conditional as usize..to.conditional as usize {
+                let ConditionalTable { ends: old, conditions: all, effects } =
+                    &mut self.conditional;
+                let read = old[one] as usize..old[one + 1] as usize;
+                if by.keeps_effect(&all[read.clone()], effects.get(one)) {
+                    renumber_literals(all, read, &mut conditions, by);
+                    ends.push(end(conditions));
+                    effects.keep(one, &mut conditional, by);
+                }
+            }
+            self.costs[rows.len() - 1] = self.costs[index];
+            rows.push(OperatorRow {
+                schema: to.schema,
+                arguments: end(arguments),
+                preconditions: end(preconditions),
+                conditional: end(ends.len() - 1),
+            });
+        }
+        self.costs.truncate(rows.len() - 1);
+        self.rows = rows;
+        self.arguments.truncate(arguments);
+        self.preconditions.truncate(preconditions);
+        self.effects.finish(effects);
+        self.conditional.ends = ends;
+        self.conditional.conditions.truncate(conditions);
+        self.conditional.effects.finish(conditional);
+        self.shrink();
     }
 
     /// Bytes taken.
@@ -214,7 +296,7 @@ impl Operators {
     }
 
     /// Gives back what was set aside for more operators.
-    pub(crate) fn shrink(&mut self) {
+    fn shrink(&mut self) {
         self.rows.shrink_to_fit();
         self.arguments.shrink_to_fit();
         self.preconditions.shrink_to_fit();
@@ -255,12 +337,6 @@ impl ConditionalTable {
         }
     }
 
-    fn truncate(&mut self, count: usize) {
-        self.ends.truncate(count + 1);
-        self.conditions.truncate(self.ends.last().map_or(0, |end| *end as usize));
-        self.effects.truncate(count);
-    }
-
     fn bytes(&self) -> usize {
         (self.ends.capacity() + self.conditions.capacity()) * 4 + self.effects.bytes()
     }
@@ -299,11 +375,31 @@ impl ChangesTable {
         self.rows.push(ChangesRow { adds, deletes, numeric });
     }
 
-    fn truncate(&mut self, count: usize) {
-        self.rows.truncate(count + 1);
-        let row = self.rows.last().copied().unwrap_or_default();
-        self.facts.truncate(row.deletes as usize);
-        self.numeric.truncate(row.numeric as usize);
+    /// Moves an entry behind those kept already.
+    fn keep(&mut self, index: usize, kept: &mut Kept, by: &impl Renumbering) {
+        let (from, to) = (self.rows[index], self.rows[index + 1]);
+        let mut keep = |read: std::ops::Range<u32>| {
+            for read in read.start as usize..read.end as usize {
+                if let Some(fact) = by.fact(self.facts[read]) {
+                    self.facts[kept.facts] = fact;
+                    kept.facts += 1;
+                }
+            }
+            end(kept.facts)
+        };
+        let adds = keep(from.deletes..to.adds);
+        let deletes = keep(to.adds..to.deletes);
+        for read in from.numeric as usize..to.numeric as usize {
+            self.numeric.swap(kept.numeric, read);
+            kept.numeric += 1;
+        }
+        kept.rows.push(ChangesRow { adds, deletes, numeric: end(kept.numeric) });
+    }
+
+    fn finish(&mut self, kept: Kept) {
+        self.rows = kept.rows;
+        self.facts.truncate(kept.facts);
+        self.numeric.truncate(kept.numeric);
     }
 
     fn bytes(&self) -> usize {
@@ -331,20 +427,25 @@ mod tests {
         facts(indices).into_iter().map(|fact| Literal::new(fact, true)).collect()
     }
 
-    #[test]
-    fn what_is_pushed_is_read_and_what_is_taken_back_is_gone() {
+    fn table() -> Operators {
         let mut operators = Operators::default();
         operators.push(0, [ObjectId::from_index(5)], literals(&[1, 2]));
         operators.set_effect(facts(&[3]), facts(&[1]), []);
-        operators.push(1, [], literals(&[9]));
-        operators.push_conditional(literals(&[8]), facts(&[7]), [], []);
-        operators.pop();
+        operators.set_cost(7);
         operators.push(2, [], literals(&[4]));
         operators.set_effect([], facts(&[4, 5]), []);
         operators.push_conditional(literals(&[6]), facts(&[7]), facts(&[8]), []);
         operators.push_conditional([], [], facts(&[9]), []);
+        operators.push(3, [ObjectId::from_index(6)], literals(&[2, 9]));
+        operators.set_effect(facts(&[1, 9]), facts(&[2]), []);
+        operators.set_cost(8);
+        operators
+    }
 
-        assert_eq!(operators.len(), 2);
+    #[test]
+    fn what_is_pushed_is_read() {
+        let operators = table();
+        assert_eq!(operators.len(), 3);
         let first = operators.get(0);
         assert_eq!((first.schema, first.preconditions), (0, literals(&[1, 2]).as_slice()));
         assert_eq!((first.effect.adds, first.effect.deletes), (&facts(&[3])[..], &facts(&[1])[..]));
@@ -355,6 +456,43 @@ mod tests {
         assert_eq!(conditional[0].conditions, literals(&[6]));
         assert_eq!(conditional[0].effect.adds, facts(&[7]));
         assert_eq!(conditional[1].effect.deletes, facts(&[9]));
-        assert_eq!(second.conditional.iter().len(), 2);
+    }
+
+    /// Drops the first operator, effects that add nothing, and fact 9; adds 10 to all others.
+    struct Shift;
+
+    impl Renumbering for Shift {
+        fn keeps(&self, operator: Operator<'_>) -> bool {
+            operator.schema > 0
+        }
+
+        fn keeps_effect(&self, _: &[Literal], effect: Changes<'_>) -> bool {
+            !effect.adds.is_empty()
+        }
+
+        fn literal(&self, literal: Literal) -> Option<Literal> {
+            Some(Literal::new(self.fact(literal.fact())?, literal.is_positive()))
+        }
+
+        fn fact(&self, fact: FactId) -> Option<FactId> {
+            (fact.0 != 9).then_some(FactId(fact.0 + 10))
+        }
+    }
+
+    #[test]
+    fn what_is_renumbered_keeps_its_place() {
+        let mut operators = table();
+        operators.renumber(&Shift);
+        assert_eq!(operators.len(), 2);
+        let first = operators.get(0);
+        assert_eq!((first.schema, first.preconditions), (2, literals(&[14]).as_slice()));
+        let conditional: Vec<_> = first.conditional.iter().collect();
+        assert_eq!(conditional.len(), 1);
+        assert_eq!(conditional[0].conditions, literals(&[16]));
+        assert_eq!(conditional[0].effect.deletes, facts(&[18]));
+        let last = operators.get(1);
+        assert_eq!((last.arguments, last.cost), (&[ObjectId::from_index(6)][..], 8));
+        assert_eq!(last.preconditions, literals(&[12]));
+        assert_eq!((last.effect.adds, last.effect.deletes), (&facts(&[11])[..], &facts(&[12])[..]));
     }
 }
