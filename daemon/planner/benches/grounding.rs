@@ -13,7 +13,10 @@ use std::process::{Command, ExitCode};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-use planner::{Budget, Cancel, StopReason, prepare};
+use planner::{Budget, Cancel, Ground, StopReason, prepare};
+
+/// Work on mutex groups, in units of some ten nanoseconds.
+const GROUPS_WORK_MAX: u64 = 100_000_000;
 
 /// Says that this process is to ground one task.
 const ONE: &str = "--one";
@@ -130,23 +133,34 @@ fn ground(domain: &Path, problem: &Path, seconds: u64) -> String {
         Err(err) => return err.to_string(),
     };
     let normalized = Clock::now();
-    let extent =
-        within(Duration::from_secs(seconds), |cancel| prepared.extent(Budget::default(), cancel));
+    let ground =
+        within(Duration::from_secs(seconds), |cancel| prepared.ground(Budget::default(), cancel));
     let grounded = Clock::now();
-    let extent = match extent {
-        Ok(extent) => extent,
+    let ground = match ground {
+        Ok(ground) => ground,
         Err(err) => return err.to_string(),
     };
-    let stopped =
-        extent.stop_reason.map_or(String::new(), |reason: StopReason| format!("; {reason}"));
+    let peak = peak_megabytes();
     format!(
-        "parse {:.3} normalize {:.3} ground {:.3} total {:.3} s, peak {:.1} MB, {} facts, {} derived, \
-         {} comparisons, {} operators, {} conditional effects, {} axioms, {} join steps{stopped}",
+        "parse {:.3} normalize {:.3} ground {:.3} total {:.3} s, peak {peak:.1} MB; {}",
         parsed.since(start),
         normalized.since(parsed),
         grounded.since(normalized),
         grounded.since(start),
-        peak_megabytes(),
+        describe(&ground),
+    )
+}
+
+fn describe(ground: &Ground) -> String {
+    let start = Clock::now();
+    let groups = ground.groups(GROUPS_WORK_MAX, &Cancel::new());
+    let grouped = Clock::now();
+    let extent = ground.extent();
+    let stopped =
+        extent.stop_reason.map_or(String::new(), |reason: StopReason| format!("; {reason}"));
+    format!(
+        "{} facts, {} derived, {} comparisons, {} operators, {} conditional effects, {} axioms, \
+         {} join steps; {:.3} s for {} groups, {} variables{stopped}",
         extent.facts,
         extent.derived,
         extent.comparisons,
@@ -154,6 +168,9 @@ fn ground(domain: &Path, problem: &Path, seconds: u64) -> String {
         extent.conditional_effects,
         extent.axioms,
         extent.join_steps,
+        grouped.since(start),
+        groups.groups,
+        groups.variables,
     )
 }
 

@@ -29,6 +29,8 @@ mod operators;
 
 mod task;
 
+mod mutex;
+
 mod state;
 
 mod successors;
@@ -49,7 +51,7 @@ mod extent;
 
 mod id_table;
 
-pub use extent::{Extent, Prepared, prepare};
+pub use extent::{Extent, Ground, Groups, Prepared, prepare};
 pub use heuristic::{HEURISTICS, Heuristic};
 pub use limits::{Budget, Cancel, Options};
 pub use outcome::{Outcome, PlanError, Statistics, StopReason, Text, Unsupported};

@@ -57,6 +57,15 @@ pub(crate) struct Axiom {
     pub(crate) stratum: u32,
 }
 
+/// What facts say: a predicate and its arguments.
+#[derive(Clone, Debug)]
+pub(crate) struct Atoms {
+    predicates: Vec<u32>,
+    /// Where the arguments of each fact end; the first entry ends nothing.
+    ends: Vec<u32>,
+    arguments: Vec<ObjectId>,
+}
+
 /// A ground planning task.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Task {
@@ -64,6 +73,8 @@ pub(crate) struct Task {
     pub(crate) fact_count: usize,
     /// Facts below this are basic.
     pub(crate) basic_count: usize,
+    /// What the basic facts say.
+    pub(crate) atoms: Atoms,
     /// The comparisons; their facts follow the basic ones.
     pub(crate) comparisons: Vec<GroundComparison>,
     pub(crate) operators: Operators,
@@ -131,6 +142,29 @@ impl Literal {
 
     pub(crate) fn negated(self) -> Literal {
         Literal(self.0 ^ 1)
+    }
+}
+
+// === impl Atoms ===
+
+impl Default for Atoms {
+    fn default() -> Atoms {
+        Atoms { predicates: Vec::new(), ends: vec![0], arguments: Vec::new() }
+    }
+}
+
+impl Atoms {
+    /// Adds the atom of the next fact.
+    pub(crate) fn push(&mut self, predicate: u32, arguments: &[ObjectId]) {
+        self.predicates.push(predicate);
+        self.arguments.extend_from_slice(arguments);
+        self.ends.push(self.arguments.len() as u32);
+    }
+
+    /// Predicate and arguments of a basic fact.
+    pub(crate) fn get(&self, fact: FactId) -> (u32, &[ObjectId]) {
+        let (start, end) = (self.ends[fact.index()], self.ends[fact.index() + 1]);
+        (self.predicates[fact.index()], &self.arguments[start as usize..end as usize])
     }
 }
 

@@ -40,6 +40,14 @@ pub(super) fn finish(
         object_names: lifted.objects.clone(),
         ..Task::default()
     };
+    for (predicate, relation) in relations[..lifted.predicates.len()].iter().enumerate() {
+        for row in 0..relation.len() {
+            let index = raw.layout.offsets[predicate] + row;
+            if numbering.ids[index].is_some() && !facts.derived[index] {
+                task.atoms.push(predicate as u32, relation.row(row));
+            }
+        }
+    }
     for (index, comparison) in raw.comparisons.iter().enumerate() {
         if numbering.ids[facts.basic_end + index].is_some() {
             task.comparisons.push(comparison.clone());
