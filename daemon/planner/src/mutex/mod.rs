@@ -36,7 +36,7 @@ pub(crate) struct MutexGroups {
 const CANDIDATES_MAX: usize = 2_000;
 
 /// Atoms of one candidate.
-const PARTS_MAX: usize = 5;
+const PARTS_MAX: usize = 16;
 
 /// No instance.
 const NONE: u32 = u32::MAX;
