@@ -38,8 +38,10 @@ struct Reach<'g, 'w, 'c> {
     /// By schema: the atoms that its tuples add in any case.
     adds: Vec<Vec<&'g LiftedAtom>>,
     binding: Vec<ObjectId>,
-    /// Tuples of one head, one after the other.
-    found: Vec<ObjectId>,
+    /// Tuples of one head.
+    found: Relation,
+    /// Bytes of all relations, when they were counted last.
+    bytes: usize,
     /// Triggers of the tuple at hand.
     due: Vec<usize>,
 }
@@ -76,11 +78,13 @@ pub(super) fn reach(
         rules,
         adds: adds.collect(),
         binding: Vec::new(),
-        found: Vec::new(),
+        found: Relation::of_distinct(0),
+        bytes: 0,
         due: Vec::new(),
     };
     reach.start()?;
     reach.saturate()?;
+    reach.work.hold(reach.bytes);
     Ok(Reached { relations: reach.relations, sets: reach.sets })
 }
 
@@ -161,8 +165,9 @@ impl Reach<'_, '_, '_> {
         self.check_memory()
     }
 
-    fn check_memory(&self) -> Result<(), StopReason> {
-        self.work.check_memory(self.relations.iter().map(Relation::bytes).sum())
+    fn check_memory(&mut self) -> Result<(), StopReason> {
+        self.bytes = self.relations.iter().map(Relation::bytes).sum();
+        self.work.check_memory(self.bytes)
     }
 
     /// Draws all conclusions from a tuple and what came before it.
@@ -251,23 +256,41 @@ impl Reach<'_, '_, '_> {
         plan: &JoinPlan,
         cause: Option<(usize, usize)>,
     ) -> Result<(), StopReason> {
-        let Rule { head, frame, .. } = &self.rules[rule];
-        let Reach { relations, sets, values, binding, work, found, .. } = self;
-        let join = Join { relations, sets, values, frame, cause };
-        found.clear();
-        let mut count = 0usize;
-        join.run(plan, binding, work, &mut |binding, work| {
-            found.extend(head.arguments.iter().map(|term| term.object(binding)));
-            count += 1;
-            work.check_memory(found.len() * size_of::<ObjectId>())
-        })?;
-        let relation = &mut relations[head.predicate];
-        match relation.arity() {
-            0 if count > 0 => relation.insert(&[]),
-            0 => (),
-            arity => found.chunks_exact(arity).for_each(|tuple| relation.insert(tuple)),
+        let head = self.rules[rule].head.predicate;
+        if head >= self.lifted.predicates.len() {
+            // No body asks for the action it makes applicable, and there may be millions of tuples:
+            // they go straight into their relation.
+            let mut tuples = std::mem::replace(&mut self.relations[head], Relation::new(0));
+            let result = self.collect(rule, plan, cause, &mut tuples);
+            self.relations[head] = tuples;
+            return result;
         }
-        Ok(())
+        let mut found = std::mem::replace(&mut self.found, Relation::of_distinct(0));
+        found.clear(self.relations[head].arity());
+        let result = self.collect(rule, plan, cause, &mut found);
+        for row in 0..found.len() {
+            self.relations[head].insert(found.row(row));
+        }
+        self.found = found;
+        result
+    }
+
+    /// Runs a join into `found`, which none of its atoms reads.
+    fn collect(
+        &mut self,
+        rule: usize,
+        plan: &JoinPlan,
+        cause: Option<(usize, usize)>,
+        found: &mut Relation,
+    ) -> Result<(), StopReason> {
+        let Rule { head, frame, .. } = &self.rules[rule];
+        let Reach { relations, sets, values, binding, work, .. } = self;
+        let join = Join { relations, sets, values, frame, cause };
+        let others = self.bytes;
+        join.run(plan, binding, work, &mut |binding, work| {
+            found.insert_terms(&head.arguments, binding);
+            work.check_memory(others + found.bytes())
+        })
     }
 }
 

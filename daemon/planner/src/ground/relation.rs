@@ -6,6 +6,9 @@ use crate::id_table::IdTable;
 use crate::normalize::lifted::LiftedTerm;
 use crate::task::ObjectId;
 
+/// Objects of a relation beyond which memory counts more than copying: 64 MB.
+const LONG: usize = 1 << 24;
+
 /// No further row.
 const END: u32 = u32::MAX;
 
@@ -57,6 +60,13 @@ impl Relation {
     /// A relation that trusts whoever adds tuples to add none twice, and cannot find them.
     pub(super) fn of_distinct(arity: usize) -> Relation {
         Relation { set: None, ..Relation::new(arity) }
+    }
+
+    /// Takes all tuples out of a relation without set and indices.
+    pub(super) fn clear(&mut self, arity: usize) {
+        self.arity = arity;
+        self.flat.clear();
+        self.count = 0;
     }
 
     /// Whether tuples can be found without an index.
@@ -119,6 +129,7 @@ impl Relation {
             }
             self.note(key);
         }
+        self.make_room();
         self.flat.extend_from_slice(tuple);
         self.count += 1;
     }
@@ -137,8 +148,17 @@ impl Relation {
             }
             self.note(key);
         }
+        self.make_room();
         self.flat.extend(terms.iter().map(|term| term.object(binding)));
         self.count += 1;
+    }
+
+    /// Lets a long array grow by less than it is long.
+    #[inline]
+    fn make_room(&mut self) {
+        if self.flat.len() + self.arity > self.flat.capacity() && self.flat.len() > LONG {
+            self.flat.reserve_exact(self.flat.len() / 4);
+        }
     }
 
     /// Puts the row that comes next into the set.

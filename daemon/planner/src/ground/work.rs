@@ -12,6 +12,8 @@ pub(super) struct Work<'c> {
     /// The step that looks at the limits next.
     next_look: u64,
     breaths: u32,
+    /// Bytes of what is done.
+    held: usize,
 }
 
 /// How often the caller's flag is looked at, in join steps; a step takes some ten nanoseconds.
@@ -24,7 +26,7 @@ const BREATHS_BETWEEN_CANCEL_CHECKS: u32 = 1 << 12;
 
 impl<'c> Work<'c> {
     pub(super) fn new(budget: Budget, cancel: &'c Cancel) -> Work<'c> {
-        Work { steps: 0, budget, cancel, next_look: 1, breaths: 0 }
+        Work { steps: 0, budget, cancel, next_look: 1, breaths: 0, held: 0 }
     }
 
     #[inline]
@@ -54,9 +56,15 @@ impl<'c> Work<'c> {
         Ok(())
     }
 
+    /// Counts what is done and stays: from now on, `check_memory` adds it.
+    pub(super) fn hold(&mut self, bytes: usize) {
+        self.held += bytes;
+    }
+
     /// Fails if that many bytes are more than grounding may take.
+    #[inline]
     pub(super) fn check_memory(&self, bytes: usize) -> Result<(), StopReason> {
         let limit = self.budget.memory_max_bytes;
-        if bytes > limit { Err(StopReason::MemoryLimit { limit }) } else { Ok(()) }
+        if bytes + self.held > limit { Err(StopReason::MemoryLimit { limit }) } else { Ok(()) }
     }
 }
