@@ -61,8 +61,14 @@ pub(super) fn reach(
         sets: &mut sets,
         rows_left: NARROWING_ROWS_MAX,
     };
-    let mut rules = rules(lifted);
-    rules.retain_mut(|rule| rule.narrow(&mut narrowing));
+    let mut possible = Vec::new();
+    for mut rule in rules(lifted) {
+        work.look()?;
+        if rule.narrow(&mut narrowing) {
+            possible.push(rule);
+        }
+    }
+    let rules = possible;
     set_distinct(lifted, &rules, &mut relations);
     let adds = lifted.schemas.iter().map(|schema| {
         let certain = schema.effects.iter().filter(|one| one.adds && one.is_unconditional());

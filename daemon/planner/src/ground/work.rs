@@ -35,8 +35,9 @@ impl<'c> Work<'c> {
         if self.steps < self.next_look { Ok(()) } else { self.look() }
     }
 
+    /// Looks at the limits now, for whoever does not work in steps.
     #[cold]
-    fn look(&mut self) -> Result<(), StopReason> {
+    pub(super) fn look(&mut self) -> Result<(), StopReason> {
         let limit = self.budget.join_steps_max;
         let regular = self.steps.saturating_add(STEPS_BETWEEN_CANCEL_CHECKS);
         self.next_look = regular.min(limit.saturating_add(1));
