@@ -25,7 +25,11 @@ mod normalize;
 
 mod ground;
 
+mod operators;
+
 mod task;
+
+mod mutex;
 
 mod state;
 
@@ -43,8 +47,11 @@ pub mod goal;
 
 pub mod explain;
 
+mod extent;
+
 mod id_table;
 
+pub use extent::{Extent, Ground, Groups, Prepared, prepare};
 pub use heuristic::{HEURISTICS, Heuristic};
 pub use limits::{Budget, Cancel, Options};
 pub use outcome::{Outcome, PlanError, Statistics, StopReason, Text, Unsupported};

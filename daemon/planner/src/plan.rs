@@ -42,7 +42,7 @@ pub fn plan(
         return Ok(without_plan(reason, statistics, grounded.warnings));
     };
     statistics.facts = task.fact_count;
-    statistics.operators = task.operators.len();
+    statistics.operators = task.operator_count();
     match solve(&task, options, cancel, &mut statistics) {
         Err(reason) => Ok(without_plan(reason, statistics, grounded.warnings)),
         Ok(operators) => Ok(Outcome {

@@ -6,7 +6,7 @@
 use pddl::Assignment;
 
 use crate::id_table::{IdTable, hash_words};
-use crate::task::{Changes, FactId, Literal, Operator, OperatorId, Task};
+use crate::task::{Changes, ConditionalEffect, FactId, Literal, Operator, OperatorId, Task};
 
 /// Index of a state in one [`StateSpace`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -181,18 +181,23 @@ impl<'t> Progression<'t> {
 
     /// Puts the state after an applicable operator into `to`. `false` where a number it needs has
     /// no value, or its changes of one number contradict each other: it does not apply after all.
-    pub(crate) fn apply(&mut self, operator: &Operator, from: &State, to: &mut Vec<u64>) -> bool {
-        debug_assert!(all_hold(from, &operator.preconditions));
+    pub(crate) fn apply(
+        &mut self,
+        operator: Operator<'_>,
+        from: &State,
+        to: &mut Vec<u64>,
+    ) -> bool {
+        debug_assert!(all_hold(from, operator.preconditions));
         to.clear();
         to.extend_from_slice(from);
-        let fires = |one: &&crate::task::ConditionalEffect| all_hold(from, &one.conditions);
-        let firing = || operator.conditional.iter().filter(fires).map(|one| &one.effect);
-        let changes = || std::iter::once(&operator.effect).chain(firing());
-        for fact in changes().flat_map(|changes| &changes.deletes) {
+        let fires = |one: &ConditionalEffect<'_>| all_hold(from, one.conditions);
+        let firing = || operator.conditional.iter().filter(fires).map(|one| one.effect);
+        let changes = || std::iter::once(operator.effect).chain(firing());
+        for fact in changes().flat_map(|changes| changes.deletes) {
             set(to, *fact, false);
         }
         // After all deletes: a fact both deleted and added is true.
-        for fact in changes().flat_map(|changes| &changes.adds) {
+        for fact in changes().flat_map(|changes| changes.adds) {
             set(to, *fact, true);
         }
         if !self.task.values.is_empty() && !self.apply_numeric(changes(), from, to) {
@@ -204,14 +209,14 @@ impl<'t> Progression<'t> {
 
     fn apply_numeric<'c>(
         &mut self,
-        changes: impl Iterator<Item = &'c Changes>,
+        changes: impl Iterator<Item = Changes<'c>>,
         from: &State,
         to: &mut State,
     ) -> bool {
         let numbers = &from[self.fact_words..];
         let value = |fluent: u32| f64::from_bits(numbers[fluent as usize]);
         self.numeric.clear();
-        for change in changes.flat_map(|changes| &changes.numeric) {
+        for change in changes.flat_map(|changes| changes.numeric) {
             self.numeric.push((change.fluent, change.assignment, change.value.evaluate(&value)));
         }
         self.numeric.sort_by_key(|(fluent, ..)| *fluent);

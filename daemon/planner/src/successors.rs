@@ -20,7 +20,7 @@ pub(crate) struct SuccessorGenerator {
 impl SuccessorGenerator {
     pub(crate) fn new(task: &Task) -> SuccessorGenerator {
         let mut popularity = vec![0u32; task.fact_count];
-        for literal in task.operators.iter().flat_map(|operator| &operator.preconditions) {
+        for literal in task.operators.iter().flat_map(|operator| operator.preconditions) {
             popularity[literal.fact().index()] += 1;
         }
         let mut generator = SuccessorGenerator {
@@ -43,7 +43,7 @@ impl SuccessorGenerator {
     /// Collects the operators whose preconditions hold.
     pub(crate) fn applicable(&self, task: &Task, state: &State, found: &mut Vec<OperatorId>) {
         found.clear();
-        let applies = |id: &&OperatorId| all_hold(state, &task.operator(**id).preconditions);
+        let applies = |id: &&OperatorId| all_hold(state, task.operator(**id).preconditions);
         found.extend(self.always.iter().filter(applies));
         for fact in true_facts(state, self.fact_count) {
             found.extend(self.waiting[fact.index()].iter().filter(applies));

@@ -3,6 +3,8 @@
 //! - Made by `ground`, read by everything that searches. Nothing changes it.
 //! - A [`FactId`] or [`OperatorId`] means something in one task only. Nothing stores it on the wire.
 
+pub(crate) use crate::operators::{Changes, ConditionalEffect, Operator, Operators};
+
 use pddl::{Comparison, Name, Number, Operator as Arithmetic, Plan, PlanStep};
 
 /// Index of an object.
@@ -21,38 +23,6 @@ pub(crate) struct OperatorId(pub(crate) u32);
 /// A fact that must be true, or one that must be false.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct Literal(u32);
-
-/// A ground action.
-#[derive(Clone, Debug)]
-pub(crate) struct Operator {
-    /// Which schema it comes from.
-    pub(crate) schema: u32,
-    /// The objects of its parameters, the agent before all.
-    pub(crate) arguments: Box<[ObjectId]>,
-    /// What must hold.
-    pub(crate) preconditions: Box<[Literal]>,
-    /// What changes in any case.
-    pub(crate) effect: Changes,
-    /// What changes where more holds, all read in the state before.
-    pub(crate) conditional: Box<[ConditionalEffect]>,
-    /// In units of [`Task::cost_unit`].
-    pub(crate) cost: u64,
-}
-
-/// Facts and numbers that change together. A fact both deleted and added is true afterwards.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Changes {
-    pub(crate) adds: Box<[FactId]>,
-    pub(crate) deletes: Box<[FactId]>,
-    pub(crate) numeric: Box<[NumericChange]>,
-}
-
-/// Changes that happen where conditions hold in the state before.
-#[derive(Clone, Debug)]
-pub(crate) struct ConditionalEffect {
-    pub(crate) conditions: Box<[Literal]>,
-    pub(crate) effect: Changes,
-}
 
 /// A change of one numeric fluent.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,6 +57,15 @@ pub(crate) struct Axiom {
     pub(crate) stratum: u32,
 }
 
+/// What facts say: a predicate and its arguments.
+#[derive(Clone, Debug)]
+pub(crate) struct Atoms {
+    predicates: Vec<u32>,
+    /// Where the arguments of each fact end; the first entry ends nothing.
+    ends: Vec<u32>,
+    arguments: Vec<ObjectId>,
+}
+
 /// A ground planning task.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Task {
@@ -94,9 +73,11 @@ pub(crate) struct Task {
     pub(crate) fact_count: usize,
     /// Facts below this are basic.
     pub(crate) basic_count: usize,
+    /// What the basic facts say.
+    pub(crate) atoms: Atoms,
     /// The comparisons; their facts follow the basic ones.
     pub(crate) comparisons: Vec<GroundComparison>,
-    pub(crate) operators: Vec<Operator>,
+    pub(crate) operators: Operators,
     /// Sorted by stratum.
     pub(crate) axioms: Vec<Axiom>,
     pub(crate) goal: Vec<Literal>,
@@ -164,30 +145,26 @@ impl Literal {
     }
 }
 
-// === impl Operator ===
+// === impl Atoms ===
 
-impl Operator {
-    /// About how many bytes it takes.
-    pub(crate) fn bytes(&self) -> usize {
-        let changes = |changes: &Changes| {
-            (changes.adds.len() + changes.deletes.len()) * 4
-                + changes.numeric.len() * size_of::<NumericChange>()
-        };
-        let conditional = self.conditional.iter().map(|one| {
-            size_of::<ConditionalEffect>() + one.conditions.len() * 4 + changes(&one.effect)
-        });
-        size_of::<Operator>()
-            + (self.arguments.len() + self.preconditions.len()) * 4
-            + changes(&self.effect)
-            + conditional.sum::<usize>()
+impl Default for Atoms {
+    fn default() -> Atoms {
+        Atoms { predicates: Vec::new(), ends: vec![0], arguments: Vec::new() }
     }
 }
 
-// === impl Changes ===
+impl Atoms {
+    /// Adds the atom of the next fact.
+    pub(crate) fn push(&mut self, predicate: u32, arguments: &[ObjectId]) {
+        self.predicates.push(predicate);
+        self.arguments.extend_from_slice(arguments);
+        self.ends.push(self.arguments.len() as u32);
+    }
 
-impl Changes {
-    pub(crate) fn is_empty(&self) -> bool {
-        self.adds.is_empty() && self.deletes.is_empty() && self.numeric.is_empty()
+    /// Predicate and arguments of a basic fact.
+    pub(crate) fn get(&self, fact: FactId) -> (u32, &[ObjectId]) {
+        let (start, end) = (self.ends[fact.index()], self.ends[fact.index() + 1]);
+        (self.predicates[fact.index()], &self.arguments[start as usize..end as usize])
     }
 }
 
@@ -230,8 +207,13 @@ impl GroundExpression {
 // === impl Task ===
 
 impl Task {
-    pub(crate) fn operator(&self, id: OperatorId) -> &Operator {
-        &self.operators[id.index()]
+    #[inline]
+    pub(crate) fn operator(&self, id: OperatorId) -> Operator<'_> {
+        self.operators.get(id.index())
+    }
+
+    pub(crate) fn operator_count(&self) -> usize {
+        self.operators.len()
     }
 
     /// The operator as a step of a plan, with the author's names.

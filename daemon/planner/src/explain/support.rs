@@ -129,13 +129,13 @@ impl Rules {
         let literals = task.fact_count * 2;
         rules.readers = vec![Vec::new(); literals];
         rules.begin(task);
-        for operator in &task.operators {
+        for operator in task.operators.iter() {
             let name = &task.schema_names[operator.schema as usize];
             let names = operator.arguments.iter();
             let arguments: Vec<Name> =
                 names.map(|object| task.object_names[object.index()].clone()).collect();
             let body = operator.preconditions.iter().map(|literal| index(*literal)).collect();
-            let mut heads = heads(&operator.effect);
+            let mut heads = heads(operator.effect);
             let origin = match supposed.meanings.get(name) {
                 None => Origin::World,
                 Some(Meaning::Suppose(capability)) => rules.supposition(*capability, &arguments),
@@ -151,10 +151,10 @@ impl Rules {
                     Origin::World
                 }
             };
-            for conditional in &operator.conditional {
-                let conditions = operator.preconditions.iter().chain(&conditional.conditions);
+            for conditional in operator.conditional.iter() {
+                let conditions = operator.preconditions.iter().chain(conditional.conditions);
                 let body = conditions.map(|literal| index(*literal)).collect();
-                let heads = self::heads(&conditional.effect);
+                let heads = self::heads(conditional.effect);
                 rules.add(Rule { body, heads, origin });
             }
             rules.add(Rule { body, heads, origin });
@@ -247,7 +247,7 @@ fn index(literal: Literal) -> usize {
     literal.fact().index() * 2 + usize::from(!literal.is_positive())
 }
 
-fn heads(changes: &Changes) -> Vec<usize> {
+fn heads(changes: Changes<'_>) -> Vec<usize> {
     let adds = changes.adds.iter().map(|fact| index(Literal::new(*fact, true)));
     let deletes = changes.deletes.iter().map(|fact| index(Literal::new(*fact, false)));
     adds.chain(deletes).collect()

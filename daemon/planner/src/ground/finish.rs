@@ -4,8 +4,11 @@
 use super::instantiate::Raw;
 use super::relation::Relation;
 use super::values::Values;
+use super::work::Work;
 use crate::normalize::lifted::Lifted;
-use crate::task::{Axiom, Changes, ConditionalEffect, FactId, Literal, Operator, Task};
+use crate::operators::Renumbering;
+use crate::outcome::StopReason;
+use crate::task::{Axiom, Changes, FactId, Literal, Operator, Task};
 
 /// The task; `None` if the goal cannot hold.
 pub(super) fn finish(
@@ -13,21 +16,38 @@ pub(super) fn finish(
     relations: &[Relation],
     values: &Values,
     mut raw: Raw,
-) -> Option<Task> {
+    work: &mut Work<'_>,
+) -> Result<Option<Task>, StopReason> {
     let facts = Facts::new(lifted, relations, &raw);
-    let goal = facts.fold(raw.goal.as_deref()?)?;
-    fold_operators(&facts, &mut raw);
-    let relevance = Relevance::compute(&facts, &raw, &goal);
+    let Some(goal) = raw.goal.as_deref().and_then(|goal| facts.fold(goal)) else {
+        return Ok(None);
+    };
+    raw.axioms.retain_mut(|axiom| match facts.fold(&axiom.body) {
+        Some(body) => {
+            axiom.body = body;
+            true
+        }
+        None => false,
+    });
+    let relevance = Relevance::compute(&facts, &raw, &goal, work)?;
     let numbering = Numbering::new(&facts, &relevance);
     let mut task = Task {
         fact_count: numbering.fact_count,
         basic_count: numbering.basic_count,
-        goal: numbering.literals(&facts, &goal),
+        goal: numbering.literals(&goal),
         values: values.fluents.clone(),
         schema_names: lifted.schemas.iter().map(|schema| schema.name.clone()).collect(),
         object_names: lifted.objects.clone(),
         ..Task::default()
     };
+    for (predicate, relation) in relations[..lifted.predicates.len()].iter().enumerate() {
+        for row in 0..relation.len() {
+            let index = raw.layout.offsets[predicate] + row;
+            if numbering.ids[index].is_some() && !facts.derived[index] {
+                task.atoms.push(predicate as u32, relation.row(row));
+            }
+        }
+    }
     for (index, comparison) in raw.comparisons.iter().enumerate() {
         if numbering.ids[facts.basic_end + index].is_some() {
             task.comparisons.push(comparison.clone());
@@ -36,45 +56,42 @@ pub(super) fn finish(
     let initial = (0..facts.basic_end).filter(|index| facts.initial[*index]);
     task.initial = initial.filter_map(|index| numbering.ids[index]).collect();
     for axiom in &raw.axioms {
-        if let Some(head) = numbering.fact(&facts, axiom.head) {
-            let body = numbering.literals(&facts, &axiom.body).into_boxed_slice();
+        if let Some(head) = numbering.fact(axiom.head) {
+            let body = numbering.literals(&axiom.body).into_boxed_slice();
             task.axioms.push(Axiom { head, body, stratum: axiom.stratum as u32 });
         }
     }
     task.axioms.sort_by_key(|axiom| axiom.stratum);
-    let mut costs = Vec::new();
-    for (index, operator) in raw.operators.into_iter().enumerate() {
-        if let Some(operator) = numbering.operator(&facts, operator) {
-            costs.push(raw.costs[index]);
-            task.operators.push(operator);
-        }
-    }
-    set_costs(&mut task, &costs, lifted.costs.weights.is_none());
-    Some(task)
+    raw.operators.renumber(&numbering);
+    task.operators = raw.operators;
+    set_costs(&mut task, lifted.costs.weights.is_none());
+    Ok(Some(task))
 }
 
-/// Costs as whole numbers of the largest unit that fits all, down to a millionth.
-fn set_costs(task: &mut Task, costs: &[f64], is_unit: bool) {
+/// Costs as whole numbers of the largest unit that fits all, down to a millionth; until now they are
+/// the bits of numbers.
+fn set_costs(task: &mut Task, is_unit: bool) {
     task.cost_unit = 1.0;
     task.costs_exact = true;
+    let all = task.operators.costs_mut();
     if is_unit {
-        task.operators.iter_mut().for_each(|operator| operator.cost = 1);
+        all.fill(1);
         task.costs_equal = true;
         return;
     }
     let is_whole = |value: f64| (value - value.round()).abs() < 1e-9 * value.abs().max(1.0);
     let scales = [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6];
-    let fits = |scale: &&f64| costs.iter().all(|cost| is_whole(cost * **scale));
+    let fits = |scale: &&f64| all.iter().all(|cost| is_whole(f64::from_bits(*cost) * **scale));
     let scale = scales.iter().find(fits).copied();
     task.costs_exact = scale.is_some();
     let scale = scale.unwrap_or(1e6);
     task.cost_unit = 1.0 / scale;
-    for (operator, cost) in task.operators.iter_mut().zip(costs) {
+    for cost in all.iter_mut() {
         // Negative costs were refused; the conversion saturates.
-        operator.cost = (cost * scale).round() as u64;
+        *cost = (f64::from_bits(*cost) * scale).round() as u64;
     }
-    let first = task.operators.first().map_or(1, |operator| operator.cost);
-    task.costs_equal = first > 0 && task.operators.iter().all(|operator| operator.cost == first);
+    let first = all.first().copied().unwrap_or(1);
+    task.costs_equal = first > 0 && all.iter().all(|cost| *cost == first);
 }
 
 /// What is known of every raw fact, by its dense index: rows of relations, comparisons, auxiliaries.
@@ -122,12 +139,17 @@ impl Facts {
         let candidates = (0..self.end).map(|index| self.initial[index] && !self.derived[index]);
         self.always = candidates.collect();
         for changes in raw.operators.iter().flat_map(all_changes) {
-            for fact in &changes.deletes {
+            for fact in changes.deletes {
                 self.always[fact.index()] = false;
             }
         }
     }
 
+    fn never_applies(&self, operator: Operator<'_>) -> bool {
+        operator.preconditions.iter().any(|literal| self.is_impossible(*literal))
+    }
+
+    #[inline]
     fn dense(&self, fact: FactId) -> usize {
         let index = fact.index();
         if index < self.auxiliary_offset {
@@ -135,6 +157,11 @@ impl Facts {
         } else {
             index - self.auxiliary_offset + self.comparison_end
         }
+    }
+
+    /// Whether a literal holds in no state.
+    fn is_impossible(&self, literal: Literal) -> bool {
+        !literal.is_positive() && self.always[self.dense(literal.fact())]
     }
 
     /// Without literals that hold in every state; `None` if one holds in none.
@@ -152,35 +179,8 @@ impl Facts {
 }
 
 /// What an operator changes, whatever the condition.
-fn all_changes(operator: &Operator) -> impl Iterator<Item = &Changes> {
-    std::iter::once(&operator.effect).chain(operator.conditional.iter().map(|one| &one.effect))
-}
-
-fn fold_operators(facts: &Facts, raw: &mut Raw) {
-    let costs = std::mem::take(&mut raw.costs);
-    let operators = std::mem::take(&mut raw.operators);
-    for (mut operator, cost) in operators.into_iter().zip(costs) {
-        let Some(preconditions) = facts.fold(&operator.preconditions) else { continue };
-        operator.preconditions = preconditions.into_boxed_slice();
-        if !operator.conditional.is_empty() {
-            let conditional = operator.conditional.into_vec().into_iter();
-            operator.conditional = conditional
-                .filter_map(|ConditionalEffect { conditions, effect }| {
-                    let conditions = facts.fold(&conditions)?.into_boxed_slice();
-                    Some(ConditionalEffect { conditions, effect })
-                })
-                .collect();
-        }
-        raw.operators.push(operator);
-        raw.costs.push(cost);
-    }
-    raw.axioms.retain_mut(|axiom| match facts.fold(&axiom.body) {
-        Some(body) => {
-            axiom.body = body;
-            true
-        }
-        None => false,
-    });
+fn all_changes(operator: Operator<'_>) -> impl Iterator<Item = Changes<'_>> {
+    std::iter::once(operator.effect).chain(operator.conditional.iter().map(|one| one.effect))
 }
 
 /// What can matter to the goal: facts, by dense index, and operators that change one of them.
@@ -192,7 +192,12 @@ struct Relevance {
 // === impl Relevance ===
 
 impl Relevance {
-    fn compute(facts: &Facts, raw: &Raw, goal: &[Literal]) -> Relevance {
+    fn compute(
+        facts: &Facts,
+        raw: &Raw,
+        goal: &[Literal],
+        work: &mut Work<'_>,
+    ) -> Result<Relevance, StopReason> {
         let mut relevance = Relevance { facts: vec![false; facts.end], waiting: Vec::new() };
         let changers = Changers::new(facts, raw);
         let mut operators = vec![false; raw.operators.len()];
@@ -202,22 +207,30 @@ impl Relevance {
                 relevance.want(facts, &raw.axioms[axiom as usize].body);
             }
             for &operator in changers.operators.row(fact) {
-                if !std::mem::replace(&mut operators[operator as usize], true) {
-                    let operator = &raw.operators[operator as usize];
-                    relevance.want(facts, &operator.preconditions);
-                    for one in &operator.conditional {
-                        relevance.want(facts, &one.conditions);
+                if std::mem::replace(&mut operators[operator as usize], true) {
+                    continue;
+                }
+                work.breathe()?;
+                let operator = raw.operators.get(operator as usize);
+                if facts.never_applies(operator) {
+                    continue;
+                }
+                relevance.want(facts, operator.preconditions);
+                for one in operator.conditional.iter() {
+                    if !one.conditions.iter().any(|literal| facts.is_impossible(*literal)) {
+                        relevance.want(facts, one.conditions);
                     }
                 }
             }
         }
-        relevance
+        Ok(relevance)
     }
 
     fn want(&mut self, facts: &Facts, literals: &[Literal]) {
         for literal in literals {
             let index = facts.dense(literal.fact());
-            if !std::mem::replace(&mut self.facts[index], true) {
+            if !self.facts[index] && !facts.always[index] {
+                self.facts[index] = true;
                 self.waiting.push(index);
             }
         }
@@ -240,31 +253,32 @@ struct Rows {
 
 impl Changers {
     fn new(facts: &Facts, raw: &Raw) -> Changers {
-        let mut axioms = Vec::new();
-        for (index, axiom) in raw.axioms.iter().enumerate() {
-            axioms.push((facts.dense(axiom.head) as u32, index as u32));
-        }
+        let axioms = |visit: &mut dyn FnMut(usize, u32)| {
+            for (index, axiom) in raw.axioms.iter().enumerate() {
+                visit(facts.dense(axiom.head), index as u32);
+            }
+        };
         let readers = readers(facts, raw);
-        let mut operators = Vec::new();
-        for (index, operator) in raw.operators.iter().enumerate() {
-            for changes in all_changes(operator) {
-                for fact in changes.adds.iter().chain(&changes.deletes) {
-                    operators.push((fact.0, index as u32));
-                }
-                for change in &changes.numeric {
-                    let mut comparisons = readers[change.fluent as usize].clone();
-                    // What other fluents are set to from this one matters as well; being lavish
-                    // here costs little, so every comparison counts as depending on it.
-                    if comparisons.is_empty() {
-                        comparisons = (facts.basic_end..facts.comparison_end).collect();
+        let all: Vec<usize> = (facts.basic_end..facts.comparison_end).collect();
+        let operators = |visit: &mut dyn FnMut(usize, u32)| {
+            for (index, operator) in raw.operators.iter().enumerate() {
+                for changes in all_changes(operator) {
+                    for fact in changes.adds.iter().chain(changes.deletes) {
+                        visit(fact.index(), index as u32);
                     }
-                    operators.extend(comparisons.iter().map(|one| (*one as u32, index as u32)));
+                    for change in changes.numeric {
+                        // What other fluents are set to from this one matters as well; being lavish
+                        // here costs little, so every comparison counts as depending on it.
+                        let own = &readers[change.fluent as usize];
+                        let comparisons = if own.is_empty() { &all } else { own };
+                        comparisons.iter().for_each(|one| visit(*one, index as u32));
+                    }
                 }
             }
-        }
+        };
         Changers {
-            axioms: Rows::new(axioms, facts.end),
-            operators: Rows::new(operators, facts.end),
+            axioms: Rows::new(facts.end, axioms),
+            operators: Rows::new(facts.end, operators),
         }
     }
 }
@@ -291,17 +305,22 @@ fn readers(facts: &Facts, raw: &Raw) -> Vec<Vec<usize>> {
 // === impl Rows ===
 
 impl Rows {
-    fn new(mut pairs: Vec<(u32, u32)>, count: usize) -> Rows {
-        pairs.sort_unstable();
-        pairs.dedup();
-        let mut starts = vec![0; count + 1];
-        for (key, _) in &pairs {
-            starts[*key as usize + 1] += 1;
+    /// The lists that `each` tells, pair by pair, every time it is called.
+    fn new(count: usize, each: impl Fn(&mut dyn FnMut(usize, u32))) -> Rows {
+        let mut starts = vec![0u32; count + 1];
+        each(&mut |key, _| starts[key] += 1);
+        let mut sum = 0;
+        for start in &mut starts {
+            sum += *start;
+            *start = sum;
         }
-        for index in 0..count {
-            starts[index + 1] += starts[index];
-        }
-        Rows { starts, items: pairs.into_iter().map(|(_, item)| item).collect() }
+        let mut items = vec![0; sum as usize];
+        // Each list is filled from its end, after which its start is right.
+        each(&mut |key, item| {
+            starts[key] -= 1;
+            items[starts[key] as usize] = item;
+        });
+        Rows { starts, items }
     }
 
     fn row(&self, key: usize) -> &[u32] {
@@ -310,7 +329,8 @@ impl Rows {
 }
 
 /// New numbers: basic facts, then comparisons, then derived facts.
-struct Numbering {
+struct Numbering<'f> {
+    facts: &'f Facts,
     fact_count: usize,
     basic_count: usize,
     /// By dense index.
@@ -319,8 +339,8 @@ struct Numbering {
 
 // === impl Numbering ===
 
-impl Numbering {
-    fn new(facts: &Facts, relevance: &Relevance) -> Numbering {
+impl<'f> Numbering<'f> {
+    fn new(facts: &'f Facts, relevance: &Relevance) -> Numbering<'f> {
         let is_comparison = |index: usize| (facts.basic_end..facts.comparison_end).contains(&index);
         let mut ids = vec![None; facts.end];
         let mut next = 0;
@@ -334,46 +354,39 @@ impl Numbering {
         let basic_count = number(&|index| !facts.derived[index] && !is_comparison(index));
         number(&is_comparison);
         let fact_count = number(&|index| facts.derived[index]);
-        Numbering { fact_count, basic_count, ids }
-    }
-
-    fn fact(&self, facts: &Facts, fact: FactId) -> Option<FactId> {
-        self.ids[facts.dense(fact)]
+        Numbering { facts, fact_count, basic_count, ids }
     }
 
     /// Literals of relevant facts.
-    fn literals(&self, facts: &Facts, literals: &[Literal]) -> Vec<Literal> {
-        let new = |literal: &Literal| {
-            Some(Literal::new(self.fact(facts, literal.fact())?, literal.is_positive()))
-        };
-        literals.iter().filter_map(new).collect()
+    fn literals(&self, literals: &[Literal]) -> Vec<Literal> {
+        literals.iter().filter_map(|literal| self.literal(*literal)).collect()
     }
 
-    fn changes(&self, facts: &Facts, changes: Changes) -> Changes {
-        let kept = |all: &[FactId]| all.iter().filter_map(|fact| self.fact(facts, *fact)).collect();
-        Changes {
-            adds: kept(&changes.adds),
-            deletes: kept(&changes.deletes),
-            numeric: changes.numeric,
-        }
+    fn matters(&self, changes: Changes<'_>) -> bool {
+        let mut all = changes.adds.iter().chain(changes.deletes);
+        !changes.numeric.is_empty() || all.any(|fact| self.fact(*fact).is_some())
+    }
+}
+
+impl Renumbering for Numbering<'_> {
+    /// Operators that may apply and change something that matters.
+    fn keeps(&self, operator: Operator<'_>) -> bool {
+        let mut conditional = operator.conditional.iter();
+        (self.matters(operator.effect)
+            || conditional.any(|one| self.keeps_effect(one.conditions, one.effect)))
+            && !self.facts.never_applies(operator)
     }
 
-    /// The operator over new numbers; `None` if it changes nothing that matters.
-    fn operator(&self, facts: &Facts, operator: Operator) -> Option<Operator> {
-        let effect = self.changes(facts, operator.effect);
-        let conditional = operator.conditional.into_vec().into_iter();
-        let conditional: Box<[ConditionalEffect]> = conditional
-            .map(|one| (one.conditions, self.changes(facts, one.effect)))
-            .filter(|(_, effect)| !effect.is_empty())
-            .map(|(conditions, effect)| ConditionalEffect {
-                conditions: self.literals(facts, &conditions).into_boxed_slice(),
-                effect,
-            })
-            .collect();
-        if effect.is_empty() && conditional.is_empty() {
-            return None;
-        }
-        let preconditions = self.literals(facts, &operator.preconditions).into_boxed_slice();
-        Some(Operator { preconditions, effect, conditional, ..operator })
+    fn keeps_effect(&self, conditions: &[Literal], effect: Changes<'_>) -> bool {
+        self.matters(effect) && !conditions.iter().any(|literal| self.facts.is_impossible(*literal))
+    }
+
+    fn literal(&self, literal: Literal) -> Option<Literal> {
+        Some(Literal::new(self.fact(literal.fact())?, literal.is_positive()))
+    }
+
+    #[inline]
+    fn fact(&self, fact: FactId) -> Option<FactId> {
+        self.ids[self.facts.dense(fact)]
     }
 }

@@ -6,20 +6,21 @@
 use pddl::{Assignment, Diagnostic};
 use rustc_hash::FxHashMap;
 
-use super::GroundError;
-use super::join::{JoinPlan, Work};
+use super::condition::{Condition, tidy};
+use super::draft::Draft;
+use super::join::{Catalog, JoinPlan};
 use super::node::{COMPARISONS_MAX, Grounder, Node, enumeration};
-use super::reach::action_relation;
-use super::relation::Relation;
+use super::reach::Reached;
 use super::tree::{Auxiliaries, RawAxiom, Tree};
 use super::values::{Grounded, Values};
+use super::work::Work;
+use super::{GroundError, action_relation};
 use crate::normalize::lifted::{
-    Closed, Formula, FunctionIndex, Lifted, LiftedEffect, LiftedNumeric, Schema, Slot, objects,
+    Closed, Formula, Lifted, LiftedEffect, LiftedFluent, LiftedNumeric, Schema, Slot, TypeIndex,
 };
 use crate::outcome::{StopReason, Unsupported};
 use crate::task::{
-    Changes, ConditionalEffect, FactId, GroundComparison, GroundExpression, Literal, NumericChange,
-    ObjectId, Operator,
+    FactId, GroundComparison, GroundExpression, Literal, NumericChange, ObjectId, Operators,
 };
 
 /// Ways to satisfy one precondition before disjunctions in it become facts of their own.
@@ -30,9 +31,8 @@ const CONDITION_ALTERNATIVES_MAX: usize = 4;
 
 /// The ground task over raw facts.
 pub(super) struct Raw {
-    pub(super) operators: Vec<Operator>,
-    /// Per operator, in units of the metric.
-    pub(super) costs: Vec<f64>,
+    /// Their costs are the bits of numbers, in units of the metric.
+    pub(super) operators: Operators,
     pub(super) axioms: Vec<RawAxiom>,
     pub(super) comparisons: Vec<GroundComparison>,
     /// `None` where the goal cannot hold.
@@ -57,63 +57,60 @@ struct Instantiation<'g, 'w, 'c> {
     work: &'w mut Work<'c>,
     /// The stratum after those of all axioms: for facts that stand for parts of preconditions.
     top: usize,
-    operators: Vec<Operator>,
-    costs: Vec<f64>,
+    operators: Operators,
+    /// Bytes of axioms.
     bytes: usize,
     warnings: Vec<Diagnostic>,
+    draft: Draft,
+    literals: Vec<Literal>,
+    bindings: Vec<ObjectId>,
 }
 
-/// Called for every instance of an effect whose condition can hold.
-type Instance<'f, I> = &'f mut dyn FnMut(&mut I, Tree, &[ObjectId]) -> Result<(), GroundError>;
+/// Called under every binding of an effect's variables.
+type Instance<'f, I> = &'f mut dyn FnMut(&mut I, &mut [ObjectId]) -> Result<(), GroundError>;
 
 /// A schema ready for grounding.
 struct Ready<'s> {
     index: usize,
     schema: &'s Schema,
-    precondition: Node,
-    effects: Vec<(JoinPlan, Node, &'s LiftedEffect)>,
-    numeric: Vec<(JoinPlan, Node, &'s LiftedNumeric)>,
+    precondition: Condition,
+    effects: Vec<Guarded<'s, LiftedEffect>>,
+    numeric: Vec<Guarded<'s, LiftedNumeric>>,
 }
 
-/// One action under one binding, before its precondition is flattened.
-struct Draft {
-    precondition: Vec<Tree>,
-    /// By condition; the first has none.
-    effects: Vec<(Vec<Literal>, DraftChanges)>,
-    positions: FxHashMap<Vec<Literal>, usize>,
-    cost: f64,
+/// A part of an effect, and the condition it stands under.
+struct Guarded<'s, T> {
+    /// Binds the variables of the effect's own quantifiers; `None` if it has none.
+    plan: Option<JoinPlan>,
+    condition: Condition,
+    part: &'s T,
 }
 
-/// Changes in the making.
-#[derive(Clone, Default)]
-struct DraftChanges {
-    adds: Vec<FactId>,
-    deletes: Vec<FactId>,
-    numeric: Vec<NumericChange>,
+/// An axiom ready for grounding: each binding of parameters and outer `exists` gives one.
+struct ReadyAxiom {
+    head: usize,
+    parameter_count: usize,
+    frame: Vec<TypeIndex>,
+    plan: JoinPlan,
+    body: Condition,
+    stratum: usize,
 }
 
 /// Grounds every schema, axiom and the goal over what was reached.
 pub(super) fn instantiate(
     lifted: &Lifted,
-    relations: &mut [Relation],
+    reached: &mut Reached,
     values: &mut Values,
     work: &mut Work<'_>,
 ) -> Result<Raw, GroundError> {
-    let ready: Vec<Ready<'_>> = lifted
-        .schemas
-        .iter()
-        .enumerate()
-        .map(|(index, schema)| Ready::new(lifted, relations, index, schema))
-        .collect();
-    let bodies: Vec<Node> = lifted
-        .axioms
-        .iter()
-        .map(|axiom| {
-            ready_formula(lifted, relations, &axiom.body, axiom.parameter_count, axiom.frame.len())
-        })
-        .collect();
+    let Reached { relations, sets } = reached;
+    let mut catalog = Catalog { lifted, relations, sets, is_complete: true };
+    let schemas = lifted.schemas.iter().enumerate();
+    let ready: Vec<Ready<'_>> =
+        schemas.map(|(index, schema)| Ready::new(&mut catalog, index, schema)).collect();
+    let axioms = ready_axioms(&mut catalog);
     let Closed { frame, formula } = &lifted.goal;
-    let goal = ready_formula(lifted, relations, formula, 0, frame.len());
+    let goal = Node::compile(&mut catalog, frame, formula, &mut vec![false; frame.len()]);
 
     let mut offsets = vec![0];
     for relation in &relations[..lifted.predicates.len()] {
@@ -125,6 +122,7 @@ pub(super) fn instantiate(
     let grounder = Grounder {
         lifted,
         relations,
+        sets,
         offsets: &offsets,
         values,
         comparisons: &mut comparisons,
@@ -136,62 +134,99 @@ pub(super) fn instantiate(
         auxiliaries: Auxiliaries::new(auxiliary_offset),
         work,
         top: lifted.axioms.iter().map(|axiom| axiom.stratum + 1).max().unwrap_or(0),
-        operators: Vec::new(),
-        costs: Vec::new(),
+        operators: Operators::default(),
         bytes: 0,
         warnings: Vec::new(),
+        draft: Draft::default(),
+        literals: Vec::new(),
+        bindings: Vec::new(),
     };
     for schema in &ready {
         instantiation.schema(schema)?;
     }
-    for (index, body) in bodies.iter().enumerate() {
-        instantiation.axiom(index, body)?;
+    for axiom in &axioms {
+        instantiation.axiom(axiom)?;
     }
-    let goal = instantiation.goal(&goal, frame.len())?;
-    let Instantiation { auxiliaries, operators, costs, warnings, .. } = instantiation;
+    let goal = instantiation.goal(&goal, frame)?;
+    let Instantiation { mut auxiliaries, operators, warnings, .. } = instantiation;
+    auxiliaries.tidy();
     let end = auxiliaries.end();
     let layout = Layout { offsets, comparison_offset, auxiliary_offset, end };
-    Ok(Raw { operators, costs, axioms: auxiliaries.axioms, comparisons, goal, layout, warnings })
+    Ok(Raw { operators, axioms: auxiliaries.axioms, comparisons, goal, layout, warnings })
 }
 
-fn ready_formula(
-    lifted: &Lifted,
-    relations: &mut [Relation],
-    formula: &Formula,
-    parameter_count: usize,
-    frame_len: usize,
-) -> Node {
-    let mut bound = vec![false; frame_len];
-    bound[..parameter_count].fill(true);
-    Node::compile(lifted, relations, formula, &mut bound)
+/// Every alternative of every axiom's body, with its outer `exists` open.
+fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<ReadyAxiom> {
+    let mut ready = Vec::new();
+    for axiom in &catalog.lifted.axioms {
+        let whole = std::slice::from_ref(&axiom.body);
+        let alternatives = match &axiom.body {
+            Formula::Or(alternatives) => alternatives.as_slice(),
+            _ => whole,
+        };
+        for alternative in alternatives {
+            let (slots, body) = open(alternative);
+            let parameters = 0..axiom.parameter_count as Slot;
+            let slots: Vec<Slot> = parameters.chain(slots).collect();
+            let mut bound = vec![false; axiom.frame.len()];
+            let plan = enumeration(catalog, &axiom.frame, &slots, &body, true, &mut bound);
+            ready.push(ReadyAxiom {
+                head: axiom.head,
+                parameter_count: axiom.parameter_count,
+                frame: axiom.frame.clone(),
+                plan,
+                body: Condition::compile(catalog, &axiom.frame, &body, &mut bound, false),
+                stratum: axiom.stratum,
+            });
+        }
+    }
+    ready
+}
+
+/// The variables of a conjunction's `exists`, if it has but one, and the conjunction without it.
+fn open(formula: &Formula) -> (Vec<Slot>, Formula) {
+    match formula {
+        Formula::Exists(slots, inner) => (slots.clone(), inner.as_ref().clone()),
+        Formula::And(parts) => {
+            let mut parts = parts.clone();
+            let at = parts.iter().position(|part| matches!(part, Formula::Exists(..)));
+            let Some(at) = at else { return (Vec::new(), formula.clone()) };
+            match parts.swap_remove(at) {
+                Formula::Exists(slots, inner) => {
+                    parts.push(*inner);
+                    (slots, Formula::And(parts))
+                }
+                _ => (Vec::new(), formula.clone()),
+            }
+        }
+        _ => (Vec::new(), formula.clone()),
+    }
 }
 
 // === impl Ready ===
 
 impl<'s> Ready<'s> {
-    fn new(
-        lifted: &Lifted,
-        relations: &mut [Relation],
-        index: usize,
-        schema: &'s Schema,
-    ) -> Ready<'s> {
-        let (count, frame_len) = (schema.parameter_count, schema.frame.len());
-        let precondition = ready_formula(lifted, relations, &schema.precondition, count, frame_len);
-        let mut guarded = |variables: &[Slot], condition: &Formula| {
-            let mut bound = vec![false; frame_len];
-            bound[..count].fill(true);
-            let plan = enumeration(lifted, relations, variables, condition, true, &mut bound);
-            (plan, Node::compile(lifted, relations, condition, &mut bound))
+    fn new(catalog: &mut Catalog<'_>, index: usize, schema: &'s Schema) -> Ready<'s> {
+        let frame = &schema.frame;
+        let mut bound = vec![false; frame.len()];
+        bound[..schema.parameter_count].fill(true);
+        let precondition =
+            Condition::compile(catalog, frame, &schema.precondition, &mut bound.clone(), true);
+        let mut guard = |variables: &[Slot], condition: &Formula| {
+            let mut bound = bound.clone();
+            let plan = (!variables.is_empty())
+                .then(|| enumeration(catalog, frame, variables, condition, true, &mut bound));
+            (plan, Condition::compile(catalog, frame, condition, &mut bound, false))
         };
         let mut effects = Vec::new();
-        for effect in &schema.effects {
-            let (plan, condition) = guarded(&effect.variables, &effect.condition);
-            effects.push((plan, condition, effect));
+        for part in &schema.effects {
+            let (plan, condition) = guard(&part.variables, &part.condition);
+            effects.push(Guarded { plan, condition, part });
         }
         let mut numeric = Vec::new();
-        for change in &schema.numeric {
-            let (plan, condition) = guarded(&change.variables, &change.condition);
-            numeric.push((plan, condition, change));
+        for part in &schema.numeric {
+            let (plan, condition) = guard(&part.variables, &part.condition);
+            numeric.push(Guarded { plan, condition, part });
         }
         Ready { index, schema, precondition, effects, numeric }
     }
@@ -203,12 +238,16 @@ impl Instantiation<'_, '_, '_> {
     fn schema(&mut self, ready: &Ready<'_>) -> Result<(), GroundError> {
         let relations = self.grounder.relations;
         let relation = &relations[action_relation(self.grounder.lifted, ready.index)];
-        let mut binding = vec![ObjectId::from_index(0); ready.schema.frame.len()];
+        let mut binding = vec![ObjectId::from_index(0); ready.schema.frame.len().max(1)];
+        let mut draft = std::mem::take(&mut self.draft);
         for row in 0..relation.len() {
+            self.work.breathe()?;
             let arguments = relation.row(row);
             binding[..arguments.len()].copy_from_slice(arguments);
-            self.operator(ready, arguments, &mut binding)?;
+            self.operator(ready, arguments, &mut binding, &mut draft)?;
+            self.work.check_memory(self.bytes + self.operators.bytes())?;
         }
+        self.draft = draft;
         Ok(())
     }
 
@@ -217,86 +256,127 @@ impl Instantiation<'_, '_, '_> {
         ready: &Ready<'_>,
         arguments: &[ObjectId],
         binding: &mut [ObjectId],
+        draft: &mut Draft,
     ) -> Result<(), GroundError> {
+        draft.clear();
         let frame = &ready.schema.frame;
-        let precondition = self.grounder.tree(&ready.precondition, frame, binding, self.work)?;
-        if precondition == Tree::False {
+        let Instantiation { grounder, work, .. } = self;
+        let mut rest =
+            ready.precondition.ground(grounder, frame, binding, work, &mut draft.preconditions)?;
+        if rest == Tree::False {
             return Ok(());
         }
-        let mut draft = Draft::new(precondition);
-        for (plan, condition, effect) in &ready.effects {
-            self.effect(plan, condition, effect, frame, binding, &mut draft)?;
+        for guarded in &ready.effects {
+            self.effect(guarded, frame, binding, draft)?;
         }
-        for (plan, condition, change) in &ready.numeric {
-            self.numeric(plan, condition, change, ready, binding, &mut draft)?;
+        for guarded in &ready.numeric {
+            self.numeric(guarded, ready, binding, draft, &mut rest)?;
         }
         if draft.cost < 0.0 {
             let feature = format!("a negative cost of `{}`", ready.schema.name);
             return Err(Unsupported::in_domain(feature, ready.schema.span).into());
         }
-        let whole = Tree::and(std::mem::take(&mut draft.precondition));
-        for preconditions in
-            self.auxiliaries.conjunctions(&whole, PRECONDITION_ALTERNATIVES_MAX, self.top)
-        {
-            let operator = draft.operator(ready.index, arguments, preconditions);
-            self.bytes += operator.bytes();
-            self.work.check_memory(self.bytes)?;
-            self.operators.push(operator);
-            self.costs.push(draft.cost);
+        let schema = ready.index as u32;
+        match rest {
+            Tree::False => (),
+            Tree::True => {
+                let preconditions = std::mem::take(&mut draft.preconditions);
+                draft.operator(schema, arguments, &preconditions, &mut self.operators);
+                draft.preconditions = preconditions;
+            }
+            rest => {
+                let max = PRECONDITION_ALTERNATIVES_MAX;
+                for mut preconditions in self.auxiliaries.conjunctions(&rest, max, self.top) {
+                    preconditions.extend_from_slice(&draft.preconditions);
+                    if tidy(&mut preconditions) {
+                        draft.operator(schema, arguments, &preconditions, &mut self.operators);
+                    }
+                }
+            }
         }
         Ok(())
     }
 
     fn effect(
         &mut self,
-        plan: &JoinPlan,
-        condition: &Node,
-        effect: &LiftedEffect,
-        frame: &[usize],
+        guarded: &Guarded<'_, LiftedEffect>,
+        frame: &[TypeIndex],
         binding: &mut [ObjectId],
         draft: &mut Draft,
     ) -> Result<(), GroundError> {
-        self.each(plan, condition, frame, binding, &mut |this, tree, binding| {
-            let Some(fact) = this.grounder.fact(&effect.atom, binding) else { return Ok(()) };
-            for conditions in
-                this.auxiliaries.conjunctions(&tree, CONDITION_ALTERNATIVES_MAX, this.top)
-            {
+        let Guarded { plan, condition, part } = guarded;
+        self.each(plan.as_ref(), frame, binding, &mut |this, binding| {
+            let Some(fact) = this.grounder.fact(&part.atom, binding) else { return Ok(()) };
+            let tree = this.condition(condition, frame, binding)?;
+            let mut add = |conditions: &[Literal]| {
                 let changes = draft.under(conditions);
-                if effect.adds { changes.adds.push(fact) } else { changes.deletes.push(fact) }
+                if part.adds { changes.adds.push(fact) } else { changes.deletes.push(fact) }
+            };
+            match tree {
+                Tree::False => (),
+                Tree::True => add(&this.literals),
+                tree => {
+                    let max = CONDITION_ALTERNATIVES_MAX;
+                    for mut conditions in this.auxiliaries.conjunctions(&tree, max, this.top) {
+                        conditions.extend_from_slice(&this.literals);
+                        if tidy(&mut conditions) {
+                            add(&conditions);
+                        }
+                    }
+                }
             }
             Ok(())
         })
     }
 
+    /// Grounds a condition into `self.literals` and what is returned.
+    fn condition(
+        &mut self,
+        condition: &Condition,
+        frame: &[TypeIndex],
+        binding: &mut [ObjectId],
+    ) -> Result<Tree, StopReason> {
+        let Instantiation { grounder, work, literals, .. } = self;
+        literals.clear();
+        condition.ground(grounder, frame, binding, work, literals)
+    }
+
     fn numeric(
         &mut self,
-        plan: &JoinPlan,
-        condition: &Node,
-        change: &LiftedNumeric,
+        guarded: &Guarded<'_, LiftedNumeric>,
         ready: &Ready<'_>,
         binding: &mut [ObjectId],
         draft: &mut Draft,
+        rest: &mut Tree,
     ) -> Result<(), GroundError> {
         let lifted = self.grounder.lifted;
+        let Guarded { plan, condition, part: change } = guarded;
+        let frame = &ready.schema.frame;
         let function = change.fluent.function;
         // Two changes of one fluent may contradict each other; then both must be followed.
-        let rivals = ready.numeric.iter().filter(|(_, _, other)| other.fluent.function == function);
-        let is_followed = lifted.functions[function].is_numeric_fluent() || rivals.count() > 1;
+        let rivals = ready.numeric.iter().filter(|other| other.part.fluent.function == function);
+        let is_fluent = lifted.functions[function].is_numeric_fluent();
+        let is_followed = is_fluent || rivals.count() > 1;
         let weights = lifted.costs.weights.as_deref().unwrap_or_default();
         let is_counted = weights.iter().any(|(weighted, ..)| *weighted == function);
-        self.each(plan, condition, &ready.schema.frame, binding, &mut |this, tree, binding| {
-            let arguments: Vec<ObjectId> = objects(&change.fluent.arguments, binding).collect();
-            let value = this.grounder.values.ground(&change.value, binding);
+        self.each(plan.as_ref(), frame, binding, &mut |this, binding| {
+            let tree = this.condition(condition, frame, binding)?;
+            if tree == Tree::False {
+                return Ok(());
+            }
+            let values = &mut this.grounder.values;
+            let value = values.ground(&change.value, binding);
             let is_defined = change.assignment == Assignment::Assign
-                || lifted.functions[function].is_numeric_fluent()
-                || this.grounder.values.initially(function, &arguments).is_some();
+                || is_fluent
+                || values.initially(&change.fluent, binding).is_some();
             if value == Grounded::Undefined || !is_defined {
                 this.warn_undefined(change, ready.schema);
-                draft.precondition.push(tree.negated());
+                let whole = this.whole(tree);
+                *rest = Tree::and([std::mem::replace(rest, Tree::True), whole.negated()]);
                 return Ok(());
             }
             if let (true, Grounded::Fixed(amount)) = (is_counted, &value) {
-                draft.cost += cost(lifted, function, &arguments, change.assignment, *amount);
+                draft.cost += cost(lifted, &change.fluent, binding, change.assignment, *amount);
             }
             let follow = (is_followed && (lifted.functions[function].read || !is_counted))
                 || matches!(value, Grounded::Varying(_));
@@ -308,68 +388,76 @@ impl Instantiation<'_, '_, '_> {
                 };
                 let fluent = this.grounder.values.fluent(&change.fluent, binding);
                 let change = NumericChange { fluent, assignment: change.assignment, value };
+                let whole = this.whole(tree);
                 // One alternative only: increasing twice is not increasing once.
-                for conditions in this.auxiliaries.conjunctions(&tree, 1, this.top) {
-                    draft.under(conditions).numeric.push(change.clone());
+                for conditions in this.auxiliaries.conjunctions(&whole, 1, this.top) {
+                    draft.under(&conditions).numeric.push(change.clone());
                 }
             }
             Ok(())
         })
     }
 
-    /// Grounds the condition of an effect under every binding of its variables; calls `found` where
-    /// it can hold.
+    /// The condition grounded last, as one tree.
+    fn whole(&self, rest: Tree) -> Tree {
+        let literals = self.literals.iter().map(|literal| Tree::Literal(*literal));
+        Tree::and(literals.chain([rest]))
+    }
+
+    /// Calls `found` under every binding of an effect's variables.
     fn each(
         &mut self,
-        plan: &JoinPlan,
-        condition: &Node,
-        frame: &[usize],
+        plan: Option<&JoinPlan>,
+        frame: &[TypeIndex],
         binding: &mut [ObjectId],
         found: Instance<'_, Self>,
     ) -> Result<(), GroundError> {
-        if binding.is_empty() {
-            let tree = self.grounder.tree(condition, frame, binding, self.work)?;
-            return if tree == Tree::False { Ok(()) } else { found(self, tree, binding) };
-        }
-        let mut bindings = Vec::new();
+        let Some(plan) = plan else { return found(self, binding) };
+        let mut bindings = std::mem::take(&mut self.bindings);
+        bindings.clear();
         self.grounder.bindings(plan, frame, binding, self.work, &mut bindings)?;
         for inside in bindings.chunks_exact_mut(binding.len()) {
-            let tree = self.grounder.tree(condition, frame, inside, self.work)?;
-            if tree != Tree::False {
-                found(self, tree, inside)?;
-            }
+            found(self, inside)?;
         }
+        self.bindings = bindings;
         Ok(())
     }
 
-    fn axiom(&mut self, index: usize, body: &Node) -> Result<(), GroundError> {
-        let lifted = self.grounder.lifted;
-        let axiom = &lifted.axioms[index];
+    fn axiom(&mut self, axiom: &ReadyAxiom) -> Result<(), GroundError> {
         let relation = &self.grounder.relations[axiom.head];
-        let mut binding = vec![ObjectId::from_index(0); axiom.frame.len()];
-        for row in 0..relation.len() {
-            let arguments = relation.row(row);
-            let types = &axiom.frame[..arguments.len()];
-            if arguments.iter().zip(types).any(|(object, ty)| !lifted.types[*ty].contains(*object))
-            {
-                continue;
-            }
-            binding[..arguments.len()].copy_from_slice(arguments);
+        // Even a binding of no variables leaves a trace.
+        let mut binding = vec![ObjectId::from_index(0); axiom.frame.len().max(1)];
+        let mut bindings = Vec::new();
+        let ReadyAxiom { plan, body, frame, stratum, .. } = axiom;
+        self.grounder.bindings(plan, frame, &mut binding, self.work, &mut bindings)?;
+        for inside in bindings.chunks_exact_mut(binding.len()) {
+            self.work.breathe()?;
+            let Some(row) = relation.find(&inside[..axiom.parameter_count]) else { continue };
             let head = FactId::from_index(self.grounder.offsets[axiom.head] + row);
-            let tree = self.grounder.tree(body, &axiom.frame, &mut binding, self.work)?;
-            let (max, stratum) = (PRECONDITION_ALTERNATIVES_MAX, axiom.stratum);
-            for body in self.auxiliaries.conjunctions(&tree, max, stratum) {
+            let tree = self.condition(body, frame, inside)?;
+            let bodies = match tree {
+                Tree::False => Vec::new(),
+                Tree::True => vec![self.literals.clone()],
+                tree => {
+                    let whole = self.whole(tree);
+                    self.auxiliaries.conjunctions(&whole, PRECONDITION_ALTERNATIVES_MAX, *stratum)
+                }
+            };
+            for body in bodies {
                 self.bytes += size_of::<RawAxiom>() + body.len() * size_of::<Literal>();
-                self.auxiliaries.axioms.push(RawAxiom { head, body, stratum });
+                self.auxiliaries.axioms.push(RawAxiom { head, body, stratum: *stratum });
             }
             self.work.check_memory(self.bytes)?;
         }
         Ok(())
     }
 
-    fn goal(&mut self, goal: &Node, frame_len: usize) -> Result<Option<Vec<Literal>>, StopReason> {
-        let mut binding = vec![ObjectId::from_index(0); frame_len];
-        let frame = &self.grounder.lifted.goal.frame;
+    fn goal(
+        &mut self,
+        goal: &Node,
+        frame: &[TypeIndex],
+    ) -> Result<Option<Vec<Literal>>, StopReason> {
+        let mut binding = vec![ObjectId::from_index(0); frame.len().max(1)];
         let tree = self.grounder.tree(goal, frame, &mut binding, self.work)?;
         Ok(self.auxiliaries.conjunctions(&tree, 1, self.top).pop())
     }
@@ -392,108 +480,17 @@ impl Instantiation<'_, '_, '_> {
 /// What changing a fluent by an amount adds to the cost of a plan.
 fn cost(
     lifted: &Lifted,
-    function: FunctionIndex,
-    arguments: &[ObjectId],
+    fluent: &LiftedFluent,
+    binding: &[ObjectId],
     assignment: Assignment,
     amount: f64,
 ) -> f64 {
     let weights = lifted.costs.weights.as_deref().unwrap_or_default();
     let sign = if assignment == Assignment::Decrease { -1.0 } else { 1.0 };
-    let matching = weights
-        .iter()
-        .filter(|(weighted, objects, _)| *weighted == function && objects.as_slice() == arguments);
+    let is_it = |objects: &[ObjectId]| {
+        let arguments = fluent.arguments.iter().map(|term| term.object(binding));
+        objects.iter().copied().eq(arguments)
+    };
+    let matching = weights.iter().filter(|one| one.0 == fluent.function && is_it(&one.1));
     matching.map(|(_, _, weight)| weight * sign * amount).sum()
-}
-
-// === impl Draft ===
-
-impl Draft {
-    fn new(precondition: Tree) -> Draft {
-        let mut draft = Draft {
-            precondition: vec![precondition],
-            effects: Vec::new(),
-            positions: FxHashMap::default(),
-            cost: 0.0,
-        };
-        draft.under(Vec::new());
-        draft
-    }
-
-    /// The changes under a condition.
-    fn under(&mut self, conditions: Vec<Literal>) -> &mut DraftChanges {
-        let next = self.effects.len();
-        let position = *self.positions.entry(conditions).or_insert_with_key(|conditions| {
-            self.effects.push((conditions.clone(), DraftChanges::default()));
-            next
-        });
-        &mut self.effects[position].1
-    }
-
-    /// The operator with one of the ways to satisfy the precondition.
-    fn operator(
-        &self,
-        schema: usize,
-        arguments: &[ObjectId],
-        preconditions: Vec<Literal>,
-    ) -> Operator {
-        // What the precondition says need not be asked again, and what contradicts it cannot happen.
-        let mut always = DraftChanges::default();
-        let mut conditional = Vec::new();
-        for (conditions, changes) in &self.effects {
-            if conditions
-                .iter()
-                .any(|literal| preconditions.binary_search(&literal.negated()).is_ok())
-            {
-                continue;
-            }
-            let mut conditions = conditions.clone();
-            conditions.retain(|literal| preconditions.binary_search(literal).is_err());
-            if conditions.is_empty() {
-                always.extend(changes);
-            } else {
-                conditional.push((conditions, changes.clone()));
-            }
-        }
-        let effect = always.finish(&[]);
-        let conditional = conditional.into_iter().map(|(conditions, changes)| ConditionalEffect {
-            conditions: conditions.into_boxed_slice(),
-            effect: changes.finish(&effect.adds),
-        });
-        let conditional = conditional.filter(|one| !one.effect.is_empty()).collect();
-        Operator {
-            schema: schema as u32,
-            arguments: arguments.into(),
-            preconditions: preconditions.into_boxed_slice(),
-            effect,
-            conditional,
-            cost: 0,
-        }
-    }
-}
-
-// === impl DraftChanges ===
-
-impl DraftChanges {
-    fn extend(&mut self, other: &DraftChanges) {
-        self.adds.extend(&other.adds);
-        self.deletes.extend(&other.deletes);
-        self.numeric.extend(other.numeric.iter().cloned());
-    }
-
-    /// Sorted, without deletes that an add overrules; `added` is added in any case.
-    fn finish(mut self, added: &[FactId]) -> Changes {
-        self.adds.retain(|fact| added.binary_search(fact).is_err());
-        self.adds.sort_unstable();
-        self.adds.dedup();
-        self.deletes.sort_unstable();
-        self.deletes.dedup();
-        let adds = self.adds;
-        self.deletes
-            .retain(|fact| adds.binary_search(fact).is_err() && added.binary_search(fact).is_err());
-        Changes {
-            adds: adds.into_boxed_slice(),
-            deletes: self.deletes.into_boxed_slice(),
-            numeric: self.numeric.into_boxed_slice(),
-        }
-    }
 }

@@ -1,18 +1,16 @@
 //! Joins: finding every binding under which some atoms hold, without looking at all bindings.
 //!
 //! - [`JoinPlan::compile`] fixes the order once: atoms whose arguments are known already come first,
-//!   then static ones that leave few choices, and objects of a type only where no atom helps.
+//!   then those that leave few choices, and objects of a type only where no atom helps.
 //! - [`Join::run`] walks it, counting every candidate in [`Work`].
 
-use crate::limits::{Budget, Cancel};
-use crate::normalize::lifted::{
-    Lifted, LiftedAtom, LiftedExpression, LiftedTerm, Slot, TypeIndex, objects,
-};
+use super::relation::{IndexId, Relation};
+use super::sets::Sets;
+use super::values::Values;
+use super::work::Work;
+use crate::normalize::lifted::{Lifted, LiftedAtom, LiftedExpression, LiftedTerm, Slot, TypeIndex};
 use crate::outcome::StopReason;
 use crate::task::ObjectId;
-
-use super::relation::{IndexId, Relation};
-use super::values::Values;
 
 /// A test that waits until its variables are bound.
 #[derive(Clone, Debug)]
@@ -22,7 +20,7 @@ pub(super) enum Filter {
         left: LiftedTerm,
         right: LiftedTerm,
     },
-    /// The atom does not hold in the initial state, and no action adds or removes it.
+    /// The atom does not hold in the initial state, and no action removes it.
     NotInitially(LiftedAtom),
     /// A comparison of static functions.
     Compare {
@@ -41,134 +39,153 @@ pub(super) struct JoinPlan {
 #[derive(Clone, Debug)]
 enum Step {
     /// Binds variables from the rows that agree with what is bound.
-    Probe {
-        relation: usize,
-        index: IndexId,
-        key: Vec<LiftedTerm>,
-        binds: Vec<(usize, Slot)>,
-        same: Vec<(usize, usize)>,
-    },
+    Probe(Probe),
     /// Asks whether the tuple is there.
-    Contains(LiftedAtom),
-    /// Binds a variable to every object of its type.
+    Contains {
+        atom: LiftedAtom,
+        is_new_to: bool,
+    },
+    /// Binds a variable to every object of its set.
     Enumerate(Slot),
     Check(Filter),
 }
 
-/// Counts work, and knows when it is too much.
-pub(super) struct Work<'c> {
-    pub(super) steps: u64,
-    budget: Budget,
-    cancel: &'c Cancel,
+#[derive(Clone, Debug)]
+struct Probe {
+    relation: usize,
+    index: IndexId,
+    key: Vec<LiftedTerm>,
+    binds: Vec<(usize, Slot)>,
+    same: Vec<(usize, usize)>,
+    is_new_to: bool,
+}
+
+/// An atom to be joined.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Part<'r> {
+    pub(super) atom: &'r LiftedAtom,
+    /// Whether the tuple that sets off the join must not stand for this atom: another join, set off
+    /// by the same tuple at this atom, finds those bindings.
+    pub(super) is_new_to: bool,
 }
 
 /// What a join reads.
 #[derive(Clone, Copy)]
 pub(super) struct Join<'g> {
-    pub(super) lifted: &'g Lifted,
     pub(super) relations: &'g [Relation],
+    pub(super) sets: &'g Sets,
     pub(super) values: &'g Values,
+    /// The set that each slot ranges over.
     pub(super) frame: &'g [TypeIndex],
+    /// Relation and row of the tuple that sets off the join.
+    pub(super) cause: Option<(usize, usize)>,
 }
 
-/// How often the caller's flag is looked at, in join steps; a step takes some ten nanoseconds.
-const STEPS_BETWEEN_CANCEL_CHECKS: u64 = 1 << 12;
-
-// === impl Work ===
-
-impl<'c> Work<'c> {
-    pub(super) fn new(budget: Budget, cancel: &'c Cancel) -> Work<'c> {
-        Work { steps: 0, budget, cancel }
-    }
-
-    pub(super) fn step(&mut self) -> Result<(), StopReason> {
-        self.steps += 1;
-        if self.steps > self.budget.join_steps_max {
-            return Err(StopReason::JoinStepLimit { limit: self.budget.join_steps_max });
-        }
-        if self.steps.is_multiple_of(STEPS_BETWEEN_CANCEL_CHECKS) && self.cancel.is_set() {
-            return Err(StopReason::Cancelled);
-        }
-        Ok(())
-    }
-
-    /// Fails if that many bytes are more than grounding may take.
-    pub(super) fn check_memory(&self, bytes: usize) -> Result<(), StopReason> {
-        let limit = self.budget.memory_max_bytes;
-        if bytes > limit { Err(StopReason::MemoryLimit { limit }) } else { Ok(()) }
-    }
+/// What planning a join reads.
+pub(super) struct Catalog<'g> {
+    pub(super) lifted: &'g Lifted,
+    pub(super) relations: &'g mut [Relation],
+    pub(super) sets: &'g Sets,
+    /// Whether relations grow no more, so that their sizes tell something.
+    pub(super) is_complete: bool,
 }
 
 // === impl JoinPlan ===
 
 impl JoinPlan {
-    /// Plans a join over `atoms` that binds all of `wanted`; `bound` says which slots are bound
+    /// Plans a join over `parts` that binds all of `wanted`; `bound` says which slots are bound
     /// before, and afterwards which are.
-    pub(super) fn compile(
-        lifted: &Lifted,
-        relations: &mut [Relation],
-        atoms: &[LiftedAtom],
+    pub(super) fn compile<'r>(
+        catalog: &mut Catalog<'_>,
+        frame: &[TypeIndex],
+        parts: impl IntoIterator<Item = Part<'r>>,
         filters: &[Filter],
         wanted: &[Slot],
         bound: &mut [bool],
     ) -> JoinPlan {
         let mut plan = JoinPlan::default();
-        let mut atoms: Vec<&LiftedAtom> = atoms.iter().collect();
+        let mut parts: Vec<Part<'_>> = parts.into_iter().collect();
         let mut filters: Vec<&Filter> = filters.iter().collect();
-        loop {
-            filters.retain(|filter| {
-                let ready = filter.slots().iter().all(|slot| bound[*slot as usize]);
-                if ready {
-                    plan.steps.push(Step::Check((*filter).clone()));
-                }
-                !ready
-            });
-            let costs = atoms.iter().map(|atom| estimate(lifted, relations, atom, bound));
+        plan.check_ready(&mut filters, bound);
+        while !parts.is_empty() {
+            let costs = parts.iter().map(|part| estimate(catalog, frame, part.atom, bound));
             let best = costs.enumerate().min_by(|(_, left), (_, right)| left.total_cmp(right));
             let Some((position, _)) = best else { break };
-            let atom = atoms.remove(position);
-            plan.steps.push(probe(relations, atom, bound));
+            let part = parts.remove(position);
+            plan.steps.push(probe(catalog.relations, part, bound));
+            plan.check_ready(&mut filters, bound);
         }
         for &slot in wanted {
             if !std::mem::replace(&mut bound[slot as usize], true) {
                 plan.steps.push(Step::Enumerate(slot));
-                let ready =
-                    |filter: &&Filter| filter.slots().iter().all(|one| bound[*one as usize]);
-                plan.steps.extend(
-                    filters.iter().filter(|one| ready(one)).map(|one| Step::Check((*one).clone())),
-                );
-                filters.retain(|filter| !ready(filter));
+                plan.check_ready(&mut filters, bound);
             }
         }
         plan
     }
+
+    /// Puts the filters next whose variables are all bound.
+    fn check_ready(&mut self, filters: &mut Vec<&Filter>, bound: &[bool]) {
+        filters.retain(|filter| {
+            let mut is_ready = true;
+            filter.slots(&mut |slot| is_ready &= bound[slot as usize]);
+            if is_ready {
+                self.steps.push(Step::Check((*filter).clone()));
+            }
+            !is_ready
+        });
+    }
+}
+
+fn is_bound(term: &LiftedTerm, bound: &[bool]) -> bool {
+    match term {
+        LiftedTerm::Variable(slot) => bound[*slot as usize],
+        LiftedTerm::Object(_) => true,
+    }
 }
 
 /// How many rows an atom is likely to match, given what is bound.
-fn estimate(lifted: &Lifted, relations: &[Relation], atom: &LiftedAtom, bound: &[bool]) -> f64 {
-    let relation = &relations[atom.predicate];
-    let is_static =
-        lifted.predicates.get(atom.predicate).is_some_and(|predicate| predicate.is_static());
-    let is_bound = |term: &LiftedTerm| match term {
-        LiftedTerm::Variable(slot) => bound[*slot as usize],
-        LiftedTerm::Object(_) => true,
-    };
-    if atom.arguments.iter().all(is_bound) {
-        return 0.0;
+fn estimate(catalog: &Catalog<'_>, frame: &[TypeIndex], atom: &LiftedAtom, bound: &[bool]) -> f64 {
+    let open = atom.arguments.iter().enumerate().filter_map(|(column, term)| match term {
+        LiftedTerm::Variable(slot) if !bound[*slot as usize] => Some((column, *slot)),
+        _ => None,
+    });
+    let size = |slot: Slot| catalog.sets.get(frame[slot as usize]).members.len() as f64;
+    let relation = &catalog.relations[atom.predicate];
+    if !catalog.is_complete && !is_static(catalog.lifted, atom.predicate) {
+        // Of facts that come and go little is known yet; in the end most combinations may be there.
+        let mut combinations = 1.0;
+        let mut seen = Vec::new();
+        for (_, slot) in open {
+            if !seen.contains(&slot) {
+                seen.push(slot);
+                combinations *= size(slot);
+            }
+        }
+        return if seen.is_empty() { 0.0 } else { combinations };
     }
-    // Of facts that come and go little is known yet: each open argument is taken to have ten values.
-    let open = atom.arguments.iter().filter(|term| !is_bound(term)).count();
-    if !is_static {
-        return 10f64.powi(open as i32);
+    let mut is_open = false;
+    let mut rows = relation.len() as f64;
+    for (column, slot) in open {
+        is_open = true;
+        rows *= (size(slot) / relation.distinct(column).max(1) as f64).min(1.0);
     }
-    let columns = atom.arguments.iter().enumerate().filter(|(_, term)| is_bound(term));
-    columns.fold(relation.len() as f64, |rows, (column, _)| {
-        rows / relation.distinct(column).max(1) as f64
-    })
+    for (column, term) in atom.arguments.iter().enumerate() {
+        if is_bound(term, bound) {
+            rows /= relation.distinct(column).max(1) as f64;
+        }
+    }
+    if is_open { rows } else { 0.0 }
+}
+
+/// Whether a relation is that of a predicate whose facts are those of the initial state.
+pub(super) fn is_static(lifted: &Lifted, relation: usize) -> bool {
+    lifted.predicates.get(relation).is_some_and(|predicate| predicate.is_static())
 }
 
 /// The step that joins an atom; binds its variables.
-fn probe(relations: &mut [Relation], atom: &LiftedAtom, bound: &mut [bool]) -> Step {
+fn probe(relations: &mut [Relation], part: Part<'_>, bound: &mut [bool]) -> Step {
+    let Part { atom, is_new_to } = part;
     let (mut columns, mut key) = (Vec::new(), Vec::new());
     let (mut binds, mut same) = (Vec::<(usize, Slot)>::new(), Vec::new());
     for (column, term) in atom.arguments.iter().enumerate() {
@@ -185,22 +202,22 @@ fn probe(relations: &mut [Relation], atom: &LiftedAtom, bound: &mut [bool]) -> S
             }
         }
     }
-    if binds.is_empty() {
-        return Step::Contains(atom.clone());
+    if binds.is_empty() && relations[atom.predicate].has_set() {
+        return Step::Contains { atom: atom.clone(), is_new_to };
     }
     binds.iter().for_each(|(_, slot)| bound[*slot as usize] = true);
     let index = relations[atom.predicate].index(&columns);
-    Step::Probe { relation: atom.predicate, index, key, binds, same }
+    Step::Probe(Probe { relation: atom.predicate, index, key, binds, same, is_new_to })
 }
 
 // === impl Filter ===
 
 impl Filter {
-    fn slots(&self) -> Vec<Slot> {
-        let mut slots = Vec::new();
+    /// Calls `visit` for every variable in it.
+    pub(super) fn slots(&self, visit: &mut dyn FnMut(Slot)) {
         let mut term = |term: &LiftedTerm| {
             if let LiftedTerm::Variable(slot) = term {
-                slots.push(*slot);
+                visit(*slot);
             }
         };
         match self {
@@ -211,93 +228,39 @@ impl Filter {
                 sides.1.terms(&mut term);
             }
         }
-        slots
-    }
-}
-
-// === impl Join ===
-
-/// Called for every binding found.
-pub(super) type Found<'f, 'c> =
-    &'f mut dyn FnMut(&mut [ObjectId], &mut Work<'c>) -> Result<(), StopReason>;
-
-impl Join<'_> {
-    /// Whether an object may stand in a slot.
-    pub(super) fn fits(&self, slot: Slot, object: ObjectId) -> bool {
-        self.lifted.types[self.frame[slot as usize]].contains(object)
     }
 
-    /// Calls `found` for every binding that the plan reaches.
-    pub(super) fn run<'c>(
-        &self,
-        plan: &JoinPlan,
-        binding: &mut [ObjectId],
-        work: &mut Work<'c>,
-        found: Found<'_, 'c>,
-    ) -> Result<(), StopReason> {
-        self.walk(&plan.steps, binding, work, found)
-    }
-
-    fn walk<'c>(
-        &self,
-        steps: &[Step],
-        binding: &mut [ObjectId],
-        work: &mut Work<'c>,
-        found: Found<'_, 'c>,
-    ) -> Result<(), StopReason> {
-        let Some((step, rest)) = steps.split_first() else { return found(binding, work) };
-        work.step()?;
-        match step {
-            Step::Check(filter) => {
-                if self.passes(filter, binding) {
-                    self.walk(rest, binding, work, found)?;
-                }
-            }
-            Step::Contains(atom) => {
-                let tuple: Tuple = objects(&atom.arguments, binding).collect();
-                if self.relations[atom.predicate].contains_indexed(&tuple.0) {
-                    self.walk(rest, binding, work, found)?;
-                }
-            }
-            Step::Enumerate(slot) => {
-                for &object in &self.lifted.types[self.frame[*slot as usize]].members {
-                    work.step()?;
-                    binding[*slot as usize] = object;
-                    self.walk(rest, binding, work, found)?;
-                }
-            }
-            Step::Probe { relation, index, key, binds, same } => {
-                let relation = &self.relations[*relation];
-                let key: Tuple = objects(key, binding).collect();
-                for row in relation.matching(*index, &key.0) {
-                    work.step()?;
-                    let row = relation.row(row);
-                    if same.iter().any(|(left, right)| row[*left] != row[*right])
-                        || binds.iter().any(|(column, slot)| !self.fits(*slot, row[*column]))
-                    {
-                        continue;
-                    }
-                    binds.iter().for_each(|(column, slot)| binding[*slot as usize] = row[*column]);
-                    self.walk(rest, binding, work, found)?;
-                }
+    /// Calls `visit` for every term in it.
+    pub(super) fn terms_mut(&mut self, visit: &mut dyn FnMut(&mut LiftedTerm)) {
+        match self {
+            Filter::Equal { left, right, .. } => [left, right].into_iter().for_each(visit),
+            Filter::NotInitially(atom) => atom.arguments.iter_mut().for_each(visit),
+            Filter::Compare { sides, .. } => {
+                sides.0.terms_mut(visit);
+                sides.1.terms_mut(visit);
             }
         }
-        Ok(())
     }
 
-    fn passes(&self, filter: &Filter, binding: &[ObjectId]) -> bool {
-        match filter {
+    /// Whether it passes a binding of all its variables.
+    pub(super) fn passes(
+        &self,
+        relations: &[Relation],
+        values: &Values,
+        binding: &[ObjectId],
+    ) -> bool {
+        match self {
             Filter::Equal { positive, left, right } => {
                 (left.object(binding) == right.object(binding)) == *positive
             }
             Filter::NotInitially(atom) => {
-                let tuple: Tuple = objects(&atom.arguments, binding).collect();
-                let relation = &self.relations[atom.predicate];
-                relation.find(&tuple.0).is_none_or(|row| row >= relation.initial)
+                let relation = &relations[atom.predicate];
+                let row = relation.find_terms(&atom.arguments, binding);
+                row.is_none_or(|row| row >= relation.initial)
             }
             Filter::Compare { positive, comparison, sides } => {
-                let left = self.values.fixed(&sides.0, binding);
-                let right = self.values.fixed(&sides.1, binding);
+                let left = values.fixed(&sides.0, binding);
+                let right = values.fixed(&sides.1, binding);
                 let holds = left
                     .zip(right)
                     .is_some_and(|(l, r)| super::values::compares(*comparison, l, r));
@@ -307,11 +270,98 @@ impl Join<'_> {
     }
 }
 
-/// A short tuple.
-struct Tuple(Vec<ObjectId>);
+// === impl Join ===
 
-impl FromIterator<ObjectId> for Tuple {
-    fn from_iter<I: IntoIterator<Item = ObjectId>>(objects: I) -> Tuple {
-        Tuple(objects.into_iter().collect())
+impl Join<'_> {
+    /// Whether an object may stand in a slot.
+    #[inline]
+    pub(super) fn fits(&self, slot: Slot, object: ObjectId) -> bool {
+        self.sets.get(self.frame[slot as usize]).contains(object)
+    }
+
+    /// Calls `found` for every binding that the plan reaches.
+    pub(super) fn run<'c, F>(
+        &self,
+        plan: &JoinPlan,
+        binding: &mut [ObjectId],
+        work: &mut Work<'c>,
+        found: &mut F,
+    ) -> Result<(), StopReason>
+    where
+        F: FnMut(&mut [ObjectId], &mut Work<'c>) -> Result<(), StopReason>,
+    {
+        self.walk(&plan.steps, binding, work, found)
+    }
+
+    fn walk<'c, F>(
+        &self,
+        steps: &[Step],
+        binding: &mut [ObjectId],
+        work: &mut Work<'c>,
+        found: &mut F,
+    ) -> Result<(), StopReason>
+    where
+        F: FnMut(&mut [ObjectId], &mut Work<'c>) -> Result<(), StopReason>,
+    {
+        let Some((step, rest)) = steps.split_first() else { return found(binding, work) };
+        work.step()?;
+        match step {
+            Step::Check(filter) => {
+                if filter.passes(self.relations, self.values, binding) {
+                    self.walk(rest, binding, work, found)?;
+                }
+            }
+            Step::Contains { atom, is_new_to } => {
+                let relation = &self.relations[atom.predicate];
+                let row = relation.find_terms(&atom.arguments, binding);
+                let holds = row.is_some_and(|row| {
+                    relation.is_indexed(row)
+                        && !(*is_new_to && self.cause == Some((atom.predicate, row)))
+                });
+                if holds {
+                    self.walk(rest, binding, work, found)?;
+                }
+            }
+            Step::Enumerate(slot) => {
+                for &object in &self.sets.get(self.frame[*slot as usize]).members {
+                    work.step()?;
+                    binding[*slot as usize] = object;
+                    self.walk(rest, binding, work, found)?;
+                }
+            }
+            Step::Probe(probe) => {
+                let relation = &self.relations[probe.relation];
+                for row in relation.matching(probe.index, &probe.key, binding) {
+                    work.step()?;
+                    if self.take(probe, row, relation.row(row), binding) {
+                        self.walk(rest, binding, work, found)?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Binds the variables of an atom to a row; whether it fits.
+    #[inline]
+    fn take(
+        &self,
+        probe: &Probe,
+        index: usize,
+        row: &[ObjectId],
+        binding: &mut [ObjectId],
+    ) -> bool {
+        if probe.is_new_to && self.cause == Some((probe.relation, index))
+            || probe.same.iter().any(|(left, right)| row[*left] != row[*right])
+        {
+            return false;
+        }
+        for (column, slot) in &probe.binds {
+            if !self.fits(*slot, row[*column]) {
+                return false;
+            }
+            binding[*slot as usize] = row[*column];
+        }
+        true
     }
 }

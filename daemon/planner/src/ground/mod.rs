@@ -1,24 +1,31 @@
 //! Grounding: from the lifted task to facts and operators.
 //!
-//! 1. [`reach`] finds every tuple that relaxed reachability allows, by joins.
+//! 1. [`rules`] says what follows from what; [`reach`] finds every tuple that relaxed reachability
+//!    allows, by joins.
 //! 2. [`instantiate`] turns the tuples of actions into operators.
 //! 3. [`finish`] drops what never changes and what cannot matter.
 //!
 //! Work is counted in join steps, so the same task stops at the same place everywhere.
 
+mod condition;
+mod draft;
 mod finish;
 mod instantiate;
 mod join;
 mod node;
 mod reach;
 mod relation;
+mod rules;
+mod sets;
 mod tree;
+mod triggers;
 mod values;
+mod work;
 
 use pddl::Diagnostic;
 
-use self::join::Work;
 use self::values::Values;
+use self::work::Work;
 use crate::limits::{Budget, Cancel};
 use crate::normalize::lifted::{Lifted, PredicateIndex};
 use crate::outcome::{StopReason, Unsupported};
@@ -55,10 +62,10 @@ pub(crate) fn ground(
 
 fn grounded(lifted: &Lifted, work: &mut Work<'_>) -> Result<Grounded, GroundError> {
     let mut values = Values::new(lifted);
-    let mut relations = reach::reach(lifted, &values, work)?;
-    let mut raw = instantiate::instantiate(lifted, &mut relations, &mut values, work)?;
+    let mut reached = reach::reach(lifted, &values, work)?;
+    let mut raw = instantiate::instantiate(lifted, &mut reached, &mut values, work)?;
     let warnings = std::mem::take(&mut raw.warnings);
-    Ok(Grounded { task: finish::finish(lifted, &relations, &values, raw), warnings })
+    Ok(Grounded { task: finish::finish(lifted, &reached.relations, &values, raw, work)?, warnings })
 }
 
 /// Which of these facts the delete relaxation reaches, in their order: the others cannot hold,
@@ -70,11 +77,16 @@ pub(crate) fn reachable(
     cancel: &Cancel,
 ) -> Result<Vec<bool>, StopReason> {
     let values = Values::new(lifted);
-    let relations = reach::reach(lifted, &values, &mut Work::new(budget, cancel))?;
+    let reached = reach::reach(lifted, &values, &mut Work::new(budget, cancel))?;
     let is_found = |(predicate, objects): &(PredicateIndex, Vec<ObjectId>)| {
-        relations[*predicate].find(objects).is_some()
+        reached.relations[*predicate].find(objects).is_some()
     };
     Ok(facts.iter().map(is_found).collect())
+}
+
+/// The relation of a schema's applicable bindings.
+fn action_relation(lifted: &Lifted, schema: usize) -> usize {
+    lifted.predicates.len() + schema
 }
 
 impl From<StopReason> for GroundError {

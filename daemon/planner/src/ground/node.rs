@@ -6,12 +6,14 @@
 use pddl::Comparison;
 use rustc_hash::FxHashMap;
 
-use super::join::{Join, JoinPlan, Work};
+use super::join::{Catalog, Join, JoinPlan, Part};
 use super::relation::Relation;
+use super::sets::Sets;
 use super::tree::Tree;
 use super::values::{Grounded, Values, compares};
+use super::work::Work;
 use crate::normalize::lifted::{
-    Formula, Lifted, LiftedAtom, LiftedExpression, LiftedTerm, Slot, TypeIndex, objects,
+    Formula, Lifted, LiftedAtom, LiftedExpression, LiftedTerm, Slot, TypeIndex,
 };
 use crate::outcome::StopReason;
 use crate::task::{FactId, GroundComparison, GroundExpression, Literal, ObjectId};
@@ -47,6 +49,7 @@ pub(super) enum Node {
 pub(super) struct Grounder<'g> {
     pub(super) lifted: &'g Lifted,
     pub(super) relations: &'g [Relation],
+    pub(super) sets: &'g Sets,
     /// The raw fact of each relation's first row.
     pub(super) offsets: &'g [usize],
     pub(super) values: &'g mut Values,
@@ -57,6 +60,15 @@ pub(super) struct Grounder<'g> {
     pub(super) comparison_offset: usize,
 }
 
+/// What became of a literal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Truth {
+    True,
+    False,
+    /// It depends on the state.
+    Open(Literal),
+}
+
 /// Raw facts for comparisons are set apart before their number is known.
 pub(super) const COMPARISONS_MAX: usize = 1 << 24;
 
@@ -64,14 +76,11 @@ pub(super) const COMPARISONS_MAX: usize = 1 << 24;
 
 impl Node {
     pub(super) fn compile(
-        lifted: &Lifted,
-        relations: &mut [Relation],
+        catalog: &mut Catalog<'_>,
+        frame: &[TypeIndex],
         formula: &Formula,
         bound: &mut [bool],
     ) -> Node {
-        let mut all = |parts: &[Formula], relations: &mut [Relation]| {
-            parts.iter().map(|part| Node::compile(lifted, relations, part, bound)).collect()
-        };
         match formula {
             Formula::Constant(truth) => Node::Constant(*truth),
             Formula::Literal { positive, atom } => {
@@ -83,28 +92,46 @@ impl Node {
             Formula::Compare { positive, comparison, sides } => {
                 Node::Compare { positive: *positive, comparison: *comparison, sides: sides.clone() }
             }
-            Formula::And(parts) => Node::And(all(parts, relations)),
-            Formula::Or(parts) => Node::Or(all(parts, relations)),
+            Formula::And(parts) => Node::And(Node::all(catalog, frame, parts, bound)),
+            Formula::Or(parts) => Node::Or(Node::all(catalog, frame, parts, bound)),
             Formula::Exists(slots, inner) => {
-                Node::quantified(lifted, relations, slots, inner, true, bound)
+                Node::quantified(catalog, frame, slots, inner, true, bound)
             }
             Formula::Forall(slots, inner) => {
-                Node::quantified(lifted, relations, slots, inner, false, bound)
+                Node::quantified(catalog, frame, slots, inner, false, bound)
             }
         }
     }
 
+    fn all(
+        catalog: &mut Catalog<'_>,
+        frame: &[TypeIndex],
+        parts: &[Formula],
+        bound: &mut [bool],
+    ) -> Vec<Node> {
+        parts.iter().map(|part| Node::compile(catalog, frame, part, bound)).collect()
+    }
+
     fn quantified(
-        lifted: &Lifted,
-        relations: &mut [Relation],
+        catalog: &mut Catalog<'_>,
+        frame: &[TypeIndex],
         slots: &[Slot],
         inner: &Formula,
         existential: bool,
         bound: &mut [bool],
     ) -> Node {
+        let decided = match inner {
+            Formula::And(parts) if existential => parts.is_empty(),
+            Formula::Or(parts) if !existential => parts.is_empty(),
+            _ => false,
+        };
+        if decided {
+            let is_empty = |slot: &Slot| catalog.sets.get(frame[*slot as usize]).members.is_empty();
+            return Node::Constant(slots.iter().any(is_empty) != existential);
+        }
         let mut inside = bound.to_vec();
-        let plan = enumeration(lifted, relations, slots, inner, existential, &mut inside);
-        let inner = Box::new(Node::compile(lifted, relations, inner, &mut inside));
+        let plan = enumeration(catalog, frame, slots, inner, existential, &mut inside);
+        let inner = Box::new(Node::compile(catalog, frame, inner, &mut inside));
         Node::Quantified { existential, plan, inner }
     }
 }
@@ -112,8 +139,8 @@ impl Node {
 /// A join that binds `slots` to all objects for which `formula` is not already decided: false of an
 /// `exists` or a `when`, true of a `forall`.
 pub(super) fn enumeration(
-    lifted: &Lifted,
-    relations: &mut [Relation],
+    catalog: &mut Catalog<'_>,
+    frame: &[TypeIndex],
     slots: &[Slot],
     formula: &Formula,
     existential: bool,
@@ -121,7 +148,8 @@ pub(super) fn enumeration(
 ) -> JoinPlan {
     let mut atoms = Vec::new();
     collect_guards(formula, existential, slots, bound, &mut atoms);
-    JoinPlan::compile(lifted, relations, &atoms, &[], slots, bound)
+    let parts = atoms.iter().map(|atom| Part { atom, is_new_to: false });
+    JoinPlan::compile(catalog, frame, parts, &[], slots, bound)
 }
 
 /// The atoms that must hold for a conjunction to be true, or a disjunction to be false.
@@ -166,7 +194,11 @@ impl Grounder<'_> {
         work.step()?;
         Ok(match node {
             Node::Constant(truth) => truth_value(*truth),
-            Node::Literal { positive, atom } => self.literal(*positive, atom, binding),
+            Node::Literal { positive, atom } => match self.literal(*positive, atom, binding) {
+                Truth::True => Tree::True,
+                Truth::False => Tree::False,
+                Truth::Open(literal) => Tree::Literal(literal),
+            },
             Node::Equal { positive, left, right } => {
                 truth_value((left.object(binding) == right.object(binding)) == *positive)
             }
@@ -210,19 +242,14 @@ impl Grounder<'_> {
     ) -> Result<Vec<Tree>, StopReason> {
         let mut bindings = Vec::new();
         self.bindings(plan, frame, binding, work, &mut bindings)?;
-        let width = binding.len();
-        if width == 0 {
-            // A quantifier over no variables in an empty frame.
-            return Ok(vec![self.tree(inner, frame, binding, work)?]);
-        }
         let mut trees = Vec::new();
-        for inside in bindings.chunks_exact_mut(width) {
+        for inside in bindings.chunks_exact_mut(binding.len()) {
             trees.push(self.tree(inner, frame, inside, work)?);
         }
         Ok(trees)
     }
 
-    /// All bindings of a join, one after the other.
+    /// All bindings of a join, one after the other; none is empty, even where there is no variable.
     pub(super) fn bindings(
         &self,
         plan: &JoinPlan,
@@ -231,31 +258,35 @@ impl Grounder<'_> {
         work: &mut Work<'_>,
         found: &mut Vec<ObjectId>,
     ) -> Result<(), StopReason> {
-        // The static values are not needed: these joins have no filters.
-        let Grounder { lifted, relations, values, .. } = self;
-        let join = Join { lifted, relations, values, frame };
-        join.run(plan, binding, work, &mut |binding, _| {
+        let Grounder { relations, sets, values, .. } = self;
+        let join = Join { relations, sets, values, frame, cause: None };
+        join.run(plan, binding, work, &mut |binding, work| {
             found.extend_from_slice(binding);
-            Ok(())
+            work.check_memory(found.len() * size_of::<ObjectId>())
         })
     }
 
     /// The raw fact of an atom, if it can ever hold.
+    #[inline]
     pub(super) fn fact(&self, atom: &LiftedAtom, binding: &[ObjectId]) -> Option<FactId> {
-        let tuple: Vec<ObjectId> = objects(&atom.arguments, binding).collect();
-        let row = self.relations[atom.predicate].find(&tuple)?;
+        let row = self.relations[atom.predicate].find_terms(&atom.arguments, binding)?;
         Some(FactId::from_index(self.offsets[atom.predicate] + row))
     }
 
-    fn literal(&self, positive: bool, atom: &LiftedAtom, binding: &[ObjectId]) -> Tree {
+    /// A literal under a binding.
+    #[inline]
+    pub(super) fn literal(&self, positive: bool, atom: &LiftedAtom, binding: &[ObjectId]) -> Truth {
+        let truth = |truth: bool| if truth { Truth::True } else { Truth::False };
         let predicate = &self.lifted.predicates[atom.predicate];
         let relation = &self.relations[atom.predicate];
-        let Some(fact) = self.fact(atom, binding) else { return truth_value(!positive) };
-        let row = fact.index() - self.offsets[atom.predicate];
+        let Some(row) = relation.find_terms(&atom.arguments, binding) else {
+            return truth(!positive);
+        };
         if row < relation.initial && !predicate.deleted && !predicate.derived {
-            return truth_value(positive);
+            return truth(positive);
         }
-        Tree::Literal(Literal::new(fact, positive))
+        let fact = FactId::from_index(self.offsets[atom.predicate] + row);
+        Truth::Open(Literal::new(fact, positive))
     }
 
     fn compare(

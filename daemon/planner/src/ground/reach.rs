@@ -1,130 +1,97 @@
 //! Relaxed reachability: which facts can ever hold and which actions can ever apply, if nothing is
 //! ever deleted.
 //!
-//! Every schema, effect and axiom becomes Horn rules over relations; each newly found tuple is
-//! joined once with what came before it (semi-naive evaluation). Where a condition has no Horn
-//! form, it is taken to hold: the answer errs on the side of reachable, never of unreachable.
+//! Every newly found tuple is joined once with what came before it (semi-naive evaluation of the
+//! [`super::rules`]). A rule without variables only counts what is missing.
 
-use super::join::{Filter, Join, JoinPlan, Work};
+use super::action_relation;
+use super::join::{Catalog, Join, JoinPlan, Part, is_static};
 use super::relation::Relation;
+use super::rules::{NARROWING_ROWS_MAX, Narrowing, Rule, rules, variables};
+use super::sets::Sets;
+use super::triggers::{Action, Trigger, Triggers};
 use super::values::Values;
-use crate::normalize::lifted::{Formula, Lifted, LiftedAtom, LiftedTerm, Slot, TypeIndex};
+use super::work::Work;
+use crate::normalize::lifted::{Lifted, LiftedAtom, LiftedTerm, TypeIndex};
 use crate::outcome::StopReason;
 use crate::task::ObjectId;
 
-/// Alternatives of one condition, beyond which a disjunction is taken to hold.
-const DISJUNCTS_MAX: usize = 8;
-
-/// `head(terms) :- body`
-struct Rule {
-    head: LiftedAtom,
-    frame: Vec<TypeIndex>,
-    body: Conjunct,
-    /// Variables that no atom of the body may bind, and the head needs.
-    wanted: Vec<Slot>,
+/// All that can be reached.
+pub(super) struct Reached {
+    /// Predicates first, then one relation per schema.
+    pub(super) relations: Vec<Relation>,
+    pub(super) sets: Sets,
 }
 
-/// Atoms and tests that hold together.
-#[derive(Clone, Default)]
-struct Conjunct {
-    atoms: Vec<LiftedAtom>,
-    filters: Vec<Filter>,
+/// How often memory is looked at, in tuples.
+const TUPLES_BETWEEN_MEMORY_CHECKS: usize = 1 << 12;
+
+/// The state of an evaluation.
+struct Reach<'g, 'w, 'c> {
+    lifted: &'g Lifted,
+    values: &'g Values,
+    work: &'w mut Work<'c>,
+    relations: Vec<Relation>,
+    sets: Sets,
+    rules: Vec<Rule>,
+    triggers: Triggers,
+    /// By schema: the atoms that its tuples add in any case.
+    adds: Vec<Vec<&'g LiftedAtom>>,
+    binding: Vec<ObjectId>,
+    /// Tuples of one head.
+    found: Relation,
+    /// Bytes of all relations, when they were counted last.
+    bytes: usize,
+    /// Triggers of the tuple at hand.
+    due: Vec<usize>,
 }
 
-/// What to do when a tuple of some relation turns up.
-struct Trigger {
-    rule: usize,
-    /// Which atom of the rule's body the tuple stands for.
-    atom: LiftedAtom,
-    plan: JoinPlan,
-}
-
-/// The relation of a schema's applicable bindings.
-pub(super) fn action_relation(lifted: &Lifted, schema: usize) -> usize {
-    lifted.predicates.len() + schema
-}
-
-/// All tuples that can be reached: predicates first, then one relation per schema.
+/// All tuples that can be reached.
 pub(super) fn reach(
     lifted: &Lifted,
     values: &Values,
     work: &mut Work<'_>,
-) -> Result<Vec<Relation>, StopReason> {
+) -> Result<Reached, StopReason> {
     let mut relations = initial_relations(lifted);
-    let rules = rules(lifted);
-    let mut triggers: Vec<Vec<Trigger>> = relations.iter().map(|_| Vec::new()).collect();
-    let mut found = Vec::new();
-    for (index, rule) in rules.iter().enumerate() {
-        let changing: Vec<usize> = (0..rule.body.atoms.len())
-            .filter(|position| !is_static(lifted, rule.body.atoms[*position].predicate))
-            .collect();
-        for &position in &changing {
-            let trigger = compile_trigger(lifted, &mut relations, rule, index, position);
-            triggers[trigger.atom.predicate].push(trigger);
-        }
-        if changing.is_empty() {
-            let plan = compile(
-                lifted,
-                &mut relations,
-                rule,
-                &rule.body.atoms,
-                vec![false; rule.frame.len()],
-            );
-            let mut binding = vec![ObjectId::from_index(0); rule.frame.len()];
-            fire(lifted, &relations, values, rule, &plan, &mut binding, work, &mut found)?;
-            insert_all(&mut relations, rule, &found);
-            found.clear();
+    let mut sets = Sets::new(lifted);
+    let mut narrowing = Narrowing {
+        lifted,
+        relations: &mut relations,
+        values,
+        sets: &mut sets,
+        rows_left: NARROWING_ROWS_MAX,
+    };
+    let mut possible = Vec::new();
+    for mut rule in rules(lifted) {
+        work.look()?;
+        if rule.narrow(&mut narrowing) {
+            possible.push(rule);
         }
     }
-    saturate(lifted, values, &rules, &triggers, &mut relations, work)?;
-    Ok(relations)
-}
-
-/// Takes every waiting tuple once, until none waits.
-fn saturate(
-    lifted: &Lifted,
-    values: &Values,
-    rules: &[Rule],
-    triggers: &[Vec<Trigger>],
-    relations: &mut [Relation],
-    work: &mut Work<'_>,
-) -> Result<(), StopReason> {
-    let mut found = Vec::new();
-    let mut binding = Vec::new();
-    let mut waiting = true;
-    while waiting {
-        waiting = false;
-        for relation in 0..relations.len() {
-            while let Some(row) = relations[relation].next_unindexed() {
-                waiting = true;
-                work.step()?;
-                relations[relation].index_next();
-                for trigger in &triggers[relation] {
-                    let rule = &rules[trigger.rule];
-                    binding.clear();
-                    binding.resize(rule.frame.len(), ObjectId::from_index(0));
-                    let join = Join { lifted, relations, values, frame: &rule.frame };
-                    if !unify(&join, &trigger.atom, relations[relation].row(row), &mut binding) {
-                        continue;
-                    }
-                    fire(
-                        lifted,
-                        relations,
-                        values,
-                        rule,
-                        &trigger.plan,
-                        &mut binding,
-                        work,
-                        &mut found,
-                    )?;
-                    insert_all(relations, rule, &found);
-                    found.clear();
-                }
-            }
-            work.check_memory(relations.iter().map(Relation::bytes).sum())?;
-        }
-    }
-    Ok(())
+    let rules = possible;
+    set_distinct(lifted, &rules, &mut relations);
+    let adds = lifted.schemas.iter().map(|schema| {
+        let certain = schema.effects.iter().filter(|one| one.adds && one.is_unconditional());
+        certain.map(|effect| &effect.atom).collect()
+    });
+    let mut reach = Reach {
+        lifted,
+        values,
+        work,
+        triggers: Triggers::new(relations.len()),
+        relations,
+        sets,
+        rules,
+        adds: adds.collect(),
+        binding: Vec::new(),
+        found: Relation::of_distinct(0),
+        bytes: 0,
+        due: Vec::new(),
+    };
+    reach.start()?;
+    reach.saturate()?;
+    reach.work.hold(reach.bytes);
+    Ok(Reached { relations: reach.relations, sets: reach.sets })
 }
 
 fn initial_relations(lifted: &Lifted) -> Vec<Relation> {
@@ -137,30 +104,220 @@ fn initial_relations(lifted: &Lifted) -> Vec<Relation> {
     for (index, relation) in relations.iter_mut().enumerate() {
         relation.initial = relation.len();
         if is_static(lifted, index) {
-            while relation.next_unindexed().is_some() {
-                relation.index_next();
-            }
+            relation.index_all();
         }
     }
     relations
 }
 
-fn is_static(lifted: &Lifted, relation: usize) -> bool {
-    lifted.predicates.get(relation).is_some_and(|predicate| predicate.is_static())
+/// Finds the schemas whose tuples no two joins find: one rule, and all its variables are parameters.
+fn set_distinct(lifted: &Lifted, rules: &[Rule], relations: &mut [Relation]) {
+    let mut counts = vec![0; relations.len()];
+    let mut is_seen_twice = vec![false; relations.len()];
+    for rule in rules {
+        let head = &rule.head;
+        counts[head.predicate] += 1;
+        let in_head = variables(head);
+        let mut all = rule.body.atoms.iter().flat_map(variables).chain(rule.wanted.iter().copied());
+        is_seen_twice[head.predicate] |= all.any(|slot| !in_head.contains(&slot));
+    }
+    for (schema, action) in lifted.schemas.iter().enumerate() {
+        let relation = action_relation(lifted, schema);
+        if counts[relation] <= 1 && !is_seen_twice[relation] {
+            relations[relation] = Relation::of_distinct(action.parameter_count);
+        }
+    }
+}
+
+// === impl Reach ===
+
+impl Reach<'_, '_, '_> {
+    /// Notes what each rule waits for, and fires those that wait for nothing.
+    fn start(&mut self) -> Result<(), StopReason> {
+        for index in 0..self.rules.len() {
+            let rule = &self.rules[index];
+            let changing: Vec<usize> = (0..rule.body.atoms.len())
+                .filter(|at| !is_static(self.lifted, rule.body.atoms[*at].predicate))
+                .collect();
+            if changing.is_empty() {
+                let plan = self.plan(index, None);
+                self.binding.clear();
+                self.binding.resize(self.rules[index].frame.len(), ObjectId::from_index(0));
+                self.fire(index, &plan, None)?;
+                continue;
+            }
+            self.triggers.add(index, &self.rules[index], &changing);
+        }
+        Ok(())
+    }
+
+    /// Takes every waiting tuple once, until none waits.
+    fn saturate(&mut self) -> Result<(), StopReason> {
+        let mut is_waiting = true;
+        while is_waiting {
+            is_waiting = false;
+            for relation in 0..self.relations.len() {
+                while let Some(row) = self.relations[relation].next_unindexed() {
+                    is_waiting = true;
+                    if row.is_multiple_of(TUPLES_BETWEEN_MEMORY_CHECKS) {
+                        self.check_memory()?;
+                    }
+                    self.work.step()?;
+                    self.relations[relation].index_next();
+                    self.conclude(relation, row)?;
+                }
+            }
+        }
+        self.check_memory()
+    }
+
+    fn check_memory(&mut self) -> Result<(), StopReason> {
+        self.bytes = self.relations.iter().map(Relation::bytes).sum();
+        self.work.check_memory(self.bytes)
+    }
+
+    /// Draws all conclusions from a tuple and what came before it.
+    fn conclude(&mut self, relation: usize, row: usize) -> Result<(), StopReason> {
+        let schema = relation.checked_sub(self.lifted.predicates.len());
+        if let Some(adds) = schema.map(|schema| &self.adds[schema]) {
+            self.binding.clear();
+            self.binding.extend_from_slice(self.relations[relation].row(row));
+            for add in adds {
+                self.relations[add.predicate].insert_terms(&add.arguments, &self.binding);
+            }
+        }
+        let mut due = std::mem::take(&mut self.due);
+        self.triggers.due(relation, self.relations[relation].row(row), &mut due);
+        for id in due.drain(..) {
+            self.work.step()?;
+            self.pull(id, relation, row)?;
+        }
+        self.due = due;
+        Ok(())
+    }
+
+    fn pull(&mut self, id: usize, relation: usize, row: usize) -> Result<(), StopReason> {
+        let Trigger { rule, position, action } = self.triggers.get_mut(id);
+        let (rule, position) = (*rule, *position);
+        match action {
+            Action::Count => {
+                let atom = &self.rules[rule].body.atoms[position];
+                let tuple = self.relations[relation].row(row).iter();
+                let is_it =
+                    tuple.zip(&atom.arguments).all(|(object, term)| *object == term.object(&[]));
+                if is_it && self.triggers.count_down(rule) {
+                    let head = &self.rules[rule].head;
+                    self.relations[head.predicate].insert_terms(&head.arguments, &[]);
+                }
+                Ok(())
+            }
+            Action::Join(plan) => {
+                let plan = plan.take();
+                let Rule { frame, body, .. } = &self.rules[rule];
+                self.binding.clear();
+                self.binding.resize(frame.len(), ObjectId::from_index(0));
+                let tuple = self.relations[relation].row(row);
+                let fits =
+                    unify(&self.sets, frame, &body.atoms[position], tuple, &mut self.binding);
+                // Most triggers of a large domain are never pulled, so plans are made on demand.
+                let plan = match plan {
+                    None if !fits => return Ok(()),
+                    None => Box::new(self.plan(rule, Some(position))),
+                    Some(plan) => plan,
+                };
+                let result =
+                    if fits { self.fire(rule, &plan, Some((relation, row))) } else { Ok(()) };
+                self.triggers.get_mut(id).action = Action::Join(Some(plan));
+                result
+            }
+        }
+    }
+
+    /// The join of a rule's body, without the atom at `cause`, whose variables are bound already.
+    fn plan(&mut self, rule: usize, cause: Option<usize>) -> JoinPlan {
+        let Rule { frame, body, wanted, .. } = &self.rules[rule];
+        let mut bound = vec![false; frame.len()];
+        if let Some(cause) = cause {
+            variables(&body.atoms[cause]).iter().for_each(|slot| bound[*slot as usize] = true);
+        }
+        let others = body.atoms.iter().enumerate().filter(|(at, _)| Some(*at) != cause);
+        let parts = others.map(|(at, atom)| Part {
+            atom,
+            is_new_to: cause
+                .is_some_and(|cause| at < cause && body.atoms[cause].predicate == atom.predicate),
+        });
+        let mut catalog = Catalog {
+            lifted: self.lifted,
+            relations: &mut self.relations,
+            sets: &self.sets,
+            is_complete: false,
+        };
+        JoinPlan::compile(&mut catalog, frame, parts, &body.filters, wanted, &mut bound)
+    }
+
+    /// Adds the head's tuples for every binding that the join finds.
+    fn fire(
+        &mut self,
+        rule: usize,
+        plan: &JoinPlan,
+        cause: Option<(usize, usize)>,
+    ) -> Result<(), StopReason> {
+        let head = self.rules[rule].head.predicate;
+        if head >= self.lifted.predicates.len() {
+            // No body asks for the action it makes applicable, and there may be millions of tuples:
+            // they go straight into their relation.
+            let mut tuples = std::mem::replace(&mut self.relations[head], Relation::new(0));
+            let result = self.collect(rule, plan, cause, &mut tuples);
+            self.relations[head] = tuples;
+            return result;
+        }
+        let mut found = std::mem::replace(&mut self.found, Relation::of_distinct(0));
+        found.clear(self.relations[head].arity());
+        let result = self.collect(rule, plan, cause, &mut found);
+        for row in 0..found.len() {
+            self.relations[head].insert(found.row(row));
+        }
+        self.found = found;
+        result
+    }
+
+    /// Runs a join into `found`, which none of its atoms reads.
+    fn collect(
+        &mut self,
+        rule: usize,
+        plan: &JoinPlan,
+        cause: Option<(usize, usize)>,
+        found: &mut Relation,
+    ) -> Result<(), StopReason> {
+        let Rule { head, frame, .. } = &self.rules[rule];
+        let Reach { relations, sets, values, binding, work, .. } = self;
+        let join = Join { relations, sets, values, frame, cause };
+        let others = self.bytes;
+        join.run(plan, binding, work, &mut |binding, work| {
+            found.insert_terms(&head.arguments, binding);
+            work.check_memory(others + found.bytes())
+        })
+    }
 }
 
 /// Binds the variables of an atom to a tuple; whether it fits.
-fn unify(join: &Join<'_>, atom: &LiftedAtom, row: &[ObjectId], binding: &mut [ObjectId]) -> bool {
-    for (position, (term, object)) in atom.arguments.iter().zip(row).enumerate() {
+fn unify(
+    sets: &Sets,
+    frame: &[TypeIndex],
+    atom: &LiftedAtom,
+    tuple: &[ObjectId],
+    binding: &mut [ObjectId],
+) -> bool {
+    for (position, (term, object)) in atom.arguments.iter().zip(tuple).enumerate() {
         let fits = match term {
             LiftedTerm::Object(expected) => expected == object,
             LiftedTerm::Variable(slot) => {
-                let earlier = &atom.arguments[..position];
-                if earlier.contains(term) {
-                    binding[*slot as usize] == *object
+                let slot = *slot as usize;
+                if atom.arguments[..position].contains(term) {
+                    binding[slot] == *object
                 } else {
-                    binding[*slot as usize] = *object;
-                    join.fits(*slot, *object)
+                    binding[slot] = *object;
+                    sets.get(frame[slot]).contains(*object)
                 }
             }
         };
@@ -169,166 +326,4 @@ fn unify(join: &Join<'_>, atom: &LiftedAtom, row: &[ObjectId], binding: &mut [Ob
         }
     }
     true
-}
-
-/// Collects the head's tuples, one after the other, into `found`.
-#[expect(clippy::too_many_arguments, reason = "the parts of one evaluation, borrowed differently")]
-fn fire(
-    lifted: &Lifted,
-    relations: &[Relation],
-    values: &Values,
-    rule: &Rule,
-    plan: &JoinPlan,
-    binding: &mut [ObjectId],
-    work: &mut Work<'_>,
-    found: &mut Vec<ObjectId>,
-) -> Result<(), StopReason> {
-    let join = Join { lifted, relations, values, frame: &rule.frame };
-    join.run(plan, binding, work, &mut |binding, _| {
-        found.extend(crate::normalize::lifted::objects(&rule.head.arguments, binding));
-        // A head without arguments leaves no trace above; one object stands for it.
-        if rule.head.arguments.is_empty() {
-            found.push(ObjectId::from_index(0));
-        }
-        Ok(())
-    })
-}
-
-fn insert_all(relations: &mut [Relation], rule: &Rule, found: &[ObjectId]) {
-    let arity = rule.head.arguments.len();
-    let relation = &mut relations[rule.head.predicate];
-    if arity == 0 && !found.is_empty() {
-        relation.insert(&[]);
-    } else if arity > 0 {
-        found.chunks_exact(arity).for_each(|tuple| {
-            relation.insert(tuple);
-        });
-    }
-}
-
-fn compile_trigger(
-    lifted: &Lifted,
-    relations: &mut [Relation],
-    rule: &Rule,
-    index: usize,
-    position: usize,
-) -> Trigger {
-    let atom = rule.body.atoms[position].clone();
-    let mut bound = vec![false; rule.frame.len()];
-    for term in &atom.arguments {
-        if let LiftedTerm::Variable(slot) = term {
-            bound[*slot as usize] = true;
-        }
-    }
-    let mut others = rule.body.atoms.clone();
-    others.remove(position);
-    let plan = compile(lifted, relations, rule, &others, bound);
-    Trigger { rule: index, atom, plan }
-}
-
-fn compile(
-    lifted: &Lifted,
-    relations: &mut [Relation],
-    rule: &Rule,
-    atoms: &[LiftedAtom],
-    mut bound: Vec<bool>,
-) -> JoinPlan {
-    JoinPlan::compile(lifted, relations, atoms, &rule.body.filters, &rule.wanted, &mut bound)
-}
-
-/// Every schema, effect and axiom as rules.
-fn rules(lifted: &Lifted) -> Vec<Rule> {
-    let mut rules = Vec::new();
-    for (index, schema) in lifted.schemas.iter().enumerate() {
-        let parameters: Vec<Slot> = (0..schema.parameter_count as Slot).collect();
-        let arguments = parameters.iter().map(|slot| LiftedTerm::Variable(*slot)).collect();
-        let applies = LiftedAtom { predicate: action_relation(lifted, index), arguments };
-        for body in relax(lifted, &schema.precondition) {
-            let (head, frame) = (applies.clone(), schema.frame.clone());
-            rules.push(Rule { head, frame, body, wanted: parameters.clone() });
-        }
-        for effect in schema.effects.iter().filter(|effect| effect.adds) {
-            for mut body in relax(lifted, &effect.condition) {
-                body.atoms.push(applies.clone());
-                let (head, frame) = (effect.atom.clone(), schema.frame.clone());
-                rules.push(Rule { head, frame, body, wanted: effect.variables.clone() });
-            }
-        }
-    }
-    for axiom in &lifted.axioms {
-        let wanted: Vec<Slot> = (0..axiom.parameter_count as Slot).collect();
-        let arguments = wanted.iter().map(|slot| LiftedTerm::Variable(*slot)).collect();
-        let head = LiftedAtom { predicate: axiom.head, arguments };
-        for body in relax(lifted, &axiom.body) {
-            let (head, frame, wanted) = (head.clone(), axiom.frame.clone(), wanted.clone());
-            rules.push(Rule { head, frame, body, wanted });
-        }
-    }
-    rules
-}
-
-/// Horn bodies of which at least one holds wherever the formula can.
-fn relax(lifted: &Lifted, formula: &Formula) -> Vec<Conjunct> {
-    match formula {
-        Formula::Constant(true) | Formula::Forall(..) => vec![Conjunct::default()],
-        Formula::Constant(false) => Vec::new(),
-        Formula::Literal { positive, atom } => vec![relax_literal(lifted, *positive, atom)],
-        Formula::Equal { positive, left, right } => {
-            vec![Conjunct::of(Filter::Equal { positive: *positive, left: *left, right: *right })]
-        }
-        Formula::Compare { positive, comparison, sides } => {
-            let mut varies = false;
-            formula.functions(&mut |one| varies |= lifted.functions[one].is_numeric_fluent());
-            if varies {
-                return vec![Conjunct::default()];
-            }
-            let (positive, comparison, sides) = (*positive, *comparison, sides.clone());
-            vec![Conjunct::of(Filter::Compare { positive, comparison, sides })]
-        }
-        Formula::And(parts) => relax_all(lifted, parts),
-        Formula::Or(parts) => {
-            let any: Vec<Conjunct> = parts.iter().flat_map(|part| relax(lifted, part)).collect();
-            if any.len() > DISJUNCTS_MAX { vec![Conjunct::default()] } else { any }
-        }
-        Formula::Exists(_, inner) => relax(lifted, inner),
-    }
-}
-
-fn relax_literal(lifted: &Lifted, positive: bool, atom: &LiftedAtom) -> Conjunct {
-    let predicate = &lifted.predicates[atom.predicate];
-    match positive {
-        true => Conjunct { atoms: vec![atom.clone()], filters: Vec::new() },
-        false if predicate.deleted || predicate.derived => Conjunct::default(),
-        false => Conjunct::of(Filter::NotInitially(atom.clone())),
-    }
-}
-
-fn relax_all(lifted: &Lifted, parts: &[Formula]) -> Vec<Conjunct> {
-    let mut whole = vec![Conjunct::default()];
-    for part in parts {
-        let alternatives = relax(lifted, part);
-        if alternatives.len() > 1 && alternatives.len() * whole.len() > DISJUNCTS_MAX {
-            continue;
-        }
-        let pairs =
-            whole.iter().flat_map(|left| alternatives.iter().map(move |right| left.and(right)));
-        whole = pairs.collect();
-    }
-    whole
-}
-
-// === impl Conjunct ===
-
-impl Conjunct {
-    fn of(filter: Filter) -> Conjunct {
-        Conjunct { atoms: Vec::new(), filters: vec![filter] }
-    }
-
-    fn and(&self, other: &Conjunct) -> Conjunct {
-        let mut both = self.clone();
-        let new = other.atoms.iter().filter(|atom| !self.atoms.contains(atom));
-        both.atoms.extend(new.cloned());
-        both.filters.extend(other.filters.iter().cloned());
-        both
-    }
 }

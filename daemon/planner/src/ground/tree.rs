@@ -74,8 +74,19 @@ impl Tree {
     }
 
     fn tidy(mut flat: Vec<Tree>, empty: Tree, many: impl Fn(Vec<Tree>) -> Tree) -> Tree {
-        let mut seen = rustc_hash::FxHashSet::default();
-        flat.retain(|part| seen.insert(part.clone()));
+        if flat.len() <= FEW_PARTS {
+            let mut position = 1;
+            while position < flat.len() {
+                if flat[..position].contains(&flat[position]) {
+                    flat.remove(position);
+                } else {
+                    position += 1;
+                }
+            }
+        } else {
+            let mut seen = rustc_hash::FxHashSet::default();
+            flat.retain(|part| seen.insert(part.clone()));
+        }
         match flat.len() {
             0 => empty,
             1 => flat.swap_remove(0),
@@ -95,6 +106,15 @@ impl Auxiliaries {
     /// One past the last fact.
     pub(super) fn end(&self) -> usize {
         self.next
+    }
+
+    /// Sorts the axioms by what they derive, each once.
+    pub(super) fn tidy(&mut self) {
+        let key = |axiom: &RawAxiom| (axiom.head, axiom.stratum);
+        self.axioms.sort_by(|left, right| {
+            key(left).cmp(&key(right)).then_with(|| left.body.cmp(&right.body))
+        });
+        self.axioms.dedup_by(|left, right| key(left) == key(right) && left.body == right.body);
     }
 
     /// Conjunctions of which at least one holds exactly where the tree does, at most
@@ -162,6 +182,9 @@ impl Auxiliaries {
         Literal::new(head, true)
     }
 }
+
+/// So many parts are compared with each other; more are hashed.
+const FEW_PARTS: usize = 8;
 
 /// Alternatives of one part of a disjunction before it, too, gets a fact of its own.
 const AUXILIARY_ALTERNATIVES_MAX: usize = 4;

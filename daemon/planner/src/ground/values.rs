@@ -1,26 +1,32 @@
 //! Numbers while grounding: static functions are looked up, fluents become part of the state.
 
 use pddl::{Comparison, Operator as Arithmetic};
-use rustc_hash::FxHashMap;
 
-use crate::normalize::lifted::{
-    FunctionIndex, Lifted, LiftedExpression, LiftedFluent, LiftedTerm, objects,
-};
+use super::relation::Relation;
+use crate::normalize::lifted::{Lifted, LiftedExpression, LiftedFluent, objects};
 use crate::task::{GroundComparison, GroundExpression, ObjectId};
 
 /// Two numbers this close are one: sums of decimal fractions are not exact in binary.
 pub(crate) const TOLERANCE: f64 = 1e-6;
 
-type Key = (FunctionIndex, Vec<ObjectId>);
-
 /// The values of `:init`, and the numeric fluents found so far.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Values {
-    initial: FxHashMap<Key, f64>,
-    fluent_ids: FxHashMap<Key, u32>,
+    /// By function.
+    tables: Vec<Table>,
     fluent_functions: Vec<bool>,
     /// The initial values of the fluents; not a number where there is none.
     pub(super) fluents: Vec<f64>,
+}
+
+/// The tuples of one function, and what is known of each.
+#[derive(Debug)]
+struct Table {
+    tuples: Relation,
+    /// The initial value; not a number where there is none.
+    values: Vec<f64>,
+    /// The number of the fluent, if it has one.
+    fluents: Vec<Option<u32>>,
 }
 
 /// What became of an expression.
@@ -38,33 +44,35 @@ pub(super) enum Grounded {
 
 impl Values {
     pub(super) fn new(lifted: &Lifted) -> Values {
+        let table =
+            |arity| Table { tuples: Relation::new(arity), values: Vec::new(), fluents: Vec::new() };
         let mut values = Values {
+            tables: lifted.functions.iter().map(|one| table(one.arity)).collect(),
             fluent_functions: lifted.functions.iter().map(|one| one.is_numeric_fluent()).collect(),
-            ..Values::default()
+            fluents: Vec::new(),
         };
         let total_cost = lifted.functions.iter().position(|one| one.name == "total-cost");
         if let Some(function) = total_cost.filter(|index| lifted.functions[*index].arity == 0) {
-            values.initial.insert((function, Vec::new()), 0.0);
+            values.tables[function].set(&[], 0.0);
         }
         for (function, arguments, value) in &lifted.values {
-            values.initial.insert((*function, arguments.clone()), *value);
+            values.tables[*function].set(arguments, *value);
         }
         values
     }
 
     /// The value of a fluent in the initial state.
-    pub(super) fn initially(&self, function: FunctionIndex, arguments: &[ObjectId]) -> Option<f64> {
-        self.initial.get(&(function, arguments.to_vec())).copied()
+    pub(super) fn initially(&self, fluent: &LiftedFluent, binding: &[ObjectId]) -> Option<f64> {
+        let table = &self.tables[fluent.function];
+        let row = table.tuples.find_terms(&fluent.arguments, binding)?;
+        Some(table.values[row]).filter(|value| !value.is_nan())
     }
 
     /// The value of an expression over static functions.
     pub(super) fn fixed(&self, expression: &LiftedExpression, binding: &[ObjectId]) -> Option<f64> {
         let value = match expression {
             LiftedExpression::Number(number) => *number,
-            LiftedExpression::Fluent(fluent) => {
-                let arguments: Vec<ObjectId> = objects(&fluent.arguments, binding).collect();
-                self.initially(fluent.function, &arguments)?
-            }
+            LiftedExpression::Fluent(fluent) => self.initially(fluent, binding)?,
             LiftedExpression::Negate(inner) => -self.fixed(inner, binding)?,
             LiftedExpression::Apply(operator, operands) => {
                 let operands: Option<Vec<GroundExpression>> = operands
@@ -104,14 +112,16 @@ impl Values {
 
     /// The number of a numeric fluent.
     pub(super) fn fluent(&mut self, fluent: &LiftedFluent, binding: &[ObjectId]) -> u32 {
-        let key = (fluent.function, objects(&fluent.arguments, binding).collect::<Vec<_>>());
-        let next = self.fluents.len() as u32;
-        if let Some(&id) = self.fluent_ids.get(&key) {
-            return id;
-        }
-        self.fluents.push(self.initial.get(&key).copied().unwrap_or(f64::NAN));
-        self.fluent_ids.insert(key, next);
-        next
+        let table = &mut self.tables[fluent.function];
+        let row = table.tuples.find_terms(&fluent.arguments, binding).unwrap_or_else(|| {
+            let arguments: Vec<ObjectId> = objects(&fluent.arguments, binding).collect();
+            table.set(&arguments, f64::NAN)
+        });
+        let value = table.values[row];
+        *table.fluents[row].get_or_insert_with(|| {
+            self.fluents.push(value);
+            self.fluents.len() as u32 - 1
+        })
     }
 
     fn apply(
@@ -141,17 +151,19 @@ impl Values {
     }
 }
 
-impl LiftedExpression {
-    /// Calls `visit` for every term in it.
-    pub(super) fn terms(&self, visit: &mut dyn FnMut(&LiftedTerm)) {
-        match self {
-            LiftedExpression::Number(_) => (),
-            LiftedExpression::Fluent(fluent) => fluent.arguments.iter().for_each(visit),
-            LiftedExpression::Negate(inner) => inner.terms(visit),
-            LiftedExpression::Apply(_, operands) => {
-                operands.iter().for_each(|operand| operand.terms(visit));
-            }
+// === impl Table ===
+
+impl Table {
+    /// Sets the value of a tuple; returns its row. The last value counts.
+    fn set(&mut self, arguments: &[ObjectId], value: f64) -> usize {
+        if let Some(row) = self.tuples.find(arguments) {
+            self.values[row] = value;
+            return row;
         }
+        self.tuples.insert(arguments);
+        self.values.push(value);
+        self.fluents.push(None);
+        self.values.len() - 1
     }
 }
 

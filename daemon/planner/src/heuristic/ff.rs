@@ -30,7 +30,7 @@ impl<'t> FastForward<'t> {
             exploration: Exploration::default(),
             preferred: Vec::new(),
             marks: Vec::new(),
-            operator_marks: vec![0; task.operators.len()],
+            operator_marks: vec![0; task.operator_count()],
             evaluation: 0,
             waiting: Vec::new(),
         }
@@ -68,7 +68,7 @@ impl<'t> FastForward<'t> {
             }
             *mark = self.evaluation;
             size += self.relaxation.base_cost(supporter);
-            if all_hold(state, &self.task.operator(operator).preconditions) {
+            if all_hold(state, self.task.operator(operator).preconditions) {
                 self.preferred.push(operator);
             }
         }

@@ -50,7 +50,7 @@ impl LandmarkCut {
         let relaxation = Relaxation::new(task, Weights::CostThenSteps);
         LandmarkCut {
             adding: relaxation.adding(),
-            remaining: vec![0; task.operators.len()],
+            remaining: vec![0; task.operator_count()],
             costs: Vec::new(),
             missing: Vec::new(),
             supporters: vec![NOTHING; relaxation.relaxed_count()],

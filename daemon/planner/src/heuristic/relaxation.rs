@@ -78,7 +78,7 @@ pub(super) const NO_SUPPORTER: u32 = u32::MAX;
 
 impl Weights {
     /// What an operator counts.
-    pub(crate) fn weight(self, task: &Task, operator: &Operator) -> u64 {
+    pub(crate) fn weight(self, task: &Task, operator: Operator<'_>) -> u64 {
         match self {
             Weights::Unit => 1,
             // Then the cheapest plan is the shortest.
@@ -313,7 +313,7 @@ impl<'t> Builder<'t> {
         };
         let axioms = task.axioms.iter().flat_map(|axiom| &axiom.body);
         let operators = task.operators.iter().flat_map(|operator| {
-            let conditions = operator.conditional.iter().flat_map(|one| &one.conditions);
+            let conditions = operator.conditional.iter().flat_map(|one| one.conditions);
             operator.preconditions.iter().chain(conditions)
         });
         for literal in task.goal.iter().chain(axioms).chain(operators) {
@@ -353,22 +353,22 @@ impl<'t> Builder<'t> {
         all
     }
 
-    fn operator(&mut self, origin: u32, operator: &Operator, weight: u64) {
-        let preconditions = self.propositions(&operator.preconditions);
-        let adds = self.added(&operator.effect);
+    fn operator(&mut self, origin: u32, operator: Operator<'_>, weight: u64) {
+        let preconditions = self.propositions(operator.preconditions);
+        let adds = self.added(operator.effect);
         self.push(origin, preconditions, adds, weight);
-        for one in &operator.conditional {
-            let all = [&operator.preconditions[..], &one.conditions].concat();
-            let (preconditions, adds) = (self.propositions(&all), self.added(&one.effect));
+        for one in operator.conditional.iter() {
+            let all = [operator.preconditions, one.conditions].concat();
+            let (preconditions, adds) = (self.propositions(&all), self.added(one.effect));
             self.push(origin, preconditions, adds, weight);
         }
     }
 
     /// The propositions that changes may make true.
-    fn added(&self, changes: &Changes) -> Vec<u32> {
+    fn added(&self, changes: Changes<'_>) -> Vec<u32> {
         let mut all: Vec<u32> = changes.adds.iter().map(|fact| fact.0).collect();
         all.extend(changes.deletes.iter().filter_map(|fact| self.negations[fact.index()]));
-        for change in &changes.numeric {
+        for change in changes.numeric {
             for fact in &self.comparisons[change.fluent as usize] {
                 all.push(fact.0);
                 all.extend(self.negations[fact.index()]);

@@ -127,7 +127,8 @@ pub(crate) struct Closed {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TypeSet {
     pub(crate) members: Vec<ObjectId>,
-    contains: Vec<bool>,
+    /// One bit per object.
+    bits: Vec<u64>,
 }
 
 /// A predicate, and how it comes to change.
@@ -177,15 +178,27 @@ pub(crate) struct Lifted {
 
 impl TypeSet {
     pub(crate) fn new(members: Vec<ObjectId>, object_count: usize) -> TypeSet {
-        let mut contains = vec![false; object_count];
+        let mut bits = vec![0; object_count.div_ceil(64)];
         for member in &members {
-            contains[member.index()] = true;
+            bits[member.index() / 64] |= 1 << (member.index() % 64);
         }
-        TypeSet { members, contains }
+        TypeSet { members, bits }
     }
 
+    /// The set with these bits.
+    pub(crate) fn from_bits(bits: Vec<u64>) -> TypeSet {
+        let all = (0..bits.len() * 64).filter(|index| bits[index / 64] >> (index % 64) & 1 == 1);
+        TypeSet { members: all.map(ObjectId::from_index).collect(), bits }
+    }
+
+    #[inline]
     pub(crate) fn contains(&self, object: ObjectId) -> bool {
-        self.contains[object.index()]
+        self.bits[object.index() / 64] >> (object.index() % 64) & 1 == 1
+    }
+
+    /// One bit per object.
+    pub(crate) fn bits(&self) -> &[u64] {
+        &self.bits
     }
 }
 
@@ -211,6 +224,7 @@ impl FunctionUse {
 
 impl LiftedTerm {
     /// The object under a binding.
+    #[inline]
     pub(crate) fn object(self, binding: &[ObjectId]) -> ObjectId {
         match self {
             LiftedTerm::Variable(slot) => binding[slot as usize],
@@ -227,7 +241,23 @@ pub(crate) fn objects<'a>(
     terms.iter().map(|term| term.object(binding))
 }
 
+impl LiftedEffect {
+    /// Whether it happens whenever its action does.
+    pub(crate) fn is_unconditional(&self) -> bool {
+        self.variables.is_empty() && self.condition.is_true()
+    }
+}
+
 impl Formula {
+    /// Whether it says nothing.
+    pub(crate) fn is_true(&self) -> bool {
+        match self {
+            Formula::Constant(truth) => *truth,
+            Formula::And(parts) => parts.iter().all(Formula::is_true),
+            _ => false,
+        }
+    }
+
     /// Calls `visit` for every literal, with its polarity.
     pub(crate) fn literals(&self, visit: &mut dyn FnMut(bool, &LiftedAtom)) {
         match self {
@@ -257,6 +287,30 @@ impl Formula {
 }
 
 impl LiftedExpression {
+    /// Calls `visit` for every term in it.
+    pub(crate) fn terms(&self, visit: &mut dyn FnMut(&LiftedTerm)) {
+        match self {
+            LiftedExpression::Number(_) => (),
+            LiftedExpression::Fluent(fluent) => fluent.arguments.iter().for_each(visit),
+            LiftedExpression::Negate(inner) => inner.terms(visit),
+            LiftedExpression::Apply(_, operands) => {
+                operands.iter().for_each(|operand| operand.terms(visit));
+            }
+        }
+    }
+
+    /// Calls `visit` for every term in it, to change it.
+    pub(crate) fn terms_mut(&mut self, visit: &mut dyn FnMut(&mut LiftedTerm)) {
+        match self {
+            LiftedExpression::Number(_) => (),
+            LiftedExpression::Fluent(fluent) => fluent.arguments.iter_mut().for_each(visit),
+            LiftedExpression::Negate(inner) => inner.terms_mut(visit),
+            LiftedExpression::Apply(_, operands) => {
+                operands.iter_mut().for_each(|operand| operand.terms_mut(visit));
+            }
+        }
+    }
+
     /// Calls `visit` for every function that the expression reads.
     pub(crate) fn functions(&self, visit: &mut dyn FnMut(FunctionIndex)) {
         match self {

@@ -8,6 +8,7 @@ mod effects;
 mod formula;
 pub(crate) mod lifted;
 mod metric;
+mod quantifiers;
 mod strata;
 mod symbols;
 
@@ -15,6 +16,7 @@ use pddl::{Assignment, Diagnostic, Domain, InitElement, Problem, Span};
 
 use self::formula::Scope;
 use self::lifted::{Closed, Lifted, LiftedAxiom, LiftedNumeric, LiftedTerm, Schema};
+use self::quantifiers::rearrange;
 use self::symbols::Symbols;
 use crate::outcome::{PlanError, Unsupported};
 use crate::task::ObjectId;
@@ -46,7 +48,7 @@ pub(crate) fn normalize(domain: &Domain, problem: &Problem) -> Result<Lifted, Pl
 /// A condition of its own, such as the goal, over a problem's objects.
 fn closed(symbols: &mut Symbols, condition: &pddl::Condition) -> Closed {
     let mut scope = Scope::new(symbols, []);
-    let formula = scope.formula(condition, true);
+    let formula = rearrange(scope.formula(condition, true));
     Closed { frame: scope.frame, formula }
 }
 
@@ -77,7 +79,7 @@ fn axioms(symbols: &mut Symbols, domain: &Domain) -> Vec<LiftedAxiom> {
     for derived in &domain.derived {
         let head = symbols.predicate(&derived.predicate, derived.parameters.len());
         let mut scope = Scope::new(symbols, &derived.parameters);
-        let body = scope.formula(&derived.condition, true);
+        let body = rearrange(scope.formula(&derived.condition, true));
         let (frame, parameter_count) = (scope.frame, derived.parameters.len());
         let Some(head) = head else { continue };
         axioms.push(LiftedAxiom { head, parameter_count, frame, body, stratum: 0 });

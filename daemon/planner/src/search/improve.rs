@@ -41,7 +41,7 @@ fn without(
     for (position, &id) in plan.iter().enumerate() {
         let operator = task.operator(id);
         let applies = position != left_out
-            && all_hold(&state, &operator.preconditions)
+            && all_hold(&state, operator.preconditions)
             && progression.apply(operator, &state, &mut next);
         if applies {
             std::mem::swap(&mut state, &mut next);

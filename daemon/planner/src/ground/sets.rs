@@ -1,0 +1,44 @@
+//! Sets of objects that variables range over, each kept once.
+
+use rustc_hash::FxHashMap;
+
+use crate::normalize::lifted::{Lifted, TypeIndex, TypeSet};
+
+/// The sets of all types first, under their numbers, then those that static facts narrow down.
+#[derive(Debug)]
+pub(super) struct Sets {
+    sets: Vec<TypeSet>,
+    known: FxHashMap<Vec<u64>, TypeIndex>,
+}
+
+// === impl Sets ===
+
+impl Sets {
+    pub(super) fn new(lifted: &Lifted) -> Sets {
+        let sets = lifted.types.clone();
+        let known = sets.iter().enumerate().map(|(index, set)| (set.bits().to_vec(), index));
+        Sets { known: known.collect(), sets }
+    }
+
+    #[inline]
+    pub(super) fn get(&self, index: TypeIndex) -> &TypeSet {
+        &self.sets[index]
+    }
+
+    /// The number of the set with these bits.
+    pub(super) fn intern(&mut self, bits: Vec<u64>) -> TypeIndex {
+        if let Some(&known) = self.known.get(&bits) {
+            return known;
+        }
+        self.sets.push(TypeSet::from_bits(bits.clone()));
+        self.known.insert(bits, self.sets.len() - 1);
+        self.sets.len() - 1
+    }
+
+    /// The number of the set of objects in both.
+    pub(super) fn both(&mut self, left: TypeIndex, right: TypeIndex) -> TypeIndex {
+        let (left, right) = (self.get(left).bits(), self.get(right).bits());
+        let bits = left.iter().zip(right).map(|(left, right)| left & right).collect();
+        self.intern(bits)
+    }
+}

@@ -1,0 +1,190 @@
+//! Whether operators keep a set of facts at one true fact at most.
+//!
+//! By induction: at most one fact of the set is true before. An effect that adds one must then ask
+//! for another, or for the same, and delete it; two effects that add different ones must not happen
+//! together.
+
+use crate::task::{FactId, Literal, Operator, Task};
+
+/// Checks sets of facts against all operators of a task.
+pub(super) struct Balance<'t> {
+    task: &'t Task,
+    /// Where the list of each fact starts in `adders`.
+    starts: Vec<u32>,
+    /// Operators that may add a fact.
+    adders: Vec<u32>,
+    /// Parts of effects looked at.
+    pub(super) work: u64,
+}
+
+/// What became of a set.
+#[derive(Debug)]
+pub(super) enum Verdict {
+    Holds,
+    /// Some operator may add two of its facts at once.
+    TooHeavy,
+    /// Some operator adds a fact and takes none away; it asks for these facts and deletes them.
+    Unbalanced {
+        deleted: Vec<FactId>,
+    },
+}
+
+/// An addition to the set.
+struct Addition<'t> {
+    fact: FactId,
+    /// What it asks for beyond the operator's precondition.
+    conditions: &'t [Literal],
+    /// What it deletes beyond what the operator does in any case.
+    deletes: &'t [FactId],
+}
+
+// === impl Balance ===
+
+impl<'t> Balance<'t> {
+    pub(super) fn new(task: &'t Task) -> Balance<'t> {
+        let mut starts = vec![0u32; task.fact_count + 1];
+        let each = |visit: &mut dyn FnMut(FactId, u32)| {
+            for (index, operator) in task.operators.iter().enumerate() {
+                operator.effect.adds.iter().for_each(|fact| visit(*fact, index as u32));
+                for one in operator.conditional.iter() {
+                    one.effect.adds.iter().for_each(|fact| visit(*fact, index as u32));
+                }
+            }
+        };
+        each(&mut |fact, _| starts[fact.index()] += 1);
+        let mut sum = 0;
+        for start in &mut starts {
+            sum += *start;
+            *start = sum;
+        }
+        let mut adders = vec![0; sum as usize];
+        each(&mut |fact, operator| {
+            starts[fact.index()] -= 1;
+            adders[starts[fact.index()] as usize] = operator;
+        });
+        Balance { task, starts, adders, work: 0 }
+    }
+
+    /// Checks the set of `facts`, which are those with this instance.
+    pub(super) fn check(
+        &mut self,
+        facts: &[FactId],
+        instance_of: &[u32],
+        instance: u32,
+    ) -> Verdict {
+        let is_in = |fact: FactId| instance_of.get(fact.index()) == Some(&instance);
+        let mut additions = Vec::new();
+        for fact in facts {
+            let (from, to) = (self.starts[fact.index()], self.starts[fact.index() + 1]);
+            for at in from as usize..to as usize {
+                let operator = self.task.operators.get(self.adders[at] as usize);
+                self.work += 1 + collect(operator, &is_in, &mut additions);
+                match judge(operator, &additions, &is_in) {
+                    Verdict::Holds => (),
+                    other => return other,
+                }
+            }
+        }
+        Verdict::Holds
+    }
+}
+
+/// Finds what an operator may add to the set; returns how much there was to look at.
+fn collect<'t>(
+    operator: Operator<'t>,
+    is_in: &impl Fn(FactId) -> bool,
+    additions: &mut Vec<Addition<'t>>,
+) -> u64 {
+    additions.clear();
+    let mut work = operator.preconditions.len() + operator.effect.adds.len();
+    for &fact in operator.effect.adds.iter().filter(|fact| is_in(**fact)) {
+        additions.push(Addition { fact, conditions: &[], deletes: &[] });
+    }
+    for one in operator.conditional.iter() {
+        work += one.effect.adds.len();
+        for &fact in one.effect.adds.iter().filter(|fact| is_in(**fact)) {
+            let (conditions, deletes) = (one.conditions, one.effect.deletes);
+            additions.push(Addition { fact, conditions, deletes });
+        }
+    }
+    work as u64
+}
+
+fn judge(
+    operator: Operator<'_>,
+    additions: &[Addition<'_>],
+    is_in: &impl Fn(FactId) -> bool,
+) -> Verdict {
+    // Facts of the set that an addition asks for; two different ones are never true together.
+    let asked = |addition: &Addition<'_>| {
+        let all = operator.preconditions.iter().chain(addition.conditions);
+        let positive = all.filter(|literal| literal.is_positive() && is_in(literal.fact()));
+        let mut first = None;
+        for literal in positive {
+            match first {
+                None => first = Some(literal.fact()),
+                Some(known) if known != literal.fact() => return Asked::Two,
+                Some(_) => (),
+            }
+        }
+        first.map_or(Asked::Nothing, Asked::One)
+    };
+    for (index, addition) in additions.iter().enumerate() {
+        let own = asked(addition);
+        match own {
+            Asked::Two => continue,
+            Asked::One(fact) if fact == addition.fact || is_deleted(operator, addition, fact) => (),
+            Asked::One(_) | Asked::Nothing => {
+                return Verdict::Unbalanced { deleted: deleted(operator, addition) };
+            }
+        }
+        for other in additions[..index].iter().filter(|other| other.fact != addition.fact) {
+            if !excludes(own, asked(other)) && !contradict(addition.conditions, other.conditions) {
+                return Verdict::TooHeavy;
+            }
+        }
+    }
+    Verdict::Holds
+}
+
+/// Which facts of the set an addition asks for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Asked {
+    Nothing,
+    One(FactId),
+    Two,
+}
+
+/// Whether two additions cannot happen together, by what they ask for.
+fn excludes(left: Asked, right: Asked) -> bool {
+    match (left, right) {
+        (Asked::One(left), Asked::One(right)) => left != right,
+        (Asked::Two, _) | (_, Asked::Two) => true,
+        _ => false,
+    }
+}
+
+fn contradict(left: &[Literal], right: &[Literal]) -> bool {
+    left.iter().any(|literal| right.contains(&literal.negated()))
+}
+
+/// Whether a fact is deleted whenever an addition happens. Should another effect add it again, that
+/// effect is an addition itself.
+fn is_deleted(operator: Operator<'_>, addition: &Addition<'_>, fact: FactId) -> bool {
+    let follows = |literal: &Literal| {
+        addition.conditions.contains(literal) || operator.preconditions.contains(literal)
+    };
+    operator.effect.deletes.contains(&fact)
+        || addition.deletes.contains(&fact)
+        || operator
+            .conditional
+            .iter()
+            .any(|one| one.effect.deletes.contains(&fact) && one.conditions.iter().all(follows))
+}
+
+/// The facts that an addition asks for and that are then deleted.
+fn deleted(operator: Operator<'_>, addition: &Addition<'_>) -> Vec<FactId> {
+    let all = operator.preconditions.iter().chain(addition.conditions);
+    let positive = all.filter(|literal| literal.is_positive()).map(|literal| literal.fact());
+    positive.filter(|fact| is_deleted(operator, addition, *fact)).collect()
+}

@@ -1,0 +1,225 @@
+//! Mutex groups: sets of facts of which at most one is true in any state that can be reached from
+//! the initial one.
+//!
+//! Candidates are lifted invariants (Helmert, 2009): atoms that share parameters, each with at most
+//! one argument that is counted over. Where his synthesis proves a candidate on the schemas, for all
+//! its instances at once, [`balance`] proves each instance on the ground operators: instances that
+//! fail do not spoil the others, and static facts count. An operator that adds to an instance
+//! without taking away suggests, by what it deletes, which atom to add to the candidate.
+//!
+//! Groups follow from the initial state. A state that came about otherwise, say by a report from
+//! outside, may violate them.
+
+mod balance;
+mod candidate;
+
+use std::collections::VecDeque;
+
+use rustc_hash::{FxHashMap, FxHashSet};
+
+use self::balance::{Balance, Verdict};
+use self::candidate::Candidate;
+use crate::limits::Cancel;
+use crate::task::{FactId, Task};
+
+/// Mutex groups of a task.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct MutexGroups {
+    /// Every group found, none within another.
+    groups: Vec<Vec<FactId>>,
+    /// All basic facts, each once: parts of groups, chosen greedily, the largest first, then the
+    /// facts left over, one by one.
+    variables: Vec<Vec<FactId>>,
+}
+
+/// Candidates that are looked at.
+const CANDIDATES_MAX: usize = 2_000;
+
+/// Atoms of one candidate.
+const PARTS_MAX: usize = 16;
+
+/// No instance.
+const NONE: u32 = u32::MAX;
+
+// === impl MutexGroups ===
+
+impl MutexGroups {
+    /// Looks for groups until none is left to find, or `work_max` parts of effects were looked at;
+    /// one takes some ten nanoseconds. What is found until then is right.
+    pub(crate) fn find(task: &Task, work_max: u64, cancel: &Cancel) -> MutexGroups {
+        let mut finder = Finder::new(task, work_max, cancel);
+        finder.search();
+        let groups = without_parts(finder.groups, task.basic_count);
+        let variables = cover(&groups, task.basic_count);
+        MutexGroups { groups, variables }
+    }
+
+    /// Every group found, each sorted, none within another.
+    pub(crate) fn groups(&self) -> &[Vec<FactId>] {
+        &self.groups
+    }
+
+    /// A partition of the basic facts into groups, each sorted; many of one fact only.
+    pub(crate) fn variables(&self) -> &[Vec<FactId>] {
+        &self.variables
+    }
+}
+
+/// The state of a search for groups.
+struct Finder<'t> {
+    task: &'t Task,
+    cancel: &'t Cancel,
+    balance: Balance<'t>,
+    /// Basic facts by predicate.
+    facts: FxHashMap<u32, Vec<FactId>>,
+    is_initial: Vec<bool>,
+    waiting: VecDeque<Candidate>,
+    seen: FxHashSet<Candidate>,
+    groups: Vec<Vec<FactId>>,
+    work_max: u64,
+}
+
+// === impl Finder ===
+
+impl<'t> Finder<'t> {
+    fn new(task: &'t Task, work_max: u64, cancel: &'t Cancel) -> Finder<'t> {
+        let mut finder = Finder {
+            task,
+            cancel,
+            balance: Balance::new(task),
+            facts: FxHashMap::default(),
+            is_initial: vec![false; task.basic_count],
+            waiting: VecDeque::new(),
+            seen: FxHashSet::default(),
+            groups: Vec::new(),
+            work_max,
+        };
+        for fact in &task.initial {
+            finder.is_initial[fact.index()] = true;
+        }
+        for index in 0..task.basic_count {
+            let fact = FactId::from_index(index);
+            let (predicate, arguments) = task.atoms.get(fact);
+            let facts = finder.facts.entry(predicate).or_default();
+            if facts.is_empty() {
+                for candidate in Candidate::seeds(predicate, arguments.len()) {
+                    finder.waiting.push_back(candidate);
+                }
+            }
+            facts.push(fact);
+        }
+        finder
+    }
+
+    fn search(&mut self) {
+        while let Some(candidate) = self.waiting.pop_front() {
+            let is_over = self.balance.work > self.work_max || self.cancel.is_set();
+            if is_over || self.seen.len() >= CANDIDATES_MAX {
+                return;
+            }
+            if self.seen.insert(candidate.clone()) {
+                self.examine(&candidate);
+            }
+        }
+    }
+
+    /// Keeps the instances of a candidate that hold, and queues what may mend the others.
+    fn examine(&mut self, candidate: &Candidate) {
+        let mut keys = FxHashMap::default();
+        let mut instances: Vec<Vec<FactId>> = Vec::new();
+        let mut instance_of = vec![NONE; self.task.basic_count];
+        for part in &candidate.parts {
+            for &fact in self.facts.get(&part.predicate).into_iter().flatten() {
+                let key = part.key(self.task.atoms.get(fact).1);
+                let instance = *keys.entry(key).or_insert_with(|| {
+                    instances.push(Vec::new());
+                    instances.len() as u32 - 1
+                });
+                instances[instance as usize].push(fact);
+                instance_of[fact.index()] = instance;
+            }
+        }
+        let mut refined = FxHashSet::default();
+        for (instance, mut facts) in instances.into_iter().enumerate() {
+            if self.balance.work > self.work_max || self.cancel.is_set() {
+                return;
+            }
+            let weight = facts.iter().filter(|fact| self.is_initial[fact.index()]).count();
+            if weight > 1 {
+                continue;
+            }
+            match self.balance.check(&facts, &instance_of, instance as u32) {
+                Verdict::Holds if facts.len() > 1 => {
+                    facts.sort_unstable();
+                    self.groups.push(facts);
+                }
+                Verdict::Holds | Verdict::TooHeavy => (),
+                Verdict::Unbalanced { deleted } if candidate.parts.len() < PARTS_MAX => {
+                    let key = candidate.key(&self.task.atoms, facts[0]);
+                    for fact in deleted {
+                        candidate.refinements(&self.task.atoms, &key, fact, &mut refined);
+                    }
+                }
+                Verdict::Unbalanced { .. } => (),
+            }
+        }
+        // Sorted, so that a cap meets the same candidates everywhere.
+        let mut refined: Vec<Candidate> = refined.into_iter().collect();
+        refined.sort_unstable();
+        self.waiting.extend(refined);
+    }
+}
+
+/// Without groups that lie within others.
+fn without_parts(mut groups: Vec<Vec<FactId>>, facts: usize) -> Vec<Vec<FactId>> {
+    groups.sort_unstable_by(|left, right| right.len().cmp(&left.len()).then(left.cmp(right)));
+    groups.dedup();
+    let mut of: Vec<Vec<u32>> = vec![Vec::new(); facts];
+    let mut kept: Vec<Vec<FactId>> = Vec::new();
+    for group in groups {
+        let is_part = of[group[0].index()].iter().any(|other| {
+            let other = &kept[*other as usize];
+            group.iter().all(|fact| other.binary_search(fact).is_ok())
+        });
+        if !is_part {
+            group.iter().for_each(|fact| of[fact.index()].push(kept.len() as u32));
+            kept.push(group);
+        }
+    }
+    kept
+}
+
+/// Takes the group with the most facts not yet taken, again and again.
+fn cover(groups: &[Vec<FactId>], facts: usize) -> Vec<Vec<FactId>> {
+    let mut of: Vec<Vec<usize>> = vec![Vec::new(); facts];
+    for (index, group) in groups.iter().enumerate() {
+        group.iter().for_each(|fact| of[fact.index()].push(index));
+    }
+    let mut left: Vec<usize> = groups.iter().map(Vec::len).collect();
+    let longest = left.iter().copied().max().unwrap_or(0);
+    let mut by_size: Vec<VecDeque<usize>> = vec![VecDeque::new(); longest + 1];
+    left.iter().enumerate().for_each(|(index, size)| by_size[*size].push_back(index));
+    let mut is_taken = vec![false; facts];
+    let mut variables = Vec::new();
+    for size in (2..=longest).rev() {
+        while let Some(index) = by_size[size].pop_front() {
+            if left[index] < size {
+                by_size[left[index]].push_back(index);
+                continue;
+            }
+            let free = groups[index].iter().filter(|fact| !is_taken[fact.index()]);
+            let variable: Vec<FactId> = free.copied().collect();
+            for fact in &variable {
+                is_taken[fact.index()] = true;
+                of[fact.index()].iter().for_each(|group| left[*group] -= 1);
+            }
+            variables.push(variable);
+        }
+    }
+    let single = (0..facts).filter(|index| !is_taken[*index]);
+    variables.extend(single.map(|index| vec![FactId::from_index(index)]));
+    variables
+}
+
+#[cfg(test)]
+mod tests;

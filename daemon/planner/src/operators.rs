@@ -1,0 +1,498 @@
+//! Ground actions in flat arrays, read through small copies of references.
+//!
+//! A task may have millions of operators: each costs a few numbers here and no allocation of its
+//! own. `ground` fills a table over raw facts first and then the one of the task.
+
+use crate::task::{FactId, Literal, NumericChange, ObjectId};
+
+/// A ground action.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Operator<'t> {
+    /// Which schema it comes from.
+    pub(crate) schema: u32,
+    /// The objects of its parameters, the agent before all.
+    pub(crate) arguments: &'t [ObjectId],
+    /// What must hold, sorted.
+    pub(crate) preconditions: &'t [Literal],
+    /// What changes in any case.
+    pub(crate) effect: Changes<'t>,
+    /// What changes where more holds, all read in the state before.
+    pub(crate) conditional: ConditionalEffects<'t>,
+    /// In units of the task.
+    pub(crate) cost: u64,
+}
+
+/// Facts and numbers that change together. A fact both deleted and added is true afterwards.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Changes<'t> {
+    pub(crate) adds: &'t [FactId],
+    pub(crate) deletes: &'t [FactId],
+    pub(crate) numeric: &'t [NumericChange],
+}
+
+/// Changes that happen where conditions hold in the state before.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ConditionalEffect<'t> {
+    pub(crate) conditions: &'t [Literal],
+    pub(crate) effect: Changes<'t>,
+}
+
+/// The conditional effects of one operator.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ConditionalEffects<'t> {
+    table: &'t ConditionalTable,
+    start: u32,
+    end: u32,
+}
+
+/// All operators of a task.
+#[derive(Clone, Debug)]
+pub(crate) struct Operators {
+    /// Where the parts of each operator end; the first row ends nothing.
+    rows: Vec<OperatorRow>,
+    arguments: Vec<ObjectId>,
+    preconditions: Vec<Literal>,
+    effects: ChangesTable,
+    conditional: ConditionalTable,
+    costs: Vec<u64>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct OperatorRow {
+    schema: u32,
+    arguments: u32,
+    preconditions: u32,
+    conditional: u32,
+}
+
+#[derive(Clone, Debug)]
+struct ChangesTable {
+    /// Where the parts of each entry end; the first row ends nothing.
+    rows: Vec<ChangesRow>,
+    /// The adds of an entry, then its deletes.
+    facts: Vec<FactId>,
+    numeric: Vec<NumericChange>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct ChangesRow {
+    adds: u32,
+    deletes: u32,
+    numeric: u32,
+}
+
+#[derive(Clone, Debug)]
+struct ConditionalTable {
+    /// Where the conditions of each effect end; the first entry ends nothing.
+    ends: Vec<u32>,
+    conditions: Vec<Literal>,
+    effects: ChangesTable,
+}
+
+/// What [`Operators::renumber`] does.
+pub(crate) trait Renumbering {
+    /// Whether an operator stays; asked with its old facts.
+    fn keeps(&self, operator: Operator<'_>) -> bool;
+
+    /// Whether a conditional effect of an operator that stays does.
+    fn keeps_effect(&self, conditions: &[Literal], effect: Changes<'_>) -> bool;
+
+    /// The literal as it is called now; `None` if it need not be asked.
+    fn literal(&self, literal: Literal) -> Option<Literal>;
+
+    /// The fact as it is called now; `None` if it does not matter.
+    fn fact(&self, fact: FactId) -> Option<FactId>;
+}
+
+/// Entries of a table that are kept.
+#[derive(Debug)]
+struct Kept {
+    rows: Vec<ChangesRow>,
+    facts: usize,
+    numeric: usize,
+}
+
+impl Default for Kept {
+    fn default() -> Kept {
+        Kept { rows: vec![ChangesRow::default()], facts: 0, numeric: 0 }
+    }
+}
+
+/// Moves literals behind those kept already, sorted.
+fn renumber_literals(
+    all: &mut [Literal],
+    read: std::ops::Range<usize>,
+    kept: &mut usize,
+    by: &impl Renumbering,
+) {
+    let start = *kept;
+    for read in read {
+        if let Some(literal) = by.literal(all[read]) {
+            all[*kept] = literal;
+            *kept += 1;
+        }
+    }
+    all[start..*kept].sort_unstable();
+}
+
+/// A length as the end of a row. Lengths stay below: the caps on memory see to it.
+fn end(length: usize) -> u32 {
+    u32::try_from(length).unwrap_or(u32::MAX)
+}
+
+// === impl Operators ===
+
+impl Default for Operators {
+    fn default() -> Operators {
+        Operators {
+            rows: vec![OperatorRow::default()],
+            arguments: Vec::new(),
+            preconditions: Vec::new(),
+            effects: ChangesTable::default(),
+            conditional: ConditionalTable::default(),
+            costs: Vec::new(),
+        }
+    }
+}
+
+impl Operators {
+    pub(crate) fn len(&self) -> usize {
+        self.costs.len()
+    }
+
+    /// The operator at an index below [`Operators::len`].
+    #[inline]
+    pub(crate) fn get(&self, index: usize) -> Operator<'_> {
+        let (from, to) = (&self.rows[index], &self.rows[index + 1]);
+        Operator {
+            schema: to.schema,
+            arguments: &self.arguments[from.arguments as usize..to.arguments as usize],
+            preconditions: &self.preconditions
+                [from.preconditions as usize..to.preconditions as usize],
+            effect: self.effects.get(index),
+            conditional: ConditionalEffects {
+                table: &self.conditional,
+                start: from.conditional,
+                end: to.conditional,
+            },
+            cost: self.costs[index],
+        }
+    }
+
+    pub(crate) fn iter(&self) -> impl ExactSizeIterator<Item = Operator<'_>> {
+        (0..self.len()).map(|index| self.get(index))
+    }
+
+    /// Adds an operator that costs nothing yet.
+    pub(crate) fn push(
+        &mut self,
+        schema: u32,
+        arguments: impl IntoIterator<Item = ObjectId>,
+        preconditions: impl IntoIterator<Item = Literal>,
+    ) {
+        self.arguments.extend(arguments);
+        self.preconditions.extend(preconditions);
+        self.rows.push(OperatorRow {
+            schema,
+            arguments: end(self.arguments.len()),
+            preconditions: end(self.preconditions.len()),
+            conditional: end(self.conditional.len()),
+        });
+        self.effects.push([], [], []);
+        self.costs.push(0);
+    }
+
+    /// Sets what the last operator changes in any case, once.
+    pub(crate) fn set_effect(
+        &mut self,
+        adds: impl IntoIterator<Item = FactId>,
+        deletes: impl IntoIterator<Item = FactId>,
+        numeric: impl IntoIterator<Item = NumericChange>,
+    ) {
+        self.effects.rows.pop();
+        self.effects.push(adds, deletes, numeric);
+    }
+
+    /// Adds a conditional effect to the last operator.
+    pub(crate) fn push_conditional(
+        &mut self,
+        conditions: impl IntoIterator<Item = Literal>,
+        adds: impl IntoIterator<Item = FactId>,
+        deletes: impl IntoIterator<Item = FactId>,
+        numeric: impl IntoIterator<Item = NumericChange>,
+    ) {
+        let ConditionalTable { ends, conditions: all, effects } = &mut self.conditional;
+        all.extend(conditions);
+        ends.push(end(all.len()));
+        effects.push(adds, deletes, numeric);
+        let count = end(self.conditional.len());
+        if let Some(row) = self.rows.last_mut() {
+            row.conditional = count;
+        }
+    }
+
+    /// Sets what the last operator costs.
+    pub(crate) fn set_cost(&mut self, cost: u64) {
+        if let Some(last) = self.costs.last_mut() {
+            *last = cost;
+        }
+    }
+
+    pub(crate) fn costs_mut(&mut self) -> &mut [u64] {
+        &mut self.costs
+    }
+
+    /// Leaves out operators and parts of them, and numbers facts anew. The long arrays are written
+    /// in place: what is kept never overtakes what is read.
+    pub(crate) fn renumber(&mut self, by: &impl Renumbering) {
+        let mut rows = vec![OperatorRow::default()];
+        let (mut effects, mut conditional) = (Kept::default(), Kept::default());
+        let (mut ends, mut conditions) = (vec![0], 0);
+        let (mut arguments, mut preconditions) = (0, 0);
+        for index in 0..self.len() {
+            if !by.keeps(self.get(index)) {
+                continue;
+            }
+            let (from, to) = (self.rows[index], self.rows[index + 1]);
+            self.arguments.copy_within(from.arguments as usize..to.arguments as usize, arguments);
+            arguments += (to.arguments - from.arguments) as usize;
+            let read = from.preconditions as usize..to.preconditions as usize;
+            renumber_literals(&mut self.preconditions, read, &mut preconditions, by);
+            self.effects.keep(index, &mut effects, by);
+            for one in from.conditional as usize..to.conditional as usize {
+                let ConditionalTable { ends: old, conditions: all, effects } =
+                    &mut self.conditional;
+                let read = old[one] as usize..old[one + 1] as usize;
+                if by.keeps_effect(&all[read.clone()], effects.get(one)) {
+                    renumber_literals(all, read, &mut conditions, by);
+                    ends.push(end(conditions));
+                    effects.keep(one, &mut conditional, by);
+                }
+            }
+            self.costs[rows.len() - 1] = self.costs[index];
+            rows.push(OperatorRow {
+                schema: to.schema,
+                arguments: end(arguments),
+                preconditions: end(preconditions),
+                conditional: end(ends.len() - 1),
+            });
+        }
+        self.costs.truncate(rows.len() - 1);
+        self.rows = rows;
+        self.arguments.truncate(arguments);
+        self.preconditions.truncate(preconditions);
+        self.effects.finish(effects);
+        self.conditional.ends = ends;
+        self.conditional.conditions.truncate(conditions);
+        self.conditional.effects.finish(conditional);
+        self.shrink();
+    }
+
+    /// Bytes taken.
+    pub(crate) fn bytes(&self) -> usize {
+        let rows = self.rows.capacity() * size_of::<OperatorRow>() + self.costs.capacity() * 8;
+        let pools = (self.arguments.capacity() + self.preconditions.capacity()) * 4;
+        rows + pools + self.effects.bytes() + self.conditional.bytes()
+    }
+
+    /// Gives back what was set aside for more operators.
+    fn shrink(&mut self) {
+        self.rows.shrink_to_fit();
+        self.arguments.shrink_to_fit();
+        self.preconditions.shrink_to_fit();
+        self.effects.shrink();
+        self.conditional.ends.shrink_to_fit();
+        self.conditional.conditions.shrink_to_fit();
+        self.conditional.effects.shrink();
+        self.costs.shrink_to_fit();
+    }
+}
+
+// === impl ConditionalEffects ===
+
+impl<'t> ConditionalEffects<'t> {
+    pub(crate) fn iter(self) -> impl ExactSizeIterator<Item = ConditionalEffect<'t>> + Clone {
+        (self.start as usize..self.end as usize).map(move |index| self.table.get(index))
+    }
+}
+
+// === impl ConditionalTable ===
+
+impl Default for ConditionalTable {
+    fn default() -> ConditionalTable {
+        ConditionalTable { ends: vec![0], conditions: Vec::new(), effects: ChangesTable::default() }
+    }
+}
+
+impl ConditionalTable {
+    fn len(&self) -> usize {
+        self.ends.len() - 1
+    }
+
+    fn get(&self, index: usize) -> ConditionalEffect<'_> {
+        let (start, end) = (self.ends[index] as usize, self.ends[index + 1] as usize);
+        ConditionalEffect {
+            conditions: &self.conditions[start..end],
+            effect: self.effects.get(index),
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        (self.ends.capacity() + self.conditions.capacity()) * 4 + self.effects.bytes()
+    }
+}
+
+// === impl ChangesTable ===
+
+impl Default for ChangesTable {
+    fn default() -> ChangesTable {
+        ChangesTable { rows: vec![ChangesRow::default()], facts: Vec::new(), numeric: Vec::new() }
+    }
+}
+
+impl ChangesTable {
+    #[inline]
+    fn get(&self, index: usize) -> Changes<'_> {
+        let (from, to) = (&self.rows[index], &self.rows[index + 1]);
+        Changes {
+            adds: &self.facts[from.deletes as usize..to.adds as usize],
+            deletes: &self.facts[to.adds as usize..to.deletes as usize],
+            numeric: &self.numeric[from.numeric as usize..to.numeric as usize],
+        }
+    }
+
+    fn push(
+        &mut self,
+        adds: impl IntoIterator<Item = FactId>,
+        deletes: impl IntoIterator<Item = FactId>,
+        numeric: impl IntoIterator<Item = NumericChange>,
+    ) {
+        self.facts.extend(adds);
+        let adds = end(self.facts.len());
+        self.facts.extend(deletes);
+        self.numeric.extend(numeric);
+        let (deletes, numeric) = (end(self.facts.len()), end(self.numeric.len()));
+        self.rows.push(ChangesRow { adds, deletes, numeric });
+    }
+
+    /// Moves an entry behind those kept already.
+    fn keep(&mut self, index: usize, kept: &mut Kept, by: &impl Renumbering) {
+        let (from, to) = (self.rows[index], self.rows[index + 1]);
+        let mut keep = |read: std::ops::Range<u32>| {
+            for read in read.start as usize..read.end as usize {
+                if let Some(fact) = by.fact(self.facts[read]) {
+                    self.facts[kept.facts] = fact;
+                    kept.facts += 1;
+                }
+            }
+            end(kept.facts)
+        };
+        let adds = keep(from.deletes..to.adds);
+        let deletes = keep(to.adds..to.deletes);
+        for read in from.numeric as usize..to.numeric as usize {
+            self.numeric.swap(kept.numeric, read);
+            kept.numeric += 1;
+        }
+        kept.rows.push(ChangesRow { adds, deletes, numeric: end(kept.numeric) });
+    }
+
+    fn finish(&mut self, kept: Kept) {
+        self.rows = kept.rows;
+        self.facts.truncate(kept.facts);
+        self.numeric.truncate(kept.numeric);
+    }
+
+    fn bytes(&self) -> usize {
+        self.rows.capacity() * size_of::<ChangesRow>()
+            + self.facts.capacity() * 4
+            + self.numeric.capacity() * size_of::<NumericChange>()
+    }
+
+    fn shrink(&mut self) {
+        self.rows.shrink_to_fit();
+        self.facts.shrink_to_fit();
+        self.numeric.shrink_to_fit();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn facts(indices: &[usize]) -> Vec<FactId> {
+        indices.iter().map(|index| FactId::from_index(*index)).collect()
+    }
+
+    fn literals(indices: &[usize]) -> Vec<Literal> {
+        facts(indices).into_iter().map(|fact| Literal::new(fact, true)).collect()
+    }
+
+    fn table() -> Operators {
+        let mut operators = Operators::default();
+        operators.push(0, [ObjectId::from_index(5)], literals(&[1, 2]));
+        operators.set_effect(facts(&[3]), facts(&[1]), []);
+        operators.set_cost(7);
+        operators.push(2, [], literals(&[4]));
+        operators.set_effect([], facts(&[4, 5]), []);
+        operators.push_conditional(literals(&[6]), facts(&[7]), facts(&[8]), []);
+        operators.push_conditional([], [], facts(&[9]), []);
+        operators.push(3, [ObjectId::from_index(6)], literals(&[2, 9]));
+        operators.set_effect(facts(&[1, 9]), facts(&[2]), []);
+        operators.set_cost(8);
+        operators
+    }
+
+    #[test]
+    fn what_is_pushed_is_read() {
+        let operators = table();
+        assert_eq!(operators.len(), 3);
+        let first = operators.get(0);
+        assert_eq!((first.schema, first.preconditions), (0, literals(&[1, 2]).as_slice()));
+        assert_eq!((first.effect.adds, first.effect.deletes), (&facts(&[3])[..], &facts(&[1])[..]));
+        assert_eq!(first.conditional.iter().len(), 0);
+        let second = operators.get(1);
+        assert_eq!(second.effect.deletes, facts(&[4, 5]));
+        let conditional: Vec<_> = second.conditional.iter().collect();
+        assert_eq!(conditional[0].conditions, literals(&[6]));
+        assert_eq!(conditional[0].effect.adds, facts(&[7]));
+        assert_eq!(conditional[1].effect.deletes, facts(&[9]));
+    }
+
+    /// Drops the first operator, effects that add nothing, and fact 9; adds 10 to all others.
+    struct Shift;
+
+    impl Renumbering for Shift {
+        fn keeps(&self, operator: Operator<'_>) -> bool {
+            operator.schema > 0
+        }
+
+        fn keeps_effect(&self, _: &[Literal], effect: Changes<'_>) -> bool {
+            !effect.adds.is_empty()
+        }
+
+        fn literal(&self, literal: Literal) -> Option<Literal> {
+            Some(Literal::new(self.fact(literal.fact())?, literal.is_positive()))
+        }
+
+        fn fact(&self, fact: FactId) -> Option<FactId> {
+            (fact.0 != 9).then_some(FactId(fact.0 + 10))
+        }
+    }
+
+    #[test]
+    fn what_is_renumbered_keeps_its_place() {
+        let mut operators = table();
+        operators.renumber(&Shift);
+        assert_eq!(operators.len(), 2);
+        let first = operators.get(0);
+        assert_eq!((first.schema, first.preconditions), (2, literals(&[14]).as_slice()));
+        let conditional: Vec<_> = first.conditional.iter().collect();
+        assert_eq!(conditional.len(), 1);
+        assert_eq!(conditional[0].conditions, literals(&[16]));
+        assert_eq!(conditional[0].effect.deletes, facts(&[18]));
+        let last = operators.get(1);
+        assert_eq!((last.arguments, last.cost), (&[ObjectId::from_index(6)][..], 8));
+        assert_eq!(last.preconditions, literals(&[12]));
+        assert_eq!((last.effect.adds, last.effect.deletes), (&facts(&[11])[..], &facts(&[12])[..]));
+    }
+}
