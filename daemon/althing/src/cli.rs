@@ -439,12 +439,12 @@ pub(crate) struct WatchWords {
 #[derive(Debug, Args)]
 pub(crate) struct PlanArgs {
     /// The PDDL domain
-    #[arg(value_name = "DOMAIN")]
-    pub(crate) domain: PathBuf,
+    #[arg(value_name = "DOMAIN", required_unless_present = "list")]
+    pub(crate) domain: Option<PathBuf>,
     /// The PDDL problem
-    #[arg(value_name = "PROBLEM")]
-    pub(crate) problem: PathBuf,
-    /// Write the plan to this file instead of stdout
+    #[arg(value_name = "PROBLEM", required_unless_present = "list")]
+    pub(crate) problem: Option<PathBuf>,
+    /// Write the plan to this file instead of stdout; with --anytime, each better one
     #[arg(long, value_name = "FILE")]
     pub(crate) plan: Option<PathBuf>,
     /// Stop after this many seconds
@@ -453,7 +453,7 @@ pub(crate) struct PlanArgs {
     /// Stop before the planner's tables take more than this [default: 2048]
     #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) memory_limit: Option<u32>,
-    /// Search on so many threads
+    /// Search on so many threads, 1 or 2; the same number finds the same plan
     #[arg(
         long,
         value_name = "N",
@@ -464,6 +464,12 @@ pub(crate) struct PlanArgs {
     /// Which planner
     #[arg(long, value_enum, default_value_t = Engine::Embedded)]
     pub(crate) engine: Engine,
+    /// How the first plan is searched for; --list shows the ways there are
+    #[arg(long, value_name = "NAME", default_value = planner::CONFIGURATIONS[0].name, value_parser = search())]
+    pub(crate) search: String,
+    /// Show heuristics and ways to search, and what they promise
+    #[arg(long)]
+    pub(crate) list: bool,
     /// Go on after the first plan, to cheaper ones, until a limit
     #[arg(long)]
     pub(crate) anytime: bool,
@@ -472,6 +478,11 @@ pub(crate) struct PlanArgs {
     pub(crate) optimal: bool,
     #[command(flatten)]
     pub(crate) print: PrintArgs,
+}
+
+/// The names of the planner's ways to search.
+fn search() -> clap::builder::PossibleValuesParser {
+    planner::CONFIGURATIONS.iter().map(|one| one.name).collect::<Vec<_>>().into()
 }
 
 /// `althing validate`

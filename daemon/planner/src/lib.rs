@@ -17,6 +17,10 @@
 
 mod plan;
 
+mod solve;
+
+mod configuration;
+
 mod limits;
 
 mod outcome;
@@ -51,9 +55,14 @@ mod extent;
 
 mod id_table;
 
+mod rows;
+
+mod axioms;
+
+pub use configuration::{CONFIGURATIONS, Configuration, configuration};
 pub use extent::{Extent, Ground, Groups, Prepared, prepare};
 pub use heuristic::{HEURISTICS, Heuristic};
-pub use limits::{Budget, Cancel, Options};
+pub use limits::{Budget, Cancel, Effort, Options};
 pub use outcome::{Outcome, PlanError, Statistics, StopReason, Text, Unsupported};
-pub use plan::plan;
+pub use plan::{plan, plan_and_tell};
 pub use validate::{Fault, FaultReason, Place, Verdict, World, rest_reaches, validate};

@@ -7,6 +7,8 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::configuration::{CONFIGURATIONS, Configuration};
+
 /// Caps on work and memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
@@ -26,6 +28,24 @@ pub struct Options {
     /// Expansions of the cost-optimal search that follows the first plan on small tasks; 0 leaves
     /// it out.
     pub optimal_expansions_max: u64,
+    /// How the first plan is searched for.
+    pub configuration: &'static Configuration,
+    /// What to do after the first plan.
+    pub effort: Effort,
+    /// How many searches run side by side, 1 or 2. The same number finds the same plan.
+    pub threads: u32,
+}
+
+/// How good a plan is wanted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Effort {
+    /// The first plan, and the cheapest where that is little work.
+    #[default]
+    First,
+    /// Cheaper and cheaper plans until a limit is reached.
+    Anytime,
+    /// The cheapest plan with a proof, or none, however long it takes.
+    Optimal,
 }
 
 /// Asks a running call to stop. Clones share one flag.
@@ -49,7 +69,13 @@ impl Default for Budget {
 impl Default for Options {
     /// 20,000 expansions of optimal search: enough for a building, milliseconds on a building.
     fn default() -> Options {
-        Options { budget: Budget::default(), optimal_expansions_max: 20_000 }
+        Options {
+            budget: Budget::default(),
+            optimal_expansions_max: 20_000,
+            configuration: &CONFIGURATIONS[0],
+            effort: Effort::First,
+            threads: 1,
+        }
     }
 }
 

@@ -1,20 +1,15 @@
 //! The planner's front door: from texts to a validated plan.
 //!
-//! normalize → ground → greedy search → action elimination → optimal search, if the task is small →
-//! validation. Every plan passes the independent validator; one that fails is reported as our defect.
+//! normalize → ground → [`crate::solve`] → validation. Every plan passes the independent validator;
+//! one that fails is reported as our defect.
 
 use pddl::{Diagnostic, Domain, Number, Plan, Problem};
 
 use crate::ground::{GroundError, ground};
-use crate::heuristic::{HEURISTICS, Heuristic, Relaxation, Weights, heuristic};
-use crate::limits::{Budget, Cancel, Options};
+use crate::limits::{Cancel, Options};
 use crate::normalize::normalize;
 use crate::outcome::{Outcome, PlanError, Statistics, StopReason};
-use crate::search::greedy::Greedy;
-use crate::search::optimal::{AStar, weight};
-use crate::search::{Search, improve, run};
-use crate::successors::SuccessorGenerator;
-use crate::task::{OperatorId, Task};
+use crate::solve::Solver;
 use crate::validate::{Verdict, validate};
 
 /// Plans for a problem.
@@ -26,6 +21,18 @@ pub fn plan(
     problem: &Problem,
     options: &Options,
     cancel: &Cancel,
+) -> Result<Outcome, PlanError> {
+    plan_and_tell(domain, problem, options, cancel, &mut |_| ())
+}
+
+/// As [`plan()`], and tells every plan as soon as it is found and validated: each is cheaper than
+/// the one before. There is more than one only where [`Options::effort`] asks for it.
+pub fn plan_and_tell(
+    domain: &Domain,
+    problem: &Problem,
+    options: &Options,
+    cancel: &Cancel,
+    found: &mut dyn FnMut(&Plan),
 ) -> Result<Outcome, PlanError> {
     refuse_mistakes(domain, problem)?;
     let lifted = normalize(domain, problem)?;
@@ -43,14 +50,28 @@ pub fn plan(
     };
     statistics.facts = task.fact_count;
     statistics.operators = task.operator_count();
-    match solve(&task, options, cancel, &mut statistics) {
-        Err(reason) => Ok(without_plan(reason, statistics, grounded.warnings)),
-        Ok(operators) => Ok(Outcome {
-            plan: Some(validated(domain, problem, task.plan(&operators))?),
+    let (mut best, mut defect) = (None, None);
+    let solved =
+        Solver::new(&task, options, cancel, &mut statistics).run(&mut |operators| match validated(
+            domain,
+            problem,
+            task.plan(operators),
+        ) {
+            Ok(plan) => {
+                found(&plan);
+                best = Some(plan);
+            }
+            Err(err) => defect = defect.take().or(Some(err)),
+        });
+    match (best, defect, solved) {
+        (Some(plan), None, _) => Ok(Outcome {
+            plan: Some(plan),
             stop_reason: StopReason::GoalReached,
             statistics,
             warnings: grounded.warnings,
         }),
+        (_, Some(err), _) => Err(err),
+        (None, None, reason) => Ok(without_plan(reason, statistics, grounded.warnings)),
     }
 }
 
@@ -81,65 +102,4 @@ fn validated(domain: &Domain, problem: &Problem, plan: Plan) -> Result<Plan, Pla
         Verdict::Fault(fault) => Err(PlanError::Internal(fault)),
         Verdict::BadInput(diagnostics) => Err(PlanError::BadInput(diagnostics)),
     }
-}
-
-/// Finds a plan, then a better one.
-fn solve(
-    task: &Task,
-    options: &Options,
-    cancel: &Cancel,
-    statistics: &mut Statistics,
-) -> Result<Vec<OperatorId>, StopReason> {
-    let generator = SuccessorGenerator::new(task);
-    let first = {
-        let mut search = Greedy::new(task, &generator, (entry("ff").build)(task));
-        let result = run(&mut search, options.budget, cancel);
-        statistics.expansions = search.expansions();
-        statistics.evaluations = search.evaluations();
-        result?
-    };
-    let first = improve::eliminate(task, first, cancel);
-    Ok(cheapest(task, &generator, first, options, cancel, statistics))
-}
-
-/// Work of one optimal search: explorations times the size of what each looks at. That is about a
-/// tenth of a second, and covers a building's problems.
-const OPTIMAL_WORK_MAX: u64 = 5_000_000;
-
-/// The cheapest plan, where it can be found with little work; otherwise the given one.
-fn cheapest(
-    task: &Task,
-    generator: &SuccessorGenerator,
-    first: Vec<OperatorId>,
-    options: &Options,
-    cancel: &Cancel,
-    statistics: &mut Statistics,
-) -> Vec<OperatorId> {
-    let size = Relaxation::new(task, Weights::CostThenSteps).size().max(1) as u64;
-    let explorations_max = OPTIMAL_WORK_MAX / size;
-    if options.optimal_expansions_max == 0 || explorations_max == 0 {
-        return first;
-    }
-    let bound = weight(task, &first);
-    let mut search =
-        AStar::new(task, generator, (entry("lmcut").build)(task), bound, explorations_max);
-    let budget = Budget { expansions_max: options.optimal_expansions_max, ..options.budget };
-    let result = run(&mut search, budget, cancel);
-    statistics.optimal_expansions = search.expansions();
-    // Rounded costs prove nothing about the true ones.
-    let is_exact = task.costs_exact && bound < u64::MAX;
-    match result {
-        Ok(better) => {
-            statistics.proven_optimal = is_exact;
-            better
-        }
-        Err(reason) => {
-            statistics.proven_optimal = is_exact && reason == StopReason::Exhausted;
-            first
-        }
-    }
-}
-
-fn entry(name: &str) -> &'static Heuristic {
-    heuristic(name).unwrap_or(&HEURISTICS[0])
 }

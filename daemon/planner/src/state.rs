@@ -5,6 +5,7 @@
 
 use pddl::Assignment;
 
+use crate::axioms::Axioms;
 use crate::id_table::{IdTable, hash_words};
 use crate::task::{Changes, ConditionalEffect, FactId, Literal, Operator, OperatorId, Task};
 
@@ -40,18 +41,6 @@ pub(crate) struct Progression<'t> {
     numeric: Vec<(u32, Assignment, f64)>,
 }
 
-/// Axioms by what waits for what.
-#[derive(Debug)]
-struct Axioms {
-    /// The range of each stratum in `Task::axioms`.
-    strata: Vec<std::ops::Range<usize>>,
-    /// Per derived fact: axioms of the head's own stratum that ask for it.
-    waiting: Vec<Vec<u32>>,
-    /// Per axiom: how many derived facts of its own stratum it still waits for.
-    missing: Vec<u32>,
-    queue: Vec<FactId>,
-}
-
 /// Whether a fact is true in a state.
 pub(crate) fn is_true(state: &State, fact: FactId) -> bool {
     state[fact.index() / 64] >> (fact.index() % 64) & 1 == 1
@@ -83,7 +72,7 @@ pub(crate) fn true_facts(state: &State, fact_count: usize) -> impl Iterator<Item
     })
 }
 
-fn set(state: &mut State, fact: FactId, truth: bool) {
+pub(crate) fn set(state: &mut State, fact: FactId, truth: bool) {
     let (word, bit) = (&mut state[fact.index() / 64], 1 << (fact.index() % 64));
     if truth { *word |= bit } else { *word &= !bit }
 }
@@ -236,7 +225,7 @@ impl<'t> Progression<'t> {
             set(facts, FactId::from_index(self.task.basic_count + index), comparison.holds(&value));
         }
         if !self.task.axioms.is_empty() {
-            self.axioms.derive(self.task, state);
+            self.axioms.derive(&mut state[..self.fact_words]);
         }
     }
 }
@@ -263,75 +252,4 @@ fn combine(old: f64, group: &[(u32, Assignment, f64)]) -> Option<f64> {
         Assignment::ScaleDown => number / value,
     });
     new.is_finite().then_some(new)
-}
-
-// === impl Axioms ===
-
-impl Axioms {
-    fn new(task: &Task) -> Axioms {
-        let mut axioms = Axioms {
-            strata: Vec::new(),
-            waiting: vec![Vec::new(); task.fact_count],
-            missing: vec![0; task.axioms.len()],
-            queue: Vec::new(),
-        };
-        let mut start = 0;
-        for stratum in task.axioms.chunk_by(|left, right| left.stratum == right.stratum) {
-            let range = start..start + stratum.len();
-            start = range.end;
-            let mut heads = vec![false; task.fact_count];
-            stratum.iter().for_each(|axiom| heads[axiom.head.index()] = true);
-            for index in range.clone() {
-                for literal in &task.axioms[index].body {
-                    if literal.is_positive() && heads[literal.fact().index()] {
-                        axioms.waiting[literal.fact().index()].push(index as u32);
-                    }
-                }
-            }
-            axioms.strata.push(range);
-        }
-        axioms
-    }
-
-    fn derive(&mut self, task: &Task, state: &mut State) {
-        for axiom in &task.axioms {
-            set(state, axiom.head, false);
-        }
-        for stratum in &self.strata {
-            self.queue.clear();
-            for index in stratum.clone() {
-                let axiom = &task.axioms[index];
-                let (mut missing, mut dead) = (0, false);
-                for &literal in &axiom.body {
-                    let waiting = &self.waiting[literal.fact().index()];
-                    // Facts of the stratum itself are still to come.
-                    if literal.is_positive() && waiting.binary_search(&(index as u32)).is_ok() {
-                        missing += 1;
-                    } else if !holds(state, literal) {
-                        dead = true;
-                        break;
-                    }
-                }
-                self.missing[index] = if dead { u32::MAX } else { missing };
-                if missing == 0 && !dead {
-                    self.queue.push(axiom.head);
-                }
-            }
-            while let Some(fact) = self.queue.pop() {
-                if is_true(state, fact) {
-                    continue;
-                }
-                set(state, fact, true);
-                for &index in &self.waiting[fact.index()] {
-                    let missing = &mut self.missing[index as usize];
-                    if *missing != u32::MAX {
-                        *missing -= 1;
-                        if *missing == 0 {
-                            self.queue.push(task.axioms[index as usize].head);
-                        }
-                    }
-                }
-            }
-        }
-    }
 }

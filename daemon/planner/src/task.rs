@@ -161,6 +161,11 @@ impl Atoms {
         self.ends.push(self.arguments.len() as u32);
     }
 
+    /// The number of basic facts.
+    pub(crate) fn len(&self) -> usize {
+        self.predicates.len()
+    }
+
     /// Predicate and arguments of a basic fact.
     pub(crate) fn get(&self, fact: FactId) -> (u32, &[ObjectId]) {
         let (start, end) = (self.ends[fact.index()], self.ends[fact.index() + 1]);

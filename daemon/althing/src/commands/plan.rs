@@ -1,19 +1,25 @@
 //! `althing plan`: the planner alone, with the habits of the planning competitions.
 //!
-//! - Hands on to `external` what another engine is to plan.
+//! - Hands on to `external` what another engine is to plan, to `list` what there is to choose.
 //! - Owns the wall clock: the planner knows none, so a timer sets its `Cancel` flag.
 //! - Refuses by name what the planner cannot do yet; nothing asked for is silently left out.
 
 mod external;
+mod list;
 
 use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use pddl::{Diagnostic, Plan};
-use planner::{Budget, Cancel, Options, Outcome, PlanError, Statistics, StopReason, Text};
+use planner::{
+    Budget, CONFIGURATIONS, Cancel, Effort, Options, Outcome, PlanError, Statistics, StopReason,
+    Text, configuration,
+};
 use serde_json::{Value, json};
 
 use crate::cli::{Engine, PlanArgs};
@@ -25,6 +31,9 @@ use crate::{exit, output};
 /// Plans, and shows the plan or why there is none.
 pub(crate) fn run(args: &PlanArgs) -> ExitCode {
     let started = Instant::now();
+    let (Some(domain), Some(problem), false) = (&args.domain, &args.problem, args.list) else {
+        return list::run(args.print.json);
+    };
     if let Some(refusal) = refusal(args) {
         let mut report = Report::default();
         report.add_general(refusal);
@@ -32,7 +41,7 @@ pub(crate) fn run(args: &PlanArgs) -> ExitCode {
     }
     let cancel = Cancel::new();
     let _timer = args.time_limit.map(|limit| Timer::start(limit, cancel.clone()));
-    let task = match pddl_files::read_task(&args.domain, &args.problem) {
+    let task = match pddl_files::read_task(domain, problem) {
         Ok(task) => task,
         Err(report) => {
             return output::show(&report, args.print.json, "bad-input", exit::BAD_INPUT);
@@ -49,7 +58,13 @@ pub(crate) fn run(args: &PlanArgs) -> ExitCode {
         // Reading took all of it; the timer's thread may be late to say so.
         cancel.set();
     }
-    match planner::plan(&task.domain, &task.problem, &options(args), &cancel) {
+    let mut tell = |plan: &Plan| {
+        if args.anytime {
+            tell_better(args, &task, plan, started.elapsed());
+        }
+    };
+    let (domain, problem) = (&task.domain, &task.problem);
+    match planner::plan_and_tell(domain, problem, &options(args), &cancel, &mut tell) {
         Ok(outcome) => show(args, &task, &outcome, started.elapsed()),
         Err(err) => show_error(args, &task, &err),
     }
@@ -61,22 +76,25 @@ fn refusal(args: &PlanArgs) -> Option<Diagnostic> {
         let message = format!("{what} is not supported yet");
         Some(Diagnostic::error(pddl::Span::default(), message).with_help(help))
     };
-    if args.threads > 1 {
-        return refuse("`--threads` above 1", "the search runs on one thread");
+    let embedded = args.engine == Engine::Embedded;
+    if args.threads > 2 {
+        return refuse("`--threads` above 2", "two searches run side by side at most");
     }
-    if args.anytime {
-        return refuse("`--anytime`", "without it, the search ends with its first good plan");
+    if args.threads > 1 && !embedded {
+        return refuse("`--threads` with another engine", "the embedded planner can do it");
+    }
+    if args.anytime && !embedded {
+        return refuse("`--anytime` with another engine", "the embedded planner can do it");
+    }
+    if args.anytime && args.optimal {
+        let help = "`--optimal` says nothing until it has the cheapest plan";
+        return refuse("`--anytime` with `--optimal`", help);
     }
     if args.optimal && args.engine == Engine::MetricFf {
         return refuse(
             "`--optimal` with Metric-FF",
             "none of its searches proves anything cheapest",
         );
-    }
-    if args.optimal && args.engine == Engine::Embedded {
-        let help = "without it, small problems are still solved at the lowest cost; the summary \
-                    says where that is proven";
-        return refuse("`--optimal`", help);
     }
     None
 }
@@ -87,7 +105,35 @@ fn options(args: &PlanArgs) -> Options {
         let bytes = u64::from(mib) << 20;
         budget.memory_max_bytes = usize::try_from(bytes).unwrap_or(usize::MAX);
     }
-    Options { budget, ..Options::default() }
+    let effort = match (args.anytime, args.optimal) {
+        (true, _) => Effort::Anytime,
+        (_, true) => Effort::Optimal,
+        _ => Effort::First,
+    };
+    let configuration = configuration(&args.search).unwrap_or(&CONFIGURATIONS[0]);
+    let threads = u32::from(args.threads);
+    Options { budget, configuration, effort, threads, ..Options::default() }
+}
+
+/// Shows that a better plan was found, and puts it where the last one was.
+fn tell_better(args: &PlanArgs, task: &Task, plan: &Plan, elapsed: Duration) {
+    let unit_cost = task.problem.metric.is_none();
+    let seconds = elapsed.as_secs_f64();
+    output::note(&format!("{}, after {seconds:.3} s", found(plan, unit_cost, false)));
+    // What cannot be written now is reported with the last plan, which is written again.
+    let _ = args.plan.as_ref().map(|file| replace(file, &ipc(plan, unit_cost)));
+}
+
+/// Writes a file as a whole: whoever reads it meanwhile has the old text or the new one.
+fn replace(file: &Path, text: &str) -> std::io::Result<()> {
+    // What is no plain file, a pipe or a terminal, cannot be exchanged for one.
+    if file.exists() && !file.is_file() {
+        return std::fs::write(file, text);
+    }
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let mut new = tempfile::NamedTempFile::new_in(folder.unwrap_or(Path::new(".")))?;
+    new.write_all(text.as_bytes())?;
+    new.persist(file).map(drop).map_err(|err| err.error)
 }
 
 /// Sets a flag when time is up, unless it is dropped before.
@@ -133,7 +179,8 @@ fn show(args: &PlanArgs, task: &Task, outcome: &Outcome, elapsed: Duration) -> E
 /// Writes a plan to the file that is to have it; what the process ends with if that does not work.
 fn write_plan(args: &PlanArgs, text: Option<&str>, report: &mut Report) -> Option<ExitCode> {
     let (file, text) = (args.plan.as_ref()?, text?);
-    let err = std::fs::write(file, text).err()?;
+    let written = if args.anytime { replace(file, text) } else { std::fs::write(file, text) };
+    let err = written.err()?;
     report.add_failure(format_args!("write `{}`: {}", file.display(), reason(&err)));
     Some(output::show(report, args.print.json, "not-written", exit::OUTPUT))
 }

@@ -95,7 +95,8 @@ fn memory_that_is_used_up_is_said() {
         lamps.join(" ")
     );
     let sandbox = Sandbox::new(&[("domain.pddl", LAMP), ("evening.pddl", &problem)]);
-    let run = sandbox.check("plan domain.pddl evening.pddl --memory-limit 1 --json", 22);
+    let run = sandbox
+        .check("plan domain.pddl evening.pddl --search astar-blind --memory-limit 1 --json", 22);
     assert_eq!(run.json()["status"], "out-of-memory");
 }
 
@@ -178,9 +179,36 @@ fn check_refused(option: &str) {
 #[test]
 fn options_that_are_not_built_are_refused_by_name() {
     check_refused("--engine metric-ff --optimal");
-    check_refused("--anytime");
-    check_refused("--optimal");
-    check_refused("--threads 2");
+    check_refused("--anytime --engine metric-ff");
+    check_refused("--anytime --optimal");
+    check_refused("--threads 3");
+}
+
+#[test]
+fn every_way_to_search_finds_the_plan() {
+    let list = Sandbox::lamp().check("plan --list --json", 0).json();
+    let searches = list["searches"].as_array().expect("searches").clone();
+    assert!(searches.len() > 4, "{list}");
+    for search in searches {
+        let name = search["name"].as_str().expect("a name");
+        for rest in ["", "--threads 2", "--anytime", "--optimal"] {
+            Sandbox::lamp().check(&format!("{TASK} --search {name} {rest}"), 0);
+        }
+    }
+}
+
+#[test]
+fn the_cheapest_plan_is_said_to_be_it() {
+    let run = Sandbox::lamp().check(&format!("{TASK} --optimal --json"), 0);
+    assert_eq!(run.json()["statistics"]["proven_optimal"], true);
+}
+
+#[test]
+fn better_and_better_plans_end_up_in_the_file() {
+    let sandbox = Sandbox::lamp();
+    let run = sandbox.check(&format!("{TASK} --anytime --plan out.txt"), 0);
+    assert!(run.stderr.contains("plan found"), "{}", run.stderr);
+    sandbox.check(&format!("{} out.txt", TASK.replacen("plan", "validate", 1)), 0);
 }
 
 #[test]

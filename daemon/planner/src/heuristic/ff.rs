@@ -2,17 +2,20 @@
 //! best supporters by h_add (Keyder and Geffner, 2008).
 
 use super::Evaluator;
-use super::relaxation::{Combine, Exploration, NO_SUPPORTER, Relaxation, Weights};
+use super::additive::{Additive, NO_SUPPORTER};
+use super::relaxation::{Relaxation, Weights};
 use crate::state::{State, all_hold};
 use crate::task::{OperatorId, Task};
 
-/// The FF heuristic on unit costs.
+/// The FF heuristic.
 #[derive(Debug)]
 pub(crate) struct FastForward<'t> {
     task: &'t Task,
     relaxation: Relaxation,
-    exploration: Exploration,
+    additive: Additive,
     preferred: Vec<OperatorId>,
+    /// The relaxed plan, in no order.
+    plan: Vec<OperatorId>,
     /// Propositions already looked at, by the number of the evaluation that did.
     marks: Vec<u32>,
     operator_marks: Vec<u32>,
@@ -23,17 +26,49 @@ pub(crate) struct FastForward<'t> {
 // === impl FastForward ===
 
 impl<'t> FastForward<'t> {
-    pub(crate) fn new(task: &'t Task) -> FastForward<'t> {
+    pub(crate) fn new(task: &'t Task, weights: Weights) -> FastForward<'t> {
+        let relaxation = Relaxation::new(task, weights);
         FastForward {
             task,
-            relaxation: Relaxation::new(task, Weights::Unit),
-            exploration: Exploration::default(),
+            additive: Additive::new(&relaxation),
             preferred: Vec::new(),
-            marks: Vec::new(),
-            operator_marks: vec![0; task.operator_count()],
+            plan: Vec::new(),
+            marks: vec![0; relaxation.proposition_count()],
+            operator_marks: vec![0; task.operators.len()],
             evaluation: 0,
             waiting: Vec::new(),
+            relaxation,
         }
+    }
+
+    /// How much there is to look at in one evaluation.
+    pub(crate) fn size(&self) -> usize {
+        self.relaxation.size()
+    }
+
+    /// The relaxation it explores.
+    pub(crate) fn relaxation(&self) -> &Relaxation {
+        &self.relaxation
+    }
+
+    /// The operators of the last relaxed plan, in no order.
+    pub(crate) fn relaxed_plan(&self) -> &[OperatorId] {
+        &self.plan
+    }
+
+    /// What the last relaxed plan makes true, besides what holds.
+    pub(crate) fn relaxed_propositions(&self) -> Vec<u32> {
+        let marked = (0..self.marks.len()).filter(|one| self.marks[*one] == self.evaluation);
+        marked.map(|one| one as u32).filter(|one| !self.is_given(*one)).collect()
+    }
+
+    /// How dear each operator of the last relaxed plan was to reach, by h_add.
+    pub(crate) fn depth(&self, operator: OperatorId) -> u64 {
+        let preconditions = self.task.operator(operator).preconditions.iter();
+        let costs = preconditions
+            .filter(|literal| literal.is_positive())
+            .map(|literal| u64::from(self.additive.cost(literal.fact().0)));
+        costs.max().unwrap_or(0)
     }
 
     fn mark(&mut self, proposition: u32) {
@@ -47,17 +82,16 @@ impl<'t> FastForward<'t> {
     /// Walks back from the goal; returns the size of the relaxed plan and notes the operators in it
     /// that can be applied at once.
     fn extract(&mut self, state: &State) -> u64 {
-        let mut size = 0;
+        let mut size: u64 = 0;
         self.evaluation += 1;
-        self.marks.resize(self.exploration.costs.len(), 0);
         for index in 0..self.relaxation.goal().len() {
             self.mark(self.relaxation.goal()[index]);
         }
         while let Some(proposition) = self.waiting.pop() {
-            let supporter = self.exploration.supporters[proposition as usize];
-            if supporter == NO_SUPPORTER {
+            if self.is_given(proposition) {
                 continue;
             }
+            let supporter = self.additive.supporter(proposition);
             for index in 0..self.relaxation.preconditions(supporter).len() {
                 self.mark(self.relaxation.preconditions(supporter)[index]);
             }
@@ -67,20 +101,26 @@ impl<'t> FastForward<'t> {
                 continue;
             }
             *mark = self.evaluation;
-            size += self.relaxation.base_cost(supporter);
+            size = size.saturating_add(self.relaxation.base_cost(supporter));
+            self.plan.push(operator);
             if all_hold(state, self.task.operator(operator).preconditions) {
                 self.preferred.push(operator);
             }
         }
         size
     }
+
+    /// Whether a proposition holds, rather than follows.
+    fn is_given(&self, proposition: u32) -> bool {
+        self.additive.supporter(proposition) == NO_SUPPORTER
+    }
 }
 
 impl Evaluator for FastForward<'_> {
     fn evaluate(&mut self, state: &State) -> Option<u64> {
         self.preferred.clear();
-        let FastForward { relaxation, exploration, .. } = self;
-        if !relaxation.explore(state, Combine::Add, true, exploration) {
+        self.plan.clear();
+        if !self.additive.explore(&self.relaxation, state) {
             return None;
         }
         let size = self.extract(state);
@@ -90,5 +130,9 @@ impl Evaluator for FastForward<'_> {
 
     fn preferred(&self) -> &[OperatorId] {
         &self.preferred
+    }
+
+    fn bytes(&self) -> usize {
+        self.relaxation.bytes() + self.additive.bytes() + self.operator_marks.len() * 4
     }
 }

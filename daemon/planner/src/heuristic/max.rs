@@ -2,7 +2,7 @@
 //! dearest part costs (Bonet and Geffner, 2001). Admissible and consistent.
 
 use super::Evaluator;
-use super::relaxation::{Combine, Exploration, Relaxation, Weights};
+use super::relaxation::{Exploration, Relaxation, Weights};
 use crate::state::State;
 use crate::task::Task;
 
@@ -27,7 +27,7 @@ impl Max {
 impl Evaluator for Max {
     fn evaluate(&mut self, state: &State) -> Option<u64> {
         let Max { relaxation, exploration } = self;
-        if !relaxation.explore(state, Combine::Max, true, exploration) {
+        if !relaxation.explore(state, exploration) {
             return None;
         }
         let goal = relaxation.goal().iter().map(|goal| exploration.costs[*goal as usize]);

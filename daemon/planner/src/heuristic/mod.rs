@@ -3,15 +3,20 @@
 //! All of them work on the delete relaxation, which never calls a state hopeless that is not; so a
 //! dead end found here is a proof.
 
+mod additive;
 mod ff;
 mod landmark_cut;
+mod landmarks;
 mod max;
+mod novelty;
 mod queue;
 mod relaxation;
 
 pub(crate) use ff::FastForward;
 pub(crate) use landmark_cut::LandmarkCut;
+pub(crate) use landmarks::LandmarkCount;
 pub(crate) use max::Max;
+pub(crate) use novelty::{NOT_NOVEL, Novelty};
 pub(crate) use relaxation::{Relaxation, Weights};
 
 use crate::state::State;
@@ -31,7 +36,15 @@ pub(crate) trait Evaluator {
     fn preferred(&self) -> &[OperatorId] {
         &[]
     }
+
+    /// About how many bytes it takes.
+    fn bytes(&self) -> usize {
+        0
+    }
 }
+
+/// Makes a heuristic for a task.
+pub(crate) type Build = for<'t> fn(&'t Task) -> Box<dyn Evaluator + 't>;
 
 /// An entry of [`HEURISTICS`].
 #[derive(Clone, Copy)]
@@ -44,7 +57,8 @@ pub struct Heuristic {
     pub admissible: bool,
     /// Whether it never drops by more than a step costs.
     pub consistent: bool,
-    pub(crate) build: for<'t> fn(&'t Task) -> Box<dyn Evaluator + 't>,
+    /// What A* builds; only admissible ones have it.
+    pub(crate) build: Option<Build>,
 }
 
 /// One entry per heuristic; what is listed here is what there is.
@@ -54,28 +68,42 @@ pub const HEURISTICS: &[Heuristic] = &[
         summary: "zero, everywhere",
         admissible: true,
         consistent: true,
-        build: |_| Box::new(Blind),
+        build: Some(|_| Box::new(Blind)),
     },
     Heuristic {
         name: "max",
         summary: "the dearest goal, reached alone and without deletes",
         admissible: true,
         consistent: true,
-        build: |task| Box::new(Max::new(task)),
+        build: Some(|task| Box::new(Max::new(task))),
     },
     Heuristic {
         name: "lmcut",
         summary: "the sum of landmarks that cuts in the relaxation find; each is paid for once",
         admissible: true,
         consistent: false,
-        build: |task| Box::new(LandmarkCut::new(task)),
+        build: Some(|task| Box::new(LandmarkCut::new(task))),
     },
     Heuristic {
         name: "ff",
         summary: "the number of operators in a plan without deletes; its first ones are preferred",
         admissible: false,
         consistent: false,
-        build: |task| Box::new(FastForward::new(task)),
+        build: None,
+    },
+    Heuristic {
+        name: "landmarks",
+        summary: "the number of facts that every plan achieves and this way has not, or lost again",
+        admissible: false,
+        consistent: false,
+        build: None,
+    },
+    Heuristic {
+        name: "novelty",
+        summary: "the size of the smallest set of facts never seen together before",
+        admissible: false,
+        consistent: false,
+        build: None,
     },
 ];
 

@@ -13,6 +13,8 @@ const BUCKETS_MAX: u64 = 100_000;
 pub(super) struct CostQueue {
     buckets: Vec<Vec<u32>>,
     current: usize,
+    /// One past the highest bucket that was filled since the queue was cleared.
+    filled: usize,
     large: BinaryHeap<Reverse<(u64, u32)>>,
 }
 
@@ -20,11 +22,15 @@ pub(super) struct CostQueue {
 
 impl CostQueue {
     pub(super) fn clear(&mut self) {
-        self.buckets.iter_mut().for_each(Vec::clear);
-        self.current = 0;
+        // What lies below was taken out.
+        for bucket in self.buckets.iter_mut().take(self.filled).skip(self.current) {
+            bucket.clear();
+        }
+        (self.current, self.filled) = (0, 0);
         self.large.clear();
     }
 
+    #[inline]
     pub(super) fn push(&mut self, cost: u64, item: u32) {
         if cost >= BUCKETS_MAX {
             self.large.push(Reverse((cost, item)));
@@ -35,11 +41,13 @@ impl CostQueue {
             self.buckets.resize_with(bucket + 1, Vec::new);
         }
         self.buckets[bucket].push(item);
+        self.filled = self.filled.max(bucket + 1);
     }
 
+    #[inline]
     pub(super) fn pop(&mut self) -> Option<(u64, u32)> {
-        while let Some(bucket) = self.buckets.get_mut(self.current) {
-            if let Some(item) = bucket.pop() {
+        while self.current < self.filled {
+            if let Some(item) = self.buckets[self.current].pop() {
                 return Some((self.current as u64, item));
             }
             self.current += 1;

@@ -1,3 +1,5 @@
+//! Groups in small tasks that are well known, and walks that never leave them.
+
 use proptest::prelude::*;
 
 use super::*;

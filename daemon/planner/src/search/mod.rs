@@ -2,14 +2,18 @@
 //!
 //! A search is a `step`; the loop around it, with its limits, is the same for all and lives here.
 //!
-//! - [`greedy`] finds a plan fast.
+//! - [`climbing`] tries what is quick, [`lazy`] finds a plan wherever there is one.
+//! - [`lanes`] runs two searches in step.
 //! - [`optimal`] finds the cheapest where the task is small; it proves that there is none cheaper.
 //! - [`improve`] drops steps that a plan does not need.
 
-pub(crate) mod greedy;
+pub(crate) mod climbing;
 pub(crate) mod improve;
+pub(crate) mod lanes;
+pub(crate) mod lazy;
 mod open;
 pub(crate) mod optimal;
+mod types;
 
 use crate::limits::{Budget, Cancel};
 use crate::outcome::StopReason;

@@ -1,6 +1,10 @@
 //! Open lists: what to look at next.
+//!
+//! With deferred evaluation all successors of a state wait under the same key, so a list holds
+//! states, not successors. Which operators a state offers is asked when its turn comes, and asked
+//! again should something better have come between.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
 use crate::state::StateId;
 use crate::task::OperatorId;
@@ -8,83 +12,94 @@ use crate::task::OperatorId;
 /// An operator to be applied in a state.
 pub(super) type Entry = (StateId, OperatorId);
 
-/// Entries by estimate, first in, first out among equals.
+/// The keys by which a list is sorted, the lowest first.
+pub(super) type Key = (u32, u32, u32);
+
+/// A state, and how many of its operators had their turn.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    state: StateId,
+    done: u32,
+}
+
+/// States by key, first in, first out among equals.
 #[derive(Debug, Default)]
-pub(super) struct BucketQueue {
-    buckets: Vec<VecDeque<Entry>>,
-    lowest: usize,
+pub(super) struct OpenList {
+    buckets: BTreeMap<Key, VecDeque<Waiting>>,
     count: usize,
+    current: Option<Current>,
+    /// The operators of the current state.
+    operators: Vec<OperatorId>,
 }
 
-/// Takes turns between a queue of all entries and one of preferred entries only.
-#[derive(Debug, Default)]
-pub(super) struct Alternation {
-    /// All entries, then the preferred ones.
-    queues: [BucketQueue; 2],
-    /// How often each had its turn; the one that had fewer is next.
-    turns: [i64; 2],
+/// The state whose operators are having their turn.
+#[derive(Clone, Copy, Debug)]
+struct Current {
+    key: Key,
+    waiting: Waiting,
 }
 
-/// Estimates beyond this share a bucket.
-const BUCKETS_MAX: usize = 1 << 20;
+// === impl OpenList ===
 
-/// Turns that preferred entries get in advance for each progress.
-const BOOST: i64 = 1_000;
-
-// === impl BucketQueue ===
-
-impl BucketQueue {
-    fn push(&mut self, estimate: u64, entry: Entry) {
-        let bucket = usize::try_from(estimate).unwrap_or(usize::MAX).min(BUCKETS_MAX);
-        if bucket >= self.buckets.len() {
-            self.buckets.resize_with(bucket + 1, VecDeque::new);
-        }
-        self.buckets[bucket].push_back(entry);
-        self.lowest = self.lowest.min(bucket);
+impl OpenList {
+    pub(super) fn push(&mut self, key: Key, state: StateId) {
+        self.buckets.entry(key).or_default().push_back(Waiting { state, done: 0 });
         self.count += 1;
     }
 
-    fn pop(&mut self) -> Option<Entry> {
-        while let Some(bucket) = self.buckets.get_mut(self.lowest) {
-            if let Some(entry) = bucket.pop_front() {
-                self.count -= 1;
-                return Some(entry);
+    /// The next operator of the best state; `operators` tells which ones a state offers, the same
+    /// ones whenever it is asked.
+    pub(super) fn pop(
+        &mut self,
+        mut operators: impl FnMut(StateId, &mut Vec<OperatorId>),
+    ) -> Option<Entry> {
+        self.give_way();
+        loop {
+            if self.current.is_none() {
+                self.current = Some(self.take()?);
+                self.operators.clear();
+                if let Some(Current { waiting, .. }) = self.current {
+                    operators(waiting.state, &mut self.operators);
+                }
             }
-            self.lowest += 1;
-        }
-        None
-    }
-}
-
-// === impl Alternation ===
-
-impl Alternation {
-    pub(super) fn push(&mut self, estimate: u64, entry: Entry, preferred: bool) {
-        self.queues[0].push(estimate, entry);
-        if preferred {
-            self.queues[1].push(estimate, entry);
-        }
-    }
-
-    pub(super) fn pop(&mut self) -> Option<Entry> {
-        let preferred_first = self.turns[1] < self.turns[0];
-        let order = if preferred_first { [1, 0] } else { [0, 1] };
-        for queue in order {
-            if let Some(entry) = self.queues[queue].pop() {
-                self.turns[queue] += 1;
-                return Some(entry);
+            if let Some(Current { waiting, .. }) = &mut self.current {
+                if let Some(operator) = self.operators.get(waiting.done as usize) {
+                    waiting.done += 1;
+                    return Some((waiting.state, *operator));
+                }
+                self.current = None;
             }
         }
-        None
     }
 
-    /// Lets preferred entries go first for a while.
-    pub(super) fn boost(&mut self) {
-        self.turns[1] -= BOOST;
+    pub(super) fn is_empty(&self) -> bool {
+        self.count == 0 && self.current.is_none()
+    }
+
+    /// Puts the current state back in front where a better one has come.
+    fn give_way(&mut self) {
+        let Some(Current { key, waiting }) = self.current else { return };
+        let best = self.buckets.first_key_value().map(|(key, _)| *key);
+        if best.is_some_and(|best| best < key) {
+            self.buckets.entry(key).or_default().push_front(waiting);
+            self.count += 1;
+            self.current = None;
+        }
+    }
+
+    fn take(&mut self) -> Option<Current> {
+        let mut first = self.buckets.first_entry()?;
+        let key = *first.key();
+        let waiting = first.get_mut().pop_front();
+        if first.get().is_empty() {
+            first.remove();
+        }
+        self.count -= 1;
+        waiting.map(|waiting| Current { key, waiting })
     }
 
     /// Bytes taken.
     pub(super) fn bytes(&self) -> usize {
-        self.queues.iter().map(|queue| queue.count * size_of::<Entry>()).sum()
+        self.count * size_of::<Waiting>() + self.operators.len() * size_of::<OperatorId>()
     }
 }

@@ -4,7 +4,7 @@
 //! claims that; and every order that deordering allows works.
 
 use planner::order::deorder;
-use planner::{Cancel, Options, StopReason, plan};
+use planner::{CONFIGURATIONS, Cancel, Effort, Options, StopReason, plan, plan_and_tell};
 use proptest::prelude::*;
 
 use crate::brute_force::least_cost;
@@ -152,4 +152,51 @@ proptest! {
             (plan, truth) => prop_assert!(false, "planner {plan:?}, truth {truth:?}"),
         }
     }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: 60,
+        failure_persistence: None,
+        rng_seed: proptest::test_runner::RngSeed::Fixed(2_027),
+        ..ProptestConfig::default()
+    })]
+
+    #[test]
+    fn every_way_to_search_agrees((domain, problem) in task()) {
+        let (domain, problem) = parse(&domain, &problem);
+        let truth = least_cost(&domain, &problem);
+        for options in ways() {
+            let name = (options.configuration.name, options.effort, options.threads);
+            let mut told = Vec::new();
+            let mut tell = |plan: &pddl::Plan| told.push(plan.cost.map_or(f64::NAN, |cost| cost.0));
+            let outcome = plan_and_tell(&domain, &problem, &options, &Cancel::new(), &mut tell)
+                .map_err(|err| TestCaseError::fail(err.to_string()))?;
+            prop_assert_eq!(outcome.plan.is_some(), truth.is_some(), "{:?}", name);
+            prop_assert!(told.is_sorted_by(|one, next| next < one), "{name:?} told {told:?}");
+            let (Some(plan), Some(least)) = (outcome.plan, truth) else {
+                let is_proof = matches!(outcome.stop_reason, StopReason::Unsolvable { .. });
+                prop_assert!(is_proof, "{name:?}: {}", outcome.stop_reason);
+                continue;
+            };
+            // These end by themselves only where nothing cheaper is left.
+            let is_best = options.configuration.optimal || options.effort != Effort::First;
+            let cost = plan.cost.map_or(f64::NAN, |cost| cost.0);
+            prop_assert!(cost >= least - 1e-6, "{name:?} found {cost}, least {least}");
+            prop_assert!(!is_best || cost <= least + 1e-6, "{name:?} found {cost}, least {least}");
+        }
+    }
+}
+
+/// Every configuration alone, in two lanes, and going on after the first plan.
+fn ways() -> Vec<Options> {
+    let mut ways = Vec::new();
+    for configuration in CONFIGURATIONS {
+        let plain = Options { configuration, optimal_expansions_max: 0, ..Options::default() };
+        ways.push(plain);
+        ways.push(Options { threads: 2, ..plain });
+        ways.push(Options { effort: Effort::Anytime, ..plain });
+        ways.push(Options { effort: Effort::Optimal, ..plain });
+    }
+    ways
 }

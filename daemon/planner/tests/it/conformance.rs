@@ -220,10 +220,10 @@ fn negation_disjunction_implication_and_quantifiers_in_goals() {
          (:goal (and (not (p a)) (or (q b) (r b)) (imply (q a) (r a)) (exists (?x) (q ?x))
                      (forall (?x) (or (q ?x) (r ?x) (not (= ?x a))))))",
         expect![[r#"
-            (rest a)
-            (rest b)
             (drop a)
-            (mark a)
+            (drop b)
+            (mark b)
+            (rest a)
             cost 4, optimal
         "#]],
     );

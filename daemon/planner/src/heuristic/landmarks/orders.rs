@@ -1,0 +1,187 @@
+//! Reasonable orders: what had better be achieved first, because achieving it later would undo the
+//! other (Koehler and Hoffmann, 2000; Richter and Westphal, 2010).
+
+use super::Graph;
+use crate::heuristic::relaxation::Relaxation;
+use crate::mutex::MutexGroups;
+use crate::rows::Rows;
+use crate::task::{FactId, OperatorId, Task};
+
+/// Pairs of landmarks to compare, and edges to walk while looking for cycles, in all.
+const WORK_MAX: usize = 20_000_000;
+
+/// Adds reasonable orders between simple landmarks, and keeps the graph without cycles.
+pub(super) fn add_reasonable(
+    graph: &mut Graph,
+    task: &Task,
+    relaxation: &Relaxation,
+    mutex: &MutexGroups,
+) {
+    let mut orders = Orders::new(graph, task, relaxation, mutex);
+    let goals: Vec<u32> = orders.simple().filter(|one| orders.is_goal(*one)).collect();
+    for later in orders.simple().collect::<Vec<_>>() {
+        let earlier = if orders.is_goal(later) { goals.clone() } else { orders.rivals(later) };
+        for one in earlier {
+            orders.work += 1;
+            if orders.work > WORK_MAX {
+                return;
+            }
+            if one != later && orders.interferes(one, later) {
+                orders.order(one, later);
+            }
+        }
+    }
+}
+
+struct Orders<'g> {
+    graph: &'g mut Graph,
+    /// By fact: the groups it is in.
+    groups: Rows,
+    /// By landmark: the fact it is, if it is one.
+    facts: Vec<Option<FactId>>,
+    /// By landmark: facts that every operator that achieves it makes true as well.
+    together: Vec<Vec<FactId>>,
+    /// By landmark: facts that every operator that achieves it makes false.
+    undone: Vec<Vec<FactId>>,
+    marks: Vec<u32>,
+    mark: u32,
+    work: usize,
+}
+
+// === impl Orders ===
+
+impl<'g> Orders<'g> {
+    fn new(
+        graph: &'g mut Graph,
+        task: &'g Task,
+        relaxation: &'g Relaxation,
+        mutex: &MutexGroups,
+    ) -> Orders<'g> {
+        let fact = |propositions: &[u32]| match propositions {
+            [one] => relaxation.positive(*one),
+            _ => None,
+        };
+        let facts: Vec<Option<FactId>> =
+            graph.landmarks.iter().map(|landmark| fact(&landmark.propositions)).collect();
+        let adding = relaxation.adding();
+        let (mut together, mut undone) = (Vec::new(), Vec::new());
+        for fact in &facts {
+            let achievers = fact.map_or(&[][..], |fact| adding.row(fact.0));
+            let operators: Option<Vec<OperatorId>> =
+                achievers.iter().map(|relaxed| relaxation.origin(*relaxed)).collect();
+            let operators = operators.unwrap_or_default();
+            together.push(shared(&operators, |id| task.operator(id).effect.adds));
+            undone.push(shared(&operators, |id| task.operator(id).effect.deletes));
+        }
+        let numbered = mutex.groups().iter().zip(0..);
+        let members = numbered.flat_map(|(group, index)| group.iter().map(move |f| (f.0, index)));
+        let groups = Rows::collect(task.fact_count, members);
+        let marks = vec![0; graph.landmarks.len()];
+        Orders { graph, groups, facts, together, undone, marks, mark: 0, work: 0 }
+    }
+
+    fn simple(&self) -> impl Iterator<Item = u32> + use<> {
+        let simple: Vec<u32> = (0..self.facts.len())
+            .filter(|one| self.facts[*one].is_some())
+            .map(|one| one as u32)
+            .collect();
+        simple.into_iter()
+    }
+
+    fn is_goal(&self, landmark: u32) -> bool {
+        self.graph.landmarks[landmark as usize].is_goal
+    }
+
+    /// Landmarks that are needed right before something that this one is needed for as well, and
+    /// what comes before them.
+    fn rivals(&mut self, landmark: u32) -> Vec<u32> {
+        self.mark += 1;
+        let mut found = Vec::new();
+        for &child in &self.graph.landmarks[landmark as usize].needed_for {
+            found.extend(&self.graph.landmarks[child as usize].parents);
+        }
+        found.retain(|one| {
+            *one != landmark
+                && std::mem::replace(&mut self.marks[*one as usize], self.mark) != self.mark
+        });
+        let mut next = 0;
+        while let Some(&one) = found.get(next) {
+            next += 1;
+            for &parent in &self.graph.landmarks[one as usize].parents {
+                self.work += 1;
+                let mark = &mut self.marks[parent as usize];
+                if parent != landmark && std::mem::replace(mark, self.mark) != self.mark {
+                    found.push(parent);
+                }
+            }
+        }
+        found.retain(|one| self.facts[*one as usize].is_some());
+        found
+    }
+
+    /// Whether achieving the first undoes the second, or has undone it on the way.
+    fn interferes(&self, one: u32, other: u32) -> bool {
+        let (Some(fact), Some(undone)) = (self.facts[one as usize], self.facts[other as usize])
+        else {
+            return false;
+        };
+        let excludes = |first: FactId| first != undone && self.excludes(first, undone);
+        let needs = || {
+            let parents = self.graph.landmarks[one as usize].parents.iter();
+            let needed = parents
+                .filter(|parent| self.graph.landmarks[**parent as usize].needed_for.contains(&one));
+            needed.filter_map(|parent| self.facts[*parent as usize]).any(excludes)
+        };
+        excludes(fact)
+            || self.undone[one as usize].contains(&undone)
+            || self.together[one as usize].iter().any(|fact| excludes(*fact))
+            || needs()
+    }
+
+    /// Whether two facts never hold together.
+    fn excludes(&self, one: FactId, other: FactId) -> bool {
+        let others = self.groups.row(other.0);
+        self.groups.row(one.0).iter().any(|group| others.contains(group))
+    }
+
+    /// Orders one landmark before another, unless the other comes before it already.
+    fn order(&mut self, before: u32, after: u32) {
+        if self.graph.landmarks[after as usize].parents.contains(&before)
+            || self.comes_before(after, before)
+        {
+            return;
+        }
+        self.graph.landmarks[after as usize].parents.push(before);
+    }
+
+    fn comes_before(&mut self, one: u32, other: u32) -> bool {
+        self.mark += 1;
+        let mut stack = vec![other];
+        while let Some(landmark) = stack.pop() {
+            if landmark == one {
+                return true;
+            }
+            for &parent in &self.graph.landmarks[landmark as usize].parents {
+                self.work += 1;
+                if std::mem::replace(&mut self.marks[parent as usize], self.mark) != self.mark {
+                    stack.push(parent);
+                }
+            }
+        }
+        false
+    }
+}
+
+/// What all operators have in common.
+fn shared<'t>(operators: &[OperatorId], of: impl Fn(OperatorId) -> &'t [FactId]) -> Vec<FactId> {
+    let Some((first, rest)) = operators.split_first() else { return Vec::new() };
+    let mut shared = of(*first).to_vec();
+    for one in rest {
+        if shared.is_empty() {
+            break;
+        }
+        let facts = of(*one);
+        shared.retain(|fact| facts.contains(fact));
+    }
+    shared
+}

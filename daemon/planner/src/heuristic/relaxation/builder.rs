@@ -1,0 +1,273 @@
+//! From a task to its delete relaxation.
+
+use rustc_hash::FxHashMap;
+
+use super::{AXIOM, Relaxation};
+use crate::rows::Rows;
+use crate::task::{Changes, FactId, Literal, Operator, Task};
+
+/// Collects relaxed operators.
+pub(super) struct Builder<'t> {
+    task: &'t Task,
+    negated: Vec<FactId>,
+    /// By fact: its negation's proposition.
+    negations: Vec<Option<u32>>,
+    /// Propositions that stand for “this axiom's body fails”; they follow the negations.
+    failing: usize,
+    /// By numeric fluent: the comparisons that read it.
+    comparisons: Vec<Vec<FactId>>,
+    preconditions: Rows,
+    adds: Rows,
+    base_costs: Vec<u64>,
+    origins: Vec<u32>,
+}
+
+// === impl Builder ===
+
+impl<'t> Builder<'t> {
+    pub(super) fn new(task: &'t Task) -> Builder<'t> {
+        let mut builder = Builder {
+            task,
+            negated: Vec::new(),
+            negations: vec![None; task.fact_count],
+            failing: 0,
+            comparisons: vec![Vec::new(); task.values.len()],
+            preconditions: Rows::default(),
+            adds: Rows::default(),
+            base_costs: Vec::new(),
+            origins: Vec::new(),
+        };
+        for literal in task.goal.iter() {
+            builder.note_negation(*literal);
+        }
+        for operator in task.operators.iter() {
+            operator.preconditions.iter().for_each(|literal| builder.note_negation(*literal));
+            for one in operator.conditional.iter() {
+                one.conditions.iter().for_each(|literal| builder.note_negation(*literal));
+            }
+        }
+        builder.note_negations_of_axioms();
+        for (index, comparison) in task.comparisons.iter().enumerate() {
+            let fact = FactId::from_index(task.basic_count + index);
+            let mut note = |fluent: u32| builder.comparisons[fluent as usize].push(fact);
+            comparison.left.fluents(&mut note);
+            comparison.right.fluents(&mut note);
+        }
+        builder
+    }
+
+    fn is_derived(&self, fact: FactId) -> bool {
+        fact.index() >= self.task.basic_count + self.task.comparisons.len()
+    }
+
+    fn note_negation(&mut self, literal: Literal) {
+        let fact = literal.fact();
+        if !literal.is_positive() && self.negations[fact.index()].is_none() {
+            self.negations[fact.index()] = Some((self.task.fact_count + self.negated.len()) as u32);
+            self.negated.push(fact);
+        }
+    }
+
+    /// Bodies ask for negations; and a derived fact fails where every body of its axioms does, so
+    /// its negation asks for the negations of what is in them.
+    fn note_negations_of_axioms(&mut self) {
+        for literal in self.task.axioms.iter().flat_map(|axiom| &axiom.body) {
+            self.note_negation(*literal);
+        }
+        loop {
+            let known = self.negated.len();
+            for axiom in &self.task.axioms {
+                if self.negations[axiom.head.index()].is_some() {
+                    for literal in axiom.body.iter() {
+                        self.note_negation(literal.negated());
+                    }
+                }
+            }
+            if self.negated.len() == known {
+                return;
+            }
+        }
+    }
+
+    fn proposition(&self, literal: Literal) -> Option<u32> {
+        if literal.is_positive() {
+            Some(literal.fact().0)
+        } else {
+            self.negations[literal.fact().index()]
+        }
+    }
+
+    fn propositions<'l>(&self, literals: impl Iterator<Item = &'l Literal>) -> Vec<u32> {
+        let mut all: Vec<u32> = literals.filter_map(|one| self.proposition(*one)).collect();
+        all.sort_unstable();
+        all.dedup();
+        all
+    }
+
+    pub(super) fn operator(&mut self, origin: u32, operator: Operator<'_>, weight: u64) {
+        let preconditions = self.propositions(operator.preconditions.iter());
+        let adds = self.added(operator.effect);
+        self.push(origin, &preconditions, &adds, weight);
+        for one in operator.conditional.iter() {
+            let all = operator.preconditions.iter().chain(one.conditions.iter());
+            let (preconditions, adds) = (self.propositions(all), self.added(one.effect));
+            self.push(origin, &preconditions, &adds, weight);
+        }
+    }
+
+    /// Relaxed operators that derive facts, and those that say how derived facts come to fail.
+    pub(super) fn axioms(&mut self) {
+        for axiom in &self.task.axioms {
+            let body = self.propositions(axiom.body.iter());
+            self.push(AXIOM, &body, &[axiom.head.0], 0);
+        }
+        let components = Components::of(self.task);
+        let mut bodies: FxHashMap<u32, Vec<u32>> = FxHashMap::default();
+        for axiom in &self.task.axioms {
+            let Some(negation) = self.negations[axiom.head.index()] else { continue };
+            let fails = (self.task.fact_count + self.negated.len() + self.failing) as u32;
+            self.failing += 1;
+            bodies.entry(negation).or_default().push(fails);
+            for literal in axiom.body.iter() {
+                // Facts that derive each other fail together; that one of them does is taken
+                // as given, which errs on the side of reachable.
+                let is_circular =
+                    literal.is_positive() && components.share(literal.fact(), axiom.head);
+                match self.proposition(literal.negated()) {
+                    Some(proposition) if !is_circular => {
+                        self.push(AXIOM, &[proposition], &[fails], 0);
+                    }
+                    _ => self.push(AXIOM, &[], &[fails], 0),
+                }
+            }
+        }
+        let mut bodies: Vec<(u32, Vec<u32>)> = bodies.into_iter().collect();
+        bodies.sort_unstable();
+        for (negation, fails) in bodies {
+            self.push(AXIOM, &fails, &[negation], 0);
+        }
+        let mut has_axiom = vec![false; self.task.fact_count];
+        self.task.axioms.iter().for_each(|axiom| has_axiom[axiom.head.index()] = true);
+        for index in 0..self.negated.len() {
+            let fact = self.negated[index];
+            if self.is_derived(fact) && !has_axiom[fact.index()] {
+                let negation = (self.task.fact_count + index) as u32;
+                self.push(AXIOM, &[], &[negation], 0);
+            }
+        }
+    }
+
+    /// The propositions that changes may make true.
+    fn added(&self, changes: Changes<'_>) -> Vec<u32> {
+        let mut all: Vec<u32> = changes.adds.iter().map(|fact| fact.0).collect();
+        all.extend(changes.deletes.iter().filter_map(|fact| self.negations[fact.index()]));
+        for change in changes.numeric.iter() {
+            for fact in &self.comparisons[change.fluent as usize] {
+                all.push(fact.0);
+                all.extend(self.negations[fact.index()]);
+            }
+        }
+        all.sort_unstable();
+        all.dedup();
+        all
+    }
+
+    fn push(&mut self, origin: u32, preconditions: &[u32], adds: &[u32], weight: u64) {
+        if adds.is_empty() {
+            return;
+        }
+        self.preconditions.push(preconditions);
+        self.adds.push(adds);
+        self.base_costs.push(weight);
+        self.origins.push(origin);
+    }
+
+    pub(super) fn finish(self) -> Relaxation {
+        let goal = self.propositions(self.task.goal.iter());
+        let proposition_count = self.task.fact_count + self.negated.len() + self.failing;
+        let count = self.preconditions.len() as u32;
+        let missing: Vec<u32> =
+            (0..count).map(|index| self.preconditions.row(index).len() as u32).collect();
+        let free = (0..count).filter(|index| missing[*index as usize] == 0).collect();
+        Relaxation {
+            fact_count: self.task.fact_count,
+            negated: self.negated,
+            proposition_count,
+            asking: self.preconditions.inverted(proposition_count),
+            preconditions: self.preconditions,
+            adds: self.adds,
+            base_costs: self.base_costs,
+            origins: self.origins,
+            missing,
+            goal,
+            free,
+        }
+    }
+}
+
+/// Which derived facts derive each other.
+struct Components {
+    /// By fact.
+    component: Vec<u32>,
+}
+
+// === impl Components ===
+
+impl Components {
+    /// Strongly connected components of “is derived from”, by Tarjan's algorithm without recursion.
+    fn of(task: &Task) -> Components {
+        let first = task.basic_count + task.comparisons.len();
+        let pairs = task.axioms.iter().flat_map(|axiom| {
+            let body = axiom.body.iter().filter(|literal| literal.is_positive());
+            body.filter(move |literal| literal.fact().index() >= first)
+                .map(|literal| (axiom.head.0, literal.fact().0))
+        });
+        let edges = Rows::collect(task.fact_count, pairs);
+        let mut component: Vec<u32> = vec![u32::MAX; task.fact_count];
+        let mut number = vec![0u32; task.fact_count];
+        let (mut low, mut next) = (vec![0u32; task.fact_count], 1);
+        let (mut stack, mut path) = (Vec::new(), Vec::new());
+        for root in first as u32..task.fact_count as u32 {
+            if number[root as usize] != 0 {
+                continue;
+            }
+            path.push((root, 0usize));
+            while let Some(&mut (fact, ref mut edge)) = path.last_mut() {
+                let index = fact as usize;
+                if *edge == 0 {
+                    (number[index], low[index]) = (next, next);
+                    next += 1;
+                    stack.push(fact);
+                }
+                if let Some(&to) = edges.row(fact).get(*edge) {
+                    *edge += 1;
+                    if number[to as usize] == 0 {
+                        path.push((to, 0));
+                    } else if component[to as usize] == u32::MAX {
+                        low[index] = low[index].min(number[to as usize]);
+                    }
+                    // A fact without edges left is closed below, one with `edge == 0` was opened.
+                    continue;
+                }
+                path.pop();
+                if let Some(&(parent, _)) = path.last() {
+                    low[parent as usize] = low[parent as usize].min(low[index]);
+                }
+                if low[index] == number[index] {
+                    while let Some(member) = stack.pop() {
+                        component[member as usize] = fact;
+                        if member == fact {
+                            break;
+                        }
+                    }
+                }
+            }
+        }
+        Components { component }
+    }
+
+    fn share(&self, left: FactId, right: FactId) -> bool {
+        let (left, right) = (self.component[left.index()], self.component[right.index()]);
+        left == right && left != u32::MAX
+    }
+}

@@ -1,0 +1,264 @@
+//! The delete relaxation of a task, in flat arrays, and its exploration from a state.
+//!
+//! A *proposition* is a literal that somebody asks for. Every operator becomes one relaxed operator
+//! for its unconditional effects and one per conditional effect; every axiom becomes one that costs
+//! nothing. A derived fact fails where every axiom that derives it does, which again costs nothing.
+//! What has no place in the relaxation is taken to hold: that facts which derive each other fail,
+//! and any comparison once a number in it may change.
+
+mod builder;
+
+use self::builder::Builder;
+use super::queue::CostQueue;
+use crate::rows::Rows;
+use crate::state::{State, is_true, true_facts};
+use crate::task::{FactId, Operator, OperatorId, Task};
+
+/// A cost that is not reached.
+pub(super) const UNREACHED: u64 = u64::MAX;
+
+/// Marks relaxed operators that come from axioms.
+const AXIOM: u32 = u32::MAX;
+
+/// What an operator counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Weights {
+    /// Every operator counts one.
+    Unit,
+    /// Its cost and one: cheap operators still have a length.
+    PlusOne,
+    /// Its cost first; steps decide between equal costs.
+    CostThenSteps,
+}
+
+/// Steps between two costs: a plan shorter than this never seems dearer for its length.
+pub(crate) const STEPS_PER_COST: u64 = 1 << 16;
+
+/// The relaxed task.
+#[derive(Debug)]
+pub(crate) struct Relaxation {
+    fact_count: usize,
+    /// Facts whose falsehood is asked for; their propositions follow those of the facts.
+    negated: Vec<FactId>,
+    proposition_count: usize,
+    /// Relaxed operators that ask for a proposition.
+    asking: Rows,
+    preconditions: Rows,
+    adds: Rows,
+    base_costs: Vec<u64>,
+    /// The operator each relaxed operator comes from.
+    origins: Vec<u32>,
+    missing: Vec<u32>,
+    goal: Vec<u32>,
+    /// Relaxed operators without preconditions.
+    free: Vec<u32>,
+}
+
+/// Costs of propositions, as seen from one state.
+#[derive(Debug, Default)]
+pub(super) struct Exploration {
+    pub(super) costs: Vec<u64>,
+    operator_costs: Vec<u64>,
+    missing: Vec<u32>,
+    initial: Vec<u32>,
+    queue: CostQueue,
+}
+
+impl Weights {
+    /// What an operator counts.
+    pub(crate) fn weight(self, task: &Task, operator: Operator<'_>) -> u64 {
+        match self {
+            Weights::Unit => 1,
+            // Then the cheapest plan is the shortest.
+            _ if task.costs_equal => 1,
+            Weights::PlusOne => operator.cost.saturating_add(1),
+            Weights::CostThenSteps => {
+                operator.cost.saturating_mul(STEPS_PER_COST).saturating_add(1)
+            }
+        }
+    }
+}
+
+// === impl Relaxation ===
+
+impl Relaxation {
+    pub(crate) fn new(task: &Task, weights: Weights) -> Relaxation {
+        let mut builder = Builder::new(task);
+        for (index, operator) in task.operators.iter().enumerate() {
+            builder.operator(index as u32, operator, weights.weight(task, operator));
+        }
+        builder.axioms();
+        builder.finish()
+    }
+
+    /// How much there is to explore.
+    pub(crate) fn size(&self) -> usize {
+        self.preconditions.item_count() + self.adds.item_count() + self.proposition_count
+    }
+
+    /// Bytes taken.
+    pub(super) fn bytes(&self) -> usize {
+        let rows = self.asking.bytes() + self.preconditions.bytes() + self.adds.bytes();
+        rows + self.base_costs.len() * 16
+    }
+
+    pub(super) fn goal(&self) -> &[u32] {
+        &self.goal
+    }
+
+    pub(super) fn proposition_count(&self) -> usize {
+        self.proposition_count
+    }
+
+    pub(super) fn relaxed_count(&self) -> usize {
+        self.missing.len()
+    }
+
+    pub(super) fn missing(&self) -> &[u32] {
+        &self.missing
+    }
+
+    pub(super) fn free(&self) -> &[u32] {
+        &self.free
+    }
+
+    #[inline]
+    pub(super) fn asking(&self, proposition: u32) -> &[u32] {
+        self.asking.row(proposition)
+    }
+
+    #[inline]
+    pub(super) fn adds(&self, relaxed: u32) -> &[u32] {
+        self.adds.row(relaxed)
+    }
+
+    /// Relaxed operators by what they add.
+    pub(super) fn adding(&self) -> Rows {
+        self.adds.inverted(self.proposition_count)
+    }
+
+    /// Sets each operator's weight.
+    pub(super) fn weights(&self, weights: &mut [u64]) {
+        for (origin, cost) in self.origins.iter().zip(&self.base_costs) {
+            if *origin != AXIOM {
+                weights[*origin as usize] = *cost;
+            }
+        }
+    }
+
+    /// Collects the propositions that hold in a state.
+    pub(super) fn initial(&self, state: &State, found: &mut Vec<u32>) {
+        found.extend(true_facts(state, self.fact_count).map(|fact| fact.0));
+        for (index, fact) in self.negated.iter().enumerate() {
+            if !is_true(state, *fact) {
+                found.push((self.fact_count + index) as u32);
+            }
+        }
+    }
+
+    /// Whether a proposition holds in a state; those that stand for failing axioms never do.
+    pub(super) fn holds(&self, state: &State, proposition: u32) -> bool {
+        match (proposition as usize).checked_sub(self.fact_count) {
+            None => is_true(state, FactId(proposition)),
+            Some(index) => self.negated.get(index).is_some_and(|fact| !is_true(state, *fact)),
+        }
+    }
+
+    /// The fact behind a proposition that says that it is true.
+    pub(super) fn positive(&self, proposition: u32) -> Option<FactId> {
+        ((proposition as usize) < self.fact_count).then_some(FactId(proposition))
+    }
+
+    /// Whether a proposition is about a fact, true or false.
+    pub(super) fn is_literal(&self, proposition: u32) -> bool {
+        (proposition as usize) < self.fact_count + self.negated.len()
+    }
+
+    #[inline]
+    pub(super) fn preconditions(&self, relaxed: u32) -> &[u32] {
+        self.preconditions.row(relaxed)
+    }
+
+    pub(super) fn base_cost(&self, relaxed: u32) -> u64 {
+        self.base_costs[relaxed as usize]
+    }
+
+    /// The operator behind a relaxed operator; axioms have none.
+    #[inline]
+    pub(super) fn origin(&self, relaxed: u32) -> Option<OperatorId> {
+        let origin = self.origins[relaxed as usize];
+        (origin != AXIOM).then_some(OperatorId(origin))
+    }
+
+    /// Computes the costs of propositions until the goal's are known; whether all of it is reached.
+    /// A conjunction costs what its dearest part does.
+    pub(super) fn explore(&self, state: &State, exploration: &mut Exploration) -> bool {
+        exploration.reset(self);
+        let mut initial = std::mem::take(&mut exploration.initial);
+        self.initial(state, &mut initial);
+        for proposition in initial.drain(..) {
+            exploration.reach(proposition, 0);
+        }
+        exploration.initial = initial;
+        for &relaxed in &self.free {
+            exploration.fire(self, relaxed);
+        }
+        let mut goals_missing = self.goal.len();
+        while let Some((cost, proposition)) = exploration.queue.pop() {
+            if exploration.costs[proposition as usize] < cost {
+                continue;
+            }
+            if self.goal.binary_search(&proposition).is_ok() {
+                goals_missing -= 1;
+                if goals_missing == 0 {
+                    return true;
+                }
+            }
+            for &relaxed in self.asking.row(proposition) {
+                exploration.satisfy(self, relaxed, cost);
+            }
+        }
+        self.goal.iter().all(|goal| exploration.costs[*goal as usize] != UNREACHED)
+    }
+}
+
+// === impl Exploration ===
+
+impl Exploration {
+    fn reset(&mut self, relaxation: &Relaxation) {
+        self.costs.clear();
+        self.costs.resize(relaxation.proposition_count, UNREACHED);
+        self.operator_costs.clear();
+        self.operator_costs.extend_from_slice(&relaxation.base_costs);
+        self.missing.clear();
+        self.missing.extend_from_slice(&relaxation.missing);
+        self.queue.clear();
+    }
+
+    fn reach(&mut self, proposition: u32, cost: u64) {
+        let known = &mut self.costs[proposition as usize];
+        if cost < *known {
+            *known = cost;
+            self.queue.push(cost, proposition);
+        }
+    }
+
+    fn satisfy(&mut self, relaxation: &Relaxation, relaxed: u32, cost: u64) {
+        let index = relaxed as usize;
+        let total = &mut self.operator_costs[index];
+        // Saturates just below what means unreached.
+        let through = cost.saturating_add(relaxation.base_costs[index]).min(UNREACHED - 1);
+        *total = (*total).max(through);
+        self.missing[index] -= 1;
+        if self.missing[index] == 0 {
+            self.fire(relaxation, relaxed);
+        }
+    }
+
+    fn fire(&mut self, relaxation: &Relaxation, relaxed: u32) {
+        let cost = self.operator_costs[relaxed as usize];
+        for &proposition in relaxation.adds.row(relaxed) {
+            self.reach(proposition, cost);
+        }
+    }
+}

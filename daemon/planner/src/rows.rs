@@ -1,0 +1,90 @@
+//! Lists of numbers in one array: what a `Vec<Vec<u32>>` says, without its detours.
+
+/// Lists, by number.
+#[derive(Clone, Debug)]
+pub(crate) struct Rows {
+    starts: Vec<u32>,
+    items: Vec<u32>,
+}
+
+// === impl Rows ===
+
+impl Default for Rows {
+    fn default() -> Rows {
+        Rows { starts: vec![0], items: Vec::new() }
+    }
+}
+
+impl Rows {
+    /// Sorts pairs of list and item into `count` lists, each in the order of its pairs.
+    pub(crate) fn collect(count: usize, pairs: impl Iterator<Item = (u32, u32)> + Clone) -> Rows {
+        let mut starts = vec![0u32; count + 1];
+        for (row, _) in pairs.clone() {
+            starts[row as usize + 1] += 1;
+        }
+        for row in 0..count {
+            starts[row + 1] += starts[row];
+        }
+        let mut next = starts.clone();
+        let mut items = vec![0; starts[count] as usize];
+        for (row, item) in pairs {
+            let place = &mut next[row as usize];
+            items[*place as usize] = item;
+            *place += 1;
+        }
+        Rows { starts, items }
+    }
+
+    /// The lists turned around: of every item below `count`, the lists that hold it.
+    pub(crate) fn inverted(&self, count: usize) -> Rows {
+        let rows = 0..self.len() as u32;
+        Rows::collect(
+            count,
+            rows.flat_map(|row| self.row(row).iter().map(move |item| (*item, row))),
+        )
+    }
+
+    /// Adds a list at the end.
+    pub(crate) fn push(&mut self, items: &[u32]) {
+        self.items.extend_from_slice(items);
+        self.starts.push(self.items.len() as u32);
+    }
+
+    /// The number of lists.
+    pub(crate) fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// The number of items in all lists.
+    pub(crate) fn item_count(&self) -> usize {
+        self.items.len()
+    }
+
+    #[inline]
+    pub(crate) fn row(&self, row: u32) -> &[u32] {
+        let row = row as usize;
+        &self.items[self.starts[row] as usize..self.starts[row + 1] as usize]
+    }
+
+    /// Bytes taken.
+    pub(crate) fn bytes(&self) -> usize {
+        (self.starts.len() + self.items.len()) * size_of::<u32>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_turn_around() {
+        let mut rows = Rows::default();
+        rows.push(&[2, 0]);
+        rows.push(&[]);
+        rows.push(&[2]);
+        let inverted = rows.inverted(3);
+        let all: Vec<&[u32]> = (0..3).map(|row| inverted.row(row)).collect();
+        assert_eq!(all, [&[0][..], &[], &[0, 2]]);
+        assert_eq!((inverted.len(), inverted.item_count()), (3, 3));
+    }
+}

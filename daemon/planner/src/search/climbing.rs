@@ -1,0 +1,139 @@
+//! The quick ladder in front of the search, for problems that are easier than they look: the
+//! relaxed plan carried out as it is, then enforced hill-climbing (Hoffmann and Nebel, 2001).
+//!
+//! Neither is complete; both give up after little work.
+
+use crate::heuristic::{Evaluator, FastForward};
+use crate::limits::Cancel;
+use crate::state::{Progression, State, StateId, StateSpace, all_hold};
+use crate::task::{OperatorId, Task};
+
+/// States to look at without coming closer to the goal.
+const PLATEAU_MAX: usize = 100;
+
+/// Work of the whole climb, in evaluations times the size of what each looks at: some hundredths of
+/// a second.
+const WORK_MAX: usize = 20_000_000;
+
+/// Climbs towards the goal.
+pub(crate) struct Climb<'t, 'h> {
+    task: &'t Task,
+    ff: &'h mut FastForward<'t>,
+    progression: Progression<'t>,
+    /// States evaluated so far.
+    pub(crate) evaluations: u64,
+    /// States gone on from so far.
+    pub(crate) expansions: u64,
+}
+
+/// What the climb has found when it ends.
+pub(crate) enum Climbed {
+    /// A plan.
+    Plan(Vec<OperatorId>),
+    /// The goal is out of reach, even if nothing is ever deleted: a proof.
+    DeadEnd,
+    /// Nothing.
+    GaveUp,
+}
+
+// === impl Climb ===
+
+impl<'t, 'h> Climb<'t, 'h> {
+    pub(crate) fn new(task: &'t Task, ff: &'h mut FastForward<'t>) -> Climb<'t, 'h> {
+        Climb { task, ff, progression: Progression::new(task), evaluations: 0, expansions: 0 }
+    }
+
+    pub(crate) fn run(&mut self, cancel: &Cancel) -> Climbed {
+        let mut state = self.progression.initial();
+        if all_hold(&state, &self.task.goal) {
+            return Climbed::Plan(Vec::new());
+        }
+        let Some(mut estimate) = self.evaluate(&state) else { return Climbed::DeadEnd };
+        let evaluations_max = (WORK_MAX / self.ff.size().max(1)) as u64;
+        let mut plan = Vec::new();
+        loop {
+            if let Some(rest) = self.carry_out(&state) {
+                self.expansions += rest.len() as u64;
+                plan.extend(rest);
+                return Climbed::Plan(plan);
+            }
+            let Some((steps, next, better)) = self.ascend(&state, estimate, cancel) else {
+                return Climbed::GaveUp;
+            };
+            plan.extend(steps);
+            (state, estimate) = (next, better);
+            if all_hold(&state, &self.task.goal) {
+                return Climbed::Plan(plan);
+            }
+            if self.evaluations > evaluations_max {
+                return Climbed::GaveUp;
+            }
+        }
+    }
+
+    fn evaluate(&mut self, state: &State) -> Option<u64> {
+        self.evaluations += 1;
+        self.ff.evaluate(state)
+    }
+
+    /// The steps of the relaxed plan last found, in an order in which they all apply and reach the
+    /// goal.
+    fn carry_out(&mut self, state: &State) -> Option<Vec<OperatorId>> {
+        let mut left: Vec<OperatorId> = self.ff.relaxed_plan().to_vec();
+        left.sort_by_key(|operator| (self.ff.depth(*operator), *operator));
+        let (mut state, mut next) = (state.to_vec(), Vec::new());
+        let mut steps = Vec::with_capacity(left.len());
+        while !left.is_empty() {
+            let position = left.iter().position(|id| {
+                let operator = self.task.operator(*id);
+                all_hold(&state, operator.preconditions)
+                    && self.progression.apply(operator, &state, &mut next)
+            })?;
+            steps.push(left.remove(position));
+            std::mem::swap(&mut state, &mut next);
+            if all_hold(&state, &self.task.goal) {
+                return Some(steps);
+            }
+        }
+        None
+    }
+
+    /// A way, over preferred operators only, to a state nearer to the goal; breadth first.
+    fn ascend(
+        &mut self,
+        from: &State,
+        estimate: u64,
+        cancel: &Cancel,
+    ) -> Option<(Vec<OperatorId>, Vec<u64>, u64)> {
+        let mut space = StateSpace::new(from);
+        let mut preferred = vec![self.ff.preferred().to_vec()];
+        let mut successor = Vec::new();
+        let mut next = 0;
+        while let Some(operators) = preferred.get(next).cloned() {
+            let parent = StateId(next as u32);
+            self.expansions += 1;
+            next += 1;
+            for id in operators {
+                if next > PLATEAU_MAX || cancel.is_set() {
+                    return None;
+                }
+                let operator = self.task.operator(id);
+                if !self.progression.apply(operator, space.state(parent), &mut successor) {
+                    continue;
+                }
+                let (child, is_new) = space.insert(&successor, parent, id);
+                if !is_new {
+                    continue;
+                }
+                let reached = all_hold(&successor, &self.task.goal);
+                let found = if reached { Some(0) } else { self.evaluate(&successor) };
+                if found.is_some_and(|found| found < estimate) {
+                    return Some((space.path(child), successor, found.unwrap_or(0)));
+                }
+                // A dead end has no way on; it keeps its place in the numbering.
+                preferred.push(found.map_or_else(Vec::new, |_| self.ff.preferred().to_vec()));
+            }
+        }
+        None
+    }
+}

@@ -1,0 +1,78 @@
+//! Two searches side by side, in step: after every round of expansions they wait for each other, so
+//! that who is first does not depend on the machine.
+
+use super::lazy::{Lazy, List, Manner};
+use super::{Search, Step};
+use crate::configuration::CURIOUS;
+use crate::heuristic::{FastForward, Weights};
+use crate::limits::{Budget, Cancel};
+use crate::outcome::{Statistics, StopReason};
+use crate::successors::SuccessorGenerator;
+use crate::task::{OperatorId, Task};
+
+/// Steps between two meetings: some milliseconds of work.
+const ROUND: usize = 500;
+
+type Found = Result<Vec<OperatorId>, StopReason>;
+
+/// Runs a search and a curious one beside it. The first to find a plan wins, the former where both
+/// do in the same round; either may prove that there is none.
+pub(crate) fn run<'t>(
+    task: &'t Task,
+    generator: &'t SuccessorGenerator,
+    ff: FastForward<'t>,
+    lists: &'static [List],
+    budget: Budget,
+    cancel: &Cancel,
+) -> (Found, Statistics) {
+    let other = FastForward::new(task, Weights::Unit);
+    let mut lanes = [
+        Lazy::new(task, generator, ff, Manner::greedy(lists), cancel),
+        Lazy::new(task, generator, other, Manner::greedy(CURIOUS), cancel),
+    ];
+    let found = loop {
+        if let Some(reason) = limit(&lanes, budget, cancel) {
+            break Err(reason);
+        }
+        let [greedy, curious] = &mut lanes;
+        let (first, second) = std::thread::scope(|scope| {
+            let beside = scope.spawn(|| round(curious));
+            let first = round(greedy);
+            // A lane that panics takes the search with it, as it would on one thread.
+            let second = beside.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            (first, second)
+        });
+        if let Some(found) = first.or(second) {
+            break found;
+        }
+    };
+    let statistics = Statistics {
+        expansions: lanes.iter().map(Search::expansions).sum(),
+        evaluations: lanes.iter().map(|lane| lane.statistics().evaluations).sum(),
+        ..Statistics::default()
+    };
+    (found, statistics)
+}
+
+fn round(lane: &mut Lazy<'_>) -> Option<Found> {
+    for _ in 0..ROUND {
+        match lane.step() {
+            Step::InProgress => (),
+            Step::Solved(plan) => return Some(Ok(plan)),
+            Step::Exhausted => return Some(Err(lane.exhausted())),
+        }
+    }
+    None
+}
+
+fn limit(lanes: &[Lazy<'_>; 2], budget: Budget, cancel: &Cancel) -> Option<StopReason> {
+    let expansions: u64 = lanes.iter().map(Search::expansions).sum();
+    let bytes: usize = lanes.iter().map(Search::bytes).sum();
+    if expansions >= budget.expansions_max {
+        Some(StopReason::ExpansionLimit { limit: budget.expansions_max })
+    } else if bytes > budget.memory_max_bytes {
+        Some(StopReason::MemoryLimit { limit: budget.memory_max_bytes })
+    } else {
+        cancel.is_set().then_some(StopReason::Cancelled)
+    }
+}

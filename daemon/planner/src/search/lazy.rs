@@ -1,0 +1,375 @@
+//! Best-first search with deferred evaluation over several open lists that take turns.
+//!
+//! The lists are those of NOLAN (Corrêa and Seipp, 2025): the FF heuristic; the same and landmark
+//! counting, each for preferred operators only (LAMA: Richter and Westphal, 2010); and novelty,
+//! partitioned by landmark count. LAMA's landmark counting for all operators finds the way where
+//! the relaxation is blind, and types where all are led astray. Lists of preferred operators get a
+//! thousand turns in advance for each progress.
+//!
+//! Without a weight the search is greedy and ends with its first plan. With a weight, costs count,
+//! states to which a cheaper way is found are looked at again, and only plans below a bound count:
+//! one stage of LAMA's improvement.
+
+use super::open::{Entry, OpenList};
+use super::types::TypeList;
+use super::{Search, Step};
+use crate::heuristic::{Evaluator, FastForward, LandmarkCount, NOT_NOVEL, Novelty, Weights};
+use crate::limits::Cancel;
+use crate::mutex::MutexGroups;
+use crate::outcome::{Statistics, StopReason};
+use crate::state::{Progression, StateId, StateSpace, all_hold};
+use crate::successors::SuccessorGenerator;
+use crate::task::{OperatorId, Task};
+
+/// Turns that lists of preferred operators get in advance for each progress.
+const BOOST: i64 = 1_000;
+
+/// An open list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum List {
+    /// By the FF heuristic.
+    Ff,
+    /// By the FF heuristic, preferred operators only.
+    FfPreferred,
+    /// By landmark count, preferred operators only.
+    LandmarksPreferred,
+    /// By novelty among the states of the same landmark count; what is not new is left out.
+    Novel,
+    /// By landmark count.
+    Landmarks,
+    /// Drawn by type.
+    Types,
+}
+
+/// Lists that are sorted by a key.
+const SORTED: usize = 5;
+
+/// All lists.
+const LISTS: usize = 6;
+
+/// Work of looking for mutex groups: some hundredths of a second.
+const MUTEX_WORK_MAX: u64 = 5_000_000;
+
+/// How a search weighs what it finds.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Manner {
+    /// What operators count.
+    pub(crate) weights: Weights,
+    /// How much an estimate counts against what was spent; without one, what was spent does not.
+    pub(crate) weight: Option<u32>,
+    /// Only plans that cost less, in units of the task.
+    pub(crate) bound: u64,
+    /// The lists, in the order in which they are asked when it is everyone's turn.
+    pub(crate) lists: &'static [List],
+}
+
+/// Searches for a plan.
+pub(crate) struct Lazy<'t> {
+    task: &'t Task,
+    manner: Manner,
+    progression: Progression<'t>,
+    generator: &'t SuccessorGenerator,
+    ff: FastForward<'t>,
+    landmarks: LandmarkCount,
+    novelty: Novelty,
+    space: StateSpace,
+    /// Per state: which landmarks it has passed.
+    statuses: Vec<u64>,
+    /// Per state: its landmark count, by which novelty is partitioned.
+    counts: Vec<u32>,
+    /// Per state: what the way to it costs, in units of the task, and as the search counts.
+    spent: Vec<Spent>,
+    preferred: Preferred,
+    sorted: [OpenList; SORTED],
+    types: TypeList,
+    turns: [i64; LISTS],
+    best: (u64, u32),
+    started: bool,
+    dead_end_at_start: bool,
+    expansions: u64,
+    evaluations: u64,
+    successor: Vec<u64>,
+    cancel: Cancel,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Spent {
+    cost: u64,
+    weight: u64,
+}
+
+/// The preferred operators of every state.
+#[derive(Debug, Default)]
+struct Preferred {
+    ranges: Vec<(u32, u32)>,
+    operators: Vec<OperatorId>,
+}
+
+// === impl Manner ===
+
+impl Manner {
+    /// The first plan, as fast as can be: every step counts one.
+    pub(crate) fn greedy(lists: &'static [List]) -> Manner {
+        Manner { weights: Weights::Unit, weight: None, bound: u64::MAX, lists }
+    }
+
+    fn key(&self, spent: u64, estimate: u64) -> u32 {
+        let key = match self.weight {
+            None => estimate,
+            Some(weight) => spent.saturating_add(estimate.saturating_mul(u64::from(weight))),
+        };
+        u32::try_from(key).unwrap_or(u32::MAX)
+    }
+}
+
+// === impl Lazy ===
+
+impl<'t> Lazy<'t> {
+    pub(crate) fn new(
+        task: &'t Task,
+        generator: &'t SuccessorGenerator,
+        ff: FastForward<'t>,
+        manner: Manner,
+        cancel: &Cancel,
+    ) -> Lazy<'t> {
+        let mut progression = Progression::new(task);
+        let initial = progression.initial();
+        Lazy {
+            task,
+            manner,
+            progression,
+            generator,
+            ff,
+            landmarks: LandmarkCount::default(),
+            novelty: Novelty::new(task),
+            space: StateSpace::new(&initial),
+            statuses: Vec::new(),
+            counts: Vec::new(),
+            spent: vec![Spent::default()],
+            preferred: Preferred::default(),
+            sorted: Default::default(),
+            types: TypeList::default(),
+            turns: [0; LISTS],
+            best: (u64::MAX, u32::MAX),
+            started: false,
+            dead_end_at_start: false,
+            expansions: 0,
+            evaluations: 0,
+            successor: Vec::new(),
+            cancel: cancel.clone(),
+        }
+    }
+
+    /// What it took so far.
+    pub(crate) fn statistics(&self) -> Statistics {
+        let (expansions, evaluations) = (self.expansions, self.evaluations);
+        Statistics { expansions, evaluations, ..Statistics::default() }
+    }
+
+    fn start(&mut self) -> Step {
+        self.started = true;
+        let initial = StateId(0);
+        if self.manner.bound == 0 {
+            return Step::Exhausted;
+        }
+        if all_hold(self.space.state(initial), &self.task.goal) {
+            return Step::Solved(Vec::new());
+        }
+        self.evaluations += 1;
+        let state = self.space.state(initial);
+        let Some(estimate) = self.ff.evaluate(state) else {
+            self.dead_end_at_start = true;
+            return Step::Exhausted;
+        };
+        let candidates = self.ff.relaxed_propositions();
+        let mutex = MutexGroups::find(self.task, MUTEX_WORK_MAX, &self.cancel);
+        let relaxation = self.ff.relaxation();
+        self.landmarks =
+            LandmarkCount::new(self.task, relaxation, state, &candidates, &mutex, &self.cancel);
+        let count = self.landmarks.start(relaxation, state, &mut self.statuses);
+        self.counts.push(count);
+        self.queue(initial, None, estimate);
+        Step::InProgress
+    }
+
+    /// The list whose turn it is gives an operator to apply.
+    fn next(&mut self) -> Option<Entry> {
+        let Lazy { sorted, types, manner, turns, space, generator, task, preferred, .. } = self;
+        let mut all = |state, operators: &mut Vec<OperatorId>| {
+            generator.applicable(task, space.state(state), operators);
+        };
+        loop {
+            let is_open = |list: &&List| match **list {
+                List::Types => !types.is_empty(),
+                list => !sorted[list as usize].is_empty(),
+            };
+            let open = manner.lists.iter().filter(is_open);
+            let list = *open.min_by_key(|list| turns[**list as usize])?;
+            turns[list as usize] += 1;
+            let entry = match list {
+                List::Types => types.pop(&mut all),
+                List::FfPreferred | List::LandmarksPreferred => {
+                    sorted[list as usize].pop(|state, operators| {
+                        operators.extend_from_slice(preferred.of(state));
+                    })
+                }
+                _ => sorted[list as usize].pop(&mut all),
+            };
+            if entry.is_some() {
+                return entry;
+            }
+        }
+    }
+
+    /// Notes a state that the search has not seen.
+    fn enter(&mut self, id: StateId, parent: StateId, spent: Spent) {
+        let state = self.space.state(id);
+        let relaxation = self.ff.relaxation();
+        let count =
+            self.landmarks.progress(relaxation, state, parent.0 as usize, &mut self.statuses);
+        self.counts.push(count);
+        self.spent.push(spent);
+    }
+
+    /// Evaluates a state and queues it, unless it is a dead end.
+    fn evaluate(&mut self, id: StateId, parent: StateId) {
+        self.evaluations += 1;
+        match self.ff.evaluate(self.space.state(id)) {
+            Some(estimate) => self.queue(id, Some(parent), estimate),
+            None => self.preferred.set(id, &[]),
+        }
+    }
+
+    fn queue(&mut self, id: StateId, parent: Option<StateId>, estimate: u64) {
+        self.expansions += 1;
+        let operators = self.ff.preferred();
+        self.preferred.set(id, operators);
+        let (count, spent) = (self.counts[id.0 as usize], self.spent[id.0 as usize].weight);
+        let has_progressed = estimate < self.best.0 || count < self.best.1;
+        self.best = (self.best.0.min(estimate), self.best.1.min(count));
+        if has_progressed {
+            self.turns[List::FfPreferred as usize] -= BOOST;
+            self.turns[List::LandmarksPreferred as usize] -= BOOST;
+        }
+        let near = self.manner.key(spent, estimate);
+        let few = self.manner.key(spent, u64::from(count));
+        let short = u32::try_from(spent).unwrap_or(u32::MAX);
+        let has_preferred = !operators.is_empty();
+        for &list in self.manner.lists {
+            let key = match list {
+                List::Types => {
+                    self.types.push((near, short), id);
+                    continue;
+                }
+                List::Ff => Some((near, 0, 0)),
+                List::Landmarks => Some((few, 0, 0)),
+                List::FfPreferred => has_preferred.then_some((near, 0, 0)),
+                List::LandmarksPreferred => has_preferred.then_some((few, 0, 0)),
+                List::Novel => {
+                    let novelty = self.novelty(id, parent);
+                    (novelty != NOT_NOVEL).then_some((novelty, count, short))
+                }
+            };
+            if let Some(key) = key {
+                self.sorted[list as usize].push(key, id);
+            }
+        }
+    }
+
+    fn novelty(&mut self, id: StateId, parent: Option<StateId>) -> u32 {
+        let count = |id: StateId| self.counts[id.0 as usize];
+        let before = parent.map(|parent| (self.space.state(parent), count(parent)));
+        self.novelty.evaluate(self.space.state(id), count(id), before)
+    }
+
+    /// What a way costs that goes on from a state by an operator.
+    fn spent(&self, parent: StateId, operator: OperatorId) -> Spent {
+        let operator = self.task.operator(operator);
+        let before = self.spent[parent.0 as usize];
+        Spent {
+            cost: before.cost.saturating_add(operator.cost),
+            weight: before.weight.saturating_add(self.manner.weights.weight(self.task, operator)),
+        }
+    }
+}
+
+impl Search for Lazy<'_> {
+    fn step(&mut self) -> Step {
+        if !self.started {
+            return self.start();
+        }
+        let Some((parent, operator)) = self.next() else { return Step::Exhausted };
+        let spent = self.spent(parent, operator);
+        if spent.cost >= self.manner.bound {
+            return Step::InProgress;
+        }
+        let from = self.space.state(parent);
+        if !self.progression.apply(self.task.operator(operator), from, &mut self.successor) {
+            return Step::InProgress;
+        }
+        let (id, is_new) = self.space.insert(&self.successor, parent, operator);
+        if is_new {
+            if all_hold(&self.successor, &self.task.goal) {
+                return Step::Solved(self.space.path(id));
+            }
+            self.enter(id, parent, spent);
+        } else {
+            let known = &mut self.spent[id.0 as usize];
+            if self.manner.weight.is_none() || spent.weight >= known.weight {
+                return Step::InProgress;
+            }
+            *known = spent;
+            self.space.reparent(id, parent, operator);
+        }
+        self.evaluate(id, parent);
+        Step::InProgress
+    }
+
+    fn expansions(&self) -> u64 {
+        self.expansions
+    }
+
+    fn bytes(&self) -> usize {
+        let lists: usize = self.sorted.iter().map(OpenList::bytes).sum();
+        let per_state = self.statuses.len() * 8 + self.counts.len() * 20 + self.preferred.bytes();
+        self.space.bytes()
+            + lists
+            + self.types.bytes()
+            + per_state
+            + self.novelty.bytes()
+            + self.ff.bytes()
+    }
+
+    /// Only dead ends of the relaxation and what is too dear are left out, so an empty list is a
+    /// proof that there is no plan below the bound.
+    fn exhausted(&self) -> StopReason {
+        if self.manner.bound == u64::MAX {
+            StopReason::Unsolvable { before_search: self.dead_end_at_start }
+        } else {
+            StopReason::Exhausted
+        }
+    }
+}
+
+// === impl Preferred ===
+
+impl Preferred {
+    fn set(&mut self, state: StateId, operators: &[OperatorId]) {
+        let start = self.operators.len() as u32;
+        self.operators.extend_from_slice(operators);
+        let index = state.0 as usize;
+        if index >= self.ranges.len() {
+            self.ranges.resize(index + 1, (0, 0));
+        }
+        self.ranges[index] = (start, self.operators.len() as u32);
+    }
+
+    fn of(&self, state: StateId) -> &[OperatorId] {
+        let (start, end) = self.ranges[state.0 as usize];
+        &self.operators[start as usize..end as usize]
+    }
+
+    fn bytes(&self) -> usize {
+        self.ranges.len() * 8 + self.operators.len() * 4
+    }
+}

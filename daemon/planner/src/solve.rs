@@ -1,0 +1,206 @@
+//! From a ground task to plans: first any plan, then better ones, as much as is asked for.
+//!
+//! 1. The quick ladder (`search::climbing`), which solves most of what a building asks.
+//! 2. Search with all that is known (`search::lazy`), on one thread or in two lanes.
+//! 3. Steps that the plan does not need are left out (`search::improve`).
+//! 4. On small tasks, the cheapest plan (`search::optimal`), with a proof.
+//! 5. Anytime: searches with less and less haste, each for a cheaper plan than the last.
+
+use crate::configuration::Method;
+use crate::heuristic::{Evaluator, FastForward, LandmarkCut, Relaxation, Weights, heuristic};
+use crate::limits::{Budget, Cancel, Effort, Options};
+use crate::outcome::{Statistics, StopReason};
+use crate::search::climbing::{Climb, Climbed};
+use crate::search::lazy::{Lazy, List, Manner};
+use crate::search::optimal::{AStar, weight};
+use crate::search::{Search, improve, lanes, run};
+use crate::successors::SuccessorGenerator;
+use crate::task::{OperatorId, Task};
+
+/// Work of the optimal search that follows a first plan without being asked for: explorations times
+/// the size of what each looks at. That is about a tenth of a second, and covers a building's
+/// problems.
+const OPTIMAL_WORK_MAX: u64 = 5_000_000;
+
+/// How much estimates count, in the searches for better plans: LAMA's sequence (Richter and
+/// Westphal, 2010).
+const WEIGHTS: [Option<u32>; 5] = [None, Some(5), Some(3), Some(2), Some(1)];
+
+/// The lists of the searches for better plans.
+const LAMA: &[List] = &[List::Ff, List::FfPreferred, List::Landmarks, List::LandmarksPreferred];
+
+/// Solves one task.
+pub(crate) struct Solver<'t> {
+    task: &'t Task,
+    generator: SuccessorGenerator,
+    options: &'t Options,
+    cancel: &'t Cancel,
+    statistics: &'t mut Statistics,
+}
+
+// === impl Solver ===
+
+impl<'t> Solver<'t> {
+    pub(crate) fn new(
+        task: &'t Task,
+        options: &'t Options,
+        cancel: &'t Cancel,
+        statistics: &'t mut Statistics,
+    ) -> Solver<'t> {
+        let generator = SuccessorGenerator::new(task);
+        Solver { task, generator, options, cancel, statistics }
+    }
+
+    /// Tells every plan that is worth it; why there is none, or no further one.
+    pub(crate) fn run(&mut self, found: &mut dyn FnMut(&[OperatorId])) -> StopReason {
+        let first = match self.first() {
+            Ok(plan) if self.statistics.proven_optimal => {
+                found(&plan);
+                return StopReason::GoalReached;
+            }
+            Ok(plan) => improve::eliminate(self.task, plan, self.cancel),
+            Err(reason) => return reason,
+        };
+        if self.options.effort == Effort::Anytime {
+            found(&first);
+        }
+        let (best, reason) = self.cheapest(first.clone());
+        if self.options.effort == Effort::Optimal && !self.statistics.proven_optimal {
+            return reason;
+        }
+        if self.options.effort != Effort::Anytime || best != first {
+            found(&best);
+        }
+        if self.options.effort == Effort::Anytime && !self.statistics.proven_optimal {
+            return self.improve(best, found);
+        }
+        StopReason::GoalReached
+    }
+
+    /// The first plan, as the configuration has it.
+    fn first(&mut self) -> Result<Vec<OperatorId>, StopReason> {
+        match self.options.configuration.method {
+            Method::Lists { climb, lists } => self.search(climb, lists),
+            Method::AStar { heuristic } => self.a_star(heuristic),
+        }
+    }
+
+    fn search(
+        &mut self,
+        climb: bool,
+        lists: &'static [List],
+    ) -> Result<Vec<OperatorId>, StopReason> {
+        let mut ff = FastForward::new(self.task, Weights::Unit);
+        if climb {
+            let mut climb = Climb::new(self.task, &mut ff);
+            let climbed = climb.run(self.cancel);
+            self.statistics.evaluations = climb.evaluations;
+            self.statistics.expansions = climb.expansions;
+            match climbed {
+                Climbed::Plan(plan) => return Ok(plan),
+                Climbed::DeadEnd => return Err(StopReason::Unsolvable { before_search: true }),
+                Climbed::GaveUp => (),
+            }
+        }
+        let (task, generator, budget) = (self.task, &self.generator, self.options.budget);
+        let (result, found) = if self.options.threads > 1 {
+            lanes::run(task, generator, ff, lists, budget, self.cancel)
+        } else {
+            let mut search = Lazy::new(task, generator, ff, Manner::greedy(lists), self.cancel);
+            (run(&mut search, budget, self.cancel), search.statistics())
+        };
+        self.statistics.expansions += found.expansions;
+        self.statistics.evaluations += found.evaluations;
+        result
+    }
+
+    fn a_star(&mut self, name: &str) -> Result<Vec<OperatorId>, StopReason> {
+        let build = heuristic(name).and_then(|one| one.build);
+        let evaluator = build.map_or_else(
+            || Box::new(LandmarkCut::new(self.task)) as Box<dyn Evaluator>,
+            |build| build(self.task),
+        );
+        let mut search = AStar::new(self.task, &self.generator, evaluator, u64::MAX, u64::MAX);
+        let result = run(&mut search, self.options.budget, self.cancel);
+        self.statistics.expansions = search.expansions();
+        match result {
+            Ok(plan) => {
+                self.statistics.proven_optimal = self.task.costs_exact;
+                Ok(plan)
+            }
+            // Without a bound, nothing was left out but dead ends of an admissible heuristic.
+            Err(StopReason::Exhausted) => Err(StopReason::Unsolvable { before_search: false }),
+            Err(reason) => Err(reason),
+        }
+    }
+
+    /// The cheapest plan, where it can be found with little work or has been asked for; otherwise
+    /// the given one; and why the search for it ended.
+    fn cheapest(&mut self, first: Vec<OperatorId>) -> (Vec<OperatorId>, StopReason) {
+        let size = Relaxation::new(self.task, Weights::CostThenSteps).size().max(1) as u64;
+        let is_asked = self.options.effort == Effort::Optimal;
+        let (explorations_max, expansions_max) = match is_asked {
+            true => (u64::MAX, self.options.budget.expansions_max),
+            false => (OPTIMAL_WORK_MAX / size, self.options.optimal_expansions_max),
+        };
+        if expansions_max == 0 || explorations_max == 0 {
+            return (first, StopReason::Exhausted);
+        }
+        let bound = weight(self.task, &first);
+        let evaluator = Box::new(LandmarkCut::new(self.task));
+        let mut search = AStar::new(self.task, &self.generator, evaluator, bound, explorations_max);
+        let budget = Budget { expansions_max, ..self.options.budget };
+        let result = run(&mut search, budget, self.cancel);
+        self.statistics.optimal_expansions = search.expansions();
+        // Rounded costs prove nothing about the true ones.
+        let is_exact = self.task.costs_exact && bound < u64::MAX;
+        match result {
+            Ok(better) => {
+                self.statistics.proven_optimal = is_exact;
+                (better, StopReason::GoalReached)
+            }
+            Err(reason) => {
+                self.statistics.proven_optimal = is_exact && reason == StopReason::Exhausted;
+                (first, reason)
+            }
+        }
+    }
+
+    /// Searches for cheaper plans until there is none or a limit is reached.
+    fn improve(
+        &mut self,
+        mut best: Vec<OperatorId>,
+        found: &mut dyn FnMut(&[OperatorId]),
+    ) -> StopReason {
+        let mut stages = WEIGHTS.into_iter();
+        let mut weight = None;
+        loop {
+            // The last, most careful stage goes on until it finds nothing more.
+            weight = stages.next().unwrap_or(weight);
+            let manner = Manner {
+                weights: Weights::PlusOne,
+                weight,
+                bound: self.task.cost(&best),
+                lists: LAMA,
+            };
+            let ff = FastForward::new(self.task, manner.weights);
+            let mut search = Lazy::new(self.task, &self.generator, ff, manner, self.cancel);
+            let result = run(&mut search, self.options.budget, self.cancel);
+            let found_here = search.statistics();
+            self.statistics.expansions += found_here.expansions;
+            self.statistics.evaluations += found_here.evaluations;
+            match result {
+                Ok(plan) => {
+                    best = improve::eliminate(self.task, plan, self.cancel);
+                    found(&best);
+                }
+                Err(StopReason::Exhausted) => {
+                    // Where all steps cost the same, the cheapest plan is the shortest.
+                    self.statistics.proven_optimal = self.task.costs_equal && self.task.costs_exact;
+                    return StopReason::GoalReached;
+                }
+                Err(reason) => return reason,
+            }
+        }
+    }
+}
