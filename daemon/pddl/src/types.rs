@@ -7,7 +7,7 @@
 //!   subtypes of each other, and [`Types::cycle`] names one for a diagnostic.
 //! - A type has at most [`SUPERTYPES_MAX`] types above it; the nearest count.
 
-use std::collections::{HashMap, HashSet};
+use foldhash::{HashMap, HashSet};
 
 use crate::graph::components;
 use crate::tree::{Domain, Name, TypeExpr, Typed};
@@ -83,16 +83,23 @@ impl Types {
     }
 
     fn reaches(&self, from: usize, to: usize) -> bool {
-        if self.supertypes[from].is_empty() {
-            return false;
+        let mut at = from;
+        // Most types have one supertype or none: such a line is walked without listing it.
+        for _ in 0..SUPERTYPES_MAX {
+            match self.supertypes[at].as_slice() {
+                [] => return false,
+                [one] if *one == to => return true,
+                [one] => at = *one,
+                _ => return self.above(from).contains(&to),
+            }
         }
-        self.above(from).contains(&to)
+        false
     }
 
     /// Everything above `from`, nearest first; `from` itself only if it is in a cycle.
     fn above(&self, from: usize) -> Vec<usize> {
         let mut above = Vec::new();
-        let mut seen = HashSet::new();
+        let mut seen = HashSet::default();
         let mut next = 0;
         let mut at = from;
         loop {

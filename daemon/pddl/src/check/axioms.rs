@@ -1,6 +1,6 @@
 //! Derived predicates: their heads, their bodies, and whether they can be computed in layers.
 
-use std::collections::HashMap;
+use foldhash::HashMap;
 
 use super::Checker;
 use crate::diagnostic::Diagnostic;
@@ -108,7 +108,7 @@ struct Layers<'t> {
 
 impl<'t> Layers<'t> {
     fn of(dependencies: &[Dependency<'t>]) -> Layers<'t> {
-        let mut index = HashMap::new();
+        let mut index = HashMap::default();
         let mut bodies: Vec<Vec<usize>> = Vec::new();
         for Dependency { head, body, .. } in dependencies {
             let [head, body] = [head, body].map(|name| {

@@ -1,6 +1,6 @@
 //! Declarations: each name once, each type known.
 
-use std::collections::{HashMap, HashSet};
+use foldhash::{HashMap, HashSet};
 
 use super::Checker;
 use crate::diagnostic::Diagnostic;
@@ -133,7 +133,7 @@ impl<'t> Checker<'_, 't> {
     }
 
     fn unique_marked(&mut self, what: &str, mark: &str, names: impl Iterator<Item = &'t Name>) {
-        let mut firsts: HashMap<&str, &Name> = HashMap::new();
+        let mut firsts: HashMap<&str, &Name> = HashMap::default();
         for name in names {
             if let Some(first) = firsts.get(name.as_str()) {
                 let message = format!("{what} `{mark}{name}` is declared twice");

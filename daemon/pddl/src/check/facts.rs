@@ -1,6 +1,6 @@
 //! Problems: objects, facts, goal, metric.
 
-use std::collections::HashMap;
+use foldhash::HashMap;
 
 use super::Checker;
 use crate::diagnostic::Diagnostic;
@@ -57,7 +57,7 @@ impl<'t> Checker<'_, 't> {
     }
 
     pub(super) fn init(&mut self, elements: &'t [InitElement], spare: Values) {
-        let mut values = HashMap::new();
+        let mut values = HashMap::default();
         for element in elements {
             self.init_element(element, spare);
             if let InitElement::Assign(fluent, number) = element {

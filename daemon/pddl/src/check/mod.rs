@@ -22,7 +22,7 @@ mod models;
 
 mod plans;
 
-use std::collections::{HashMap, HashSet};
+use foldhash::{HashMap, HashSet};
 use std::fmt;
 
 use crate::diagnostic::{Diagnostic, Problems};
@@ -115,9 +115,9 @@ impl<'s, 't> Checker<'s, 't> {
             symbols,
             problems: Problems::default(),
             scope: Vec::new(),
-            bound: HashMap::new(),
+            bound: HashMap::default(),
             foreign_types: None,
-            awaited: HashSet::new(),
+            awaited: HashSet::default(),
             comparisons_left: COMPARISONS_MAX,
         }
     }

@@ -1,6 +1,6 @@
 //! Plans: known actions, known objects, right types.
 
-use std::collections::HashMap;
+use foldhash::HashMap;
 
 use super::{Checker, count};
 use crate::diagnostic::Diagnostic;
@@ -15,7 +15,7 @@ struct Callable<'t> {
 impl<'t> Checker<'_, 't> {
     pub(super) fn plan(&mut self, domain: &'t Domain, plan: &'t Plan) {
         let callable = callables(domain);
-        let mut index = HashMap::new();
+        let mut index = HashMap::default();
         for callable in &callable {
             index.entry(callable.name.as_str()).or_insert(callable);
         }

@@ -1,6 +1,6 @@
 //! Everything that has a name, gathered from the texts that speak of it.
 
-use std::collections::{HashMap, HashSet};
+use foldhash::{HashMap, HashSet};
 
 use crate::tree::{
     ActionModel, Domain, FunctionDeclaration, Name, PredicateDeclaration, Problem, Typed,
@@ -95,7 +95,7 @@ impl<'t> Symbols<'t> {
 
 impl<'t, T: Named> Table<'t, T> {
     fn new(declarations: impl IntoIterator<Item = &'t T>) -> Table<'t, T> {
-        let mut table = Table { order: Vec::new(), index: HashMap::new() };
+        let mut table = Table { order: Vec::new(), index: HashMap::default() };
         for declaration in declarations {
             table.index.entry(declaration.name().as_str()).or_insert(table.order.len());
             table.order.push(declaration);

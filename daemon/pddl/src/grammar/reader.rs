@@ -1,7 +1,7 @@
 //! What every production carries along: the mistakes found so far, the names seen so far, and
 //! the kind of place that is being read.
 
-use std::collections::HashMap;
+use foldhash::HashMap;
 
 use crate::diagnostic::{Diagnostic, Problems};
 use crate::nearest::nearest;
@@ -46,7 +46,7 @@ const KEYWORD_BYTES: usize = 32;
 impl<'f> Reader<'f> {
     pub(crate) fn new(problems: Problems) -> Reader<'f> {
         let place = Place::Plain;
-        Reader { names: HashMap::new(), problems, place, copies_left: COPIES_MAX }
+        Reader { names: HashMap::default(), problems, place, copies_left: COPIES_MAX }
     }
 
     pub(crate) fn into_diagnostics(self) -> Vec<Diagnostic> {
