@@ -35,6 +35,11 @@ mod task;
 
 mod mutex;
 
+mod prune;
+
+#[cfg(test)]
+mod small_tasks;
+
 mod state;
 
 mod successors;

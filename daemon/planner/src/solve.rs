@@ -1,15 +1,17 @@
 //! From a ground task to plans: first any plan, then better ones, as much as is asked for.
 //!
 //! 1. The quick ladder (`search::climbing`), which solves most of what a building asks.
-//! 2. Search with all that is known (`search::lazy`), on one thread or in two lanes.
-//! 3. Steps that the plan does not need are left out (`search::improve`).
-//! 4. On small tasks, the cheapest plan (`search::optimal`), with a proof.
-//! 5. Anytime: searches with less and less haste, each for a cheaper plan than the last.
+//! 2. What no plan can use is left out (`prune`).
+//! 3. Search with all that is known (`search::lazy`), on one thread or in two lanes.
+//! 4. Steps that the plan does not need are left out (`search::improve`).
+//! 5. On small tasks, the cheapest plan (`search::optimal`), with a proof.
+//! 6. Anytime: searches with less and less haste, each for a cheaper plan than the last.
 
 use crate::configuration::Method;
 use crate::heuristic::{Evaluator, FastForward, LandmarkCut, Relaxation, Weights, heuristic};
 use crate::limits::{Budget, Cancel, Effort, Options};
 use crate::outcome::{Statistics, StopReason};
+use crate::prune::{Pruned, prune};
 use crate::search::climbing::{Climb, Climbed};
 use crate::search::lazy::{Lazy, List, Manner};
 use crate::search::optimal::{AStar, weight};
@@ -25,6 +27,10 @@ const OPTIMAL_WORK_MAX: u64 = 5_000_000;
 /// How much estimates count, in the searches for better plans: LAMA's sequence (Richter and
 /// Westphal, 2010).
 const WEIGHTS: [Option<u32>; 5] = [None, Some(5), Some(3), Some(2), Some(1)];
+
+/// Words of pairs that are looked at for what is superfluous, once the quick ladder has failed:
+/// half a second.
+const PRUNING_MAX: u64 = 300_000_000;
 
 /// The lists of the searches for better plans.
 const LAMA: &[List] = &[List::Ff, List::FfPreferred, List::Landmarks, List::LandmarksPreferred];
@@ -53,14 +59,69 @@ impl<'t> Solver<'t> {
 
     /// Tells every plan that is worth it; why there is none, or no further one.
     pub(crate) fn run(&mut self, found: &mut dyn FnMut(&[OperatorId])) -> StopReason {
-        let first = match self.first() {
-            Ok(plan) if self.statistics.proven_optimal => {
-                found(&plan);
-                return StopReason::GoalReached;
+        let first = match self.climb() {
+            Climbed::Plan(plan) if self.options.effort == Effort::First => {
+                return self.finish(plan, found);
             }
-            Ok(plan) => improve::eliminate(self.task, plan, self.cancel),
-            Err(reason) => return reason,
+            Climbed::Plan(plan) => Some(plan),
+            Climbed::DeadEnd => return StopReason::Unsolvable { before_search: true },
+            Climbed::GaveUp => None,
         };
+        match prune(self.task, PRUNING_MAX, self.cancel) {
+            Pruned::Nothing => StopReason::Unsolvable { before_search: true },
+            Pruned::Everything => self.go_on(first, found),
+            Pruned::Smaller(smaller) => {
+                let first = first.and_then(|plan| smaller.translate(&plan));
+                Solver::new(&smaller.task, self.options, self.cancel, self.statistics)
+                    .go_on(first, &mut |plan| found(&smaller.original(plan)))
+            }
+        }
+    }
+
+    /// The quick ladder, if the configuration has it.
+    fn climb(&mut self) -> Climbed {
+        if !matches!(self.options.configuration.method, Method::Lists { climb: true, .. }) {
+            return Climbed::GaveUp;
+        }
+        let mut ff = FastForward::new(self.task, Weights::Unit);
+        let mut climb = Climb::new(self.task, &mut ff);
+        let climbed = climb.run(self.cancel);
+        self.statistics.evaluations += climb.evaluations;
+        self.statistics.expansions += climb.expansions;
+        climbed
+    }
+
+    /// What is done once nothing superfluous is left: searches, unless a plan is known.
+    fn go_on(
+        &mut self,
+        first: Option<Vec<OperatorId>>,
+        found: &mut dyn FnMut(&[OperatorId]),
+    ) -> StopReason {
+        match first.map_or_else(|| self.first(), Ok) {
+            Ok(plan) => self.finish(plan, found),
+            Err(reason) => reason,
+        }
+    }
+
+    /// The first plan, as the configuration has it.
+    fn first(&mut self) -> Result<Vec<OperatorId>, StopReason> {
+        match self.options.configuration.method {
+            Method::Lists { lists, .. } => self.search(lists),
+            Method::AStar { heuristic } => self.a_star(heuristic),
+        }
+    }
+
+    /// Tells a first plan, and better ones.
+    fn finish(
+        &mut self,
+        first: Vec<OperatorId>,
+        found: &mut dyn FnMut(&[OperatorId]),
+    ) -> StopReason {
+        if self.statistics.proven_optimal {
+            found(&first);
+            return StopReason::GoalReached;
+        }
+        let first = improve::eliminate(self.task, first, self.cancel);
         if self.options.effort == Effort::Anytime {
             found(&first);
         }
@@ -77,31 +138,9 @@ impl<'t> Solver<'t> {
         StopReason::GoalReached
     }
 
-    /// The first plan, as the configuration has it.
-    fn first(&mut self) -> Result<Vec<OperatorId>, StopReason> {
-        match self.options.configuration.method {
-            Method::Lists { climb, lists } => self.search(climb, lists),
-            Method::AStar { heuristic } => self.a_star(heuristic),
-        }
-    }
-
-    fn search(
-        &mut self,
-        climb: bool,
-        lists: &'static [List],
-    ) -> Result<Vec<OperatorId>, StopReason> {
-        let mut ff = FastForward::new(self.task, Weights::Unit);
-        if climb {
-            let mut climb = Climb::new(self.task, &mut ff);
-            let climbed = climb.run(self.cancel);
-            self.statistics.evaluations = climb.evaluations;
-            self.statistics.expansions = climb.expansions;
-            match climbed {
-                Climbed::Plan(plan) => return Ok(plan),
-                Climbed::DeadEnd => return Err(StopReason::Unsolvable { before_search: true }),
-                Climbed::GaveUp => (),
-            }
-        }
+    /// Searches with several lists in turn.
+    fn search(&mut self, lists: &'static [List]) -> Result<Vec<OperatorId>, StopReason> {
+        let ff = FastForward::new(self.task, Weights::Unit);
         let (task, generator, budget) = (self.task, &self.generator, self.options.budget);
         let (result, found) = if self.options.threads > 1 {
             lanes::run(task, generator, ff, lists, budget, self.cancel)

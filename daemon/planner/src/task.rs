@@ -143,6 +143,15 @@ impl Literal {
     pub(crate) fn negated(self) -> Literal {
         Literal(self.0 ^ 1)
     }
+
+    /// The literal of an index: twice the fact's, and one more for what must be false.
+    pub(crate) fn from_index(index: usize) -> Literal {
+        Literal(u32::try_from(index).unwrap_or(u32::MAX))
+    }
+
+    pub(crate) fn index(self) -> usize {
+        self.0 as usize
+    }
 }
 
 // === impl Atoms ===
@@ -233,6 +242,26 @@ impl Task {
     pub(crate) fn plan(&self, operators: &[OperatorId]) -> Plan {
         let steps = operators.iter().map(|id| self.step(*id)).collect();
         Plan { steps, cost: Some(Number(self.cost(operators) as f64 * self.cost_unit)) }
+    }
+
+    /// The same task with other operators.
+    pub(crate) fn with_operators(&self, operators: Operators) -> Task {
+        Task {
+            fact_count: self.fact_count,
+            basic_count: self.basic_count,
+            atoms: self.atoms.clone(),
+            comparisons: self.comparisons.clone(),
+            operators,
+            axioms: self.axioms.clone(),
+            goal: self.goal.clone(),
+            initial: self.initial.clone(),
+            values: self.values.clone(),
+            cost_unit: self.cost_unit,
+            costs_exact: self.costs_exact,
+            costs_equal: self.costs_equal,
+            schema_names: self.schema_names.clone(),
+            object_names: self.object_names.clone(),
+        }
     }
 
     /// The cost of a sequence of operators, in units of [`Task::cost_unit`].

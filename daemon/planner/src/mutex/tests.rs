@@ -3,19 +3,9 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::ground::ground;
-use crate::limits::Budget;
-use crate::normalize::normalize;
+use crate::small_tasks::{reached, task, texts};
 use crate::state::{Progression, all_hold, is_true};
 use crate::task::OperatorId;
-
-fn task(domain: &str, problem: &str) -> Task {
-    let domain = pddl::parse_domain(domain).into_result().expect("a domain");
-    let problem = pddl::parse_problem(problem).into_result().expect("a problem");
-    let lifted = normalize(&domain, &problem).expect("supported");
-    let grounded = ground(&lifted, Budget::default(), &Cancel::new(), &mut 0).expect("no limit");
-    grounded.task.expect("a goal in reach")
-}
 
 fn find(task: &Task) -> MutexGroups {
     MutexGroups::find(task, u64::MAX, &Cancel::new())
@@ -89,77 +79,15 @@ fn facts_added_together_are_no_group() {
     assert!(!find(&task).groups().iter().any(both));
 }
 
-/// A literal of one of a few atoms; `?v` is a parameter.
-fn atom() -> impl Strategy<Value = String> {
-    let term = || prop_oneof![Just("?v0"), Just("?v1"), Just("a"), Just("b")];
-    prop_oneof![
-        Just("(z)".to_owned()),
-        term().prop_map(|one| format!("(p {one})")),
-        term().prop_map(|one| format!("(q {one})")),
-        (term(), term()).prop_map(|(one, two)| format!("(r {one} {two})")),
-    ]
-}
-
-fn literal() -> impl Strategy<Value = String> {
-    (atom(), proptest::bool::weighted(0.3))
-        .prop_map(|(atom, not)| if not { format!("(not {atom})") } else { atom })
-}
-
-/// An action that mostly moves: what it deletes it has asked for.
-fn action() -> impl Strategy<Value = String> {
-    let conditional = (literal(), atom(), atom())
-        .prop_map(|(when, gone, new)| format!("(when {when} (and (not {gone}) {new}))"));
-    let parts = (
-        proptest::collection::vec(atom(), 0..3),
-        proptest::collection::vec(literal(), 0..2),
-        proptest::collection::vec(literal(), 0..3),
-        proptest::collection::vec(conditional, 0..3),
-    );
-    parts.prop_map(|(moved, asked, effects, conditional)| {
-        let deletes: Vec<String> = moved.iter().map(|atom| format!("(not {atom})")).collect();
-        format!(
-            ":parameters (?v0 ?v1) :precondition (and {} {}) :effect (and {} {} {})",
-            moved.join(" "),
-            asked.join(" "),
-            deletes.join(" "),
-            effects.join(" "),
-            conditional.join(" ")
-        )
-    })
-}
-
 proptest! {
     #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
 
     #[test]
     fn no_walk_violates_a_group(
-        actions in proptest::collection::vec(action(), 1..4),
-        initial in proptest::collection::vec(prop_oneof![
-            Just("(z)"), Just("(p a)"), Just("(q b)"), Just("(r a b)"), Just("(r b a)"),
-        ], 0..4),
+        (actions, initial) in texts(),
         steps in proptest::collection::vec(any::<proptest::sample::Index>(), 40),
     ) {
-        let actions: Vec<String> = actions
-            .iter()
-            .enumerate()
-            .map(|(index, action)| format!("(:action act{index} {action})"))
-            .collect();
-        let domain = format!(
-            "(define (domain d) (:constants a b) (:predicates (z) (p ?x) (q ?x) (r ?x ?y)) {})",
-            actions.join(" ")
-        );
-        // Every fact matters to some part of this goal, and most tasks reach one of them.
-        let problem = format!(
-            "(define (problem p) (:domain d) (:init {}) (:goal (or (z) (not (z)) (exists (?x ?y)
-               (and (p ?x) (q ?x) (r ?x ?y))))))",
-            initial.join(" ")
-        );
-        let domain = pddl::parse_domain(&domain).into_result().expect("a domain");
-        let problem = pddl::parse_problem(&problem).into_result().expect("a problem");
-        let lifted = normalize(&domain, &problem).expect("supported");
-        let grounded =
-            ground(&lifted, Budget::default(), &Cancel::new(), &mut 0).expect("no limit");
-        let Some(task) = grounded.task else { return Ok(()) };
+        let Some(task) = reached(&actions, &initial) else { return Ok(()) };
         let groups = find(&task);
         let mut progression = Progression::new(&task);
         let mut state = progression.initial();

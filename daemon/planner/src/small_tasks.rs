@@ -1,0 +1,87 @@
+//! Small tasks, made up by chance or written down, for the tests of what reads ground tasks.
+
+use proptest::prelude::*;
+
+use crate::ground::ground;
+use crate::limits::{Budget, Cancel};
+use crate::normalize::normalize;
+use crate::task::Task;
+
+/// The ground task of two texts; `None` if its goal is out of reach.
+pub(crate) fn grounded(domain: &str, problem: &str) -> Option<Task> {
+    let domain = pddl::parse_domain(domain).into_result().expect("a domain");
+    let problem = pddl::parse_problem(problem).into_result().expect("a problem");
+    let lifted = normalize(&domain, &problem).expect("supported");
+    ground(&lifted, Budget::default(), &Cancel::new(), &mut 0).expect("no limit").task
+}
+
+pub(crate) fn task(domain: &str, problem: &str) -> Task {
+    grounded(domain, problem).expect("a goal in reach")
+}
+
+/// What actions do, and what is true at first, for [`reached`].
+pub(crate) fn texts() -> impl Strategy<Value = (Vec<String>, Vec<&'static str>)> {
+    let initial =
+        prop_oneof![Just("(z)"), Just("(p a)"), Just("(q b)"), Just("(r a b)"), Just("(r b a)"),];
+    (proptest::collection::vec(action(), 1..4), proptest::collection::vec(initial, 0..4))
+}
+
+/// The task of such texts. Every fact matters to some part of its goal, and most such goals are in
+/// reach, if nothing were deleted.
+pub(crate) fn reached(actions: &[String], initial: &[&str]) -> Option<Task> {
+    let goal = "(or (z) (not (z)) (exists (?x ?y) (and (p ?x) (q ?x) (r ?x ?y))))";
+    with_goal(actions, initial, goal)
+}
+
+/// The task of such texts with a goal.
+pub(crate) fn with_goal(actions: &[String], initial: &[&str], goal: &str) -> Option<Task> {
+    let named = actions.iter().enumerate();
+    let actions: Vec<String> =
+        named.map(|(index, action)| format!("(:action act{index} {action})")).collect();
+    let domain = format!(
+        "(define (domain d) (:constants a b) (:predicates (z) (p ?x) (q ?x) (r ?x ?y)) {})",
+        actions.join(" ")
+    );
+    let initial = initial.join(" ");
+    let problem = format!("(define (problem p) (:domain d) (:init {initial}) (:goal {goal}))");
+    grounded(&domain, &problem)
+}
+
+/// A literal of one of a few atoms; `?v` is a parameter.
+fn atom() -> impl Strategy<Value = String> {
+    let term = || prop_oneof![Just("?v0"), Just("?v1"), Just("a"), Just("b")];
+    prop_oneof![
+        Just("(z)".to_owned()),
+        term().prop_map(|one| format!("(p {one})")),
+        term().prop_map(|one| format!("(q {one})")),
+        (term(), term()).prop_map(|(one, two)| format!("(r {one} {two})")),
+    ]
+}
+
+fn literal() -> impl Strategy<Value = String> {
+    (atom(), proptest::bool::weighted(0.3))
+        .prop_map(|(atom, not)| if not { format!("(not {atom})") } else { atom })
+}
+
+/// An action that mostly moves: what it deletes it has asked for.
+fn action() -> impl Strategy<Value = String> {
+    let conditional = (literal(), atom(), atom())
+        .prop_map(|(when, gone, new)| format!("(when {when} (and (not {gone}) {new}))"));
+    let parts = (
+        proptest::collection::vec(atom(), 0..3),
+        proptest::collection::vec(literal(), 0..2),
+        proptest::collection::vec(literal(), 0..3),
+        proptest::collection::vec(conditional, 0..3),
+    );
+    parts.prop_map(|(moved, asked, effects, conditional)| {
+        let deletes: Vec<String> = moved.iter().map(|atom| format!("(not {atom})")).collect();
+        format!(
+            ":parameters (?v0 ?v1) :precondition (and {} {}) :effect (and {} {} {})",
+            moved.join(" "),
+            asked.join(" "),
+            deletes.join(" "),
+            effects.join(" "),
+            conditional.join(" ")
+        )
+    })
+}
