@@ -12,7 +12,7 @@ use crate::outcome::PlanError;
 use crate::plan::refuse_mistakes;
 use crate::state::Progression;
 use crate::task::ObjectId;
-use crate::validate::evaluate::Bindings;
+use crate::validate::bindings::Bindings;
 use crate::validate::model::Model;
 
 /// The parts of a goal that must all hold, each once: `forall` is expanded over the problem's

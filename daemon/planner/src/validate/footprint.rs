@@ -6,10 +6,12 @@
 
 use std::collections::BTreeSet;
 
-use pddl::{Atom, Condition, Domain, Effect, Expression, FluentTerm, Name, PlanStep};
+use pddl::{Atom, Condition, Derived, Effect, Expression, FluentTerm, Name, PlanStep, Typed};
 
-use super::evaluate::Bindings;
-use super::{World, world::schema_of};
+use super::bindings::Bindings;
+use super::model::Model;
+use super::steps::schema_of;
+use super::world::World;
 
 /// A fact or a fluent, by the objects it is about.
 type Cell = (Name, Vec<Name>);
@@ -93,19 +95,17 @@ impl World {
                 self.reads(right, bindings, found);
             }
             Condition::Exists(variables, inner) | Condition::Forall(variables, inner) => {
-                self.every(variables, bindings, &mut |world, bindings| {
-                    world.reads(inner, bindings, found);
-                    true
+                every(&self.model, variables, bindings, &mut |bindings| {
+                    self.reads(inner, bindings, found);
                 });
             }
         }
     }
 
     fn reads_atom(&self, atom: &Atom, bindings: &Bindings, found: &mut Footprint) {
-        let is_derived =
-            self.model.domain.derived.iter().any(|axiom| axiom.predicate == atom.predicate);
+        let is_derived = self.model.derived.iter().any(|axiom| axiom.predicate == atom.predicate);
         if is_derived {
-            let (predicates, functions) = sources(&self.model.domain, &atom.predicate);
+            let (predicates, functions) = sources(&self.model.derived, &atom.predicate);
             found.predicates_read.extend(predicates);
             found.functions_read.extend(functions);
         } else {
@@ -133,12 +133,26 @@ impl World {
                 self.touches(inner, bindings, found);
             }
             Effect::Forall(variables, inner) => {
-                self.every(variables, bindings, &mut |world, bindings| {
-                    world.touches(inner, bindings, found);
-                    true
+                every(&self.model, variables, bindings, &mut |bindings| {
+                    self.touches(inner, bindings, found);
                 });
             }
         }
+    }
+}
+
+/// Calls `visit` for every binding of the variables.
+fn every(
+    model: &Model,
+    variables: &[Typed],
+    bindings: &mut Bindings,
+    visit: &mut dyn FnMut(&mut Bindings),
+) {
+    let Some((first, rest)) = variables.split_first() else { return visit(bindings) };
+    for object in model.members(&first.ty) {
+        bindings.bind(&first.name, object);
+        every(model, rest, bindings, visit);
+        bindings.unbind();
     }
 }
 
@@ -167,12 +181,12 @@ fn reads_numbers(expression: &Expression, bindings: &Bindings, found: &mut Footp
 }
 
 /// The predicates and functions that a derived predicate may follow from, itself among them.
-fn sources(domain: &Domain, derived: &Name) -> (Vec<Name>, Vec<Name>) {
+fn sources(axioms: &[Derived], derived: &Name) -> (Vec<Name>, Vec<Name>) {
     let (mut predicates, mut functions) = (vec![derived.clone()], Vec::new());
     let mut next = 0;
     while let Some(predicate) = predicates.get(next).cloned() {
         next += 1;
-        for axiom in domain.derived.iter().filter(|axiom| axiom.predicate == predicate) {
+        for axiom in axioms.iter().filter(|axiom| axiom.predicate == predicate) {
             mentioned(
                 &axiom.condition,
                 &mut |name| {

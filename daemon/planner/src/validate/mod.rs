@@ -5,9 +5,20 @@
 //! - Every plan of this crate passes through it before anybody sees it.
 //! - Leaves out time: durative actions and timed initial literals are faults.
 
-pub(crate) mod evaluate;
+mod axioms;
+pub(crate) mod bindings;
+mod compile;
+mod compiled;
+mod effects;
+mod failing;
 mod footprint;
 pub(crate) mod model;
+mod numbers;
+mod query;
+mod rules;
+mod steps;
+mod symbols;
+mod table;
 mod world;
 
 pub(crate) use footprint::Footprint;

@@ -1,136 +1,138 @@
-//! What does not change while a plan runs: names, types, objects, and the order of the axioms.
+//! What does not change while a plan runs: names and their numbers, types, objects, axioms, and the
+//! actions, each compiled when it is first needed.
 //!
 //! Written for the validator alone; the planner proper has its own tables, so that one mistake
 //! cannot be made twice in the same way.
 
-use std::collections::{BTreeMap, HashMap};
+use std::sync::{Arc, OnceLock};
 
-use pddl::{Condition, Diagnostic, Domain, Metric, Name, Problem, TypeExpr, Typed, Types};
+use pddl::{
+    ActionSchema, Derived, Diagnostic, Domain, Effect, Metric, Name, Problem, Term, TypeExpr, Types,
+};
+use rustc_hash::FxHashMap;
+
+use super::axioms::Axioms;
+use super::compile;
+use super::compiled::Schema;
+use super::symbols::{Extension, Objects, Relations};
 
 /// The unchanging side of a [`super::World`].
 #[derive(Debug)]
 pub(crate) struct Model {
-    pub(crate) domain: Domain,
-    pub(crate) metric: Option<Metric>,
-    /// Every object once, in the order of the texts, with its type.
-    objects: BTreeMap<Name, TypeExpr>,
-    /// All objects of a type, its subtypes' included, in the order of the texts.
-    members: BTreeMap<Name, Vec<Name>>,
-    everything: Vec<Name>,
+    pub(super) actions: Vec<ActionSchema>,
+    pub(super) derived: Vec<Derived>,
+    durative: Vec<Name>,
+    pub(super) metric: Option<Metric>,
+    pub(super) objects: Objects,
+    pub(super) predicates: Relations,
+    pub(super) functions: Relations,
+    pub(super) axioms: Axioms,
     types: Types,
-    /// The types that accept objects of a type; looked up only.
-    accepting: HashMap<TypeExpr, Vec<Name>>,
-    /// Indices into `domain.derived`, by stratum.
-    pub(crate) strata: Vec<Vec<usize>>,
+    /// Of the declared types, as far as somebody has asked.
+    extensions: FxHashMap<Name, OnceLock<Arc<Extension>>>,
+    /// By position in `actions`.
+    schemas: Vec<OnceLock<Schema>>,
+    /// Positions in `actions`; names may be overloaded.
+    actions_by_name: FxHashMap<Name, Vec<usize>>,
 }
-
-/// Truth, for the bookkeeping of negation: `true` is positive.
-type Polarity = bool;
 
 // === impl Model ===
 
 impl Model {
     pub(crate) fn new(domain: &Domain, problem: &Problem) -> Result<Model, Vec<Diagnostic>> {
+        let types = Types::of(domain);
         let mut model = Model {
-            domain: domain.clone(),
+            actions: domain.actions.clone(),
+            derived: domain.derived.clone(),
+            durative: domain.durative_actions.iter().map(|action| action.name.clone()).collect(),
             metric: problem.metric.clone(),
-            objects: BTreeMap::new(),
-            members: BTreeMap::new(),
-            everything: Vec::new(),
-            types: Types::of(domain),
-            accepting: HashMap::new(),
-            strata: strata(domain)?,
+            objects: Objects::default(),
+            predicates: Relations::default(),
+            functions: Relations::default(),
+            axioms: Axioms::default(),
+            extensions: types.iter().map(|ty| (ty.clone(), OnceLock::new())).collect(),
+            types,
+            schemas: domain.actions.iter().map(|_| OnceLock::new()).collect(),
+            actions_by_name: FxHashMap::default(),
         };
-        let declared = problem.objects.iter().map(|declaration| &declaration.object);
-        for object in domain.constants.iter().chain(declared) {
-            model.add_object(object);
+        for (index, action) in domain.actions.iter().enumerate() {
+            model.actions_by_name.entry(action.name.clone()).or_default().push(index);
         }
+        model.number(domain, problem);
+        model.axioms = Axioms::of(domain, &model.predicates, &model.functions)?;
         Ok(model)
     }
 
-    /// Whether the object exists.
-    pub(crate) fn knows(&self, object: &Name) -> bool {
-        self.objects.contains_key(object)
-    }
-
-    /// All objects of a type, each once.
+    /// All objects of a type, each once, in the order of the texts.
     pub(crate) fn members(&self, ty: &TypeExpr) -> Vec<Name> {
-        match ty.alternatives.as_slice() {
-            _ if ty.is_object() => self.everything.clone(),
-            [one] => self.members.get(one).cloned().unwrap_or_default(),
-            _ => self.everything.iter().filter(|object| self.is_a(object, ty)).cloned().collect(),
-        }
+        let extension = self.extension(ty);
+        extension.iter().filter_map(|object| self.objects.name(object)).cloned().collect()
     }
 
-    /// Whether the object belongs to the type.
+    /// Whether the object exists and belongs to the type.
     pub(crate) fn is_a(&self, object: &Name, ty: &TypeExpr) -> bool {
-        self.objects.get(object).is_some_and(|own| self.types.accepts(ty, own))
+        let object = self.objects.declared(object);
+        object.is_some_and(|object| self.extension(ty).contains(object))
     }
 
-    fn add_object(&mut self, object: &Typed) {
-        if self.objects.insert(object.name.clone(), object.ty.clone()).is_some() {
-            return;
-        }
-        self.everything.push(object.name.clone());
-        let accepting = self.accepting.entry(object.ty.clone()).or_insert_with(|| {
-            let accepts = |ty: &&Name| self.types.accepts(&TypeExpr::of((*ty).clone()), &object.ty);
-            self.types.iter().filter(accepts).cloned().collect()
-        });
-        for ty in accepting {
-            self.members.entry(ty.clone()).or_default().push(object.name.clone());
-        }
+    pub(super) fn extension(&self, ty: &TypeExpr) -> Arc<Extension> {
+        let known = match ty.alternatives.as_slice() {
+            [one] => self.extensions.get(one),
+            _ => None,
+        };
+        let found = || self.objects.extension(ty, &self.types);
+        known.map_or_else(found, |known| Arc::clone(known.get_or_init(found)))
     }
-}
 
-/// Sorts the axioms so that each only negates what an earlier stratum has settled.
-fn strata(domain: &Domain) -> Result<Vec<Vec<usize>>, Vec<Diagnostic>> {
-    let mut level: BTreeMap<&Name, usize> =
-        domain.derived.iter().map(|axiom| (&axiom.predicate, 0)).collect();
-    let limit = level.len();
-    let mut uses = Vec::new();
-    for axiom in &domain.derived {
-        collect_uses(&axiom.condition, true, &mut |used, polarity| {
-            uses.push((axiom, used.clone(), polarity));
-        });
+    /// Positions of the actions with a name, in the order of the texts.
+    pub(super) fn named(&self, name: &Name) -> &[usize] {
+        self.actions_by_name.get(name).map_or(&[], Vec::as_slice)
     }
-    let mut changed = true;
-    while changed {
-        changed = false;
-        for (axiom, used, polarity) in &uses {
-            let Some(&below) = level.get(used) else { continue };
-            let wanted = below + usize::from(!polarity);
-            if wanted >= limit.max(1) && !polarity {
-                let message = format!("`{}` depends on its own negation", axiom.predicate);
-                return Err(vec![Diagnostic::error(axiom.span, message)]);
+
+    /// Whether a durative action has this name.
+    pub(super) fn is_durative(&self, name: &Name) -> bool {
+        self.durative.contains(name)
+    }
+
+    /// The action at a position.
+    pub(super) fn schema(&self, index: usize) -> &Schema {
+        let compiled = || compile::schema(self, &self.actions[index]);
+        self.schemas[index].get_or_init(compiled)
+    }
+
+    /// Numbers the objects, and everything that can become true or change its value.
+    fn number(&mut self, domain: &Domain, problem: &Problem) {
+        let declared = problem.objects.iter().map(|declaration| &declaration.object);
+        domain.constants.iter().chain(declared).for_each(|object| self.objects.declare(object));
+        for predicate in &domain.predicates {
+            self.predicates.insert(&predicate.name, predicate.parameters.len());
+        }
+        for axiom in &domain.derived {
+            self.predicates.insert(&axiom.predicate, axiom.parameters.len());
+        }
+        domain.actions.iter().for_each(|action| self.number_effect(&action.effect));
+    }
+
+    fn number_effect(&mut self, effect: &Effect) {
+        match effect {
+            Effect::And(parts) => parts.iter().for_each(|part| self.number_effect(part)),
+            Effect::When(_, inner) | Effect::Forall(_, inner) => self.number_effect(inner),
+            Effect::Add(atom) | Effect::Delete(atom) => {
+                self.predicates.insert(&atom.predicate, atom.arguments.len());
+                self.number_objects(&atom.arguments);
             }
-            if level.get(&axiom.predicate).is_some_and(|own| *own < wanted) {
-                level.insert(&axiom.predicate, wanted);
-                changed = true;
+            Effect::Assign(assign) => {
+                self.functions.insert(&assign.fluent.function, assign.fluent.arguments.len());
+                self.number_objects(&assign.fluent.arguments);
             }
         }
     }
-    let mut strata = vec![Vec::new(); limit];
-    for (index, axiom) in domain.derived.iter().enumerate() {
-        strata[level[&axiom.predicate]].push(index);
-    }
-    strata.retain(|stratum| !stratum.is_empty());
-    Ok(strata)
-}
 
-fn collect_uses(condition: &Condition, polarity: Polarity, found: &mut dyn FnMut(&Name, Polarity)) {
-    match condition {
-        Condition::Atom(atom) => found(&atom.predicate, polarity),
-        Condition::Equal(..) | Condition::Compare(_) => (),
-        Condition::Not(inner) => collect_uses(inner, !polarity, found),
-        Condition::And(parts) | Condition::Or(parts) => {
-            parts.iter().for_each(|part| collect_uses(part, polarity, found));
-        }
-        Condition::Imply(left, right) => {
-            collect_uses(left, !polarity, found);
-            collect_uses(right, polarity, found);
-        }
-        Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
-            collect_uses(inner, polarity, found);
+    fn number_objects(&mut self, terms: &[Term]) {
+        for term in terms {
+            if let Term::Object(name) = term {
+                self.objects.insert(name);
+            }
         }
     }
 }

@@ -126,3 +126,85 @@ fn a_world_answers_for_the_rest_of_a_plan() {
     assert!(world.apply(&rest.steps[0]).is_err());
     assert!(world == before, "a fault changed the world");
 }
+
+/// `early` is there at once and `late` comes along the chain, so `both` must look again whenever
+/// either grows; and each feeds the others.
+const FEEDING: &str = "(define (domain d)
+    (:predicates (next ?x ?y) (p ?x) (q ?x) (early ?x) (late ?x) (both ?x) (htob ?x) (lonely))
+    (:derived (early ?x) (or (p ?x) (exists (?y) (and (both ?y) (next ?x ?y)))))
+    (:derived (late ?x) (or (q ?x) (exists (?y) (and (next ?y ?x) (late ?y)))))
+    (:derived (late ?x) (forall (?y) (imply (next ?x ?y) (htob ?y))))
+    (:derived (both ?x) (and (early ?x) (late ?x)))
+    (:derived (htob ?x) (and (late ?x) (early ?x)))
+    (:derived (lonely) (exists (?x) (not (late ?x))))
+    (:action cut :parameters (?x ?y) :effect (not (next ?x ?y)))
+    (:action drop :parameters (?x) :effect (not (p ?x))))";
+const CHAIN: &str = "(define (problem c) (:domain d) (:objects a b c e f g h i j k - object)
+    (:init (q a) (p h) (next k k) (next a b) (next b c) (next c e) (next e f) (next f g)
+           (next g h) (next h i) (next i j) (next j k))
+    (:goal (GOAL)))";
+
+#[track_caller]
+fn feeding(goal: &str, plan: &str, expected: Expect) {
+    check(FEEDING, &CHAIN.replace("(GOAL)", goal), plan, expected);
+}
+
+#[test]
+fn axioms_that_feed_each_other_settle() {
+    let all = "(and (both a) (htob a) (both h) (htob h) (not (both i)) (late k) (not (lonely)))";
+    feeding(all, "", expect!["valid: 0 steps, cost 0"]);
+    feeding(all, "(cut f g)", expect!["goal: (both a) does not hold"]);
+    // Nothing follows `h` any more, so it is late of itself.
+    feeding(
+        "(and (both h) (not (late j)) (lonely))",
+        "(cut a b) (cut h i)",
+        expect!["valid: 2 steps, cost 2"],
+    );
+    feeding(
+        "(or (both a) (early g))",
+        "(drop h)",
+        expect!["goal: (or (both a) (early g)) does not hold"],
+    );
+}
+
+#[test]
+fn effects_happen_once_for_a_binding() {
+    let domain = "(define (domain d) (:types t) (:predicates (r ?x ?y) (done ?x)) (:functions (n))
+        (:action count :effect (forall (?x - t)
+            (when (exists (?y) (r ?x ?y)) (and (increase (n) 1) (done ?x))))))";
+    let problem = "(define (problem p) (:domain d) (:objects a b - t c)
+        (:init (r a a) (r a b) (r a c) (r c a) (= (n) 0))
+        (:goal (and (= (n) 1) (done a) (not (done c)))))";
+    check(domain, problem, "(count)", expect!["valid: 1 steps, cost 1"]);
+}
+
+#[test]
+fn of_several_instances_the_first_of_the_texts_is_told() {
+    let domain = "(define (domain d) (:predicates (p ?x) (r ?x ?y)) (:functions (f ?x) (n))
+        (:action sum :effect (forall (?x) (when (p ?x) (increase (n) (f ?x))))))";
+    // The facts stand in another order than the objects.
+    let problem = |goal| {
+        format!(
+            "(define (problem q) (:domain d) (:objects a b c)
+             (:init (p c) (p b) (r b c) (r b b) (= (n) 0)) (:goal {goal}))"
+        )
+    };
+    check(domain, &problem("(and)"), "(sum)", expect!["step 1 (sum): (f b) has no value"]);
+    check(
+        domain,
+        &problem("(forall (?x ?y) (or (r ?x ?y) (not (p ?x))))"),
+        "",
+        expect!["goal: (or (r b a) (not (p b))) does not hold"],
+    );
+}
+
+#[test]
+fn the_axiom_that_depends_on_its_own_negation_is_named() {
+    // `a` only looks on.
+    let domain = "(define (domain d) (:predicates (a) (b) (c))
+        (:derived (a) (not (b))) (:derived (b) (c)) (:derived (c) (not (b))))";
+    let (domain, problem) = parse(domain, "(define (problem q) (:domain d) (:init) (:goal (and)))");
+    let diagnostics = World::initial(&domain, &problem).expect_err("there is a circle");
+    let messages: Vec<&str> = diagnostics.iter().map(|one| one.message.as_str()).collect();
+    assert_eq!(messages, ["`c` depends on its own negation"]);
+}

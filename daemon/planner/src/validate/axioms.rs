@@ -1,0 +1,261 @@
+//! The axioms: which predicates they derive, what those depend on, and in which order they settle.
+//!
+//! Predicates that derive each other are one component and settle together; a component rests on
+//! others that settle before it. Components settle when somebody asks, and again only after
+//! something has changed that they read.
+
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
+
+use pddl::{Condition, Derived, Diagnostic, Domain, Expression};
+
+use super::rules::Rule;
+use super::symbols::{Relation, Relations};
+
+/// The axioms of a domain.
+#[derive(Debug, Default)]
+pub(super) struct Axioms {
+    /// By predicate: its component and its position there, if it is derived. Empty without axioms.
+    places: Vec<Option<(usize, usize)>>,
+    pub(super) components: Vec<Component>,
+    /// By predicate: the components that read it.
+    fact_readers: Vec<Vec<usize>>,
+    /// By function: the components that read it.
+    value_readers: Vec<Vec<usize>>,
+    /// The components that read the time.
+    time_readers: Vec<usize>,
+}
+
+/// Derived predicates that settle together.
+#[derive(Debug, Default)]
+pub(super) struct Component {
+    pub(super) relations: Vec<Relation>,
+    /// Positions in the domain's axioms.
+    pub(super) axioms: Vec<usize>,
+    /// The components it reads.
+    pub(super) below: Vec<usize>,
+    /// The components that read it.
+    pub(super) above: Vec<usize>,
+    /// Compiled when first needed.
+    pub(super) rules: OnceLock<Vec<Rule>>,
+}
+
+/// What an axiom reads.
+struct Reads<'m> {
+    predicates: &'m Relations,
+    functions: &'m Relations,
+    facts: Vec<Relation>,
+    /// Those of the facts that must be false somewhere.
+    negated: Vec<Relation>,
+    values: Vec<Relation>,
+    time: bool,
+}
+
+// === impl Axioms ===
+
+impl Axioms {
+    /// Fails if an axiom depends on its own negation.
+    pub(super) fn of(
+        domain: &Domain,
+        predicates: &Relations,
+        functions: &Relations,
+    ) -> Result<Axioms, Vec<Diagnostic>> {
+        if domain.derived.is_empty() {
+            return Ok(Axioms::default());
+        }
+        let head = |axiom: &Derived| {
+            let relation = predicates.find(&axiom.predicate, axiom.parameters.len());
+            relation.expect("invariant: the model numbers what axioms derive")
+        };
+        let heads: Vec<Relation> = domain.derived.iter().map(head).collect();
+        let reads: Vec<Reads> = { domain.derived.iter() }
+            .map(|axiom| Reads::of(axiom, predicates, functions))
+            .collect();
+        let mut uses = vec![Vec::new(); predicates.len()];
+        for (head, reads) in heads.iter().zip(&reads) {
+            uses[head.index()].extend(reads.facts.iter().map(|used| used.index()));
+        }
+        let mut axioms = Axioms {
+            places: vec![None; predicates.len()],
+            fact_readers: vec![Vec::new(); predicates.len()],
+            value_readers: vec![Vec::new(); functions.len()],
+            ..Axioms::default()
+        };
+        axioms.place_all(&heads, &circles(&uses));
+        for (index, (axiom, reads)) in domain.derived.iter().zip(&reads).enumerate() {
+            if axioms.connect(index, heads[index], reads) {
+                let message = format!("`{}` depends on its own negation", axiom.predicate);
+                return Err(vec![Diagnostic::error(axiom.span, message)]);
+            }
+        }
+        axioms.sort();
+        Ok(axioms)
+    }
+
+    /// The component of a derived predicate, and its position there.
+    pub(super) fn place(&self, relation: Relation) -> Option<(usize, usize)> {
+        self.places.get(relation.index()).copied().flatten()
+    }
+
+    /// The components that rest on the facts of a predicate that no axiom derives.
+    pub(super) fn fact_readers(&self, relation: Relation) -> &[usize] {
+        self.fact_readers.get(relation.index()).map_or(&[], Vec::as_slice)
+    }
+
+    /// The components that read a function's values.
+    pub(super) fn value_readers(&self, function: Relation) -> &[usize] {
+        self.value_readers.get(function.index()).map_or(&[], Vec::as_slice)
+    }
+
+    /// The components that read the time.
+    pub(super) fn time_readers(&self) -> &[usize] {
+        &self.time_readers
+    }
+
+    /// Gives every head its place: those of one circle come together.
+    fn place_all(&mut self, heads: &[Relation], circles: &[usize]) {
+        let mut component_of_circle = BTreeMap::new();
+        for head in heads {
+            if self.place(*head).is_some() {
+                continue;
+            }
+            let next = self.components.len();
+            let component = *component_of_circle.entry(circles[head.index()]).or_insert(next);
+            if component == next {
+                self.components.push(Component::default());
+            }
+            let relations = &mut self.components[component].relations;
+            self.places[head.index()] = Some((component, relations.len()));
+            relations.push(*head);
+            // Facts of a derived predicate that a text claims outright.
+            self.fact_readers[head.index()].push(component);
+        }
+    }
+
+    /// Notes what an axiom reads; whether it negates what settles together with it.
+    fn connect(&mut self, axiom: usize, head: Relation, reads: &Reads<'_>) -> bool {
+        let Some((component, _)) = self.place(head) else { return false };
+        self.components[component].axioms.push(axiom);
+        for used in &reads.facts {
+            match self.place(*used) {
+                None => self.fact_readers[used.index()].push(component),
+                Some((below, _)) if below != component => {
+                    self.components[component].below.push(below);
+                    self.components[below].above.push(component);
+                }
+                Some(_) => (),
+            }
+        }
+        for used in &reads.values {
+            self.value_readers[used.index()].push(component);
+        }
+        if reads.time {
+            self.time_readers.push(component);
+        }
+        let is_own = |used: &Relation| self.place(*used).is_some_and(|(own, _)| own == component);
+        reads.negated.iter().any(is_own)
+    }
+
+    fn sort(&mut self) {
+        let below_and_above = { self.components.iter_mut() }
+            .flat_map(|component| [&mut component.below, &mut component.above]);
+        let readers = self.fact_readers.iter_mut().chain(&mut self.value_readers);
+        for list in below_and_above.chain(readers).chain([&mut self.time_readers]) {
+            list.sort_unstable();
+            list.dedup();
+        }
+    }
+}
+
+// === impl Reads ===
+
+impl<'m> Reads<'m> {
+    fn of(axiom: &Derived, predicates: &'m Relations, functions: &'m Relations) -> Reads<'m> {
+        let (facts, negated, values) = (Vec::new(), Vec::new(), Vec::new());
+        let mut reads = Reads { predicates, functions, facts, negated, values, time: false };
+        reads.condition(&axiom.condition, true);
+        reads
+    }
+
+    fn condition(&mut self, condition: &Condition, positive: bool) {
+        match condition {
+            Condition::Atom(atom) => {
+                let relation = self.predicates.find(&atom.predicate, atom.arguments.len());
+                self.facts.extend(relation);
+                self.negated.extend(relation.filter(|_| !positive));
+            }
+            Condition::Equal(..) => (),
+            Condition::Compare(compare) => {
+                self.expression(&compare.left);
+                self.expression(&compare.right);
+            }
+            Condition::Not(inner) => self.condition(inner, !positive),
+            Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
+                self.condition(inner, positive);
+            }
+            Condition::And(parts) | Condition::Or(parts) => {
+                parts.iter().for_each(|part| self.condition(part, positive));
+            }
+            Condition::Imply(left, right) => {
+                self.condition(left, !positive);
+                self.condition(right, positive);
+            }
+        }
+    }
+
+    fn expression(&mut self, expression: &Expression) {
+        match expression {
+            Expression::Fluent(fluent) => {
+                self.values.extend(self.functions.find(&fluent.function, fluent.arguments.len()));
+            }
+            Expression::Negate(inner) => self.expression(inner),
+            Expression::Apply(_, operands) => {
+                operands.iter().for_each(|operand| self.expression(operand));
+            }
+            Expression::TotalTime(_) => self.time = true,
+            Expression::Number(_) | Expression::Duration(_) | Expression::ContinuousTime(_) => (),
+        }
+    }
+}
+
+/// For each node a number that it shares with those it is in a circle with: those that it reaches
+/// and that reach it (Kosaraju's algorithm). Without recursion, because the graph comes from outside.
+fn circles(uses: &[Vec<usize>]) -> Vec<usize> {
+    let mut used_by = vec![Vec::new(); uses.len()];
+    for (node, targets) in uses.iter().enumerate() {
+        targets.iter().for_each(|target| used_by[*target].push(node));
+    }
+    // Nodes in the order in which a walk leaves them for good.
+    let (mut left, mut seen) = (Vec::new(), vec![false; uses.len()]);
+    for root in 0..uses.len() {
+        let mut path = Vec::new();
+        if !std::mem::replace(&mut seen[root], true) {
+            path.push((root, 0));
+        }
+        while let Some((node, edge)) = path.last_mut() {
+            match uses[*node].get(*edge) {
+                Some(target) => {
+                    *edge += 1;
+                    if !std::mem::replace(&mut seen[*target], true) {
+                        path.push((*target, 0));
+                    }
+                }
+                None => {
+                    left.push(*node);
+                    path.pop();
+                }
+            }
+        }
+    }
+    let mut circles = vec![usize::MAX; uses.len()];
+    for root in left.into_iter().rev() {
+        let mut open = vec![root];
+        while let Some(node) = open.pop() {
+            if circles[node] == usize::MAX {
+                circles[node] = root;
+                open.extend(&used_by[node]);
+            }
+        }
+    }
+    circles
+}

@@ -1,0 +1,254 @@
+//! From the lifted tree to its compiled form: one walk, in which all names are looked up.
+
+use pddl::{ActionSchema, Condition, Effect, FluentTerm, Name, Span, Term, Typed};
+use rustc_hash::FxHashMap;
+
+use super::compiled::{
+    Argument, Assign, Change, Compare, Expression, Fact, Fluent, Node, Query, Schema, Slot,
+    Variable,
+};
+use super::model::Model;
+use super::symbols::Object;
+
+/// Variables times alternatives up to which a quantifier is shared out over `or`: many times what
+/// anybody writes.
+const SHARED_MAX: usize = 4_096;
+
+/// The variables in scope, and what has been met on the way.
+pub(super) struct Scope<'m> {
+    model: &'m Model,
+    /// Innermost last.
+    variables: Vec<(Name, Slot)>,
+    slot_count: usize,
+    /// What no text names, by its number. A variable that nothing binds stands for its name.
+    strangers: FxHashMap<Name, usize>,
+}
+
+// === impl Scope ===
+
+impl<'m> Scope<'m> {
+    pub(super) fn new(model: &'m Model) -> Scope<'m> {
+        Scope { model, variables: Vec::new(), slot_count: 0, strangers: FxHashMap::default() }
+    }
+
+    /// A frame for everything compiled so far, in which nothing is bound.
+    pub(super) fn frame(&self) -> Vec<Object> {
+        vec![Object::UNBOUND; self.slot_count]
+    }
+
+    pub(super) fn slot_count(&self) -> usize {
+        self.slot_count
+    }
+
+    /// Gives variables slots of their own and brings them into scope.
+    pub(super) fn declare(&mut self, variables: &[Typed]) -> Vec<Variable> {
+        let declare = |variable: &Typed| {
+            let slot = Slot(self.slot_count as u32);
+            self.slot_count += 1;
+            self.variables.push((variable.name.clone(), slot));
+            Variable { slot, extension: self.model.extension(&variable.ty) }
+        };
+        variables.iter().map(declare).collect()
+    }
+
+    /// Takes as many variables out of scope.
+    pub(super) fn forget(&mut self, count: usize) {
+        self.variables.truncate(self.variables.len() - count);
+    }
+
+    /// The condition, or its negation.
+    pub(super) fn node(&mut self, condition: &Condition, positive: bool) -> Node {
+        match condition {
+            Condition::Atom(atom) => {
+                let arguments = self.arguments(&atom.arguments);
+                match self.model.predicates.find(&atom.predicate, arguments.len()) {
+                    Some(relation) => Node::Fact(Fact { relation, arguments }, positive),
+                    // No text says any such fact.
+                    None => Node::Constant(!positive),
+                }
+            }
+            Condition::Equal(left, right, _) => {
+                Node::Equal(self.argument(left), self.argument(right), positive)
+            }
+            Condition::Compare(compare) => {
+                let (left, right) = (self.expression(&compare.left), &compare.right);
+                let right = self.expression(right);
+                let compare = Compare { comparison: compare.comparison, left, right };
+                Node::Compare(Box::new(compare), positive)
+            }
+            Condition::Not(inner) => self.node(inner, !positive),
+            Condition::And(parts) => self.joined(parts, positive, positive),
+            Condition::Or(parts) => self.joined(parts, positive, !positive),
+            Condition::Imply(left, right) => {
+                let sides = [self.node(left, !positive), self.node(right, positive)];
+                if positive { Node::any(sides) } else { Node::all(sides) }
+            }
+            Condition::Exists(variables, inner) => {
+                self.quantified(variables, inner, true, positive)
+            }
+            Condition::Forall(variables, inner) => {
+                self.quantified(variables, inner, false, !positive)
+            }
+        }
+    }
+
+    fn joined(&mut self, parts: &[Condition], positive: bool, all: bool) -> Node {
+        let nodes: Vec<Node> = parts.iter().map(|part| self.node(part, positive)).collect();
+        if all { Node::all(nodes) } else { Node::any(nodes) }
+    }
+
+    /// That the condition (its negation, where it is not `inner_positive`) holds for some binding;
+    /// or that it does for none.
+    fn quantified(
+        &mut self,
+        variables: &[Typed],
+        inner: &Condition,
+        inner_positive: bool,
+        exists: bool,
+    ) -> Node {
+        let declared = self.declare(variables);
+        let node = self.node(inner, inner_positive);
+        self.forget(variables.len());
+        let queries = existential(declared, node).into_iter();
+        let nodes = queries.map(|query| Node::Exists(Box::new(query), exists));
+        if exists { Node::any(nodes) } else { Node::all(nodes) }
+    }
+
+    pub(super) fn expression(&mut self, expression: &pddl::Expression) -> Expression {
+        let unknown = |name: &str, span: Span| {
+            let function = Name::spanned(name, span);
+            Expression::Unknown(Box::new(FluentTerm { function, arguments: Vec::new(), span }))
+        };
+        match expression {
+            pddl::Expression::Number(number) => Expression::Number(number.0),
+            pddl::Expression::Fluent(fluent) => Expression::Fluent(Box::new(self.fluent(fluent))),
+            pddl::Expression::Negate(inner) => Expression::Negate(Box::new(self.expression(inner))),
+            pddl::Expression::Apply(operator, operands) => {
+                let operands = operands.iter().map(|operand| self.expression(operand)).collect();
+                Expression::Apply(*operator, operands)
+            }
+            pddl::Expression::TotalTime(_) => Expression::TotalTime,
+            pddl::Expression::Duration(span) => unknown("?duration", *span),
+            pddl::Expression::ContinuousTime(span) => unknown("#t", *span),
+        }
+    }
+
+    fn fluent(&mut self, fluent: &FluentTerm) -> Fluent {
+        let arguments = self.arguments(&fluent.arguments);
+        let function = self.model.functions.find(&fluent.function, arguments.len());
+        Fluent { function, arguments, told: fluent.clone() }
+    }
+
+    fn arguments(&mut self, terms: &[Term]) -> Box<[Argument]> {
+        terms.iter().map(|term| self.argument(term)).collect()
+    }
+
+    fn argument(&mut self, term: &Term) -> Argument {
+        let known = match term {
+            Term::Variable(name) => {
+                let bound = self.variables.iter().rev().find(|(bound, _)| bound == name);
+                bound.map(|(_, slot)| Argument::Slot(*slot))
+            }
+            Term::Object(_) => None,
+        };
+        let known = known.or_else(|| self.model.objects.find(term.name()).map(Argument::Object));
+        known.unwrap_or_else(|| {
+            let next = self.strangers.len();
+            let index = *self.strangers.entry(term.name().clone()).or_insert(next);
+            Argument::Object(Object::stranger(index))
+        })
+    }
+
+    fn change(&mut self, effect: &Effect) -> Change {
+        match effect {
+            Effect::And(parts) => Change::All(parts.iter().map(|part| self.change(part)).collect()),
+            Effect::Add(atom) | Effect::Delete(atom) => {
+                let relation = self.model.predicates.find(&atom.predicate, atom.arguments.len());
+                let relation = relation.expect("invariant: the model numbers what effects change");
+                let arguments = self.arguments(&atom.arguments);
+                Change::Set(Fact { relation, arguments }, matches!(effect, Effect::Add(_)))
+            }
+            Effect::Assign(assign) => Change::Assign(Box::new(Assign {
+                assignment: assign.assignment,
+                fluent: self.fluent(&assign.fluent),
+                value: self.expression(&assign.value),
+            })),
+            Effect::When(condition, inner) => {
+                Change::When(Box::new((self.node(condition, true), self.change(inner))))
+            }
+            Effect::Forall(variables, inner) => self.each(variables, inner),
+        }
+    }
+
+    /// A universal effect. It shares out over `and` where a part has a condition or variables of its
+    /// own, so that each part is tried for its own bindings only.
+    fn each(&mut self, variables: &[Typed], inner: &Effect) -> Change {
+        let is_limited = |part: &Effect| matches!(part, Effect::When(..) | Effect::Forall(..));
+        if let Effect::And(parts) = inner
+            && parts.iter().any(is_limited)
+        {
+            return Change::All(parts.iter().map(|part| self.each(variables, part)).collect());
+        }
+        let before = self.variables.len();
+        let mut declared = self.declare(variables);
+        let (mut conditions, mut inner) = (Vec::new(), inner);
+        loop {
+            match inner {
+                Effect::When(condition, then) => {
+                    conditions.extend(self.node(condition, true).into_parts());
+                    inner = then;
+                }
+                Effect::Forall(more, then) => {
+                    declared.extend(self.declare(more));
+                    inner = then;
+                }
+                _ => break,
+            }
+        }
+        let change = self.change(inner);
+        self.forget(self.variables.len() - before);
+        // What the conditions say to exist stays apart: the effect happens once for a binding, in
+        // however many ways its condition holds.
+        Change::Each(Box::new((Query::new(declared, conditions), change)))
+    }
+}
+
+/// Compiles an action's schema.
+pub(super) fn schema(model: &Model, action: &ActionSchema) -> Schema {
+    let mut scope = Scope::new(model);
+    let parameters: Vec<Typed> = action.all_parameters().cloned().collect();
+    let parameters = scope.declare(&parameters);
+    let precondition = scope.node(&action.precondition, true);
+    let effect = scope.change(&action.effect);
+    Schema {
+        parameters: parameters.into_iter().map(|parameter| parameter.extension).collect(),
+        precondition,
+        effect,
+        slot_count: scope.slot_count,
+    }
+}
+
+/// The queries of which one has a binding where the node holds for some binding of the variables.
+///
+/// Shares out over `or`, and takes in the variables of what exists inside.
+fn existential(variables: Vec<Variable>, node: Node) -> Vec<Query> {
+    match node {
+        Node::Constant(false) => Vec::new(),
+        Node::Any(parts) if variables.len().saturating_mul(parts.len()) <= SHARED_MAX => {
+            parts.into_iter().flat_map(|part| existential(variables.clone(), part)).collect()
+        }
+        other => {
+            let (mut variables, mut nodes) = (variables, Vec::new());
+            for part in other.into_parts() {
+                match part {
+                    Node::Exists(query, true) => {
+                        variables.extend(query.variables);
+                        nodes.extend(query.parts.into_iter().map(|part| part.node));
+                    }
+                    other => nodes.push(other),
+                }
+            }
+            vec![Query::new(variables, nodes)]
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! What a step does: its effects, all read in the state before it.
+
+use pddl::{Assignment, FluentTerm, Name, Span, Term};
+
+use super::FaultReason;
+use super::compiled::{Assign, Change, Fact};
+use super::numbers::combine;
+use super::query::View;
+use super::symbols::{Object, Relation};
+
+/// What the effects of one step do.
+#[derive(Debug, Default)]
+pub(super) struct Changes {
+    pub(super) deletes: Tuples,
+    pub(super) adds: Tuples,
+    updates: Vec<Update>,
+}
+
+/// Tuples of several predicates.
+#[derive(Debug, Default)]
+pub(super) struct Tuples {
+    relations: Vec<(Relation, usize)>,
+    objects: Vec<Object>,
+}
+
+/// A numeric effect.
+#[derive(Clone, Debug)]
+struct Update {
+    function: Relation,
+    objects: Box<[Object]>,
+    assignment: Assignment,
+    value: f64,
+}
+
+/// A new value of a fluent.
+pub(super) type NewValue = (Relation, Box<[Object]>, f64);
+
+// === impl Tuples ===
+
+impl Tuples {
+    fn push(&mut self, fact: &Fact, frame: &[Object]) {
+        self.relations.push((fact.relation, fact.arguments.len()));
+        self.objects.extend(fact.arguments.iter().map(|argument| argument.value(frame)));
+    }
+
+    pub(super) fn iter(&self) -> impl Iterator<Item = (Relation, &[Object])> {
+        let mut rest = self.objects.as_slice();
+        self.relations.iter().map(move |(relation, arity)| {
+            let (tuple, others) = rest.split_at(*arity);
+            rest = others;
+            (*relation, tuple)
+        })
+    }
+}
+
+// === impl Update ===
+
+impl Update {
+    fn key(&self) -> (Relation, &[Object]) {
+        (self.function, &self.objects)
+    }
+}
+
+// === impl View ===
+
+impl View<'_> {
+    pub(super) fn collect(
+        self,
+        change: &Change,
+        frame: &mut [Object],
+        changes: &mut Changes,
+    ) -> Result<(), FaultReason> {
+        match change {
+            Change::All(parts) => {
+                parts.iter().try_for_each(|part| self.collect(part, frame, changes))
+            }
+            Change::Set(fact, true) => {
+                changes.adds.push(fact, frame);
+                Ok(())
+            }
+            Change::Set(fact, false) => {
+                changes.deletes.push(fact, frame);
+                Ok(())
+            }
+            Change::Assign(assign) => self.collect_assign(assign, frame, changes),
+            Change::When(inner) => {
+                let (condition, then) = &**inner;
+                if self.holds(condition, frame) {
+                    self.collect(then, frame, changes)
+                } else {
+                    Ok(())
+                }
+            }
+            Change::Each(inner) => {
+                let (query, then) = &**inner;
+                // Told is the fault of the first binding in the order of the texts.
+                let mut earliest: Option<(Vec<Object>, FaultReason)> = None;
+                self.each(query, frame, &mut |frame| {
+                    if let Err(reason) = self.collect(then, frame, changes) {
+                        let objects = query.variables.iter().map(|one| frame[one.slot.index()]);
+                        let objects = objects.collect();
+                        if earliest.as_ref().is_none_or(|(first, _)| objects < *first) {
+                            earliest = Some((objects, reason));
+                        }
+                    }
+                    true
+                });
+                earliest.map_or(Ok(()), |(_, reason)| Err(reason))
+            }
+        }
+    }
+
+    fn collect_assign(
+        self,
+        assign: &Assign,
+        frame: &[Object],
+        changes: &mut Changes,
+    ) -> Result<(), FaultReason> {
+        let value = self.evaluate(&assign.value, frame).map_err(FaultReason::Undefined)?;
+        let (assignment, fluent) = (assign.assignment, &assign.fluent);
+        let undefined = || FaultReason::Undefined(self.told(fluent, frame));
+        if assignment != Assignment::Assign && self.fluent(fluent, frame).is_none() {
+            return Err(undefined());
+        }
+        let function = fluent.function.ok_or_else(undefined)?;
+        let objects = fluent.arguments.iter().map(|argument| argument.value(frame)).collect();
+        changes.updates.push(Update { function, objects, assignment, value });
+        Ok(())
+    }
+
+    /// The values after a step.
+    pub(super) fn new_values(self, changes: &mut Changes) -> Result<Vec<NewValue>, FaultReason> {
+        // Stable: updates of one fluent stay in the order of the text.
+        changes.updates.sort_by(|left, right| left.key().cmp(&right.key()));
+        let (mut values, mut conflicts) = (Vec::new(), Vec::new());
+        for same in changes.updates.chunk_by(|left, right| left.key() == right.key()) {
+            let Update { function, objects, .. } = &same[0];
+            let old = self.world.values[function.index()].get(|column| objects[column]);
+            let updates = same.iter().map(|update| (update.assignment, update.value));
+            match combine(old, updates) {
+                Some(value) if value.is_finite() => {
+                    values.push((*function, objects.clone(), value));
+                }
+                _ => conflicts.push((*function, &**objects)),
+            }
+        }
+        let names = |(function, objects)| self.names(function, objects);
+        match conflicts.into_iter().map(names).min() {
+            None => Ok(values),
+            Some((function, objects)) => Err(FaultReason::Conflict(FluentTerm {
+                function,
+                arguments: objects.into_iter().map(Term::Object).collect(),
+                span: Span::default(),
+            })),
+        }
+    }
+
+    fn names(self, function: Relation, objects: &[Object]) -> (Name, Vec<Name>) {
+        let model = &self.world.model;
+        let objects = objects.iter().filter_map(|object| model.objects.name(*object)).cloned();
+        (model.functions.name(function).clone(), objects.collect())
+    }
+}

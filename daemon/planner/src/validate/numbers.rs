@@ -1,0 +1,181 @@
+//! Numbers: what expressions come to, how they compare, and what several changes make of a value.
+
+use pddl::{Assignment, Comparison, FluentTerm, Name, Operator, Term};
+
+use super::compiled::{Argument, Compare, Expression, Fluent};
+use super::query::View;
+use super::symbols::Object;
+use super::table::Table;
+
+/// Two numbers this close are one: sums of decimal fractions are not exact in binary.
+pub(super) const TOLERANCE: f64 = 1e-6;
+
+/// The values of a function.
+#[derive(Clone, Debug)]
+pub(super) struct Values {
+    fluents: Table,
+    /// By row.
+    numbers: Vec<f64>,
+}
+
+// === impl Values ===
+
+impl Values {
+    pub(super) fn new(arity: usize) -> Values {
+        Values { fluents: Table::new(arity), numbers: Vec::new() }
+    }
+
+    pub(super) fn get(&self, object: impl Fn(usize) -> Object) -> Option<f64> {
+        self.fluents.find(object).map(|row| self.numbers[row as usize])
+    }
+
+    pub(super) fn set(&mut self, objects: &[Object], value: f64) {
+        self.fluents.insert(objects);
+        if let Some(row) = self.fluents.find(|column| objects[column]) {
+            self.numbers.resize(self.fluents.row_count(), value);
+            self.numbers[row as usize] = value;
+        }
+    }
+
+    /// The fluents that have a value, with it, in no order that means anything.
+    pub(super) fn iter(&self) -> impl Iterator<Item = (&[Object], f64)> {
+        let rows = self.fluents.rows().iter();
+        rows.map(|row| (self.fluents.tuple(*row), self.numbers[*row as usize]))
+    }
+}
+
+impl PartialEq for Values {
+    fn eq(&self, other: &Values) -> bool {
+        let same =
+            |(objects, value): (&[Object], f64)| other.get(|column| objects[column]) == Some(value);
+        self.fluents.len() == other.fluents.len() && self.iter().all(same)
+    }
+}
+
+// === impl View ===
+
+impl View<'_> {
+    pub(super) fn compares(self, compare: &Compare, frame: &[Object]) -> bool {
+        let left = self.value(&compare.left, frame);
+        let (Some(left), Some(right)) = (left, self.value(&compare.right, frame)) else {
+            return false;
+        };
+        match compare.comparison {
+            Comparison::Less => left < right - TOLERANCE,
+            Comparison::LessOrEqual => left <= right + TOLERANCE,
+            Comparison::Equal => (left - right).abs() <= TOLERANCE,
+            Comparison::GreaterOrEqual => left >= right - TOLERANCE,
+            Comparison::Greater => left > right + TOLERANCE,
+        }
+    }
+
+    /// The value of an expression, or the fluent that has none.
+    pub(super) fn evaluate(
+        self,
+        expression: &Expression,
+        frame: &[Object],
+    ) -> Result<f64, FluentTerm> {
+        self.value(expression, frame).ok_or_else(|| self.undefined(expression, frame))
+    }
+
+    /// The value of a fluent, if it has one.
+    pub(super) fn fluent(self, fluent: &Fluent, frame: &[Object]) -> Option<f64> {
+        let values = &self.world.values[fluent.function?.index()];
+        values.get(|column| fluent.arguments[column].value(frame))
+    }
+
+    /// The fluent with objects in place of variables.
+    pub(super) fn told(self, fluent: &Fluent, frame: &[Object]) -> FluentTerm {
+        let objects = &self.world.model.objects;
+        let term = |(argument, term): (&Argument, &Term)| {
+            let name = objects.name(argument.value(frame));
+            name.map_or_else(|| term.clone(), |name| Term::Object(name.clone()))
+        };
+        let arguments = fluent.arguments.iter().zip(&fluent.told.arguments).map(term).collect();
+        FluentTerm { arguments, ..fluent.told.clone() }
+    }
+
+    fn value(self, expression: &Expression, frame: &[Object]) -> Option<f64> {
+        let value = match expression {
+            Expression::Number(number) => *number,
+            Expression::Fluent(fluent) => self.fluent(fluent, frame)?,
+            Expression::Negate(inner) => -self.value(inner, frame)?,
+            Expression::Apply(operator, operands) => {
+                let mut values = operands.iter().map(|operand| self.value(operand, frame));
+                let first = values.next()??;
+                values.try_fold(first, |left, right| Some(calculate(*operator, left, right?)))?
+            }
+            // A sequential plan takes one unit of time per step.
+            Expression::TotalTime => self.world.steps as f64,
+            Expression::Unknown(_) => return None,
+        };
+        value.is_finite().then_some(value)
+    }
+
+    /// The fluent that keeps an expression from having a value.
+    fn undefined(self, expression: &Expression, frame: &[Object]) -> FluentTerm {
+        match expression {
+            Expression::Fluent(fluent) => self.told(fluent, frame),
+            Expression::Negate(inner) => self.undefined(inner, frame),
+            Expression::Apply(_, operands) => {
+                let missing = operands.iter().find(|operand| self.value(operand, frame).is_none());
+                match missing {
+                    Some(operand) => self.undefined(operand, frame),
+                    None => no_number(expression),
+                }
+            }
+            other => no_number(other),
+        }
+    }
+}
+
+/// What to name when a value is no number: division by zero, or time outside a durative action.
+fn no_number(expression: &Expression) -> FluentTerm {
+    match expression {
+        Expression::Fluent(fluent) => fluent.told.clone(),
+        Expression::Unknown(told) => (**told).clone(),
+        Expression::Negate(inner) => no_number(inner),
+        Expression::Apply(_, operands) if !operands.is_empty() => no_number(&operands[0]),
+        _ => FluentTerm {
+            function: Name::new("number"),
+            arguments: Vec::new(),
+            span: pddl::Span::default(),
+        },
+    }
+}
+
+fn calculate(operator: Operator, left: f64, right: f64) -> f64 {
+    match operator {
+        Operator::Add => left + right,
+        Operator::Subtract => left - right,
+        Operator::Multiply => left * right,
+        Operator::Divide => left / right,
+    }
+}
+
+/// The value after all updates of one fluent; `None` where they contradict each other.
+///
+/// Increases and decreases add up, and so do scalings among themselves; an assignment stands alone,
+/// unless the others assign the same.
+pub(super) fn combine(
+    old: Option<f64>,
+    mut updates: impl Iterator<Item = (Assignment, f64)> + Clone,
+) -> Option<f64> {
+    let (first, first_value) = updates.clone().next()?;
+    let is_additive = |one| matches!(one, Assignment::Increase | Assignment::Decrease);
+    if first == Assignment::Assign {
+        let agrees = |(assignment, value): (Assignment, f64)| {
+            assignment == Assignment::Assign && (value - first_value).abs() <= TOLERANCE
+        };
+        return updates.all(agrees).then_some(first_value);
+    }
+    let additive = is_additive(first);
+    updates.try_fold(old?, |value, (assignment, operand)| match assignment {
+        Assignment::Assign => None,
+        Assignment::Increase if additive => Some(value + operand),
+        Assignment::Decrease if additive => Some(value - operand),
+        Assignment::ScaleUp if !additive => Some(value * operand),
+        Assignment::ScaleDown if !additive => Some(value / operand),
+        _ => None,
+    })
+}

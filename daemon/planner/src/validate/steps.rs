@@ -1,0 +1,88 @@
+//! Steps of a plan: which action a step names, whether it can be done, and what it changes.
+
+use pddl::{ActionSchema, Name, PlanStep, Typed};
+
+use super::FaultReason;
+use super::compiled::Schema;
+use super::effects::Changes;
+use super::failing::Failing;
+use super::model::Model;
+use super::query::View;
+use super::symbols::Object;
+use super::world::World;
+
+// === impl World ===
+
+impl World {
+    /// Finds the action, checks arguments and precondition, and reads the effects.
+    pub(super) fn changes(&self, step: &PlanStep) -> Result<Changes, FaultReason> {
+        let mut reason = FaultReason::UnknownAction;
+        if self.model.is_durative(&step.action) {
+            reason = FaultReason::Durative;
+        }
+        // Action names may be overloaded; the fault told is that of the last one tried.
+        for index in self.model.named(&step.action) {
+            match self.changes_by(*index, step) {
+                Ok(changes) => return Ok(changes),
+                Err(err) => reason = err,
+            }
+        }
+        Err(reason)
+    }
+
+    fn changes_by(&self, index: usize, step: &PlanStep) -> Result<Changes, FaultReason> {
+        let action = &self.model.actions[index];
+        let schema = self.model.schema(index);
+        let mut frame = self.frame(action, schema, step)?;
+        if !View::of(self).holds(&schema.precondition, &mut frame) {
+            let mut failing = Failing::new(self);
+            failing.bind(action.all_parameters().zip(&step.arguments));
+            let part = failing.part(&action.precondition);
+            return Err(FaultReason::Precondition(
+                part.unwrap_or_else(|| action.precondition.clone()),
+            ));
+        }
+        let mut changes = Changes::default();
+        View::of(self).collect(&schema.effect, &mut frame, &mut changes)?;
+        Ok(changes)
+    }
+
+    /// The parameters of an action, bound to a step's arguments.
+    fn frame(
+        &self,
+        action: &ActionSchema,
+        schema: &Schema,
+        step: &PlanStep,
+    ) -> Result<Vec<Object>, FaultReason> {
+        let (expected, found) = (schema.parameters.len(), step.arguments.len());
+        if expected != found {
+            return Err(FaultReason::ArgumentCount { expected, found });
+        }
+        let mut frame = Vec::with_capacity(schema.slot_count);
+        let parameters = action.all_parameters().zip(&schema.parameters);
+        for ((parameter, extension), name) in parameters.zip(&step.arguments) {
+            let Some(object) = self.model.objects.declared(name) else {
+                return Err(FaultReason::UnknownObject(name.clone()));
+            };
+            if !extension.contains(object) {
+                let expected = parameter.ty.clone();
+                return Err(FaultReason::WrongType { object: name.clone(), expected });
+            }
+            frame.push(object);
+        }
+        frame.resize(schema.slot_count, Object::UNBOUND);
+        Ok(frame)
+    }
+}
+
+/// The action that a step names, with as many parameters as the step has arguments and of fitting
+/// types.
+pub(super) fn schema_of<'m>(model: &'m Model, step: &PlanStep) -> Option<&'m ActionSchema> {
+    let actions = model.named(&step.action).iter().map(|index| &model.actions[*index]);
+    let mut fitting = actions.filter(|action| {
+        let fits = |(parameter, object): (&Typed, &Name)| model.is_a(object, &parameter.ty);
+        action.all_parameters().count() == step.arguments.len()
+            && action.all_parameters().zip(&step.arguments).all(fits)
+    });
+    fitting.next()
+}

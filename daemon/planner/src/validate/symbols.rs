@@ -1,0 +1,205 @@
+//! Numbers for names: every object, predicate and function is looked up by its name once.
+
+use std::sync::Arc;
+
+use pddl::{Name, TypeExpr, Typed, Types};
+use rustc_hash::FxHashMap;
+
+/// An object, by the order in which the texts name them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(super) struct Object(u32);
+
+/// The first number of strangers: far above that of any object that a text of 4 GiB can name.
+const STRANGERS: u32 = 1 << 31;
+
+/// The objects that the texts name; those that they declare come first.
+#[derive(Debug, Default)]
+pub(super) struct Objects {
+    names: Vec<Name>,
+    by_name: FxHashMap<Name, Object>,
+    /// The types of those that are declared: positions in `types`.
+    typed: Vec<usize>,
+    types: Vec<TypeExpr>,
+    types_by_expr: FxHashMap<TypeExpr, usize>,
+}
+
+/// All objects of a type, in the order of the texts.
+#[derive(Debug)]
+pub(super) enum Extension {
+    /// As many as are declared: those of the type `object`.
+    Everything(u32),
+    /// Some of them, in order.
+    Listed(Vec<Object>),
+}
+
+/// A predicate or a function, with one number of arguments. Texts that were not checked may use one
+/// name with several.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(super) struct Relation(u32);
+
+/// The predicates, or the functions, that the texts name.
+#[derive(Debug, Default)]
+pub(super) struct Relations {
+    entries: Vec<(Name, usize)>,
+    by_name: FxHashMap<Name, Vec<Relation>>,
+}
+
+// === impl Object ===
+
+impl Object {
+    /// Stands where a variable is bound to nothing yet.
+    pub(super) const UNBOUND: Object = Object(u32::MAX);
+
+    /// Something that a condition names and the texts do not: no fact holds of it, and it equals
+    /// itself.
+    pub(super) fn stranger(index: usize) -> Object {
+        Object(STRANGERS + index as u32)
+    }
+
+    pub(super) fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+// === impl Objects ===
+
+impl Objects {
+    /// Adds an object with its type; of several declarations the first counts.
+    ///
+    /// # Panics
+    ///
+    /// If objects have been named before that are not declared.
+    pub(super) fn declare(&mut self, object: &Typed) {
+        assert_eq!(self.names.len(), self.typed.len(), "declared objects come first");
+        if self.by_name.contains_key(&object.name) {
+            return;
+        }
+        let ty = match self.types_by_expr.get(&object.ty) {
+            Some(ty) => *ty,
+            None => {
+                self.types.push(object.ty.clone());
+                self.types_by_expr.insert(object.ty.clone(), self.types.len() - 1);
+                self.types.len() - 1
+            }
+        };
+        self.insert(&object.name);
+        self.typed.push(ty);
+    }
+
+    /// The number of a name; a new one, if it has none.
+    pub(super) fn insert(&mut self, name: &Name) -> Object {
+        if let Some(object) = self.find(name) {
+            return object;
+        }
+        let object = Object(self.names.len() as u32);
+        self.names.push(name.clone());
+        self.by_name.insert(name.clone(), object);
+        object
+    }
+
+    pub(super) fn find(&self, name: &Name) -> Option<Object> {
+        self.by_name.get(name).copied()
+    }
+
+    /// The number of a name, if an object of this name is declared.
+    pub(super) fn declared(&self, name: &Name) -> Option<Object> {
+        self.find(name).filter(|object| object.index() < self.typed.len())
+    }
+
+    /// The name, unless it is a stranger or nothing.
+    pub(super) fn name(&self, object: Object) -> Option<&Name> {
+        self.names.get(object.index())
+    }
+
+    /// All declared objects of a type.
+    pub(super) fn extension(&self, ty: &TypeExpr, types: &Types) -> Arc<Extension> {
+        if ty.is_object() {
+            return Arc::new(Extension::Everything(self.typed.len() as u32));
+        }
+        let accepted: Vec<bool> = self.types.iter().map(|own| types.accepts(ty, own)).collect();
+        let numbers = (0..).map(Object).zip(&self.typed);
+        let fitting = numbers.filter(|(_, own)| accepted[**own]).map(|(object, _)| object);
+        Arc::new(Extension::Listed(fitting.collect()))
+    }
+}
+
+// === impl Extension ===
+
+impl Extension {
+    pub(super) fn contains(&self, object: Object) -> bool {
+        match self {
+            Extension::Everything(count) => object.0 < *count,
+            Extension::Listed(list) => list.binary_search(&object).is_ok(),
+        }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        match self {
+            Extension::Everything(count) => *count as usize,
+            Extension::Listed(list) => list.len(),
+        }
+    }
+
+    /// The object at a position, in the order of the texts.
+    pub(super) fn get(&self, index: usize) -> Option<Object> {
+        match self {
+            Extension::Everything(count) => {
+                (index < *count as usize).then_some(Object(index as u32))
+            }
+            Extension::Listed(list) => list.get(index).copied(),
+        }
+    }
+
+    /// In the order of the texts.
+    pub(super) fn iter(&self) -> impl Iterator<Item = Object> + '_ {
+        (0..self.len()).filter_map(|index| self.get(index))
+    }
+}
+
+// === impl Relation ===
+
+impl Relation {
+    pub(super) fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+// === impl Relations ===
+
+impl Relations {
+    /// The number of a name with so many arguments; a new one, if it has none.
+    pub(super) fn insert(&mut self, name: &Name, arity: usize) -> Relation {
+        if let Some(relation) = self.find(name, arity) {
+            return relation;
+        }
+        let relation = Relation(self.entries.len() as u32);
+        self.entries.push((name.clone(), arity));
+        self.by_name.entry(name.clone()).or_default().push(relation);
+        relation
+    }
+
+    pub(super) fn find(&self, name: &Name, arity: usize) -> Option<Relation> {
+        let same_name = self.by_name.get(name)?;
+        same_name.iter().copied().find(|relation| self.arity(*relation) == arity)
+    }
+
+    pub(super) fn name(&self, relation: Relation) -> &Name {
+        &self.entries[relation.index()].0
+    }
+
+    pub(super) fn arity(&self, relation: Relation) -> usize {
+        self.entries[relation.index()].1
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.entries.len()
+    }
+
+    pub(super) fn arities(&self) -> impl Iterator<Item = usize> {
+        self.entries.iter().map(|(_, arity)| *arity)
+    }
+
+    pub(super) fn iter(&self) -> impl Iterator<Item = Relation> + use<> {
+        (0..self.entries.len() as u32).map(Relation)
+    }
+}
