@@ -8,6 +8,8 @@ mod goals;
 mod numbers;
 mod office;
 mod ordering;
+mod simulation;
+mod simulator;
 mod stopping;
 mod support;
 mod validation;
