@@ -27,7 +27,7 @@ pub(crate) struct FastForward<'t> {
 
 impl<'t> FastForward<'t> {
     pub(crate) fn new(task: &'t Task, weights: Weights) -> FastForward<'t> {
-        let relaxation = Relaxation::new(task, weights);
+        let relaxation = Relaxation::simplified(task, weights);
         FastForward {
             task,
             additive: Additive::new(&relaxation),

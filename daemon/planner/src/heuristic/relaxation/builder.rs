@@ -2,6 +2,7 @@
 
 use rustc_hash::FxHashMap;
 
+use super::dominance::Operators;
 use super::{AXIOM, Relaxation};
 use crate::rows::Rows;
 use crate::task::{Changes, FactId, Literal, Operator, Task};
@@ -182,9 +183,17 @@ impl<'t> Builder<'t> {
         self.origins.push(origin);
     }
 
-    pub(super) fn finish(self) -> Relaxation {
+    /// The relaxation; where it is to `simplify`, without additions that bring nothing.
+    pub(super) fn finish(self, simplify: bool) -> Relaxation {
         let goal = self.propositions(self.task.goal.iter());
         let proposition_count = self.task.fact_count + self.negated.len() + self.failing;
+        let adds = if simplify {
+            let (preconditions, adds) = (&self.preconditions, &self.adds);
+            let base_costs = &self.base_costs;
+            Operators { preconditions, adds, base_costs }.useful_adds(proposition_count)
+        } else {
+            self.adds
+        };
         let count = self.preconditions.len() as u32;
         let missing: Vec<u32> =
             (0..count).map(|index| self.preconditions.row(index).len() as u32).collect();
@@ -195,7 +204,7 @@ impl<'t> Builder<'t> {
             proposition_count,
             asking: self.preconditions.inverted(proposition_count),
             preconditions: self.preconditions,
-            adds: self.adds,
+            adds,
             base_costs: self.base_costs,
             origins: self.origins,
             missing,

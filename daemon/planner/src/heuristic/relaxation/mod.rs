@@ -7,6 +7,7 @@
 //! and any comparison once a number in it may change.
 
 mod builder;
+mod dominance;
 
 use self::builder::Builder;
 use super::queue::CostQueue;
@@ -83,12 +84,22 @@ impl Weights {
 
 impl Relaxation {
     pub(crate) fn new(task: &Task, weights: Weights) -> Relaxation {
+        Relaxation::build(task, weights, false)
+    }
+
+    /// As [`Relaxation::new`], for estimates that need not be admissible: without additions that
+    /// bring nothing.
+    pub(crate) fn simplified(task: &Task, weights: Weights) -> Relaxation {
+        Relaxation::build(task, weights, true)
+    }
+
+    fn build(task: &Task, weights: Weights, simplify: bool) -> Relaxation {
         let mut builder = Builder::new(task);
         for (index, operator) in task.operators.iter().enumerate() {
             builder.operator(index as u32, operator, weights.weight(task, operator));
         }
         builder.axioms();
-        builder.finish()
+        builder.finish(simplify)
     }
 
     /// How much there is to explore.

@@ -1,0 +1,113 @@
+//! Which additions of relaxed operators bring nothing: what the operator asks for itself, and what
+//! another operator adds that asks for no more and costs no more.
+//!
+//! After the simplification of unary operators in Fast Downward (Helmert, 2006), without splitting
+//! operators into unary ones first. Sums and maxima of costs stay the same; the cheapest relaxed
+//! plan may get dearer, because what came along with something else is now added on its own.
+
+use crate::rows::Rows;
+
+/// Operators with the same first precondition that are compared with one: beyond that, looking takes
+/// longer than it saves.
+const COMPARED_MAX: usize = 8;
+
+/// Relaxed operators, with sorted rows.
+pub(super) struct Operators<'r> {
+    pub(super) preconditions: &'r Rows,
+    pub(super) adds: &'r Rows,
+    pub(super) base_costs: &'r [u64],
+}
+
+// === impl Operators ===
+
+impl Operators<'_> {
+    /// Of each operator, what it adds that brings something. Costs of propositions stay the same.
+    pub(super) fn useful_adds(&self, proposition_count: usize) -> Rows {
+        let adding = self.adds.inverted(proposition_count);
+        // The adders of one proposition by the first of what they ask for; at the end, those that
+        // ask for nothing.
+        let mut by_first: Vec<Vec<u32>> = vec![Vec::new(); proposition_count + 1];
+        let first = |relaxed: &u32| {
+            let first = self.preconditions.row(*relaxed).first();
+            first.map_or(proposition_count, |first| *first as usize)
+        };
+        let mut useful = Vec::with_capacity(self.adds.item_count());
+        for proposition in 0..proposition_count as u32 {
+            let adders = adding.row(proposition);
+            adders.iter().for_each(|adder| by_first[first(adder)].push(*adder));
+            for &adder in adders {
+                let asked = self.preconditions.row(adder);
+                let firsts = asked.iter().map(|one| *one as usize).chain([proposition_count]);
+                let mut others = firsts.flat_map(|one| by_first[one].iter().take(COMPARED_MAX));
+                if asked.binary_search(&proposition).is_err()
+                    && !others.any(|other| self.dominates(*other, adder))
+                {
+                    useful.push((adder, proposition));
+                }
+            }
+            adders.iter().for_each(|adder| by_first[first(adder)].clear());
+        }
+        Rows::collect(self.adds.len(), useful.iter().copied())
+    }
+
+    /// Whether an operator asks for no more than another and costs no more. Of equal ones the one
+    /// that adds most dominates: a relaxed plan that has it gets the rest for nothing.
+    fn dominates(&self, left: u32, right: u32) -> bool {
+        let (asked, other) = (self.preconditions.row(left), self.preconditions.row(right));
+        let (cost, other_cost) = (self.base_costs[left as usize], self.base_costs[right as usize]);
+        let is_equal = asked.len() == other.len() && cost == other_cost;
+        let more = self.adds.row(right).len().cmp(&self.adds.row(left).len());
+        let is_before = !is_equal || more.then(left.cmp(&right)).is_lt();
+        left != right
+            && cost <= other_cost
+            && asked.len() <= other.len()
+            && is_before
+            && is_subset(asked, other)
+    }
+}
+
+/// Whether a sorted list holds all of another.
+fn is_subset(part: &[u32], whole: &[u32]) -> bool {
+    let mut rest = whole.iter();
+    part.iter().all(|one| rest.any(|other| other == one))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rows(lists: &[&[u32]]) -> Rows {
+        let mut rows = Rows::default();
+        lists.iter().for_each(|list| rows.push(list));
+        rows
+    }
+
+    #[track_caller]
+    fn check(preconditions: &[&[u32]], adds: &[&[u32]], base_costs: &[u64], expected: &[&[u32]]) {
+        let (preconditions, adds) = (rows(preconditions), rows(adds));
+        let operators = Operators { preconditions: &preconditions, adds: &adds, base_costs };
+        let useful = operators.useful_adds(6);
+        let found: Vec<&[u32]> = (0..useful.len() as u32).map(|one| useful.row(one)).collect();
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn what_is_asked_for_is_not_added() {
+        check(&[&[0, 1]], &[&[1, 2]], &[1], &[&[2]]);
+    }
+
+    #[test]
+    fn asking_for_less_at_no_more_cost_dominates() {
+        check(&[&[0, 1], &[1]], &[&[2, 3], &[2]], &[1, 1], &[&[3], &[2]]);
+        check(&[&[0, 1], &[]], &[&[2], &[2]], &[1, 1], &[&[], &[2]]);
+        check(&[&[0, 1], &[1]], &[&[2], &[2]], &[1, 2], &[&[2], &[2]]);
+        check(&[&[0, 1], &[3]], &[&[2], &[2]], &[1, 1], &[&[2], &[2]]);
+    }
+
+    #[test]
+    fn of_equal_ones_the_one_stays_that_adds_most() {
+        check(&[&[0], &[0]], &[&[2], &[2, 3]], &[1, 1], &[&[], &[2, 3]]);
+        check(&[&[0], &[0], &[0]], &[&[2], &[2], &[2]], &[1, 1, 1], &[&[2], &[], &[]]);
+        check(&[&[0], &[0]], &[&[2], &[2]], &[2, 1], &[&[], &[2]]);
+    }
+}
