@@ -279,7 +279,7 @@ fn an_add_under_a_condition_that_fails_does_not_stop_the_delete() {
          (:action go :effect (and (q) (not (p)) (when (c) (p))))",
         "(:init (p)) (:goal (and (q) (p)))",
         expect![[r#"
-            proven unsolvable
+            proven unsolvable before search
         "#]],
     );
     case(

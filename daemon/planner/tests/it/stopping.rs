@@ -44,10 +44,31 @@ fn unreachable_in_the_relaxation_is_a_proof_before_search() {
 
 #[test]
 fn an_exhausted_state_space_is_a_proof() {
-    let goal = problem("(:init) (:goal (and (a) (b)))");
+    let goal = problem("(:init (free-1) (free-2)) (:goal (and (a) (b) (c)))");
     let expected = StopReason::Unsolvable { before_search: false };
-    check(SWITCH, &goal, Budget::default(), &Cancel::new(), expected);
+    check(&two_of_three(), &goal, Budget::default(), &Cancel::new(), expected);
     assert_eq!(expected.exit_code(), 11);
+}
+
+/// Three things, of which any two can be done, one after the other.
+fn two_of_three() -> String {
+    let mut parts = "(:predicates (a) (b) (c) (free-1) (free-2))".to_owned();
+    for thing in ["a", "b", "c"] {
+        for slot in ["free-1", "free-2"] {
+            parts += &format!(
+                "(:action {thing}-{slot} :precondition ({slot})
+                   :effect (and ({thing}) (not ({slot}))))"
+            );
+        }
+    }
+    parts
+}
+
+#[test]
+fn a_pair_that_is_never_true_is_a_proof_before_search() {
+    let goal = problem("(:init) (:goal (and (a) (b)))");
+    let expected = StopReason::Unsolvable { before_search: true };
+    check(SWITCH, &goal, Budget::default(), &Cancel::new(), expected);
 }
 
 #[test]
