@@ -57,9 +57,12 @@ pub fn plan_and_tell(
             problem,
             task.plan(operators),
         ) {
+            // Where costs depend on the state, the search may take a dearer plan for a cheaper one.
             Ok(plan) => {
-                found(&plan);
-                best = Some(plan);
+                if best.as_ref().is_none_or(|best| cost(&plan) < cost(best)) {
+                    found(&plan);
+                    best = Some(plan);
+                }
             }
             Err(err) => defect = defect.take().or(Some(err)),
         });
@@ -93,6 +96,11 @@ fn without_plan(
     warnings: Vec<Diagnostic>,
 ) -> Outcome {
     Outcome { plan: None, stop_reason, statistics, warnings }
+}
+
+/// What a validated plan costs.
+fn cost(plan: &Plan) -> f64 {
+    plan.cost.map_or(f64::INFINITY, |cost| cost.0)
 }
 
 /// The plan with the cost that the validator finds.

@@ -62,8 +62,20 @@ impl Rows {
 
     #[inline]
     pub(crate) fn row(&self, row: u32) -> &[u32] {
+        &self.items[self.range(row)]
+    }
+
+    /// An item, by its place among all.
+    #[inline]
+    pub(crate) fn item(&self, index: usize) -> u32 {
+        self.items[index]
+    }
+
+    /// Where a list lies among all items.
+    #[inline]
+    pub(crate) fn range(&self, row: u32) -> std::ops::Range<usize> {
         let row = row as usize;
-        &self.items[self.starts[row] as usize..self.starts[row + 1] as usize]
+        self.starts[row] as usize..self.starts[row + 1] as usize
     }
 
     /// Bytes taken.

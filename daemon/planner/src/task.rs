@@ -205,6 +205,16 @@ impl GroundExpression {
         }
     }
 
+    /// Whether it may have no value although all its fluents have one.
+    pub(crate) fn may_fail(&self) -> bool {
+        match self {
+            GroundExpression::Number(_) | GroundExpression::Fluent(_) => false,
+            GroundExpression::Negate(inner) => inner.may_fail(),
+            GroundExpression::Apply(Arithmetic::Divide, _) => true,
+            GroundExpression::Apply(_, operands) => operands.iter().any(Self::may_fail),
+        }
+    }
+
     /// Calls `visit` for every fluent in it.
     pub(crate) fn fluents(&self, visit: &mut dyn FnMut(u32)) {
         match self {

@@ -65,6 +65,9 @@ pub(super) fn finish(
     raw.operators.renumber(&numbering);
     task.operators = raw.operators;
     set_costs(&mut task, lifted.costs.weights.is_none());
+    if lifted.costs.varies {
+        (task.costs_exact, task.costs_equal) = (false, false);
+    }
     Ok(Some(task))
 }
 

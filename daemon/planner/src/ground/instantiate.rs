@@ -259,6 +259,7 @@ impl Instantiation<'_, '_, '_> {
         draft: &mut Draft,
     ) -> Result<(), GroundError> {
         draft.clear();
+        draft.cost = self.grounder.lifted.costs.per_step;
         let frame = &ready.schema.frame;
         let Instantiation { grounder, work, .. } = self;
         let mut rest =
@@ -271,6 +272,10 @@ impl Instantiation<'_, '_, '_> {
         }
         for guarded in &ready.numeric {
             self.numeric(guarded, ready, binding, draft, &mut rest)?;
+        }
+        if self.grounder.lifted.costs.varies {
+            // As seen from the initial state it may even pay; nobody knows later.
+            draft.cost = draft.cost.max(0.0);
         }
         if draft.cost < 0.0 {
             let feature = format!("a negative cost of `{}`", ready.schema.name);
@@ -375,11 +380,21 @@ impl Instantiation<'_, '_, '_> {
                 *rest = Tree::and([std::mem::replace(rest, Tree::True), whole.negated()]);
                 return Ok(());
             }
-            if let (true, Grounded::Fixed(amount)) = (is_counted, &value) {
-                draft.cost += cost(lifted, &change.fluent, binding, change.assignment, *amount);
+            let at_first = match &value {
+                Grounded::Fixed(amount) => Some(*amount),
+                Grounded::Varying(amount) => values.at_first(amount),
+                Grounded::Undefined => None,
+            };
+            if let (true, Some(amount)) = (is_counted, at_first) {
+                draft.cost += cost(lifted, &change.fluent, binding, change.assignment, amount);
             }
-            let follow = (is_followed && (lifted.functions[function].read || !is_counted))
-                || matches!(value, Grounded::Varying(_));
+            // Whether a value exists decides whether the action applies; what is defined stays so.
+            let is_uncertain = match &value {
+                Grounded::Varying(amount) => !is_counted || at_first.is_none() || amount.may_fail(),
+                Grounded::Fixed(_) | Grounded::Undefined => false,
+            };
+            let follow =
+                (is_followed && (lifted.functions[function].read || !is_counted)) || is_uncertain;
             if follow {
                 let value = match value {
                     Grounded::Fixed(number) => GroundExpression::Number(number),

@@ -110,6 +110,12 @@ impl Values {
         }
     }
 
+    /// The value of a ground expression in the initial state.
+    pub(super) fn at_first(&self, expression: &GroundExpression) -> Option<f64> {
+        let value = expression.evaluate(&|fluent| self.fluents[fluent as usize]);
+        value.is_finite().then_some(value)
+    }
+
     /// The number of a numeric fluent.
     pub(super) fn fluent(&mut self, fluent: &LiftedFluent, binding: &[ObjectId]) -> u32 {
         let table = &mut self.tables[fluent.function];

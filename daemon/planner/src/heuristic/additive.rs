@@ -38,6 +38,8 @@ pub(super) struct Additive {
     fresh: Vec<Counter>,
     base_costs: Vec<u32>,
     is_goal: Vec<bool>,
+    /// By step of a number: how often it must be repeated; empty where nothing is.
+    repetitions: Vec<u32>,
     initial: Vec<u32>,
     queue: CostQueue,
 }
@@ -85,6 +87,7 @@ impl Additive {
             counters: fresh.clone(),
             fresh,
             is_goal,
+            repetitions: Vec::new(),
             initial: Vec::new(),
             queue: CostQueue::default(),
         }
@@ -108,8 +111,31 @@ impl Additive {
         self.reached[proposition as usize].supporter
     }
 
+    /// How often the operator that reaches a proposition best must be repeated for it.
+    pub(super) fn repetitions(&self, relaxation: &Relaxation, proposition: u32) -> u32 {
+        if self.repetitions.is_empty() {
+            return 1;
+        }
+        let supporter = self.supporter(proposition);
+        let mut adds = relaxation.adds_with(supporter, &self.repetitions);
+        adds.find(|(added, _)| *added == proposition).map_or(1, |(_, times)| times)
+    }
+
     /// Computes the costs of propositions until the goal's are known; whether all of it is reached.
     pub(super) fn explore(&mut self, relaxation: &Relaxation, state: &State) -> bool {
+        if relaxation.has_numbers() {
+            relaxation.repetitions(state, &mut self.repetitions);
+            self.explore_from::<true>(relaxation, state)
+        } else {
+            self.explore_from::<false>(relaxation, state)
+        }
+    }
+
+    fn explore_from<const NUMBERS: bool>(
+        &mut self,
+        relaxation: &Relaxation,
+        state: &State,
+    ) -> bool {
         self.reached.fill(NOT_YET);
         self.counters.copy_from_slice(&self.fresh);
         self.queue.clear();
@@ -123,14 +149,14 @@ impl Additive {
         let mut goals_missing = relaxation.goal().len();
         for &proposition in initial.iter().rev() {
             goals_missing -= usize::from(self.is_goal[proposition as usize]);
-            self.open(relaxation, proposition, 0);
+            self.open::<NUMBERS>(relaxation, proposition, 0);
         }
         self.initial = initial;
         if goals_missing == 0 {
             return true;
         }
         for &relaxed in relaxation.free() {
-            self.fire(relaxation, relaxed, self.base_costs[relaxed as usize]);
+            self.fire::<NUMBERS>(relaxation, relaxed, self.base_costs[relaxed as usize]);
         }
         while let Some((cost, proposition)) = self.queue.pop() {
             if self.cost(proposition) != cost as u32 {
@@ -142,46 +168,63 @@ impl Additive {
                     return true;
                 }
             }
-            self.open(relaxation, proposition, cost as u32);
+            self.open::<NUMBERS>(relaxation, proposition, cost as u32);
         }
         false
     }
 
     /// Tells those who ask for a proposition that it is there.
     #[inline]
-    fn open(&mut self, relaxation: &Relaxation, proposition: u32, cost: u32) {
-        let Additive { alone, among, counted, counters, base_costs, reached, queue, .. } = self;
+    fn open<const NUMBERS: bool>(&mut self, relaxation: &Relaxation, proposition: u32, cost: u32) {
         if self.cliques.enter(proposition) {
-            for &relaxed in alone.row(proposition) {
-                let total = (base_costs[relaxed as usize] + cost).min(COST_MAX);
-                reach(relaxation.adds(relaxed), total, relaxed, reached, queue);
+            for index in self.alone.range(proposition) {
+                let relaxed = self.alone.item(index);
+                let total = (self.base_costs[relaxed as usize] + cost).min(COST_MAX);
+                self.fire::<NUMBERS>(relaxation, relaxed, total);
             }
         }
-        for &index in among.row(proposition) {
-            let counter = &mut counters[index as usize];
+        for index in self.among.range(proposition) {
+            let index = self.among.item(index) as usize;
+            let counter = &mut self.counters[index];
             counter.missing -= 1;
             counter.cost = (counter.cost + cost).min(COST_MAX);
             if counter.missing == 0 {
-                let relaxed = counted[index as usize];
-                reach(relaxation.adds(relaxed), counter.cost, relaxed, reached, queue);
+                let (cost, relaxed) = (counter.cost, self.counted[index]);
+                self.fire::<NUMBERS>(relaxation, relaxed, cost);
             }
         }
     }
 
-    fn fire(&mut self, relaxation: &Relaxation, relaxed: u32, cost: u32) {
-        reach(relaxation.adds(relaxed), cost, relaxed, &mut self.reached, &mut self.queue);
+    /// Notes what a relaxed operator adds at a cost, which counts it once.
+    #[inline]
+    fn fire<const NUMBERS: bool>(&mut self, relaxation: &Relaxation, relaxed: u32, cost: u32) {
+        if NUMBERS {
+            let base = self.base_costs[relaxed as usize];
+            for (proposition, times) in relaxation.adds_with(relaxed, &self.repetitions) {
+                let further = base.saturating_mul(times - 1);
+                let cost = cost.saturating_add(further).min(COST_MAX);
+                reach(proposition, cost, relaxed, &mut self.reached, &mut self.queue);
+            }
+        } else {
+            for &proposition in relaxation.adds(relaxed) {
+                reach(proposition, cost, relaxed, &mut self.reached, &mut self.queue);
+            }
+        }
     }
 }
 
-/// Notes what a relaxed operator adds at a cost.
 #[inline]
-fn reach(adds: &[u32], cost: u32, supporter: u32, reached: &mut [Reached], queue: &mut CostQueue) {
-    for &proposition in adds {
-        let known = &mut reached[proposition as usize];
-        if cost < known.cost {
-            *known = Reached { cost, supporter };
-            queue.push(u64::from(cost), proposition);
-        }
+fn reach(
+    proposition: u32,
+    cost: u32,
+    supporter: u32,
+    reached: &mut [Reached],
+    queue: &mut CostQueue,
+) {
+    let known = &mut reached[proposition as usize];
+    if cost < known.cost {
+        *known = Reached { cost, supporter };
+        queue.push(u64::from(cost), proposition);
     }
 }
 
@@ -220,6 +263,10 @@ const NO_CLIQUE: u32 = u32::MAX;
 impl Cliques {
     fn new(relaxation: &Relaxation, alone: &Rows, base_costs: &[u32]) -> Cliques {
         let mut of = vec![NO_CLIQUE; relaxation.proposition_count()];
+        if relaxation.has_numbers() {
+            // One price is not all that counts.
+            return Cliques { of, entered: Vec::new() };
+        }
         let mut known: FxHashMap<(u32, Vec<u32>), u32> = FxHashMap::default();
         for proposition in 0..of.len() as u32 {
             let Some(members) = members(relaxation, alone, base_costs, proposition) else {

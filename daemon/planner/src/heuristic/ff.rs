@@ -7,6 +7,17 @@ use super::relaxation::{Relaxation, Weights};
 use crate::state::{State, all_hold};
 use crate::task::{OperatorId, Task};
 
+/// How long a relaxed plan is written down; what is longer is not carried out as it is anyway.
+const PLAN_MAX: usize = 10_000;
+
+/// How often an operator is in a relaxed plan.
+#[derive(Clone, Copy, Debug, Default)]
+struct Mark {
+    /// The evaluation that made it.
+    evaluation: u32,
+    times: u32,
+}
+
 /// The FF heuristic.
 #[derive(Debug)]
 pub(crate) struct FastForward<'t> {
@@ -14,11 +25,11 @@ pub(crate) struct FastForward<'t> {
     relaxation: Relaxation,
     additive: Additive,
     preferred: Vec<OperatorId>,
-    /// The relaxed plan, in no order.
+    /// The relaxed plan, in no order, each operator as often as numbers ask for.
     plan: Vec<OperatorId>,
     /// Propositions already looked at, by the number of the evaluation that did.
     marks: Vec<u32>,
-    operator_marks: Vec<u32>,
+    operator_marks: Vec<Mark>,
     evaluation: u32,
     waiting: Vec<u32>,
 }
@@ -34,7 +45,7 @@ impl<'t> FastForward<'t> {
             preferred: Vec::new(),
             plan: Vec::new(),
             marks: vec![0; relaxation.proposition_count()],
-            operator_marks: vec![0; task.operators.len()],
+            operator_marks: vec![Mark::default(); task.operators.len()],
             evaluation: 0,
             waiting: Vec::new(),
             relaxation,
@@ -96,14 +107,19 @@ impl<'t> FastForward<'t> {
                 self.mark(self.relaxation.preconditions(supporter)[index]);
             }
             let Some(operator) = self.relaxation.origin(supporter) else { continue };
+            let times = self.additive.repetitions(&self.relaxation, proposition);
             let mark = &mut self.operator_marks[operator.index()];
-            if *mark == self.evaluation {
+            let known = if mark.evaluation == self.evaluation { mark.times } else { 0 };
+            if times <= known {
                 continue;
             }
-            *mark = self.evaluation;
-            size = size.saturating_add(self.relaxation.base_cost(supporter));
-            self.plan.push(operator);
-            if all_hold(state, self.task.operator(operator).preconditions) {
+            *mark = Mark { evaluation: self.evaluation, times };
+            let further = u64::from(times - known);
+            let cost = self.relaxation.base_cost(supporter).saturating_mul(further);
+            size = size.saturating_add(cost);
+            let room = PLAN_MAX.saturating_sub(self.plan.len());
+            self.plan.extend(std::iter::repeat_n(operator, room.min(further as usize)));
+            if known == 0 && all_hold(state, self.task.operator(operator).preconditions) {
                 self.preferred.push(operator);
             }
         }
@@ -133,6 +149,6 @@ impl Evaluator for FastForward<'_> {
     }
 
     fn bytes(&self) -> usize {
-        self.relaxation.bytes() + self.additive.bytes() + self.operator_marks.len() * 4
+        self.relaxation.bytes() + self.additive.bytes() + self.operator_marks.len() * 8
     }
 }

@@ -157,6 +157,11 @@ pub(crate) struct FunctionUse {
 pub(crate) struct Costs {
     /// `None`: every step costs one. Otherwise how much one unit of a ground fluent costs.
     pub(crate) weights: Option<Vec<(FunctionIndex, Vec<ObjectId>, f64)>>,
+    /// How much every step costs beside that: the weight of `total-time`, where a plan takes as long
+    /// as it has steps.
+    pub(crate) per_step: f64,
+    /// Whether some step may cost more or less than in the initial state.
+    pub(crate) varies: bool,
 }
 
 /// A whole task before grounding.

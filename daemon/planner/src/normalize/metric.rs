@@ -1,7 +1,8 @@
 //! What a plan costs: the metric as a weighted sum of fluents that only ever grow step by step.
 //!
-//! A metric is additive if every change of its fluents is an unconditional increase or decrease by
-//! an amount that no state can alter. Anything else is refused by name.
+//! A metric is additive if every change of its fluents is an unconditional increase or decrease.
+//! Anything else is refused by name. Where the amount depends on the state, planning counts what it
+//! is in the initial state, and proves no cost; what a plan costs is told by the validator.
 
 use pddl::{
     Assignment, Direction, Expression, FluentTerm, Metric, Operator as Arithmetic, Problem,
@@ -17,9 +18,9 @@ use crate::task::ObjectId;
 pub(super) fn costs(symbols: &mut Symbols, problem: &Problem) -> Result<Costs, PlanError> {
     let Some(metric) = &problem.metric else { return Ok(Costs::default()) };
     let sign = if metric.direction == Direction::Maximize { -1.0 } else { 1.0 };
-    let mut linear = Linear { metric, weights: Vec::new() };
+    let mut linear = Linear { metric, weights: Vec::new(), per_step: 0.0 };
     linear.add(&metric.expression, sign)?;
-    let mut weights = Vec::new();
+    let (mut weights, per_step) = (Vec::new(), linear.per_step);
     for (fluent, weight) in linear.weights {
         let mut scope = Scope::new(symbols, []);
         let Some(fluent) = scope.fluent(fluent) else { continue };
@@ -30,16 +31,18 @@ pub(super) fn costs(symbols: &mut Symbols, problem: &Problem) -> Result<Costs, P
         let objects: Vec<ObjectId> = objects.collect();
         weights.push((fluent.function, objects, weight));
     }
-    Ok(Costs { weights: Some(weights) })
+    Ok(Costs { weights: Some(weights), per_step, varies: false })
 }
 
-/// Refuses a metric whose fluents change in a way that depends on the state.
+/// Refuses a metric whose fluents are set, scaled, or changed under conditions; notes whether their
+/// changes depend on the state.
 pub(super) fn check_additive(
-    costs: &Costs,
+    costs: &mut Costs,
     schemas: &[Schema],
     functions: &[FunctionUse],
 ) -> Result<(), Unsupported> {
     let weights = costs.weights.as_deref().unwrap_or_default();
+    let mut varies = false;
     let in_metric = |change: &LiftedNumeric| {
         weights.iter().any(|(function, ..)| *function == change.fluent.function)
     };
@@ -57,12 +60,9 @@ pub(super) fn check_additive(
         if !matches!(&change.condition, Formula::And(parts) if parts.is_empty()) {
             return Err(refuse("a conditional change"));
         }
-        let mut varies = false;
         change.value.functions(&mut |function| varies |= functions[function].changed);
-        if varies {
-            return Err(refuse("a state-dependent change"));
-        }
     }
+    costs.varies = varies;
     Ok(())
 }
 
@@ -70,6 +70,8 @@ pub(super) fn check_additive(
 struct Linear<'m> {
     metric: &'m Metric,
     weights: Vec<(&'m FluentTerm, f64)>,
+    /// The weight of `total-time`.
+    per_step: f64,
 }
 
 // === impl Linear ===
@@ -84,7 +86,10 @@ impl<'m> Linear<'m> {
             }
             Expression::Negate(inner) => self.add(inner, -weight),
             Expression::Apply(operator, operands) => self.apply(*operator, operands, weight),
-            Expression::TotalTime(span) => Err(self.refuse("`total-time` in a metric", *span)),
+            Expression::TotalTime(_) => {
+                self.per_step += weight;
+                Ok(())
+            }
             Expression::Duration(span) | Expression::ContinuousTime(span) => {
                 Err(self.refuse("time in a metric", *span))
             }

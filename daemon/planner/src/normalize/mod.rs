@@ -31,8 +31,8 @@ pub(crate) fn normalize(domain: &Domain, problem: &Problem) -> Result<Lifted, Pl
     let goal = closed(&mut symbols, &problem.goal);
     mark_predicates(&mut symbols, &schemas, &axioms);
     mark_functions(&mut symbols, &schemas, &axioms, &goal);
-    let costs = metric::costs(&mut symbols, problem)?;
-    metric::check_additive(&costs, &schemas, &symbols.functions)?;
+    let mut costs = metric::costs(&mut symbols, problem)?;
+    metric::check_additive(&mut costs, &schemas, &symbols.functions)?;
     let (init, values) = initial(&mut symbols, problem);
     reject_derived_changes(&mut symbols, domain, problem);
     if let Err(problem) = strata::assign(&mut axioms, domain) {
@@ -151,7 +151,9 @@ fn initial(symbols: &mut Symbols, problem: &Problem) -> Initial {
                 }
             }
             InitElement::Assign(fluent, number) => {
-                if let Some(fluent) = scope.fluent(fluent) {
+                // Competition problems carry values that no domain asks for; `check` warns of them.
+                let is_known = scope.symbols.has_function(&fluent.function);
+                if let Some(fluent) = is_known.then(|| scope.fluent(fluent)).flatten() {
                     values.push((fluent.function, ground(&fluent.arguments), number.0));
                 }
             }

@@ -79,6 +79,10 @@ impl Symbols {
         found.filter(|index| self.functions[*index].arity == arity)
     }
 
+    pub(super) fn has_function(&self, name: &Name) -> bool {
+        self.function_ids.contains_key(name)
+    }
+
     /// The set of objects that a type expression stands for.
     pub(super) fn type_set(&mut self, ty: &TypeExpr) -> TypeIndex {
         if let Some(&index) = self.type_ids.get(ty) {

@@ -195,8 +195,8 @@ fn sections_come_in_any_order() {
         "(:action go :effect (q)) (:predicates (q))",
         "(:metric minimize (total-time)) (:goal (q)) (:init)",
         expect![[r#"
-            unsupported: `total-time` in a metric
-            at (total-time)
+            (go)
+            cost 1, optimal
         "#]],
     );
     case(

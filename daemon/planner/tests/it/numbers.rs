@@ -111,15 +111,45 @@ fn static_comparisons_are_decided_while_grounding() {
 }
 
 #[test]
-fn a_cost_that_depends_on_the_state_is_refused() {
+fn a_cost_that_depends_on_the_state_is_counted_and_never_proven() {
     case(
         "(:predicates (q)) (:functions (total-cost) (load))
-         (:action load :effect (increase (load) 1))
-         (:action go :effect (and (q) (increase (total-cost) (load))))",
+         (:action load :precondition (< (load) 2) :effect (increase (load) 1))
+         (:action go :precondition (> (load) 1) :effect (and (q) (increase (total-cost) (load))))",
         "(:init (= (load) 0)) (:goal (q)) (:metric minimize (total-cost))",
         expect![[r#"
-            unsupported: a state-dependent change of `total-cost`, which the metric counts
-            at (increase (total-cost) (load))
+            (load)
+            (load)
+            (go)
+            cost 2, unproven
+        "#]],
+    );
+}
+
+#[test]
+fn time_is_the_number_of_steps() {
+    case(
+        "(:predicates (p) (q)) (:functions (total-cost))
+         (:action first :effect (p))
+         (:action then :precondition (p) :effect (and (q) (increase (total-cost) 3)))
+         (:action at-once :effect (and (q) (increase (total-cost) 6)))",
+        "(:init) (:goal (q)) (:metric minimize (+ (* 2 (total-time)) (total-cost)))",
+        expect![[r#"
+            (first)
+            (then)
+            cost 7, optimal
+        "#]],
+    );
+}
+
+#[test]
+fn values_that_no_domain_asks_for_are_passed_over() {
+    case(
+        "(:predicates (q)) (:functions (load)) (:action go :effect (and (q) (increase (load) 1)))",
+        "(:init (= (load) 0) (= (fuel) 7)) (:goal (and (q) (>= (load) 1)))",
+        expect![[r#"
+            (go)
+            cost 1, optimal
         "#]],
     );
 }

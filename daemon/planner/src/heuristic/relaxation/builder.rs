@@ -3,9 +3,10 @@
 use rustc_hash::FxHashMap;
 
 use super::dominance::Operators;
-use super::{AXIOM, Relaxation};
+use super::numbers::Numbers;
+use super::{AXIOM, NO_STEP, Relaxation};
 use crate::rows::Rows;
-use crate::task::{Changes, FactId, Literal, Operator, Task};
+use crate::task::{Changes, FactId, Literal, NumericChange, Operator, Task};
 
 /// Collects relaxed operators.
 pub(super) struct Builder<'t> {
@@ -15,8 +16,11 @@ pub(super) struct Builder<'t> {
     negations: Vec<Option<u32>>,
     /// Propositions that stand for “this axiom's body fails”; they follow the negations.
     failing: usize,
-    /// By numeric fluent: the comparisons that read it.
-    comparisons: Vec<Vec<FactId>>,
+    /// By numeric fluent: the comparisons that read it, by index.
+    comparisons: Vec<Vec<usize>>,
+    numbers: Numbers,
+    /// By relaxed operator and proposition: the step that says how often it takes.
+    steps: FxHashMap<(u32, u32), u32>,
     preconditions: Rows,
     adds: Rows,
     base_costs: Vec<u64>,
@@ -33,6 +37,8 @@ impl<'t> Builder<'t> {
             negations: vec![None; task.fact_count],
             failing: 0,
             comparisons: vec![Vec::new(); task.values.len()],
+            numbers: Numbers::new(&task.comparisons),
+            steps: FxHashMap::default(),
             preconditions: Rows::default(),
             adds: Rows::default(),
             base_costs: Vec::new(),
@@ -49,8 +55,7 @@ impl<'t> Builder<'t> {
         }
         builder.note_negations_of_axioms();
         for (index, comparison) in task.comparisons.iter().enumerate() {
-            let fact = FactId::from_index(task.basic_count + index);
-            let mut note = |fluent: u32| builder.comparisons[fluent as usize].push(fact);
+            let mut note = |fluent: u32| builder.comparisons[fluent as usize].push(index);
             comparison.left.fluents(&mut note);
             comparison.right.fluents(&mut note);
         }
@@ -159,18 +164,33 @@ impl<'t> Builder<'t> {
     }
 
     /// The propositions that changes may make true.
-    fn added(&self, changes: Changes<'_>) -> Vec<u32> {
+    fn added(&mut self, changes: Changes<'_>) -> Vec<u32> {
         let mut all: Vec<u32> = changes.adds.iter().map(|fact| fact.0).collect();
         all.extend(changes.deletes.iter().filter_map(|fact| self.negations[fact.index()]));
-        for change in changes.numeric.iter() {
-            for fact in &self.comparisons[change.fluent as usize] {
-                all.push(fact.0);
-                all.extend(self.negations[fact.index()]);
-            }
-        }
+        self.add_comparisons(changes.numeric, &mut all);
         all.sort_unstable();
         all.dedup();
         all
+    }
+
+    /// The comparisons that numeric changes of the next relaxed operator may make true or false.
+    fn add_comparisons(&mut self, changes: &[NumericChange], all: &mut Vec<u32>) {
+        let read = changes.iter().flat_map(|change| &self.comparisons[change.fluent as usize]);
+        let mut read: Vec<usize> = read.copied().collect();
+        read.sort_unstable();
+        read.dedup();
+        let relaxed = self.preconditions.len() as u32;
+        for index in read {
+            let fact = FactId::from_index(self.task.basic_count + index);
+            let propositions = [(Some(fact.0), true), (self.negations[fact.index()], false)];
+            for (proposition, truth) in propositions {
+                let Some(proposition) = proposition else { continue };
+                if let Some(step) = self.numbers.step(index, truth, changes) {
+                    self.steps.insert((relaxed, proposition), step);
+                    all.push(proposition);
+                }
+            }
+        }
     }
 
     fn push(&mut self, origin: u32, preconditions: &[u32], adds: &[u32], weight: u64) {
@@ -183,17 +203,29 @@ impl<'t> Builder<'t> {
         self.origins.push(origin);
     }
 
+    /// By addition: its step; empty where there are none.
+    fn steps_of(&self, adds: &Rows) -> Vec<u32> {
+        if self.numbers.is_empty() {
+            return Vec::new();
+        }
+        let rows = (0..adds.len() as u32).map(|relaxed| (relaxed, adds.row(relaxed)));
+        let each = rows.flat_map(|(relaxed, row)| row.iter().map(move |one| (relaxed, *one)));
+        each.map(|key| self.steps.get(&key).copied().unwrap_or(NO_STEP)).collect()
+    }
+
     /// The relaxation; where it is to `simplify`, without additions that bring nothing.
-    pub(super) fn finish(self, simplify: bool) -> Relaxation {
+    pub(super) fn finish(mut self, simplify: bool) -> Relaxation {
         let goal = self.propositions(self.task.goal.iter());
         let proposition_count = self.task.fact_count + self.negated.len() + self.failing;
         let adds = if simplify {
             let (preconditions, adds) = (&self.preconditions, &self.adds);
             let base_costs = &self.base_costs;
-            Operators { preconditions, adds, base_costs }.useful_adds(proposition_count)
+            let is_exempt = |relaxed, proposition| self.steps.contains_key(&(relaxed, proposition));
+            Operators { preconditions, adds, base_costs }.useful_adds(proposition_count, &is_exempt)
         } else {
-            self.adds
+            std::mem::take(&mut self.adds)
         };
+        let steps = self.steps_of(&adds);
         let count = self.preconditions.len() as u32;
         let missing: Vec<u32> =
             (0..count).map(|index| self.preconditions.row(index).len() as u32).collect();
@@ -205,6 +237,8 @@ impl<'t> Builder<'t> {
             asking: self.preconditions.inverted(proposition_count),
             preconditions: self.preconditions,
             adds,
+            steps,
+            numbers: self.numbers,
             base_costs: self.base_costs,
             origins: self.origins,
             missing,

@@ -21,8 +21,13 @@ pub(super) struct Operators<'r> {
 // === impl Operators ===
 
 impl Operators<'_> {
-    /// Of each operator, what it adds that brings something. Costs of propositions stay the same.
-    pub(super) fn useful_adds(&self, proposition_count: usize) -> Rows {
+    /// Of each operator, what it adds that brings something, and what is exempt because it costs
+    /// what only the state tells. Costs of propositions stay the same.
+    pub(super) fn useful_adds(
+        &self,
+        proposition_count: usize,
+        is_exempt: &dyn Fn(u32, u32) -> bool,
+    ) -> Rows {
         let adding = self.adds.inverted(proposition_count);
         // The adders of one proposition by the first of what they ask for; at the end, those that
         // ask for nothing.
@@ -39,9 +44,9 @@ impl Operators<'_> {
                 let asked = self.preconditions.row(adder);
                 let firsts = asked.iter().map(|one| *one as usize).chain([proposition_count]);
                 let mut others = firsts.flat_map(|one| by_first[one].iter().take(COMPARED_MAX));
-                if asked.binary_search(&proposition).is_err()
-                    && !others.any(|other| self.dominates(*other, adder))
-                {
+                let is_dominated = asked.binary_search(&proposition).is_ok()
+                    || others.any(|other| self.dominates(*other, adder));
+                if !is_dominated || is_exempt(adder, proposition) {
                     useful.push((adder, proposition));
                 }
             }
@@ -86,7 +91,7 @@ mod tests {
     fn check(preconditions: &[&[u32]], adds: &[&[u32]], base_costs: &[u64], expected: &[&[u32]]) {
         let (preconditions, adds) = (rows(preconditions), rows(adds));
         let operators = Operators { preconditions: &preconditions, adds: &adds, base_costs };
-        let useful = operators.useful_adds(6);
+        let useful = operators.useful_adds(6, &|_, _| false);
         let found: Vec<&[u32]> = (0..useful.len() as u32).map(|one| useful.row(one)).collect();
         assert_eq!(found, expected);
     }

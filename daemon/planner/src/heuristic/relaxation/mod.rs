@@ -8,8 +8,10 @@
 
 mod builder;
 mod dominance;
+mod numbers;
 
 use self::builder::Builder;
+use self::numbers::Numbers;
 use super::queue::CostQueue;
 use crate::rows::Rows;
 use crate::state::{State, is_true, true_facts};
@@ -20,6 +22,9 @@ pub(super) const UNREACHED: u64 = u64::MAX;
 
 /// Marks relaxed operators that come from axioms.
 const AXIOM: u32 = u32::MAX;
+
+/// Marks additions that take one step.
+const NO_STEP: u32 = u32::MAX;
 
 /// What an operator counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,6 +51,9 @@ pub(crate) struct Relaxation {
     asking: Rows,
     preconditions: Rows,
     adds: Rows,
+    /// By addition: the step of `numbers` that says how often it takes; empty where all take once.
+    steps: Vec<u32>,
+    numbers: Numbers,
     base_costs: Vec<u64>,
     /// The operator each relaxed operator comes from.
     origins: Vec<u32>,
@@ -141,6 +149,28 @@ impl Relaxation {
     #[inline]
     pub(super) fn adds(&self, relaxed: u32) -> &[u32] {
         self.adds.row(relaxed)
+    }
+
+    /// Whether some additions take more than one step.
+    pub(super) fn has_numbers(&self) -> bool {
+        !self.numbers.is_empty()
+    }
+
+    /// How often each step must be repeated, as seen from a state.
+    pub(super) fn repetitions(&self, state: &State, found: &mut Vec<u32>) {
+        self.numbers.repetitions(&state[self.fact_count.div_ceil(64)..], found);
+    }
+
+    /// What a relaxed operator adds, and how often it takes, given the repetitions of each step.
+    #[inline]
+    pub(super) fn adds_with<'r>(
+        &'r self,
+        relaxed: u32,
+        repetitions: &'r [u32],
+    ) -> impl Iterator<Item = (u32, u32)> {
+        let steps = &self.steps[self.adds.range(relaxed)];
+        let times = steps.iter().map(|step| repetitions.get(*step as usize).copied().unwrap_or(1));
+        self.adds.row(relaxed).iter().copied().zip(times)
     }
 
     /// Relaxed operators by what they add.

@@ -1,0 +1,298 @@
+//! How often an operator must be repeated until a comparison holds: subgoaling, after Scala, Haslum,
+//! Magazzeni and Thiébaux, “Subgoaling Techniques for Satisficing and Optimal Numeric Planning”
+//! (2020).
+//!
+//! A comparison is a distance from a bound. An operator that always changes it by the same is
+//! repeated as often as it takes; one that changes it for the worse is none that achieves it. Where
+//! the change depends on the state, it is taken as it is there.
+
+use pddl::{Assignment, Comparison, Operator as Arithmetic};
+use rustc_hash::FxHashMap;
+
+use crate::task::{GroundComparison, GroundExpression, NumericChange};
+
+/// What counts as more than nothing.
+const EPSILON: f64 = 1e-9;
+
+/// Repetitions of what, as things are, leads nowhere: other steps have to come first.
+const DETOUR: u32 = 10;
+
+/// Further than this, one step more makes no difference.
+const REPETITIONS_MAX: u32 = 100_000;
+
+/// What is wanted of a number: the distance that a comparison speaks of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Wanted {
+    AtLeastZero,
+    AboveZero,
+    Zero,
+    NotZero,
+}
+
+/// An operator as a means to make one comparison true, or false.
+#[derive(Clone, Debug)]
+struct Step {
+    /// Index of the comparison.
+    comparison: u32,
+    wanted: Wanted,
+    /// −1 where less is wanted.
+    sign: f64,
+    change: Change,
+}
+
+/// How an operator changes the distance.
+#[derive(Clone, Debug)]
+enum Change {
+    /// Always by this much; never zero.
+    Constant(f64),
+    /// By what these come to, each so many times.
+    Depends(Box<[(f64, NumericChange)]>),
+    /// Nobody knows.
+    Unknown,
+}
+
+/// All steps of a relaxation, numbered.
+#[derive(Clone, Debug, Default)]
+pub(in crate::heuristic) struct Numbers {
+    comparisons: Vec<GroundComparison>,
+    /// By comparison: how much each fluent counts in it; `None` where it is not linear.
+    weights: Vec<Option<FxHashMap<u32, f64>>>,
+    steps: Vec<Step>,
+}
+
+// === impl Numbers ===
+
+impl Numbers {
+    pub(super) fn new(comparisons: &[GroundComparison]) -> Numbers {
+        let weights = { comparisons.iter() }
+            .map(|comparison| {
+                let mut weights = FxHashMap::default();
+                let is_linear = collect(&comparison.left, 1.0, &mut weights)
+                    && collect(&comparison.right, -1.0, &mut weights);
+                is_linear.then_some(weights)
+            })
+            .collect();
+        Numbers { comparisons: comparisons.to_vec(), weights, steps: Vec::new() }
+    }
+
+    pub(in crate::heuristic) fn is_empty(&self) -> bool {
+        self.steps.is_empty()
+    }
+
+    /// The number of the step by which `changes` make a comparison true, or false; `None` if they
+    /// never do.
+    pub(super) fn step(
+        &mut self,
+        comparison: usize,
+        truth: bool,
+        changes: &[NumericChange],
+    ) -> Option<u32> {
+        let (wanted, sign) = wanted(self.comparisons[comparison].comparison, truth);
+        let change = self.change(comparison, changes);
+        if let Change::Constant(by) = change {
+            let is_either_way = matches!(wanted, Wanted::Zero | Wanted::NotZero);
+            if by.abs() < EPSILON || (!is_either_way && by * sign < 0.0) {
+                return None;
+            }
+        }
+        let comparison = comparison as u32;
+        self.steps.push(Step { comparison, wanted, sign, change });
+        Some(self.steps.len() as u32 - 1)
+    }
+
+    fn change(&self, comparison: usize, changes: &[NumericChange]) -> Change {
+        let Some(weights) = &self.weights[comparison] else { return Change::Unknown };
+        let (mut constant, mut parts) = (Some(0.0), Vec::new());
+        for change in changes {
+            let Some(&weight) = weights.get(&change.fluent) else { continue };
+            constant = match (constant, constant_change(change)) {
+                (Some(sum), Some(by)) => Some(sum + weight * by),
+                _ => None,
+            };
+            parts.push((weight, change.clone()));
+        }
+        constant.map_or_else(|| Change::Depends(parts.into()), Change::Constant)
+    }
+
+    /// How often each step must be repeated, as seen from the numbers of a state.
+    pub(in crate::heuristic) fn repetitions(&self, values: &[u64], found: &mut Vec<u32>) {
+        let value = |fluent: u32| f64::from_bits(values[fluent as usize]);
+        let distances: Vec<f64> = { self.comparisons.iter() }
+            .map(|one| one.left.evaluate(&value) - one.right.evaluate(&value))
+            .collect();
+        found.clear();
+        found.extend({ self.steps.iter() }.map(|step| {
+            let distance = distances[step.comparison as usize] * step.sign;
+            step.repetitions(distance, &value)
+        }));
+    }
+}
+
+// === impl Step ===
+
+impl Step {
+    fn repetitions(&self, distance: f64, value: &dyn Fn(u32) -> f64) -> u32 {
+        match &self.change {
+            Change::Unknown => 1,
+            Change::Constant(by) => times(self.wanted, distance, by * self.sign),
+            Change::Depends(parts) => {
+                let by = |(weight, change): &(f64, NumericChange)| {
+                    weight * self.sign * current_change(change, value)
+                };
+                let by: f64 = parts.iter().map(by).sum();
+                let is_once =
+                    parts.iter().any(|(_, change)| change.assignment == Assignment::Assign);
+                match times(self.wanted, distance, by) {
+                    more if is_once && more > 1 => DETOUR,
+                    other => other,
+                }
+            }
+        }
+    }
+}
+
+/// How often a distance must change by so much.
+fn times(wanted: Wanted, distance: f64, by: f64) -> u32 {
+    if distance.is_nan() || by.is_nan() {
+        return 1;
+    }
+    let missing = match wanted {
+        Wanted::NotZero => return 1,
+        Wanted::AtLeastZero | Wanted::Zero => -distance / by,
+        // A little more than what is missing.
+        Wanted::AboveZero => (-distance / by).floor() + 1.0,
+    };
+    if by.abs() < EPSILON || missing < -EPSILON {
+        return DETOUR;
+    }
+    ((missing - EPSILON).ceil().max(1.0) as u32).min(REPETITIONS_MAX)
+}
+
+fn wanted(comparison: Comparison, truth: bool) -> (Wanted, f64) {
+    match (comparison, truth) {
+        (Comparison::GreaterOrEqual, true) => (Wanted::AtLeastZero, 1.0),
+        (Comparison::Greater, true) => (Wanted::AboveZero, 1.0),
+        (Comparison::LessOrEqual, true) => (Wanted::AtLeastZero, -1.0),
+        (Comparison::Less, true) => (Wanted::AboveZero, -1.0),
+        (Comparison::GreaterOrEqual, false) => (Wanted::AboveZero, -1.0),
+        (Comparison::Greater, false) => (Wanted::AtLeastZero, -1.0),
+        (Comparison::LessOrEqual, false) => (Wanted::AboveZero, 1.0),
+        (Comparison::Less, false) => (Wanted::AtLeastZero, 1.0),
+        (Comparison::Equal, true) => (Wanted::Zero, 1.0),
+        (Comparison::Equal, false) => (Wanted::NotZero, 1.0),
+    }
+}
+
+/// By how much a change moves its fluent, if that is always the same.
+fn constant_change(change: &NumericChange) -> Option<f64> {
+    let GroundExpression::Number(number) = change.value else { return None };
+    match change.assignment {
+        Assignment::Increase => Some(number),
+        Assignment::Decrease => Some(-number),
+        Assignment::Assign | Assignment::ScaleUp | Assignment::ScaleDown => None,
+    }
+}
+
+/// By how much a change moves its fluent now.
+fn current_change(change: &NumericChange, value: &dyn Fn(u32) -> f64) -> f64 {
+    let (old, operand) = (value(change.fluent), change.value.evaluate(value));
+    match change.assignment {
+        Assignment::Increase => operand,
+        Assignment::Decrease => -operand,
+        Assignment::Assign => operand - old,
+        Assignment::ScaleUp => old * operand - old,
+        Assignment::ScaleDown => old / operand - old,
+    }
+}
+
+/// Adds up how much each fluent counts in an expression; `false` if that is not always the same.
+fn collect(expression: &GroundExpression, factor: f64, weights: &mut FxHashMap<u32, f64>) -> bool {
+    match expression {
+        GroundExpression::Number(_) => true,
+        GroundExpression::Fluent(fluent) => {
+            *weights.entry(*fluent).or_default() += factor;
+            true
+        }
+        GroundExpression::Negate(inner) => collect(inner, -factor, weights),
+        GroundExpression::Apply(Arithmetic::Add, parts) => {
+            parts.iter().all(|part| collect(part, factor, weights))
+        }
+        GroundExpression::Apply(Arithmetic::Subtract, parts) => {
+            let mut parts = parts.iter();
+            let first = parts.next().is_none_or(|first| collect(first, factor, weights));
+            first && parts.all(|part| collect(part, -factor, weights))
+        }
+        GroundExpression::Apply(Arithmetic::Multiply, parts) => {
+            let numbers = parts.iter().filter_map(constant);
+            let factor = numbers.fold(factor, |product, number| product * number);
+            let mut others = parts.iter().filter(|part| constant(part).is_none());
+            match (others.next(), others.next()) {
+                (None, _) => true,
+                (Some(only), None) => collect(only, factor, weights),
+                _ => false,
+            }
+        }
+        GroundExpression::Apply(Arithmetic::Divide, parts) => {
+            let Some((first, rest)) = parts.split_first() else { return true };
+            let divisor: Option<f64> = rest.iter().map(constant).product();
+            divisor.is_some_and(|divisor| collect(first, factor / divisor, weights))
+        }
+    }
+}
+
+/// The value of an expression without fluents.
+fn constant(expression: &GroundExpression) -> Option<f64> {
+    let mut has_fluent = false;
+    expression.fluents(&mut |_| has_fluent = true);
+    (!has_fluent).then(|| expression.evaluate(&|_| f64::NAN))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn check(comparison: Comparison, truth: bool, distance: f64, by: f64, expected: u32) {
+        let (wanted, sign) = wanted(comparison, truth);
+        assert_eq!(times(wanted, distance * sign, by * sign), expected);
+    }
+
+    #[test]
+    fn steps_are_counted_up_to_the_bound() {
+        check(Comparison::GreaterOrEqual, true, -7.0, 2.0, 4);
+        check(Comparison::GreaterOrEqual, true, -8.0, 2.0, 4);
+        check(Comparison::Greater, true, -8.0, 2.0, 5);
+        check(Comparison::Greater, true, 0.0, 2.0, 1);
+        check(Comparison::LessOrEqual, true, 7.0, -2.0, 4);
+        check(Comparison::Less, true, 8.0, -2.0, 5);
+        check(Comparison::GreaterOrEqual, false, 3.0, -1.0, 4);
+        check(Comparison::Equal, true, -0.3, 0.1, 3);
+    }
+
+    #[test]
+    fn what_leads_away_needs_a_detour() {
+        check(Comparison::Equal, true, -3.0, -1.0, DETOUR);
+        check(Comparison::GreaterOrEqual, true, -3.0, 0.0, DETOUR);
+        check(Comparison::Equal, false, 0.0, -1.0, 1);
+    }
+
+    #[test]
+    fn numbers_without_a_value_are_one_step_away() {
+        check(Comparison::GreaterOrEqual, true, f64::NAN, 1.0, 1);
+    }
+
+    #[test]
+    fn weights_add_up() {
+        let fluent = |index| GroundExpression::Fluent(index);
+        let number = |value| GroundExpression::Number(value);
+        let twice = GroundExpression::Apply(Arithmetic::Multiply, vec![number(2.0), fluent(1)]);
+        let sum = GroundExpression::Apply(Arithmetic::Add, vec![fluent(0), twice.clone()]);
+        let less = GroundExpression::Apply(Arithmetic::Subtract, vec![sum, fluent(1)]);
+        let half = GroundExpression::Apply(Arithmetic::Divide, vec![less, number(2.0)]);
+        let mut weights = FxHashMap::default();
+        assert!(collect(&half, 1.0, &mut weights));
+        assert_eq!((weights[&0], weights[&1]), (0.5, 0.5));
+        let square = GroundExpression::Apply(Arithmetic::Multiply, vec![fluent(0), fluent(0)]);
+        assert!(!collect(&square, 1.0, &mut weights));
+    }
+}
