@@ -23,7 +23,7 @@ pub(super) fn reach(
     let mut fired = vec![false; task.operator_count()];
     loop {
         let begun = clock.now();
-        for index in (0..task.operator_count()).rev() {
+        for (index, fired) in fired.iter_mut().enumerate().rev() {
             let operator = view.operator(index);
             if !prune.is_useful[index] || !clock.must_look(index, operator.after) {
                 continue;
@@ -35,7 +35,7 @@ pub(super) fn reach(
             if !leads_on || !before.contains_all(operator.preconditions) {
                 continue;
             }
-            fired[index] = true;
+            *fired = true;
             for old in operator.preconditions.iter().chain(operator.free) {
                 if before.contains(*old) {
                     pairs.insert(*old, &before, reached, &mut |one| clock.change(one));

@@ -33,14 +33,14 @@ pub(super) fn reach(prune: &Prune<'_>, work: &mut Work<'_>) -> Result<Option<Rea
     let mut fired = vec![false; task.operator_count()];
     loop {
         let begun = clock.now;
-        for index in 0..task.operator_count() {
+        for (index, fired) in fired.iter_mut().enumerate() {
             let operator = view.operator(index);
             if !prune.is_useful[index] || !clock.must_look(index, operator.preconditions) {
                 continue;
             }
             work.spend(pairs.width() * operator.size())?;
             let Some(after) = after(&operator, &pairs, &prune.alive) else { continue };
-            fired[index] = true;
+            *fired = true;
             for new in operator.sure.iter().chain(operator.possible) {
                 pairs.insert(*new, &after, &prune.alive, &mut |one| clock.change(one));
             }

@@ -33,7 +33,7 @@ pub(crate) enum Pruned {
     /// As much as there was, or there was too much to look at.
     Everything,
     /// A task with the same plans.
-    Smaller(Smaller),
+    Smaller(Box<Smaller>),
     /// No plan exists.
     Nothing,
 }
@@ -175,7 +175,7 @@ impl<'t> Prune<'t> {
             return Pruned::Everything;
         }
         let task = self.task.with_operators(operators);
-        Pruned::Smaller(Smaller { task, origins })
+        Pruned::Smaller(Box::new(Smaller { task, origins }))
     }
 
     /// The facts that are true whenever a plan uses an operator, beyond what it asks for and what
