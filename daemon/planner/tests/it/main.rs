@@ -10,6 +10,7 @@ mod office;
 mod ordering;
 mod simulation;
 mod simulator;
+mod spoiled;
 mod stopping;
 mod support;
 mod validation;

@@ -1,0 +1,106 @@
+#!/usr/bin/env python3
+"""Competition tasks: the embedded planner beside another one, on the same machine in the same hour.
+
+usage: competition.py BENCH [--set classical|numeric] [--time 30] [--core N] [--other 'CMD'] [--only ALTHING|OTHER]
+
+BENCH is a folder with planbench.py, SET.tasks and SET/; results go to target/competition/SET/*.jsonl, and a run goes on
+where those end: `rm -r target/competition` begins anew. `cargo build --release` comes before. The other planner of the
+classical set is Fast Downward (`pip install up-fast-downward`), `--alias lama-first`; any other is named by --other, with
+{domain} {problem} {plan}. Both get a core, 2 GiB, an empty PATH and `althing validate` as a judge. Prints Markdown.
+
+The agile score is that of the competitions: 1 for a task solved within a second, less for each second more, on a
+logarithmic scale, 0 at the limit.
+"""
+import argparse, importlib.util, json, math, os, pathlib, subprocess, sys
+
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+ALTHING = ROOT / "target/release/althing"
+
+
+def command_of_fast_downward():
+    found = importlib.util.find_spec("up_fast_downward")
+    if found is None:
+        sys.exit("Fast Downward is not installed: `pip install up-fast-downward`, or name another planner with --other")
+    driver = pathlib.Path(found.origin).parent / "downward/fast-downward.py"
+    return f"{sys.executable} {driver} --plan-file {{plan}} --alias lama-first {{domain}} {{problem}}"
+
+
+def run(name, command, args, out):
+    validate = f"{ALTHING} validate {{domain}} {{problem}} {{plan}}"
+    bench = pathlib.Path(args.bench)
+    words = [sys.executable, bench / "planbench.py", "--name", name, "--cmd", f"PATH= {command}", "--validate", validate,
+             "--tasks", bench / f"{args.set}.tasks", "--root", bench / args.set, "--out", out, "--time", str(args.time)]
+    if args.core is not None:
+        words += ["--core", str(args.core)]
+    subprocess.run([str(word) for word in words], check=True)
+
+
+def rows(path):
+    if not path.exists():
+        return {}
+    return {(row["domain"], row["problem"]): row for row in map(json.loads, open(path))}
+
+
+def agile(row, limit):
+    if not row["solved"]:
+        return 0
+    return 1 if row["wall"] <= 1 else max(0, 1 - math.log(row["wall"]) / math.log(limit))
+
+
+def mean_ratio(pairs):
+    logs = [math.log(own / other) for own, other in pairs if own and other]
+    return math.exp(sum(logs) / len(logs)) if logs else math.nan
+
+
+def cell(row):
+    if row is None:
+        return "not run"
+    if not row["solved"]:
+        return "–"
+    return f"{row['cost']:g} in {row['wall']:.2f} s"
+
+
+def tell(args, own, other):
+    keys = [key for key in own if key in other] or list(own)
+    both = [key for key in keys if own[key]["solved"] and other.get(key, {}).get("solved")]
+    print(f"| {len(keys)} {args.set} tasks, {args.time:g} s, 2 GiB, one core | althing | other |\n|---|---|---|")
+    sides = [[side[key] for key in keys if key in side] for side in (own, other)]
+    print("| solved |", " | ".join(str(sum(row["solved"] for row in side)) for side in sides), "|")
+    print("| agile score |", " | ".join(f"{sum(agile(row, args.time) for row in side):.1f}" for side in sides), "|")
+    print("| plans that the validator refuses |", " | ".join(str(sum(row["valid"] is False for row in side)) for side in sides), "|")
+    costs = mean_ratio((own[key]["cost"], other[key]["cost"]) for key in both)
+    times = mean_ratio((own[key]["wall"], other[key]["wall"]) for key in both)
+    print(f"| cost of plans for the {len(both)} that both solve, geometric mean of ratios | {costs:.3f} | 1 |")
+    print(f"| time for them, likewise | {times:.3f} | 1 |\n")
+    print("Solved by one of them only, or by neither:\n\n| task | althing | other |\n|---|---|---|")
+    for key in sorted(keys):
+        pair = own[key], other.get(key)
+        if not all(row and row["solved"] for row in pair):
+            print("|", key[1], "|", cell(pair[0]), "|", cell(pair[1]), "|")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("bench")
+    parser.add_argument("--set", default="classical", choices=["classical", "numeric"])
+    parser.add_argument("--time", type=float, default=30)
+    parser.add_argument("--core", type=int)
+    parser.add_argument("--other", default=None)
+    parser.add_argument("--only", choices=["althing", "other"])
+    args = parser.parse_args()
+    folder = ROOT / "target/competition" / args.set
+    folder.mkdir(parents=True, exist_ok=True)
+    results = {name: folder / f"{name}.jsonl" for name in ("althing", "other")}
+    commands = {
+        # Somewhat less memory than there is: code and stacks want room, too.
+        "althing": f"{ALTHING} plan {{domain}} {{problem}} --plan {{plan}} --memory-limit 1800 --time-limit {args.time - 0.2:g}",
+        "other": args.other or (command_of_fast_downward() if args.set == "classical" else None),
+    }
+    for name, command in commands.items():
+        if command and args.only in (None, name):
+            run(name, command, args, results[name])
+    tell(args, *(rows(results[name]) for name in ("althing", "other")))
+
+
+if __name__ == "__main__":
+    main()

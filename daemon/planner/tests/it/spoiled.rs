@@ -1,0 +1,108 @@
+//! Texts that somebody has spoiled: words left out, doubled, moved and exchanged. Planning ends within
+//! its limits, and every plan is one.
+
+use std::time::{Duration, Instant};
+
+use proptest::prelude::*;
+
+#[path = "../../fuzz/answer.rs"]
+mod answer;
+
+use answer::{Answer, answer};
+
+/// A good domain, a zero, and a good problem.
+macro_rules! texts {
+    ($folder:literal) => {
+        concat!(
+            include_str!(concat!("../../benches/", $folder, "/domain.pddl")),
+            "\0",
+            include_str!(concat!("../../benches/", $folder, "/problem.pddl"))
+        )
+    };
+}
+
+const TEXTS: [&str; 4] = [
+    texts!("office"),
+    texts!("scenarios/2-two-robots"),
+    texts!("scenarios/3-validation"),
+    // What those are too well-behaved for.
+    "(define (domain d) (:types u - t t) (:constants a - t b - u)
+       (:predicates (z) (p ?x) (r ?x ?y - t) (d ?x)) (:functions (total-cost) (n) (f ?x - t))
+       (:derived (d ?x) (or (p ?x) (exists (?y - t) (and (r ?x ?y) (d ?y)))))
+       (:action go :parameters (?x - t ?y - (either u t))
+         :precondition (and (imply (z) (p ?x)) (forall (?v - u) (or (r ?v ?x) (not (= ?v ?y)))))
+         :effect (and (p ?y) (when (d ?x) (not (p ?x))) (increase (n) (f ?x))
+           (forall (?v - t) (when (p ?v) (r ?x ?v))) (increase (total-cost) (+ 1 (* 2 (f ?y))))))
+       (:action drop :parameters (?x) :precondition (>= (n) 1)
+         :effect (and (decrease (n) 1) (assign (f b) (/ (n) (f ?x))) (z))))
+     \0(define (problem e) (:domain d) (:objects c - u) (:init (p a) (= (n) 0) (= (f a) 2)
+       (= (f b) 0) (= (f c) 1)) (:goal (and (z) (r c a) (> (n) (f b))))
+       (:metric minimize (+ (total-cost) (* 3 (total-time)))))",
+];
+
+/// Debug builds on a busy machine; libFuzzer asks for less.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// What is done to one word.
+#[derive(Clone, Copy, Debug)]
+enum Slip {
+    Drop,
+    Double,
+    /// Put in the place of another, which stays too.
+    Copy,
+    Exchange,
+}
+
+fn slip() -> impl Strategy<Value = Slip> {
+    prop_oneof![Just(Slip::Drop), Just(Slip::Double), Just(Slip::Copy), Just(Slip::Exchange)]
+}
+
+/// The words and parentheses of a text, without its comments.
+fn words(text: &str) -> Vec<String> {
+    let said = text.lines().filter_map(|line| line.split(';').next());
+    let apart = said.collect::<Vec<_>>().join(" ");
+    let apart = apart.replace('(', " ( ").replace(')', " ) ").replace('\0', " \0 ");
+    apart.split_ascii_whitespace().map(str::to_owned).collect()
+}
+
+fn spoil(text: &str, slips: &[(Slip, prop::sample::Index, prop::sample::Index)]) -> String {
+    let mut words = words(text);
+    for (slip, at, other) in slips {
+        let (at, other) = (at.index(words.len()), other.index(words.len()));
+        match slip {
+            Slip::Drop => drop(words.remove(at)),
+            Slip::Double => words.insert(at, words[at].clone()),
+            Slip::Copy => words[other] = words[at].clone(),
+            Slip::Exchange => words.swap(at, other),
+        }
+    }
+    words.join(" ")
+}
+
+#[test]
+fn unspoiled_they_have_plans() {
+    for text in TEXTS {
+        assert_eq!(answer(words(text).join(" ").as_bytes()), Answer::Planned, "{text}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: 400,
+        failure_persistence: None,
+        rng_seed: proptest::test_runner::RngSeed::Fixed(2_031),
+        ..ProptestConfig::default()
+    })]
+
+    #[test]
+    fn spoiled_texts_are_answered(
+        text in prop::sample::select(&TEXTS[..]),
+        slips in prop::collection::vec(
+            (slip(), any::<prop::sample::Index>(), any::<prop::sample::Index>()), 1..4),
+    ) {
+        let spoiled = spoil(text, &slips);
+        let began = Instant::now();
+        let answer = answer(spoiled.as_bytes());
+        prop_assert!(began.elapsed() < PATIENCE, "{answer:?} after {:?}", began.elapsed());
+    }
+}
