@@ -45,6 +45,10 @@ const OFFICE: &str = include_str!("../../../ecosystems/smart-office.toml");
 const DOMAIN: &str = include_str!("../../../domains/smart-office/domain.pddl");
 const MAP: &str = include_str!("../../../domains/smart-office/map.pddl");
 
+/// The office's plugins that can do something, and so keep a domain of their own.
+const DEVICES: [&str; 5] =
+    ["temperature-sensor", "sensor", "ir-temperature-sensor", "turtlebot", "ptz-camera"];
+
 /// The daemon of the office, and that of this process, which calls it.
 const HOUSE: &str = "house";
 const HERE: &str = "stand";
@@ -95,8 +99,7 @@ impl Bench {
         let ear = Box::new(Ear { tell });
         support::launch(&AgentId::new("ear")?, ear, &switchboard, ECOSYSTEM);
 
-        let sensors = ["temperature-sensor", "sensor", "ir-temperature-sensor", "turtlebot"];
-        let is_device = |entry: &Entry| sensors.contains(&&*entry.plugin) && entry.daemon == HOUSE;
+        let is_device = |entry: &Entry| DEVICES.contains(&&*entry.plugin) && entry.daemon == HOUSE;
         let devices: BTreeSet<_> = support::entries(&text)?
             .into_iter()
             .filter(is_device)
