@@ -148,15 +148,44 @@ impl Office {
         self.start("alone", options);
     }
 
+    /// Starts daemons at once, and waits until all are ready.
+    pub(crate) fn up_at_once(&mut self, names: &[&str]) {
+        let begin = |name: &&str| self.begin(&self.file, name, &["--daemon", name]);
+        let daemons: Vec<_> = names.iter().map(begin).collect();
+        for daemon in daemons {
+            daemon.await_line("is ready");
+            self.daemons.push(daemon);
+        }
+    }
+
+    /// Starts a daemon from another file.
+    pub(crate) fn up_from(&mut self, file: &Path, name: &str) {
+        let daemon = self.begin(file, name, &["--daemon", name]);
+        daemon.await_line("is ready");
+        self.daemons.push(daemon);
+    }
+
+    /// Kills a daemon, and waits until it is gone.
+    pub(crate) fn kill(&mut self, name: &str) {
+        let at = self.daemons.iter().position(|daemon| daemon.name == name).expect("a daemon");
+        let mut daemon = self.daemons.remove(at);
+        daemon.child.kill().expect("our child");
+        daemon.child.wait().expect("our child");
+    }
+
     fn start(&mut self, name: &str, options: &[&str]) {
-        let file = self.file.display().to_string();
+        let daemon = self.begin(&self.file, name, options);
+        daemon.await_line("is ready");
+        self.daemons.push(daemon);
+    }
+
+    fn begin(&self, file: &Path, name: &str, options: &[&str]) -> Daemon {
+        let file = file.display().to_string();
         let arguments = [&["up", &file], options].concat();
         let mut child =
             self.command(&arguments).stdout(Stdio::piped()).spawn().expect("the binary is built");
         let lines = lines(&mut child);
-        let daemon = Daemon { name: name.to_owned(), child, lines };
-        daemon.await_line("is ready");
-        self.daemons.push(daemon);
+        Daemon { name: name.to_owned(), child, lines }
     }
 
     /// Sends a signal to a daemon's process, by its id.

@@ -7,8 +7,9 @@
 //! The smart office runs in a process of its own. A thermometer that nobody knows is launched
 //!
 //! - in a daemon that is here already, a hundred times;
-//! - with a daemon of its own, a new process and a new router. It calls the daemons whose names
-//!   sort before its own and is called by the others, so both are measured.
+//! - with a daemon of its own, a new process and a new router. Whoever comes later calls those who
+//!   are here, so it must not matter how it is called; both ends of the alphabet are measured;
+//! - with a daemon that was killed and is started again at once.
 //!
 //! The clock stops when every maintainer has been asked, and has answered that it knows the
 //! newcomer: the Domain Maintainer plans with it, it plans for itself, everyone else's domain has
@@ -31,9 +32,9 @@ use tokio::sync::mpsc;
 const AGENTS: usize = 100;
 const AGENT_AIM_MS: f64 = 30.0;
 
-/// Daemons that call the office, and daemons that it has to find.
-const CALLING: usize = 25;
-const FOUND: usize = 25;
+/// Daemons whose names sort after all others, and before.
+const LAST: usize = 25;
+const FIRST: usize = 25;
 const DAEMON_AIM_MS: f64 = 150.0;
 
 /// A router that comes within 100 ms after another has left may be given its place among Zenoh's
@@ -59,11 +60,16 @@ const HEARD_MAX: usize = 256;
 #[tokio::main]
 async fn main() -> Outcome<()> {
     let of = |count: usize| if support::is_whole() { count } else { 1 };
-    let counts = [("newcomer", of(AGENTS)), ("wing", of(CALLING)), ("annex", of(FOUND))];
+    let counts = [("newcomer", of(AGENTS)), ("wing", of(LAST)), ("annex", of(FIRST))];
     let mut bench = Bench::open(&counts).await?;
     bench.agents(counts[0].1).await?;
-    bench.daemons("wing", "that calls the others", counts[1].1).await?;
-    bench.daemons("annex", "that the others have to find", counts[2].1).await
+    for (house, count) in &counts[1..] {
+        bench.daemons(house, *count).await?;
+    }
+    for (house, count) in &counts[1..] {
+        bench.returns(house, *count).await?;
+    }
+    Ok(())
 }
 
 /// The office in its process, and a daemon here that looks on.
@@ -72,8 +78,8 @@ struct Bench {
     switchboard: Arc<Switchboard>,
     host: Arc<Host>,
     changes: mpsc::Receiver<(Instant, EpochChange)>,
-    /// Who keeps a domain, without newcomers.
-    maintainers: usize,
+    /// Who keeps a domain, without newcomers and the Domain Maintainer.
+    devices: BTreeSet<String>,
     _office: Process,
 }
 
@@ -106,9 +112,8 @@ impl Bench {
             .map(|entry| entry.name.to_string())
             .collect();
         support::await_offers(&switchboard, &devices).await?;
-        let maintainers = devices.len() + 1;
         let host = Arc::new(host);
-        Ok(Bench { machine, switchboard, host, changes, maintainers, _office: office })
+        Ok(Bench { machine, switchboard, host, changes, devices, _office: office })
     }
 
     /// New agents in this process's daemon, one after the other.
@@ -132,7 +137,7 @@ impl Bench {
     }
 
     /// New daemons with one agent each, one after the other.
-    async fn daemons(&mut self, house: &str, manner: &str, count: usize) -> Outcome<()> {
+    async fn daemons(&mut self, house: &str, count: usize) -> Outcome<()> {
         let mut figures = [const { Figures::new() }; 3];
         for number in 0..count {
             let name = newcomer(house, number)?.name;
@@ -147,11 +152,37 @@ impl Bench {
             self.left(&name).await?;
             tokio::time::sleep(REST).await;
         }
-        println!("a new daemon {manner}, {count} times");
+        println!("a new daemon called `{house}`, {count} times");
         figures[0].tell("started to ready");
         figures[1].tell("started to announced");
         figures[2].tell("started to plannable in every maintainer");
         support::judge("p50", figures[2].within(0.5), DAEMON_AIM_MS);
+        Ok(())
+    }
+
+    /// Daemons that are killed and started again at once.
+    async fn returns(&mut self, house: &str, count: usize) -> Outcome<()> {
+        let mut figures = [const { Figures::new() }; 2];
+        for number in 0..count {
+            let (name, daemon) = (newcomer(house, number)?.name, daemon_of(house, number));
+            let mut process = self.machine.start(&daemon, "decentralized")?;
+            self.joined(&name).await?;
+            process.kill()?;
+            process.ended().await?;
+            let begun = Instant::now();
+            let mut process = self.machine.start(&daemon, "decentralized")?;
+            self.left(&name).await?;
+            self.joined(&name).await?;
+            figures[0].push(self.known_to_all(&name).await? - begun);
+            figures[1].push(self.knows_all(&name).await? - begun);
+            process.kill()?;
+            process.ended().await?;
+            self.left(&name).await?;
+            tokio::time::sleep(REST).await;
+        }
+        println!("the daemon `{house}`, killed and started again at once, {count} times");
+        figures[0].tell("started again to plannable in every maintainer");
+        figures[1].tell("started again until it knows everyone");
         Ok(())
     }
 
@@ -182,11 +213,26 @@ impl Bench {
             let know = domains.iter().filter(|domain| domain.problem.contains(name.as_str()));
             let plan = domains.iter().filter(|domain| domain.offers.contains_key(name));
             // Its own maintainer, and the Domain Maintainer, plan with it.
-            if know.count() == self.maintainers + 1 && plan.count() == 2 {
+            if know.count() == self.devices.len() + 2 && plan.count() == 2 {
                 return Ok(Instant::now());
             }
             if Instant::now() > deadline {
                 return Err(format!("not all maintainers came to know `{name}`").into());
+            }
+        }
+    }
+
+    /// When this agent had answered that it knows all devices of the office.
+    async fn knows_all(&self, name: &AgentId) -> Outcome<Instant> {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let domains = support::domains(&self.switchboard, Some(name.clone())).await;
+            let knows = |device: &String| domains[0].problem.contains(&**device);
+            if domains.len() == 1 && self.devices.iter().all(knows) {
+                return Ok(Instant::now());
+            }
+            if Instant::now() > deadline {
+                return Err(format!("`{name}` did not come to know everyone").into());
             }
         }
     }

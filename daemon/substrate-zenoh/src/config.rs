@@ -48,6 +48,11 @@ const _: () = assert!(RECONNECT_FIRST_MS < RECONNECT_LAST_MS);
 const ROUTES_MS: u32 = 100;
 const _: () = assert!(RECONNECT_FIRST_MS > 2 * ROUTES_MS);
 
+/// How long a daemon that has left had better stay away before it opens again, for the same
+/// reason.
+pub const REST: Duration = Duration::from_millis(250);
+const _: () = assert!(REST.as_millis() > 2 * ROUTES_MS as u128);
+
 /// What a session is opened with. Plain data: cloning it opens nothing.
 #[derive(Clone, Debug)]
 pub struct Config {

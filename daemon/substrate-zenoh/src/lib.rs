@@ -23,7 +23,7 @@ mod questions;
 mod session;
 mod tap;
 
-pub use config::{Config, LEASE, MESSAGE_BYTES_MAX, Mode, OpenError};
+pub use config::{Config, LEASE, MESSAGE_BYTES_MAX, Mode, OpenError, REST};
 pub use endpoint::EndpointError;
 pub use session::ZenohSubstrate;
 pub use tap::{Tap, tap};

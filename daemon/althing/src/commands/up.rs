@@ -15,13 +15,14 @@ use crate::cli::UpArgs;
 use crate::commands::client::{self, View};
 use crate::commands::{READY, hearing};
 use crate::config::{self, AgentEntry, Ecosystem, Overrides};
-use crate::hosting::{self, Node, Part, Wire, socket_in};
+use crate::hosting::{self, Node, Part, Stay, Wire, socket_in};
 use crate::prompt::{self, Guest};
 use crate::service_manager::{self, Watchdog};
 use crate::{exit, output, plugins};
 
-/// How a daemon of this machine that is not there yet is sought: four times a second for ever,
-/// because looking for a socket costs nothing, and whoever starts late is to be met at once.
+/// How a daemon of this machine is called again when its link is lost: four times a second for as
+/// long as it does not answer, because looking for a socket costs nothing, and a process that was
+/// stopped is to be met as soon as it goes on.
 const RETRY: &str = "retry_period_init_ms=250;retry_period_max_ms=250";
 
 /// Reads the ecosystem, hosts this machine's part of it, drains at SIGINT and SIGTERM.
@@ -119,7 +120,8 @@ async fn up(ecosystem: Arc<Ecosystem>, place: Place, manner: Manner) -> ExitCode
         output::note(&format!("error: {problem}"));
         exit::with(exit::UNAVAILABLE)
     };
-    let (node, _server) = match open(&ecosystem, &place).await {
+    // They end after the node: others are told that a daemon has left when it has.
+    let (node, _server, _stay) = match open(&ecosystem, &place).await {
         Ok(opened) => opened,
         Err(problem) => return unavailable(format!("failed to {problem}")),
     };
@@ -225,11 +227,14 @@ fn announce(ecosystem: &Ecosystem, place: &Place, node: &Node) {
     tracing::info!(locators = ?node.locators, "listening");
 }
 
-async fn open(ecosystem: &Ecosystem, place: &Place) -> Result<(Node, Option<Server>), String> {
+async fn open(
+    ecosystem: &Ecosystem,
+    place: &Place,
+) -> Result<(Node, Option<Server>, Stay), String> {
     let (building, server) = simulated(ecosystem, &place.agents).await?;
     let state =
         hosting::state_folder(&ecosystem.name, &place.daemon).map_err(|error| error.to_string())?;
-    let wire = wire(ecosystem, &place.daemon)?;
+    let (wire, stay) = wire(ecosystem, &place.daemon).await?;
     let part = Part {
         ecosystem,
         daemon: place.daemon.clone(),
@@ -239,7 +244,7 @@ async fn open(ecosystem: &Ecosystem, place: &Place) -> Result<(Node, Option<Serv
         state: Some(state),
     };
     let node = Node::open(part, wire).await.map_err(|error| error.to_string())?;
-    Ok((node, server))
+    Ok((node, server, stay))
 }
 
 /// The building of the simulated drivers, if any is hosted here: another process's, if one
@@ -274,21 +279,19 @@ async fn simulated(
     }
 }
 
-/// Zenoh as this daemon uses it: daemons of one machine meet in a folder of sockets, each
-/// calling those whose names sort before its own, so that two never call each other at once.
-fn wire(ecosystem: &Ecosystem, daemon: &DaemonId) -> Result<Wire, String> {
+/// Zenoh as this daemon uses it: daemons of one machine meet in a folder of sockets, and whoever
+/// comes later calls those who are here.
+async fn wire(ecosystem: &Ecosystem, daemon: &DaemonId) -> Result<(Wire, Stay), String> {
     let folder = hosting::runtime_folder(&ecosystem.name).map_err(|error| error.to_string())?;
-    let endpoint = |name: &DaemonId| -> Result<String, String> {
-        let path = socket_in(&folder, name.as_str()).map_err(|error| error.to_string())?;
-        Ok(format!("unixsock-stream/{}", path.display()))
-    };
+    let socket = socket_in(&folder, daemon.as_str()).map_err(|error| error.to_string())?;
+    let stay = hosting::enter(&folder, daemon).await.map_err(|error| error.to_string())?;
+    let endpoint = |path: &PathBuf| format!("unixsock-stream/{}", path.display());
     let mut config = substrate_zenoh::Config::new(ecosystem.name.clone(), daemon.clone());
-    config.listen = vec![endpoint(daemon)?];
-    let earlier = ecosystem.daemons.iter().filter(|other| *other < daemon);
-    let sought = |other| Ok(format!("{}#{RETRY}", endpoint(other)?));
-    config.connect = earlier.map(sought).collect::<Result<_, String>>()?;
+    config.listen = vec![endpoint(&socket)];
+    let called = |path: &PathBuf| format!("{}#{RETRY}", endpoint(path));
+    config.connect = stay.others.iter().map(called).collect();
     config.zenoh = zenoh_settings(&ecosystem.zenoh);
-    Ok(Wire::Zenoh(Box::new(config)))
+    Ok((Wire::Zenoh(Box::new(config)), stay))
 }
 
 fn zenoh_settings(said: &Value) -> Value {

@@ -3,6 +3,7 @@
 //! Configure ([`crate::config`]), [`Node::open`], run, [`Node::drain`].
 
 mod building;
+mod entrance;
 mod folders;
 mod rehearsal;
 mod supervisor;
@@ -21,6 +22,7 @@ use tokio_util::task::TaskTracker;
 use crate::config::{AgentEntry, Ecosystem};
 
 pub(crate) use building::simulate;
+pub(crate) use entrance::{Stay, enter};
 pub(crate) use folders::{running_ecosystems, runtime_folder, socket_in, state_folder};
 pub(crate) use rehearsal::rehearse;
 use supervisor::Supervised;
