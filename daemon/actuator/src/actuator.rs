@@ -118,7 +118,7 @@ impl<D: Device> Actuator<D> {
     /// carries can do. Made only where it is wanted, because that takes a millisecond.
     fn local(&self, ctx: &Context<Self>) -> impl FnOnce() -> Snapshot + Send + 'static {
         let (known, now) = ctx.switchboard().commons(&self.host).look();
-        let carried = known.models().filter(|(_, model)| self.device.carries(model));
+        let carried = known.said().filter(|(_, facts)| self.device.carries(facts));
         let own = std::iter::once(ctx.id().clone());
         let whole: BTreeSet<_> = own.chain(carried.map(|(agent, _)| agent.clone())).collect();
         move || known.snapshot_for(&whole, now)

@@ -49,8 +49,9 @@ pub trait Device: Sized + Send + 'static {
         Vec::new()
     }
 
-    /// Whether it carries the agent of this model, and so can plan with its actions.
-    fn carries(&self, _model: &ActionModel) -> bool {
+    /// Whether it carries the agent whose model says that this is true, and so can plan with its
+    /// actions.
+    fn carries(&self, _facts: &[InitElement]) -> bool {
         false
     }
 }

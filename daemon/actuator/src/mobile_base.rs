@@ -17,7 +17,7 @@ use std::time::Duration;
 use acl::Deadline;
 use acl::content::{Achieve, Keep, Method, Methods};
 use agent::{Blueprint, BuildError};
-use pddl::{ActionModel, InitElement, Term};
+use pddl::{InitElement, Term};
 use serde::Deserialize;
 use substrate::BoxFuture;
 use tokio::sync::watch;
@@ -379,10 +379,10 @@ impl MobileBase {
         methods
     }
 
-    /// Whether the agent of this model says that it is mounted on this base.
-    pub fn carries(&self, model: &ActionModel) -> bool {
+    /// Whether an agent that says this is mounted on this base.
+    pub fn carries(&self, facts: &[InitElement]) -> bool {
         let is_self = |term: &Term| matches!(term, Term::Object(name) if *name == self.id.as_str());
-        model.init.iter().any(|element| match element {
+        facts.iter().any(|element| match element {
             InitElement::Atom(atom) => {
                 atom.predicate == "mounted-on" && atom.arguments.get(1).is_some_and(is_self)
             }

@@ -190,7 +190,7 @@ fn announcement(device: &Device) -> Outcome<Announcement> {
     let model = pddl::parse_action_model(&text).into_result().map_err(|_| "a model")?;
     let (agent, methods) = (AgentId::new(name)?, Methods::new());
     let digest = model_digest(&text, &methods);
-    Ok(Announcement { agent, incarnation: Incarnation::default(), model, methods, digest })
+    Ok(Announcement::new(agent, Incarnation::default(), model, methods, &digest))
 }
 
 // === in processes of their own ===

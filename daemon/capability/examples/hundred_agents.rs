@@ -33,6 +33,7 @@ fn measure(title: &str, variant: impl Fn(usize) -> usize) {
     let last = &announced[AGENTS - 1];
     let agent = &last.agent;
     let life = last.incarnation;
+    let digest = model_digest(&text(AGENTS - 1, variant(AGENTS - 1)), &Methods::new());
     let mut took: [Vec<Duration>; 7] = Default::default();
     for round in 0..ROUNDS {
         let mut steps = Steps { took: &mut took, next: 0 };
@@ -40,7 +41,7 @@ fn measure(title: &str, variant: impl Fn(usize) -> usize) {
         steps.time(|| maintainer.admit(last.clone(), Moment(1)).expect("a good model"));
         steps.time(|| maintainer.mask(agent, life, Moment(1)));
         steps.time(|| maintainer.unmask(agent, life, Moment(1)));
-        let beat = heartbeat(last, round + 1);
+        let beat = heartbeat(last, &digest, round + 1);
         steps.time(|| maintainer.believe_heartbeat(beat, Moment(1)).expect("a good heartbeat"));
         let snapshot = steps.time(|| maintainer.snapshot(Moment(1)));
         steps.time(|| snapshot.digest().len());
@@ -91,7 +92,7 @@ fn facts(agent: usize) -> String {
     (0..FACTS).map(|place| format!("(at robot-{agent} p{place})")).collect()
 }
 
-fn announcement(agent: usize, variant: usize) -> Announcement {
+fn text(agent: usize, variant: usize) -> String {
     let actions: String = (0..ACTIONS)
         .map(|action| {
             format!(
@@ -101,28 +102,28 @@ fn announcement(agent: usize, variant: usize) -> Announcement {
             )
         })
         .collect();
-    let text = format!(
+    format!(
         "(define (agent robot-{agent}) (:domain building) (:objects robot-{agent} - robot)
           (:init {}) {actions})",
         facts(agent)
-    );
-    let methods = Methods::new();
-    Announcement {
-        agent: AgentId::new(&format!("robot-{agent}")).expect("a name"),
-        incarnation: Incarnation(1),
-        digest: model_digest(&text, &methods),
-        model: pddl::parse_action_model(&text).into_result().expect("a model"),
-        methods,
-    }
+    )
 }
 
-fn heartbeat(announced: &Announcement, sequence: u64) -> Beat {
+fn announcement(agent: usize, variant: usize) -> Announcement {
+    let (text, methods) = (text(agent, variant), Methods::new());
+    let digest = model_digest(&text, &methods);
+    let model = pddl::parse_action_model(&text).into_result().expect("a model");
+    let agent = AgentId::new(&format!("robot-{agent}")).expect("a name");
+    Announcement::new(agent, Incarnation(1), model, methods, &digest)
+}
+
+fn heartbeat(announced: &Announcement, digest: &str, sequence: u64) -> Beat {
     let said = pddl::parse_init_elements(&facts(AGENTS - 1)).into_result().expect("facts");
     Beat {
         agent: announced.agent.clone(),
         incarnation: announced.incarnation,
         sequence,
-        digest: announced.digest.clone(),
+        digest: digest.to_owned(),
         facts: said.into_iter().map(Known::from).collect(),
         due: None,
     }

@@ -6,6 +6,8 @@ use acl::content::{ChangeState, Heartbeat, Methods, ModelAnnouncement, Observati
 use acl::{AgentId, Deadline, Incarnation};
 use pddl::{ActionModel, Diagnostic, InitElement, Metric, Name};
 
+use crate::declined::Declined;
+use crate::described::Described;
 use crate::moment::Moment;
 
 /// How many half periods an agent may be silent before its capabilities are masked.
@@ -14,19 +16,15 @@ use crate::moment::Moment;
 /// punctual third from racing the limit.
 pub const SILENCE_HALF_PERIODS: u32 = 7;
 
-/// An agent's description of itself.
-#[derive(Clone, Debug, PartialEq)]
+/// An agent's description of itself. Cheap to clone: the clones share it.
+#[derive(Clone, Debug)]
 pub struct Announcement {
     /// Who sent it.
     pub agent: AgentId,
     /// Which life of the sender.
     pub incarnation: Incarnation,
-    /// The model, parsed.
-    pub model: ActionModel,
-    /// Which method carries out which action.
-    pub methods: Methods,
-    /// Of the model's text and the methods: [`model_digest`](crate::model_digest).
-    pub digest: String,
+    /// What it said, or why that is too much.
+    pub(crate) described: Result<Described, Declined>,
 }
 
 /// An agent's state, complete for what it owns.
@@ -82,6 +80,18 @@ pub struct Requests {
 // === impl Announcement ===
 
 impl Announcement {
+    /// A model, the methods that carry its actions out, and the digest of both:
+    /// [`model_digest`](crate::model_digest).
+    pub fn new(
+        agent: AgentId,
+        incarnation: Incarnation,
+        model: ActionModel,
+        methods: Methods,
+        digest: &str,
+    ) -> Announcement {
+        Announcement { agent, incarnation, described: Described::of(model, methods, digest) }
+    }
+
     /// Reads what an agent announced. The heartbeat that comes with it is read by [`Beat::read`].
     ///
     /// # Errors
@@ -94,8 +104,7 @@ impl Announcement {
     ) -> Result<Announcement, Vec<Diagnostic>> {
         let ModelAnnouncement { model, methods, heartbeat } = announced;
         let model = pddl::parse_action_model(model).into_result()?;
-        let (methods, digest) = (methods.clone(), heartbeat.digest.clone());
-        Ok(Announcement { agent, incarnation, model, methods, digest })
+        Ok(Announcement::new(agent, incarnation, model, methods.clone(), &heartbeat.digest))
     }
 }
 

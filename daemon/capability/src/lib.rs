@@ -7,7 +7,8 @@
 //! itself](Maintainer::snapshot_for).
 //!
 //! - `maintainer` is told things and answers with a [`Change`], or with why it [`Declined`].
-//! - `compose` makes one domain of many models; `manifest` takes a model apart for it.
+//! - `compose` makes one domain of many models; `manifest` takes a model apart for it, `described`
+//!   is what is kept of one.
 //! - `belief` keeps who claims which fact; `roster` keeps who is here; `remembered` keeps what those
 //!   who left could do.
 //! - [`Follower`] keeps a copy of the state from announced changes.
@@ -35,6 +36,7 @@ mod compose;
 
 mod canonical;
 mod composite;
+mod described;
 mod manifest;
 mod names;
 mod vocabulary;

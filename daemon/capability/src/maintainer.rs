@@ -28,7 +28,7 @@ use crate::inputs::Announcement;
 use crate::manifest::Manifest;
 use crate::moment::Moment;
 use crate::remembered::Remembered;
-use crate::roster::{Described, Member, Roster};
+use crate::roster::{Member, Roster};
 
 /// How much a maintainer shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,7 +94,9 @@ impl Maintainer {
         let everything = scope == Scope::Everything;
         let (composite, conflicts) = compose(&shared, &[], everything, &mut memory);
         let mut remembered = Remembered::default();
-        remembered.note(&described(&shared), &shared.manifest);
+        let name = &shared.ontology.name;
+        // What it describes is the model of nobody: someone may come and offer it.
+        remembered.note(&ActionModel::of(name.clone(), name.clone()), &shared.manifest);
         let mut maintainer = Maintainer {
             shared,
             scope,
@@ -123,24 +125,18 @@ impl Maintainer {
     /// large. Nothing of it is taken then. Single parts that cannot be used are no error: they
     /// are left out and named among the conflicts.
     pub fn admit(&mut self, announced: Announcement, now: Moment) -> Result<Admission, Declined> {
-        let Announcement { agent, incarnation, model, methods, digest } = announced;
+        let Announcement { agent, incarnation, described } = announced;
         self.roster.check(&agent, incarnation)?;
         self.roster.has_room(&agent)?;
-        self.speaks_for_itself(&agent, &model)?;
+        let described = described?;
+        self.speaks_for_itself(&agent, &described.frame)?;
         let known = self.roster.get(&agent).filter(|member| member.incarnation == incarnation);
-        if known.is_some_and(|member| *member.described.digest == *digest) {
+        if known.is_some_and(|member| member.described.digest == described.digest) {
             return Ok(Admission { change: self.conclude(now), conflicts: Vec::new() });
         }
-        let manifest = Manifest::of_model(&model)?;
         if self.scope == Scope::Everything {
-            self.remembered.note(&model, &manifest);
+            self.remembered.note(&described.frame, &described.manifest);
         }
-        let described = Described {
-            digest: digest.into(),
-            model: Arc::new(model),
-            manifest: Arc::new(manifest),
-            methods: Arc::new(methods),
-        };
         let member = match known.cloned() {
             Some(known) => {
                 self.is_changed |= known.described.methods != described.methods;
@@ -158,17 +154,30 @@ impl Maintainer {
         Ok(Admission { change: self.conclude(now), conflicts })
     }
 
-    fn speaks_for_itself(&self, agent: &AgentId, model: &ActionModel) -> Result<(), Declined> {
-        if model.agent != agent.as_str() {
-            let (sender, model) = (agent.clone(), model.agent.to_string());
+    fn speaks_for_itself(&self, agent: &AgentId, frame: &ActionModel) -> Result<(), Declined> {
+        if frame.agent != agent.as_str() {
+            let (sender, model) = (agent.clone(), frame.agent.to_string());
             return Err(Declined::OtherAgent { sender, model });
         }
         let shared = &self.shared.ontology.name;
-        if model.domain != *shared {
-            let (named, shared) = (model.domain.to_string(), shared.to_string());
+        if frame.domain != *shared {
+            let (named, shared) = (frame.domain.to_string(), shared.to_string());
             return Err(Declined::OtherOntology { named, shared });
         }
         Ok(())
+    }
+
+    /// What an agent announced, if it is this: for another maintainer that hears the same.
+    pub fn announcement(
+        &self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+        digest: &str,
+    ) -> Option<Announcement> {
+        let Member { incarnation: living, described, .. } = self.roster.get(agent)?;
+        let is_this = *living == incarnation && *described.digest == *digest;
+        let (agent, described) = (agent.clone(), Ok(described.clone()));
+        is_this.then_some(Announcement { agent, incarnation, described })
     }
 
     /// Whether the model that goes with `digest` has to be asked for.
@@ -285,11 +294,4 @@ impl Maintainer {
         }
         change
     }
-}
-
-/// The actions that the ontology describes, as a model of nobody: someone may come and offer them.
-fn described(shared: &Shared) -> ActionModel {
-    let name = &shared.ontology.name;
-    let actions = shared.ontology.actions.clone();
-    ActionModel { actions, ..ActionModel::of(name.clone(), name.clone()) }
 }

@@ -126,25 +126,28 @@ impl Item {
 // === impl Manifest ===
 
 impl Manifest {
-    /// Takes an agent's model apart.
-    pub(crate) fn of_model(model: &ActionModel) -> Result<Manifest, Declined> {
+    /// Takes an agent's model apart; what is left of it is its frame, without facts and actions.
+    pub(crate) fn of_model(model: &mut ActionModel) -> Result<Manifest, Declined> {
         within_limits(model)?;
         let mut manifest =
             Manifest { requirements: model.requirements.clone(), ..Manifest::default() };
         manifest.declare(&model.types, &model.predicates, &model.functions, &model.objects);
         manifest.derive(&model.derived);
-        for schema in &model.actions {
+        manifest.offers.reserve_exact(model.actions.len());
+        for schema in std::mem::take(&mut model.actions) {
             manifest.offer(schema);
         }
-        for durative in &model.durative_actions {
+        for durative in std::mem::take(&mut model.durative_actions) {
             manifest.flaw(
                 Kind::Action,
                 &durative.name,
                 "no planner here uses durative actions yet; describe it as an `:action`",
             );
         }
-        manifest.know(&model.init);
+        manifest.know(&std::mem::take(&mut model.init));
         manifest.own();
+        // Both live as long as their agent, and there may be hundreds.
+        model.objects.shrink_to_fit();
         Ok(manifest)
     }
 
@@ -172,6 +175,8 @@ impl Manifest {
         functions: &[FunctionDeclaration],
         objects: &[ObjectDeclaration],
     ) {
+        let count = types.len() + predicates.len() + functions.len() + objects.len();
+        self.declarations.reserve_exact(count);
         // `object` is there already, whatever a text says of it.
         let types = types
             .iter()
@@ -222,7 +227,7 @@ impl Manifest {
         }
     }
 
-    fn offer(&mut self, schema: &ActionSchema) {
+    fn offer(&mut self, schema: ActionSchema) {
         if schema.agent.is_none() {
             let detail = "nobody acts in it; write `:agent ?a - TYPE` before its parameters";
             return self.flaw(Kind::Action, &schema.name, detail);
@@ -231,11 +236,12 @@ impl Manifest {
             let detail = "the model has two actions of this name; the first stands";
             return self.flaw(Kind::Action, &schema.name, detail);
         }
-        let (key, uses) = canonical::action(schema);
-        self.offers.push(Offer { key, uses, schema: Arc::new(schema.clone()) });
+        let (key, uses) = canonical::action(&schema);
+        self.offers.push(Offer { key, uses, schema: Arc::new(schema) });
     }
 
     fn know(&mut self, init: &[InitElement]) {
+        self.init.reserve_exact(init.len());
         for element in init {
             match Statement::of(element) {
                 Statement::Is(key, value) => self.init.push((key, value)),

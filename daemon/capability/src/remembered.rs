@@ -30,8 +30,8 @@ struct Schema {
 // === impl Remembered ===
 
 impl Remembered {
-    /// Remembers what a model offers, taken apart as `manifest`.
-    pub(crate) fn note(&mut self, model: &ActionModel, manifest: &Manifest) {
+    /// Remembers what a model of this frame offers, taken apart as `manifest`.
+    pub(crate) fn note(&mut self, frame: &ActionModel, manifest: &Manifest) {
         self.stamps += 1;
         let stamp = self.stamps;
         for offer in &manifest.offers {
@@ -40,14 +40,12 @@ impl Remembered {
                 known.stamp = stamp;
                 continue;
             }
-            let objects = model.objects.iter();
+            let objects = frame.objects.iter();
             let objects = objects.filter(|one| offer.uses.objects.contains(&one.object.name));
             let model = ActionModel {
                 objects: objects.cloned().collect(),
-                init: Vec::new(),
                 actions: vec![(*offer.schema).clone()],
-                durative_actions: Vec::new(),
-                ..model.clone()
+                ..frame.clone()
             };
             self.schemas.insert(at, Schema { stamp, model: Arc::new(model) });
         }

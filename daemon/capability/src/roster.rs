@@ -1,16 +1,14 @@
 //! The agents that are here: which life, which model, and whether their capabilities count.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
 
-use acl::content::Methods;
 use acl::{AgentId, Incarnation};
-use pddl::{ActionModel, Name};
+use pddl::Name;
 
 use crate::declined::Declined;
+use crate::described::Described;
 use crate::fact::{FactKey, Space};
 use crate::limits;
-use crate::manifest::Manifest;
 use crate::moment::Moment;
 
 /// One agent that told its model.
@@ -31,17 +29,6 @@ pub(crate) struct Member {
     pub(crate) heard: Moment,
     /// What its heartbeats ever spoke of.
     spoken: BTreeSet<(Space, Name)>,
-}
-
-/// What an agent said of itself. Cheap to clone: it outlives heartbeats, and lives.
-#[derive(Clone, Debug)]
-pub(crate) struct Described {
-    pub(crate) digest: Arc<str>,
-    /// As it was written.
-    pub(crate) model: Arc<ActionModel>,
-    /// Taken apart.
-    pub(crate) manifest: Arc<Manifest>,
-    pub(crate) methods: Arc<Methods>,
 }
 
 /// All of them, and who was here before.

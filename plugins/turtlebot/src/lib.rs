@@ -21,7 +21,7 @@ use actuator::{
     Moved, News, OwnFact, Performed, Stir, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
-use pddl::ActionModel;
+use pddl::InitElement;
 use serde::Deserialize;
 use tokio::time::Instant;
 
@@ -224,7 +224,7 @@ impl Device for TurtleBot {
         Vec::new()
     }
 
-    fn carries(&self, model: &ActionModel) -> bool {
-        self.base.carries(model)
+    fn carries(&self, facts: &[InitElement]) -> bool {
+        self.base.carries(facts)
     }
 }

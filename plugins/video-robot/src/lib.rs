@@ -18,7 +18,7 @@ use actuator::{
     OwnFact, Performed, Place, Stir, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
-use pddl::ActionModel;
+use pddl::InitElement;
 use serde::Deserialize;
 
 /// The longest that its screen may take to light up.
@@ -187,8 +187,8 @@ impl Device for VideoRobot {
         }))
     }
 
-    fn carries(&self, model: &ActionModel) -> bool {
-        self.base.carries(model)
+    fn carries(&self, facts: &[InitElement]) -> bool {
+        self.base.carries(facts)
     }
 }
 

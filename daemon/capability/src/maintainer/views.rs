@@ -7,8 +7,7 @@ use std::time::Duration;
 use acl::content::Methods;
 use acl::{AgentId, Incarnation};
 use pddl::{
-    ActionModel, Condition, Direction, Expression, FluentTerm, InitElement, Metric, Name, Number,
-    Problem, Span,
+    Condition, Direction, Expression, FluentTerm, InitElement, Metric, Name, Number, Problem, Span,
 };
 
 use super::{Maintainer, Scope};
@@ -238,9 +237,12 @@ impl Maintainer {
             .collect()
     }
 
-    /// The models of those who are here, each as its agent wrote it.
-    pub fn models(&self) -> impl Iterator<Item = (&AgentId, &ActionModel)> {
-        self.roster.iter().map(|(agent, member)| (agent, &*member.described.model))
+    /// What the models of those who are here say is true.
+    pub fn said(&self) -> impl Iterator<Item = (&AgentId, Vec<InitElement>)> {
+        self.roster.iter().map(|(agent, member)| {
+            let init = &member.described.manifest.init;
+            (agent, init.iter().map(|(fact, value)| fact.element(*value)).collect())
+        })
     }
 
     /// Whether the agent's capabilities count for new plans: it told its model, its token is

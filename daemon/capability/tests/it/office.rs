@@ -107,7 +107,7 @@ pub(crate) fn announcement(model: &str, incarnation: u64) -> Announcement {
     let digest = model_digest(model, &methods);
     let model = pddl::parse_action_model(model).into_result().expect("a model");
     let agent = id(model.agent.as_str());
-    Announcement { agent, incarnation: Incarnation(incarnation), model, methods, digest }
+    Announcement::new(agent, Incarnation(incarnation), model, methods, &digest)
 }
 
 // === impl Office ===

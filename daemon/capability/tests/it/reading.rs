@@ -1,6 +1,6 @@
 //! Between the machine and the contents of messages.
 
-use acl::content::{ChangeState, Heartbeat, Method, ModelAnnouncement};
+use acl::content::{ChangeState, Heartbeat, Method, Methods, ModelAnnouncement};
 use acl::{Deadline, Incarnation};
 use capability::{Announcement, Beat, Effects, Moment, model_digest};
 use expect_test::expect;
@@ -37,6 +37,20 @@ fn a_request_is_read_whole_or_not_at_all() {
     let read = Effects::read(&change("(a) (= (f) 1)", "(b)")).expect("facts");
     assert_eq!((read.believe, read.retract), (facts("(a) (= (f) 1)"), facts("(b)")));
     assert!(Effects::read(&change("(a)", "(b")).is_err());
+}
+
+#[test]
+fn who_hears_the_same_need_not_read_it_again() {
+    let one = office().with([thermometer("t-1"), thermometer("t-2")]);
+    let digest = model_digest(&thermometer("t-1"), &Methods::new());
+    let read = |life, digest| one.maintainer.announcement(&id("t-1"), Incarnation(life), digest);
+    assert!(read(2, &digest).is_none(), "another life");
+    assert!(read(1, "another").is_none(), "another model");
+    let mut other = office().with([thermometer("t-2")]);
+    let now = other.now;
+    other.maintainer.admit(read(1, &digest).expect("taken"), now).expect("a good model");
+    assert_eq!(other.snapshot().to_content().domain, one.snapshot().to_content().domain);
+    assert_eq!(other.known("located"), one.known("located"));
 }
 
 #[test]
