@@ -2,7 +2,8 @@
 //!
 //! Every actuator plans with what it has heard itself (the paper, “Decentralized Planning”). Those
 //! of one daemon hear the same, so it is read and kept once, and each looks at it with its own
-//! eyes ([`Maintainer::snapshot_for`]): memory grows with the agents, not with their square.
+//! eyes ([`Maintainer::snapshot_for`]): memory grows with the agents, not with their square. A
+//! model that was read here is not read again by a Domain Maintainer of the same daemon.
 //!
 //! - Hears before the daemon's mailboxes do: who is called for proposals knows all that was said
 //!   before the call.
@@ -16,7 +17,7 @@ use std::time::Duration;
 
 use acl::content::Inform;
 use acl::{AgentId, Incarnation, Message};
-use capability::{Change, Maintainer, Moment, Scope};
+use capability::{Announcement, Change, Maintainer, Moment, Scope};
 use substrate::Presence;
 use tokio::time::Instant;
 
@@ -54,10 +55,20 @@ impl Commons {
         (Arc::clone(&state.maintainer), now)
     }
 
+    /// What an agent announced, if it was heard and taken.
+    pub(crate) fn announcement(
+        &self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+        digest: &str,
+    ) -> Option<Announcement> {
+        self.state().0.maintainer.announcement(agent, incarnation, digest)
+    }
+
     /// Hears an `inform` to all; `true` if its sender's model has to be asked for first.
     pub(crate) fn hear(&self, message: &Message, inform: &Inform) -> bool {
         let (mut state, now) = self.state();
-        let heard = upkeep::hear(Arc::make_mut(&mut state.maintainer), message, inform, now);
+        let heard = upkeep::hear(Arc::make_mut(&mut state.maintainer), message, inform, None, now);
         for change in &heard.changes {
             self.note(&mut state, change, now);
         }

@@ -18,6 +18,7 @@ use acl::{
     AgentId, DaemonId, EcosystemId, Incarnation, Message, MessageId, Performative, SCHEMA_VERSION,
 };
 use bytes::Bytes;
+use capability::Announcement;
 use serde_json::Map;
 use substrate::{
     Addressed, Ask, BoxFuture, Delivery, Inbound, Presence, PresenceToken, Question, Resident,
@@ -246,6 +247,16 @@ impl Switchboard {
             residents.for_each(|resident| self.show_commons(&Presence::Joined(resident)));
         }
         commons
+    }
+
+    /// What an agent announced, if the commons have read it already.
+    pub(crate) fn announcement(
+        &self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+        digest: &str,
+    ) -> Option<Announcement> {
+        self.commons.get()?.commons.announcement(agent, incarnation, digest)
     }
 
     fn tell_commons(&self, message: &Message, inform: Option<Inform>) {

@@ -66,11 +66,14 @@ pub fn informed<A: Maintains>(agent: &mut A, message: &Message, ctx: &mut Contex
             return;
         }
     };
-    if let Inform::Model(_) = inform {
+    let mut read = None;
+    if let Inform::Model(announced) = &inform {
         agent.upkeep().fetching.remove(&message.sender);
+        let (sender, digest) = (&message.sender, &announced.heartbeat.digest);
+        read = ctx.switchboard().announcement(sender, message.incarnation, digest);
     }
     let now = agent.upkeep().moment();
-    let heard = hear(&mut agent.upkeep().maintainer, message, &inform, now);
+    let heard = hear(&mut agent.upkeep().maintainer, message, &inform, read, now);
     if !heard.conflicts.is_empty() {
         agent.conflicted(&heard.conflicts, ctx);
     }
@@ -97,17 +100,18 @@ pub(crate) struct Heard {
     pub(crate) mistake: Option<String>,
 }
 
-/// Tells a maintainer an `inform` to all.
+/// Tells a maintainer an `inform` to all; `read` is what it announces, if that was read before.
 pub(crate) fn hear(
     maintainer: &mut Maintainer,
     message: &Message,
     inform: &Inform,
+    read: Option<Announcement>,
     now: Moment,
 ) -> Heard {
     let mut heard = Heard::default();
     match inform {
         Inform::Model(announced) => {
-            if heard.admit(maintainer, message, announced, now) {
+            if heard.admit(maintainer, message, announced, read, now) {
                 heard.believe(maintainer, message, &announced.heartbeat, now);
             }
         }
@@ -185,10 +189,12 @@ impl Heard {
         maintainer: &mut Maintainer,
         message: &Message,
         announced: &ModelAnnouncement,
+        read: Option<Announcement>,
         now: Moment,
     ) -> bool {
         let sender = &message.sender;
-        let announcement = Announcement::read(sender.clone(), message.incarnation, announced);
+        let read_now = || Announcement::read(sender.clone(), message.incarnation, announced);
+        let announcement = read.map_or_else(read_now, Ok);
         let admitted = announcement.map_err(|diagnostics| {
             let located = |diagnostic: &Diagnostic| diagnostic.located(&announced.model);
             diagnostics.iter().map(located).collect::<Vec<_>>().join("; ")
