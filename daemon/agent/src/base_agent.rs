@@ -238,7 +238,11 @@ impl<A: Agent> Life<A> {
                 }
                 Opened::Nothing => (),
             },
-            Letter::Broadcast(message) => self.open_broadcast(Message::clone(&message)),
+            Letter::Broadcast(message) => self.open_broadcast(Arc::unwrap_or_clone(message)),
+            Letter::Missed(payload) => {
+                // It was read when it came, and so can be.
+                acl::decode(&payload).into_iter().for_each(|message| self.open_broadcast(message));
+            }
             Letter::Receipts(ids) => self.ctx.communication.received(&ids),
             Letter::Question(question) => self.asked(&question),
         }

@@ -15,6 +15,8 @@ pub(crate) enum Letter {
     Direct(Bytes),
     /// A message to all that this agent listens to; read once for the whole daemon.
     Broadcast(Arc<Message>),
+    /// A message to all that came before this agent did, as it came.
+    Missed(Bytes),
     /// A receipt for a message of this agent.
     Receipts(Vec<MessageId>),
     /// A question that this agent may answer.

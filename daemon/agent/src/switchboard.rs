@@ -74,8 +74,8 @@ struct State {
     agents: BTreeMap<AgentId, Hosted>,
     /// Shared by all who were told of it, and copied when it changes.
     directory: Arc<Directory>,
-    /// The last broadcasts of each sender, by kind.
-    heard: BTreeMap<(AgentId, Kind), Arc<Message>>,
+    /// The last broadcasts of each sender, by kind, as they came: few will ever read them again.
+    heard: BTreeMap<(AgentId, Kind), Bytes>,
 }
 
 /// The commons, and where they wait for answers.
@@ -92,7 +92,7 @@ struct Hosted {
     model: Option<Bytes>,
 }
 
-/// Broadcasts worth keeping: each replaces its predecessor.
+/// Broadcasts worth keeping: each replaces its predecessor. All are `inform`s.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Kind {
     Model,
@@ -178,17 +178,12 @@ impl Switchboard {
     ) -> Mailbox {
         let interests = BTreeSet::from_iter(interests);
         let mut state = self.write();
-        let missed: Vec<_> = state
-            .heard
-            .values()
-            .filter(|message| interests.contains(&message.performative))
-            .cloned()
-            .collect();
-        let letters_max = self.settings.mailbox_messages_max + missed.len();
-        let (slot, mailbox) = mailbox(letters_max);
-        for message in missed {
+        let is_informed = interests.contains(&Performative::Inform);
+        let missed_count = if is_informed { state.heard.len() } else { 0 };
+        let (slot, mailbox) = mailbox(self.settings.mailbox_messages_max + missed_count);
+        for payload in state.heard.values().take(missed_count) {
             // It fits: the mailbox was made for it.
-            let _ = slot.put(Letter::Broadcast(message));
+            let _ = slot.put(Letter::Missed(payload.clone()));
         }
         state.agents.insert(agent.clone(), Hosted { slot, incarnation, interests, model: None });
         mailbox
@@ -242,7 +237,8 @@ impl Switchboard {
                 let state = self.read();
                 (Arc::clone(&state.directory), state.heard.values().cloned().collect::<Vec<_>>())
             };
-            heard.iter().for_each(|message| self.tell_commons(message, inform_of(message)));
+            let heard = heard.iter().filter_map(|payload| acl::decode(payload).ok());
+            heard.for_each(|message| self.tell_commons(&message, inform_of(&message)));
             let residents = directory.iter().cloned();
             residents.for_each(|resident| self.show_commons(&Presence::Joined(resident)));
         }
@@ -319,7 +315,8 @@ impl Switchboard {
     /// Sends a model or a heartbeat to all; a model is kept to answer those who ask for it.
     pub(crate) fn beat(&self, sender: &AgentId, payload: Bytes, is_model: bool) {
         if is_model && let Some(hosted) = self.write().agents.get_mut(sender) {
-            hosted.model = Some(payload.clone());
+            // A copy of its own: a message is written into more room than it needs.
+            hosted.model = Some(Bytes::copy_from_slice(&payload));
         }
         self.hand_over(|substrate| substrate.beat(sender, payload));
     }
@@ -379,8 +376,8 @@ impl Switchboard {
         self.send(&message.sender, subject, acl::encode(&refusal));
     }
 
-    fn deliver_to_all(&self, payload: &[u8], sender: &AgentId) {
-        let message = match acl::decode(payload) {
+    fn deliver_to_all(&self, payload: Bytes, sender: &AgentId) {
+        let message = match acl::decode(&payload) {
             Ok(message) if message.sender == *sender => Arc::new(message),
             Ok(message) => {
                 self.counters.unreadable.fetch_add(1, Ordering::Relaxed);
@@ -394,7 +391,9 @@ impl Switchboard {
             }
         };
         let inform = inform_of(&message);
-        self.keep(&message, inform.as_ref().and_then(kind_of));
+        if let Some(kind) = inform.as_ref().and_then(kind_of) {
+            self.keep(sender, kind, payload);
+        }
         self.tell_commons(&message, inform);
         let state = self.read();
         for hosted in state.agents.values() {
@@ -405,12 +404,11 @@ impl Switchboard {
         }
     }
 
-    fn keep(&self, message: &Arc<Message>, kind: Option<Kind>) {
-        let Some(kind) = kind else { return };
+    fn keep(&self, sender: &AgentId, kind: Kind, payload: Bytes) {
         let mut state = self.write();
         // Only those who are here are kept, so that strangers cannot fill the cache.
-        if state.directory.find(&message.sender).is_some() {
-            state.heard.insert((message.sender.clone(), kind), Arc::clone(message));
+        if state.directory.find(sender).is_some() {
+            state.heard.insert((sender.clone(), kind), payload);
         }
     }
 
@@ -474,7 +472,7 @@ impl Inbound for Switchboard {
                 self.deliver_to(&agent, Letter::Receipts(receipts::read(&payload)));
             }
             Addressed::All(sender, _) | Addressed::Beat(sender) => {
-                self.deliver_to_all(&payload, &sender);
+                self.deliver_to_all(payload, &sender);
             }
         }
     }
