@@ -161,6 +161,10 @@ impl Switchboard {
 
     /// Asks daemons for a resource.
     pub fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
+        if ask.resource == Resource::Model && ask.daemon.as_ref() == Some(&self.daemon) {
+            // It has them at hand.
+            return Box::pin(std::future::ready(self.models(ask.agent.as_ref())));
+        }
         match self.substrate.get() {
             Some(substrate) => substrate.ask(ask, timeout),
             None => Box::pin(std::future::ready(Vec::new())),
@@ -274,7 +278,6 @@ impl Switchboard {
     /// Asks an agent for its model. Reasoning agents have none and do not answer.
     fn fetch(&self, whose: &AgentId) {
         let Some(Listening { commons, runtime }) = self.commons.get() else { return };
-        let Some(substrate) = self.substrate.get().cloned() else { return };
         let Some(resident) = self.find(whose) else { return };
         if !commons.begins_to_ask(whose) {
             return;
@@ -285,9 +288,9 @@ impl Switchboard {
             agent: Some(whose.clone()),
         };
         let (commons, whose) = (Arc::clone(commons), whose.clone());
-        let patience = self.settings.answer_deadline;
+        let answers = self.ask(ask, self.settings.answer_deadline);
         runtime.spawn(async move {
-            for answer in substrate.ask(ask, patience).await {
+            for answer in answers.await {
                 match acl::decode(&answer) {
                     Ok(message) if message.sender == whose => {
                         if let Some(inform) = inform_of(&message) {
@@ -422,12 +425,17 @@ impl Switchboard {
     }
 
     fn answer_model(&self, question: &Question) {
-        let state = self.read();
-        let asked = |agent: &AgentId| question.agent.as_ref().is_none_or(|asked| asked == agent);
-        let models = state.agents.iter().filter(|(agent, _)| asked(agent));
-        for model in models.filter_map(|(_, hosted)| hosted.model.clone()) {
+        for model in self.models(question.agent.as_ref()) {
             (question.answer)(model);
         }
+    }
+
+    /// The last models that agents of this daemon sent to all, or the one of `asked`.
+    fn models(&self, asked: Option<&AgentId>) -> Vec<Bytes> {
+        let state = self.read();
+        let asked = |agent: &AgentId| asked.is_none_or(|asked| asked == agent);
+        let hosted = state.agents.iter().filter(|(agent, _)| asked(agent));
+        hosted.filter_map(|(_, hosted)| hosted.model.clone()).collect()
     }
 
     fn answer_mailbox(&self, question: &Question) {

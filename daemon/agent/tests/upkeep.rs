@@ -13,6 +13,7 @@ use agent::{
 };
 use capability::{Change, Maintainer, Scope, model_digest};
 use substrate::memory::Network;
+use substrate::{Ask, Resource};
 use tokio::sync::mpsc;
 use tokio::time::{Instant, timeout};
 use tokio_util::sync::CancellationToken;
@@ -205,6 +206,38 @@ async fn the_commons_know_what_was_said_before_and_forget_in_time_though_nobody_
     let commons = house.commons();
     let _meter = Box::new(Meter { beats_left: 1, sequence: 0 }).launch(house.berth("meter", 1));
     assert_eq!(known_at(&commons, began, heartbeat_lease * 9).await, (false, false));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_maintainer_that_comes_late_knows_who_is_here() {
+    for has_commons in [false, true] {
+        let house = House::new();
+        let commons = has_commons.then(|| house.commons());
+        let _meter = Box::new(Meter { beats_left: 1, sequence: 0 }).launch(house.berth("meter", 1));
+        tokio::time::sleep(Duration::from_millis(50)).await;
+        if let Some(commons) = commons {
+            let digest = model_digest(MODEL, &[].into());
+            let (known, _) = commons.look();
+            assert!(known.announcement(&name("meter"), Incarnation(1), &digest).is_some());
+        }
+        let (began, mut changes) = (Instant::now(), house.keep(Scope::Everything));
+        let change = changes.recv().await.expect("the keeper lives");
+        assert_eq!((change.joined, began.elapsed()), (vec![name("meter")], Duration::ZERO));
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_daemon_has_its_own_models_at_hand() {
+    let house = House::new();
+    let _meter = Box::new(Meter { beats_left: 1, sequence: 0 }).launch(house.berth("meter", 1));
+    tokio::time::sleep(Duration::from_millis(50)).await;
+    for (agent, count) in [(None, 1), (Some(name("meter")), 1), (Some(name("nobody")), 0)] {
+        let daemon = Some(house.switchboard.daemon().clone());
+        let ask = Ask { daemon, resource: Resource::Model, agent };
+        let answers = house.switchboard.ask(ask, Duration::ZERO).await;
+        assert_eq!(answers.len(), count);
+        assert!(answers.iter().all(|answer| acl::decode(answer).is_ok()));
+    }
 }
 
 /// Announces once what requests changed, as a Domain Maintainer does; with a model of its own or
