@@ -9,7 +9,7 @@ use std::time::Duration;
 use acl::content::Reason;
 use acl::{AgentId, Incarnation, Message};
 use substrate::{Presence, PresenceToken, Question, Resident, Resource, SendError};
-use tokio::sync::{broadcast, mpsc};
+use tokio::sync::broadcast;
 use tokio::task::JoinHandle;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
@@ -98,7 +98,7 @@ pub trait Launch: Send {
 impl<A: Agent> Launch for A {
     fn launch(self: Box<Self>, berth: Berth) -> JoinHandle<Result<(), LaunchError>> {
         let span = tracing::info_span!("agent", id = %berth.id);
-        tokio::spawn(live(*self, berth).instrument(span))
+        tokio::spawn(live(self, berth).instrument(span))
     }
 }
 
@@ -117,20 +117,20 @@ enum Event<A: Agent> {
 }
 
 struct Life<A: Agent> {
-    agent: A,
+    /// Boxed: a task has room for each of its steps, and would have it for the agent in three.
+    agent: Box<A>,
     callbacks: Callbacks<A>,
     ctx: Context<A>,
     mailbox: Mailbox,
     presence: broadcast::Receiver<Presence>,
     /// What this agent was told of who is here: the daemon's own, where it was told all.
     told: Arc<Directory>,
-    finished: mpsc::Receiver<Deferred<A>>,
     stopping: CancellationToken,
     /// Keeps the agent present.
     _token: PresenceToken,
 }
 
-async fn live<A: Agent>(agent: A, berth: Berth) -> Result<(), LaunchError> {
+async fn live<A: Agent>(agent: Box<A>, berth: Berth) -> Result<(), LaunchError> {
     let Berth { id, incarnation, switchboard, ontology, stopping } = berth;
     await_name(&id, &switchboard).await?;
     let callbacks = agent.callbacks();
@@ -140,9 +140,8 @@ async fn live<A: Agent>(agent: A, berth: Berth) -> Result<(), LaunchError> {
     let _token = announced.map_err(|source| LaunchError::Announce { agent: id.clone(), source })?;
     let communication =
         CommunicationAgent::new(id.clone(), incarnation, Arc::clone(&switchboard), ontology);
-    let (ctx, finished) = Context::new(communication);
-    let mut life =
-        Life { agent, callbacks, ctx, mailbox, presence, told, finished, stopping, _token };
+    let ctx = Context::new(communication);
+    let mut life = Life { agent, callbacks, ctx, mailbox, presence, told, stopping, _token };
     let end = life.run().await;
     life.ctx.communication.send_receipts();
     switchboard.dismiss(&id, incarnation);
@@ -198,7 +197,7 @@ impl<A: Agent> Life<A> {
                 Ok(presence) => Event::Presence(presence),
                 Err(_) => Event::PresenceMissed,
             },
-            Some(deferred) = self.finished.recv() => Event::Finished(deferred),
+            Some(deferred) = self.ctx.finished() => Event::Finished(deferred),
             () = due_now => Event::Due,
             letter = self.mailbox.next() => match letter {
                 Some(letter) => Event::Letter(letter),

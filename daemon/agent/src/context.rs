@@ -14,8 +14,7 @@ use acl::{AgentId, ConversationId, Incarnation, Message, Performative, ReplyToke
 use conversation::Exchange;
 use serde_json::Value;
 use substrate::Resident;
-use tokio::sync::mpsc;
-use tokio::task::JoinHandle;
+use tokio::task::{AbortHandle, JoinSet};
 use tokio::time::Instant;
 use tracing::Instrument;
 
@@ -24,9 +23,6 @@ use crate::communication_agent::{Answer, CommunicationAgent, Engagement, Opening
 use crate::directory::Directory;
 use crate::settings::Settings;
 use crate::switchboard::Switchboard;
-
-/// Pieces of work that have finished and wait for their callback.
-const FINISHED_WORK_MAX: usize = 256;
 
 /// Turns of one exchange that wait for what they follow: a protocol has few, and each comes once.
 const EARLY_TURNS_MAX: usize = 32;
@@ -40,7 +36,8 @@ pub struct Context<A: Agent> {
     exchanges: HashMap<ReplyToken, Open<A>>,
     timers: BTreeMap<TimerId, Deferred<A>>,
     timers_count: u64,
-    work: mpsc::Sender<Deferred<A>>,
+    /// Under way aside, or finished and waiting for its callback.
+    work: JoinSet<Deferred<A>>,
 }
 
 /// The exchanges an agent opened and has not closed: what it waits for.
@@ -73,7 +70,7 @@ pub struct TimerId(Instant, u64);
 
 /// A piece of work aside; ends when it is dropped.
 #[derive(Debug)]
-pub struct Work(JoinHandle<()>);
+pub struct Work(AbortHandle);
 
 impl Drop for Work {
     fn drop(&mut self) {
@@ -82,18 +79,14 @@ impl Drop for Work {
 }
 
 impl<A: Agent> Context<A> {
-    pub(crate) fn new(
-        communication: CommunicationAgent,
-    ) -> (Context<A>, mpsc::Receiver<Deferred<A>>) {
-        let (work, finished) = mpsc::channel(FINISHED_WORK_MAX);
-        let context = Context {
+    pub(crate) fn new(communication: CommunicationAgent) -> Context<A> {
+        Context {
             communication,
             exchanges: HashMap::new(),
             timers: BTreeMap::new(),
             timers_count: 0,
-            work,
-        };
-        (context, finished)
+            work: JoinSet::new(),
+        }
     }
 
     // === who and where ===
@@ -345,14 +338,12 @@ impl<A: Agent> Context<A> {
         work: impl Future<Output = T> + Send + 'static,
         then: impl FnOnce(&mut A, T, &mut Context<A>) + Send + 'static,
     ) -> Work {
-        let finished = self.work.clone();
         let deferred = async move {
             let outcome = work.await;
             let deferred: Deferred<A> = Box::new(move |agent, ctx| then(agent, outcome, ctx));
-            // The agent has ended: nobody waits for this any more.
-            let _ = finished.send(deferred).await;
+            deferred
         };
-        Work(tokio::spawn(deferred.instrument(tracing::Span::current())))
+        Work(self.work.spawn(deferred.instrument(tracing::Span::current())))
     }
 
     /// Computes aside, on a thread that may be busy for long, when its turn has come, and calls
@@ -445,6 +436,19 @@ impl<A: Agent> Context<A> {
     pub(crate) fn undelivered(&mut self, agent: &mut A, lost: Vec<(ReplyToken, Undelivered)>) {
         for (token, why) in lost {
             self.end(agent, &token, Answer::Undelivered(why));
+        }
+    }
+
+    /// The callback of the next work that finishes; `None` if none is under way.
+    pub(crate) async fn finished(&mut self) -> Option<Deferred<A>> {
+        loop {
+            match self.work.join_next().await? {
+                Ok(deferred) => return Some(deferred),
+                // Nobody waits for it any more.
+                Err(error) if error.is_cancelled() => (),
+                // The panic itself is on stderr already, with its place.
+                Err(error) => tracing::error!(agent = %self.id(), %error, "work was lost"),
+            }
         }
     }
 
