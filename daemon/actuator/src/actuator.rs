@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::{
-    Act, Agreement, CallForProposals, Heartbeat, Inform, Methods, ModelAnnouncement, Outcome,
+    Act, Agreement, CallForProposals, Heartbeat, Inform, Method, ModelAnnouncement, Outcome,
     Reason, Refusal, Report, Request,
 };
 use acl::{AgentId, Deadline, Message, Performative, ReplyToken};
@@ -39,8 +39,8 @@ pub struct Actuator<D: Device> {
 #[derive(Default)]
 struct Announced {
     digest: String,
-    methods: Methods,
-    actions: BTreeSet<String>,
+    /// Its actions, each with the method that carries it out.
+    offered: Box<[(String, Method)]>,
     sequence: u64,
 }
 
@@ -131,9 +131,10 @@ impl<D: Device> Actuator<D> {
         let Description { model, methods } = self.device.describe();
         let text = model.to_string();
         self.announced.digest = model_digest(&text, &methods);
-        self.announced.methods = methods.clone();
-        self.announced.actions =
-            model.actions.iter().map(|action| action.name.as_str().to_owned()).collect();
+        let named =
+            model.actions.iter().filter_map(|action| methods.get_key_value(action.name.as_str()));
+        self.announced.offered =
+            named.map(|(name, method)| (name.clone(), method.clone())).collect();
         let heartbeat = self.heartbeat(ctx);
         let announcement = ModelAnnouncement { model: text, methods, heartbeat };
         ctx.beat(&Inform::Model(Box::new(announcement)));
@@ -241,9 +242,9 @@ impl<D: Device> Actuator<D> {
             return Err(incapable(format!("{action} is not for `{own}` to do")));
         }
         let name = step.action.as_str();
-        let offered = self.announced.actions.contains(name);
-        let known = self.announced.methods.get(name).filter(|_| offered);
-        let known = known.ok_or_else(|| incapable(format!("I do not offer `{name}` now")))?;
+        let offered = self.announced.offered.iter().find(|(offered, _)| offered == name);
+        let (_, known) =
+            offered.ok_or_else(|| incapable(format!("I do not offer `{name}` now")))?;
         if known.method != method {
             let detail = format!("`{name}` is my method `{}`, not `{method}`", known.method);
             return Err(incapable(detail));

@@ -236,7 +236,7 @@ impl Room {
         let blueprint = Blueprint {
             id: name("bell"),
             driver: String::new(),
-            config: serde_json::Value::Null,
+            config: serde_json::Value::Null.into(),
             host: Arc::new(host),
         };
         self.launch(Actuator::new(&blueprint, bell).expect("built"), "bell", 1).0

@@ -34,7 +34,7 @@ pub struct Blueprint {
     /// Which driver; one of its plugin's.
     pub driver: String,
     /// The entry's `config`, as JSON.
-    pub config: Value,
+    pub config: Arc<Value>,
     /// The daemon.
     pub host: Arc<Host>,
 }
@@ -106,7 +106,7 @@ impl Blueprint {
         let config = if self.config.is_null() {
             Value::Object(Default::default())
         } else {
-            self.config.clone()
+            Value::clone(&self.config)
         };
         serde_json::from_value(config)
             .map_err(|source| BuildError::Config { agent: self.id.clone(), source })

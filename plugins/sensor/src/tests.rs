@@ -43,7 +43,7 @@ fn blueprint(lab: &Building, config: serde_json::Value) -> Blueprint {
         resources,
     };
     let id = acl::AgentId::new("s").expect("a name");
-    Blueprint { id, driver: "simulated".to_owned(), config, host: Arc::new(host) }
+    Blueprint { id, driver: "simulated".to_owned(), config: config.into(), host: Arc::new(host) }
 }
 
 /// The sensor of this quantity in the lab.

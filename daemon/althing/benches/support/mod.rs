@@ -111,7 +111,7 @@ pub(crate) fn build(
     host: &Arc<Host>,
 ) -> Outcome<Box<dyn Launch>> {
     let driver = plugin.drivers.first().copied().unwrap_or_default().to_owned();
-    let (id, config) = (entry.name.clone(), entry.config.clone());
+    let (id, config) = (entry.name.clone(), entry.config.clone().into());
     Ok((plugin.build)(Blueprint { id, driver, config, host: Arc::clone(host) })?)
 }
 

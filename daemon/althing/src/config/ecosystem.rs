@@ -53,7 +53,7 @@ pub(crate) struct AgentEntry {
     /// One of the plugin's drivers; none for the plugin's default.
     pub(crate) driver: Option<String>,
     /// For the plugin, as it is; null where nothing is said.
-    pub(crate) config: Value,
+    pub(crate) config: Arc<Value>,
 }
 
 /// What the simulated building is like besides the map.

@@ -89,7 +89,7 @@ fn a_file_means_what_it_says() {
     assert_eq!(robot.name.as_str(), "robot");
     assert_eq!(robot.plugin, "turtlebot");
     assert_eq!(robot.driver, None);
-    assert_eq!(robot.config, json!({ "start": "hall", "speed": 0.5 }));
+    assert_eq!(*robot.config, json!({ "start": "hall", "speed": 0.5 }));
     assert_eq!(
         ecosystem.zenoh,
         json!({

@@ -70,18 +70,18 @@ fn report_at(ecosystem: &Ecosystem, path: &str, error: &HostError, report: &mut 
 /// there is no mistake, or another. Empty where something is missing.
 fn culprit(entry: &AgentEntry, host: &Arc<Host>, error: &HostError) -> String {
     let built = |config: Value| {
-        let entry = AgentEntry { config, ..entry.clone() };
+        let entry = AgentEntry { config: config.into(), ..entry.clone() };
         supervisor::rehearse(&entry, host).map_err(|error| error.to_string())
     };
     let (is_shape, told) =
         (matches!(error, HostError::Build(BuildError::Config { .. })), error.to_string());
     let mut path: Vec<String> = Vec::new();
     loop {
-        let within = path.iter().try_fold(&entry.config, |value, key| value.get(key));
+        let within = path.iter().try_fold(&*entry.config, |value, key| value.get(key));
         let Some(Value::Object(table)) = within else { break };
         let outcome = |key: &String| {
             let path: Vec<&String> = path.iter().chain([key]).collect();
-            built(without(entry.config.clone(), &path))
+            built(without(Value::clone(&entry.config), &path))
         };
         let is_right = |key: &&String| outcome(key).is_ok();
         // What is needed is missed when it is taken away, which does not blame it.

@@ -74,7 +74,7 @@ fn blueprint(
     Ok(Blueprint {
         id: entry.name.clone(),
         driver,
-        config: entry.config.clone(),
+        config: Arc::clone(&entry.config),
         host: Arc::clone(host),
     })
 }

@@ -51,7 +51,7 @@ impl Meaning<'_> {
             None => None,
         };
         let plugin = plugin?.0.to_owned();
-        Some(AgentEntry { name: name?, plugin, daemon, driver, config })
+        Some(AgentEntry { name: name?, plugin, daemon, driver, config: config.into() })
     }
 
     fn agent_name(
