@@ -6,7 +6,7 @@
 //!
 //! - In this process: how long a change of the composed domain takes, and a plan for what it left.
 //! - In processes of their own: the time from start to ready, resident memory with one house and
-//!   with all, and how long a goal waits for its plan, in both modes.
+//!   with all, five times each, and how long a goal waits for its plan, in both modes.
 //!
 //! Each process has folders of its own and is ended when it has been measured.
 
@@ -31,6 +31,13 @@ const HOUSES: usize = 5;
 
 /// How often what takes microseconds or milliseconds is measured; the median is told.
 const ROUNDS: usize = 20;
+
+/// How often daemons are started to see how much memory they take: which pages of the binary are
+/// resident is chance, and comes to five KiB per device. The median is told.
+const STARTS: usize = 5;
+
+/// With how many houses.
+const SIZES: [usize; 2] = [1, HOUSES];
 
 /// Ten heartbeats: everybody has heard everybody, and models are composed.
 const SETTLING: Duration = Duration::from_secs(10);
@@ -74,8 +81,12 @@ fn median_ms(mut measure: impl FnMut() -> Outcome<()>) -> Outcome<f64> {
         measure()?;
         took.push(begun.elapsed().as_secs_f64() * 1_000.0);
     }
-    took.sort_by(f64::total_cmp);
-    Ok(took[ROUNDS / 2])
+    Ok(median(took))
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
 }
 
 // === in this process ===
@@ -195,20 +206,41 @@ fn announcement(device: &Device) -> Outcome<Announcement> {
 
 // === in processes of their own ===
 
+/// A daemon that has settled: how long it took to be ready, and what it holds, in KiB: in all,
+/// and without the pages of its binary.
+struct Settled {
+    ready_ms: f64,
+    resident: f64,
+    own: f64,
+}
+
 fn memory() -> Outcome<()> {
-    let mut resident = Vec::new();
-    for houses in [1, HOUSES] {
-        let daemon = Daemon::start(&Campus::seeded(SEED, houses), "decentralized")?;
-        tell(&format!("start to ready, {houses} houses"), daemon.ready_ms, "ms", None);
-        std::thread::sleep(SETTLING);
-        resident.push(daemon.resident_kib()?);
-        let what = format!("resident after {SETTLING:?}, {houses} houses");
-        tell(&what, resident[resident.len() - 1] / 1_024.0, "MiB", None);
+    let rounds: Vec<_> = (0..STARTS).map(|_| settled()).collect::<Outcome<_>>()?;
+    let of = |of: &dyn Fn(&[Settled; 2]) -> f64| median(rounds.iter().map(of).collect());
+    for (size, houses) in SIZES.iter().enumerate() {
+        let ready = of(&|round| round[size].ready_ms);
+        tell(&format!("start to ready, {houses} houses"), ready, "ms", None);
+        let resident = of(&|round| round[size].resident) / 1_024.0;
+        tell(&format!("resident after {SETTLING:?}, {houses} houses"), resident, "MiB", None);
     }
-    let further = ((HOUSES - 1) * building::DEVICES_PER_HOUSE) as f64;
-    let each = (resident[1] - resident[0]) / further;
-    tell("resident memory per further device", each, "KiB", Some(DEVICE_AIM_KIB));
+    let further = ((SIZES[1] - SIZES[0]) * building::DEVICES_PER_HOUSE) as f64;
+    let each = |[few, many]: &[Settled; 2]| (many.resident - few.resident) / further;
+    let own = |[few, many]: &[Settled; 2]| (many.own - few.own) / further;
+    for round in &rounds {
+        println!("  per further device: {:.1} KiB, own {:.1} KiB", each(round), own(round));
+    }
+    tell("resident memory per further device", of(&each), "KiB", Some(DEVICE_AIM_KIB));
+    tell("without pages of the binary", of(&own), "KiB", None);
     Ok(())
+}
+
+/// A daemon of each size, started one after the other and settled side by side.
+fn settled() -> Outcome<[Settled; 2]> {
+    let start = |houses| Daemon::start(&Campus::seeded(SEED, houses), "decentralized");
+    let daemons = [start(SIZES[0])?, start(SIZES[1])?];
+    std::thread::sleep(SETTLING);
+    let [few, many] = daemons.each_ref().map(Daemon::settled);
+    Ok([few?, many?])
 }
 
 /// How long the goal of one house, and that of all rooms, wait for their plan.
@@ -270,11 +302,15 @@ impl Daemon {
         command
     }
 
-    fn resident_kib(&self) -> Outcome<f64> {
+    fn settled(&self) -> Outcome<Settled> {
         let status = fs::read_to_string(format!("/proc/{}/status", self.process.id()))?;
-        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-        let kib = line.and_then(|line| line.split_whitespace().next());
-        Ok(kib.ok_or("the system does not tell how much memory a process holds")?.parse()?)
+        let kib = |what: &str| -> Outcome<f64> {
+            let line = status.lines().find_map(|line| line.strip_prefix(what));
+            let kib = line.and_then(|line| line.split_whitespace().next());
+            Ok(kib.ok_or("the system does not tell how much memory a process holds")?.parse()?)
+        };
+        let (resident, own) = (kib("VmRSS:")?, kib("RssAnon:")?);
+        Ok(Settled { ready_ms: self.ready_ms, resident, own })
     }
 }
 
