@@ -34,6 +34,10 @@ const DOOR_WITHIN: Duration = Duration::from_secs(2);
 const DOOR_PERIOD: Duration = Duration::from_millis(2);
 const _: () = assert!(DOOR_PERIOD.as_millis() < DOOR_WITHIN.as_millis());
 
+/// How often a newcomer waits because another has left while it did. A service that ends as soon as
+/// it has begun, and is started again and again, must not keep all others out.
+const RESTS_MAX: usize = 8;
+
 /// The ending of the file that says that a daemon is here.
 const TICKET: &str = "here";
 
@@ -95,11 +99,18 @@ struct Ticket {
 ///
 /// If a daemon of this name is here, or the folder cannot be used.
 pub(crate) async fn enter(folder: &Path, daemon: &DaemonId) -> Result<Stay, EnterError> {
-    let rest = {
-        let _door = pass(folder).await?;
-        rest(&tickets(folder)?, daemon, SystemTime::now())
-    };
-    tokio::time::sleep(rest).await;
+    for _ in 0..RESTS_MAX {
+        let rest = {
+            let _door = pass(folder).await?;
+            bury(folder, daemon)?;
+            let rest = rest(&tickets(folder)?, SystemTime::now());
+            if rest.is_zero() {
+                return Stay::begin(folder, daemon);
+            }
+            rest
+        };
+        tokio::time::sleep(rest).await;
+    }
     let _door = pass(folder).await?;
     Stay::begin(folder, daemon)
 }
@@ -126,16 +137,28 @@ async fn pass(folder: &Path) -> Result<File, EnterError> {
     Ok(door)
 }
 
-/// How long this daemon has yet to stay away.
-fn rest(tickets: &[Ticket], daemon: &DaemonId, now: SystemTime) -> Duration {
-    let rest = |ticket: &Ticket| match &*ticket.life {
-        _ if ticket.is_here => Duration::ZERO,
-        // A clock that was put back must not keep anybody away for longer.
-        "" => REST.saturating_sub(now.duration_since(ticket.since).unwrap_or_default()),
-        _ if ticket.daemon == daemon.as_str() => REST,
-        _ => Duration::ZERO,
+/// Lets a life of this name that ended unsaid have ended now, in the door. Others call it still, by
+/// a path that goes with it.
+fn bury(folder: &Path, daemon: &DaemonId) -> Result<(), EnterError> {
+    let path = socket_in(folder, daemon.as_str())?.with_extension(TICKET);
+    let failed = |source| EnterError::Io { path: path.clone(), source };
+    let ticket = match read(&path) {
+        Ok(ticket) => ticket.filter(|ticket| !ticket.is_here && !ticket.life.is_empty()),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+        Err(error) => return Err(failed(error)),
     };
-    tickets.iter().map(rest).max().unwrap_or_default()
+    let Some(Ticket { life, .. }) = ticket else { return Ok(()) };
+    // It may have gone all the same.
+    let _ = fs::remove_file(path.with_extension(life));
+    open(&path)?.set_len(0).map_err(failed)
+}
+
+/// How long a newcomer has yet to stay away.
+fn rest(tickets: &[Ticket], now: SystemTime) -> Duration {
+    let said = tickets.iter().filter(|ticket| !ticket.is_here && ticket.life.is_empty());
+    // A clock that was put back must not keep anybody away for longer.
+    let past = said.map(|ticket| now.duration_since(ticket.since).unwrap_or_default());
+    past.min().map_or(Duration::ZERO, |past| REST.saturating_sub(past))
 }
 
 /// Everybody who is or was here. Only in the door: to look whether a ticket is locked, one locks it.
@@ -203,20 +226,18 @@ impl Stay {
         })?;
         let mut others = Vec::new();
         for Ticket { daemon: other, is_here, life, .. } in tickets(folder)? {
-            if other == daemon.as_str() && !life.is_empty() {
-                // It died, and others call it still. The path may have gone all the same.
-                let _ = fs::remove_file(socket.with_extension(&life));
-            } else if is_here && !life.is_empty() {
+            if is_here && !life.is_empty() && other != daemon.as_str() {
                 others.push(folder.join(format!("{other}.{life}")));
             }
         }
         let name = name_life(SystemTime::now());
         let life = socket.with_extension(&name);
+        // First the ticket: of a life that ends here the next one finds the path, if there is any.
+        ticket.set_len(0).map_err(failed)?;
+        ticket.write_all_at(name.as_bytes(), 0).map_err(failed)?;
         let target = socket.file_name().unwrap_or_default();
         std::os::unix::fs::symlink(target, &life)
             .map_err(|source| EnterError::Io { path: life.clone(), source })?;
-        ticket.set_len(0).map_err(failed)?;
-        ticket.write_all_at(name.as_bytes(), 0).map_err(failed)?;
         others.sort();
         Ok(Stay { ticket, life, others })
     }

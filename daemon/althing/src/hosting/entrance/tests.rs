@@ -100,6 +100,36 @@ async fn nobody_comes_just_after_another_has_left() {
     drop(third);
 }
 
+#[tokio::test(start_paused = true)]
+async fn who_leaves_while_one_waits_is_waited_for_too() {
+    let folder = folder();
+    let (first, second) = (come(&folder, "first").await, come(&folder, "second").await);
+    drop(first);
+    leaves_at(&folder, "first", SystemTime::now() + REST);
+    let began = Instant::now();
+    let others = async {
+        tokio::time::sleep(REST / 2).await;
+        leaves_at(&folder, "first", SystemTime::now() - REST);
+        drop(second);
+        leaves_at(&folder, "second", SystemTime::now() + REST);
+        tokio::time::sleep(REST).await;
+        leaves_at(&folder, "second", SystemTime::now() - REST);
+    };
+    let (_third, ()) = tokio::join!(come(&folder, "third"), others);
+    assert_eq!(began.elapsed(), 2 * REST);
+}
+
+#[tokio::test(start_paused = true)]
+async fn who_leaves_again_and_again_keeps_nobody_out() {
+    let folder = folder();
+    drop(come(&folder, "first").await);
+    // It leaves whenever somebody looks.
+    leaves_at(&folder, "first", SystemTime::now() + 100 * REST);
+    let began = Instant::now();
+    come(&folder, "second").await;
+    assert!(began.elapsed() <= REST * 8, "came after {:?}", began.elapsed());
+}
+
 fn leaves_at(folder: &TempDir, name: &str, at: SystemTime) {
     let ticket = File::options().write(true).open(folder.path().join(name).with_extension(TICKET));
     ticket.and_then(|ticket| ticket.set_modified(at)).expect("it was here");
@@ -108,21 +138,22 @@ fn leaves_at(folder: &TempDir, name: &str, at: SystemTime) {
 #[test]
 fn a_clock_that_was_put_back_keeps_nobody_away() {
     let now = SystemTime::now();
-    let ticket = |daemon: &str, life: &str, since| Ticket {
-        daemon: daemon.to_owned(),
+    let ticket = |life: &str, since| Ticket {
+        daemon: "b".to_owned(),
         is_here: false,
         life: life.to_owned(),
         since,
     };
     for (said, expected) in [
-        (ticket("b", "", now - REST), Duration::ZERO),
-        (ticket("b", "", now - REST / 5), REST / 5 * 4),
-        (ticket("b", "", now + 100 * REST), REST),
-        (ticket("b", "0123456789", now), Duration::ZERO),
-        (ticket("a", "0123456789", now - 100 * REST), REST),
-        (Ticket { is_here: true, ..ticket("b", "", now) }, Duration::ZERO),
+        (vec![], Duration::ZERO),
+        (vec![ticket("", now - REST)], Duration::ZERO),
+        (vec![ticket("", now - REST / 5)], REST / 5 * 4),
+        (vec![ticket("", now - REST / 5), ticket("", now - REST / 2)], REST / 5 * 4),
+        (vec![ticket("", now + 100 * REST)], REST),
+        (vec![ticket("0123456789", now)], Duration::ZERO),
+        (vec![Ticket { is_here: true, ..ticket("", now) }], Duration::ZERO),
     ] {
-        assert_eq!(rest(&[said], &daemon("a"), now), expected);
+        assert_eq!(rest(&said, now), expected);
     }
 }
 
