@@ -51,8 +51,8 @@ fn costs_are_those_of_the_metric() {
 
 /// A problem that ends with this code.
 #[track_caller]
-fn check_problem(problem: &str, code: i32, status: &str) {
-    let sandbox = Sandbox::new(&[("domain.pddl", LAMP), ("evening.pddl", problem)]);
+fn check_problem(domain: &str, problem: &str, code: i32, status: &str) {
+    let sandbox = Sandbox::new(&[("domain.pddl", domain), ("evening.pddl", problem)]);
     let run = sandbox.check(TASK, code);
     assert_eq!(run.stdout, "");
     let run = sandbox.check("plan domain.pddl evening.pddl --json", code);
@@ -61,16 +61,27 @@ fn check_problem(problem: &str, code: i32, status: &str) {
 
 #[test]
 fn what_cannot_be_reached_is_proven_before_search() {
-    check_problem(&EVENING.replace("(door hall study)", ""), 10, "unsolvable");
+    check_problem(LAMP, &EVENING.replace("(door hall study)", ""), 10, "unsolvable");
 }
 
 #[test]
-fn what_excludes_itself_is_proven_by_search() {
-    check_problem(
-        &EVENING.replace("(on desk-lamp)", "(and (at hall) (at study))"),
-        11,
-        "unsolvable",
-    );
+fn what_excludes_itself_is_proven_before_search() {
+    let both = EVENING.replace("(on desk-lamp)", "(and (at hall) (at study))");
+    check_problem(LAMP, &both, 10, "unsolvable");
+}
+
+/// Any two of three lamps can be lit.
+#[test]
+fn what_no_two_exclude_is_proven_by_search() {
+    let domain = "(define (domain lamps) (:requirements :strips :typing) (:types lamp bulb)
+        (:predicates (on ?l - lamp) (spare ?b - bulb))
+        (:action light :parameters (?l - lamp ?b - bulb)
+          :precondition (spare ?b) :effect (and (on ?l) (not (spare ?b)))))";
+    let problem = "(define (problem evening) (:domain lamps)
+        (:objects floor-lamp desk-lamp lantern - lamp left right - bulb)
+        (:init (spare left) (spare right))
+        (:goal (and (on floor-lamp) (on desk-lamp) (on lantern))))";
+    check_problem(domain, problem, 11, "unsolvable");
 }
 
 #[test]
