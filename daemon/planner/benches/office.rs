@@ -1,6 +1,7 @@
 //! How long a building waits for an answer: from texts to a validated plan, and parts of that way.
 //!
-//! - `office/` is small, and shows the parts.
+//! - `office/` is small, and shows the parts: parse, ground, search, validate, deorder.
+//! - `floor` is where the quick climb fails: a floor that must be painted in the right order.
 //! - `scenarios/` are the goals of the paper's scenarios, in a whole office: two robots with a
 //!   sensor each, one with a battery and a dock, one at whose screen people log in; thermometers,
 //!   a CO₂ sensor, a camera, a screen, a video-collaboration robot. Domain and problem are what
@@ -9,7 +10,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
 
-use planner::{Cancel, Options, order, plan, validate};
+use planner::{Cancel, Options, order, plan, prepare, validate};
 
 const DOMAIN: &str = include_str!("office/domain.pddl");
 const PROBLEM: &str = include_str!("office/problem.pddl");
@@ -65,6 +66,13 @@ fn office(criterion: &mut Criterion) {
             black_box(plan(&domain, &problem, &options, &cancel))
         });
     });
+    group.bench_function("parse", |bencher| bencher.iter(|| black_box(parse())));
+    group.bench_function("ground", |bencher| {
+        bencher.iter(|| {
+            let prepared = prepare(&domain, &problem).expect("the office is supported");
+            black_box(prepared.ground(options.budget, &cancel).expect("the office is supported"))
+        });
+    });
     group.bench_function("trees to validated plan", |bencher| bencher.iter(|| black_box(answer())));
     group.bench_function("validate", |bencher| {
         bencher.iter(|| black_box(validate::validate(&domain, &problem, &found)));
@@ -75,5 +83,54 @@ fn office(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, office, scenarios);
+const FLOOR: &str = "(define (domain floor)
+  (:predicates (at ?r ?x) (clear ?x) (painted ?x) (up ?x ?y) (right ?x ?y) (robot ?r))
+  (:action walk :parameters (?r ?x ?y)
+    :precondition (and (robot ?r) (at ?r ?x) (clear ?y)
+      (or (up ?x ?y) (up ?y ?x) (right ?x ?y) (right ?y ?x)))
+    :effect (and (not (at ?r ?x)) (clear ?x) (at ?r ?y) (not (clear ?y))))
+  (:action paint :parameters (?r ?x ?y)
+    :precondition (and (robot ?r) (at ?r ?x) (clear ?y) (or (up ?x ?y) (up ?y ?x)))
+    :effect (and (painted ?y) (not (clear ?y)))))";
+
+/// A floor of so many rows and columns, all of it to be painted but the first row, by two robots that
+/// paint what is next to them and never walk on paint.
+fn floor(rows: usize, columns: usize) -> String {
+    let tile = |row: usize, column: usize| format!("t{row}-{column}");
+    let (mut objects, mut init, mut goal) = (String::new(), String::new(), String::new());
+    for row in 0..rows {
+        for column in 0..columns {
+            let this = tile(row, column);
+            objects += &format!(" {this}");
+            if row > 0 {
+                init += &format!(" (up {} {this}) (clear {this})", tile(row - 1, column));
+                goal += &format!(" (painted {this})");
+            } else if column > 1 {
+                init += &format!(" (clear {this})");
+            }
+            if column > 0 {
+                init += &format!(" (right {} {this})", tile(row, column - 1));
+            }
+        }
+    }
+    format!(
+        "(define (problem p) (:domain floor) (:objects one other{objects})
+           (:init (robot one) (robot other) (at one t0-0) (at other t0-1){init})
+           (:goal (and{goal})))"
+    )
+}
+
+fn search(criterion: &mut Criterion) {
+    let domain = pddl::parse_domain(FLOOR).into_result().expect("it parses");
+    let problem = pddl::parse_problem(&floor(5, 4)).into_result().expect("it parses");
+    let (options, cancel) = (Options::default(), Cancel::new());
+    let answer = || plan(&domain, &problem, &options, &cancel).expect("it is supported");
+    assert!(answer().plan.is_some(), "the floor can be painted");
+    let mut group = criterion.benchmark_group("floor");
+    group.sample_size(20);
+    group.bench_function("trees to validated plan", |bencher| bencher.iter(|| black_box(answer())));
+    group.finish();
+}
+
+criterion_group!(benches, office, scenarios, search);
 criterion_main!(benches);

@@ -67,7 +67,8 @@ impl<'t> Solver<'t> {
             Climbed::DeadEnd => return StopReason::Unsolvable { before_search: true },
             Climbed::GaveUp => None,
         };
-        match prune(self.task, PRUNING_MAX, self.cancel) {
+        let bytes_max = self.options.budget.memory_max_bytes / 8;
+        match prune(self.task, PRUNING_MAX, bytes_max, self.cancel) {
             Pruned::Nothing => StopReason::Unsolvable { before_search: true },
             Pruned::Everything => self.go_on(first, found),
             Pruned::Smaller(smaller) => {
@@ -182,7 +183,10 @@ impl<'t> Solver<'t> {
             true => (u64::MAX, self.options.budget.expansions_max),
             false => (OPTIMAL_WORK_MAX / size, self.options.optimal_expansions_max),
         };
-        if expansions_max == 0 || explorations_max == 0 {
+        // A* expands at least the states of a plan, and each takes about as many cuts as there are
+        // steps left.
+        let needed = (first.len() as u64).saturating_mul(first.len() as u64);
+        if expansions_max == 0 || explorations_max < needed.max(1) {
             return (first, StopReason::Exhausted);
         }
         let bound = weight(self.task, &first);

@@ -29,6 +29,7 @@ pub(crate) struct LandmarkCut {
     waiting: Vec<u32>,
     cut: Vec<u32>,
     explorations: u64,
+    explorations_max: u64,
 }
 
 /// Where a proposition lies, as seen from a cut.
@@ -64,6 +65,7 @@ impl LandmarkCut {
             waiting: Vec::new(),
             cut: Vec::new(),
             explorations: 0,
+            explorations_max: CUTS_MAX,
             relaxation,
         }
     }
@@ -202,7 +204,7 @@ impl Evaluator for LandmarkCut {
         self.explorations = 0;
         let mut total: u64 = 0;
         loop {
-            if self.explorations >= CUTS_MAX {
+            if self.explorations >= self.explorations_max {
                 // What is left out makes the estimate lower, and so keeps it admissible.
                 return Some(total);
             }
@@ -222,6 +224,11 @@ impl Evaluator for LandmarkCut {
             total = total.saturating_add(price);
         }
     }
+
+    fn limit(&mut self, explorations_max: u64) {
+        self.explorations_max = explorations_max.min(CUTS_MAX);
+    }
+
     fn explorations(&self) -> u64 {
         self.explorations
     }

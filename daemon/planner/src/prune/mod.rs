@@ -57,10 +57,14 @@ pub(super) struct Work<'c> {
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Exceeded;
 
-/// Looks for what is superfluous. `work_max` counts words of 64 pairs; one takes a nanosecond.
-pub(crate) fn prune(task: &Task, work_max: u64, cancel: &Cancel) -> Pruned {
-    let size = Pairs::words(task.basic_count);
-    if size > work_max / 8 {
+/// How many sets of pairs there are at once, at most.
+const SETS: u64 = 4;
+
+/// Looks for what is superfluous, in `bytes_max` of memory. `work_max` counts words of 64 pairs; one
+/// takes a nanosecond or two.
+pub(crate) fn prune(task: &Task, work_max: u64, bytes_max: usize, cancel: &Cancel) -> Pruned {
+    let words = Pairs::words(task.basic_count).saturating_mul(SETS);
+    if words > work_max / 2 || words.saturating_mul(8) > bytes_max as u64 {
         return Pruned::Everything;
     }
     let mut work = Work { left: work_max, cancel };

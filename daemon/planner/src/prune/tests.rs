@@ -9,7 +9,7 @@ use crate::small_tasks::{task, texts, with_goal};
 use crate::state::{Progression, StateId, StateSpace, all_hold};
 
 fn pruned(task: &Task) -> Pruned {
-    prune(task, u64::MAX, &Cancel::new())
+    prune(task, u64::MAX, usize::MAX, &Cancel::new())
 }
 
 /// The shortest plan, found by looking at every state.
@@ -87,9 +87,9 @@ fn too_much_work_is_not_begun() {
     let problem = "(define (problem p) (:domain floor) (:objects a b)
       (:init (up a b) (at a) (clear b)) (:goal (painted b)))";
     let task = task(FLOOR, problem);
-    for work_max in [0, 8, 100] {
-        let pruned = prune(&task, work_max, &Cancel::new());
-        assert!(matches!(pruned, Pruned::Everything), "{work_max}");
+    for (work_max, bytes_max) in [(0, 1 << 20), (8, 1 << 20), (100, 1 << 20), (1 << 20, 100)] {
+        let pruned = prune(&task, work_max, bytes_max, &Cancel::new());
+        assert!(matches!(pruned, Pruned::Everything), "{work_max} {bytes_max}");
     }
 }
 

@@ -65,37 +65,14 @@ impl View {
         let is_basic = |literal: &Literal| literal.fact().index() < basic;
         let preconditions: Vec<Literal> =
             operator.preconditions.iter().copied().filter(is_basic).collect();
-        let conditional = || operator.conditional.iter().map(|one| one.effect);
-        let is_added = |fact: &FactId| operator.effect.adds.contains(fact);
-        let may_add: Vec<FactId> =
-            conditional().flat_map(|effect| effect.adds.iter().copied()).collect();
-        let deletes = operator.effect.deletes.iter().filter(|fact| !is_added(fact));
-        let (mut sure, mut possible) = (Vec::new(), Vec::new());
-        sure.extend(operator.effect.adds.iter().map(|fact| Literal::new(*fact, true)));
-        for fact in deletes {
-            let list = if may_add.contains(fact) { &mut possible } else { &mut sure };
-            list.push(Literal::new(*fact, false));
-        }
-        possible.extend(
-            may_add.iter().filter(|fact| !is_added(fact)).map(|fact| Literal::new(*fact, true)),
-        );
-        let may_delete = conditional().flat_map(|effect| effect.deletes.iter());
-        possible.extend(
-            may_delete.filter(|fact| !is_added(fact)).map(|fact| Literal::new(*fact, false)),
-        );
-        possible.retain(|literal| !sure.contains(literal));
-        for list in [&mut sure, &mut possible] {
-            list.sort_unstable();
-            list.dedup();
-        }
-        let is_touched = |literal: &Literal| {
-            sure.iter().chain(&possible).any(|one| one.fact() == literal.fact())
+        let (sure, possible) = outcomes(operator);
+        let speak_of = |sorted: &[Literal], literal: &Literal| {
+            sorted.binary_search_by_key(&literal.fact(), |one| one.fact()).is_ok()
         };
-        let kept = preconditions.iter().copied().filter(|literal| !is_touched(literal));
+        let is_kept = |one: &Literal| !speak_of(&sure, one) && !speak_of(&possible, one);
+        let kept = preconditions.iter().copied().filter(is_kept);
         let after: Vec<Literal> = sure.iter().copied().chain(kept).collect();
-        let is_asked =
-            |literal: &&Literal| preconditions.iter().any(|one| one.fact() == literal.fact());
-        let unasked = sure.iter().chain(&possible).filter(|literal| !is_asked(literal));
+        let unasked = sure.iter().chain(&possible).filter(|one| !speak_of(&preconditions, one));
         let free: Vec<Literal> = unasked.flat_map(|one| [*one, one.negated()]).collect();
         let mut end = |list: &[Literal]| {
             self.literals.extend_from_slice(list);
@@ -120,6 +97,37 @@ impl View {
             free: &self.literals[to.after..to.free],
         }
     }
+}
+
+/// What an operator makes true in any case, and what it may make true; each sorted.
+fn outcomes(operator: Operator<'_>) -> (Vec<Literal>, Vec<Literal>) {
+    let literals = |facts: &[FactId], positive| -> Vec<Literal> {
+        facts.iter().map(|fact| Literal::new(*fact, positive)).collect()
+    };
+    let tidy = |literals: &mut Vec<Literal>| {
+        literals.sort_unstable();
+        literals.dedup();
+    };
+    let mut sure = literals(operator.effect.adds, true);
+    tidy(&mut sure);
+    let mut possible = Vec::new();
+    for one in operator.conditional.iter() {
+        possible.extend(literals(one.effect.adds, true));
+        possible.extend(literals(one.effect.deletes, false));
+    }
+    tidy(&mut possible);
+    // Adding wins over deleting.
+    possible.retain(|one| sure.binary_search(&Literal::new(one.fact(), true)).is_err());
+    let mut deletes = literals(operator.effect.deletes, false);
+    deletes.retain(|delete| sure.binary_search(&delete.negated()).is_err());
+    let (uncertain, certain): (Vec<_>, Vec<_>) =
+        deletes.into_iter().partition(|delete| possible.binary_search(&delete.negated()).is_ok());
+    possible.retain(|one| certain.binary_search(one).is_err());
+    possible.extend(uncertain);
+    sure.extend(certain);
+    tidy(&mut sure);
+    tidy(&mut possible);
+    (sure, possible)
 }
 
 // === impl OperatorView ===

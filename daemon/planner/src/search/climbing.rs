@@ -1,5 +1,6 @@
 //! The quick ladder in front of the search, for problems that are easier than they look: the
-//! relaxed plan carried out as it is, then enforced hill-climbing (Hoffmann and Nebel, 2001).
+//! relaxed plan carried out as it is, or as much of it as leads nearer to the goal (Vidal, 2004);
+//! where it does not, a step of enforced hill-climbing (Hoffmann and Nebel, 2001).
 //!
 //! Neither is complete; both give up after little work.
 
@@ -25,6 +26,9 @@ pub(crate) struct Climb<'t, 'h> {
     /// States gone on from so far.
     pub(crate) expansions: u64,
 }
+
+/// Steps, the state after them, and its estimate.
+type Way = (Vec<OperatorId>, Vec<u64>, u64);
 
 /// What the climb has found when it ends.
 pub(crate) enum Climbed {
@@ -52,14 +56,10 @@ impl<'t, 'h> Climb<'t, 'h> {
         let evaluations_max = (WORK_MAX / self.ff.size().max(1)) as u64;
         let mut plan = Vec::new();
         loop {
-            if let Some(rest) = self.carry_out(&state) {
-                self.expansions += rest.len() as u64;
-                plan.extend(rest);
-                return Climbed::Plan(plan);
-            }
-            let Some((steps, next, better)) = self.ascend(&state, estimate, cancel) else {
-                return Climbed::GaveUp;
-            };
+            let preferred = self.ff.preferred().to_vec();
+            let found = self.leap(&state, estimate);
+            let found = found.or_else(|| self.ascend(&state, preferred, estimate, cancel));
+            let Some((steps, next, better)) = found else { return Climbed::GaveUp };
             plan.extend(steps);
             (state, estimate) = (next, better);
             if all_hold(&state, &self.task.goal) {
@@ -76,37 +76,44 @@ impl<'t, 'h> Climb<'t, 'h> {
         self.ff.evaluate(state)
     }
 
-    /// The steps of the relaxed plan last found, in an order in which they all apply and reach the
-    /// goal.
-    fn carry_out(&mut self, state: &State) -> Option<Vec<OperatorId>> {
+    /// The steps of the relaxed plan last found, as many as apply one after the other, if they lead
+    /// nearer to the goal.
+    fn leap(&mut self, from: &State, estimate: u64) -> Option<Way> {
         let mut left: Vec<OperatorId> = self.ff.relaxed_plan().to_vec();
         left.sort_by_key(|operator| (self.ff.depth(*operator), *operator));
-        let (mut state, mut next) = (state.to_vec(), Vec::new());
+        let (mut state, mut next) = (from.to_vec(), Vec::new());
         let mut steps = Vec::with_capacity(left.len());
-        while !left.is_empty() {
-            let position = left.iter().position(|id| {
-                let operator = self.task.operator(*id);
-                all_hold(&state, operator.preconditions)
-                    && self.progression.apply(operator, &state, &mut next)
-            })?;
+        while let Some(position) = left.iter().position(|id| {
+            let operator = self.task.operator(*id);
+            all_hold(&state, operator.preconditions)
+                && self.progression.apply(operator, &state, &mut next)
+        }) {
             steps.push(left.remove(position));
             std::mem::swap(&mut state, &mut next);
             if all_hold(&state, &self.task.goal) {
-                return Some(steps);
+                self.expansions += steps.len() as u64;
+                return Some((steps, state, 0));
             }
         }
-        None
+        // A single step is what `ascend` looks at anyway.
+        let better = if steps.len() > 1 { self.evaluate(&state)? } else { estimate };
+        if better >= estimate {
+            return None;
+        }
+        self.expansions += steps.len() as u64;
+        Some((steps, state, better))
     }
 
     /// A way, over preferred operators only, to a state nearer to the goal; breadth first.
     fn ascend(
         &mut self,
         from: &State,
+        preferred: Vec<OperatorId>,
         estimate: u64,
         cancel: &Cancel,
-    ) -> Option<(Vec<OperatorId>, Vec<u64>, u64)> {
+    ) -> Option<Way> {
         let mut space = StateSpace::new(from);
-        let mut preferred = vec![self.ff.preferred().to_vec()];
+        let mut preferred = vec![preferred];
         let mut successor = Vec::new();
         let mut next = 0;
         while let Some(operators) = preferred.get(next).cloned() {

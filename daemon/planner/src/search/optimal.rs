@@ -92,6 +92,7 @@ impl<'t> AStar<'t> {
         if known != UNKNOWN {
             return known;
         }
+        self.evaluator.limit(self.explorations_max.saturating_sub(self.explorations).max(1));
         let estimate = self.evaluator.evaluate(self.space.state(id));
         self.explorations += self.evaluator.explorations();
         let estimate = estimate.map_or(DEAD_END, |estimate| estimate.min(DEAD_END - 1));

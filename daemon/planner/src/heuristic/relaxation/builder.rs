@@ -179,13 +179,16 @@ impl<'t> Builder<'t> {
         let mut read: Vec<usize> = read.copied().collect();
         read.sort_unstable();
         read.dedup();
-        let relaxed = self.preconditions.len() as u32;
+        if read.is_empty() {
+            return;
+        }
+        let (relaxed, first) = (self.preconditions.len() as u32, self.numbers.register(changes));
         for index in read {
             let fact = FactId::from_index(self.task.basic_count + index);
             let propositions = [(Some(fact.0), true), (self.negations[fact.index()], false)];
             for (proposition, truth) in propositions {
                 let Some(proposition) = proposition else { continue };
-                if let Some(step) = self.numbers.step(index, truth, changes) {
+                if let Some(step) = self.numbers.step(index, truth, changes, first) {
                     self.steps.insert((relaxed, proposition), step);
                     all.push(proposition);
                 }

@@ -45,8 +45,8 @@ struct Step {
 enum Change {
     /// Always by this much; never zero.
     Constant(f64),
-    /// By what these come to, each so many times.
-    Depends(Box<[(f64, NumericChange)]>),
+    /// By what these come to, each so many times; and whether a second time brings nothing more.
+    Depends { parts: Box<[(f64, u32)]>, is_once: bool },
     /// Nobody knows.
     Unknown,
 }
@@ -57,6 +57,8 @@ pub(in crate::heuristic) struct Numbers {
     comparisons: Vec<GroundComparison>,
     /// By comparison: how much each fluent counts in it; `None` where it is not linear.
     weights: Vec<Option<FxHashMap<u32, f64>>>,
+    /// Changes that depend on the state. Many steps share one.
+    changes: Vec<NumericChange>,
     steps: Vec<Step>,
 }
 
@@ -72,23 +74,34 @@ impl Numbers {
                 is_linear.then_some(weights)
             })
             .collect();
-        Numbers { comparisons: comparisons.to_vec(), weights, steps: Vec::new() }
+        Numbers { comparisons: comparisons.to_vec(), weights, ..Numbers::default() }
     }
 
     pub(in crate::heuristic) fn is_empty(&self) -> bool {
         self.steps.is_empty()
     }
 
-    /// The number of the step by which `changes` make a comparison true, or false; `None` if they
+    /// Numbers the changes of one relaxed operator, unless none depends on the state; returns the
+    /// first number.
+    pub(super) fn register(&mut self, changes: &[NumericChange]) -> u32 {
+        let first = self.changes.len() as u32;
+        if changes.iter().any(|change| constant_change(change).is_none()) {
+            self.changes.extend_from_slice(changes);
+        }
+        first
+    }
+
+    /// The number of the step by which `changes`, registered from `first` on, make a comparison true, or false; `None` if they
     /// never do.
     pub(super) fn step(
         &mut self,
         comparison: usize,
         truth: bool,
         changes: &[NumericChange],
+        first: u32,
     ) -> Option<u32> {
         let (wanted, sign) = wanted(self.comparisons[comparison].comparison, truth);
-        let change = self.change(comparison, changes);
+        let change = self.change(comparison, changes, first);
         if let Change::Constant(by) = change {
             let is_either_way = matches!(wanted, Wanted::Zero | Wanted::NotZero);
             if by.abs() < EPSILON || (!is_either_way && by * sign < 0.0) {
@@ -100,18 +113,20 @@ impl Numbers {
         Some(self.steps.len() as u32 - 1)
     }
 
-    fn change(&self, comparison: usize, changes: &[NumericChange]) -> Change {
+    fn change(&self, comparison: usize, changes: &[NumericChange], first: u32) -> Change {
         let Some(weights) = &self.weights[comparison] else { return Change::Unknown };
-        let (mut constant, mut parts) = (Some(0.0), Vec::new());
-        for change in changes {
+        let (mut constant, mut parts, mut is_once) = (Some(0.0), Vec::new(), false);
+        for (index, change) in (first..).zip(changes) {
             let Some(&weight) = weights.get(&change.fluent) else { continue };
             constant = match (constant, constant_change(change)) {
                 (Some(sum), Some(by)) => Some(sum + weight * by),
                 _ => None,
             };
-            parts.push((weight, change.clone()));
+            parts.push((weight, index));
+            is_once |= change.assignment == Assignment::Assign;
         }
-        constant.map_or_else(|| Change::Depends(parts.into()), Change::Constant)
+        let depends = || Change::Depends { parts: parts.into(), is_once };
+        constant.map_or_else(depends, Change::Constant)
     }
 
     /// How often each step must be repeated, as seen from the numbers of a state.
@@ -120,10 +135,12 @@ impl Numbers {
         let distances: Vec<f64> = { self.comparisons.iter() }
             .map(|one| one.left.evaluate(&value) - one.right.evaluate(&value))
             .collect();
+        let changes: Vec<f64> =
+            self.changes.iter().map(|change| current_change(change, &value)).collect();
         found.clear();
         found.extend({ self.steps.iter() }.map(|step| {
             let distance = distances[step.comparison as usize] * step.sign;
-            step.repetitions(distance, &value)
+            step.repetitions(distance, &changes)
         }));
     }
 }
@@ -131,19 +148,15 @@ impl Numbers {
 // === impl Step ===
 
 impl Step {
-    fn repetitions(&self, distance: f64, value: &dyn Fn(u32) -> f64) -> u32 {
+    /// `changes` says what each change comes to now.
+    fn repetitions(&self, distance: f64, changes: &[f64]) -> u32 {
         match &self.change {
             Change::Unknown => 1,
             Change::Constant(by) => times(self.wanted, distance, by * self.sign),
-            Change::Depends(parts) => {
-                let by = |(weight, change): &(f64, NumericChange)| {
-                    weight * self.sign * current_change(change, value)
-                };
-                let by: f64 = parts.iter().map(by).sum();
-                let is_once =
-                    parts.iter().any(|(_, change)| change.assignment == Assignment::Assign);
-                match times(self.wanted, distance, by) {
-                    more if is_once && more > 1 => DETOUR,
+            Change::Depends { parts, is_once } => {
+                let by = parts.iter().map(|(weight, index)| weight * changes[*index as usize]);
+                match times(self.wanted, distance, by.sum::<f64>() * self.sign) {
+                    more if *is_once && more > 1 => DETOUR,
                     other => other,
                 }
             }
