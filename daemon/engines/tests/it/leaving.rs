@@ -155,7 +155,10 @@ fn a_process_that_plans() {
 fn a_process_that_is_killed_takes_its_engine_along() {
     for signal in ["KILL", "TERM", "INT"] {
         let confession = Confession::new();
-        let mut process = Command::new(std::env::current_exe().expect("this program"))
+        // Whoever runs the tests in the background may have them ignore interrupts.
+        let mut process = Command::new("env")
+            .arg("--default-signal=INT")
+            .arg(std::env::current_exe().expect("this program"))
             .args(["--exact", "leaving::a_process_that_plans", "--ignored"])
             .env(PIPE, &confession.pipe)
             .stdout(Stdio::null())
