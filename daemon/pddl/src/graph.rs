@@ -1,11 +1,12 @@
-//! Which nodes of a graph reach each other: for cycles of types and of axioms.
+//! Which nodes of a graph reach each other: for cycles of types and of axioms, here and in the
+//! planner.
 //!
 //! In linear time and without recursion, because the graphs come from outside.
 
 /// For each node a number that it shares with those nodes it reaches and is reached from.
 ///
 /// `successors` lists, for each node, where its edges lead (Kosaraju's algorithm).
-pub(crate) fn components(successors: &[Vec<usize>]) -> Vec<usize> {
+pub fn components(successors: &[Vec<usize>]) -> Vec<usize> {
     let mut predecessors = vec![Vec::new(); successors.len()];
     for (node, targets) in successors.iter().enumerate() {
         for target in targets {

@@ -23,9 +23,10 @@ pub mod types;
 
 pub mod diagnostic;
 
+pub mod graph;
+
 mod balance;
 mod grammar;
-mod graph;
 mod lexer;
 mod nearest;
 mod printer;

@@ -740,7 +740,23 @@ impl Domain {
     }
 }
 
+impl InitElement {
+    /// Where it stands: of a timed initial literal, the fact.
+    pub fn span(&self) -> Span {
+        match self {
+            InitElement::Atom(atom) | InitElement::Not(atom) => atom.span,
+            InitElement::Assign(fluent, _) => fluent.span,
+            InitElement::At(_, later) => later.span(),
+        }
+    }
+}
+
 impl Problem {
+    /// The first timed initial literal.
+    pub fn timed_literal(&self) -> Option<&InitElement> {
+        self.init.iter().find(|element| matches!(element, InitElement::At(..)))
+    }
+
     /// A problem of `domain` without objects, facts and goal.
     pub fn named(name: impl Into<Name>, domain: impl Into<Name>) -> Problem {
         Problem {

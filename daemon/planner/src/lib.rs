@@ -68,6 +68,7 @@ pub use configuration::{CONFIGURATIONS, Configuration, configuration};
 pub use extent::{Extent, Ground, Groups, Prepared, prepare};
 pub use heuristic::{HEURISTICS, Heuristic};
 pub use limits::{Budget, Cancel, Effort, Options};
+pub use normalize::refuse_time;
 pub use outcome::{Outcome, PlanError, Statistics, StopReason, Text, Unsupported};
 pub use plan::{plan, plan_and_tell};
 pub use validate::{Fault, FaultReason, Place, Verdict, World, rest_reaches, validate};

@@ -202,6 +202,28 @@ impl Operators {
         self.costs.push(0);
     }
 
+    /// Adds an operator like one of another table, with other preconditions.
+    pub(crate) fn push_with(
+        &mut self,
+        operator: Operator<'_>,
+        preconditions: impl IntoIterator<Item = Literal>,
+    ) {
+        self.push(operator.schema, operator.arguments.iter().copied(), preconditions);
+        let Changes { adds, deletes, numeric } = operator.effect;
+        let (adds, deletes) = (adds.iter().copied(), deletes.iter().copied());
+        self.set_effect(adds, deletes, numeric.iter().cloned());
+        for one in operator.conditional.iter() {
+            let Changes { adds, deletes, numeric } = one.effect;
+            self.push_conditional(
+                one.conditions.iter().copied(),
+                adds.iter().copied(),
+                deletes.iter().copied(),
+                numeric.iter().cloned(),
+            );
+        }
+        self.set_cost(operator.cost);
+    }
+
     /// Sets what the last operator changes in any case, once.
     pub(crate) fn set_effect(
         &mut self,

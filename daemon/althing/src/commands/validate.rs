@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use pddl::{Diagnostic, InitElement, Parsed, Plan};
+use pddl::{Diagnostic, Parsed, Plan};
 use planner::validate::{self, Fault, FaultReason, Place, Verdict};
 use serde_json::json;
 
@@ -60,13 +60,9 @@ fn read_plan(path: &Path) -> Result<(Arc<Source>, Plan), Report> {
 /// What has to do with time: this check knows none, and says so instead of guessing.
 fn unsupported(task: &Task, source: &Arc<Source>, plan: &Plan) -> Option<Report> {
     let mut report = task.report.clone();
-    let timed = task.problem.init.iter().find_map(|element| match element {
-        InitElement::At(_, later) => Some(init_span(later)),
-        _ => None,
-    });
-    if let Some(span) = timed {
+    if let Some(later) = task.problem.timed_literal() {
         let message = "timed initial literals are not supported yet";
-        report.add(&task.problem_source, [Diagnostic::error(span, message)]);
+        report.add(&task.problem_source, [Diagnostic::error(later.span(), message)]);
         return Some(report);
     }
     let is_durative =
@@ -76,14 +72,6 @@ fn unsupported(task: &Task, source: &Arc<Source>, plan: &Plan) -> Option<Report>
         format!("`{}` is durative: plans with times are not supported yet", durative.action);
     report.add(source, [Diagnostic::error(durative.span, message)]);
     Some(report)
-}
-
-fn init_span(element: &InitElement) -> pddl::Span {
-    match element {
-        InitElement::Atom(atom) | InitElement::Not(atom) => atom.span,
-        InitElement::Assign(fluent, _) => fluent.span,
-        InitElement::At(_, later) => init_span(later),
-    }
 }
 
 fn show_valid(json: bool, warnings: &Report, steps: usize, cost: f64) -> ExitCode {

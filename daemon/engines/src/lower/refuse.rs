@@ -1,6 +1,6 @@
 //! What no pass can take out of a task: told by name and place before anything is started.
 
-use pddl::{Condition, Domain, Expression, InitElement, Problem, Span};
+use pddl::{Condition, Domain, Expression, Problem, Span};
 use planner::{Text, Unsupported};
 
 use super::{Dialect, walk};
@@ -16,14 +16,7 @@ pub(super) fn refuse(
     problem: &Problem,
     dialect: Dialect,
 ) -> Result<(), Unsupported> {
-    if let Some(action) = domain.durative_actions.first() {
-        return Err(unsupported("durative actions", action.span, Text::Domain));
-    }
-    for element in &problem.init {
-        if let InitElement::At(_, later) = element {
-            return Err(unsupported("timed initial literals", place(later), Text::Problem));
-        }
-    }
+    planner::refuse_time(domain, problem)?;
     if let Some(metric) = &problem.metric {
         let mut time = None;
         walk::expressions(&metric.expression, &mut |part| match part {
@@ -52,12 +45,4 @@ fn refuse_comparisons(domain: &Domain, problem: &Problem) -> Result<(), Unsuppor
         }
     });
     first.map_or(Ok(()), Err)
-}
-
-fn place(element: &InitElement) -> Span {
-    match element {
-        InitElement::Atom(atom) | InitElement::Not(atom) => atom.span,
-        InitElement::Assign(fluent, _) => fluent.span,
-        InitElement::At(_, later) => place(later),
-    }
 }

@@ -12,7 +12,7 @@ mod quantifiers;
 mod strata;
 mod symbols;
 
-use pddl::{Assignment, Diagnostic, Domain, InitElement, Problem, Span};
+use pddl::{Assignment, Diagnostic, Domain, InitElement, Problem};
 
 use self::formula::Scope;
 use self::lifted::{Closed, Lifted, LiftedAxiom, LiftedNumeric, LiftedTerm, Schema};
@@ -52,25 +52,14 @@ fn closed(symbols: &mut Symbols, condition: &pddl::Condition) -> Closed {
     Closed { frame: scope.frame, formula }
 }
 
-fn refuse_time(domain: &Domain, problem: &Problem) -> Result<(), Unsupported> {
+/// Refuses actions and facts that take or tell time: this planner knows none, nor do the engines.
+pub fn refuse_time(domain: &Domain, problem: &Problem) -> Result<(), Unsupported> {
     if let Some(action) = domain.durative_actions.first() {
         return Err(Unsupported::in_domain("durative actions", action.span));
     }
-    let timed = problem.init.iter().find_map(|element| match element {
-        InitElement::At(_, later) => Some(place(later)),
-        _ => None,
-    });
-    match timed {
-        Some(span) => Err(Unsupported::in_problem("timed initial literals", span)),
+    match problem.timed_literal() {
+        Some(later) => Err(Unsupported::in_problem("timed initial literals", later.span())),
         None => Ok(()),
-    }
-}
-
-fn place(element: &InitElement) -> Span {
-    match element {
-        InitElement::Atom(atom) | InitElement::Not(atom) => atom.span,
-        InitElement::Assign(fluent, _) => fluent.span,
-        InitElement::At(_, later) => place(later),
     }
 }
 

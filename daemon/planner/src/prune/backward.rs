@@ -1,9 +1,13 @@
 //! Which pairs of literals can be true together in a state from which the goal can be reached.
 
-use super::forward::{Clock, Reached};
+use super::fixpoint::{Direction, Reached, settle};
 use super::pairs::{Pairs, Set};
 use super::view::OperatorView;
 use super::{Exceeded, Prune, Work};
+use crate::task::Literal;
+
+/// From the goal back, through pairs that can be reached.
+pub(super) struct Backward<'a>(pub(super) &'a Pairs);
 
 /// What leads to the goal, among the pairs that can be `reached`; `None` if the initial state does
 /// not.
@@ -12,55 +16,39 @@ pub(super) fn reach(
     reached: &Pairs,
     work: &mut Work<'_>,
 ) -> Result<Option<Reached>, Exceeded> {
-    let (task, view) = (prune.task, &prune.view);
-    let mut pairs = Pairs::empty(task.basic_count);
-    work.spend(pairs.width() * 2 * task.basic_count)?;
-    let at_goal = reached.with_all(&view.goal);
-    for literal in at_goal.iter() {
-        pairs.insert(literal, &at_goal, reached, &mut |_| ());
-    }
-    let mut clock = Clock::new(task.operator_count(), 2 * task.basic_count);
-    let mut fired = vec![false; task.operator_count()];
-    loop {
-        let begun = clock.now();
-        for (index, fired) in fired.iter_mut().enumerate().rev() {
-            let operator = view.operator(index);
-            if !prune.is_useful[index] || !clock.must_look(index, operator.after) {
-                continue;
-            }
-            work.spend(pairs.width() * operator.size())?;
-            let before = before(&operator, reached, &pairs);
-            let with_after = pairs.with_all(operator.after);
-            let leads_on = with_after.contains_all(operator.after);
-            if !leads_on || !before.contains_all(operator.preconditions) {
-                continue;
-            }
-            *fired = true;
-            for old in operator.preconditions.iter().chain(operator.free) {
-                if before.contains(*old) {
-                    pairs.insert(*old, &before, reached, &mut |one| clock.change(one));
-                }
-            }
-        }
-        if clock.now() == begun {
-            break;
-        }
-    }
-    let with_initial = pairs.with_all(&view.initial);
-    Ok(with_initial.contains_all(&view.initial).then_some(Reached { pairs, fired }))
+    let view = &prune.view;
+    let last = Pairs::among(reached.with_all(&view.goal).iter(), reached);
+    let order = (0..prune.is_useful.len()).rev();
+    let leading = settle(prune, &Backward(reached), last, order, work)?;
+    let has_initial = leading.pairs.with_all(&view.initial).contains_all(&view.initial);
+    Ok(has_initial.then_some(leading))
 }
 
-/// The literals that may be true before an operator, if one that leads on may be true after it.
-pub(super) fn before(operator: &OperatorView<'_>, reached: &Pairs, pairs: &Pairs) -> Set {
-    let mut before = pairs.with_all(operator.after);
-    // What it touches may have been different before.
-    for touched in operator.sure.iter().chain(operator.possible) {
-        before.remove(*touched);
-        before.remove(touched.negated());
+impl Direction for Backward<'_> {
+    fn allowed(&self) -> &Pairs {
+        self.0
     }
-    for old in operator.preconditions.iter().chain(operator.free) {
-        before.insert(*old);
+
+    fn needed<'v>(&self, operator: &OperatorView<'v>) -> &'v [Literal] {
+        operator.after
     }
-    before.intersect(&reached.with_all(operator.preconditions));
-    before
+
+    fn beyond(&self, operator: &OperatorView<'_>, pairs: &Pairs) -> Option<Set> {
+        let mut before = pairs.with_all(operator.after);
+        if !before.contains_all(operator.after) {
+            return None;
+        }
+        // What it touches may have been different before.
+        for touched in operator.sure.iter().chain(operator.possible) {
+            before.remove(*touched);
+            before.remove(touched.negated());
+        }
+        self.changed(operator).for_each(|old| before.insert(*old));
+        before.intersect(&self.0.with_all(operator.preconditions));
+        before.contains_all(operator.preconditions).then_some(before)
+    }
+
+    fn changed<'v>(&self, operator: &OperatorView<'v>) -> impl Iterator<Item = &'v Literal> {
+        operator.preconditions.iter().chain(operator.free)
+    }
 }

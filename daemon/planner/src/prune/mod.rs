@@ -14,6 +14,7 @@
 //! that may happen or not: less is found, nothing wrong.
 
 mod backward;
+mod fixpoint;
 mod forward;
 mod pairs;
 mod view;
@@ -21,6 +22,8 @@ mod view;
 use crate::limits::Cancel;
 use crate::task::{Literal, OperatorId, Operators, Task};
 
+use self::backward::Backward;
+use self::fixpoint::Direction as _;
 use self::pairs::{Pairs, Set};
 use self::view::View;
 
@@ -100,8 +103,8 @@ impl Smaller {
 
 impl Work<'_> {
     /// Notes work to be done now.
-    fn spend(&mut self, words: usize) -> Result<(), Exceeded> {
-        let left = self.left.checked_sub(words as u64).filter(|_| !self.cancel.is_set());
+    fn spend(&mut self, words: u64) -> Result<(), Exceeded> {
+        let left = self.left.checked_sub(words).filter(|_| !self.cancel.is_set());
         self.left = left.ok_or(Exceeded)?;
         Ok(())
     }
@@ -117,22 +120,22 @@ impl<'t> Prune<'t> {
     }
 
     fn run(mut self, work: &mut Work<'_>) -> Result<Pruned, Exceeded> {
-        let mut reached = None;
+        let mut first = None;
         for _ in 0..ROUNDS_MAX {
             let before = (self.alive.count(), self.useful());
             let Some(forward) = forward::reach(&self, work)? else { return Ok(Pruned::Nothing) };
-            self.is_useful.clone_from(&forward.fired);
-            let Some(backward) = backward::reach(&self, &forward.pairs, work)? else {
+            self.is_useful = forward.fired;
+            let reached = forward.pairs;
+            let Some(backward) = backward::reach(&self, &reached, work)? else {
                 return Ok(Pruned::Nothing);
             };
-            self.is_useful.clone_from(&backward.fired);
-            self.alive = backward.pairs;
-            reached.get_or_insert(forward.pairs);
+            (self.is_useful, self.alive) = (backward.fired, backward.pairs);
+            first.get_or_insert(reached);
             if (self.alive.count(), self.useful()) == before {
                 break;
             }
         }
-        Ok(self.smaller(&reached.unwrap_or_else(|| Pairs::full(self.task.basic_count))))
+        Ok(first.map_or(Pruned::Everything, |reached| self.smaller(&reached)))
     }
 
     fn useful(&self) -> usize {
@@ -153,26 +156,7 @@ impl<'t> Prune<'t> {
             let mut preconditions = operator.preconditions.to_vec();
             preconditions.extend(implied);
             preconditions.sort_unstable();
-            operators.push(
-                operator.schema,
-                operator.arguments.iter().copied(),
-                preconditions.iter().copied(),
-            );
-            let effect = operator.effect;
-            operators.set_effect(
-                effect.adds.iter().copied(),
-                effect.deletes.iter().copied(),
-                effect.numeric.iter().cloned(),
-            );
-            for one in operator.conditional.iter() {
-                operators.push_conditional(
-                    one.conditions.iter().copied(),
-                    one.effect.adds.iter().copied(),
-                    one.effect.deletes.iter().copied(),
-                    one.effect.numeric.iter().cloned(),
-                );
-            }
-            operators.set_cost(operator.cost);
+            operators.push_with(operator, preconditions);
             origins.push(OperatorId(index as u32));
         }
         if !is_stronger && origins.len() == self.task.operator_count() {
@@ -186,7 +170,9 @@ impl<'t> Prune<'t> {
     /// follows from that in any state.
     fn implied(&self, operator: usize, reached: &Pairs, alive: &Set) -> Vec<Literal> {
         let view = self.view.operator(operator);
-        let mut before = backward::before(&view, reached, &self.alive);
+        let Some(mut before) = Backward(reached).beyond(&view, &self.alive) else {
+            return Vec::new();
+        };
         before.intersect(&self.alive.with_all(view.preconditions));
         let with = reached.with_all(view.preconditions);
         // What is always true on the way to the goal need not be asked.

@@ -1,40 +1,35 @@
 //! Sets of literals, and of pairs of literals, as bits.
 
-use crate::task::{FactId, Literal};
+use fixedbitset::FixedBitSet;
+
+use crate::task::Literal;
 
 /// A set of literals.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Set(Vec<u64>);
+pub(super) struct Set(FixedBitSet);
 
-/// A symmetric set of pairs. A literal is paired with itself where it can be true at all.
+/// A symmetric set of pairs: for each literal its partners. A literal is its own partner where it
+/// can be true at all.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Pairs {
-    /// Words of a row.
-    width: usize,
-    words: Vec<u64>,
-}
-
-fn place(literal: Literal) -> (usize, u64) {
-    (literal.index() / 64, 1 << (literal.index() % 64))
-}
-
-fn literals(word: usize, mut bits: u64) -> impl Iterator<Item = Literal> {
-    std::iter::from_fn(move || {
-        if bits == 0 {
-            return None;
-        }
-        let bit = bits.trailing_zeros() as usize;
-        bits &= bits - 1;
-        Some(Literal::from_index(word * 64 + bit))
-    })
-}
+pub(super) struct Pairs(Vec<Set>);
 
 // === impl Set ===
 
 impl Set {
+    /// No literal of so many.
+    fn none(count: usize) -> Set {
+        Set(FixedBitSet::with_capacity(count))
+    }
+
+    /// These literals, of so many.
+    fn of(literals: impl IntoIterator<Item = Literal>, count: usize) -> Set {
+        let mut set = Set::none(count);
+        literals.into_iter().for_each(|literal| set.insert(literal));
+        set
+    }
+
     pub(super) fn contains(&self, literal: Literal) -> bool {
-        let (word, bit) = place(literal);
-        self.0[word] & bit != 0
+        self.0.contains(literal.index())
     }
 
     pub(super) fn contains_all(&self, literals: &[Literal]) -> bool {
@@ -42,108 +37,82 @@ impl Set {
     }
 
     pub(super) fn insert(&mut self, literal: Literal) {
-        let (word, bit) = place(literal);
-        self.0[word] |= bit;
+        self.0.insert(literal.index());
     }
 
     pub(super) fn remove(&mut self, literal: Literal) {
-        let (word, bit) = place(literal);
-        self.0[word] &= !bit;
+        self.0.remove(literal.index());
     }
 
     pub(super) fn intersect(&mut self, other: &Set) {
-        self.0.iter_mut().zip(&other.0).for_each(|(own, other)| *own &= other);
+        self.0.intersect_with(&other.0);
     }
 
     pub(super) fn iter(&self) -> impl Iterator<Item = Literal> + '_ {
-        self.0.iter().enumerate().flat_map(|(word, bits)| literals(word, *bits))
+        self.0.ones().map(Literal::from_index)
     }
 
     /// Those that are not in the other set.
-    pub(super) fn without(&self, other: &Set) -> impl Iterator<Item = Literal> {
-        let words = self.0.iter().zip(&other.0).map(|(own, other)| own & !other);
-        words.enumerate().flat_map(|(word, bits)| literals(word, bits))
+    pub(super) fn without<'s>(&'s self, other: &'s Set) -> impl Iterator<Item = Literal> + 's {
+        self.0.difference(&other.0).map(Literal::from_index)
     }
 }
 
 // === impl Pairs ===
 
 impl Pairs {
-    /// How many words the pairs of so many facts take.
+    /// How many words of 64 pairs those of so many facts take.
     pub(super) fn words(fact_count: usize) -> u64 {
         let count = 2 * fact_count as u64;
         count * count.div_ceil(64)
     }
 
-    pub(super) fn empty(fact_count: usize) -> Pairs {
-        let width = (2 * fact_count).div_ceil(64);
-        Pairs { width, words: vec![0; width * 2 * fact_count] }
+    /// All pairs of so many facts' literals, but those of a literal and its negation.
+    pub(super) fn full(fact_count: usize) -> Pairs {
+        let count = 2 * fact_count;
+        let all = (0..count).map(Literal::from_index);
+        let rows = all.clone().map(|literal| {
+            let mut row = Set::of(all.clone(), count);
+            row.remove(literal.negated());
+            row
+        });
+        Pairs(rows.collect())
     }
 
-    /// All pairs but those of a literal and its negation.
-    pub(super) fn full(fact_count: usize) -> Pairs {
-        let mut pairs = Pairs::empty(fact_count);
-        let all = Pairs::everything(fact_count);
-        for literal in all.iter() {
-            let mut row = all.clone();
-            row.remove(literal.negated());
-            pairs.row_mut(literal).copy_from_slice(&row.0);
+    /// The pairs of these literals that are `allowed`.
+    pub(super) fn among(literals: impl IntoIterator<Item = Literal>, allowed: &Pairs) -> Pairs {
+        let count = allowed.0.len();
+        let set = Set::of(literals, count);
+        let mut pairs = Pairs(vec![Set::none(count); count]);
+        for literal in set.iter() {
+            let row = &mut pairs.0[literal.index()];
+            row.clone_from(&set);
+            row.intersect(&allowed.0[literal.index()]);
         }
         pairs
     }
 
-    fn everything(fact_count: usize) -> Set {
-        let mut all = Set(vec![0; (2 * fact_count).div_ceil(64)]);
-        (0..2 * fact_count).for_each(|index| all.insert(Literal::from_index(index)));
-        all
-    }
-
-    /// The empty set.
-    pub(super) fn none(&self) -> Set {
-        Set(vec![0; self.width])
-    }
-
     /// Words of one row: what it takes to look at it.
     pub(super) fn width(&self) -> usize {
-        self.width
+        self.0.len().div_ceil(64)
     }
 
     /// How many pairs there are, each counted twice.
-    pub(super) fn count(&self) -> u64 {
-        self.words.iter().map(|word| u64::from(word.count_ones())).sum()
-    }
-
-    fn contains(&self, left: Literal, right: Literal) -> bool {
-        let (word, bit) = place(right);
-        self.row(left)[word] & bit != 0
-    }
-
-    fn row(&self, literal: Literal) -> &[u64] {
-        let start = literal.index() * self.width;
-        &self.words[start..start + self.width]
-    }
-
-    fn row_mut(&mut self, literal: Literal) -> &mut [u64] {
-        let start = literal.index() * self.width;
-        &mut self.words[start..start + self.width]
+    pub(super) fn count(&self) -> usize {
+        self.0.iter().map(|row| row.0.count_ones(..)).sum()
     }
 
     /// The literals that can be true at all.
     pub(super) fn possible(&self) -> Set {
-        let count = self.words.len().checked_div(self.width).unwrap_or(0);
-        let mut possible = self.none();
-        let each = (0..count).map(Literal::from_index);
-        each.filter(|one| self.contains(*one, *one)).for_each(|one| possible.insert(one));
-        possible
+        let all = (0..self.0.len()).map(Literal::from_index);
+        Set::of(all.filter(|one| self.0[one.index()].contains(*one)), self.0.len())
     }
 
     /// The literals that can be true with each of these, these included.
     pub(super) fn with_all(&self, literals: &[Literal]) -> Set {
         let Some((first, rest)) = literals.split_first() else { return self.possible() };
-        let mut with = Set(self.row(*first).to_vec());
-        for literal in rest {
-            with.0.iter_mut().zip(self.row(*literal)).for_each(|(own, other)| *own &= other);
-        }
+        let mut with = self.0[first.index()].clone();
+        rest.iter().for_each(|literal| with.intersect(&self.0[literal.index()]));
         with
     }
 
@@ -154,31 +123,19 @@ impl Pairs {
         literal: Literal,
         set: &Set,
         allowed: &Pairs,
-        changed: &mut impl FnMut(Literal),
+        mut changed: impl FnMut(Literal),
     ) {
-        let mut is_new = false;
-        let start = literal.index() * self.width;
-        for word in 0..self.width {
-            let at = start + word;
-            let new = set.0[word] & allowed.words[at] & !self.words[at];
-            if new == 0 {
-                continue;
-            }
-            is_new = true;
-            self.words[at] |= new;
-            for other in literals(word, new) {
-                let (word, bit) = place(literal);
-                self.row_mut(other)[word] |= bit;
-                changed(other);
-            }
+        let mut new = set.clone();
+        new.intersect(&allowed.0[literal.index()]);
+        new.0.difference_with(&self.0[literal.index()].0);
+        if new.0.is_clear() {
+            return;
         }
-        if is_new {
-            changed(literal);
+        self.0[literal.index()].0.union_with(&new.0);
+        changed(literal);
+        for other in new.iter() {
+            self.0[other.index()].insert(literal);
+            changed(other);
         }
     }
-}
-
-/// The positive literals of so many facts.
-pub(super) fn facts(fact_count: usize) -> impl Iterator<Item = Literal> {
-    (0..fact_count).map(|index| Literal::new(FactId::from_index(index), true))
 }

@@ -2,8 +2,6 @@
 
 use crate::task::{FactId, Literal, Operator, Task};
 
-use super::pairs;
-
 /// All operators of a task.
 #[derive(Debug)]
 pub(super) struct View {
@@ -46,9 +44,9 @@ impl View {
         let is_basic = |literal: &Literal| literal.fact().index() < task.basic_count;
         let mut is_true = vec![false; task.basic_count];
         task.initial.iter().for_each(|fact| is_true[fact.index()] = true);
-        let initial = pairs::facts(task.basic_count)
-            .map(|fact| if is_true[fact.fact().index()] { fact } else { fact.negated() })
-            .collect();
+        let literal =
+            |(index, truth): (usize, &bool)| Literal::new(FactId::from_index(index), *truth);
+        let initial = is_true.iter().enumerate().map(literal).collect();
         let mut view = View {
             fact_count: task.basic_count,
             literals: Vec::new(),

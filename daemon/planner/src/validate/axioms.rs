@@ -81,7 +81,7 @@ impl Axioms {
             value_readers: vec![Vec::new(); functions.len()],
             ..Axioms::default()
         };
-        axioms.place_all(&heads, &circles(&uses));
+        axioms.place_all(&heads, &pddl::graph::components(&uses));
         for (index, (axiom, reads)) in domain.derived.iter().zip(&reads).enumerate() {
             if axioms.connect(index, heads[index], reads) {
                 let message = format!("`{}` depends on its own negation", axiom.predicate);
@@ -216,46 +216,4 @@ impl<'m> Reads<'m> {
             Expression::Number(_) | Expression::Duration(_) | Expression::ContinuousTime(_) => (),
         }
     }
-}
-
-/// For each node a number that it shares with those it is in a circle with: those that it reaches
-/// and that reach it (Kosaraju's algorithm). Without recursion, because the graph comes from outside.
-fn circles(uses: &[Vec<usize>]) -> Vec<usize> {
-    let mut used_by = vec![Vec::new(); uses.len()];
-    for (node, targets) in uses.iter().enumerate() {
-        targets.iter().for_each(|target| used_by[*target].push(node));
-    }
-    // Nodes in the order in which a walk leaves them for good.
-    let (mut left, mut seen) = (Vec::new(), vec![false; uses.len()]);
-    for root in 0..uses.len() {
-        let mut path = Vec::new();
-        if !std::mem::replace(&mut seen[root], true) {
-            path.push((root, 0));
-        }
-        while let Some((node, edge)) = path.last_mut() {
-            match uses[*node].get(*edge) {
-                Some(target) => {
-                    *edge += 1;
-                    if !std::mem::replace(&mut seen[*target], true) {
-                        path.push((*target, 0));
-                    }
-                }
-                None => {
-                    left.push(*node);
-                    path.pop();
-                }
-            }
-        }
-    }
-    let mut circles = vec![usize::MAX; uses.len()];
-    for root in left.into_iter().rev() {
-        let mut open = vec![root];
-        while let Some(node) = open.pop() {
-            if circles[node] == usize::MAX {
-                circles[node] = root;
-                open.extend(&used_by[node]);
-            }
-        }
-    }
-    circles
 }

@@ -232,11 +232,6 @@ fn initially(
 }
 
 fn timed(later: &InitElement) -> Diagnostic {
-    let span = match later {
-        InitElement::Atom(atom) | InitElement::Not(atom) => atom.span,
-        InitElement::Assign(fluent, _) => fluent.span,
-        InitElement::At(..) => pddl::Span::default(),
-    };
     let message = "a timed initial literal has no meaning in a plan without times";
-    Diagnostic::error(span, message)
+    Diagnostic::error(later.span(), message)
 }

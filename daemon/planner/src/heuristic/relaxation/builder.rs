@@ -253,67 +253,31 @@ impl<'t> Builder<'t> {
 
 /// Which derived facts derive each other.
 struct Components {
-    /// By fact.
-    component: Vec<u32>,
+    /// The first derived fact.
+    first: usize,
+    /// By derived fact.
+    components: Vec<usize>,
 }
 
 // === impl Components ===
 
 impl Components {
-    /// Strongly connected components of “is derived from”, by Tarjan's algorithm without recursion.
     fn of(task: &Task) -> Components {
         let first = task.basic_count + task.comparisons.len();
-        let pairs = task.axioms.iter().flat_map(|axiom| {
-            let body = axiom.body.iter().filter(|literal| literal.is_positive());
-            body.filter(move |literal| literal.fact().index() >= first)
-                .map(|literal| (axiom.head.0, literal.fact().0))
-        });
-        let edges = Rows::collect(task.fact_count, pairs);
-        let mut component: Vec<u32> = vec![u32::MAX; task.fact_count];
-        let mut number = vec![0u32; task.fact_count];
-        let (mut low, mut next) = (vec![0u32; task.fact_count], 1);
-        let (mut stack, mut path) = (Vec::new(), Vec::new());
-        for root in first as u32..task.fact_count as u32 {
-            if number[root as usize] != 0 {
-                continue;
-            }
-            path.push((root, 0usize));
-            while let Some(&mut (fact, ref mut edge)) = path.last_mut() {
-                let index = fact as usize;
-                if *edge == 0 {
-                    (number[index], low[index]) = (next, next);
-                    next += 1;
-                    stack.push(fact);
-                }
-                if let Some(&to) = edges.row(fact).get(*edge) {
-                    *edge += 1;
-                    if number[to as usize] == 0 {
-                        path.push((to, 0));
-                    } else if component[to as usize] == u32::MAX {
-                        low[index] = low[index].min(number[to as usize]);
-                    }
-                    // A fact without edges left is closed below, one with `edge == 0` was opened.
-                    continue;
-                }
-                path.pop();
-                if let Some(&(parent, _)) = path.last() {
-                    low[parent as usize] = low[parent as usize].min(low[index]);
-                }
-                if low[index] == number[index] {
-                    while let Some(member) = stack.pop() {
-                        component[member as usize] = fact;
-                        if member == fact {
-                            break;
-                        }
-                    }
-                }
-            }
+        let mut uses = vec![Vec::new(); task.fact_count - first];
+        for axiom in &task.axioms {
+            let derived = axiom.body.iter().filter(|literal| literal.is_positive());
+            let derived = derived.filter_map(|literal| literal.fact().index().checked_sub(first));
+            uses[axiom.head.index() - first].extend(derived);
         }
-        Components { component }
+        Components { first, components: pddl::graph::components(&uses) }
     }
 
     fn share(&self, left: FactId, right: FactId) -> bool {
-        let (left, right) = (self.component[left.index()], self.component[right.index()]);
-        left == right && left != u32::MAX
+        let component = |fact: FactId| {
+            let index = fact.index().checked_sub(self.first)?;
+            Some(self.components[index])
+        };
+        component(left).is_some_and(|left| component(right) == Some(left))
     }
 }
