@@ -8,7 +8,7 @@
 //! 6. Anytime: searches with less and less haste, each for a cheaper plan than the last.
 
 use crate::configuration::Method;
-use crate::heuristic::{Evaluator, FastForward, LandmarkCut, Relaxation, Weights, heuristic};
+use crate::heuristic::{Evaluator, FastForward, LandmarkCut, Weights, heuristic};
 use crate::limits::{Budget, Cancel, Effort, Options};
 use crate::outcome::{Statistics, StopReason};
 use crate::prune::{Pruned, prune};
@@ -177,7 +177,8 @@ impl<'t> Solver<'t> {
     /// The cheapest plan, where it can be found with little work or has been asked for; otherwise
     /// the given one; and why the search for it ended.
     fn cheapest(&mut self, first: Vec<OperatorId>) -> (Vec<OperatorId>, StopReason) {
-        let size = Relaxation::new(self.task, Weights::CostThenSteps).size().max(1) as u64;
+        let evaluator = LandmarkCut::new(self.task);
+        let size = evaluator.size().max(1) as u64;
         let is_asked = self.options.effort == Effort::Optimal;
         let (explorations_max, expansions_max) = match is_asked {
             true => (u64::MAX, self.options.budget.expansions_max),
@@ -190,8 +191,8 @@ impl<'t> Solver<'t> {
             return (first, StopReason::Exhausted);
         }
         let bound = weight(self.task, &first);
-        let evaluator = Box::new(LandmarkCut::new(self.task));
-        let mut search = AStar::new(self.task, &self.generator, evaluator, bound, explorations_max);
+        let mut search =
+            AStar::new(self.task, &self.generator, Box::new(evaluator), bound, explorations_max);
         let budget = Budget { expansions_max, ..self.options.budget };
         let result = run(&mut search, budget, self.cancel);
         self.statistics.optimal_expansions = search.expansions();

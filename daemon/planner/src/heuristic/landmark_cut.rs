@@ -21,8 +21,15 @@ pub(crate) struct LandmarkCut {
     remaining: Vec<u64>,
     costs: Vec<u64>,
     missing: Vec<u32>,
-    /// The dearest precondition of each relaxed operator; the last one to be reached.
+    /// The dearest precondition of each relaxed operator.
     supporters: Vec<u32>,
+    /// What that costs.
+    supported: Vec<u64>,
+    /// By relaxed operator: the operator whose weight it shares, or one that costs nothing.
+    origins: Vec<u32>,
+    /// By operator: its relaxed operators.
+    parts: Rows,
+    charged: Vec<u32>,
     queue: CostQueue,
     initial: Vec<u32>,
     zones: Vec<Zone>,
@@ -53,9 +60,19 @@ const NOTHING: u32 = u32::MAX;
 impl LandmarkCut {
     pub(crate) fn new(task: &Task) -> LandmarkCut {
         let relaxation = Relaxation::new(task, Weights::CostThenSteps);
+        let operators = task.operator_count();
+        let origin = |relaxed| relaxation.origin(relaxed).map_or(operators, |one| one.index());
+        let all = 0..relaxation.relaxed_count() as u32;
+        let origins: Vec<u32> = all.map(|relaxed| origin(relaxed) as u32).collect();
+        let pairs = origins.iter().copied().zip(0..);
         LandmarkCut {
+            parts: Rows::collect(operators + 1, pairs),
+            supported: vec![0; origins.len()],
+            origins,
+            charged: Vec::new(),
             adding: relaxation.adding(),
-            remaining: vec![0; task.operator_count()],
+            // The last is that of axioms.
+            remaining: vec![0; operators + 1],
             costs: Vec::new(),
             missing: Vec::new(),
             supporters: vec![NOTHING; relaxation.relaxed_count()],
@@ -70,8 +87,13 @@ impl LandmarkCut {
         }
     }
 
+    /// How much an exploration looks at.
+    pub(crate) fn size(&self) -> usize {
+        self.relaxation.size()
+    }
+
     fn cost(&self, relaxed: u32) -> u64 {
-        self.relaxation.origin(relaxed).map_or(0, |operator| self.remaining[operator.index()])
+        self.remaining[self.origins[relaxed as usize] as usize]
     }
 
     /// Computes h_max over what is left of the weights.
@@ -97,9 +119,48 @@ impl LandmarkCut {
                 *missing -= 1;
                 if *missing == 0 {
                     self.supporters[relaxed as usize] = proposition;
+                    self.supported[relaxed as usize] = cost;
                     self.fire(relaxed, cost);
                 }
             }
+        }
+    }
+
+    /// The same after some weights have sunk: only what gets cheaper is looked at.
+    fn explore_again(&mut self) {
+        self.queue.clear();
+        for index in 0..self.charged.len() {
+            let operator = self.charged[index];
+            for part in self.parts.range(operator) {
+                let relaxed = self.parts.item(part);
+                if self.missing[relaxed as usize] == 0 {
+                    self.fire(relaxed, self.supported[relaxed as usize]);
+                }
+            }
+        }
+        while let Some((cost, proposition)) = self.queue.pop() {
+            if self.costs[proposition as usize] < cost {
+                continue;
+            }
+            for index in 0..self.relaxation.asking(proposition).len() {
+                let relaxed = self.relaxation.asking(proposition)[index];
+                let is_support = self.supporters[relaxed as usize] == proposition;
+                if is_support && self.missing[relaxed as usize] == 0 {
+                    self.support_again(relaxed);
+                }
+            }
+        }
+    }
+
+    /// Finds the dearest precondition of a relaxed operator whose dearest has become cheaper.
+    fn support_again(&mut self, relaxed: u32) {
+        let preconditions = self.relaxation.preconditions(relaxed).iter();
+        let dearest = preconditions.map(|one| (self.costs[*one as usize], *one)).max();
+        let Some((cost, supporter)) = dearest else { return };
+        self.supporters[relaxed as usize] = supporter;
+        if cost < self.supported[relaxed as usize] {
+            self.supported[relaxed as usize] = cost;
+            self.fire(relaxed, cost);
         }
     }
 
@@ -185,12 +246,12 @@ impl LandmarkCut {
     /// Charges the cut; returns what it costs.
     fn charge(&mut self) -> u64 {
         let price = self.cut.iter().map(|relaxed| self.cost(*relaxed)).min().unwrap_or(0);
-        let mut operators: Vec<_> =
-            self.cut.iter().filter_map(|relaxed| self.relaxation.origin(*relaxed)).collect();
-        operators.sort_unstable();
-        operators.dedup();
-        for operator in operators {
-            self.remaining[operator.index()] -= price;
+        self.charged.clear();
+        self.charged.extend(self.cut.iter().map(|relaxed| self.origins[*relaxed as usize]));
+        self.charged.sort_unstable();
+        self.charged.dedup();
+        for operator in &self.charged {
+            self.remaining[*operator as usize] -= price;
         }
         price
     }
@@ -209,7 +270,11 @@ impl Evaluator for LandmarkCut {
                 return Some(total);
             }
             self.explorations += 1;
-            self.explore();
+            if self.explorations == 1 {
+                self.explore()
+            } else {
+                self.explore_again()
+            }
             match self.dearest_goal() {
                 Some((UNREACHED, _)) => return None,
                 None | Some((0, _)) => return Some(total),

@@ -17,7 +17,7 @@ pub(crate) use landmark_cut::LandmarkCut;
 pub(crate) use landmarks::LandmarkCount;
 pub(crate) use max::Max;
 pub(crate) use novelty::{NOT_NOVEL, Novelty};
-pub(crate) use relaxation::{Relaxation, Weights};
+pub(crate) use relaxation::Weights;
 
 use crate::state::State;
 use crate::task::{OperatorId, Task};
