@@ -2,11 +2,15 @@
 """Competition tasks: the embedded planner beside another one, on the same machine in the same hour.
 
 usage: competition.py BENCH [--set classical|numeric] [--time 30] [--core N] [--other 'CMD'] [--only ALTHING|OTHER]
+                      [--anytime] [--every N]
 
 BENCH is a folder with planbench.py, SET.tasks and SET/; results go to target/competition/SET/*.jsonl, and a run goes on
 where those end: `rm -r target/competition` begins anew. `cargo build --release` comes before. The other planner of the
 classical set is Fast Downward (`pip install up-fast-downward`), `--alias lama-first`; any other is named by --other, with
 {domain} {problem} {plan}. Both get a core, 2 GiB, an empty PATH and `althing validate` as a judge. Prints Markdown.
+
+With --anytime both go on after their first plan, to cheaper ones, until the limit (`--anytime` and `--alias lama`), and
+the cheapest counts. --every 4 takes every fourth task only.
 
 The agile score is that of the competitions: 1 for a task solved within a second, less for each second more, on a
 logarithmic scale, 0 at the limit.
@@ -17,19 +21,22 @@ ROOT = pathlib.Path(__file__).resolve().parents[3]
 ALTHING = ROOT / "target/release/althing"
 
 
-def command_of_fast_downward():
+def command_of_fast_downward(alias):
     found = importlib.util.find_spec("up_fast_downward")
     if found is None:
         sys.exit("Fast Downward is not installed: `pip install up-fast-downward`, or name another planner with --other")
     driver = pathlib.Path(found.origin).parent / "downward/fast-downward.py"
-    return f"{sys.executable} {driver} --plan-file {{plan}} --alias lama-first {{domain}} {{problem}}"
+    return f"{sys.executable} {driver} --plan-file {{plan}} --alias {alias} {{domain}} {{problem}}"
 
 
 def run(name, command, args, out):
     validate = f"{ALTHING} validate {{domain}} {{problem}} {{plan}}"
     bench = pathlib.Path(args.bench)
+    lines = [line for line in open(bench / f"{args.set}.tasks") if line.split("#")[0].split()]
+    tasks = out.parent / "tasks"
+    tasks.write_text("".join(lines[:: args.every]))
     words = [sys.executable, bench / "planbench.py", "--name", name, "--cmd", f"PATH= {command}", "--validate", validate,
-             "--tasks", bench / f"{args.set}.tasks", "--root", bench / args.set, "--out", out, "--time", str(args.time)]
+             "--tasks", tasks, "--root", bench / args.set, "--out", out, "--time", str(args.time)]
     if args.core is not None:
         words += ["--core", str(args.core)]
     subprocess.run([str(word) for word in words], check=True)
@@ -87,14 +94,18 @@ def main():
     parser.add_argument("--core", type=int)
     parser.add_argument("--other", default=None)
     parser.add_argument("--only", choices=["althing", "other"])
+    parser.add_argument("--anytime", action="store_true")
+    parser.add_argument("--every", type=int, default=1)
     args = parser.parse_args()
-    folder = ROOT / "target/competition" / args.set
+    folder = ROOT / "target/competition" / (args.set + ("-anytime" if args.anytime else ""))
     folder.mkdir(parents=True, exist_ok=True)
     results = {name: folder / f"{name}.jsonl" for name in ("althing", "other")}
+    further = " --anytime" if args.anytime else ""
+    alias = "lama" if args.anytime else "lama-first"
     commands = {
         # Somewhat less memory than there is: code and stacks want room, too.
-        "althing": f"{ALTHING} plan {{domain}} {{problem}} --plan {{plan}} --memory-limit 1800 --time-limit {args.time - 0.2:g}",
-        "other": args.other or (command_of_fast_downward() if args.set == "classical" else None),
+        "althing": f"{ALTHING} plan {{domain}} {{problem}} --plan {{plan}} --memory-limit 1800 --time-limit {args.time - 0.2:g}{further}",
+        "other": args.other or (command_of_fast_downward(alias) if args.set == "classical" else None),
     }
     for name, command in commands.items():
         if command and args.only in (None, name):
