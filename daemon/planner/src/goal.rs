@@ -1,17 +1,14 @@
 //! Goals taken apart: what they ask for one by one, and which of it cannot be had.
 
-use std::collections::HashMap;
+use pddl::{Condition, Diagnostic, Domain, Problem};
 
-use pddl::{Condition, Diagnostic, Domain, Name, Problem, Term};
-
-use crate::ground::{GroundError, ground, reachable};
+use crate::ground::{GroundError, ground};
 use crate::heuristic::{Evaluator, Max};
 use crate::limits::{Cancel, Options};
 use crate::normalize::normalize;
 use crate::outcome::PlanError;
 use crate::plan::refuse_mistakes;
 use crate::state::Progression;
-use crate::task::ObjectId;
 use crate::validate::bindings::Bindings;
 use crate::validate::model::Model;
 
@@ -51,44 +48,6 @@ pub fn unreachable(
         }
     }
     Ok(found)
-}
-
-/// Which of the conditions are facts that cannot hold at any time: their positions.
-///
-/// Weaker than [`unreachable()`], and much cheaper: one pass looks at all of them, so it can be asked
-/// about the whole of a large goal. Conditions that are no single facts are never listed.
-pub fn facts_out_of_reach(
-    domain: &Domain,
-    problem: &Problem,
-    conditions: &[&Condition],
-    options: &Options,
-    cancel: &Cancel,
-) -> Result<Vec<usize>, PlanError> {
-    let together = Condition::And(conditions.iter().copied().cloned().collect());
-    let problem = Problem { goal: together, metric: None, ..problem.clone() };
-    refuse_mistakes(domain, &problem)?;
-    let lifted = normalize(domain, &problem)?;
-    let names = lifted.objects.iter().enumerate();
-    let objects: HashMap<&Name, ObjectId> =
-        names.map(|(index, name)| (name, ObjectId::from_index(index))).collect();
-    let fact = |condition: &Condition| {
-        let Condition::Atom(atom) = condition else { return None };
-        let predicate = lifted.predicates.iter().position(|used| used.name == atom.predicate)?;
-        let arguments = atom.arguments.iter().map(|term| match term {
-            Term::Object(name) => objects.get(name).copied(),
-            Term::Variable(_) => None,
-        });
-        Some((predicate, arguments.collect::<Option<Vec<_>>>()?))
-    };
-    let (positions, facts): (Vec<_>, Vec<_>) = { conditions.iter().enumerate() }
-        .filter_map(|(position, condition)| Some((position, fact(condition)?)))
-        .unzip();
-    // Without an end there is no proof.
-    let Ok(found) = reachable(&lifted, &facts, options.budget, cancel) else {
-        return Ok(Vec::new());
-    };
-    let missing = positions.into_iter().zip(found).filter(|(_, is_found)| !is_found);
-    Ok(missing.map(|(position, _)| position).collect())
 }
 
 fn is_unreachable(

@@ -17,6 +17,8 @@
 
 mod plan;
 
+mod replan;
+
 mod solve;
 
 mod configuration;
@@ -71,4 +73,5 @@ pub use limits::{Budget, Cancel, Effort, Options};
 pub use normalize::refuse_time;
 pub use outcome::{Outcome, PlanError, Statistics, StopReason, Text, Unsupported};
 pub use plan::{plan, plan_and_tell};
+pub use replan::{Course, Grounding, Replanned, Replanner};
 pub use validate::{Fault, FaultReason, Place, Verdict, World, rest_reaches, validate};

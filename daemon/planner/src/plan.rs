@@ -10,7 +10,7 @@ use crate::limits::{Cancel, Options};
 use crate::normalize::normalize;
 use crate::outcome::{Outcome, PlanError, Statistics, StopReason};
 use crate::solve::Solver;
-use crate::validate::{Verdict, validate};
+use crate::validate::{World, cost_from};
 
 /// Plans for a problem.
 ///
@@ -50,43 +50,94 @@ pub fn plan_and_tell(
     };
     statistics.facts = task.fact_count;
     statistics.operators = task.operator_count();
-    let (mut best, mut defect) = (None, None);
-    let solved =
-        Solver::new(&task, options, cancel, &mut statistics).run(&mut |operators| match validated(
-            domain,
-            problem,
-            task.plan(operators),
-        ) {
+    let mut judge = Judge::new(domain, problem);
+    let reason = Solver::new(&task, options, cancel, &mut statistics).run(&mut |operators| {
+        judge.hear(task.plan(operators), found);
+    });
+    judge.outcome(reason, statistics, grounded.warnings)
+}
+
+/// Holds plans against the texts, and keeps the cheapest.
+pub(crate) struct Judge<'j> {
+    domain: &'j Domain,
+    problem: &'j Problem,
+    /// The initial state, once it was needed.
+    pub(crate) world: Option<World>,
+    pub(crate) best: Option<Plan>,
+    pub(crate) defect: Option<PlanError>,
+}
+
+// === impl Judge ===
+
+impl<'j> Judge<'j> {
+    pub(crate) fn new(domain: &'j Domain, problem: &'j Problem) -> Judge<'j> {
+        Judge { domain, problem, world: None, best: None, defect: None }
+    }
+
+    /// Whether a plan is the best so far; then it is told.
+    pub(crate) fn hear(&mut self, plan: Plan, found: &mut dyn FnMut(&Plan)) -> bool {
+        match self.validated(plan) {
             // Where costs depend on the state, the search may take a dearer plan for a cheaper one.
-            Ok(plan) => {
-                if best.as_ref().is_none_or(|best| cost(&plan) < cost(best)) {
-                    found(&plan);
-                    best = Some(plan);
-                }
+            Ok(plan) if self.best.as_ref().is_none_or(|best| cost(&plan) < cost(best)) => {
+                found(&plan);
+                self.best = Some(plan);
+                true
             }
-            Err(err) => defect = defect.take().or(Some(err)),
-        });
-    match (best, defect, solved) {
-        (Some(plan), None, _) => Ok(Outcome {
-            plan: Some(plan),
-            stop_reason: StopReason::GoalReached,
-            statistics,
-            warnings: grounded.warnings,
-        }),
-        (_, Some(err), _) => Err(err),
-        (None, None, reason) => Ok(without_plan(reason, statistics, grounded.warnings)),
+            Ok(_) => false,
+            Err(error) => {
+                self.defect.get_or_insert(error);
+                false
+            }
+        }
+    }
+
+    /// The plan with the cost that the validator finds.
+    fn validated(&mut self, plan: Plan) -> Result<Plan, PlanError> {
+        let world = match self.world.take() {
+            Some(world) => world,
+            None => World::initial(self.domain, self.problem).map_err(PlanError::BadInput)?,
+        };
+        let world = self.world.insert(world);
+        let cost = cost_from(world.clone(), &plan.steps, &self.problem.goal);
+        let cost = cost.map_err(PlanError::Internal)?;
+        Ok(Plan { cost: Some(Number(cost)), ..plan })
+    }
+
+    /// What is answered, if the search ended for this reason.
+    pub(crate) fn outcome(
+        self,
+        reason: StopReason,
+        statistics: Statistics,
+        warnings: Vec<Diagnostic>,
+    ) -> Result<Outcome, PlanError> {
+        match (self.best, self.defect) {
+            (_, Some(error)) => Err(error),
+            (Some(plan), None) => {
+                let stop_reason = StopReason::GoalReached;
+                Ok(Outcome { plan: Some(plan), stop_reason, statistics, warnings })
+            }
+            (None, None) => Ok(without_plan(reason, statistics, warnings)),
+        }
     }
 }
 
 /// Refuses texts that make no sense; those of the domain come first and alone, so that all
 /// diagnostics of one answer speak of one text.
 pub(crate) fn refuse_mistakes(domain: &Domain, problem: &Problem) -> Result<(), PlanError> {
-    let mut mistakes = pddl::check_domain(domain);
+    refuse(pddl::check_domain(domain))?;
+    refuse_mistakes_of_problem(domain, problem)
+}
+
+/// The same, of a domain that has been looked at before.
+pub(crate) fn refuse_mistakes_of_problem(
+    domain: &Domain,
+    problem: &Problem,
+) -> Result<(), PlanError> {
+    refuse(pddl::check_problem(domain, problem))
+}
+
+fn refuse(mut mistakes: Vec<Diagnostic>) -> Result<(), PlanError> {
     mistakes.retain(Diagnostic::is_error);
-    if mistakes.is_empty() {
-        mistakes = pddl::check_problem(domain, problem);
-        mistakes.retain(Diagnostic::is_error);
-    }
     if mistakes.is_empty() { Ok(()) } else { Err(PlanError::BadInput(mistakes)) }
 }
 
@@ -101,13 +152,4 @@ fn without_plan(
 /// What a validated plan costs.
 fn cost(plan: &Plan) -> f64 {
     plan.cost.map_or(f64::INFINITY, |cost| cost.0)
-}
-
-/// The plan with the cost that the validator finds.
-fn validated(domain: &Domain, problem: &Problem, plan: Plan) -> Result<Plan, PlanError> {
-    match validate(domain, problem, &plan) {
-        Verdict::Valid { cost, .. } => Ok(Plan { cost: Some(Number(cost)), ..plan }),
-        Verdict::Fault(fault) => Err(PlanError::Internal(fault)),
-        Verdict::BadInput(diagnostics) => Err(PlanError::BadInput(diagnostics)),
-    }
 }

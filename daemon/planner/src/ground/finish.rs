@@ -1,24 +1,35 @@
 //! From raw facts to the task: what never changes is folded away, what cannot matter to the goal is
 //! left out, and the rest is numbered without gaps.
 
-use super::instantiate::Raw;
+use super::instantiate::{Layout, Raw};
 use super::relation::Relation;
 use super::values::Values;
 use super::work::Work;
 use crate::normalize::lifted::Lifted;
-use crate::operators::Renumbering;
+use crate::operators::{Operators, Renumbering};
 use crate::outcome::StopReason;
 use crate::task::{Axiom, Changes, FactId, Literal, Operator, Task};
+
+/// Where a task starts, over raw facts.
+pub(super) struct Start {
+    /// By row of a relation: whether it holds at first.
+    pub(super) initial: Vec<bool>,
+    /// By dense index: whether it is known to hold in no state.
+    pub(super) never: Vec<bool>,
+    /// The values of the numeric fluents; not a number where there is none.
+    pub(super) values: Vec<f64>,
+}
 
 /// The task; `None` if the goal cannot hold.
 pub(super) fn finish(
     lifted: &Lifted,
     relations: &[Relation],
-    values: &Values,
+    start: Start,
     mut raw: Raw,
     work: &mut Work<'_>,
 ) -> Result<Option<Task>, StopReason> {
-    let facts = Facts::new(lifted, relations, &raw);
+    let Start { initial, never, values } = start;
+    let facts = Facts::new(lifted, &raw.layout, &raw.operators, initial, never);
     let Some(goal) = raw.goal.as_deref().and_then(|goal| facts.fold(goal)) else {
         return Ok(None);
     };
@@ -35,7 +46,7 @@ pub(super) fn finish(
         fact_count: numbering.fact_count,
         basic_count: numbering.basic_count,
         goal: numbering.literals(&goal),
-        values: values.fluents.clone(),
+        values,
         schema_names: lifted.schemas.iter().map(|schema| schema.name.clone()).collect(),
         object_names: lifted.objects.clone(),
         ..Task::default()
@@ -98,50 +109,101 @@ fn set_costs(task: &mut Task, is_unit: bool) {
 }
 
 /// What is known of every raw fact, by its dense index: rows of relations, comparisons, auxiliaries.
-struct Facts {
+struct Facts<'l> {
+    layout: &'l Layout,
     /// One past the rows of relations.
     basic_end: usize,
     comparison_end: usize,
     end: usize,
-    auxiliary_offset: usize,
     derived: Vec<bool>,
+    /// By row of a relation.
     initial: Vec<bool>,
     /// True in every state.
     always: Vec<bool>,
+    /// True in no state.
+    never: Vec<bool>,
+}
+
+// === impl Layout ===
+
+impl Layout {
+    /// One past the last comparison, by dense index.
+    pub(super) fn comparison_end(&self) -> usize {
+        self.comparison_offset + self.comparisons
+    }
+
+    /// One past the last dense index: rows of relations, comparisons, auxiliaries.
+    pub(super) fn dense_end(&self) -> usize {
+        self.comparison_end() + (self.end - self.auxiliary_offset)
+    }
+
+    /// The dense index of a raw fact: no room is left for comparisons that there are not.
+    #[inline]
+    pub(super) fn dense(&self, fact: FactId) -> usize {
+        let index = fact.index();
+        if index < self.auxiliary_offset {
+            index
+        } else {
+            index - self.auxiliary_offset + self.comparison_end()
+        }
+    }
+}
+
+// === impl Start ===
+
+impl Start {
+    /// The state that the relations started with.
+    pub(super) fn initial(
+        lifted: &Lifted,
+        relations: &[Relation],
+        values: &Values,
+        raw: &Raw,
+    ) -> Start {
+        let mut initial = vec![false; raw.layout.comparison_offset];
+        for (index, start) in raw.layout.offsets[..lifted.predicates.len()].iter().enumerate() {
+            initial[*start..*start + relations[index].initial].fill(true);
+        }
+        let never = vec![false; raw.layout.dense_end()];
+        Start { initial, never, values: values.fluents.clone() }
+    }
 }
 
 // === impl Facts ===
 
-impl Facts {
-    fn new(lifted: &Lifted, relations: &[Relation], raw: &Raw) -> Facts {
-        let layout = &raw.layout;
+impl<'l> Facts<'l> {
+    fn new(
+        lifted: &Lifted,
+        layout: &'l Layout,
+        operators: &Operators,
+        initial: Vec<bool>,
+        never: Vec<bool>,
+    ) -> Facts<'l> {
         let basic_end = layout.comparison_offset;
-        let comparison_end = basic_end + raw.comparisons.len();
-        let end = comparison_end + (layout.end - layout.auxiliary_offset);
+        let (comparison_end, end) = (layout.comparison_end(), layout.dense_end());
         let mut facts = Facts {
             basic_end,
             comparison_end,
             end,
-            auxiliary_offset: layout.auxiliary_offset,
+            layout,
             derived: vec![false; end],
-            initial: vec![false; end],
-            always: vec![false; end],
+            initial,
+            always: Vec::new(),
+            never,
         };
         facts.derived[comparison_end..].fill(true);
         for (index, predicate) in lifted.predicates.iter().enumerate() {
-            let start = layout.offsets[index];
-            facts.initial[start..start + relations[index].initial].fill(true);
-            facts.derived[start..layout.offsets[index + 1]].fill(predicate.derived);
+            facts.derived[layout.offsets[index]..layout.offsets[index + 1]].fill(predicate.derived);
         }
-        facts.find_constant(raw);
+        facts.find_constant(operators);
         facts
     }
 
     /// A basic fact that holds at first and that no operator deletes holds for ever.
-    fn find_constant(&mut self, raw: &Raw) {
-        let candidates = (0..self.end).map(|index| self.initial[index] && !self.derived[index]);
-        self.always = candidates.collect();
-        for changes in raw.operators.iter().flat_map(all_changes) {
+    fn find_constant(&mut self, operators: &Operators) {
+        let holds = self.initial.iter().zip(&self.derived);
+        self.always = holds.map(|(initial, derived)| *initial && !derived).collect();
+        self.always.resize(self.end, false);
+        for changes in operators.iter().flat_map(all_changes) {
             for fact in changes.deletes {
                 self.always[fact.index()] = false;
             }
@@ -152,29 +214,26 @@ impl Facts {
         operator.preconditions.iter().any(|literal| self.is_impossible(*literal))
     }
 
-    #[inline]
-    fn dense(&self, fact: FactId) -> usize {
-        let index = fact.index();
-        if index < self.auxiliary_offset {
-            index
-        } else {
-            index - self.auxiliary_offset + self.comparison_end
-        }
-    }
-
     /// Whether a literal holds in no state.
     fn is_impossible(&self, literal: Literal) -> bool {
-        !literal.is_positive() && self.always[self.dense(literal.fact())]
+        let index = self.layout.dense(literal.fact());
+        if literal.is_positive() { self.never[index] } else { self.always[index] }
+    }
+
+    /// Whether it holds in every state or in none.
+    fn is_constant(&self, index: usize) -> bool {
+        self.always[index] || self.never[index]
     }
 
     /// Without literals that hold in every state; `None` if one holds in none.
     fn fold(&self, literals: &[Literal]) -> Option<Vec<Literal>> {
         let mut kept = Vec::with_capacity(literals.len());
         for &literal in literals {
-            match (self.always[self.dense(literal.fact())], literal.is_positive()) {
-                (true, true) => (),
-                (true, false) => return None,
-                (false, _) => kept.push(literal),
+            if self.is_impossible(literal) {
+                return None;
+            }
+            if !self.is_impossible(literal.negated()) {
+                kept.push(literal);
             }
         }
         Some(kept)
@@ -196,7 +255,7 @@ struct Relevance {
 
 impl Relevance {
     fn compute(
-        facts: &Facts,
+        facts: &Facts<'_>,
         raw: &Raw,
         goal: &[Literal],
         work: &mut Work<'_>,
@@ -229,10 +288,10 @@ impl Relevance {
         Ok(relevance)
     }
 
-    fn want(&mut self, facts: &Facts, literals: &[Literal]) {
+    fn want(&mut self, facts: &Facts<'_>, literals: &[Literal]) {
         for literal in literals {
-            let index = facts.dense(literal.fact());
-            if !self.facts[index] && !facts.always[index] {
+            let index = facts.layout.dense(literal.fact());
+            if !self.facts[index] && !facts.is_constant(index) {
                 self.facts[index] = true;
                 self.waiting.push(index);
             }
@@ -255,10 +314,10 @@ struct Rows {
 // === impl Changers ===
 
 impl Changers {
-    fn new(facts: &Facts, raw: &Raw) -> Changers {
+    fn new(facts: &Facts<'_>, raw: &Raw) -> Changers {
         let axioms = |visit: &mut dyn FnMut(usize, u32)| {
             for (index, axiom) in raw.axioms.iter().enumerate() {
-                visit(facts.dense(axiom.head), index as u32);
+                visit(facts.layout.dense(axiom.head), index as u32);
             }
         };
         let readers = readers(facts, raw);
@@ -287,7 +346,7 @@ impl Changers {
 }
 
 /// The comparisons that read each numeric fluent.
-fn readers(facts: &Facts, raw: &Raw) -> Vec<Vec<usize>> {
+fn readers(facts: &Facts<'_>, raw: &Raw) -> Vec<Vec<usize>> {
     let mut readers: Vec<Vec<usize>> = Vec::new();
     let mut note = |fluent: u32, comparison: Option<usize>| {
         let needed = (fluent as usize + 1).max(readers.len());
@@ -333,7 +392,7 @@ impl Rows {
 
 /// New numbers: basic facts, then comparisons, then derived facts.
 struct Numbering<'f> {
-    facts: &'f Facts,
+    facts: &'f Facts<'f>,
     fact_count: usize,
     basic_count: usize,
     /// By dense index.
@@ -343,7 +402,7 @@ struct Numbering<'f> {
 // === impl Numbering ===
 
 impl<'f> Numbering<'f> {
-    fn new(facts: &'f Facts, relevance: &Relevance) -> Numbering<'f> {
+    fn new(facts: &'f Facts<'f>, relevance: &Relevance) -> Numbering<'f> {
         let is_comparison = |index: usize| (facts.basic_end..facts.comparison_end).contains(&index);
         let mut ids = vec![None; facts.end];
         let mut next = 0;
@@ -390,6 +449,6 @@ impl Renumbering for Numbering<'_> {
 
     #[inline]
     fn fact(&self, fact: FactId) -> Option<FactId> {
-        self.ids[self.facts.dense(fact)]
+        self.ids[self.facts.layout.dense(fact)]
     }
 }

@@ -4,13 +4,14 @@
 //! matter and numbers them anew.
 
 use pddl::{Assignment, Diagnostic};
-use rustc_hash::FxHashMap;
 
 use super::condition::{Condition, tidy};
 use super::draft::Draft;
 use super::join::{Catalog, JoinPlan};
-use super::node::{COMPARISONS_MAX, Grounder, Node, enumeration};
+use super::node::{COMPARISONS_MAX, Comparisons, Grounder, Node, enumeration};
 use super::reach::Reached;
+use super::relation::Relation;
+use super::sets::Sets;
 use super::tree::{Auxiliaries, RawAxiom, Tree};
 use super::values::{Grounded, Values};
 use super::work::Work;
@@ -49,18 +50,35 @@ pub(super) struct Layout {
     pub(super) auxiliary_offset: usize,
     /// One past the last auxiliary.
     pub(super) end: usize,
+    /// How many comparisons there are.
+    pub(super) comparisons: usize,
+}
+
+/// What has been ground so far, over raw facts whose numbers stay.
+#[derive(Debug)]
+pub(super) struct Drawn {
+    pub(super) operators: Operators,
+    pub(super) auxiliaries: Auxiliaries,
+    pub(super) comparisons: Comparisons,
+    pub(super) warnings: Vec<Diagnostic>,
+    /// Those of the domain; auxiliaries have their own.
+    axioms: Vec<RawAxiom>,
+    /// The raw fact of each predicate's first row, and one past the last of all.
+    offsets: Vec<usize>,
+    comparison_offset: usize,
 }
 
 struct Instantiation<'g, 'w, 'c> {
     grounder: Grounder<'g>,
-    auxiliaries: Auxiliaries,
+    auxiliaries: &'g mut Auxiliaries,
+    operators: &'g mut Operators,
+    axioms: &'g mut Vec<RawAxiom>,
+    warnings: &'g mut Vec<Diagnostic>,
     work: &'w mut Work<'c>,
     /// The stratum after those of all axioms: for facts that stand for parts of preconditions.
     top: usize,
-    operators: Operators,
     /// Bytes of axioms.
     bytes: usize,
-    warnings: Vec<Diagnostic>,
     draft: Draft,
     literals: Vec<Literal>,
     bindings: Vec<ObjectId>,
@@ -103,56 +121,11 @@ pub(super) fn instantiate(
     values: &mut Values,
     work: &mut Work<'_>,
 ) -> Result<Raw, GroundError> {
-    let Reached { relations, sets } = reached;
-    let mut catalog = Catalog { lifted, relations, sets, is_complete: true };
-    let schemas = lifted.schemas.iter().enumerate();
-    let ready: Vec<Ready<'_>> =
-        schemas.map(|(index, schema)| Ready::new(&mut catalog, index, schema)).collect();
-    let axioms = ready_axioms(&mut catalog);
-    let Closed { frame, formula } = &lifted.goal;
-    let goal = Node::compile(&mut catalog, frame, formula, &mut vec![false; frame.len()]);
-
-    let mut offsets = vec![0];
-    for relation in &relations[..lifted.predicates.len()] {
-        offsets.push(offsets[offsets.len() - 1] + relation.len());
-    }
-    let comparison_offset = offsets[offsets.len() - 1];
-    let auxiliary_offset = comparison_offset + COMPARISONS_MAX;
-    let mut comparisons = Vec::new();
-    let grounder = Grounder {
-        lifted,
-        relations,
-        sets,
-        offsets: &offsets,
-        values,
-        comparisons: &mut comparisons,
-        comparison_ids: FxHashMap::default(),
-        comparison_offset,
-    };
-    let mut instantiation = Instantiation {
-        grounder,
-        auxiliaries: Auxiliaries::new(auxiliary_offset),
-        work,
-        top: lifted.axioms.iter().map(|axiom| axiom.stratum + 1).max().unwrap_or(0),
-        operators: Operators::default(),
-        bytes: 0,
-        warnings: Vec::new(),
-        draft: Draft::default(),
-        literals: Vec::new(),
-        bindings: Vec::new(),
-    };
-    for schema in &ready {
-        instantiation.schema(schema)?;
-    }
-    for axiom in &axioms {
-        instantiation.axiom(axiom)?;
-    }
-    let goal = instantiation.goal(&goal, frame)?;
-    let Instantiation { mut auxiliaries, operators, warnings, .. } = instantiation;
-    auxiliaries.tidy();
-    let end = auxiliaries.end();
-    let layout = Layout { offsets, comparison_offset, auxiliary_offset, end };
-    Ok(Raw { operators, axioms: auxiliaries.axioms, comparisons, goal, layout, warnings })
+    let sizes = reached.relations[..lifted.predicates.len()].iter().map(Relation::len);
+    let mut drawn = Drawn::new(sizes, 0);
+    drawn.draw(lifted, reached, values, &vec![0; lifted.schemas.len()], work)?;
+    let goal = drawn.draw_goal(lifted, &lifted.goal, reached, values, work)?;
+    Ok(drawn.into_raw(goal))
 }
 
 /// Every alternative of every axiom's body, with its outer `exists` open.
@@ -203,6 +176,147 @@ fn open(formula: &Formula) -> (Vec<Slot>, Formula) {
     }
 }
 
+// === impl Drawn ===
+
+impl Drawn {
+    /// Nothing yet; `room` is how many facts each predicate may come to have, and `spare` how many
+    /// those that come later.
+    pub(super) fn new(room: impl Iterator<Item = usize>, spare: usize) -> Drawn {
+        let mut offsets = vec![0];
+        offsets.extend(room.scan(0, |end, room| {
+            *end += room;
+            Some(*end)
+        }));
+        let comparison_offset = offsets[offsets.len() - 1] + spare;
+        Drawn {
+            operators: Operators::default(),
+            auxiliaries: Auxiliaries::new(comparison_offset + COMPARISONS_MAX),
+            comparisons: Comparisons::default(),
+            warnings: Vec::new(),
+            axioms: Vec::new(),
+            offsets,
+            comparison_offset,
+        }
+    }
+
+    /// Whether there is room for so many facts of each predicate; those that are new get some.
+    pub(super) fn has_room(
+        &mut self,
+        facts: impl Iterator<Item = usize>,
+        room: impl Fn(usize) -> usize,
+    ) -> bool {
+        for (predicate, facts) in facts.enumerate() {
+            let start = self.offsets[predicate];
+            if predicate + 1 == self.offsets.len() {
+                self.offsets.push(start + room(facts));
+            }
+            if start + facts > self.offsets[predicate + 1] {
+                return false;
+            }
+        }
+        self.offsets.last().is_some_and(|end| *end <= self.comparison_offset)
+    }
+
+    /// Grounds the tuples of each schema from the row that `rows` says, and every axiom anew.
+    pub(super) fn draw(
+        &mut self,
+        lifted: &Lifted,
+        reached: &mut Reached,
+        values: &mut Values,
+        rows: &[usize],
+        work: &mut Work<'_>,
+    ) -> Result<(), GroundError> {
+        let Reached { relations, sets } = reached;
+        let mut catalog = Catalog { lifted, relations, sets, is_complete: true };
+        let has_rows = |(index, _): &(usize, &Schema)| {
+            rows[*index] < catalog.relations[action_relation(lifted, *index)].len()
+        };
+        let schemas: Vec<_> = lifted.schemas.iter().enumerate().filter(has_rows).collect();
+        let schemas = schemas.into_iter();
+        let ready: Vec<Ready<'_>> =
+            schemas.map(|(index, schema)| Ready::new(&mut catalog, index, schema)).collect();
+        let axioms = ready_axioms(&mut catalog);
+        self.axioms.clear();
+        let mut instantiation = self.instantiation(lifted, relations, sets, values, work);
+        for schema in &ready {
+            instantiation.schema(schema, rows[schema.index])?;
+        }
+        for axiom in &axioms {
+            instantiation.axiom(axiom)?;
+        }
+        Ok(())
+    }
+
+    /// Grounds a goal; `None` if it cannot hold.
+    pub(super) fn draw_goal(
+        &mut self,
+        lifted: &Lifted,
+        goal: &Closed,
+        reached: &mut Reached,
+        values: &mut Values,
+        work: &mut Work<'_>,
+    ) -> Result<Option<Vec<Literal>>, StopReason> {
+        let Reached { relations, sets } = reached;
+        let mut catalog = Catalog { lifted, relations, sets, is_complete: true };
+        let Closed { frame, formula } = goal;
+        let node = Node::compile(&mut catalog, frame, formula, &mut vec![false; frame.len()]);
+        self.instantiation(lifted, relations, sets, values, work).goal(&node, frame)
+    }
+
+    fn instantiation<'g, 'w, 'c>(
+        &'g mut self,
+        lifted: &'g Lifted,
+        relations: &'g [Relation],
+        sets: &'g Sets,
+        values: &'g mut Values,
+        work: &'w mut Work<'c>,
+    ) -> Instantiation<'g, 'w, 'c> {
+        let Drawn { operators, auxiliaries, comparisons, warnings, axioms, .. } = self;
+        let (offsets, comparison_offset) = (&*self.offsets, self.comparison_offset);
+        let grounder =
+            Grounder { lifted, relations, sets, offsets, values, comparisons, comparison_offset };
+        Instantiation {
+            grounder,
+            auxiliaries,
+            operators,
+            axioms,
+            warnings,
+            work,
+            top: lifted.axioms.iter().map(|axiom| axiom.stratum + 1).max().unwrap_or(0),
+            bytes: 0,
+            draft: Draft::default(),
+            literals: Vec::new(),
+            bindings: Vec::new(),
+        }
+    }
+
+    /// Which raw facts are what.
+    pub(super) fn layout(&self) -> Layout {
+        let comparison_offset = self.comparison_offset;
+        Layout {
+            offsets: self.offsets.clone(),
+            comparison_offset,
+            auxiliary_offset: comparison_offset + COMPARISONS_MAX,
+            end: self.auxiliaries.end(),
+            comparisons: self.comparisons.all.len(),
+        }
+    }
+
+    /// The axioms of the domain and of auxiliaries.
+    pub(super) fn axioms(&self) -> impl Iterator<Item = &RawAxiom> {
+        self.auxiliaries.axioms.iter().chain(&self.axioms)
+    }
+
+    fn into_raw(self, goal: Option<Vec<Literal>>) -> Raw {
+        let layout = self.layout();
+        let Drawn { operators, mut auxiliaries, comparisons, warnings, axioms, .. } = self;
+        auxiliaries.axioms.extend(axioms);
+        auxiliaries.tidy();
+        let (axioms, comparisons) = (auxiliaries.axioms, comparisons.all);
+        Raw { operators, axioms, comparisons, goal, layout, warnings }
+    }
+}
+
 // === impl Ready ===
 
 impl<'s> Ready<'s> {
@@ -235,12 +349,12 @@ impl<'s> Ready<'s> {
 // === impl Instantiation ===
 
 impl Instantiation<'_, '_, '_> {
-    fn schema(&mut self, ready: &Ready<'_>) -> Result<(), GroundError> {
+    fn schema(&mut self, ready: &Ready<'_>, first_row: usize) -> Result<(), GroundError> {
         let relations = self.grounder.relations;
         let relation = &relations[action_relation(self.grounder.lifted, ready.index)];
         let mut binding = vec![ObjectId::from_index(0); ready.schema.frame.len().max(1)];
         let mut draft = std::mem::take(&mut self.draft);
-        for row in 0..relation.len() {
+        for row in first_row..relation.len() {
             self.work.breathe()?;
             let arguments = relation.row(row);
             binding[..arguments.len()].copy_from_slice(arguments);
@@ -286,7 +400,7 @@ impl Instantiation<'_, '_, '_> {
             Tree::False => (),
             Tree::True => {
                 let preconditions = std::mem::take(&mut draft.preconditions);
-                draft.operator(schema, arguments, &preconditions, &mut self.operators);
+                draft.operator(schema, arguments, &preconditions, self.operators);
                 draft.preconditions = preconditions;
             }
             rest => {
@@ -294,7 +408,7 @@ impl Instantiation<'_, '_, '_> {
                 for mut preconditions in self.auxiliaries.conjunctions(&rest, max, self.top) {
                     preconditions.extend_from_slice(&draft.preconditions);
                     if tidy(&mut preconditions) {
-                        draft.operator(schema, arguments, &preconditions, &mut self.operators);
+                        draft.operator(schema, arguments, &preconditions, self.operators);
                     }
                 }
             }
@@ -460,7 +574,7 @@ impl Instantiation<'_, '_, '_> {
             };
             for body in bodies {
                 self.bytes += size_of::<RawAxiom>() + body.len() * size_of::<Literal>();
-                self.auxiliaries.axioms.push(RawAxiom { head, body, stratum: *stratum });
+                self.axioms.push(RawAxiom { head, body, stratum: *stratum });
             }
             self.work.check_memory(self.bytes)?;
         }

@@ -13,10 +13,12 @@ mod finish;
 mod instantiate;
 mod join;
 mod node;
+mod possible;
 mod reach;
 mod relation;
 mod rules;
 mod sets;
+mod standing;
 mod tree;
 mod triggers;
 mod values;
@@ -24,12 +26,14 @@ mod work;
 
 use pddl::Diagnostic;
 
+use self::finish::Start;
+pub(crate) use self::standing::{Outgrown, Present, Standing};
 use self::values::Values;
 use self::work::Work;
 use crate::limits::{Budget, Cancel};
-use crate::normalize::lifted::{Lifted, PredicateIndex};
+use crate::normalize::lifted::Lifted;
 use crate::outcome::{StopReason, Unsupported};
-use crate::task::{ObjectId, Task};
+use crate::task::Task;
 
 /// A ground task and what its author may not have meant.
 pub(crate) struct Grounded {
@@ -65,23 +69,8 @@ fn grounded(lifted: &Lifted, work: &mut Work<'_>) -> Result<Grounded, GroundErro
     let mut reached = reach::reach(lifted, &values, work)?;
     let mut raw = instantiate::instantiate(lifted, &mut reached, &mut values, work)?;
     let warnings = std::mem::take(&mut raw.warnings);
-    Ok(Grounded { task: finish::finish(lifted, &reached.relations, &values, raw, work)?, warnings })
-}
-
-/// Which of these facts the delete relaxation reaches, in their order: the others cannot hold,
-/// whatever is done. One pass for all of them, and no operators are made.
-pub(crate) fn reachable(
-    lifted: &Lifted,
-    facts: &[(PredicateIndex, Vec<ObjectId>)],
-    budget: Budget,
-    cancel: &Cancel,
-) -> Result<Vec<bool>, StopReason> {
-    let values = Values::new(lifted);
-    let reached = reach::reach(lifted, &values, &mut Work::new(budget, cancel))?;
-    let is_found = |(predicate, objects): &(PredicateIndex, Vec<ObjectId>)| {
-        reached.relations[*predicate].find(objects).is_some()
-    };
-    Ok(facts.iter().map(is_found).collect())
+    let start = Start::initial(lifted, &reached.relations, &values, &raw);
+    Ok(Grounded { task: finish::finish(lifted, &reached.relations, start, raw, work)?, warnings })
 }
 
 /// The relation of a schema's applicable bindings.

@@ -54,10 +54,16 @@ pub(super) struct Grounder<'g> {
     pub(super) offsets: &'g [usize],
     pub(super) values: &'g mut Values,
     /// Comparisons found so far; their raw facts start at `comparison_offset`.
-    pub(super) comparisons: &'g mut Vec<GroundComparison>,
-    /// Where each of them is, by its text.
-    pub(super) comparison_ids: FxHashMap<String, usize>,
+    pub(super) comparisons: &'g mut Comparisons,
     pub(super) comparison_offset: usize,
+}
+
+/// Comparisons whose truth depends on the state, each once.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Comparisons {
+    pub(super) all: Vec<GroundComparison>,
+    /// Where each of them is, by its text.
+    known: FxHashMap<String, usize>,
 }
 
 /// What became of a literal.
@@ -316,12 +322,21 @@ impl Grounder<'_> {
     }
 
     fn comparison(&mut self, comparison: GroundComparison) -> Tree {
-        let Grounder { comparisons, comparison_ids, .. } = self;
-        let index = *comparison_ids.entry(format!("{comparison:?}")).or_insert_with(|| {
-            comparisons.push(comparison);
-            comparisons.len() - 1
-        });
+        let index = self.comparisons.index(comparison);
         Tree::Literal(Literal::new(FactId::from_index(self.comparison_offset + index), true))
+    }
+}
+
+// === impl Comparisons ===
+
+impl Comparisons {
+    /// Where a comparison is.
+    fn index(&mut self, comparison: GroundComparison) -> usize {
+        let Comparisons { all, known } = self;
+        *known.entry(format!("{comparison:?}")).or_insert_with(|| {
+            all.push(comparison);
+            all.len() - 1
+        })
     }
 }
 

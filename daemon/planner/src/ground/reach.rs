@@ -12,11 +12,12 @@ use super::sets::Sets;
 use super::triggers::{Action, Trigger, Triggers};
 use super::values::Values;
 use super::work::Work;
-use crate::normalize::lifted::{Lifted, LiftedAtom, LiftedTerm, TypeIndex};
+use crate::normalize::lifted::{Lifted, LiftedAtom, LiftedTerm, Slot, TypeIndex};
 use crate::outcome::StopReason;
 use crate::task::ObjectId;
 
 /// All that can be reached.
+#[derive(Debug)]
 pub(super) struct Reached {
     /// Predicates first, then one relation per schema.
     pub(super) relations: Vec<Relation>,
@@ -70,28 +71,31 @@ pub(super) fn reach(
     }
     let rules = possible;
     set_distinct(lifted, &rules, &mut relations);
-    let adds = lifted.schemas.iter().map(|schema| {
-        let certain = schema.effects.iter().filter(|one| one.adds && one.is_unconditional());
-        certain.map(|effect| &effect.atom).collect()
-    });
-    let mut reach = Reach {
-        lifted,
-        values,
-        work,
-        triggers: Triggers::new(relations.len()),
-        relations,
-        sets,
-        rules,
-        adds: adds.collect(),
-        binding: Vec::new(),
-        found: Relation::of_distinct(0),
-        bytes: 0,
-        due: Vec::new(),
-    };
+    let mut reach = Reach::new(lifted, values, work, relations, sets, rules);
     reach.start()?;
-    reach.saturate()?;
-    reach.work.hold(reach.bytes);
-    Ok(Reached { relations: reach.relations, sets: reach.sets })
+    reach.finish()
+}
+
+/// Goes on from what was reached when less was known: new facts wait in `relations`, new objects and
+/// schemas come last in `lifted`, and no fact is static. Nothing is narrowed, as it could not be
+/// widened later.
+pub(super) fn reach_on(
+    lifted: &Lifted,
+    values: &Values,
+    relations: Vec<Relation>,
+    before: Before,
+    work: &mut Work<'_>,
+) -> Result<Reached, StopReason> {
+    let mut reach = Reach::new(lifted, values, work, relations, Sets::new(lifted), rules(lifted));
+    reach.resume(before)?;
+    reach.finish()
+}
+
+/// What was known when relations were filled.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Before {
+    pub(super) objects: usize,
+    pub(super) schemas: usize,
 }
 
 fn initial_relations(lifted: &Lifted) -> Vec<Relation> {
@@ -131,7 +135,41 @@ fn set_distinct(lifted: &Lifted, rules: &[Rule], relations: &mut [Relation]) {
 
 // === impl Reach ===
 
-impl Reach<'_, '_, '_> {
+impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
+    fn new(
+        lifted: &'g Lifted,
+        values: &'g Values,
+        work: &'w mut Work<'c>,
+        relations: Vec<Relation>,
+        sets: Sets,
+        rules: Vec<Rule>,
+    ) -> Reach<'g, 'w, 'c> {
+        let adds = lifted.schemas.iter().map(|schema| {
+            let certain = schema.effects.iter().filter(|one| one.adds && one.is_unconditional());
+            certain.map(|effect| &effect.atom).collect()
+        });
+        Reach {
+            lifted,
+            values,
+            work,
+            triggers: Triggers::new(relations.len()),
+            relations,
+            sets,
+            rules,
+            adds: adds.collect(),
+            binding: Vec::new(),
+            found: Relation::of_distinct(0),
+            bytes: 0,
+            due: Vec::new(),
+        }
+    }
+
+    fn finish(mut self) -> Result<Reached, StopReason> {
+        self.saturate()?;
+        self.work.hold(self.bytes);
+        Ok(Reached { relations: self.relations, sets: self.sets })
+    }
+
     /// Notes what each rule waits for, and fires those that wait for nothing.
     fn start(&mut self) -> Result<(), StopReason> {
         for index in 0..self.rules.len() {
@@ -140,15 +178,49 @@ impl Reach<'_, '_, '_> {
                 .filter(|at| !is_static(self.lifted, rule.body.atoms[*at].predicate))
                 .collect();
             if changing.is_empty() {
-                let plan = self.plan(index, None);
-                self.binding.clear();
-                self.binding.resize(self.rules[index].frame.len(), ObjectId::from_index(0));
-                self.fire(index, &plan, None)?;
+                self.fire_all(index)?;
                 continue;
             }
             self.triggers.add(index, &self.rules[index], &changing);
         }
         Ok(())
+    }
+
+    /// Notes what each rule waits for, and fires those that have more to say of what had its turn:
+    /// new rules, and old ones whose variables range over new objects.
+    fn resume(&mut self, before: Before) -> Result<(), StopReason> {
+        let first_new = action_relation(self.lifted, before.schemas);
+        let objects_grew = self.lifted.objects.len() > before.objects;
+        for index in 0..self.rules.len() {
+            let Rule { head, body, wanted, .. } = &self.rules[index];
+            let asked: Vec<Slot> = body.atoms.iter().flat_map(variables).collect();
+            let is_new = head.predicate >= first_new
+                || body.atoms.iter().any(|atom| atom.predicate >= first_new);
+            let ranges_wider = objects_grew && wanted.iter().any(|slot| !asked.contains(slot));
+            let has_turned = |atom: &LiftedAtom| self.relations[atom.predicate].indexed_len() > 0;
+            let waits = |at: &usize| {
+                let atom = &body.atoms[*at];
+                let is_ground = wanted.is_empty() && asked.is_empty();
+                !is_ground || !self.relations[atom.predicate].has_indexed(&atom.arguments)
+            };
+            let waiting: Vec<usize> = (0..body.atoms.len()).filter(waits).collect();
+            let fires = (is_new || ranges_wider) && body.atoms.iter().all(has_turned);
+            if !waiting.is_empty() {
+                self.triggers.add(index, &self.rules[index], &waiting);
+            }
+            if fires {
+                self.fire_all(index)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Fires a rule for all that had its turn.
+    fn fire_all(&mut self, rule: usize) -> Result<(), StopReason> {
+        let plan = self.plan(rule, None);
+        self.binding.clear();
+        self.binding.resize(self.rules[rule].frame.len(), ObjectId::from_index(0));
+        self.fire(rule, &plan, None)
     }
 
     /// Takes every waiting tuple once, until none waits.

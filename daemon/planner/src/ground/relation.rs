@@ -134,6 +134,13 @@ impl Relation {
         self.count += 1;
     }
 
+    /// Forgets what was true of fewer rows.
+    pub(super) fn forget_statistics(&mut self) {
+        self.distinct.iter_mut().for_each(|distinct| {
+            distinct.take();
+        });
+    }
+
     /// Adds the tuple that terms stand for, unless it is there.
     #[inline]
     pub(super) fn insert_terms(&mut self, terms: &[LiftedTerm], binding: &[ObjectId]) {
@@ -169,6 +176,16 @@ impl Relation {
         if let Some(set) = set {
             set.insert(key, *count as u32, row_hash);
         }
+    }
+
+    /// Whether a tuple is there and has had its turn.
+    pub(super) fn has_indexed(&self, terms: &[LiftedTerm]) -> bool {
+        self.find_terms(terms, &[]).is_some_and(|row| self.is_indexed(row))
+    }
+
+    /// How many rows have had their turn.
+    pub(super) fn indexed_len(&self) -> usize {
+        self.indexed
     }
 
     /// Whether a row has had its turn.

@@ -15,7 +15,11 @@ pub(super) struct Sets {
 
 impl Sets {
     pub(super) fn new(lifted: &Lifted) -> Sets {
-        let sets = lifted.types.clone();
+        Sets::of(lifted.types.clone())
+    }
+
+    /// These sets, under their numbers.
+    pub(super) fn of(sets: Vec<TypeSet>) -> Sets {
         let known = sets.iter().enumerate().map(|(index, set)| (set.bits().to_vec(), index));
         Sets { known: known.collect(), sets }
     }

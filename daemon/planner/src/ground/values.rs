@@ -3,7 +3,9 @@
 use pddl::{Comparison, Operator as Arithmetic};
 
 use super::relation::Relation;
-use crate::normalize::lifted::{Lifted, LiftedExpression, LiftedFluent, objects};
+use crate::normalize::lifted::{
+    FunctionIndex, FunctionUse, Lifted, LiftedExpression, LiftedFluent, objects,
+};
 use crate::task::{GroundComparison, GroundExpression, ObjectId};
 
 /// Two numbers this close are one: sums of decimal fractions are not exact in binary.
@@ -51,14 +53,97 @@ impl Values {
             fluent_functions: lifted.functions.iter().map(|one| one.is_numeric_fluent()).collect(),
             fluents: Vec::new(),
         };
-        let total_cost = lifted.functions.iter().position(|one| one.name == "total-cost");
-        if let Some(function) = total_cost.filter(|index| lifted.functions[*index].arity == 0) {
+        if let Some(function) = total_cost(lifted) {
             values.tables[function].set(&[], 0.0);
         }
         for (function, arguments, value) in &lifted.values {
             values.tables[*function].set(arguments, *value);
         }
         values
+    }
+
+    /// Learns the values of a task that has more to say. Whether all that is known of what was there
+    /// before, the first `objects`, stays: then the rest is new.
+    pub(super) fn learn(&mut self, lifted: &Lifted, objects: usize) -> bool {
+        for (function, arguments, value) in &lifted.values {
+            let table = &mut self.tables[*function];
+            let is_known = table.tuples.find(arguments).is_some();
+            let is_new = arguments.iter().any(|object| object.index() >= objects);
+            if !is_known && !is_new && lifted.functions[*function].matters() {
+                return false;
+            }
+            if !is_known {
+                table.set(arguments, *value);
+            }
+        }
+        let matters = lifted.functions.iter().map(|one| one.is_numeric_fluent());
+        matters.eq(self.fluent_functions.iter().copied())
+    }
+
+    /// Whether there was a value for all of these.
+    pub(super) fn know(&self, values: &[(FunctionIndex, Vec<ObjectId>, f64)]) -> bool {
+        { values.iter() }
+            .all(|(function, arguments, _)| self.tables[*function].tuples.find(arguments).is_some())
+    }
+
+    /// Whether these values, of the objects that are `present`, leave all expressions as they are:
+    /// fluents have a value where they had one, and everything else that matters has the same.
+    pub(super) fn agree(
+        &self,
+        lifted: &Lifted,
+        values: &[(FunctionIndex, Vec<ObjectId>, f64)],
+        present: &[bool],
+    ) -> bool {
+        let matters = |function: usize| lifted.functions[function].matters();
+        let mut told = 0;
+        for (function, arguments, value) in values.iter().filter(|one| matters(one.0)) {
+            let table = &self.tables[*function];
+            let Some(row) = table.tuples.find(arguments) else { return false };
+            let is_same = match self.fluent_functions[*function] {
+                true => !table.values[row].is_nan(),
+                false => table.values[row] == *value,
+            };
+            if !is_same {
+                return false;
+            }
+            told += 1;
+        }
+        let is_here = |table: &Table, row: usize| {
+            !table.values[row].is_nan()
+                && table.tuples.row(row).iter().all(|object| present[object.index()])
+        };
+        let tables = self.tables.iter().enumerate().filter(|(function, _)| matters(*function));
+        let known = tables.map(|(function, table)| {
+            let count = (0..table.tuples.len()).filter(|row| is_here(table, *row)).count();
+            // Nobody need say that nothing has been spent yet.
+            let is_implied = is_total_cost(lifted, function)
+                && !values.iter().any(|(other, ..)| *other == function);
+            count - usize::from(is_implied)
+        });
+        known.sum::<usize>() == told
+    }
+
+    /// The values of the fluents in a state.
+    pub(super) fn at(
+        &self,
+        lifted: &Lifted,
+        values: &[(FunctionIndex, Vec<ObjectId>, f64)],
+    ) -> Vec<f64> {
+        let mut all = vec![f64::NAN; self.fluents.len()];
+        let mut set = |function: usize, arguments: &[ObjectId], value: f64| {
+            let table = &self.tables[function];
+            let row = table.tuples.find(arguments);
+            if let Some(fluent) = row.and_then(|row| table.fluents[row]) {
+                all[fluent as usize] = value;
+            }
+        };
+        if let Some(function) = total_cost(lifted) {
+            set(function, &[], 0.0);
+        }
+        for (function, arguments, value) in values {
+            set(*function, arguments, *value);
+        }
+        all
     }
 
     /// The value of a fluent in the initial state.
@@ -155,6 +240,16 @@ impl Values {
         let value = whole.evaluate(&|_| f64::NAN);
         if value.is_finite() { Grounded::Fixed(value) } else { Grounded::Undefined }
     }
+}
+
+/// The function that counts costs.
+fn total_cost(lifted: &Lifted) -> Option<FunctionIndex> {
+    (0..lifted.functions.len()).find(|index| is_total_cost(lifted, *index))
+}
+
+fn is_total_cost(lifted: &Lifted, function: FunctionIndex) -> bool {
+    let FunctionUse { name, arity, .. } = &lifted.functions[function];
+    *arity == 0 && name == "total-cost"
 }
 
 // === impl Table ===

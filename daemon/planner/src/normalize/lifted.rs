@@ -49,7 +49,7 @@ pub(crate) enum LiftedExpression {
     Apply(Arithmetic, Vec<LiftedExpression>),
 }
 
-/// A condition in negation normal form.
+/// A condition in negation normal form. By default it says nothing.
 #[derive(Clone, Debug)]
 pub(crate) enum Formula {
     Constant(bool),
@@ -117,7 +117,7 @@ pub(crate) struct LiftedAxiom {
 }
 
 /// A condition without parameters, with the frame of its quantifiers.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Closed {
     pub(crate) frame: Vec<TypeIndex>,
     pub(crate) formula: Formula,
@@ -165,7 +165,7 @@ pub(crate) struct Costs {
 }
 
 /// A whole task before grounding.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Lifted {
     pub(crate) objects: Vec<Name>,
     pub(crate) predicates: Vec<PredicateUse>,
@@ -219,6 +219,11 @@ impl PredicateUse {
 // === impl FunctionUse ===
 
 impl FunctionUse {
+    /// Whether anything depends on its values.
+    pub(crate) fn matters(&self) -> bool {
+        self.changed || self.read
+    }
+
     /// Whether its values are part of the state.
     pub(crate) fn is_numeric_fluent(&self) -> bool {
         self.changed && self.read
@@ -250,6 +255,12 @@ impl LiftedEffect {
     /// Whether it happens whenever its action does.
     pub(crate) fn is_unconditional(&self) -> bool {
         self.variables.is_empty() && self.condition.is_true()
+    }
+}
+
+impl Default for Formula {
+    fn default() -> Formula {
+        Formula::And(Vec::new())
     }
 }
 

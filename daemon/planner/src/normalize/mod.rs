@@ -17,36 +17,54 @@ use pddl::{Assignment, Diagnostic, Domain, InitElement, Problem};
 use self::formula::Scope;
 use self::lifted::{Closed, Lifted, LiftedAxiom, LiftedNumeric, LiftedTerm, Schema};
 use self::quantifiers::rearrange;
-use self::symbols::Symbols;
+pub(crate) use self::symbols::Symbols;
 use crate::outcome::{PlanError, Unsupported};
 use crate::task::ObjectId;
 
 /// The lifted task of a domain and a problem.
 pub(crate) fn normalize(domain: &Domain, problem: &Problem) -> Result<Lifted, PlanError> {
+    let mut symbols = Symbols::default();
+    let lifted = lift(&mut symbols, domain, problem)?;
+    let Symbols { objects, predicates, functions, types, .. } = symbols;
+    Ok(Lifted { objects, predicates, functions, types, ..lifted })
+}
+
+/// The lifted task, and its names for what is said of it later.
+pub(crate) fn normalize_named(
+    domain: &Domain,
+    problem: &Problem,
+) -> Result<(Lifted, Symbols), PlanError> {
+    let mut symbols = Symbols::default();
+    let lifted = lift(&mut symbols, domain, problem)?;
+    let Symbols { objects, predicates, functions, types, .. } = symbols.clone();
+    Ok((Lifted { objects, predicates, functions, types, ..lifted }, symbols))
+}
+
+/// Everything but what the symbols hold.
+fn lift(symbols: &mut Symbols, domain: &Domain, problem: &Problem) -> Result<Lifted, PlanError> {
     refuse_time(domain, problem)?;
-    let mut symbols = Symbols::new(domain, problem);
+    *symbols = Symbols::new(domain, problem);
     let schemas: Vec<Schema> =
-        domain.actions.iter().map(|action| effects::schema(&mut symbols, action)).collect();
-    let mut axioms = axioms(&mut symbols, domain);
-    let goal = closed(&mut symbols, &problem.goal);
-    mark_predicates(&mut symbols, &schemas, &axioms);
-    mark_functions(&mut symbols, &schemas, &axioms, &goal);
-    let mut costs = metric::costs(&mut symbols, problem)?;
+        domain.actions.iter().map(|action| effects::schema(symbols, action)).collect();
+    let mut axioms = axioms(symbols, domain);
+    let goal = closed(symbols, &problem.goal);
+    mark_predicates(symbols, &schemas, &axioms);
+    mark_functions(symbols, &schemas, &axioms, &goal);
+    let mut costs = metric::costs(symbols, problem)?;
     metric::check_additive(&mut costs, &schemas, &symbols.functions)?;
-    let (init, values) = initial(&mut symbols, problem);
-    reject_derived_changes(&mut symbols, domain, problem);
+    let (init, values) = initial(symbols, problem);
+    reject_derived_changes(symbols, domain, problem);
     if let Err(problem) = strata::assign(&mut axioms, domain) {
         symbols.problems.push(*problem);
     }
     if !symbols.problems.is_empty() {
-        return Err(PlanError::BadInput(symbols.problems));
+        return Err(PlanError::BadInput(std::mem::take(&mut symbols.problems)));
     }
-    let Symbols { objects, predicates, functions, types, .. } = symbols;
-    Ok(Lifted { objects, predicates, functions, types, schemas, axioms, goal, init, values, costs })
+    Ok(Lifted { schemas, axioms, goal, init, values, costs, ..Lifted::default() })
 }
 
 /// A condition of its own, such as the goal, over a problem's objects.
-fn closed(symbols: &mut Symbols, condition: &pddl::Condition) -> Closed {
+pub(crate) fn closed(symbols: &mut Symbols, condition: &pddl::Condition) -> Closed {
     let mut scope = Scope::new(symbols, []);
     let formula = rearrange(scope.formula(condition, true));
     Closed { frame: scope.frame, formula }
@@ -126,9 +144,11 @@ fn mark_functions(
     }
 }
 
-type Initial = (Vec<(usize, Vec<ObjectId>)>, Vec<(usize, Vec<ObjectId>, f64)>);
+/// Facts that hold, and values, as numbers.
+pub(crate) type Initial = (Vec<(usize, Vec<ObjectId>)>, Vec<(usize, Vec<ObjectId>, f64)>);
 
-fn initial(symbols: &mut Symbols, problem: &Problem) -> Initial {
+/// What `:init` says.
+pub(crate) fn initial(symbols: &mut Symbols, problem: &Problem) -> Initial {
     let mut facts = Vec::new();
     let mut values = Vec::new();
     for element in &problem.init {

@@ -7,11 +7,12 @@ use super::lifted::{FunctionUse, PredicateUse, TypeIndex, TypeSet};
 use crate::task::ObjectId;
 
 /// Who is called what, and every name that nobody declared.
-pub(super) struct Symbols {
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Symbols {
     pub(super) objects: Vec<Name>,
     pub(super) predicates: Vec<PredicateUse>,
     pub(super) functions: Vec<FunctionUse>,
-    pub(super) types: Vec<TypeSet>,
+    pub(crate) types: Vec<TypeSet>,
     pub(super) problems: Vec<Diagnostic>,
     object_ids: FxHashMap<Name, ObjectId>,
     object_types: Vec<TypeExpr>,
@@ -59,8 +60,18 @@ impl Symbols {
         found
     }
 
+    /// The object of this name; one that is unknown is nobody's mistake.
+    pub(crate) fn known_object(&self, name: &Name) -> Option<ObjectId> {
+        self.object_ids.get(name).copied()
+    }
+
+    /// What was reported since this was asked last.
+    pub(crate) fn take_problems(&mut self) -> Vec<Diagnostic> {
+        std::mem::take(&mut self.problems)
+    }
+
     /// The predicate of this name, if it takes that many arguments.
-    pub(super) fn predicate(&mut self, name: &Name, arity: usize) -> Option<usize> {
+    pub(crate) fn predicate(&mut self, name: &Name, arity: usize) -> Option<usize> {
         let found = self.predicate_ids.get(name).copied();
         match found {
             None => self.report(name, "predicate"),

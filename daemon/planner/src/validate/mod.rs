@@ -114,11 +114,19 @@ pub fn validate(domain: &Domain, problem: &Problem, plan: &Plan) -> Verdict {
         Ok(world) => world,
         Err(diagnostics) => return Verdict::BadInput(diagnostics),
     };
-    let outcome = run(world, &plan.steps, &problem.goal).and_then(|end| end.cost());
-    match outcome {
+    match cost_from(world, &plan.steps, &problem.goal) {
         Ok(cost) => Verdict::Valid { cost, steps: plan.steps.len() },
         Err(fault) => Verdict::Fault(fault),
     }
+}
+
+/// What steps cost that lead from a state to a goal.
+pub(crate) fn cost_from(
+    world: World,
+    steps: &[PlanStep],
+    goal: &Condition,
+) -> Result<f64, Box<Fault>> {
+    run(world, steps, goal).and_then(|end| end.cost())
 }
 
 /// Whether the rest of a plan still leads from a state to a goal.

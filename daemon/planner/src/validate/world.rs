@@ -45,14 +45,20 @@ impl World {
     /// of times to come.
     pub fn initial(domain: &Domain, problem: &Problem) -> Result<World, Vec<Diagnostic>> {
         let mut model = Model::new(domain, problem)?;
-        let (facts, values) = initially(&mut model, problem)?;
-        Ok(World {
-            facts,
-            derived: model.axioms.components.iter().map(|_| OnceLock::new()).collect(),
-            values,
-            model: Arc::new(model),
-            steps: 0,
-        })
+        let state = initially(&mut model, problem)?;
+        Ok(World::of(Arc::new(model), state))
+    }
+
+    /// The initial state of another problem of the same domain, with the same objects and metric;
+    /// `None` if it cannot be told, or others still read the texts of this one.
+    pub(crate) fn again(mut self, problem: &Problem) -> Option<World> {
+        let state = initially(Arc::get_mut(&mut self.model)?, problem).ok()?;
+        Some(World::of(self.model, state))
+    }
+
+    fn of(model: Arc<Model>, (facts, values): (Vec<Table>, Vec<Values>)) -> World {
+        let derived = model.axioms.components.iter().map(|_| OnceLock::new()).collect();
+        World { facts, derived, values, model, steps: 0 }
     }
 
     /// Whether a closed condition holds.

@@ -20,7 +20,7 @@ fn term(variables: usize) -> impl Strategy<Value = String> {
     })
 }
 
-fn atom(variables: usize) -> BoxedStrategy<String> {
+pub(crate) fn atom(variables: usize) -> BoxedStrategy<String> {
     prop_oneof![
         Just("(z)".to_owned()),
         term(variables).prop_map(|x| format!("(p {x})")),
@@ -61,7 +61,10 @@ fn literal(variables: usize) -> impl Strategy<Value = String> {
 }
 
 /// Several conditions at once: what makes tasks neither trivial nor hopeless.
-fn conjunction(variables: usize, parts: std::ops::Range<usize>) -> impl Strategy<Value = String> {
+pub(crate) fn conjunction(
+    variables: usize,
+    parts: std::ops::Range<usize>,
+) -> impl Strategy<Value = String> {
     let part = prop_oneof![
         8 => atom(variables),
         4 => atom(variables).prop_map(|atom| format!("(not {atom})")),
@@ -81,7 +84,7 @@ fn effect(variables: usize) -> BoxedStrategy<String> {
     .boxed()
 }
 
-fn action() -> impl Strategy<Value = String> {
+pub(crate) fn action() -> impl Strategy<Value = String> {
     (1..3usize, 0..4u32).prop_flat_map(|(variables, cost)| {
         let effects = prop::collection::vec(effect(variables), 2..5);
         (conjunction(variables, 0..3), effects).prop_map(move |(precondition, effects)| {
@@ -95,15 +98,19 @@ fn action() -> impl Strategy<Value = String> {
     })
 }
 
-fn task() -> impl Strategy<Value = (String, String)> {
-    let actions = prop::collection::vec(action(), 3..6);
-    let init = prop::collection::vec(atom(0), 0..6);
-    let axiom = prop_oneof![
+/// When `(d ?v0)` holds.
+pub(crate) fn axiom() -> impl Strategy<Value = String> {
+    prop_oneof![
         Just("(p ?v0)".to_owned()),
         Just("(exists (?v1) (and (r ?v0 ?v1) (not (q ?v1))))".to_owned()),
         Just("(or (q ?v0) (exists (?v1) (and (r ?v0 ?v1) (d ?v1))))".to_owned()),
-    ];
-    (actions, init, axiom, conjunction(0, 2..5), any::<bool>()).prop_map(
+    ]
+}
+
+fn task() -> impl Strategy<Value = (String, String)> {
+    let actions = prop::collection::vec(action(), 3..6);
+    let init = prop::collection::vec(atom(0), 0..6);
+    (actions, init, axiom(), conjunction(0, 2..5), any::<bool>()).prop_map(
         |(actions, init, axiom, goal, metric)| {
             let mut parts = format!(
                 "(:types t) (:constants a - t b) (:predicates (z) (p ?x) (q ?x) (r ?x ?y) (d ?x) (s ?x ?y))

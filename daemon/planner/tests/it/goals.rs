@@ -2,8 +2,8 @@
 
 use expect_test::{Expect, expect};
 use pddl::Condition;
-use planner::goal::{conjuncts, facts_out_of_reach, unreachable};
-use planner::{Cancel, Options};
+use planner::goal::{conjuncts, unreachable};
+use planner::{Cancel, Options, Replanner};
 
 use crate::support::parse;
 
@@ -18,7 +18,9 @@ fn check(goal: &str, replaced: (&str, &str), expected: Expect) {
     let missing = unreachable(&domain, &problem, &parts, &Options::default(), &Cancel::new())
         .expect("supported");
     let all: Vec<_> = parts.iter().collect();
-    let cheaply = facts_out_of_reach(&domain, &problem, &all, &Options::default(), &Cancel::new());
+    let (options, cancel) = (Options::default(), Cancel::new());
+    let mut replanner = Replanner::default();
+    let cheaply = replanner.facts_out_of_reach(&domain, &problem, &all, &options, &cancel);
     let is_fact = |position: &&usize| matches!(parts[**position], Condition::Atom(_));
     let facts: Vec<usize> = missing.iter().filter(is_fact).copied().collect();
     assert_eq!(cheaply.expect("supported"), facts, "the cheap proof finds the same facts");

@@ -8,6 +8,7 @@ mod goals;
 mod numbers;
 mod office;
 mod ordering;
+mod replanning;
 mod simulation;
 mod simulator;
 mod spoiled;

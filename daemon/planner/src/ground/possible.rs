@@ -1,0 +1,146 @@
+//! What can happen from a state, if nothing is ever deleted: over raw facts and operators that are
+//! there already.
+//!
+//! Every operator, conditional effect and axiom counts the facts it still waits for (Dowling and
+//! Gallier, 1984): once for each literal, however many states are asked about.
+
+use super::instantiate::Layout;
+use super::tree::RawAxiom;
+use crate::operators::Operators;
+use crate::rows::Rows;
+use crate::task::{FactId, Literal};
+
+/// Who waits for which fact, and what follows.
+#[derive(Debug)]
+pub(super) struct Flow {
+    /// By fact: steps that ask for it.
+    waiting: Rows,
+    /// By step: how many facts it asks for.
+    needs: Vec<u32>,
+    /// By step: the facts that follow.
+    adds: Rows,
+    /// By step: the operator it belongs to, or [`NO_OPERATOR`] for axioms.
+    operators: Vec<u32>,
+    facts: usize,
+    operator_count: usize,
+}
+
+const NO_OPERATOR: u32 = u32::MAX;
+
+/// What can be true, by dense index, and what can be done.
+pub(super) struct Possible {
+    pub(super) facts: Vec<bool>,
+    pub(super) operators: Vec<bool>,
+}
+
+/// Steps in the making.
+struct Steps<'l> {
+    layout: &'l Layout,
+    preconditions: Rows,
+    adds: Rows,
+    operators: Vec<u32>,
+    asked: Vec<u32>,
+    added: Vec<u32>,
+}
+
+// === impl Flow ===
+
+impl Flow {
+    pub(super) fn new<'a>(
+        layout: &Layout,
+        operators: &Operators,
+        axioms: impl Iterator<Item = &'a RawAxiom>,
+    ) -> Flow {
+        let mut steps = Steps {
+            layout,
+            preconditions: Rows::default(),
+            adds: Rows::default(),
+            operators: Vec::new(),
+            asked: Vec::new(),
+            added: Vec::new(),
+        };
+        for (index, operator) in operators.iter().enumerate() {
+            let index = index as u32;
+            steps.add(index, operator.preconditions, &[], operator.effect.adds);
+            for one in operator.conditional.iter() {
+                steps.add(index, operator.preconditions, one.conditions, one.effect.adds);
+            }
+        }
+        for axiom in axioms {
+            steps.add(NO_OPERATOR, &axiom.body, &[], &[axiom.head]);
+        }
+        let Steps { preconditions, adds, operators: of, .. } = steps;
+        let facts = layout.dense_end();
+        let needs = (0..preconditions.len() as u32).map(|step| preconditions.row(step).len());
+        Flow {
+            needs: needs.map(|count| count as u32).collect(),
+            waiting: preconditions.inverted(facts),
+            adds,
+            operators: of,
+            facts,
+            operator_count: operators.len(),
+        }
+    }
+
+    /// Whether it still speaks of all there is.
+    pub(super) fn covers(&self, layout: &Layout, operators: &Operators) -> bool {
+        self.facts == layout.dense_end() && self.operator_count == operators.len()
+    }
+
+    /// What can happen from a state, with the operators that are not `masked`.
+    pub(super) fn possible(&self, layout: &Layout, initial: &[bool], masked: &[bool]) -> Possible {
+        let mut facts = vec![false; self.facts];
+        facts[..initial.len()].copy_from_slice(initial);
+        // What numbers can come to is not asked here.
+        facts[layout.comparison_offset..layout.comparison_end()].fill(true);
+        let mut operators = vec![false; self.operator_count];
+        let mut missing = self.needs.clone();
+        let mut queue: Vec<u32> =
+            (0..facts.len() as u32).filter(|fact| facts[*fact as usize]).collect();
+        let mut fire = |step: u32, facts: &mut [bool], queue: &mut Vec<u32>| {
+            let operator = self.operators[step as usize];
+            if operator != NO_OPERATOR {
+                if masked[operator as usize] {
+                    return;
+                }
+                operators[operator as usize] = true;
+            }
+            for &fact in self.adds.row(step) {
+                if !std::mem::replace(&mut facts[fact as usize], true) {
+                    queue.push(fact);
+                }
+            }
+        };
+        for (step, _) in self.needs.iter().enumerate().filter(|(_, needs)| **needs == 0) {
+            fire(step as u32, &mut facts, &mut queue);
+        }
+        while let Some(fact) = queue.pop() {
+            for &step in self.waiting.row(fact) {
+                missing[step as usize] -= 1;
+                if missing[step as usize] == 0 {
+                    fire(step, &mut facts, &mut queue);
+                }
+            }
+        }
+        Possible { facts, operators }
+    }
+}
+
+// === impl Steps ===
+
+impl Steps<'_> {
+    fn add(&mut self, operator: u32, first: &[Literal], second: &[Literal], adds: &[FactId]) {
+        let Steps { layout, asked, added, .. } = self;
+        let dense = |fact: FactId| layout.dense(fact) as u32;
+        let positive = first.iter().chain(second).filter(|literal| literal.is_positive());
+        asked.clear();
+        asked.extend(positive.map(|literal| dense(literal.fact())));
+        asked.sort_unstable();
+        asked.dedup();
+        added.clear();
+        added.extend(adds.iter().map(|fact| dense(*fact)));
+        self.preconditions.push(asked);
+        self.adds.push(added);
+        self.operators.push(operator);
+    }
+}

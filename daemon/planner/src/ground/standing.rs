@@ -1,0 +1,403 @@
+//! A ground problem that stays while its texts change: what is gone is masked, and only what is new
+//! is ground.
+//!
+//! - No fact is static here, as the world may change any of them, and nothing is left out for a
+//!   goal's sake. [`Standing::task`] does both for one state and goal, in one pass.
+//! - Objects, predicates and schemas keep their numbers; those that come are numbered after them.
+//! - Each predicate has room for more facts than there are. Where it is used up, or where a change
+//!   is not one of these, the answer is [`Outgrown`], and the texts are ground afresh.
+
+use super::finish::{Start, finish};
+use super::instantiate::{Drawn, Layout, Raw};
+use super::possible::{Flow, Possible};
+use super::reach::{Before, Reached, reach_on};
+use super::relation::Relation;
+use super::sets::Sets;
+use super::tree::RawAxiom;
+use super::values::Values;
+use super::work::Work;
+use super::{GroundError, action_relation};
+use crate::limits::{Budget, Cancel};
+use crate::normalize::lifted::{
+    Closed, Formula, Lifted, LiftedAtom, PredicateIndex, Schema, TypeSet,
+};
+use crate::normalize::{Initial, Symbols, closed, initial};
+use crate::operators::Operators;
+use crate::outcome::StopReason;
+use crate::task::{Literal, ObjectId, Task};
+
+/// A ground problem that stays.
+#[derive(Debug)]
+pub(crate) struct Standing {
+    lifted: Lifted,
+    symbols: Symbols,
+    values: Values,
+    reached: Reached,
+    drawn: Drawn,
+    flow: Option<Flow>,
+    /// Whether some condition ranges over objects, so that one that is gone would still count.
+    is_quantified: bool,
+}
+
+/// What there is at the moment.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Present {
+    /// By object.
+    pub(crate) objects: Vec<bool>,
+    /// By schema.
+    pub(crate) schemas: Vec<bool>,
+}
+
+/// A change that masks and additions cannot follow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Outgrown;
+
+/// Facts that a predicate may come to have beyond twice those it has.
+const ROOM: usize = 8;
+
+/// Facts of predicates that nobody knows yet.
+const ROOM_FOR_PREDICATES: usize = 512;
+
+// === impl Standing ===
+
+impl Standing {
+    /// Grounds a lifted task.
+    pub(crate) fn new(
+        mut lifted: Lifted,
+        symbols: Symbols,
+        budget: Budget,
+        cancel: &Cancel,
+        join_steps: &mut u64,
+    ) -> Result<Standing, GroundError> {
+        let mut work = Work::new(budget, cancel);
+        make_changeable(&mut lifted);
+        let mut values = Values::new(&lifted);
+        let all = lifted.predicates.iter().map(|predicate| predicate.arity);
+        let arities = all.chain(lifted.schemas.iter().map(|schema| schema.parameter_count));
+        let mut relations: Vec<Relation> = arities.map(Relation::new).collect();
+        for (predicate, arguments) in &lifted.init {
+            relations[*predicate].insert(arguments);
+        }
+        let reached = reach_on(&lifted, &values, relations, Before::default(), &mut work);
+        *join_steps = work.steps;
+        let mut reached = reached?;
+        let sizes = reached.relations[..lifted.predicates.len()].iter();
+        let mut drawn = Drawn::new(sizes.map(|one| room(one.len())), ROOM_FOR_PREDICATES);
+        let rows = vec![0; lifted.schemas.len()];
+        drawn.draw(&lifted, &mut reached, &mut values, &rows, &mut work)?;
+        let is_quantified = is_quantified(&lifted);
+        Ok(Standing { lifted, symbols, values, reached, drawn, flow: None, is_quantified })
+    }
+
+    /// The number of an object, if it is known.
+    pub(crate) fn object(&self, name: &pddl::Name) -> Option<ObjectId> {
+        self.symbols.known_object(name)
+    }
+
+    /// What the author of the domain may not have meant.
+    pub(crate) fn warnings(&self) -> &[pddl::Diagnostic] {
+        &self.drawn.warnings
+    }
+
+    /// Whether the texts can be masked with these objects gone.
+    pub(crate) fn can_mask_objects(&self) -> bool {
+        !self.is_quantified
+    }
+
+    pub(crate) fn schema_count(&self) -> usize {
+        self.lifted.schemas.len()
+    }
+
+    pub(crate) fn object_count(&self) -> usize {
+        self.lifted.objects.len()
+    }
+
+    /// Whether `:init` gives values to nothing but what had some when this was ground.
+    pub(crate) fn knows_values(&self, now: &Initial) -> bool {
+        self.values.know(&now.1)
+    }
+
+    /// What `:init` says, as numbers; `None` if it speaks of facts that are not known here.
+    pub(crate) fn now(&mut self, problem: &pddl::Problem) -> Option<Initial> {
+        let now = initial(&mut self.symbols, problem);
+        let is_known = |(predicate, arguments): &(PredicateIndex, Vec<ObjectId>)| {
+            self.reached.relations[*predicate].find(arguments).is_some()
+        };
+        let is_whole = now.0.iter().all(is_known) && self.symbols.take_problems().is_empty();
+        is_whole.then_some(now)
+    }
+
+    /// Whether operators would still be the same under these values: those that change may have
+    /// others, if they have any, and the rest must have the same.
+    pub(crate) fn agrees(&self, values: &[(usize, Vec<ObjectId>, f64)], present: &Present) -> bool {
+        !self.lifted.costs.varies && self.values.agree(&self.lifted, values, &present.objects)
+    }
+
+    /// Grounds what is new. `lifted` says again what is known, in the same order, and then more.
+    pub(crate) fn extend(
+        &mut self,
+        mut lifted: Lifted,
+        symbols: Symbols,
+        budget: Budget,
+        cancel: &Cancel,
+        join_steps: &mut u64,
+    ) -> Result<Result<(), Outgrown>, GroundError> {
+        let before = Before { objects: self.object_count(), schemas: self.schema_count() };
+        let known = self.lifted.predicates.len();
+        let mut work = Work::new(budget, cancel);
+        make_changeable(&mut lifted);
+        if !self.values.learn(&lifted, before.objects) {
+            return Ok(Err(Outgrown));
+        }
+        let mut relations = std::mem::take(&mut self.reached.relations);
+        let schemas = relations.split_off(known);
+        relations.extend(lifted.predicates[known..].iter().map(|one| Relation::new(one.arity)));
+        relations.extend(schemas);
+        let new = lifted.schemas[before.schemas..].iter();
+        relations.extend(new.map(|schema| Relation::new(schema.parameter_count)));
+        relations.iter_mut().for_each(Relation::forget_statistics);
+        let sizes: Vec<usize> = relations.iter().map(Relation::len).collect();
+        for (predicate, arguments) in &lifted.init {
+            relations[*predicate].insert(arguments);
+        }
+        let reached = reach_on(&lifted, &self.values, relations, before, &mut work);
+        *join_steps = work.steps;
+        self.reached = reached?;
+        let lengths = || self.reached.relations.iter().map(Relation::len);
+        if !self.drawn.has_room(lengths().take(lifted.predicates.len()), room) {
+            return Ok(Err(Outgrown));
+        }
+        let grew: Vec<bool> = lengths().zip(sizes.iter()).map(|(now, then)| now > *then).collect();
+        let objects_grew = lifted.objects.len() > before.objects;
+        let mut rows = vec![0; lifted.schemas.len()];
+        let mut settled = vec![false; lifted.schemas.len()];
+        for (index, schema) in lifted.schemas[..before.schemas].iter().enumerate() {
+            settled[index] = is_settled(schema, &grew, objects_grew);
+            if settled[index] {
+                rows[index] = sizes[action_relation(&lifted, index)];
+            }
+        }
+        self.drawn.operators = kept(&self.drawn.operators, |_, schema| settled[schema as usize]);
+        self.drawn.draw(&lifted, &mut self.reached, &mut self.values, &rows, &mut work)?;
+        self.is_quantified = is_quantified(&lifted);
+        (self.lifted, self.symbols, self.flow) = (lifted, symbols, None);
+        Ok(Ok(()))
+    }
+
+    /// The task of one state and goal; `None` if the goal cannot hold, whatever is done. `Outgrown`
+    /// if the goal asks for numbers that nobody has followed.
+    pub(crate) fn task(
+        &mut self,
+        now: &Initial,
+        present: &Present,
+        goal: &pddl::Condition,
+        budget: Budget,
+        cancel: &Cancel,
+    ) -> Result<Result<Option<Task>, Outgrown>, StopReason> {
+        let mut work = Work::new(budget, cancel);
+        let goal = closed(&mut self.symbols, goal);
+        let mut is_followed = self.symbols.take_problems().is_empty();
+        goal.formula.functions(&mut |index| is_followed &= self.lifted.functions[index].read);
+        if !is_followed {
+            return Ok(Err(Outgrown));
+        }
+        let Some(goal) = self.goal(&goal, present, &mut work)? else { return Ok(Ok(None)) };
+        let (layout, holds, possible) = self.possible(now, present);
+        let operators = kept(&self.drawn.operators, |index, _| possible.operators[index]);
+        let can = |axiom: &&_| is_possible(&layout, &possible.facts, axiom);
+        let raw = Raw {
+            operators,
+            axioms: self.drawn.axioms().filter(can).cloned().collect(),
+            comparisons: self.drawn.comparisons.all.clone(),
+            goal: Some(goal),
+            layout,
+            warnings: Vec::new(),
+        };
+        let never = possible.facts.iter().map(|can| !can).collect();
+        let start = Start { initial: holds, never, values: self.values.at(&self.lifted, &now.1) };
+        let relations = &self.reached.relations;
+        finish(&self.lifted, relations, start, raw, &mut work).map(Ok)
+    }
+
+    /// Which facts can ever hold, by number; those that nobody knows cannot.
+    pub(crate) fn reaches(
+        &mut self,
+        now: &Initial,
+        present: &Present,
+        facts: &[(PredicateIndex, Vec<ObjectId>)],
+    ) -> Vec<bool> {
+        let (layout, _, possible) = self.possible(now, present);
+        let can = |(predicate, objects): &(PredicateIndex, Vec<ObjectId>)| {
+            let row = self.reached.relations[*predicate].find(objects);
+            row.is_some_and(|row| possible.facts[layout.offsets[*predicate] + row])
+        };
+        facts.iter().map(can).collect()
+    }
+
+    /// A condition that is a single fact, as numbers.
+    pub(crate) fn fact(&mut self, condition: &pddl::Condition) -> Option<(usize, Vec<ObjectId>)> {
+        let pddl::Condition::Atom(atom) = condition else { return None };
+        let objects = atom.arguments.iter().map(|term| match term {
+            pddl::Term::Object(name) => self.symbols.known_object(name),
+            pddl::Term::Variable(_) => None,
+        });
+        let objects = objects.collect::<Option<Vec<_>>>()?;
+        let predicate = self.symbols.predicate(&atom.predicate, objects.len());
+        self.symbols.take_problems();
+        Some((predicate?, objects))
+    }
+
+    /// What holds, by raw fact, and what can come of it.
+    fn possible(&mut self, now: &Initial, present: &Present) -> (Layout, Vec<bool>, Possible) {
+        let layout = self.drawn.layout();
+        let mut holds = vec![false; layout.comparison_offset];
+        for (predicate, arguments) in &now.0 {
+            if let Some(row) = self.reached.relations[*predicate].find(arguments) {
+                holds[layout.offsets[*predicate] + row] = true;
+            }
+        }
+        let masked = self.masked(present);
+        let Drawn { operators, .. } = &self.drawn;
+        let flow = self.flow.take().filter(|flow| flow.covers(&layout, operators));
+        let flow = flow.unwrap_or_else(|| Flow::new(&layout, operators, self.drawn.axioms()));
+        let possible = flow.possible(&layout, &holds, &masked);
+        self.flow = Some(flow);
+        (layout, holds, possible)
+    }
+
+    /// Grounds a goal over the objects that are there.
+    fn goal(
+        &mut self,
+        goal: &Closed,
+        present: &Present,
+        work: &mut Work<'_>,
+    ) -> Result<Option<Vec<Literal>>, StopReason> {
+        let count = self.lifted.objects.len();
+        let here = |set: &TypeSet| {
+            let members = set.members.iter().copied();
+            TypeSet::new(members.filter(|one| present.objects[one.index()]).collect(), count)
+        };
+        let mut reached = Reached {
+            sets: Sets::of(self.symbols.types.iter().map(here).collect()),
+            relations: std::mem::take(&mut self.reached.relations),
+        };
+        let drawn = self.drawn.draw_goal(&self.lifted, goal, &mut reached, &mut self.values, work);
+        self.reached.relations = reached.relations;
+        drawn
+    }
+
+    /// By operator: whether its schema or one of its objects is gone.
+    fn masked(&self, present: &Present) -> Vec<bool> {
+        let is_here = |object: &ObjectId| present.objects[object.index()];
+        let all = self.drawn.operators.iter();
+        all.map(|operator| {
+            !present.schemas[operator.schema as usize] || !operator.arguments.iter().all(is_here)
+        })
+        .collect()
+    }
+}
+
+/// How many facts a predicate may come to have.
+fn room(facts: usize) -> usize {
+    2 * facts + ROOM
+}
+
+/// The world may change any fact, so none is static.
+fn make_changeable(lifted: &mut Lifted) {
+    for predicate in lifted.predicates.iter_mut().filter(|predicate| !predicate.derived) {
+        (predicate.added, predicate.deleted) = (true, true);
+    }
+}
+
+/// Those operators that stay, by index and schema.
+fn kept(operators: &Operators, stays: impl Fn(usize, u32) -> bool) -> Operators {
+    let mut kept = Operators::default();
+    for (index, operator) in operators.iter().enumerate() {
+        if stays(index, operator.schema) {
+            kept.push_with(operator, operator.preconditions.iter().copied());
+        }
+    }
+    kept
+}
+
+/// Whether all the facts that an axiom asks for can be.
+fn is_possible(layout: &Layout, facts: &[bool], axiom: &RawAxiom) -> bool {
+    let mut asked = axiom.body.iter().filter(|literal| literal.is_positive());
+    asked.all(|literal| facts[layout.dense(literal.fact())])
+}
+
+/// Whether what a schema's tuples became is the same still, after predicates and perhaps objects
+/// grew.
+///
+/// What a tuple's precondition asks for was there when it was found, and so is what it adds. What
+/// it must not find, deletes, or does under conditions may only be there now.
+fn is_settled(schema: &Schema, grew: &[bool], objects_grew: bool) -> bool {
+    let mut required = Vec::new();
+    let mut is_settled = settled_conjunct(&schema.precondition, grew, objects_grew, &mut required);
+    let mut condition = |formula: &Formula| {
+        formula.literals(&mut |_, atom| is_settled &= !grew[atom.predicate]);
+        is_settled &= !(objects_grew && ranges(formula));
+    };
+    schema.effects.iter().for_each(|effect| condition(&effect.condition));
+    schema.numeric.iter().for_each(|change| condition(&change.condition));
+    let deletes = schema.effects.iter().filter(|effect| !effect.adds);
+    for effect in deletes {
+        is_settled &= !grew[effect.atom.predicate] || required.contains(&&effect.atom);
+    }
+    let mut variables = schema.effects.iter().map(|effect| &effect.variables);
+    let mut numeric = schema.numeric.iter().map(|change| &change.variables);
+    let is_universal = variables.any(|one| !one.is_empty()) || numeric.any(|one| !one.is_empty());
+    is_settled && !(objects_grew && is_universal)
+}
+
+/// The same of a part of a precondition; collects the atoms that it asks for in any case.
+fn settled_conjunct<'s>(
+    formula: &'s Formula,
+    grew: &[bool],
+    objects_grew: bool,
+    required: &mut Vec<&'s LiftedAtom>,
+) -> bool {
+    match formula {
+        Formula::And(parts) => {
+            let mut is_settled = true;
+            for part in parts {
+                is_settled &= settled_conjunct(part, grew, objects_grew, required);
+            }
+            is_settled
+        }
+        Formula::Literal { positive: true, atom } => {
+            required.push(atom);
+            true
+        }
+        other => {
+            let mut is_settled = !(objects_grew && ranges(other));
+            other.literals(&mut |_, atom| is_settled &= !grew[atom.predicate]);
+            is_settled
+        }
+    }
+}
+
+/// Whether a formula ranges over objects.
+fn ranges(formula: &Formula) -> bool {
+    match formula {
+        Formula::Exists(..) | Formula::Forall(..) => true,
+        Formula::And(parts) | Formula::Or(parts) => parts.iter().any(ranges),
+        _ => false,
+    }
+}
+
+/// Whether an object that is gone could matter to one that is there.
+fn is_quantified(lifted: &Lifted) -> bool {
+    let in_schema = |schema: &Schema| {
+        let mut effects = schema.effects.iter();
+        let mut numeric = schema.numeric.iter();
+        ranges(&schema.precondition)
+            || effects.any(|effect| {
+                ranges(&effect.condition)
+                    || !effect.variables.is_empty() && (effect.adds || !effect.condition.is_true())
+            })
+            || numeric.any(|change| ranges(&change.condition) || !change.variables.is_empty())
+    };
+    lifted.schemas.iter().any(in_schema)
+        || lifted.axioms.iter().any(|axiom| axiom.frame.len() > axiom.parameter_count)
+}

@@ -1,0 +1,325 @@
+//! Planning again, while actions, objects, facts and goals come and go: what is kept answers what a
+//! fresh start would.
+
+use pddl::{Atom, Domain, InitElement, Name, PlanStep, Problem, Span, Term};
+use planner::validate::World;
+use planner::{Cancel, Course, Grounding, Options, Replanned, Replanner, StopReason};
+use proptest::prelude::*;
+use proptest::sample::Index;
+
+use crate::agreement::{action, atom, axiom, conjunction};
+use crate::brute_force::least_cost;
+use crate::support::{domain, parse, problem};
+
+/// What there may be, and what there is from one moment to the next.
+#[derive(Clone, Debug)]
+struct History {
+    actions: Vec<String>,
+    axiom: String,
+    facts: Vec<String>,
+    goals: Vec<String>,
+    moments: Vec<Moment>,
+}
+
+#[derive(Clone, Debug)]
+struct Moment {
+    actions: Vec<Index>,
+    facts: Vec<Index>,
+    goal: Index,
+    /// Whether `c` is there.
+    has_guest: bool,
+    /// What changes by itself once the first step of the plan is done, before the rest is looked at.
+    news: Option<Index>,
+}
+
+fn history() -> impl Strategy<Value = History> {
+    let any = || any::<Index>();
+    let moment = (
+        prop::collection::vec(any(), 2..6),
+        prop::collection::vec(any(), 0..7),
+        any(),
+        prop::bool::weighted(0.6),
+        prop::option::weighted(0.7, any()),
+    );
+    let moment = moment.prop_map(|(actions, facts, goal, has_guest, news)| Moment {
+        actions,
+        facts,
+        goal,
+        has_guest,
+        news,
+    });
+    let parts = (
+        prop::collection::vec(action(), 3..6),
+        axiom(),
+        prop::collection::vec(atom(0), 4..8),
+        prop::collection::vec(conjunction(0, 1..4), 1..4),
+        prop::collection::vec(moment, 3..8),
+    );
+    parts.prop_map(|(actions, axiom, mut facts, goals, moments)| {
+        facts.extend(["(s a b)", "(s b a)", "(s a c)", "(p c)", "(r c a)"].map(str::to_owned));
+        History { actions, axiom, facts, goals, moments }
+    })
+}
+
+impl History {
+    fn texts(&self, moment: &Moment) -> (String, String) {
+        let mut parts = format!(
+            "(:types t) (:constants a - t b)
+             (:predicates (z) (p ?x) (q ?x) (r ?x ?y) (d ?x) (s ?x ?y))
+             (:functions (total-cost)) (:derived (d ?v0) {})",
+            self.axiom
+        );
+        let mut actions: Vec<usize> =
+            moment.actions.iter().map(|index| index.index(self.actions.len())).collect();
+        actions.sort_unstable();
+        actions.dedup();
+        for index in actions {
+            parts += &format!("(:action act{index} {})", self.actions[index]);
+        }
+        let facts: String = { moment.facts.iter() }
+            .map(|index| index.get(&self.facts).as_str())
+            .filter(|fact| moment.has_guest || !fact.contains(" c"))
+            .collect();
+        let guest = if moment.has_guest { "(:objects c - t)" } else { "" };
+        let goal = moment.goal.get(&self.goals);
+        let rest =
+            format!("{guest} (:init {facts}) (:goal {goal}) (:metric minimize (total-cost))");
+        (domain(&parts), problem(&rest))
+    }
+}
+
+/// How often plans and ground problems were kept.
+#[derive(Debug, Default)]
+struct Tally {
+    courses: [u32; 3],
+    groundings: [u32; 4],
+}
+
+/// Plays a history; what it says at each moment is what trying everything says.
+fn play(history: &History, tally: &mut Tally) -> Result<(), TestCaseError> {
+    let mut replanner = Replanner::default();
+    for moment in &history.moments {
+        let (domain, problem) = history.texts(moment);
+        let (domain, mut problem) = parse(&domain, &problem);
+        let plan = answered(&mut replanner, &domain, &problem, &[], tally)?;
+        let (Some(news), Some((first, rest))) = (&moment.news, plan.split_first()) else {
+            continue;
+        };
+        let mut world = World::initial(&domain, &problem).expect("there are no bad axioms");
+        world.apply(first).expect("the plan is valid");
+        let claimed = |fact: &Atom| fact.predicate != "d";
+        problem.init = world.atoms().filter(claimed).map(InitElement::Atom).collect();
+        let fact = fact(news.get(&history.facts).trim_matches(['(', ')']));
+        match problem.init.iter().position(|known| *known == fact) {
+            Some(at) => drop(problem.init.remove(at)),
+            None => problem.init.push(fact),
+        }
+        if pddl::check_problem(&domain, &problem).iter().any(pddl::Diagnostic::is_error) {
+            continue;
+        }
+        answered(&mut replanner, &domain, &problem, rest, tally)?;
+    }
+    Ok(())
+}
+
+/// The steps of what is answered, once it has been held against the truth.
+fn answered(
+    replanner: &mut Replanner,
+    domain: &Domain,
+    problem: &Problem,
+    rest: &[PlanStep],
+    tally: &mut Tally,
+) -> Result<Vec<PlanStep>, TestCaseError> {
+    let options = Options::default();
+    let found = replanner.plan(domain, problem, rest, &options, &Cancel::new());
+    let found = found.map_err(|err| TestCaseError::fail(err.to_string()))?;
+    let Replanned { outcome, course, grounding } = found;
+    tally.groundings[grounding as usize] += 1;
+    match (outcome.plan, least_cost(domain, problem)) {
+        (Some(plan), Some(least)) => {
+            let cost = plan.cost.map_or(f64::NAN, |cost| cost.0);
+            let is_least = (cost - least).abs() < 1e-6;
+            let is_kept = course == Course::Kept;
+            prop_assert!(is_least || is_kept, "{course:?}: found {cost}, least {least}");
+            prop_assert!(!rest.is_empty() || outcome.statistics.proven_optimal);
+            let course = match course {
+                Course::Kept => 0,
+                Course::Repaired { .. } => 1,
+                Course::Planned => 2,
+            };
+            tally.courses[course] += 1;
+            Ok(plan.steps)
+        }
+        (None, None) => {
+            let is_proof = matches!(outcome.stop_reason, StopReason::Unsolvable { .. });
+            prop_assert!(is_proof, "{}", outcome.stop_reason);
+            Ok(Vec::new())
+        }
+        (plan, truth) => Err(TestCaseError::fail(format!("planned {plan:?}, truth {truth:?}"))),
+    }
+}
+
+#[test]
+fn what_is_kept_answers_what_brute_force_does() {
+    let config = ProptestConfig {
+        cases: 400,
+        failure_persistence: None,
+        rng_seed: proptest::test_runner::RngSeed::Fixed(2_028),
+        ..ProptestConfig::default()
+    };
+    let tally = std::cell::RefCell::new(Tally::default());
+    let mut runner = proptest::test_runner::TestRunner::new(config);
+    let played = runner.run(&history(), |history| play(&history, &mut tally.borrow_mut()));
+    if let Err(error) = played {
+        panic!("{error}");
+    }
+    // Nothing was shown about what never happened.
+    let Tally { courses, groundings } = tally.into_inner();
+    assert!(
+        courses.iter().chain(&groundings).all(|count| *count > 0),
+        "{courses:?} {groundings:?}"
+    );
+}
+
+/// A row of places and a robot.
+const ROW: &str = "(:predicates (at ?x) (next ?x ?y))
+    (:action move :parameters (?x ?y) :precondition (and (at ?x) (next ?x ?y))
+      :effect (and (not (at ?x)) (at ?y)))";
+
+fn row(place: &str) -> String {
+    problem(&format!(
+        "(:objects a b c d e) (:init (at {place}) (next a b) (next b c) (next c d) (next d e)
+           (next b a) (next c b) (next d c) (next e d)) (:goal (at e))"
+    ))
+}
+
+#[test]
+fn a_plan_goes_back_to_what_is_left_of_the_old_one() {
+    let mut replanner = Replanner::default();
+    let (options, cancel) = (Options::default(), Cancel::new());
+    let mut plan = |place: &str, rest: &[PlanStep]| {
+        let (domain, problem) = parse(&domain(ROW), &row(place));
+        let found = replanner.plan(&domain, &problem, rest, &options, &cancel).expect("it can");
+        (found.outcome.plan.expect("there is a way").steps, found.course, found.grounding)
+    };
+    let (steps, course, grounding) = plan("b", &[]);
+    assert_eq!((steps.len(), course, grounding), (3, Course::Planned, Grounding::Afresh));
+    let rest = &steps[1..];
+    let (kept, course, grounding) = plan("c", rest);
+    assert_eq!((kept.as_slice(), course, grounding), (rest, Course::Kept, Grounding::Unneeded));
+    // Somebody pushed it back.
+    let (repaired, course, grounding) = plan("a", rest);
+    assert_eq!((&repaired[2..], course), (rest, Course::Repaired { kept: 2 }));
+    assert_eq!(grounding, Grounding::Kept);
+    // Somebody pushed it on: only the last step is still wanted.
+    let (repaired, course, _) = plan("d", rest);
+    assert_eq!((repaired.as_slice(), course), (&rest[1..], Course::Repaired { kept: 1 }));
+}
+
+/// Two robots that are to see places; ways between these have lengths.
+const TOUR: &str = "(:types robot place) (:predicates (at ?r - robot ?x - place) (seen ?x - place)
+      (way ?x ?y - place) (dark ?x - place))
+    (:functions (length ?x ?y - place) (total-cost))
+    (:action move :parameters (?r - robot ?x ?y - place)
+      :precondition (and (at ?r ?x) (way ?x ?y) (not (dark ?y)))
+      :effect (and (not (at ?r ?x)) (at ?r ?y) (increase (total-cost) (length ?x ?y))))
+    (:action look :parameters (?r - robot ?x - place) :precondition (at ?r ?x)
+      :effect (and (seen ?x) (increase (total-cost) 1)))";
+
+/// What happens to a tour, beside its first steps.
+#[derive(Clone, Debug)]
+enum News {
+    /// A way is closed, or open again.
+    Way(Index),
+    Pushed(usize, usize),
+    Dark(usize),
+    /// A robot leaves.
+    Gone(usize),
+}
+
+fn news() -> impl Strategy<Value = News> {
+    prop_oneof![
+        any::<Index>().prop_map(News::Way),
+        (0..2usize, 0..4usize).prop_map(|(robot, place)| News::Pushed(robot, place)),
+        (0..4usize).prop_map(News::Dark),
+        (0..2usize).prop_map(News::Gone),
+    ]
+}
+
+fn fact(text: &str) -> InitElement {
+    let mut words = text.split(' ').map(Name::new);
+    let predicate = words.next().expect("a fact has a name");
+    let arguments = words.map(Term::Object).collect();
+    InitElement::Atom(Atom { predicate, arguments, span: Span::default() })
+}
+
+/// Plays a tour: some steps, then news, until the tour is over; how often plans were repaired.
+fn tour(lengths: &[u32], events: &[(usize, News)]) -> Result<u32, TestCaseError> {
+    let pairs = (0..4).flat_map(|x| (0..4).map(move |y| (x, y))).filter(|(x, y)| x != y);
+    let ways: Vec<_> = pairs.zip(lengths).filter(|(_, length)| **length > 0).collect();
+    let mut init = String::from("(at r0 p0) (at r1 p1)");
+    for ((x, y), length) in &ways {
+        init += &format!("(way p{x} p{y}) (= (length p{x} p{y}) {length})");
+    }
+    let text = problem(&format!(
+        "(:objects r0 r1 - robot p0 p1 p2 p3 - place) (:init {init})
+         (:goal (and (seen p2) (seen p3))) (:metric minimize (total-cost))"
+    ));
+    let (domain, mut problem) = parse(&domain(TOUR), &text);
+    let values = problem.init.iter().filter(|one| matches!(one, InitElement::Assign(..)));
+    let values: Vec<InitElement> = values.cloned().collect();
+    let mut replanner = Replanner::default();
+    let (mut rest, mut tally) = (Vec::new(), Tally::default());
+    for (done, news) in events {
+        rest = answered(&mut replanner, &domain, &problem, &rest, &mut tally)?;
+        let mut world = World::initial(&domain, &problem).expect("there are no axioms");
+        for step in rest.drain(..rest.len().min(*done)) {
+            world.apply(&step).expect("the plan is valid");
+        }
+        problem.init = world.atoms().map(InitElement::Atom).chain(values.clone()).collect();
+        let toggled = match news {
+            News::Way(index) => {
+                let ((x, y), _) = *index.get(&ways);
+                format!("way p{x} p{y}")
+            }
+            News::Dark(place) => format!("dark p{place}"),
+            News::Gone(robot) | News::Pushed(robot, _) => {
+                let name = format!("(at r{robot} ");
+                problem.init.retain(|one| !one.to_string().starts_with(&name));
+                match news {
+                    News::Pushed(_, place) => format!("at r{robot} p{place}"),
+                    _ => continue,
+                }
+            }
+        };
+        let toggled = fact(&toggled);
+        match problem.init.iter().position(|known| *known == toggled) {
+            Some(at) => drop(problem.init.remove(at)),
+            None => problem.init.push(toggled),
+        }
+    }
+    Ok(tally.courses[1])
+}
+
+#[test]
+fn tours_are_repaired_at_the_least_cost() {
+    let config = ProptestConfig {
+        cases: 150,
+        failure_persistence: None,
+        rng_seed: proptest::test_runner::RngSeed::Fixed(2_029),
+        ..ProptestConfig::default()
+    };
+    let lengths = prop::collection::vec(prop_oneof![Just(0), 1..9u32], 12);
+    let some_ways = lengths.prop_filter("no way", |all| all.iter().any(|length| *length > 0));
+    let events = prop::collection::vec((0..3usize, news()), 3..7);
+    let repaired = std::cell::Cell::new(0);
+    let mut runner = proptest::test_runner::TestRunner::new(config);
+    let played = runner.run(&(some_ways, events), |(lengths, events)| {
+        repaired.set(repaired.get() + tour(&lengths, &events)?);
+        Ok(())
+    });
+    if let Err(error) = played {
+        panic!("{error}");
+    }
+    assert!(repaired.get() > 20, "{} repaired", repaired.get());
+}
