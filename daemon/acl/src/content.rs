@@ -97,6 +97,10 @@ pub struct PlanRequest {
     pub problem: String,
     /// The capability epoch both belong to.
     pub epoch: u64,
+    /// What is left of the plan that was under way, one step per line, if it is to be gone on with
+    /// where that is possible.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rest: Option<String>,
 }
 
 /// Ask for the execution of a plan.

@@ -1,7 +1,7 @@
 //! The agent around a device.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use acl::content::{
@@ -13,7 +13,7 @@ use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Host, Presence, Resource, Work,
 };
 use capability::{Snapshot, model_digest, text_of};
-use planner::Cancel;
+use planner::{Cancel, Replanner};
 
 use crate::bidding::bid;
 use crate::device::{Call, Description, Device, Failure, Performed};
@@ -33,6 +33,8 @@ pub struct Actuator<D: Device> {
     announced: Announced,
     acting: Option<Acting>,
     bidding: BTreeMap<ReplyToken, (Cancel, Work)>,
+    /// Its own planner: of one bid at a time; those beside it begin with nothing, rather than wait.
+    replanner: Arc<Mutex<Replanner>>,
 }
 
 /// What others were told last.
@@ -70,6 +72,7 @@ impl<D: Device> Actuator<D> {
             announced: Announced::default(),
             acting: None,
             bidding: BTreeMap::new(),
+            replanner: Arc::default(),
         })
     }
 }
@@ -312,8 +315,12 @@ impl<D: Device> Actuator<D> {
         let local = self.local(ctx);
         let exchange = engagement.exchange.clone();
         let finished = exchange.clone();
+        let replanner = Arc::clone(&self.replanner);
         let work = ctx.compute(
-            move || bid(&local(), &call, &flag),
+            move || match replanner.try_lock() {
+                Ok(mut replanner) => bid(&local(), &call, &mut replanner, &flag),
+                Err(_) => bid(&local(), &call, &mut Replanner::default(), &flag),
+            },
             move |actuator: &mut Self, bid, ctx| {
                 actuator.bidding.remove(&finished);
                 match bid {

@@ -7,12 +7,11 @@
 use acl::content::{Bid, CallForProposals, Proposal};
 use capability::{Snapshot, text_digest};
 use pddl::{Atom, Condition, InitElement, Plan, Problem};
-use planner::goal::facts_out_of_reach;
-use planner::{Cancel, Options};
+use planner::{Cancel, Options, Replanner};
 
 const NOTHING: &str = "nothing that is called for is within my reach";
 
-/// Plans for a call.
+/// Plans for a call, with what `replanner` still knows of the last one.
 ///
 /// # Errors
 ///
@@ -20,16 +19,17 @@ const NOTHING: &str = "nothing that is called for is within my reach";
 pub(crate) fn bid(
     snapshot: &Snapshot,
     call: &CallForProposals,
+    replanner: &mut Replanner,
     cancel: &Cancel,
 ) -> Result<Bid, String> {
-    let conjuncts = within_reach(snapshot, readable(call)?, cancel);
+    let conjuncts = within_reach(snapshot, readable(call)?, replanner, cancel);
     if conjuncts.is_empty() {
         return Err(NOTHING.to_owned());
     }
     let mut proposals = Vec::new();
     if !call.together {
         for conjunct in &conjuncts {
-            proposals.extend(propose(snapshot, &[conjunct], cancel));
+            proposals.extend(propose(snapshot, &[conjunct], replanner, cancel));
         }
     }
     let reachable: Vec<_> = conjuncts
@@ -39,7 +39,7 @@ pub(crate) fn bid(
         })
         .collect();
     if call.together || reachable.len() > 1 {
-        proposals.extend(propose(snapshot, &reachable, cancel));
+        proposals.extend(propose(snapshot, &reachable, replanner, cancel));
     }
     if proposals.is_empty() {
         return Err(NOTHING.to_owned());
@@ -65,13 +65,15 @@ fn readable(call: &CallForProposals) -> Result<Vec<(String, Condition)>, String>
 fn within_reach(
     snapshot: &Snapshot,
     conjuncts: Vec<(String, Condition)>,
+    replanner: &mut Replanner,
     cancel: &Cancel,
 ) -> Vec<(String, Condition)> {
     let conditions: Vec<_> = conjuncts.iter().map(|(_, condition)| condition).collect();
     let mut problem = snapshot.with_goal(Condition::always(), None);
     forget(&mut problem, &conjuncts);
     let options = Options::default();
-    let proven = facts_out_of_reach(&snapshot.domain, &problem, &conditions, &options, cancel);
+    let proven =
+        replanner.facts_out_of_reach(&snapshot.domain, &problem, &conditions, &options, cancel);
     // One that cannot be read spoils the proof, not the bid: each is planned for by itself.
     let proven = proven.unwrap_or_default();
     let kept = conjuncts.into_iter().enumerate();
@@ -82,14 +84,15 @@ fn within_reach(
 fn propose(
     snapshot: &Snapshot,
     conjuncts: &[&(String, Condition)],
+    replanner: &mut Replanner,
     cancel: &Cancel,
 ) -> Option<Proposal> {
     let goal = Condition::And(conjuncts.iter().map(|(_, condition)| condition.clone()).collect());
     let mut problem = snapshot.with_goal(goal, None);
     forget(&mut problem, conjuncts.iter().copied());
-    let outcome = planner::plan(&snapshot.domain, &problem, &Options::default(), cancel);
-    let plan = match outcome {
-        Ok(outcome) => outcome.plan?,
+    let planned = replanner.plan(&snapshot.domain, &problem, &[], &Options::default(), cancel);
+    let plan = match planned {
+        Ok(planned) => planned.outcome.plan?,
         Err(error) => {
             tracing::warn!(%error, "the local planner declines");
             return None;

@@ -63,6 +63,7 @@ impl PlanRequester {
         if let Some(goal) = self.goals.get_mut(id) {
             goal.phase = Phase::Executing(token);
             goal.steps_left = known.outside(plan).steps;
+            goal.given_up.clear();
             goal.blocked_by.clear();
         }
         // The next goal may be planned for while this one is carried out.
@@ -94,6 +95,9 @@ impl PlanRequester {
             read => read,
         };
         let asked_to = std::mem::replace(&mut goal.phase, Phase::Queued);
+        if matches!(asked_to, Phase::Executing(_)) {
+            goal.given_up = std::mem::take(&mut goal.steps_left);
+        }
         self.release(id);
         match (asked_to, report) {
             (Phase::Cancelling(_), report) => self.cancelled_in_execution(id, report, ctx),

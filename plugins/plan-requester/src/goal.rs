@@ -47,6 +47,8 @@ pub(crate) struct Goal {
     pub(crate) attempt: Attempt,
     /// The steps of the running plan that are not known to be done, as their agents name them.
     pub(crate) steps_left: Vec<PlanStep>,
+    /// Those of the plan that failed, for a planner that would go on with it.
+    pub(crate) given_up: Vec<PlanStep>,
     /// What the user was told last of what it waits for.
     pub(crate) blocked_by: String,
     /// Whether it was looked for twice since there was a plan last.
@@ -149,6 +151,7 @@ impl Goal {
             failures: 0,
             attempt: Attempt::default(),
             steps_left: Vec::new(),
+            given_up: Vec::new(),
             blocked_by: String::new(),
             looked_twice: false,
             is_told: false,

@@ -174,6 +174,15 @@ impl Known {
         self.validate(&plan, goal).ok()
     }
 
+    /// The steps of a plan from the first on after which all agents are there, under the names of
+    /// the composite domain; `None` if there are none.
+    pub(crate) fn nameable(&self, steps: &[PlanStep]) -> Option<Plan> {
+        let named = steps.iter().rev().map_while(|step| self.named(step, &self.all_offers).ok());
+        let mut steps: Vec<_> = named.collect();
+        steps.reverse();
+        (!steps.is_empty()).then_some(Plan { steps, cost: None })
+    }
+
     /// Which of these not even the relaxation reaches, where no action undoes another, and what is
     /// missing.
     pub(crate) fn explain(&self, conjuncts: &[Condition], cancel: &Cancel) -> Option<Explanation> {

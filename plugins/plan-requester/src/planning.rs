@@ -32,6 +32,7 @@ impl PlanRequester {
             domain: known.domain_text.clone(),
             problem: known.problem_of(&wanted).to_string(),
             epoch: known.epoch,
+            rest: known.nameable(&goal.given_up).map(|rest| rest.to_string()),
         };
         let opening = Opening {
             to: Some(self.config.planning_agent.clone()),

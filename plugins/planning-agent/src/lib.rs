@@ -4,16 +4,20 @@
 //!   none.
 //! - Plans aside, one request at a time per thread, bounded; `cancel` and the deadline of the
 //!   request end the search.
-//! - Does not choose, execute or replan.
+//! - Keeps what it has ground from one request to the next, and goes on with what is left of a plan
+//!   where it is asked to.
+//! - Does not choose, execute, or decide when to plan anew.
 
 use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
 
 use acl::content::{PlanProposal, PlanRequest, PlanStatus, Reason, Request};
 use acl::{Message, Performative, ReplyToken};
 use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, PluginEntry, Work,
 };
-use planner::{Cancel, Options, PlanError, StopReason};
+use pddl::{Domain, PlanStep};
+use planner::{Cancel, Options, PlanError, Replanner, StopReason};
 
 /// Searches that may run side by side: a board has few cores, and a search that waits is better
 /// refused, so that its requester can say so.
@@ -28,11 +32,21 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 };
 
 fn build(_: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
-    Ok(Box::new(PlanningAgent { searches: BTreeMap::new() }))
+    Ok(Box::new(PlanningAgent { searches: BTreeMap::new(), memory: Arc::default() }))
 }
 
 struct PlanningAgent {
     searches: BTreeMap<ReplyToken, Search>,
+    /// Of one search at a time; those beside it begin with nothing, rather than wait.
+    memory: Arc<Mutex<Memory>>,
+}
+
+/// What is kept from one request to the next.
+#[derive(Default)]
+struct Memory {
+    /// The domain asked about last, by its text.
+    domain: Option<(String, Arc<Domain>)>,
+    replanner: Replanner,
 }
 
 struct Search {
@@ -87,8 +101,12 @@ impl PlanningAgent {
         ctx.after(patience.mul_f32(0.9), move |_, _| deadline.set());
         let token = engagement.exchange.clone();
         let finished = token.clone();
+        let memory = Arc::clone(&self.memory);
         let work = ctx.compute(
-            move || propose(&request, &flag),
+            move || match memory.try_lock() {
+                Ok(mut memory) => propose(&request, &mut memory, &flag),
+                Err(_) => propose(&request, &mut Memory::default(), &flag),
+            },
             move |agent, proposal, ctx| {
                 agent.searches.remove(&finished);
                 ctx.answer(&engagement, Performative::Propose, &proposal);
@@ -109,24 +127,39 @@ impl PlanningAgent {
     }
 }
 
+impl Memory {
+    /// The domain of a text, which is read but once.
+    fn domain(&mut self, text: &str) -> Result<Arc<Domain>, Vec<pddl::Diagnostic>> {
+        if let Some((_, known)) = self.domain.as_ref().filter(|(known, _)| known == text) {
+            return Ok(Arc::clone(known));
+        }
+        let domain = Arc::new(pddl::parse_domain(text).into_result()?);
+        self.domain = Some((text.to_owned(), Arc::clone(&domain)));
+        Ok(domain)
+    }
+}
+
 /// Plans, and tells how it went.
-fn propose(request: &PlanRequest, cancel: &Cancel) -> PlanProposal {
+fn propose(request: &PlanRequest, memory: &mut Memory, cancel: &Cancel) -> PlanProposal {
     let nothing = |status, detail: String| PlanProposal {
         status,
         plan: None,
         cost: None,
         detail: Some(detail),
     };
-    let parsed = pddl::parse_domain(&request.domain)
-        .into_result()
-        .and_then(|domain| Ok((domain, pddl::parse_problem(&request.problem).into_result()?)));
-    let (domain, problem) = match parsed {
+    let parsed = memory.domain(&request.domain).and_then(|domain| {
+        let problem = pddl::parse_problem(&request.problem).into_result()?;
+        Ok((domain, problem, rest(request)?))
+    });
+    let (domain, problem, rest) = match parsed {
         Ok(texts) => texts,
         Err(diagnostics) => {
             return nothing(PlanStatus::Unsupported, lines(&diagnostics));
         }
     };
-    match planner::plan(&domain, &problem, &Options::default(), cancel) {
+    let (replanner, options) = (&mut memory.replanner, Options::default());
+    let planned = replanner.plan(&domain, &problem, &rest, &options, cancel);
+    match planned.map(|planned| planned.outcome) {
         Ok(outcome) => match outcome.plan {
             Some(plan) => PlanProposal {
                 status: PlanStatus::Solved,
@@ -141,6 +174,12 @@ fn propose(request: &PlanRequest, cancel: &Cancel) -> PlanProposal {
         }
         Err(error) => nothing(PlanStatus::Unsupported, error.to_string()),
     }
+}
+
+/// What is left of the plan that was under way.
+fn rest(request: &PlanRequest) -> Result<Vec<PlanStep>, Vec<pddl::Diagnostic>> {
+    let Some(text) = &request.rest else { return Ok(Vec::new()) };
+    Ok(pddl::parse_plan(text).into_result()?.steps)
 }
 
 fn lines(diagnostics: &[pddl::Diagnostic]) -> String {
