@@ -32,6 +32,10 @@ const WEIGHTS: [Option<u32>; 5] = [None, Some(5), Some(3), Some(2), Some(1)];
 /// half a second.
 const PRUNING_MAX: u64 = 300_000_000;
 
+/// Expansions after which a search for a better plan makes room for another one, if not more were
+/// made before it.
+const STAGE_MIN: u64 = 10_000;
+
 /// The lists of the searches for better plans.
 const LAMA: &[List] = &[List::Ff, List::FfPreferred, List::Landmarks, List::LandmarksPreferred];
 
@@ -216,11 +220,13 @@ impl<'t> Solver<'t> {
         mut best: Vec<OperatorId>,
         found: &mut dyn FnMut(&[OperatorId]),
     ) -> StopReason {
-        let mut stages = WEIGHTS.into_iter();
-        let mut weight = None;
-        loop {
-            // The last, most careful stage goes on until it finds nothing more.
-            weight = stages.next().unwrap_or(weight);
+        // Where all steps cost the same, the first search was the first of these.
+        let stages = WEIGHTS.into_iter().cycle().skip(usize::from(self.task.costs_equal));
+        for weight in stages {
+            let left = STAGE_MIN.max(self.statistics.expansions);
+            let makes_room = left < self.options.budget.expansions_max;
+            let expansions_max = left.min(self.options.budget.expansions_max);
+            let budget = Budget { expansions_max, ..self.options.budget };
             let manner = Manner {
                 weights: Weights::PlusOne,
                 weight,
@@ -229,7 +235,7 @@ impl<'t> Solver<'t> {
             };
             let ff = FastForward::new(self.task, manner.weights);
             let mut search = Lazy::new(self.task, &self.generator, ff, manner, self.cancel);
-            let result = run(&mut search, self.options.budget, self.cancel);
+            let result = run(&mut search, budget, self.cancel);
             let found_here = search.statistics();
             self.statistics.expansions += found_here.expansions;
             self.statistics.evaluations += found_here.evaluations;
@@ -238,6 +244,7 @@ impl<'t> Solver<'t> {
                     best = improve::eliminate(self.task, plan, self.cancel);
                     found(&best);
                 }
+                Err(StopReason::ExpansionLimit { .. }) if makes_room => (),
                 Err(StopReason::Exhausted) => {
                     // Where all steps cost the same, the cheapest plan is the shortest.
                     self.statistics.proven_optimal = self.task.costs_equal && self.task.costs_exact;
@@ -246,5 +253,6 @@ impl<'t> Solver<'t> {
                 Err(reason) => return reason,
             }
         }
+        StopReason::GoalReached
     }
 }
