@@ -323,3 +323,67 @@ fn tours_are_repaired_at_the_least_cost() {
     }
     assert!(repaired.get() > 20, "{} repaired", repaired.get());
 }
+
+/// A robot whose battery lasts so far, and ways that are so long.
+const BATTERY: &str =
+    "(:types robot place) (:predicates (at ?r - robot ?x - place) (way ?x ?y - place))
+    (:functions (length ?x ?y - place) (charge ?r - robot) (warmth ?x - place) (total-cost))
+    (:action move :parameters (?r - robot ?x ?y - place)
+      :precondition (and (at ?r ?x) (way ?x ?y) (>= (charge ?r) (length ?x ?y)))
+      :effect (and (not (at ?r ?x)) (at ?r ?y) (decrease (charge ?r) (length ?x ?y))
+        (increase (total-cost) (length ?x ?y))))";
+
+fn battery(length: u32, charge: u32, warmth: u32, goal: &str) -> String {
+    problem(&format!(
+        "(:objects r - robot a b c - place)
+         (:init (at r a) (way a b) (way b c) (way a c) (= (length a b) 2) (= (length b c) 2)
+           (= (length a c) {length}) (= (charge r) {charge}) (= (warmth a) {warmth}) (= (total-cost) 0))
+         (:goal {goal}) (:metric minimize (total-cost))"
+    ))
+}
+
+#[test]
+fn numbers_that_change_are_followed_and_others_are_ground_again() {
+    let mut replanner = Replanner::default();
+    let (options, cancel) = (Options::default(), Cancel::new());
+    let mut again = |length, charge, warmth, goal: &str| {
+        let (domain, problem) = parse(&domain(BATTERY), &battery(length, charge, warmth, goal));
+        let found = replanner.plan(&domain, &problem, &[], &options, &cancel).expect("it can");
+        let cost = found.outcome.plan.and_then(|plan| plan.cost).map(|cost| cost.0);
+        (cost, found.grounding)
+    };
+    assert_eq!(again(3, 9, 20, "(at r c)"), (Some(3.0), Grounding::Afresh));
+    // What the battery holds is part of the state; how warm it is, nothing depends on.
+    assert_eq!(again(3, 3, 21, "(at r c)"), (Some(3.0), Grounding::Kept));
+    assert_eq!(again(3, 2, 22, "(at r c)"), (None, Grounding::Kept));
+    // How long a way is, costs are made of.
+    assert_eq!(again(7, 9, 22, "(at r c)"), (Some(4.0), Grounding::Afresh));
+    assert_eq!(again(7, 9, 22, "(and (at r b) (>= (charge r) 7))"), (Some(2.0), Grounding::Kept));
+    // Nobody has followed the warmth so far.
+    let warm = "(and (at r b) (>= (warmth a) 20))";
+    assert_eq!(again(7, 9, 22, warm), (Some(2.0), Grounding::Afresh));
+    assert_eq!(again(7, 9, 19, warm).0, None);
+}
+
+#[test]
+fn texts_that_make_no_sense_are_refused_as_ever() {
+    let mut replanner = Replanner::default();
+    let (options, cancel) = (Options::default(), Cancel::new());
+    let mut again = |text: &str| {
+        let (domain, problem) = parse(&domain(ROW), text);
+        let found = replanner.plan(&domain, &problem, &[], &options, &cancel);
+        (found.map(|found| found.grounding), planner::plan(&domain, &problem, &options, &cancel))
+    };
+    assert_eq!(again(&row("b")).0, Ok(Grounding::Afresh));
+    let spoiled = [
+        row("b").replace("(at b)", "(at z)"),
+        row("b").replace("(:goal (at e))", "(:goal (at z))"),
+        row("b").replace("(:goal (at e))", "(:goal (near e))"),
+        row("b").replace("a b c d e)", "a b c d)"),
+    ];
+    for text in spoiled {
+        let (found, plain) = again(&text);
+        assert_eq!(found, Err(plain.expect_err("it makes no sense")), "{text}");
+    }
+    assert_eq!(again(&row("c")).0, Ok(Grounding::Kept));
+}
