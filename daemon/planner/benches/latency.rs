@@ -5,33 +5,17 @@
 //! cargo bench -p planner --bench latency
 //! ```
 //!
-//! The problems are those of `scenarios/`, as in office.rs. Cold: from texts to a validated plan.
+//! The problems are those of `scenarios`. Cold: from texts to a validated plan.
 //! Warm: a planner that has planned before, told that an agent offers nothing any more, is back, or
 //! that a robot stands elsewhere; every agent and every place in turn, solvable or not.
 
 use std::time::Instant;
 
-use pddl::{Domain, InitElement, Problem, Term};
+mod scenarios;
+
+use pddl::Problem;
 use planner::{Cancel, Grounding, Options, Replanner, plan};
-
-/// A scenario's name, its domain and its problem.
-macro_rules! scenario {
-    ($name:literal) => {
-        (
-            $name,
-            include_str!(concat!("scenarios/", $name, "/domain.pddl")),
-            include_str!(concat!("scenarios/", $name, "/problem.pddl")),
-        )
-    };
-}
-
-const SCENARIOS: [(&str, &str, &str); 5] = [
-    scenario!("1-temperatures"),
-    scenario!("2-two-robots"),
-    scenario!("3-validation"),
-    scenario!("4-screen"),
-    scenario!("4-video-robot"),
-];
+use scenarios::{SCENARIOS, events, parse};
 
 /// In milliseconds: the median, and the slowest of a hundred.
 const COLD_AIM: (f64, f64) = (0.5, 2.0);
@@ -63,56 +47,6 @@ fn main() {
         });
         tell(name, &format!("replan, {} events", events.len()), warm, WARM_AIM);
     }
-}
-
-fn parse(domain: &str, problem: &str) -> (Domain, Problem) {
-    let domain = pddl::parse_domain(domain).into_result().expect("it parses");
-    (domain, pddl::parse_problem(problem).into_result().expect("it parses"))
-}
-
-/// The problem after each thing that may happen to it.
-fn events(problem: &Problem) -> Vec<Problem> {
-    let mut events = vec![problem.clone()];
-    let (mut agents, mut places) = (Vec::new(), Vec::new());
-    let note = |all: &mut Vec<Term>, one: &Term| {
-        if !all.contains(one) {
-            all.push(one.clone());
-        }
-    };
-    for element in &problem.init {
-        let InitElement::Atom(atom) = element else { continue };
-        let name = atom.predicate.as_str();
-        match atom.arguments.as_slice() {
-            [agent] if name.starts_with("offers-") => note(&mut agents, agent),
-            [place, _] if name == "connected" => note(&mut places, place),
-            _ => (),
-        }
-    }
-    for agent in agents {
-        let offers = |element: &InitElement| match element {
-            InitElement::Atom(atom) => {
-                atom.predicate.as_str().starts_with("offers-") && atom.arguments.contains(&agent)
-            }
-            _ => false,
-        };
-        let mut without = problem.clone();
-        without.init.retain(|element| !offers(element));
-        events.push(without);
-    }
-    let stands = |element: &InitElement| match element {
-        InitElement::Atom(atom) => atom.predicate == "at",
-        _ => false,
-    };
-    for index in (0..problem.init.len()).filter(|index| stands(&problem.init[*index])) {
-        for place in &places {
-            let mut moved = problem.clone();
-            if let InitElement::Atom(atom) = &mut moved.init[index] {
-                atom.arguments[1] = Term::clone(place);
-            }
-            events.push(moved);
-        }
-    }
-    events
 }
 
 /// The median and the slowest of a hundred, in milliseconds.

@@ -2,71 +2,61 @@
 //!
 //! - `office/` is small, and shows the parts: parse, ground, search, validate, deorder.
 //! - `floor` is where the quick climb fails: a floor that must be painted in the right order.
-//! - `scenarios/` are the goals of the paper's scenarios, in a whole office: two robots with a
-//!   sensor each, one with a battery and a dock, one at whose screen people log in; thermometers,
-//!   a CO₂ sensor, a camera, a screen, a video-collaboration robot. Domain and problem are what
-//!   `althing domain` shows there without the sensors that have died, and with the goal.
+//! - `scenarios` are the goals of the paper's scenarios, in a whole office; `replans` the same once
+//!   something has changed, by a planner that has planned before. latency.rs tells their slowest.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
 
-use planner::{Cancel, Options, order, plan, prepare, validate};
+use planner::{Cancel, Options, Replanner, order, plan, prepare, validate};
+
+mod scenarios;
+
+use scenarios::{SCENARIOS, events, parse};
 
 const DOMAIN: &str = include_str!("office/domain.pddl");
 const PROBLEM: &str = include_str!("office/problem.pddl");
 
-/// A scenario's name, its domain and its problem.
-macro_rules! scenario {
-    ($name:literal) => {
-        (
-            $name,
-            include_str!(concat!("scenarios/", $name, "/domain.pddl")),
-            include_str!(concat!("scenarios/", $name, "/problem.pddl")),
-        )
-    };
-}
-
-const SCENARIOS: [(&str, &str, &str); 5] = [
-    scenario!("1-temperatures"),
-    scenario!("2-two-robots"),
-    scenario!("3-validation"),
-    scenario!("4-screen"),
-    scenario!("4-video-robot"),
-];
-
-fn scenarios(criterion: &mut Criterion) {
+fn all_scenarios(criterion: &mut Criterion) {
     let (options, cancel) = (Options::default(), Cancel::new());
     let mut group = criterion.benchmark_group("scenarios");
     for (name, domain, problem) in SCENARIOS {
         let answer = || {
-            let domain = pddl::parse_domain(domain).into_result().expect("it parses");
-            let problem = pddl::parse_problem(problem).into_result().expect("it parses");
+            let (domain, problem) = parse(domain, problem);
             plan(&domain, &problem, &options, &cancel).expect("it is supported")
         };
         assert!(answer().plan.is_some(), "{name} has a plan");
         group.bench_function(name, |bencher| bencher.iter(|| black_box(answer())));
     }
     group.finish();
+    let mut group = criterion.benchmark_group("replans");
+    for (name, domain, problem) in SCENARIOS {
+        let (domain, problem) = parse(domain, problem);
+        let (events, mut replanner) = (events(&problem), Replanner::default());
+        let mut next = events.iter().cycle();
+        group.bench_function(name, |bencher| {
+            bencher.iter(|| {
+                let problem = next.next().unwrap_or(&problem);
+                black_box(replanner.plan(&domain, problem, &[], &options, &cancel))
+            });
+        });
+    }
+    group.finish();
 }
 
 fn office(criterion: &mut Criterion) {
-    let parse = || {
-        let domain = pddl::parse_domain(DOMAIN).into_result();
-        let problem = pddl::parse_problem(PROBLEM).into_result();
-        domain.and_then(|domain| Ok((domain, problem?)))
-    };
-    let (domain, problem) = parse().expect("the office parses");
+    let (domain, problem) = parse(DOMAIN, PROBLEM);
     let (options, cancel) = (Options::default(), Cancel::new());
     let answer = || plan(&domain, &problem, &options, &cancel);
     let found = answer().expect("the office is supported").plan.expect("the office has a plan");
     let mut group = criterion.benchmark_group("office");
     group.bench_function("texts to validated plan", |bencher| {
         bencher.iter(|| {
-            let (domain, problem) = parse().expect("the office parses");
+            let (domain, problem) = parse(DOMAIN, PROBLEM);
             black_box(plan(&domain, &problem, &options, &cancel))
         });
     });
-    group.bench_function("parse", |bencher| bencher.iter(|| black_box(parse())));
+    group.bench_function("parse", |bencher| bencher.iter(|| black_box(parse(DOMAIN, PROBLEM))));
     group.bench_function("ground", |bencher| {
         bencher.iter(|| {
             let prepared = prepare(&domain, &problem).expect("the office is supported");
@@ -132,5 +122,5 @@ fn search(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, office, scenarios, search);
+criterion_group!(benches, office, all_scenarios, search);
 criterion_main!(benches);
