@@ -46,6 +46,8 @@ pub(crate) struct Present {
     pub(crate) objects: Vec<bool>,
     /// By schema.
     pub(crate) schemas: Vec<bool>,
+    /// By predicate, as far as they are declared.
+    pub(crate) predicates: Vec<bool>,
 }
 
 /// A change that masks and additions cannot follow.

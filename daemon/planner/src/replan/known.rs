@@ -65,9 +65,10 @@ impl Known {
         let mut present = Present {
             objects: vec![false; self.objects.len()],
             schemas: vec![false; self.domain.actions.len()],
+            predicates: vec![false; self.domain.predicates.len()],
         };
         self.compare_actions(domain, &mut additions, &mut present);
-        self.compare_predicates(domain, &mut additions)?;
+        self.compare_predicates(domain, &mut additions, &mut present)?;
         for object in objects(domain, problem) {
             match standing.object(&object.name).map(|id| id.index()) {
                 Some(id) if self.objects[id].object.ty == object.ty => present.objects[id] = true,
@@ -100,13 +101,21 @@ impl Known {
         }
     }
 
-    fn compare_predicates(&self, domain: &Domain, additions: &mut Additions) -> Result<(), Other> {
+    fn compare_predicates(
+        &self,
+        domain: &Domain,
+        additions: &mut Additions,
+        present: &mut Present,
+    ) -> Result<(), Other> {
         let all = &self.domain.predicates;
         let mut next = 0;
         for predicate in &domain.predicates {
             let rest = (next..all.len()).chain(0..next);
             match { rest }.find(|at| all[*at].name == predicate.name) {
-                Some(at) if all[at].parameters == predicate.parameters => next = at + 1,
+                Some(at) if all[at].parameters == predicate.parameters => {
+                    present.predicates[at] = true;
+                    next = at + 1;
+                }
                 Some(_) => return Err(Other),
                 None => additions.predicates.push(predicate.clone()),
             }
@@ -116,9 +125,10 @@ impl Known {
 
     /// Learns what is new; it is present.
     pub(super) fn learn(&mut self, additions: Additions, present: &mut Present) {
-        present.schemas.resize(self.domain.actions.len() + additions.actions.len(), true);
         self.domain.actions.extend(additions.actions);
         self.domain.predicates.extend(additions.predicates);
+        present.schemas.resize(self.domain.actions.len(), true);
+        present.predicates.resize(self.domain.predicates.len(), true);
         for declared in additions.objects {
             if !self.objects.iter().any(|one| one.object.name == declared.object.name) {
                 self.objects.push(declared);
@@ -137,6 +147,7 @@ impl Known {
         Present {
             objects: vec![true; self.objects.len()],
             schemas: vec![true; self.domain.actions.len()],
+            predicates: vec![true; self.domain.predicates.len()],
         }
     }
 }

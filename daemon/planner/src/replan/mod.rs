@@ -236,17 +236,21 @@ impl Replanner {
             return refuse_mistakes(domain, problem).map(|()| None);
         };
         let Difference { additions, present, now } = &difference;
-        let is_checked = held
-            .checked
-            .as_ref()
-            .is_some_and(|(goal, then)| *goal == problem.goal && then == present);
-        if !additions.are_objects_only() {
+        let checked = held.checked.as_ref();
+        let has_domain = checked.is_some_and(|(_, then)| {
+            then.schemas == present.schemas && then.predicates == present.predicates
+        });
+        let has_problem = checked
+            .is_some_and(|(goal, then)| *goal == problem.goal && then == present)
+            && now.as_ref().is_some_and(|now| held.standing.knows_values(now));
+        if !has_domain || !additions.are_objects_only() {
             refuse_mistakes(domain, problem)?;
-        } else if !(is_checked && now.as_ref().is_some_and(|now| held.standing.knows_values(now))) {
+        } else if !has_problem {
             refuse_mistakes_of_problem(domain, problem)?;
         }
-        if !is_checked && additions.is_empty() {
-            held.checked = Some((problem.goal.clone(), present.clone()));
+        if !has_problem {
+            let is_all = additions.is_empty();
+            held.checked = is_all.then(|| (problem.goal.clone(), present.clone()));
         }
         Ok(Some(difference))
     }
