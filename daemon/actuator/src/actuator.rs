@@ -10,7 +10,8 @@ use acl::content::{
 };
 use acl::{AgentId, Deadline, Message, Performative, ReplyToken};
 use agent::{
-    Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Host, Presence, Resource, Work,
+    Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Host, Presence, Resource,
+    TimerId, Work,
 };
 use capability::{Snapshot, model_digest, text_of};
 use planner::{Cancel, Replanner};
@@ -24,6 +25,10 @@ use crate::ledger::{Ledger, StateFolder};
 /// milliseconds.
 const BIDS_MAX: usize = 16;
 
+/// How long after the last call what was ground for it is kept. A goal that fails is called for
+/// again within seconds; a hundred devices that keep it for ever would take tens of megabytes.
+const GROUND_KEPT: Duration = Duration::from_secs(60);
+
 /// An agent that senses or acts.
 pub struct Actuator<D: Device> {
     pub(crate) device: D,
@@ -35,6 +40,8 @@ pub struct Actuator<D: Device> {
     bidding: BTreeMap<ReplyToken, (Cancel, Work)>,
     /// Its own planner: of one bid at a time; those beside it begin with nothing, rather than wait.
     replanner: Arc<Mutex<Replanner>>,
+    /// When it lets go of what it has ground.
+    letting_go: Option<TimerId>,
 }
 
 /// What others were told last.
@@ -73,6 +80,7 @@ impl<D: Device> Actuator<D> {
             acting: None,
             bidding: BTreeMap::new(),
             replanner: Arc::default(),
+            letting_go: None,
         })
     }
 }
@@ -316,6 +324,13 @@ impl<D: Device> Actuator<D> {
         let exchange = engagement.exchange.clone();
         let finished = exchange.clone();
         let replanner = Arc::clone(&self.replanner);
+        if let Some(timer) = self.letting_go.take() {
+            ctx.forget(timer);
+        }
+        let let_go = |actuator: &mut Self, _: &mut Context<Self>| {
+            (actuator.replanner, actuator.letting_go) = (Arc::default(), None);
+        };
+        self.letting_go = Some(ctx.after(GROUND_KEPT, let_go));
         let work = ctx.compute(
             move || match replanner.try_lock() {
                 Ok(mut replanner) => bid(&local(), &call, &mut replanner, &flag),
