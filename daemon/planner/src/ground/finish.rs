@@ -124,31 +124,6 @@ struct Facts<'l> {
     never: Vec<bool>,
 }
 
-// === impl Layout ===
-
-impl Layout {
-    /// One past the last comparison, by dense index.
-    pub(super) fn comparison_end(&self) -> usize {
-        self.comparison_offset + self.comparisons
-    }
-
-    /// One past the last dense index: rows of relations, comparisons, auxiliaries.
-    pub(super) fn dense_end(&self) -> usize {
-        self.comparison_end() + (self.end - self.auxiliary_offset)
-    }
-
-    /// The dense index of a raw fact: no room is left for comparisons that there are not.
-    #[inline]
-    pub(super) fn dense(&self, fact: FactId) -> usize {
-        let index = fact.index();
-        if index < self.auxiliary_offset {
-            index
-        } else {
-            index - self.auxiliary_offset + self.comparison_end()
-        }
-    }
-}
-
 // === impl Start ===
 
 impl Start {

@@ -98,7 +98,8 @@ pub(super) struct Before {
     pub(super) schemas: usize,
 }
 
-fn initial_relations(lifted: &Lifted) -> Vec<Relation> {
+/// The relations of predicates and schemas, with the facts of the initial state.
+pub(super) fn initial_relations(lifted: &Lifted) -> Vec<Relation> {
     let mut relations: Vec<Relation> =
         lifted.predicates.iter().map(|predicate| Relation::new(predicate.arity)).collect();
     relations.extend(lifted.schemas.iter().map(|schema| Relation::new(schema.parameter_count)));

@@ -10,7 +10,7 @@
 use super::finish::{Start, finish};
 use super::instantiate::{Drawn, Layout, Raw};
 use super::possible::{Flow, Possible};
-use super::reach::{Before, Reached, reach_on};
+use super::reach::{Before, Reached, initial_relations, reach_on};
 use super::relation::Relation;
 use super::sets::Sets;
 use super::tree::RawAxiom;
@@ -37,6 +37,8 @@ pub(crate) struct Standing {
     flow: Option<Flow>,
     /// Whether some condition ranges over objects, so that one that is gone would still count.
     is_quantified: bool,
+    /// Comparisons and auxiliaries of the texts alone; those of goals come after them.
+    made_up: usize,
 }
 
 /// What there is at the moment.
@@ -57,6 +59,10 @@ pub(crate) struct Outgrown;
 /// Facts that a predicate may come to have beyond twice those it has.
 const ROOM: usize = 8;
 
+/// Comparisons, disjunctions and types that goals may leave behind before all is ground afresh: who
+/// asks for something else every time must not fill the memory.
+const LEFT_BEHIND_MAX: usize = 1_000;
+
 /// Facts of predicates that nobody knows yet.
 const ROOM_FOR_PREDICATES: usize = 512;
 
@@ -74,12 +80,7 @@ impl Standing {
         let mut work = Work::new(budget, cancel);
         make_changeable(&mut lifted);
         let mut values = Values::new(&lifted);
-        let all = lifted.predicates.iter().map(|predicate| predicate.arity);
-        let arities = all.chain(lifted.schemas.iter().map(|schema| schema.parameter_count));
-        let mut relations: Vec<Relation> = arities.map(Relation::new).collect();
-        for (predicate, arguments) in &lifted.init {
-            relations[*predicate].insert(arguments);
-        }
+        let relations = initial_relations(&lifted);
         let reached = reach_on(&lifted, &values, relations, Before::default(), &mut work);
         *join_steps = work.steps;
         let mut reached = reached?;
@@ -88,7 +89,8 @@ impl Standing {
         let rows = vec![0; lifted.schemas.len()];
         drawn.draw(&lifted, &mut reached, &mut values, &rows, &mut work)?;
         let is_quantified = is_quantified(&lifted);
-        Ok(Standing { lifted, symbols, values, reached, drawn, flow: None, is_quantified })
+        let made_up = drawn.made_up();
+        Ok(Standing { lifted, symbols, values, reached, drawn, flow: None, is_quantified, made_up })
     }
 
     /// The number of an object, if it is known.
@@ -104,14 +106,6 @@ impl Standing {
     /// Whether the texts can be masked with these objects gone.
     pub(crate) fn can_mask_objects(&self) -> bool {
         !self.is_quantified
-    }
-
-    pub(crate) fn schema_count(&self) -> usize {
-        self.lifted.schemas.len()
-    }
-
-    pub(crate) fn object_count(&self) -> usize {
-        self.lifted.objects.len()
     }
 
     /// Whether `:init` gives values to nothing but what had some when this was ground.
@@ -144,7 +138,8 @@ impl Standing {
         cancel: &Cancel,
         join_steps: &mut u64,
     ) -> Result<Result<(), Outgrown>, GroundError> {
-        let before = Before { objects: self.object_count(), schemas: self.schema_count() };
+        let before =
+            Before { objects: self.lifted.objects.len(), schemas: self.lifted.schemas.len() };
         let known = self.lifted.predicates.len();
         let mut work = Work::new(budget, cancel);
         make_changeable(&mut lifted);
@@ -187,7 +182,7 @@ impl Standing {
     }
 
     /// The task of one state and goal; `None` if the goal cannot hold, whatever is done. `Outgrown`
-    /// if the goal asks for numbers that nobody has followed.
+    /// if the goal asks for numbers that nobody has followed, or goals have left too much behind.
     pub(crate) fn task(
         &mut self,
         now: &Initial,
@@ -197,6 +192,10 @@ impl Standing {
         cancel: &Cancel,
     ) -> Result<Result<Option<Task>, Outgrown>, StopReason> {
         let mut work = Work::new(budget, cancel);
+        let types = self.symbols.types.len() - self.lifted.types.len();
+        if self.drawn.made_up() - self.made_up + types > LEFT_BEHIND_MAX {
+            return Ok(Err(Outgrown));
+        }
         let goal = closed(&mut self.symbols, goal);
         let mut is_followed = self.symbols.take_problems().is_empty();
         goal.formula.functions(&mut |index| is_followed &= self.lifted.functions[index].read);

@@ -103,6 +103,11 @@ impl Auxiliaries {
         Auxiliaries { known: FxHashMap::default(), next, axioms: Vec::new() }
     }
 
+    /// How many facts there are.
+    pub(super) fn len(&self) -> usize {
+        self.known.len()
+    }
+
     /// One past the last fact.
     pub(super) fn end(&self) -> usize {
         self.next

@@ -1,7 +1,8 @@
 //! What a [`super::Replanner`] knows of its texts: everything that was in them since it was ground
 //! afresh, in the order in which it came.
 
-use pddl::{ActionSchema, Domain, Name, ObjectDeclaration, PredicateDeclaration, Problem, Typed};
+use pddl::{ActionSchema, Domain, ObjectDeclaration, PredicateDeclaration, Problem, Typed};
+use rustc_hash::FxHashSet;
 
 use crate::ground::{Present, Standing};
 
@@ -38,12 +39,14 @@ impl Known {
             objects: Vec::new(),
             metric: problem.metric.clone(),
         };
-        for object in objects(domain, problem) {
-            if !known.objects.iter().any(|one| one.object.name == object.name) {
-                known.objects.push(declaration(object));
-            }
-        }
+        known.add(objects(domain, problem).map(declaration));
         known
+    }
+
+    /// Adds objects that are new, each once.
+    fn add(&mut self, objects: impl Iterator<Item = ObjectDeclaration>) {
+        let mut seen = FxHashSet::default();
+        self.objects.extend(objects.filter(|one| seen.insert(one.object.name.clone())));
     }
 
     /// What the texts have beyond what is known, and what of that they have.
@@ -129,11 +132,7 @@ impl Known {
         self.domain.predicates.extend(additions.predicates);
         present.schemas.resize(self.domain.actions.len(), true);
         present.predicates.resize(self.domain.predicates.len(), true);
-        for declared in additions.objects {
-            if !self.objects.iter().any(|one| one.object.name == declared.object.name) {
-                self.objects.push(declared);
-            }
-        }
+        self.add(additions.objects.into_iter());
         present.objects.resize(self.objects.len(), true);
     }
 
@@ -171,9 +170,5 @@ fn objects<'t>(domain: &'t Domain, problem: &'t Problem) -> impl Iterator<Item =
 }
 
 fn declaration(object: &Typed) -> ObjectDeclaration {
-    let name: Name = object.name.clone();
-    ObjectDeclaration {
-        object: Typed { name, ty: object.ty.clone() },
-        privacy: pddl::Privacy::Public,
-    }
+    ObjectDeclaration { object: object.clone(), privacy: pddl::Privacy::Public }
 }

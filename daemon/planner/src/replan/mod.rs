@@ -141,12 +141,10 @@ impl Replanner {
     ) -> Result<Replanned, PlanError> {
         refuse_time(domain, problem)?;
         let mut difference = self.difference(domain, problem)?;
-        let statistics = Statistics::default();
-        let mut judge = Judge::new(domain, problem);
+        let mut call = Call::new(domain, problem, options, cancel);
         if let (Some(held), Some(difference)) = (&mut self.held, &difference) {
-            judge.world = held.world(difference, problem);
+            call.judge.world = held.world(difference, problem);
         }
-        let mut call = Call { domain, problem, options, cancel, statistics, judge };
         if let Some(kept) = call.rest(rest) {
             if let (Some(held), Some(difference)) = (&mut self.held, difference) {
                 held.last = call.judge.world.map(|world| (difference.present, world));
@@ -166,7 +164,7 @@ impl Replanner {
             let goal = &problem.goal;
             let task = held.standing.task(&now, &present, goal, options.budget, cancel);
             match task {
-                // The goal is over numbers that nobody has followed; afresh, they are.
+                // The goal is over numbers that nobody has followed, say; afresh, they are.
                 Ok(Err(Outgrown)) if grounding != Grounding::Afresh => (),
                 Ok(Err(Outgrown)) => {
                     let outcome = crate::plan(domain, problem, options, cancel)?;
@@ -205,8 +203,7 @@ impl Replanner {
         let problem = &Problem { goal: together, ..problem.clone() };
         refuse_time(domain, problem)?;
         let difference = self.difference(domain, problem)?;
-        let (statistics, judge) = (Statistics::default(), Judge::new(domain, problem));
-        let mut call = Call { domain, problem, options, cancel, statistics, judge };
+        let mut call = Call::new(domain, problem, options, cancel);
         let (mut held, ready) = match self.ready(&mut call, difference) {
             Ok(ready) => ready,
             // Without an end there is no proof.
@@ -331,7 +328,17 @@ impl Held {
 
 // === impl Call ===
 
-impl Call<'_> {
+impl<'c> Call<'c> {
+    fn new(
+        domain: &'c Domain,
+        problem: &'c Problem,
+        options: &'c Options,
+        cancel: &'c Cancel,
+    ) -> Call<'c> {
+        let (statistics, judge) = (Statistics::default(), Judge::new(domain, problem));
+        Call { domain, problem, options, cancel, statistics, judge }
+    }
+
     /// The rest of the old plan, if there is one and it still leads to the goal.
     fn rest(&mut self, rest: &[PlanStep]) -> Option<Replanned> {
         if rest.is_empty() {

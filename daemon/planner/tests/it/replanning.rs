@@ -389,3 +389,18 @@ fn texts_that_make_no_sense_are_refused_as_ever() {
     }
     assert_eq!(again(ROW, &row("b")).0, Ok(Grounding::Kept));
 }
+
+#[test]
+fn who_asks_for_something_else_every_time_does_not_fill_the_memory() {
+    let mut replanner = Replanner::default();
+    let (options, cancel) = (Options::default(), Cancel::new());
+    let mut afresh = 0;
+    for round in 0..2_500 {
+        let goal = format!("(and (at r c) (>= (charge r) {}))", f64::from(round) / 1_000.0);
+        let (domain, problem) = parse(&domain(BATTERY), &battery(3, 9, 20, &goal));
+        let found = replanner.plan(&domain, &problem, &[], &options, &cancel).expect("it can");
+        assert!(found.outcome.plan.is_some());
+        afresh += u32::from(found.grounding == Grounding::Afresh);
+    }
+    assert_eq!(afresh, 3, "once at first, and once for every thousand goals");
+}
