@@ -5,11 +5,8 @@
 //!   whatever the rest of the text is made of.
 //! - Does not know what a word means: `:action`, `?x`, `5` and `-` are all symbols here.
 
-use nom::branch::alt;
-use nom::bytes::complete::{tag, take_till, take_till1, take_while1};
+use nom::bytes::complete::{take, take_till, take_while};
 use nom::combinator::{map, value};
-use nom::multi::many0_count;
-use nom::sequence::{pair, preceded};
 use nom::{IResult, Parser};
 
 /// What is left to read.
@@ -28,26 +25,30 @@ pub(crate) enum Token {
 
 /// `BLANK* ( "(" | ")" | SYMBOL )`; fails at the end of the text and nowhere else.
 pub(crate) fn token(input: Input<'_>) -> LexResult<'_, Token> {
-    preceded(
-        blanks,
-        alt((
-            map(take_till1(is_delimiter), |word: Input<'_>| Token::Symbol(word.len())),
-            value(Token::Open, tag("(")),
-            value(Token::Close, tag(")")),
-        )),
-    )
-    .parse(input)
+    let (input, ()) = blanks(input)?;
+    match input.first() {
+        Some(b'(') => value(Token::Open, take(1usize)).parse(input),
+        Some(b')') => value(Token::Close, take(1usize)).parse(input),
+        Some(_) => {
+            map(take_till(is_delimiter), |word: Input<'_>| Token::Symbol(word.len())).parse(input)
+        }
+        None => Err(nom::Err::Error(())),
+    }
 }
 
 /// `BLANK* = (SPACE | COMMENT)*`
 pub(crate) fn blanks(input: Input<'_>) -> LexResult<'_, ()> {
-    value((), many0_count(alt((take_while1(is_space), comment)))).parse(input)
+    let (mut input, _) = take_while(is_space).parse(input)?;
+    while input.first() == Some(&b';') {
+        (input, _) = comment(input)?;
+        (input, _) = take_while(is_space).parse(input)?;
+    }
+    Ok((input, ()))
 }
 
 /// `COMMENT = ";" up to the end of the line`
 fn comment(input: Input<'_>) -> LexResult<'_, Input<'_>> {
-    map(pair(tag(";"), take_till(|byte| byte == b'\n' || byte == b'\r')), |(mark, _)| mark)
-        .parse(input)
+    take_till(|byte| byte == b'\n' || byte == b'\r').parse(input)
 }
 
 fn is_space(byte: u8) -> bool {

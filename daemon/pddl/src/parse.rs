@@ -116,7 +116,7 @@ fn read<T>(
 ) -> Parsed<T> {
     let mut problems = Problems::default();
     let forest = Forest::read(text, &mut problems);
-    let mut reader = Reader::new(problems);
+    let mut reader = Reader::new(problems, forest.len());
     let value = meaning(&mut reader, forest.roots());
     Parsed { value, diagnostics: reader.into_diagnostics() }
 }

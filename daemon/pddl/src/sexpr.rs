@@ -73,6 +73,11 @@ impl<'t> Forest<'t> {
         Forest { text, entries: Builder::new(text, problems).read() }
     }
 
+    /// How many nodes there are.
+    pub(crate) fn len(&self) -> usize {
+        self.entries.len()
+    }
+
     /// The nodes that stand in no list.
     pub(crate) fn roots(&self) -> Items<'_> {
         Items {
@@ -144,7 +149,8 @@ impl<'f> Node<'f> {
     /// The closing parenthesis of a list, or the place where its author forgot it.
     fn close(self) -> Span {
         let Entry { start, end, .. } = *self.entry();
-        let is_closed = end > start + 1 && self.text().ends_with(')');
+        let last = self.forest.text.as_bytes().get((end as usize).wrapping_sub(1));
+        let is_closed = end > start + 1 && last == Some(&b')');
         Span { start: end - u32::from(is_closed), end }
     }
 

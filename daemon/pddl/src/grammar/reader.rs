@@ -2,6 +2,7 @@
 //! the kind of place that is being read.
 
 use foldhash::HashMap;
+use foldhash::fast::RandomState;
 
 use crate::diagnostic::{Diagnostic, Problems};
 use crate::nearest::nearest;
@@ -32,10 +33,15 @@ pub(super) enum Place {
     Metric,
 }
 
-/// A word in lower case, without allocating; empty if it is longer than any keyword.
-pub(super) struct Keyword {
-    bytes: [u8; KEYWORD_BYTES],
-    length: usize,
+/// A word in lower case, without allocating; empty where that is not what is written and it is longer
+/// than any keyword.
+pub(super) enum Keyword<'f> {
+    /// As it is written: nearly every word.
+    Written(&'f str),
+    Lowered {
+        bytes: [u8; KEYWORD_BYTES],
+        length: usize,
+    },
 }
 
 /// Longer than the longest keyword, `:existential-preconditions`.
@@ -44,9 +50,11 @@ const KEYWORD_BYTES: usize = 32;
 // === impl Reader ===
 
 impl<'f> Reader<'f> {
-    pub(crate) fn new(problems: Problems) -> Reader<'f> {
-        let place = Place::Plain;
-        Reader { names: HashMap::default(), problems, place, copies_left: COPIES_MAX }
+    /// For a text of so many words and lists.
+    pub(crate) fn new(problems: Problems, node_count: usize) -> Reader<'f> {
+        // A building's text spells every tenth of them for the first time.
+        let names = HashMap::with_capacity_and_hasher(node_count / 10, RandomState::default());
+        Reader { names, problems, place: Place::Plain, copies_left: COPIES_MAX }
     }
 
     pub(crate) fn into_diagnostics(self) -> Vec<Diagnostic> {
@@ -59,7 +67,12 @@ impl<'f> Reader<'f> {
 
     /// The name that is spelled `word`, standing at `span`.
     pub(super) fn intern(&mut self, word: &'f str, span: Span) -> Name {
-        self.names.entry(word).or_insert_with(|| Name::new(word)).at(span)
+        if let Some(name) = self.names.get(word) {
+            return name.at(span);
+        }
+        let name = Name::new(word);
+        self.names.insert(word, name.clone());
+        name.at(span)
     }
 
     /// Whether `count` more variables may be copied; a short text must not become a tree that does
@@ -151,18 +164,26 @@ impl<'f> Reader<'f> {
 
 // === impl Keyword ===
 
-impl Keyword {
-    pub(super) fn of(word: &str) -> Keyword {
+impl<'f> Keyword<'f> {
+    pub(super) fn of(word: &'f str) -> Keyword<'f> {
+        if !word.bytes().any(|byte| byte.is_ascii_uppercase()) {
+            return Keyword::Written(word);
+        }
         let mut bytes = [0; KEYWORD_BYTES];
         let length = if word.len() <= KEYWORD_BYTES { word.len() } else { 0 };
         for (lower, byte) in bytes.iter_mut().zip(word.bytes()) {
             *lower = byte.to_ascii_lowercase();
         }
-        Keyword { bytes, length }
+        Keyword::Lowered { bytes, length }
     }
 
     pub(super) fn as_str(&self) -> &str {
-        std::str::from_utf8(&self.bytes[..self.length]).unwrap_or("")
+        match self {
+            Keyword::Written(word) => word,
+            Keyword::Lowered { bytes, length } => {
+                std::str::from_utf8(&bytes[..*length]).unwrap_or("")
+            }
+        }
     }
 }
 
