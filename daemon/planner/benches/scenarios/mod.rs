@@ -7,6 +7,10 @@
 
 use pddl::{Domain, InitElement, Problem, Term};
 
+/// As in the daemon: a quarter of the time depends on it.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// A scenario's name, its domain and its problem.
 macro_rules! scenario {
     ($name:literal) => {
