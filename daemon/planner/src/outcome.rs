@@ -21,6 +21,27 @@ pub struct Outcome {
     pub warnings: Vec<Diagnostic>,
 }
 
+/// What a call tells while it runs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum News<'n> {
+    /// The texts are ground; now they are solved.
+    Ground {
+        /// As [`Statistics::facts`].
+        facts: usize,
+        /// As [`Statistics::operators`].
+        operators: usize,
+    },
+    /// A search goes on.
+    Searching {
+        /// States that this one has expanded; there are several where better plans are wanted.
+        expansions: u64,
+    },
+    /// A validated plan, cheaper than those before it. There is more than one only where
+    /// [`crate::Options::effort`] asks for it.
+    Plan(&'n Plan),
+}
+
 /// Why a call ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]

@@ -8,7 +8,8 @@ use pddl::{Diagnostic, Domain, Number, Plan, Problem};
 use crate::ground::{GroundError, ground};
 use crate::limits::{Cancel, Options};
 use crate::normalize::normalize;
-use crate::outcome::{Outcome, PlanError, Statistics, StopReason};
+use crate::outcome::{News, Outcome, PlanError, Statistics, StopReason};
+use crate::search::Told;
 use crate::solve::Solver;
 use crate::validate::{World, cost_from};
 
@@ -25,14 +26,13 @@ pub fn plan(
     plan_and_tell(domain, problem, options, cancel, &mut |_| ())
 }
 
-/// As [`plan()`], and tells every plan as soon as it is found and validated: each is cheaper than
-/// the one before. There is more than one only where [`Options::effort`] asks for it.
+/// As [`plan()`], and tells how far it is, and every plan as soon as it is found and validated.
 pub fn plan_and_tell(
     domain: &Domain,
     problem: &Problem,
     options: &Options,
     cancel: &Cancel,
-    found: &mut dyn FnMut(&Plan),
+    tell: &mut dyn FnMut(News<'_>),
 ) -> Result<Outcome, PlanError> {
     refuse_mistakes(domain, problem)?;
     let lifted = normalize(domain, problem)?;
@@ -50,9 +50,14 @@ pub fn plan_and_tell(
     };
     statistics.facts = task.fact_count;
     statistics.operators = task.operator_count();
+    tell(News::Ground { facts: statistics.facts, operators: statistics.operators });
     let mut judge = Judge::new(domain, problem);
-    let reason = Solver::new(&task, options, cancel, &mut statistics).run(&mut |operators| {
-        judge.hear(task.plan(operators), found);
+    let mut solver = Solver::new(&task, options, cancel, &mut statistics);
+    let reason = solver.run(&mut |told| match told {
+        Told::Searching(expansions) => tell(News::Searching { expansions }),
+        Told::Found(operators) => {
+            judge.hear(task.plan(operators), &mut |plan| tell(News::Plan(plan)));
+        }
     });
     judge.outcome(reason, statistics, grounded.warnings)
 }

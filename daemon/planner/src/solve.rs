@@ -15,7 +15,7 @@ use crate::prune::{Pruned, prune};
 use crate::search::climbing::{Climb, Climbed};
 use crate::search::lazy::{Lazy, List, Manner};
 use crate::search::optimal::{AStar, weight};
-use crate::search::{Search, improve, lanes, run};
+use crate::search::{Search, Told, improve, lanes, run};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
@@ -61,11 +61,11 @@ impl<'t> Solver<'t> {
         Solver { task, generator, options, cancel, statistics }
     }
 
-    /// Tells every plan that is worth it; why there is none, or no further one.
-    pub(crate) fn run(&mut self, found: &mut dyn FnMut(&[OperatorId])) -> StopReason {
+    /// Tells how far it is, and every plan that is worth it; why there is none, or no further one.
+    pub(crate) fn run(&mut self, tell: &mut dyn FnMut(Told<'_>)) -> StopReason {
         let first = match self.climb() {
             Climbed::Plan(plan) if self.options.effort == Effort::First => {
-                return self.finish(plan, found);
+                return self.finish(plan, tell);
             }
             Climbed::Plan(plan) => Some(plan),
             Climbed::DeadEnd => return StopReason::Unsolvable { before_search: true },
@@ -74,11 +74,16 @@ impl<'t> Solver<'t> {
         let bytes_max = self.options.budget.memory_max_bytes / 8;
         match prune(self.task, PRUNING_MAX, bytes_max, self.cancel) {
             Pruned::Nothing => StopReason::Unsolvable { before_search: true },
-            Pruned::Everything => self.go_on(first, found),
+            Pruned::Everything => self.go_on(first, tell),
             Pruned::Smaller(smaller) => {
                 let first = first.and_then(|plan| smaller.translate(&plan));
-                Solver::new(&smaller.task, self.options, self.cancel, self.statistics)
-                    .go_on(first, &mut |plan| found(&smaller.original(plan)))
+                Solver::new(&smaller.task, self.options, self.cancel, self.statistics).go_on(
+                    first,
+                    &mut |told| match told {
+                        Told::Found(plan) => tell(Told::Found(&smaller.original(plan))),
+                        told => tell(told),
+                    },
+                )
             }
         }
     }
@@ -100,72 +105,76 @@ impl<'t> Solver<'t> {
     fn go_on(
         &mut self,
         first: Option<Vec<OperatorId>>,
-        found: &mut dyn FnMut(&[OperatorId]),
+        tell: &mut dyn FnMut(Told<'_>),
     ) -> StopReason {
-        match first.map_or_else(|| self.first(), Ok) {
-            Ok(plan) => self.finish(plan, found),
+        match first.map_or_else(|| self.first(tell), Ok) {
+            Ok(plan) => self.finish(plan, tell),
             Err(reason) => reason,
         }
     }
 
     /// The first plan, as the configuration has it.
-    fn first(&mut self) -> Result<Vec<OperatorId>, StopReason> {
+    fn first(&mut self, tell: &mut dyn FnMut(Told<'_>)) -> Result<Vec<OperatorId>, StopReason> {
         match self.options.configuration.method {
-            Method::Lists { lists, .. } => self.search(lists),
-            Method::AStar { heuristic } => self.a_star(heuristic),
+            Method::Lists { lists, .. } => self.search(lists, tell),
+            Method::AStar { heuristic } => self.a_star(heuristic, tell),
         }
     }
 
     /// Tells a first plan, and better ones.
-    fn finish(
-        &mut self,
-        first: Vec<OperatorId>,
-        found: &mut dyn FnMut(&[OperatorId]),
-    ) -> StopReason {
+    fn finish(&mut self, first: Vec<OperatorId>, tell: &mut dyn FnMut(Told<'_>)) -> StopReason {
         if self.statistics.proven_optimal {
-            found(&first);
+            tell(Told::Found(&first));
             return StopReason::GoalReached;
         }
         let first = improve::eliminate(self.task, first, self.cancel);
         if self.options.effort == Effort::Anytime {
-            found(&first);
+            tell(Told::Found(&first));
         }
-        let (best, reason) = self.cheapest(first.clone());
+        let (best, reason) = self.cheapest(first.clone(), tell);
         if self.options.effort == Effort::Optimal && !self.statistics.proven_optimal {
             return reason;
         }
         if self.options.effort != Effort::Anytime || best != first {
-            found(&best);
+            tell(Told::Found(&best));
         }
         if self.options.effort == Effort::Anytime && !self.statistics.proven_optimal {
-            return self.improve(best, found);
+            return self.improve(best, tell);
         }
         StopReason::GoalReached
     }
 
     /// Searches with several lists in turn.
-    fn search(&mut self, lists: &'static [List]) -> Result<Vec<OperatorId>, StopReason> {
+    fn search(
+        &mut self,
+        lists: &'static [List],
+        tell: &mut dyn FnMut(Told<'_>),
+    ) -> Result<Vec<OperatorId>, StopReason> {
         let ff = FastForward::new(self.task, Weights::Unit);
         let (task, generator, budget) = (self.task, &self.generator, self.options.budget);
         let (result, found) = if self.options.threads > 1 {
-            lanes::run(task, generator, ff, lists, budget, self.cancel)
+            lanes::run(task, generator, ff, lists, budget, self.cancel, tell)
         } else {
             let mut search = Lazy::new(task, generator, ff, Manner::greedy(lists), self.cancel);
-            (run(&mut search, budget, self.cancel), search.statistics())
+            (run(&mut search, budget, self.cancel, tell), search.statistics())
         };
         self.statistics.expansions += found.expansions;
         self.statistics.evaluations += found.evaluations;
         result
     }
 
-    fn a_star(&mut self, name: &str) -> Result<Vec<OperatorId>, StopReason> {
+    fn a_star(
+        &mut self,
+        name: &str,
+        tell: &mut dyn FnMut(Told<'_>),
+    ) -> Result<Vec<OperatorId>, StopReason> {
         let build = heuristic(name).and_then(|one| one.build);
         let evaluator = build.map_or_else(
             || Box::new(LandmarkCut::new(self.task)) as Box<dyn Evaluator>,
             |build| build(self.task),
         );
         let mut search = AStar::new(self.task, &self.generator, evaluator, u64::MAX, u64::MAX);
-        let result = run(&mut search, self.options.budget, self.cancel);
+        let result = run(&mut search, self.options.budget, self.cancel, tell);
         self.statistics.expansions = search.expansions();
         match result {
             Ok(plan) => {
@@ -180,7 +189,11 @@ impl<'t> Solver<'t> {
 
     /// The cheapest plan, where it can be found with little work or has been asked for; otherwise
     /// the given one; and why the search for it ended.
-    fn cheapest(&mut self, first: Vec<OperatorId>) -> (Vec<OperatorId>, StopReason) {
+    fn cheapest(
+        &mut self,
+        first: Vec<OperatorId>,
+        tell: &mut dyn FnMut(Told<'_>),
+    ) -> (Vec<OperatorId>, StopReason) {
         let evaluator = LandmarkCut::new(self.task);
         let size = evaluator.size().max(1) as u64;
         let is_asked = self.options.effort == Effort::Optimal;
@@ -198,7 +211,7 @@ impl<'t> Solver<'t> {
         let mut search =
             AStar::new(self.task, &self.generator, Box::new(evaluator), bound, explorations_max);
         let budget = Budget { expansions_max, ..self.options.budget };
-        let result = run(&mut search, budget, self.cancel);
+        let result = run(&mut search, budget, self.cancel, tell);
         self.statistics.optimal_expansions = search.expansions();
         // Rounded costs prove nothing about the true ones.
         let is_exact = self.task.costs_exact && bound < u64::MAX;
@@ -215,11 +228,7 @@ impl<'t> Solver<'t> {
     }
 
     /// Searches for cheaper plans until there is none or a limit is reached.
-    fn improve(
-        &mut self,
-        mut best: Vec<OperatorId>,
-        found: &mut dyn FnMut(&[OperatorId]),
-    ) -> StopReason {
+    fn improve(&mut self, mut best: Vec<OperatorId>, tell: &mut dyn FnMut(Told<'_>)) -> StopReason {
         // Where all steps cost the same, the first search was the first of these.
         let stages = WEIGHTS.into_iter().cycle().skip(usize::from(self.task.costs_equal));
         for weight in stages {
@@ -235,14 +244,14 @@ impl<'t> Solver<'t> {
             };
             let ff = FastForward::new(self.task, manner.weights);
             let mut search = Lazy::new(self.task, &self.generator, ff, manner, self.cancel);
-            let result = run(&mut search, budget, self.cancel);
+            let result = run(&mut search, budget, self.cancel, tell);
             let found_here = search.statistics();
             self.statistics.expansions += found_here.expansions;
             self.statistics.evaluations += found_here.evaluations;
             match result {
                 Ok(plan) => {
                     best = improve::eliminate(self.task, plan, self.cancel);
-                    found(&best);
+                    tell(Told::Found(&best));
                 }
                 Err(StopReason::ExpansionLimit { .. }) if makes_room => (),
                 Err(StopReason::Exhausted) => {

@@ -6,22 +6,24 @@
 
 mod external;
 mod list;
+mod telling;
 
-use std::fmt::Write as _;
+use std::fmt::{self, Write as _};
 use std::io::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::mpsc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use pddl::{Diagnostic, Plan};
 use planner::{
-    Budget, CONFIGURATIONS, Cancel, Effort, Options, Outcome, PlanError, Statistics, StopReason,
-    Text, configuration,
+    Budget, CONFIGURATIONS, Cancel, Effort, News, Options, Outcome, PlanError, Statistics,
+    StopReason, Text, configuration,
 };
 use serde_json::{Value, json};
 
+use self::telling::Telling;
 use crate::cli::{Engine, PlanArgs};
 use crate::pddl_files::{self, Task};
 use crate::render::{number, plural};
@@ -58,16 +60,69 @@ pub(crate) fn run(args: &PlanArgs) -> ExitCode {
         // Reading took all of it; the timer's thread may be late to say so.
         cancel.set();
     }
-    let mut tell = |plan: &Plan| {
-        if args.anytime {
-            tell_better(args, &task, plan, started.elapsed());
+    let stage = Arc::new(Mutex::new(Stage::Grounding));
+    let telling = Telling::start(args, started, {
+        let stage = Arc::clone(&stage);
+        move |seconds| format!("{}, {seconds} s so far", stage_now(&stage))
+    });
+    let mut search_began = None;
+    let mut tell = |news: News<'_>| match news {
+        News::Plan(plan) if args.anytime => tell_better(args, &task, plan, started.elapsed()),
+        News::Ground { facts, operators } => {
+            *stage_now(&stage) = Stage::Preparing { facts, operators };
         }
+        News::Searching { expansions } => {
+            search_began.get_or_insert_with(|| started.elapsed());
+            *stage_now(&stage) = Stage::Searching { expansions };
+        }
+        _ => (),
     };
     let (domain, problem) = (&task.domain, &task.problem);
-    match planner::plan_and_tell(domain, problem, &options(args), &cancel, &mut tell) {
-        Ok(outcome) => show(args, &task, &outcome, started.elapsed()),
+    let planned = planner::plan_and_tell(domain, problem, &options(args), &cancel, &mut tell);
+    drop(telling);
+    let took = Took { search_began, whole: started.elapsed() };
+    match planned {
+        Ok(outcome) => show(args, &task, &outcome, took),
         Err(err) => show_error(args, &task, &err),
     }
+}
+
+/// What the planner is at.
+#[derive(Clone, Copy)]
+enum Stage {
+    Grounding,
+    Preparing { facts: usize, operators: usize },
+    Searching { expansions: u64 },
+}
+
+/// How long it took.
+#[derive(Clone, Copy)]
+struct Took {
+    /// Until a search was set up, if one was needed.
+    search_began: Option<Duration>,
+    whole: Duration,
+}
+
+// === impl Stage ===
+
+impl fmt::Display for Stage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Stage::Grounding => f.write_str("grounding"),
+            Stage::Preparing { facts, operators } => {
+                let (facts, operators) = (plural(facts, "fact"), plural(operators, "operator"));
+                write!(f, "preparing a search over {facts} and {operators}")
+            }
+            Stage::Searching { expansions } => {
+                let expansions = usize::try_from(expansions).unwrap_or(usize::MAX);
+                write!(f, "searching, {} expanded", plural(expansions, "state"))
+            }
+        }
+    }
+}
+
+fn stage_now(stage: &Mutex<Stage>) -> MutexGuard<'_, Stage> {
+    stage.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// What of the arguments this planner cannot do.
@@ -156,7 +211,7 @@ impl Timer {
     }
 }
 
-fn show(args: &PlanArgs, task: &Task, outcome: &Outcome, elapsed: Duration) -> ExitCode {
+fn show(args: &PlanArgs, task: &Task, outcome: &Outcome, took: Took) -> ExitCode {
     let mut report = task.report.clone();
     report.add(&task.domain_source, outcome.warnings.iter().cloned());
     let code = outcome.stop_reason.exit_code();
@@ -166,10 +221,10 @@ fn show(args: &PlanArgs, task: &Task, outcome: &Outcome, elapsed: Duration) -> E
         return refused;
     }
     if args.print.json {
-        return output::print_json(&json_outcome(outcome, unit_cost, &report, elapsed), code);
+        return output::print_json(&json_outcome(outcome, unit_cost, &report, took), code);
     }
     output::show_people(&report);
-    output::note(&summary(outcome, unit_cost, elapsed));
+    output::note(&summary(outcome, unit_cost, took.whole));
     match text {
         Some(text) if args.plan.is_none() => output::print(text, code),
         _ => exit::with(code),
@@ -253,7 +308,7 @@ fn status(reason: StopReason) -> &'static str {
     }
 }
 
-fn json_outcome(outcome: &Outcome, unit_cost: bool, report: &Report, elapsed: Duration) -> Value {
+fn json_outcome(outcome: &Outcome, unit_cost: bool, report: &Report, took: Took) -> Value {
     let plan = outcome.plan.as_ref();
     let steps: Option<Vec<String>> =
         plan.map(|plan| plan.steps.iter().map(ToString::to_string).collect());
@@ -263,12 +318,12 @@ fn json_outcome(outcome: &Outcome, unit_cost: bool, report: &Report, elapsed: Du
         "plan": steps,
         "cost": plan.map(|plan| number(cost(plan))),
         "cost_kind": plan.map(|_| cost_kind(unit_cost)),
-        "statistics": json_statistics(&outcome.statistics, elapsed),
+        "statistics": json_statistics(&outcome.statistics, took),
         "diagnostics": crate::render::json(report),
     })
 }
 
-fn json_statistics(statistics: &Statistics, elapsed: Duration) -> Value {
+fn json_statistics(statistics: &Statistics, took: Took) -> Value {
     // No `..`: a new figure must be given a name here.
     let Statistics {
         facts,
@@ -287,7 +342,8 @@ fn json_statistics(statistics: &Statistics, elapsed: Duration) -> Value {
         "evaluations": evaluations,
         "optimal_expansions": optimal_expansions,
         "proven_optimal": proven_optimal,
-        "seconds": elapsed.as_secs_f64(),
+        "search_seconds": took.search_began.map(|began| (took.whole - began).as_secs_f64()),
+        "seconds": took.whole.as_secs_f64(),
     })
 }
 

@@ -233,10 +233,19 @@ fn a_feature_that_is_not_supported_is_shown_in_its_line() {
 }
 
 #[test]
+fn a_search_is_timed_apart() {
+    let command = "plan domain.pddl evening.pddl --search lama-first --json";
+    let statistics = Sandbox::lamp().check(command, 0).json()["statistics"].clone();
+    let seconds = |name: &str| statistics[name].as_f64().unwrap_or(f64::NAN);
+    assert!(seconds("search_seconds") <= seconds("seconds"), "{statistics}");
+}
+
+#[test]
 fn json_is_one_object() {
     let run = Sandbox::lamp().check("plan domain.pddl evening.pddl --json", 0);
     let mut value = run.json();
     assert!(value["statistics"]["seconds"].as_f64().is_some_and(|seconds| seconds > 0.0));
+    assert!(value["statistics"]["search_seconds"].is_null(), "a climb is no search");
     value["statistics"] = serde_json::json!(null);
     expect![[r#"
         {

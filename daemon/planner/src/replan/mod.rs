@@ -19,6 +19,7 @@ use crate::limits::{Cancel, Options};
 use crate::normalize::{Initial, normalize_named, refuse_time};
 use crate::outcome::{Outcome, PlanError, Statistics, StopReason};
 use crate::plan::{Judge, refuse_mistakes, refuse_mistakes_of_problem};
+use crate::search::Told;
 use crate::solve::Solver;
 use crate::task::Task;
 use crate::validate::World;
@@ -371,7 +372,8 @@ impl<'c> Call<'c> {
         let resumable = Resumable::new(task, rest);
         let searched = resumable.as_ref().map_or(task, |resumable| &resumable.task);
         let mut solver = Solver::new(searched, self.options, self.cancel, &mut self.statistics);
-        let reason = solver.run(&mut |operators| {
+        let reason = solver.run(&mut |told| {
+            let Told::Found(operators) = told else { return };
             let (plan, is_resumed) = match &resumable {
                 Some(resumable) => resumable.plan(operators),
                 None => (task.plan(operators), false),

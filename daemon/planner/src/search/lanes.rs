@@ -2,7 +2,7 @@
 //! that who is first does not depend on the machine.
 
 use super::lazy::{Lazy, List, Manner};
-use super::{Search, Step};
+use super::{Search, Step, Told};
 use crate::configuration::CURIOUS;
 use crate::heuristic::{FastForward, Weights};
 use crate::limits::{Budget, Cancel};
@@ -24,6 +24,7 @@ pub(crate) fn run<'t>(
     lists: &'static [List],
     budget: Budget,
     cancel: &Cancel,
+    tell: &mut dyn FnMut(Told<'_>),
 ) -> (Found, Statistics) {
     let other = FastForward::new(task, Weights::Unit);
     let mut lanes = [
@@ -34,6 +35,7 @@ pub(crate) fn run<'t>(
         if let Some(reason) = limit(&lanes, budget, cancel) {
             break Err(reason);
         }
+        tell(Told::Searching(lanes.iter().map(Search::expansions).sum()));
         let [greedy, curious] = &mut lanes;
         let (first, second) = std::thread::scope(|scope| {
             let beside = scope.spawn(|| round(curious));

@@ -30,6 +30,18 @@ pub(crate) enum Step {
     Exhausted,
 }
 
+/// What is told while it is searched.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Told<'p> {
+    /// This search goes on; it has expanded so many states.
+    Searching(u64),
+    /// A plan.
+    Found(&'p [OperatorId]),
+}
+
+/// Expansions between two tellings.
+const TELL_EVERY: u64 = 1_000;
+
 /// A search that goes on by steps.
 pub(crate) trait Search {
     /// Expands at most one state.
@@ -45,12 +57,15 @@ pub(crate) trait Search {
     fn exhausted(&self) -> StopReason;
 }
 
-/// Steps a search until it ends or a limit is reached.
+/// Steps a search until it ends or a limit is reached; tells now and then how far it is, the first
+/// time once it is set up.
 pub(crate) fn run(
     search: &mut dyn Search,
     budget: Budget,
     cancel: &Cancel,
+    tell: &mut dyn FnMut(Told<'_>),
 ) -> Result<Vec<OperatorId>, StopReason> {
+    let mut tell_at = search.expansions();
     loop {
         if search.expansions() >= budget.expansions_max {
             return Err(StopReason::ExpansionLimit { limit: budget.expansions_max });
@@ -65,6 +80,10 @@ pub(crate) fn run(
             Step::InProgress => (),
             Step::Solved(plan) => return Ok(plan),
             Step::Exhausted => return Err(search.exhausted()),
+        }
+        if search.expansions() >= tell_at {
+            tell_at = (search.expansions() / TELL_EVERY + 1) * TELL_EVERY;
+            tell(Told::Searching(search.expansions()));
         }
     }
 }

@@ -4,7 +4,7 @@
 //! claims that; and every order that deordering allows works.
 
 use planner::order::deorder;
-use planner::{CONFIGURATIONS, Cancel, Effort, Options, StopReason, plan, plan_and_tell};
+use planner::{CONFIGURATIONS, Cancel, Effort, News, Options, StopReason, plan, plan_and_tell};
 use proptest::prelude::*;
 
 use crate::brute_force::least_cost;
@@ -176,7 +176,11 @@ proptest! {
         for options in ways() {
             let name = (options.configuration.name, options.effort, options.threads);
             let mut told = Vec::new();
-            let mut tell = |plan: &pddl::Plan| told.push(plan.cost.map_or(f64::NAN, |cost| cost.0));
+            let mut tell = |news: News<'_>| {
+                if let News::Plan(plan) = news {
+                    told.push(plan.cost.map_or(f64::NAN, |cost| cost.0));
+                }
+            };
             let outcome = plan_and_tell(&domain, &problem, &options, &Cancel::new(), &mut tell)
                 .map_err(|err| TestCaseError::fail(err.to_string()))?;
             prop_assert_eq!(outcome.plan.is_some(), truth.is_some(), "{:?}", name);

@@ -4,9 +4,8 @@
 //! - On a terminal a line now and then says that it still runs.
 //! - What a plan costs is what our validator says, and never what the engine claims.
 
-use std::io::IsTerminal as _;
 use std::process::ExitCode;
-use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -16,13 +15,11 @@ use planner::{Cancel, Text};
 use serde_json::json;
 use tokio::signal::unix::SignalKind;
 
+use super::telling::Telling;
 use crate::cli::PlanArgs;
 use crate::pddl_files::{self, Task};
 use crate::render::number;
 use crate::{exit, output};
-
-/// How often a person is told that an engine still runs.
-const PATIENCE: Duration = Duration::from_secs(5);
 
 /// The engine broke down, or brought a plan that does not work: “critical error” in the field.
 const BROKE_DOWN: u8 = 32;
@@ -45,8 +42,9 @@ pub(super) fn run(args: &PlanArgs, engine: Engine, task: &Task, started: Instant
     }
     let cancel = Cancel::new();
     let interrupted = on_interrupt(cancel.clone());
-    let telling = (!args.print.json && std::io::stderr().is_terminal())
-        .then(|| Telling::start(engine, started));
+    let telling = Telling::start(args, started, move |seconds| {
+        format!("{engine} has been at it for {seconds} s")
+    });
     let outcome = engines::plan(&installation, &task.domain, &task.problem, &options, &cancel);
     drop(telling);
     match outcome {
@@ -74,34 +72,6 @@ fn on_interrupt(cancel: Cancel) -> Arc<Mutex<Option<SignalKind>>> {
         });
     }
     interrupted
-}
-
-/// Says now and then that an engine still runs, until it is dropped.
-struct Telling {
-    stop: Option<mpsc::Sender<()>>,
-    thread: Option<thread::JoinHandle<()>>,
-}
-
-// === impl Telling ===
-
-impl Telling {
-    fn start(engine: Engine, started: Instant) -> Telling {
-        let (stop, stopped) = mpsc::channel::<()>();
-        let thread = thread::spawn(move || {
-            while stopped.recv_timeout(PATIENCE) == Err(mpsc::RecvTimeoutError::Timeout) {
-                let seconds = started.elapsed().as_secs();
-                output::note(&format!("{engine} has been at it for {seconds} s"));
-            }
-        });
-        Telling { stop: Some(stop), thread: Some(thread) }
-    }
-}
-
-impl Drop for Telling {
-    fn drop(&mut self) {
-        drop(self.stop.take());
-        let _ = self.thread.take().map(thread::JoinHandle::join);
-    }
 }
 
 fn show(

@@ -1,0 +1,80 @@
+#!/usr/bin/env python3
+"""States evaluated in a second of search: the embedded planner beside Fast Downward, both as `lama-first`.
+
+usage: evaluations.py BENCH [--time 20] [--core N] [--every N]
+
+BENCH is a folder with classical.tasks and classical/; `cargo build --release` and `pip install up-fast-downward` come
+before. Every task is given to both, one after the other, for that many seconds as a whole; those that both search for
+more than a second count, solved or not. Seconds before the search (reading, grounding, landmarks) are not counted for
+either. Where Fast Downward is stopped, what it said last about its search is taken. Prints Markdown.
+"""
+import argparse, json, os, pathlib, re, shlex, signal, statistics, subprocess, tempfile
+
+from competition import ALTHING, command_of_fast_downward
+
+# Fast Downward's word on its progress, and on the end of a search.
+PROGRESS = re.compile(r"\[t=([\d.]+)s.*?\] g=\d+, (\d+) evaluated")
+EVALUATED = re.compile(r"Evaluated (\d+) state")
+SEARCH_TIME = re.compile(r"Search time: ([\d.]+)s")
+# No search that is shorter counts.
+SECONDS_MIN = 1
+
+
+def run(words, seconds, folder):
+    """What a command printed until it ended or its time was up; it ends with all that it started."""
+    process = subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True)
+    try:
+        return process.communicate(timeout=seconds)[0]
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        return process.communicate()[0]
+
+
+def own(domain, problem, seconds, folder):
+    """Evaluations, and seconds of search."""
+    words = [ALTHING, "plan", domain, problem, "--search", "lama-first", "--json", "--time-limit", seconds]
+    printed = run([str(word) for word in words], seconds + 10, folder)
+    figures = json.loads(printed).get("statistics", {}) if printed else {}
+    return figures.get("evaluations", 0), figures.get("search_seconds") or 0
+
+
+def other(domain, problem, seconds, folder):
+    """The same, of Fast Downward."""
+    command = command_of_fast_downward("lama-first").format(domain=domain, problem=problem, plan=folder / "plan")
+    printed = run(shlex.split(command), seconds, folder)
+    evaluated, took = EVALUATED.search(printed), SEARCH_TIME.search(printed)
+    if evaluated and took:
+        return int(evaluated[1]), float(took[1])
+    told = PROGRESS.findall(printed)
+    return (int(told[-1][1]), float(told[-1][0]) - float(told[0][0])) if told else (0, 0)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("bench", type=pathlib.Path)
+    parser.add_argument("--time", type=float, default=20)
+    parser.add_argument("--core", type=int)
+    parser.add_argument("--every", type=int, default=1)
+    args = parser.parse_args()
+    if args.core is not None:
+        os.sched_setaffinity(0, {args.core})
+    lines = [line.split("#")[0].split() for line in open(args.bench / "classical.tasks")]
+    tasks = [line for line in lines if line]
+    ratios = []
+    print("| task | althing, evaluations/s | other | ratio |\n|---|---|---|---|")
+    for line in tasks[:: args.every]:
+        domain, problem = (args.bench / "classical" / name for name in line[:2])
+        with tempfile.TemporaryDirectory() as folder:
+            sides = [side(domain.resolve(), problem.resolve(), args.time, pathlib.Path(folder)) for side in (own, other)]
+        if all(took > SECONDS_MIN for _, took in sides):
+            mine, theirs = (count / took for count, took in sides)
+            ratios.append(mine / theirs)
+            print(f"| {line[1]} | {mine:,.0f} | {theirs:,.0f} | {ratios[-1]:.2f} |", flush=True)
+    if ratios:
+        print(f"\n{len(ratios)} tasks, median of ratios {statistics.median(ratios):.2f}")
+    else:
+        print("\nno task that both search for so long")
+
+
+if __name__ == "__main__":
+    main()
