@@ -37,6 +37,7 @@ pub(crate) struct LandmarkCut {
     cut: Vec<u32>,
     explorations: u64,
     explorations_max: u64,
+    enough: u64,
 }
 
 /// Where a proposition lies, as seen from a cut.
@@ -83,6 +84,7 @@ impl LandmarkCut {
             cut: Vec::new(),
             explorations: 0,
             explorations_max: CUTS_MAX,
+            enough: u64::MAX,
             relaxation,
         }
     }
@@ -278,6 +280,10 @@ impl Evaluator for LandmarkCut {
             match self.dearest_goal() {
                 Some((UNREACHED, _)) => return None,
                 None | Some((0, _)) => return Some(total),
+                // What the dearest goal still costs, later cuts would find at least.
+                Some((rest, _)) if total.saturating_add(rest) >= self.enough => {
+                    return Some(total.saturating_add(rest));
+                }
                 Some((_, goal)) => self.mark_goal_zone(goal),
             }
             self.find_cut();
@@ -290,8 +296,9 @@ impl Evaluator for LandmarkCut {
         }
     }
 
-    fn limit(&mut self, explorations_max: u64) {
+    fn limit(&mut self, explorations_max: u64, enough: u64) {
         self.explorations_max = explorations_max.min(CUTS_MAX);
+        self.enough = enough;
     }
 
     fn explorations(&self) -> u64 {

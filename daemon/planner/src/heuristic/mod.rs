@@ -27,9 +27,9 @@ pub(crate) trait Evaluator {
     /// `None` means a dead end: no plan passes through `state`.
     fn evaluate(&mut self, state: &State) -> Option<u64>;
 
-    /// Sets how often the next evaluation may explore the relaxation, if it does so more than once.
-    /// With less it says less.
-    fn limit(&mut self, _explorations_max: u64) {}
+    /// Sets how often the next evaluation may explore the relaxation, if it does so more than once,
+    /// and which estimate is enough: none need be higher. With less it says less.
+    fn limit(&mut self, _explorations_max: u64, _enough: u64) {}
 
     /// How often the last evaluation explored the relaxation: the unit its work is counted in.
     fn explorations(&self) -> u64 {

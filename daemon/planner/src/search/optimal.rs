@@ -87,12 +87,15 @@ impl<'t> AStar<'t> {
         }
     }
 
-    fn estimate(&mut self, id: StateId) -> u64 {
+    /// The estimate of a state that is reached at a weight: what it would take to leave it out is
+    /// enough.
+    fn estimate(&mut self, id: StateId, g: u64) -> u64 {
         let known = self.estimates[id.0 as usize];
         if known != UNKNOWN {
             return known;
         }
-        self.evaluator.limit(self.explorations_max.saturating_sub(self.explorations).max(1));
+        let explorations_max = self.explorations_max.saturating_sub(self.explorations).max(1);
+        self.evaluator.limit(explorations_max, self.bound.saturating_sub(g));
         let estimate = self.evaluator.evaluate(self.space.state(id));
         self.explorations += self.evaluator.explorations();
         let estimate = estimate.map_or(DEAD_END, |estimate| estimate.min(DEAD_END - 1));
@@ -136,7 +139,7 @@ impl Search for AStar<'_> {
         if g > self.distances[id.0 as usize] {
             return Step::InProgress;
         }
-        let estimate = self.estimate(id);
+        let estimate = self.estimate(id, g);
         let raised = f.max(g.saturating_add(estimate));
         if estimate == DEAD_END || raised > f {
             if estimate != DEAD_END {
