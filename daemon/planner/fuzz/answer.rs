@@ -2,9 +2,10 @@
 //!
 //! Shared by the fuzz target and the tests, which bring the bytes.
 
-use pddl::{Document, parse_document, text_from_bytes};
+use pddl::{Document, Domain, Plan, Problem, parse_document, text_from_bytes};
 use planner::{
-    Budget, CONFIGURATIONS, Cancel, Effort, Options, PlanError, Verdict, plan, validate,
+    Budget, CONFIGURATIONS, Cancel, Effort, Options, Outcome, PlanError, Replanner, StopReason,
+    Verdict, plan, validate,
 };
 
 /// Enough for a small building; what asks for more is told so.
@@ -24,7 +25,8 @@ pub(crate) enum Answer {
     Planned,
 }
 
-/// Reads, plans and checks.
+/// Reads, plans and checks; then plans again with every other fact gone, and once more with all of
+/// them back, as a planner does that keeps what it has ground.
 ///
 /// # Panics
 ///
@@ -48,13 +50,53 @@ pub(crate) fn answer(bytes: &[u8]) -> Answer {
         effort: efforts[bytes.len() / CONFIGURATIONS.len() % efforts.len()],
         threads: 1,
     };
-    let outcome = match plan(&domain, &problem, &options, &Cancel::new()) {
+    let Some(outcome) = planned(&domain, &problem, &options) else { return Answer::Refused };
+    replan(&domain, &problem, &options);
+    if outcome.plan.is_some() { Answer::Planned } else { Answer::NoPlan }
+}
+
+/// What is answered, once any plan in it has been checked; `None` where it is refused.
+fn planned(domain: &Domain, problem: &Problem, options: &Options) -> Option<Outcome> {
+    judged(domain, problem, plan(domain, problem, options, &Cancel::new()))
+}
+
+fn judged(
+    domain: &Domain,
+    problem: &Problem,
+    answer: Result<Outcome, PlanError>,
+) -> Option<Outcome> {
+    let outcome = match answer {
         Ok(outcome) => outcome,
         Err(err @ PlanError::Internal(_)) => panic!("{err}\n{domain}\n{problem}"),
-        Err(_) => return Answer::Refused,
+        Err(_) => return None,
     };
-    let Some(plan) = outcome.plan else { return Answer::NoPlan };
-    let verdict = validate::validate(&domain, &problem, &plan);
-    assert!(matches!(verdict, Verdict::Valid { .. }), "{verdict:?}\n{domain}\n{problem}");
-    Answer::Planned
+    if let Some(plan) = &outcome.plan {
+        let verdict = validate::validate(domain, problem, plan);
+        assert!(matches!(verdict, Verdict::Valid { .. }), "{verdict:?}\n{domain}\n{problem}");
+    }
+    Some(outcome)
+}
+
+/// Holds a planner that has planned before against one that has not.
+fn replan(domain: &Domain, problem: &Problem, options: &Options) {
+    let mut less = problem.clone();
+    let mut place = 0;
+    less.init.retain(|_| {
+        place += 1;
+        place % 2 == 0
+    });
+    let mut replanner = Replanner::default();
+    let mut rest = Plan { steps: Vec::new(), cost: None };
+    for problem in [problem, &less, problem] {
+        let again = replanner.plan(domain, problem, &rest.steps, options, &Cancel::new());
+        let again = judged(domain, problem, again.map(|replanned| replanned.outcome));
+        let (Some(again), Some(anew)) = (again, planned(domain, problem, options)) else { return };
+        for (one, other) in [(&again, &anew), (&anew, &again)] {
+            let is_proof = matches!(one.stop_reason, StopReason::Unsolvable { .. });
+            assert!(!is_proof || other.plan.is_none(), "a proof and a plan\n{domain}\n{problem}");
+        }
+        // As if its first step had been taken.
+        let steps = again.plan.into_iter().flat_map(|plan| plan.steps).skip(1);
+        rest.steps = steps.collect();
+    }
 }
