@@ -9,7 +9,7 @@ use crate::ground::{GroundError, ground};
 use crate::limits::{Budget, Cancel};
 use crate::mutex::MutexGroups;
 use crate::normalize::lifted::Lifted;
-use crate::normalize::normalize;
+use crate::normalize::{normalize, split};
 use crate::outcome::{PlanError, StopReason};
 use crate::plan::refuse_mistakes;
 use crate::task::Task;
@@ -61,7 +61,9 @@ pub struct Extent {
 /// Checks a domain and a problem and numbers their names.
 pub fn prepare(domain: &Domain, problem: &Problem) -> Result<Prepared, PlanError> {
     refuse_mistakes(domain, problem)?;
-    Ok(Prepared(normalize(domain, problem)?))
+    let mut lifted = normalize(domain, problem)?;
+    split(&mut lifted);
+    Ok(Prepared(lifted))
 }
 
 // === impl Prepared ===

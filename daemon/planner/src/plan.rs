@@ -7,7 +7,7 @@ use pddl::{Diagnostic, Domain, Number, Plan, Problem};
 
 use crate::ground::{GroundError, ground};
 use crate::limits::{Cancel, Options};
-use crate::normalize::normalize;
+use crate::normalize::{normalize, split};
 use crate::outcome::{News, Outcome, PlanError, Statistics, StopReason};
 use crate::search::Told;
 use crate::solve::Solver;
@@ -35,7 +35,8 @@ pub fn plan_and_tell(
     tell: &mut dyn FnMut(News<'_>),
 ) -> Result<Outcome, PlanError> {
     refuse_mistakes(domain, problem)?;
-    let lifted = normalize(domain, problem)?;
+    let mut lifted = normalize(domain, problem)?;
+    split(&mut lifted);
     let mut statistics = Statistics::default();
     let grounded = match ground(&lifted, options.budget, cancel, &mut statistics.join_steps) {
         Ok(grounded) => grounded,

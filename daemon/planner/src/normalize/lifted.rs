@@ -286,6 +286,57 @@ impl Formula {
         }
     }
 
+    /// The variables that the formula mentions and does not bind, some of them more than once.
+    pub(crate) fn free_slots(&self) -> Vec<Slot> {
+        let mut free = Vec::new();
+        let mut term = |term: &LiftedTerm| match term {
+            LiftedTerm::Variable(slot) => free.push(*slot),
+            LiftedTerm::Object(_) => (),
+        };
+        match self {
+            Formula::Constant(_) => (),
+            Formula::Literal { atom, .. } => atom.arguments.iter().for_each(term),
+            Formula::Equal { left, right, .. } => [left, right].into_iter().for_each(term),
+            Formula::Compare { sides, .. } => {
+                sides.0.terms(&mut term);
+                sides.1.terms(&mut term);
+            }
+            Formula::And(parts) | Formula::Or(parts) => {
+                free.extend(parts.iter().flat_map(Formula::free_slots));
+            }
+            Formula::Exists(slots, inner) | Formula::Forall(slots, inner) => {
+                free = inner.free_slots();
+                free.retain(|slot| !slots.contains(slot));
+            }
+        }
+        free
+    }
+
+    /// Calls `visit` for every place where a variable stands, those of quantifiers included.
+    pub(crate) fn slots_mut(&mut self, visit: &mut dyn FnMut(&mut Slot)) {
+        let mut term = |term: &mut LiftedTerm| {
+            if let LiftedTerm::Variable(slot) = term {
+                visit(slot);
+            }
+        };
+        match self {
+            Formula::Constant(_) => (),
+            Formula::Literal { atom, .. } => atom.arguments.iter_mut().for_each(term),
+            Formula::Equal { left, right, .. } => [left, right].into_iter().for_each(term),
+            Formula::Compare { sides, .. } => {
+                sides.0.terms_mut(&mut term);
+                sides.1.terms_mut(&mut term);
+            }
+            Formula::And(parts) | Formula::Or(parts) => {
+                parts.iter_mut().for_each(|part| part.slots_mut(visit));
+            }
+            Formula::Exists(slots, inner) | Formula::Forall(slots, inner) => {
+                slots.iter_mut().for_each(&mut *visit);
+                inner.slots_mut(visit);
+            }
+        }
+    }
+
     /// Calls `visit` for every function that the formula reads.
     pub(crate) fn functions(&self, visit: &mut dyn FnMut(FunctionIndex)) {
         match self {

@@ -11,6 +11,7 @@ mod metric;
 mod quantifiers;
 mod strata;
 mod symbols;
+mod wide;
 
 use pddl::{Assignment, Diagnostic, Domain, InitElement, Problem};
 
@@ -18,6 +19,7 @@ use self::formula::Scope;
 use self::lifted::{Closed, Lifted, LiftedAxiom, LiftedNumeric, LiftedTerm, Schema};
 use self::quantifiers::rearrange;
 pub(crate) use self::symbols::Symbols;
+pub(crate) use self::wide::split;
 use crate::outcome::{PlanError, Unsupported};
 use crate::task::ObjectId;
 

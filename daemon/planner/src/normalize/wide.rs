@@ -1,0 +1,311 @@
+//! Wide conditions taken apart: an `exists` over many variables becomes several over few.
+//!
+//! `exists ?x ?y ?z: (p ?a ?x), (q ?x ?y), (r ?y ?z)` asks for a join of four variables. But ?z
+//! matters to `r` alone: with a derived predicate for `exists ?z: (r ?y ?z)` three are left, and so
+//! on, like a tree decomposition of the join (Helmert, 2009, section 6.3; Corrêa and others, 2023).
+//! What took a product of all types then takes a sum of smaller ones.
+//!
+//! Only conditions are split: the parameters of an action all have their place in a plan.
+
+use pddl::Name;
+
+use super::lifted::{
+    Formula, Lifted, LiftedAtom, LiftedAxiom, LiftedTerm, PredicateUse, Slot, TypeIndex, TypeSet,
+};
+use super::quantifiers::mentions;
+
+/// Bindings that a join may have before it is taken apart: a derived predicate costs something in
+/// every state of a search.
+const BINDINGS_MAX: f64 = 100_000.0;
+
+/// How many times fewer the bindings of a part must be than those of the whole.
+const GAIN_MIN: f64 = 10.0;
+
+/// Takes all conditions of actions and axioms apart that have too many bindings.
+pub(crate) fn split(lifted: &mut Lifted) {
+    split_above(lifted, BINDINGS_MAX, GAIN_MIN);
+}
+
+/// The same, with limits of one's own.
+fn split_above(lifted: &mut Lifted, bindings_max: f64, gain_min: f64) {
+    let Lifted { schemas, axioms, predicates, types, .. } = lifted;
+    let mut splitter = Splitter { types, predicates, axioms: Vec::new(), bindings_max, gain_min };
+    // Axioms first: what is split off them asks for the strata of others.
+    let mut strata = vec![0; splitter.predicates.len()];
+    for axiom in axioms.iter() {
+        strata[axiom.head] = axiom.stratum;
+    }
+    for axiom in axioms.iter_mut() {
+        splitter.formula(&mut axiom.body, &axiom.frame, &mut strata);
+    }
+    for schema in schemas {
+        let frame = &schema.frame;
+        splitter.formula(&mut schema.precondition, frame, &mut strata);
+        let effects = schema.effects.iter_mut().map(|effect| &mut effect.condition);
+        let numeric = schema.numeric.iter_mut().map(|change| &mut change.condition);
+        for condition in effects.chain(numeric) {
+            splitter.formula(condition, frame, &mut strata);
+        }
+    }
+    axioms.append(&mut splitter.axioms);
+}
+
+struct Splitter<'l> {
+    types: &'l [TypeSet],
+    predicates: &'l mut Vec<PredicateUse>,
+    /// Those that are new.
+    axioms: Vec<LiftedAxiom>,
+    bindings_max: f64,
+    gain_min: f64,
+}
+
+// === impl Splitter ===
+
+impl Splitter<'_> {
+    fn formula(&mut self, formula: &mut Formula, frame: &[TypeIndex], strata: &mut Vec<usize>) {
+        match formula {
+            Formula::And(parts) | Formula::Or(parts) => {
+                parts.iter_mut().for_each(|part| self.formula(part, frame, strata));
+            }
+            // What it denies would have to be derived, which negates where nothing was negated.
+            Formula::Forall(_, inner) => self.formula(inner, frame, strata),
+            Formula::Exists(slots, inner) => {
+                self.formula(inner, frame, strata);
+                if let Formula::And(parts) = &mut **inner {
+                    self.exists(slots, parts, frame, strata);
+                }
+            }
+            _ => (),
+        }
+    }
+
+    /// Eliminates variables, the cheapest first, until few bindings are left or nothing is gained.
+    fn exists(
+        &mut self,
+        slots: &mut Vec<Slot>,
+        parts: &mut Vec<Formula>,
+        frame: &[TypeIndex],
+        strata: &mut Vec<usize>,
+    ) {
+        loop {
+            let whole = self.bindings(&scope(parts.iter()), frame);
+            if whole <= self.bindings_max {
+                return;
+            }
+            let scopes = slots.iter().map(|slot| {
+                let scope = scope(parts.iter().filter(|part| mentions(part, &[*slot])));
+                (self.bindings(&scope, frame), *slot, scope)
+            });
+            let cheapest = scopes.min_by(|left, right| left.0.total_cmp(&right.0));
+            let Some((bindings, slot, scope)) = cheapest else { return };
+            if bindings * self.gain_min > whole {
+                return;
+            }
+            let (inside, outside) =
+                std::mem::take(parts).into_iter().partition(|part| mentions(part, &[slot]));
+            *parts = outside;
+            parts.push(self.derive(slot, inside, &scope, frame, strata));
+            slots.retain(|one| *one != slot);
+        }
+    }
+
+    /// A literal that says that there is an object for which the parts hold.
+    fn derive(
+        &mut self,
+        slot: Slot,
+        parts: Vec<Formula>,
+        scope: &[Slot],
+        frame: &[TypeIndex],
+        strata: &mut Vec<usize>,
+    ) -> Formula {
+        let head = self.predicates.len();
+        let parameters: Vec<Slot> = scope.iter().copied().filter(|one| *one != slot).collect();
+        let mut body = Formula::Exists(vec![slot], Box::new(Formula::And(parts)));
+        let mut stratum = 0;
+        body.literals(&mut |positive, atom| {
+            let is_settled_before = !positive && self.predicates[atom.predicate].derived;
+            stratum = stratum.max(strata[atom.predicate] + usize::from(is_settled_before));
+        });
+        let mut slots = parameters.clone();
+        renumber(&mut body, &mut slots);
+        self.predicates.push(PredicateUse {
+            // No name of a text has a space.
+            name: Name::new(&format!("exists {head}")),
+            arity: parameters.len(),
+            added: false,
+            deleted: false,
+            derived: true,
+        });
+        strata.push(stratum);
+        self.axioms.push(LiftedAxiom {
+            head,
+            parameter_count: parameters.len(),
+            frame: slots.iter().map(|slot| frame[*slot as usize]).collect(),
+            body,
+            stratum,
+        });
+        let arguments = parameters.into_iter().map(LiftedTerm::Variable).collect();
+        Formula::Literal { positive: true, atom: LiftedAtom { predicate: head, arguments } }
+    }
+
+    /// How many bindings some variables have.
+    fn bindings(&self, slots: &[Slot], frame: &[TypeIndex]) -> f64 {
+        let sizes = slots.iter().map(|slot| self.types[frame[*slot as usize]].members.len() as f64);
+        sizes.product()
+    }
+}
+
+/// The variables that formulas mention and do not bind, in order.
+fn scope<'f>(parts: impl Iterator<Item = &'f Formula>) -> Vec<Slot> {
+    let mut scope = Vec::new();
+    parts.for_each(|part| scope.extend(part.free_slots()));
+    scope.sort_unstable();
+    scope.dedup();
+    scope
+}
+
+/// Gives variables the numbers of their places in `slots`, which grows by those that it has not.
+fn renumber(formula: &mut Formula, slots: &mut Vec<Slot>) {
+    formula.slots_mut(&mut |slot| {
+        let known = slots.iter().position(|one| one == slot);
+        let place = known.unwrap_or_else(|| {
+            slots.push(*slot);
+            slots.len() - 1
+        });
+        *slot = place as Slot;
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fmt::Write as _;
+
+    use proptest::prelude::*;
+
+    use super::super::normalize;
+    use super::*;
+    use crate::ground::ground;
+    use crate::limits::{Budget, Cancel, Effort, Options};
+    use crate::outcome::Statistics;
+    use crate::search::Told;
+    use crate::solve::Solver;
+
+    fn lifted(domain: &str, problem: &str) -> Lifted {
+        let domain = pddl::parse_domain(domain).into_result().expect("a domain");
+        let problem = pddl::parse_problem(problem).into_result().expect("a problem");
+        normalize(&domain, &problem).expect("supported")
+    }
+
+    /// Where one thing leads to another in four steps, from a place that an action can change.
+    fn chain(objects: usize) -> Lifted {
+        let mut problem = String::from("(define (problem p) (:domain d) (:objects");
+        (0..objects).for_each(|one| write!(problem, " o{one}").expect("it fits"));
+        problem.push_str(") (:init (at o0)");
+        for one in 0..objects {
+            for next in 0..objects {
+                write!(problem, " (r o{one} o{next})").expect("it fits");
+            }
+        }
+        problem.push_str(") (:goal (won)))");
+        let domain = "(define (domain d) (:predicates (r ?x ?y) (at ?x) (won))
+            (:action win :parameters (?a) :precondition (and (at ?a)
+                (exists (?b ?c ?d ?e) (and (r ?a ?b) (r ?b ?c) (r ?c ?d) (r ?d ?e))))
+             :effect (won)))";
+        lifted(domain, &problem)
+    }
+
+    #[test]
+    fn a_chain_costs_the_sum_of_its_links() {
+        let steps = |lifted: &Lifted| {
+            let mut steps = 0;
+            let ground = ground(lifted, Budget::default(), &Cancel::new(), &mut steps);
+            assert!(ground.expect("no limit").task.is_some());
+            steps
+        };
+        let mut split_up = chain(25);
+        split(&mut split_up);
+        assert_eq!(split_up.axioms.len(), 2, "what is left of it is narrow");
+        let (whole, parts) = (steps(&chain(25)), steps(&split_up));
+        assert!(parts * 50 < whole, "{parts} steps instead of {whole}");
+    }
+
+    #[test]
+    fn what_is_narrow_stays_as_it_is() {
+        let mut narrow = chain(5);
+        split(&mut narrow);
+        assert!(narrow.axioms.is_empty());
+    }
+
+    /// The cost of the cheapest plan.
+    fn least(lifted: &Lifted) -> Option<u64> {
+        let cancel = Cancel::new();
+        let task = ground(lifted, Budget::default(), &cancel, &mut 0).expect("no limit").task?;
+        let options = Options { effort: Effort::Optimal, ..Options::default() };
+        let mut statistics = Statistics::default();
+        let mut cost = None;
+        Solver::new(&task, &options, &cancel, &mut statistics).run(&mut |told| {
+            if let Told::Found(plan) = told {
+                cost = Some(task.cost(plan));
+            }
+        });
+        cost
+    }
+
+    /// A part of a condition over ?a to ?d, of which ?a is free.
+    fn part() -> impl Strategy<Value = String> {
+        let term = || prop_oneof![Just("?a"), Just("?b"), Just("?c"), Just("?d")];
+        prop_oneof![
+            4 => (term(), term()).prop_map(|(one, two)| format!("(r {one} {two})")),
+            2 => term().prop_map(|one| format!("(p {one})")),
+            1 => term().prop_map(|one| format!("(not (p {one}))")),
+            1 => term().prop_map(|one| format!("(reached {one})")),
+            1 => term().prop_map(|one| format!("(not (reached {one}))")),
+            1 => (term(), term()).prop_map(|(one, two)| format!("(not (= {one} {two}))")),
+            1 => term().prop_map(|one| format!("(exists (?e) (and (r {one} ?e) (p ?e)))")),
+            1 => term().prop_map(|one| format!("(forall (?f) (or (p ?f) (r {one} ?f)))")),
+        ]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig {
+            cases: 300,
+            failure_persistence: None,
+            rng_seed: proptest::test_runner::RngSeed::Fixed(41),
+            ..ProptestConfig::default()
+        })]
+
+        #[test]
+        fn plans_cost_what_they_did(
+            parts in proptest::collection::vec(part(), 2..6),
+            again in proptest::collection::vec(part(), 2..5),
+            facts in proptest::collection::vec((0..3, 0..3), 0..6),
+            held in proptest::collection::vec(0..3, 0..2),
+        ) {
+            let domain = format!(
+                "(define (domain d) (:predicates (r ?x ?y) (p ?x) (reached ?x) (far ?a) (won))
+                 (:derived (reached ?x) (exists (?y) (and (p ?y) (or (r ?y ?x) (= ?x ?y)))))
+                 (:derived (far ?a) (exists (?b ?c ?d) (and {})))
+                 (:action put :parameters (?x) :precondition (not (p ?x)) :effect (p ?x))
+                 (:action take :parameters (?x) :precondition (p ?x) :effect (not (p ?x)))
+                 (:action turn :parameters (?x ?y) :precondition (r ?x ?y)
+                  :effect (and (not (r ?x ?y)) (r ?y ?x)))
+                 (:action win :parameters (?a)
+                  :precondition (and (far ?a) (exists (?b ?c ?d) (and {}))) :effect (won)))",
+                parts.join(" "),
+                again.join(" ")
+            );
+            let name = |one: &i32| ["o0", "o1", "o2"][*one as usize];
+            let mut init: String =
+                facts.iter().map(|(one, two)| format!("(r {} {})", name(one), name(two))).collect();
+            init.extend(held.iter().map(|one| format!("(p {})", name(one))));
+            let problem = format!(
+                "(define (problem p) (:domain d) (:objects o0 o1 o2) (:init {init}) (:goal (won)))"
+            );
+            let whole = lifted(&domain, &problem);
+            let mut taken_apart = whole.clone();
+            split_above(&mut taken_apart, 1.0, 1.5);
+            prop_assume!(taken_apart.axioms.len() > whole.axioms.len());
+            prop_assert_eq!(least(&whole), least(&taken_apart), "{}", domain);
+        }
+    }
+}
