@@ -190,7 +190,13 @@ impl<'t> Checker<'_, 't> {
             }
         } else {
             let near = self.nearest(name.as_str(), symbols.object_names());
-            self.report(Diagnostic::error(name.span(), message).with_suggestion(near));
+            let mut unknown = Diagnostic::error(name.span(), message).with_suggestion(near);
+            if near.is_none() && symbols.is_of_domain {
+                let help = "add it to `:constants`, or take a parameter: a domain knows no \
+                            objects of problems";
+                unknown = unknown.with_help(help);
+            }
+            self.report(unknown);
         }
         None
     }

@@ -16,6 +16,8 @@ pub(super) struct Symbols<'t> {
     derived: HashSet<&'t str>,
     /// Whether others may bring objects that are not listed here.
     pub(super) is_open: bool,
+    /// Whether the objects of problems are unknown here, and only constants are not.
+    pub(super) is_of_domain: bool,
 }
 
 /// Declarations by name and in order.
@@ -40,13 +42,14 @@ impl<'t> Symbols<'t> {
             objects: Table::new(&domain.constants),
             derived: domain.derived.iter().map(|axiom| axiom.predicate.as_str()).collect(),
             is_open: false,
+            is_of_domain: true,
         }
     }
 
     pub(super) fn of_problem(domain: &'t Domain, problem: &'t Problem) -> Symbols<'t> {
         let own = problem.objects.iter().map(|declaration| &declaration.object);
         let objects = Table::new(domain.constants.iter().chain(own));
-        Symbols { objects, ..Symbols::of_domain(domain) }
+        Symbols { objects, is_of_domain: false, ..Symbols::of_domain(domain) }
     }
 
     pub(super) fn of_model(ontology: &'t Domain, model: &'t ActionModel) -> Symbols<'t> {
@@ -59,6 +62,7 @@ impl<'t> Symbols<'t> {
             objects: Table::new(ontology.constants.iter().chain(objects)),
             derived: derived.map(|axiom| axiom.predicate.as_str()).collect(),
             is_open: true,
+            is_of_domain: false,
         }
     }
 

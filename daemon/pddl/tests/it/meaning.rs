@@ -202,6 +202,18 @@ fn a_variable_without_its_mark_is_seen() {
 }
 
 #[test]
+fn a_domain_that_names_an_object_is_told_where_it_may() {
+    check(
+        "(define (domain d) (:constants hall) (:predicates (p ?x))
+           (:action act :precondition (and (p hall) (p kitchen) (p hal))))",
+        expect![[r#"
+            2:56: error: unknown object `kitchen`; add it to `:constants`, or take a parameter: a domain knows no objects of problems at `kitchen`
+            2:68: error: unknown object `hal`; did you mean `hall`? at `hal`
+        "#]],
+    );
+}
+
+#[test]
 fn nothing_is_declared_twice() {
     check(
         "(define (domain d) (:types a A) (:constants k - a K - a) (:predicates (p) (P ?x - a)) (:functions (f) (f))
