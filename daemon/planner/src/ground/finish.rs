@@ -1,7 +1,7 @@
 //! From raw facts to the task: what never changes is folded away, what cannot matter to the goal is
 //! left out, and the rest is numbered without gaps.
 
-use super::instantiate::{Layout, Raw};
+use super::drawn::{Layout, Raw};
 use super::relation::Relation;
 use super::values::Values;
 use super::work::Work;

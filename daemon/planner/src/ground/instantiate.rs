@@ -1,28 +1,20 @@
-//! From reachable tuples to operators and axioms over raw facts.
-//!
-//! A *raw* fact is a row of a relation, a comparison, or an auxiliary; `finish` keeps those that
-//! matter and numbers them anew.
+//! One tuple of a schema becomes an operator, one binding of an axiom's variables an axiom.
 
 use pddl::{Assignment, Diagnostic};
 
 use super::condition::{Condition, tidy};
 use super::draft::Draft;
 use super::join::{Catalog, JoinPlan};
-use super::node::{COMPARISONS_MAX, Comparisons, Grounder, Node, enumeration};
-use super::reach::Reached;
-use super::relation::Relation;
-use super::sets::Sets;
+use super::node::{Grounder, Node, enumeration};
 use super::tree::{Auxiliaries, RawAxiom, Tree};
-use super::values::{Grounded, Values};
+use super::values::Grounded;
 use super::work::Work;
 use super::{GroundError, action_relation};
 use crate::normalize::lifted::{
-    Closed, Formula, Lifted, LiftedEffect, LiftedFluent, LiftedNumeric, Schema, Slot, TypeIndex,
+    Formula, Lifted, LiftedEffect, LiftedFluent, LiftedNumeric, Schema, Slot, TypeIndex,
 };
 use crate::outcome::{StopReason, Unsupported};
-use crate::task::{
-    FactId, GroundComparison, GroundExpression, Literal, NumericChange, ObjectId, Operators,
-};
+use crate::task::{FactId, GroundExpression, Literal, NumericChange, ObjectId, Operators};
 
 /// Ways to satisfy one precondition before disjunctions in it become facts of their own.
 const PRECONDITION_ALTERNATIVES_MAX: usize = 8;
@@ -30,66 +22,29 @@ const PRECONDITION_ALTERNATIVES_MAX: usize = 8;
 /// The same for the condition of an effect; each way repeats the effect.
 const CONDITION_ALTERNATIVES_MAX: usize = 4;
 
-/// The ground task over raw facts.
-pub(super) struct Raw {
-    /// Their costs are the bits of numbers, in units of the metric.
-    pub(super) operators: Operators,
-    pub(super) axioms: Vec<RawAxiom>,
-    pub(super) comparisons: Vec<GroundComparison>,
-    /// `None` where the goal cannot hold.
-    pub(super) goal: Option<Vec<Literal>>,
-    pub(super) layout: Layout,
-    pub(super) warnings: Vec<Diagnostic>,
-}
-
-/// Which raw facts are what.
-pub(super) struct Layout {
-    /// The raw fact of each predicate's first row, and one past the last of all.
-    pub(super) offsets: Vec<usize>,
-    pub(super) comparison_offset: usize,
-    pub(super) auxiliary_offset: usize,
-    /// One past the last auxiliary.
-    pub(super) end: usize,
-    /// How many comparisons there are.
-    pub(super) comparisons: usize,
-}
-
-/// What has been ground so far, over raw facts whose numbers stay.
-#[derive(Debug)]
-pub(super) struct Drawn {
-    pub(super) operators: Operators,
-    pub(super) auxiliaries: Auxiliaries,
-    pub(super) comparisons: Comparisons,
-    pub(super) warnings: Vec<Diagnostic>,
-    /// Those of the domain; auxiliaries have their own.
-    axioms: Vec<RawAxiom>,
-    /// The raw fact of each predicate's first row, and one past the last of all.
-    offsets: Vec<usize>,
-    comparison_offset: usize,
-}
-
-struct Instantiation<'g, 'w, 'c> {
-    grounder: Grounder<'g>,
-    auxiliaries: &'g mut Auxiliaries,
-    operators: &'g mut Operators,
-    axioms: &'g mut Vec<RawAxiom>,
-    warnings: &'g mut Vec<Diagnostic>,
-    work: &'w mut Work<'c>,
+/// What grounding one thing after another reads, grows and uses again.
+pub(super) struct Instantiation<'g, 'w, 'c> {
+    pub(super) grounder: Grounder<'g>,
+    pub(super) auxiliaries: &'g mut Auxiliaries,
+    pub(super) operators: &'g mut Operators,
+    pub(super) axioms: &'g mut Vec<RawAxiom>,
+    pub(super) warnings: &'g mut Vec<Diagnostic>,
+    pub(super) work: &'w mut Work<'c>,
     /// The stratum after those of all axioms: for facts that stand for parts of preconditions.
-    top: usize,
+    pub(super) top: usize,
     /// Bytes of axioms.
-    bytes: usize,
-    draft: Draft,
-    literals: Vec<Literal>,
-    bindings: Vec<ObjectId>,
+    pub(super) bytes: usize,
+    pub(super) draft: Draft,
+    pub(super) literals: Vec<Literal>,
+    pub(super) bindings: Vec<ObjectId>,
 }
 
 /// Called under every binding of an effect's variables.
 type Instance<'f, I> = &'f mut dyn FnMut(&mut I, &mut [ObjectId]) -> Result<(), GroundError>;
 
 /// A schema ready for grounding.
-struct Ready<'s> {
-    index: usize,
+pub(super) struct Ready<'s> {
+    pub(super) index: usize,
     schema: &'s Schema,
     precondition: Condition,
     effects: Vec<Guarded<'s, LiftedEffect>>,
@@ -105,7 +60,7 @@ struct Guarded<'s, T> {
 }
 
 /// An axiom ready for grounding: each binding of parameters and outer `exists` gives one.
-struct ReadyAxiom {
+pub(super) struct ReadyAxiom {
     head: usize,
     parameter_count: usize,
     frame: Vec<TypeIndex>,
@@ -114,22 +69,8 @@ struct ReadyAxiom {
     stratum: usize,
 }
 
-/// Grounds every schema, axiom and the goal over what was reached.
-pub(super) fn instantiate(
-    lifted: &Lifted,
-    reached: &mut Reached,
-    values: &mut Values,
-    work: &mut Work<'_>,
-) -> Result<Raw, GroundError> {
-    let sizes = reached.relations[..lifted.predicates.len()].iter().map(Relation::len);
-    let mut drawn = Drawn::new(sizes, 0);
-    drawn.draw(lifted, reached, values, &vec![0; lifted.schemas.len()], work)?;
-    let goal = drawn.draw_goal(lifted, &lifted.goal, reached, values, work)?;
-    Ok(drawn.into_raw(goal))
-}
-
 /// Every alternative of every axiom's body, with its outer `exists` open.
-fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<ReadyAxiom> {
+pub(super) fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<ReadyAxiom> {
     let mut ready = Vec::new();
     for axiom in &catalog.lifted.axioms {
         let whole = std::slice::from_ref(&axiom.body);
@@ -176,181 +117,10 @@ fn open(formula: &Formula) -> (Vec<Slot>, Formula) {
     }
 }
 
-// === impl Layout ===
-
-impl Layout {
-    /// One past the last comparison, by dense index.
-    pub(super) fn comparison_end(&self) -> usize {
-        self.comparison_offset + self.comparisons
-    }
-
-    /// One past the last dense index: rows of relations, comparisons, auxiliaries.
-    pub(super) fn dense_end(&self) -> usize {
-        self.comparison_end() + (self.end - self.auxiliary_offset)
-    }
-
-    /// The dense index of a raw fact: no room is left for comparisons that there are not.
-    #[inline]
-    pub(super) fn dense(&self, fact: FactId) -> usize {
-        let index = fact.index();
-        if index < self.auxiliary_offset {
-            index
-        } else {
-            index - self.auxiliary_offset + self.comparison_end()
-        }
-    }
-}
-
-// === impl Drawn ===
-
-impl Drawn {
-    /// Nothing yet; `room` is how many facts each predicate may come to have, and `spare` how many
-    /// those that come later.
-    pub(super) fn new(room: impl Iterator<Item = usize>, spare: usize) -> Drawn {
-        let mut offsets = vec![0];
-        offsets.extend(room.scan(0, |end, room| {
-            *end += room;
-            Some(*end)
-        }));
-        let comparison_offset = offsets[offsets.len() - 1] + spare;
-        Drawn {
-            operators: Operators::default(),
-            auxiliaries: Auxiliaries::new(comparison_offset + COMPARISONS_MAX),
-            comparisons: Comparisons::default(),
-            warnings: Vec::new(),
-            axioms: Vec::new(),
-            offsets,
-            comparison_offset,
-        }
-    }
-
-    /// Whether there is room for so many facts of each predicate; those that are new get some.
-    pub(super) fn has_room(
-        &mut self,
-        facts: impl Iterator<Item = usize>,
-        room: impl Fn(usize) -> usize,
-    ) -> bool {
-        for (predicate, facts) in facts.enumerate() {
-            let start = self.offsets[predicate];
-            if predicate + 1 == self.offsets.len() {
-                self.offsets.push(start + room(facts));
-            }
-            if start + facts > self.offsets[predicate + 1] {
-                return false;
-            }
-        }
-        self.offsets.last().is_some_and(|end| *end <= self.comparison_offset)
-    }
-
-    /// Grounds the tuples of each schema from the row that `rows` says, and every axiom anew.
-    pub(super) fn draw(
-        &mut self,
-        lifted: &Lifted,
-        reached: &mut Reached,
-        values: &mut Values,
-        rows: &[usize],
-        work: &mut Work<'_>,
-    ) -> Result<(), GroundError> {
-        let Reached { relations, sets } = reached;
-        let mut catalog = Catalog { lifted, relations, sets, is_complete: true };
-        let has_rows = |(index, _): &(usize, &Schema)| {
-            rows[*index] < catalog.relations[action_relation(lifted, *index)].len()
-        };
-        let schemas: Vec<_> = lifted.schemas.iter().enumerate().filter(has_rows).collect();
-        let schemas = schemas.into_iter();
-        let ready: Vec<Ready<'_>> =
-            schemas.map(|(index, schema)| Ready::new(&mut catalog, index, schema)).collect();
-        let axioms = ready_axioms(&mut catalog);
-        self.axioms.clear();
-        let mut instantiation = self.instantiation(lifted, relations, sets, values, work);
-        for schema in &ready {
-            instantiation.schema(schema, rows[schema.index])?;
-        }
-        for axiom in &axioms {
-            instantiation.axiom(axiom)?;
-        }
-        Ok(())
-    }
-
-    /// Grounds a goal; `None` if it cannot hold.
-    pub(super) fn draw_goal(
-        &mut self,
-        lifted: &Lifted,
-        goal: &Closed,
-        reached: &mut Reached,
-        values: &mut Values,
-        work: &mut Work<'_>,
-    ) -> Result<Option<Vec<Literal>>, StopReason> {
-        let Reached { relations, sets } = reached;
-        let mut catalog = Catalog { lifted, relations, sets, is_complete: true };
-        let Closed { frame, formula } = goal;
-        let node = Node::compile(&mut catalog, frame, formula, &mut vec![false; frame.len()]);
-        self.instantiation(lifted, relations, sets, values, work).goal(&node, frame)
-    }
-
-    fn instantiation<'g, 'w, 'c>(
-        &'g mut self,
-        lifted: &'g Lifted,
-        relations: &'g [Relation],
-        sets: &'g Sets,
-        values: &'g mut Values,
-        work: &'w mut Work<'c>,
-    ) -> Instantiation<'g, 'w, 'c> {
-        let Drawn { operators, auxiliaries, comparisons, warnings, axioms, .. } = self;
-        let (offsets, comparison_offset) = (&*self.offsets, self.comparison_offset);
-        let grounder =
-            Grounder { lifted, relations, sets, offsets, values, comparisons, comparison_offset };
-        Instantiation {
-            grounder,
-            auxiliaries,
-            operators,
-            axioms,
-            warnings,
-            work,
-            top: lifted.axioms.iter().map(|axiom| axiom.stratum + 1).max().unwrap_or(0),
-            bytes: 0,
-            draft: Draft::default(),
-            literals: Vec::new(),
-            bindings: Vec::new(),
-        }
-    }
-
-    /// How many facts are no rows of relations: comparisons and auxiliaries.
-    pub(super) fn made_up(&self) -> usize {
-        self.comparisons.all.len() + self.auxiliaries.len()
-    }
-
-    /// Which raw facts are what.
-    pub(super) fn layout(&self) -> Layout {
-        let comparison_offset = self.comparison_offset;
-        Layout {
-            offsets: self.offsets.clone(),
-            comparison_offset,
-            auxiliary_offset: comparison_offset + COMPARISONS_MAX,
-            end: self.auxiliaries.end(),
-            comparisons: self.comparisons.all.len(),
-        }
-    }
-
-    /// The axioms of the domain and of auxiliaries.
-    pub(super) fn axioms(&self) -> impl Iterator<Item = &RawAxiom> {
-        self.auxiliaries.axioms.iter().chain(&self.axioms)
-    }
-
-    fn into_raw(self, goal: Option<Vec<Literal>>) -> Raw {
-        let layout = self.layout();
-        let Drawn { operators, mut auxiliaries, comparisons, warnings, axioms, .. } = self;
-        auxiliaries.axioms.extend(axioms);
-        auxiliaries.tidy();
-        let (axioms, comparisons) = (auxiliaries.axioms, comparisons.all);
-        Raw { operators, axioms, comparisons, goal, layout, warnings }
-    }
-}
-
 // === impl Ready ===
 
 impl<'s> Ready<'s> {
-    fn new(catalog: &mut Catalog<'_>, index: usize, schema: &'s Schema) -> Ready<'s> {
+    pub(super) fn new(catalog: &mut Catalog<'_>, index: usize, schema: &'s Schema) -> Ready<'s> {
         let frame = &schema.frame;
         let mut bound = vec![false; frame.len()];
         bound[..schema.parameter_count].fill(true);
@@ -379,7 +149,11 @@ impl<'s> Ready<'s> {
 // === impl Instantiation ===
 
 impl Instantiation<'_, '_, '_> {
-    fn schema(&mut self, ready: &Ready<'_>, first_row: usize) -> Result<(), GroundError> {
+    pub(super) fn schema(
+        &mut self,
+        ready: &Ready<'_>,
+        first_row: usize,
+    ) -> Result<(), GroundError> {
         let relations = self.grounder.relations;
         let relation = &relations[action_relation(self.grounder.lifted, ready.index)];
         let mut binding = vec![ObjectId::from_index(0); ready.schema.frame.len().max(1)];
@@ -582,7 +356,7 @@ impl Instantiation<'_, '_, '_> {
         Ok(())
     }
 
-    fn axiom(&mut self, axiom: &ReadyAxiom) -> Result<(), GroundError> {
+    pub(super) fn axiom(&mut self, axiom: &ReadyAxiom) -> Result<(), GroundError> {
         let relation = &self.grounder.relations[axiom.head];
         // Even a binding of no variables leaves a trace.
         let mut binding = vec![ObjectId::from_index(0); axiom.frame.len().max(1)];
@@ -611,7 +385,7 @@ impl Instantiation<'_, '_, '_> {
         Ok(())
     }
 
-    fn goal(
+    pub(super) fn goal(
         &mut self,
         goal: &Node,
         frame: &[TypeIndex],

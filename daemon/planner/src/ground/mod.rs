@@ -2,13 +2,14 @@
 //!
 //! 1. [`rules`] says what follows from what; [`reach`] finds every tuple that relaxed reachability
 //!    allows, by joins.
-//! 2. [`instantiate`] turns the tuples of actions into operators.
+//! 2. [`drawn`] holds what the tuples of actions become, each by [`instantiate`]: operators.
 //! 3. [`finish`] drops what never changes and what cannot matter.
 //!
 //! Work is counted in join steps, so the same task stops at the same place everywhere.
 
 mod condition;
 mod draft;
+mod drawn;
 mod finish;
 mod instantiate;
 mod join;
@@ -67,7 +68,7 @@ pub(crate) fn ground(
 fn grounded(lifted: &Lifted, work: &mut Work<'_>) -> Result<Grounded, GroundError> {
     let mut values = Values::new(lifted);
     let mut reached = reach::reach(lifted, &values, work)?;
-    let mut raw = instantiate::instantiate(lifted, &mut reached, &mut values, work)?;
+    let mut raw = drawn::draw(lifted, &mut reached, &mut values, work)?;
     let warnings = std::mem::take(&mut raw.warnings);
     let start = Start::initial(lifted, &reached.relations, &values, &raw);
     Ok(Grounded { task: finish::finish(lifted, &reached.relations, start, raw, work)?, warnings })

@@ -4,7 +4,7 @@
 //! Every operator, conditional effect and axiom counts the facts it still waits for (Dowling and
 //! Gallier, 1984): once for each literal, however many states are asked about.
 
-use super::instantiate::Layout;
+use super::drawn::Layout;
 use super::tree::RawAxiom;
 use crate::operators::Operators;
 use crate::rows::Rows;

@@ -7,8 +7,8 @@
 //! - Each predicate has room for more facts than there are. Where it is used up, or where a change
 //!   is not one of these, the answer is [`Outgrown`], and the texts are ground afresh.
 
+use super::drawn::{Drawn, Layout, Raw};
 use super::finish::{Start, finish};
-use super::instantiate::{Drawn, Layout, Raw};
 use super::possible::{Flow, Possible};
 use super::reach::{Before, Reached, initial_relations, reach_on};
 use super::relation::Relation;

@@ -1,0 +1,244 @@
+//! From reachable tuples to operators and axioms over raw facts, at once or more and more of them.
+//!
+//! A *raw* fact is a row of a relation, a comparison, or an auxiliary; `finish` keeps those that
+//! matter and numbers them anew.
+
+use pddl::Diagnostic;
+
+use super::draft::Draft;
+use super::instantiate::{Instantiation, Ready, ready_axioms};
+use super::join::Catalog;
+use super::node::{COMPARISONS_MAX, Comparisons, Grounder, Node};
+use super::reach::Reached;
+use super::relation::Relation;
+use super::sets::Sets;
+use super::tree::{Auxiliaries, RawAxiom};
+use super::values::Values;
+use super::work::Work;
+use super::{GroundError, action_relation};
+use crate::normalize::lifted::{Closed, Lifted, Schema};
+use crate::outcome::StopReason;
+use crate::task::{FactId, GroundComparison, Literal, Operators};
+
+/// The ground task over raw facts.
+pub(super) struct Raw {
+    /// Their costs are the bits of numbers, in units of the metric.
+    pub(super) operators: Operators,
+    pub(super) axioms: Vec<RawAxiom>,
+    pub(super) comparisons: Vec<GroundComparison>,
+    /// `None` where the goal cannot hold.
+    pub(super) goal: Option<Vec<Literal>>,
+    pub(super) layout: Layout,
+    pub(super) warnings: Vec<Diagnostic>,
+}
+
+/// Which raw facts are what.
+pub(super) struct Layout {
+    /// The raw fact of each predicate's first row, and one past the last of all.
+    pub(super) offsets: Vec<usize>,
+    pub(super) comparison_offset: usize,
+    pub(super) auxiliary_offset: usize,
+    /// One past the last auxiliary.
+    pub(super) end: usize,
+    /// How many comparisons there are.
+    pub(super) comparisons: usize,
+}
+
+/// What has been ground so far, over raw facts whose numbers stay.
+#[derive(Debug)]
+pub(super) struct Drawn {
+    pub(super) operators: Operators,
+    pub(super) auxiliaries: Auxiliaries,
+    pub(super) comparisons: Comparisons,
+    pub(super) warnings: Vec<Diagnostic>,
+    /// Those of the domain; auxiliaries have their own.
+    axioms: Vec<RawAxiom>,
+    /// The raw fact of each predicate's first row, and one past the last of all.
+    offsets: Vec<usize>,
+    comparison_offset: usize,
+}
+
+/// Grounds every schema, axiom and the goal over what was reached.
+pub(super) fn draw(
+    lifted: &Lifted,
+    reached: &mut Reached,
+    values: &mut Values,
+    work: &mut Work<'_>,
+) -> Result<Raw, GroundError> {
+    let sizes = reached.relations[..lifted.predicates.len()].iter().map(Relation::len);
+    let mut drawn = Drawn::new(sizes, 0);
+    drawn.draw(lifted, reached, values, &vec![0; lifted.schemas.len()], work)?;
+    let goal = drawn.draw_goal(lifted, &lifted.goal, reached, values, work)?;
+    Ok(drawn.into_raw(goal))
+}
+
+// === impl Layout ===
+
+impl Layout {
+    /// One past the last comparison, by dense index.
+    pub(super) fn comparison_end(&self) -> usize {
+        self.comparison_offset + self.comparisons
+    }
+
+    /// One past the last dense index: rows of relations, comparisons, auxiliaries.
+    pub(super) fn dense_end(&self) -> usize {
+        self.comparison_end() + (self.end - self.auxiliary_offset)
+    }
+
+    /// The dense index of a raw fact: no room is left for comparisons that there are not.
+    #[inline]
+    pub(super) fn dense(&self, fact: FactId) -> usize {
+        let index = fact.index();
+        if index < self.auxiliary_offset {
+            index
+        } else {
+            index - self.auxiliary_offset + self.comparison_end()
+        }
+    }
+}
+
+// === impl Drawn ===
+
+impl Drawn {
+    /// Nothing yet; `room` is how many facts each predicate may come to have, and `spare` how many
+    /// those that come later.
+    pub(super) fn new(room: impl Iterator<Item = usize>, spare: usize) -> Drawn {
+        let mut offsets = vec![0];
+        offsets.extend(room.scan(0, |end, room| {
+            *end += room;
+            Some(*end)
+        }));
+        let comparison_offset = offsets[offsets.len() - 1] + spare;
+        Drawn {
+            operators: Operators::default(),
+            auxiliaries: Auxiliaries::new(comparison_offset + COMPARISONS_MAX),
+            comparisons: Comparisons::default(),
+            warnings: Vec::new(),
+            axioms: Vec::new(),
+            offsets,
+            comparison_offset,
+        }
+    }
+
+    /// Whether there is room for so many facts of each predicate; those that are new get some.
+    pub(super) fn has_room(
+        &mut self,
+        facts: impl Iterator<Item = usize>,
+        room: impl Fn(usize) -> usize,
+    ) -> bool {
+        for (predicate, facts) in facts.enumerate() {
+            let start = self.offsets[predicate];
+            if predicate + 1 == self.offsets.len() {
+                self.offsets.push(start + room(facts));
+            }
+            if start + facts > self.offsets[predicate + 1] {
+                return false;
+            }
+        }
+        self.offsets.last().is_some_and(|end| *end <= self.comparison_offset)
+    }
+
+    /// Grounds the tuples of each schema from the row that `rows` says, and every axiom anew.
+    pub(super) fn draw(
+        &mut self,
+        lifted: &Lifted,
+        reached: &mut Reached,
+        values: &mut Values,
+        rows: &[usize],
+        work: &mut Work<'_>,
+    ) -> Result<(), GroundError> {
+        let Reached { relations, sets } = reached;
+        let mut catalog = Catalog { lifted, relations, sets, is_complete: true };
+        let has_rows = |(index, _): &(usize, &Schema)| {
+            rows[*index] < catalog.relations[action_relation(lifted, *index)].len()
+        };
+        let schemas: Vec<_> = lifted.schemas.iter().enumerate().filter(has_rows).collect();
+        let schemas = schemas.into_iter();
+        let ready: Vec<Ready<'_>> =
+            schemas.map(|(index, schema)| Ready::new(&mut catalog, index, schema)).collect();
+        let axioms = ready_axioms(&mut catalog);
+        self.axioms.clear();
+        let mut instantiation = self.instantiation(lifted, relations, sets, values, work);
+        for schema in &ready {
+            instantiation.schema(schema, rows[schema.index])?;
+        }
+        for axiom in &axioms {
+            instantiation.axiom(axiom)?;
+        }
+        Ok(())
+    }
+
+    /// Grounds a goal; `None` if it cannot hold.
+    pub(super) fn draw_goal(
+        &mut self,
+        lifted: &Lifted,
+        goal: &Closed,
+        reached: &mut Reached,
+        values: &mut Values,
+        work: &mut Work<'_>,
+    ) -> Result<Option<Vec<Literal>>, StopReason> {
+        let Reached { relations, sets } = reached;
+        let mut catalog = Catalog { lifted, relations, sets, is_complete: true };
+        let Closed { frame, formula } = goal;
+        let node = Node::compile(&mut catalog, frame, formula, &mut vec![false; frame.len()]);
+        self.instantiation(lifted, relations, sets, values, work).goal(&node, frame)
+    }
+
+    fn instantiation<'g, 'w, 'c>(
+        &'g mut self,
+        lifted: &'g Lifted,
+        relations: &'g [Relation],
+        sets: &'g Sets,
+        values: &'g mut Values,
+        work: &'w mut Work<'c>,
+    ) -> Instantiation<'g, 'w, 'c> {
+        let Drawn { operators, auxiliaries, comparisons, warnings, axioms, .. } = self;
+        let (offsets, comparison_offset) = (&*self.offsets, self.comparison_offset);
+        let grounder =
+            Grounder { lifted, relations, sets, offsets, values, comparisons, comparison_offset };
+        Instantiation {
+            grounder,
+            auxiliaries,
+            operators,
+            axioms,
+            warnings,
+            work,
+            top: lifted.axioms.iter().map(|axiom| axiom.stratum + 1).max().unwrap_or(0),
+            bytes: 0,
+            draft: Draft::default(),
+            literals: Vec::new(),
+            bindings: Vec::new(),
+        }
+    }
+
+    /// How many facts are no rows of relations: comparisons and auxiliaries.
+    pub(super) fn made_up(&self) -> usize {
+        self.comparisons.all.len() + self.auxiliaries.len()
+    }
+
+    /// Which raw facts are what.
+    pub(super) fn layout(&self) -> Layout {
+        let comparison_offset = self.comparison_offset;
+        Layout {
+            offsets: self.offsets.clone(),
+            comparison_offset,
+            auxiliary_offset: comparison_offset + COMPARISONS_MAX,
+            end: self.auxiliaries.end(),
+            comparisons: self.comparisons.all.len(),
+        }
+    }
+
+    /// The axioms of the domain and of auxiliaries.
+    pub(super) fn axioms(&self) -> impl Iterator<Item = &RawAxiom> {
+        self.auxiliaries.axioms.iter().chain(&self.axioms)
+    }
+
+    fn into_raw(self, goal: Option<Vec<Literal>>) -> Raw {
+        let layout = self.layout();
+        let Drawn { operators, mut auxiliaries, comparisons, warnings, axioms, .. } = self;
+        auxiliaries.axioms.extend(axioms);
+        auxiliaries.tidy();
+        let (axioms, comparisons) = (auxiliaries.axioms, comparisons.all);
+        Raw { operators, axioms, comparisons, goal, layout, warnings }
+    }
+}
