@@ -14,9 +14,9 @@ use super::lifted::{
 };
 use super::quantifiers::mentions;
 
-/// Bindings that a join may have before it is taken apart: a derived predicate costs something in
-/// every state of a search.
-const BINDINGS_MAX: f64 = 100_000.0;
+/// Bindings that a join may have before it is taken apart, about a second of work: a derived predicate
+/// costs something in every state of a search.
+const BINDINGS_MAX: f64 = 10_000_000.0;
 
 /// How many times fewer the bindings of a part must be than those of the whole.
 const GAIN_MIN: f64 = 10.0;
@@ -28,8 +28,13 @@ pub(crate) fn split(lifted: &mut Lifted) {
 
 /// The same, with limits of one's own.
 fn split_above(lifted: &mut Lifted, bindings_max: f64, gain_min: f64) {
-    let Lifted { schemas, axioms, predicates, types, .. } = lifted;
-    let mut splitter = Splitter { types, predicates, axioms: Vec::new(), bindings_max, gain_min };
+    let Lifted { schemas, axioms, predicates, types, init, .. } = lifted;
+    let mut rows = vec![0; predicates.len()];
+    for (predicate, _) in init {
+        rows[*predicate] += 1;
+    }
+    let mut splitter =
+        Splitter { types, rows, predicates, axioms: Vec::new(), bindings_max, gain_min };
     // Axioms first: what is split off them asks for the strata of others.
     let mut strata = vec![0; splitter.predicates.len()];
     for axiom in axioms.iter() {
@@ -52,6 +57,8 @@ fn split_above(lifted: &mut Lifted, bindings_max: f64, gain_min: f64) {
 
 struct Splitter<'l> {
     types: &'l [TypeSet],
+    /// By predicate: how many facts of it there are at first.
+    rows: Vec<usize>,
     predicates: &'l mut Vec<PredicateUse>,
     /// Those that are new.
     axioms: Vec<LiftedAxiom>,
@@ -88,13 +95,14 @@ impl Splitter<'_> {
         strata: &mut Vec<usize>,
     ) {
         loop {
-            let whole = self.bindings(&scope(parts.iter()), frame);
+            let whole = self.bindings(&scope(parts.iter()), parts.iter(), frame);
             if whole <= self.bindings_max {
                 return;
             }
             let scopes = slots.iter().map(|slot| {
-                let scope = scope(parts.iter().filter(|part| mentions(part, &[*slot])));
-                (self.bindings(&scope, frame), *slot, scope)
+                let inside = || parts.iter().filter(|part| mentions(part, &[*slot]));
+                let scope = scope(inside());
+                (self.bindings(&scope, inside(), frame), *slot, scope)
             });
             let cheapest = scopes.min_by(|left, right| left.0.total_cmp(&right.0));
             let Some((bindings, slot, scope)) = cheapest else { return };
@@ -136,6 +144,7 @@ impl Splitter<'_> {
             deleted: false,
             derived: true,
         });
+        self.rows.push(0);
         strata.push(stratum);
         self.axioms.push(LiftedAxiom {
             head,
@@ -148,10 +157,28 @@ impl Splitter<'_> {
         Formula::Literal { positive: true, atom: LiftedAtom { predicate: head, arguments } }
     }
 
-    /// How many bindings some variables have.
-    fn bindings(&self, slots: &[Slot], frame: &[TypeIndex]) -> f64 {
-        let sizes = slots.iter().map(|slot| self.types[frame[*slot as usize]].members.len() as f64);
-        sizes.product()
+    /// How many bindings a conjunction may have at most: facts that never change bind their variables
+    /// together, where that is less than each for itself.
+    fn bindings<'f>(
+        &self,
+        scope: &[Slot],
+        parts: impl Iterator<Item = &'f Formula>,
+        frame: &[TypeIndex],
+    ) -> f64 {
+        let size = |slot: &Slot| self.types[frame[*slot as usize]].members.len() as f64;
+        let mut open = scope.to_vec();
+        let mut bindings = 1.0;
+        for part in parts {
+            let Formula::Literal { positive: true, atom } = part else { continue };
+            let rows = self.rows[atom.predicate] as f64;
+            let binds = |slot: &Slot| atom.arguments.contains(&LiftedTerm::Variable(*slot));
+            let alone: f64 = open.iter().filter(|slot| binds(slot)).map(size).product();
+            if self.predicates[atom.predicate].is_static() && rows < alone {
+                bindings *= rows;
+                open.retain(|slot| !binds(slot));
+            }
+        }
+        bindings * open.iter().map(size).product::<f64>()
     }
 }
 
@@ -223,7 +250,7 @@ mod tests {
             steps
         };
         let mut split_up = chain(25);
-        split(&mut split_up);
+        split_above(&mut split_up, 100_000.0, 10.0);
         assert_eq!(split_up.axioms.len(), 2, "what is left of it is narrow");
         let (whole, parts) = (steps(&chain(25)), steps(&split_up));
         assert!(parts * 50 < whole, "{parts} steps instead of {whole}");
@@ -231,9 +258,17 @@ mod tests {
 
     #[test]
     fn what_is_narrow_stays_as_it_is() {
-        let mut narrow = chain(5);
+        let mut narrow = chain(25);
         split(&mut narrow);
         assert!(narrow.axioms.is_empty());
+        // As wide, but each of them leads to two others only.
+        let mut sparse = chain(40);
+        sparse.init.truncate(80);
+        split(&mut sparse);
+        assert!(sparse.axioms.is_empty());
+        let mut wide = chain(40);
+        split(&mut wide);
+        assert!(!wide.axioms.is_empty());
     }
 
     /// The cost of the cheapest plan.
