@@ -125,6 +125,12 @@ impl StateSpace {
         self.nodes[id.0 as usize] = Node { parent, operator };
     }
 
+    /// The step that led to a state; none to the first.
+    pub(crate) fn way(&self, id: StateId) -> Option<(StateId, OperatorId)> {
+        let Node { parent, operator } = self.nodes[id.0 as usize];
+        (id.0 != 0).then_some((parent, operator))
+    }
+
     /// The operators that lead from the first state to this one.
     pub(crate) fn path(&self, mut id: StateId) -> Vec<OperatorId> {
         let mut path = Vec::new();

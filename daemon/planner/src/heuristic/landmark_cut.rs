@@ -1,14 +1,17 @@
 //! LM-cut: a sum of landmarks, each a set of operators one of which every plan needs (Helmert and
 //! Domshlak, 2009). Admissible; sees goals that must be paid for one by one, which h_max does not.
 //!
+//! A landmark of a state is one of the state that a step leads to as well, if the step is not in it:
+//! most of what an evaluation finds, it has from the state before (Pommerening and Helmert, 2013).
+//!
 //! Relaxed operators of one operator share its cost, so that an action with several conditional
 //! effects is never charged twice for one application.
 
-use super::Evaluator;
 use super::queue::CostQueue;
 use super::relaxation::{Relaxation, UNREACHED, Weights};
+use super::{Evaluator, Way};
 use crate::rows::Rows;
-use crate::state::State;
+use crate::state::{State, StateId};
 use crate::task::Task;
 
 /// LM-cut, counting costs first and steps second.
@@ -38,7 +41,21 @@ pub(crate) struct LandmarkCut {
     explorations: u64,
     explorations_max: u64,
     enough: u64,
+    known: Landmarks,
 }
+
+/// The landmarks of states, as far as they are kept.
+#[derive(Debug, Default)]
+struct Landmarks {
+    /// By state: where its landmarks begin and end.
+    ranges: Vec<(u32, u32)>,
+    /// What each was charged, and where its operators end; they begin where the last one's do.
+    prices: Vec<(u64, u32)>,
+    operators: Vec<u32>,
+}
+
+/// Operators of kept landmarks, all in all: some 64 MiB. States that come later find theirs alone.
+const KEPT_MAX: usize = 1 << 24;
 
 /// Where a proposition lies, as seen from a cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,6 +102,7 @@ impl LandmarkCut {
             explorations: 0,
             explorations_max: CUTS_MAX,
             enough: u64::MAX,
+            known: Landmarks::default(),
             relaxation,
         }
     }
@@ -259,13 +277,10 @@ impl LandmarkCut {
     }
 }
 
-impl Evaluator for LandmarkCut {
-    fn evaluate(&mut self, state: &State) -> Option<u64> {
-        self.initial.clear();
-        self.relaxation.initial(state, &mut self.initial);
-        self.relaxation.weights(&mut self.remaining);
+impl LandmarkCut {
+    /// Finds cuts until the goal costs nothing any more, over what is left of the weights.
+    fn cuts(&mut self, mut total: u64) -> Option<u64> {
         self.explorations = 0;
-        let mut total: u64 = 0;
         loop {
             if self.explorations >= self.explorations_max {
                 // What is left out makes the estimate lower, and so keeps it admissible.
@@ -293,7 +308,50 @@ impl Evaluator for LandmarkCut {
                 return Some(total);
             }
             total = total.saturating_add(price);
+            self.known.push(price, &self.charged);
         }
+    }
+
+    /// Starts from a state with all weights whole.
+    fn start(&mut self, state: &State) {
+        self.initial.clear();
+        self.relaxation.initial(state, &mut self.initial);
+        self.relaxation.weights(&mut self.remaining);
+    }
+
+    /// Charges the landmarks of another state that a step has not met; returns what they cost.
+    fn inherit(&mut self, way: Way) -> u64 {
+        let mut total: u64 = 0;
+        for landmark in self.known.of(way.parent) {
+            let (price, operators) = self.known.get(landmark);
+            let operators = operators.start as usize..operators.end as usize;
+            if self.known.operators[operators.clone()].contains(&(way.operator.0)) {
+                continue;
+            }
+            for index in operators.clone() {
+                self.remaining[self.known.operators[index] as usize] -= price;
+            }
+            total = total.saturating_add(price);
+            self.known.push_again(price, operators);
+        }
+        total
+    }
+}
+
+impl Evaluator for LandmarkCut {
+    fn evaluate(&mut self, state: &State) -> Option<u64> {
+        self.known = Landmarks::default();
+        self.start(state);
+        self.cuts(0)
+    }
+
+    fn evaluate_after(&mut self, state: &State, id: StateId, way: Option<Way>) -> Option<u64> {
+        self.start(state);
+        let first = self.known.prices.len() as u32;
+        let inherited = way.map_or(0, |way| self.inherit(way));
+        let estimate = self.cuts(inherited);
+        self.known.keep(id, first);
+        estimate
     }
 
     fn limit(&mut self, explorations_max: u64, enough: u64) {
@@ -303,5 +361,48 @@ impl Evaluator for LandmarkCut {
 
     fn explorations(&self) -> u64 {
         self.explorations
+    }
+}
+
+// === impl Landmarks ===
+
+impl Landmarks {
+    /// The landmarks of a state, by index; none where they are not kept.
+    fn of(&self, state: StateId) -> std::ops::Range<u32> {
+        let (start, end) = self.ranges.get(state.0 as usize).copied().unwrap_or((0, 0));
+        start..end
+    }
+
+    /// What a landmark was charged, and where its operators are.
+    fn get(&self, landmark: u32) -> (u64, std::ops::Range<u32>) {
+        let (price, end) = self.prices[landmark as usize];
+        let before = (landmark as usize).checked_sub(1);
+        (price, before.map_or(0, |before| self.prices[before].1)..end)
+    }
+
+    fn push(&mut self, price: u64, operators: &[u32]) {
+        self.operators.extend_from_slice(operators);
+        self.prices.push((price, self.operators.len() as u32));
+    }
+
+    /// Adds one whose operators are here already.
+    fn push_again(&mut self, price: u64, operators: std::ops::Range<usize>) {
+        self.operators.extend_from_within(operators);
+        self.prices.push((price, self.operators.len() as u32));
+    }
+
+    /// Those from `first` on are a state's, unless there are too many already.
+    fn keep(&mut self, state: StateId, first: u32) {
+        if self.operators.len() > KEPT_MAX {
+            self.prices.truncate(first as usize);
+            let end = self.prices.last().map_or(0, |(_, end)| *end);
+            self.operators.truncate(end as usize);
+            return;
+        }
+        let index = state.0 as usize;
+        if index >= self.ranges.len() {
+            self.ranges.resize(index + 1, (0, 0));
+        }
+        self.ranges[index] = (first, self.prices.len() as u32);
     }
 }

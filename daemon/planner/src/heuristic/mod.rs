@@ -19,13 +19,19 @@ pub(crate) use max::Max;
 pub(crate) use novelty::{NOT_NOVEL, Novelty};
 pub(crate) use relaxation::Weights;
 
-use crate::state::State;
+use crate::state::{State, StateId};
 use crate::task::{OperatorId, Task};
 
 /// Estimates the cost from a state to the nearest goal state.
 pub(crate) trait Evaluator {
     /// `None` means a dead end: no plan passes through `state`.
     fn evaluate(&mut self, state: &State) -> Option<u64>;
+
+    /// The same of a state that a step leads to from another; `id` names it for steps that lead on.
+    /// What was found out about the other one need not be found again.
+    fn evaluate_after(&mut self, state: &State, _id: StateId, _way: Option<Way>) -> Option<u64> {
+        self.evaluate(state)
+    }
 
     /// Sets how often the next evaluation may explore the relaxation, if it does so more than once,
     /// and which estimate is enough: none need be higher. With less it says less.
@@ -45,6 +51,13 @@ pub(crate) trait Evaluator {
     fn bytes(&self) -> usize {
         0
     }
+}
+
+/// The last step of a way to a state.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Way {
+    pub(crate) parent: StateId,
+    pub(crate) operator: OperatorId,
 }
 
 /// Makes a heuristic for a task.
