@@ -33,23 +33,22 @@ fn split_above(lifted: &mut Lifted, bindings_max: f64, gain_min: f64) {
     for (predicate, _) in init {
         rows[*predicate] += 1;
     }
-    let mut splitter =
-        Splitter { types, rows, predicates, axioms: Vec::new(), bindings_max, gain_min };
-    // Axioms first: what is split off them asks for the strata of others.
-    let mut strata = vec![0; splitter.predicates.len()];
+    let mut strata = vec![0; predicates.len()];
     for axiom in axioms.iter() {
         strata[axiom.head] = axiom.stratum;
     }
+    let mut splitter =
+        Splitter { types, rows, strata, predicates, axioms: Vec::new(), bindings_max, gain_min };
     for axiom in axioms.iter_mut() {
-        splitter.formula(&mut axiom.body, &axiom.frame, &mut strata);
+        splitter.formula(&mut axiom.body, &axiom.frame);
     }
     for schema in schemas {
         let frame = &schema.frame;
-        splitter.formula(&mut schema.precondition, frame, &mut strata);
+        splitter.formula(&mut schema.precondition, frame);
         let effects = schema.effects.iter_mut().map(|effect| &mut effect.condition);
         let numeric = schema.numeric.iter_mut().map(|change| &mut change.condition);
         for condition in effects.chain(numeric) {
-            splitter.formula(condition, frame, &mut strata);
+            splitter.formula(condition, frame);
         }
     }
     axioms.append(&mut splitter.axioms);
@@ -59,6 +58,8 @@ struct Splitter<'l> {
     types: &'l [TypeSet],
     /// By predicate: how many facts of it there are at first.
     rows: Vec<usize>,
+    /// By predicate: its stratum; that of facts which are not derived is the first.
+    strata: Vec<usize>,
     predicates: &'l mut Vec<PredicateUse>,
     /// Those that are new.
     axioms: Vec<LiftedAxiom>,
@@ -69,17 +70,17 @@ struct Splitter<'l> {
 // === impl Splitter ===
 
 impl Splitter<'_> {
-    fn formula(&mut self, formula: &mut Formula, frame: &[TypeIndex], strata: &mut Vec<usize>) {
+    fn formula(&mut self, formula: &mut Formula, frame: &[TypeIndex]) {
         match formula {
             Formula::And(parts) | Formula::Or(parts) => {
-                parts.iter_mut().for_each(|part| self.formula(part, frame, strata));
+                parts.iter_mut().for_each(|part| self.formula(part, frame));
             }
             // What it denies would have to be derived, which negates where nothing was negated.
-            Formula::Forall(_, inner) => self.formula(inner, frame, strata),
+            Formula::Forall(_, inner) => self.formula(inner, frame),
             Formula::Exists(slots, inner) => {
-                self.formula(inner, frame, strata);
+                self.formula(inner, frame);
                 if let Formula::And(parts) = &mut **inner {
-                    self.exists(slots, parts, frame, strata);
+                    self.exists(slots, parts, frame);
                 }
             }
             _ => (),
@@ -87,13 +88,7 @@ impl Splitter<'_> {
     }
 
     /// Eliminates variables, the cheapest first, until few bindings are left or nothing is gained.
-    fn exists(
-        &mut self,
-        slots: &mut Vec<Slot>,
-        parts: &mut Vec<Formula>,
-        frame: &[TypeIndex],
-        strata: &mut Vec<usize>,
-    ) {
+    fn exists(&mut self, slots: &mut Vec<Slot>, parts: &mut Vec<Formula>, frame: &[TypeIndex]) {
         loop {
             let whole = self.bindings(&scope(parts.iter()), parts.iter(), frame);
             if whole <= self.bindings_max {
@@ -112,7 +107,7 @@ impl Splitter<'_> {
             let (inside, outside) =
                 std::mem::take(parts).into_iter().partition(|part| mentions(part, &[slot]));
             *parts = outside;
-            parts.push(self.derive(slot, inside, &scope, frame, strata));
+            parts.push(self.derive(slot, inside, &scope, frame));
             slots.retain(|one| *one != slot);
         }
     }
@@ -124,7 +119,6 @@ impl Splitter<'_> {
         parts: Vec<Formula>,
         scope: &[Slot],
         frame: &[TypeIndex],
-        strata: &mut Vec<usize>,
     ) -> Formula {
         let head = self.predicates.len();
         let parameters: Vec<Slot> = scope.iter().copied().filter(|one| *one != slot).collect();
@@ -132,7 +126,7 @@ impl Splitter<'_> {
         let mut stratum = 0;
         body.literals(&mut |positive, atom| {
             let is_settled_before = !positive && self.predicates[atom.predicate].derived;
-            stratum = stratum.max(strata[atom.predicate] + usize::from(is_settled_before));
+            stratum = stratum.max(self.strata[atom.predicate] + usize::from(is_settled_before));
         });
         let mut slots = parameters.clone();
         renumber(&mut body, &mut slots);
@@ -145,7 +139,7 @@ impl Splitter<'_> {
             derived: true,
         });
         self.rows.push(0);
-        strata.push(stratum);
+        self.strata.push(stratum);
         self.axioms.push(LiftedAxiom {
             head,
             parameter_count: parameters.len(),
