@@ -18,6 +18,9 @@ use super::quantifiers::mentions;
 /// costs something in every state of a search.
 const BINDINGS_MAX: f64 = 10_000_000.0;
 
+/// Bindings that are few enough to be left as they are, once a join is taken apart.
+const BINDINGS_FEW: f64 = 10_000.0;
+
 /// How many times fewer the bindings of a part must be than those of the whole.
 const GAIN_MIN: f64 = 10.0;
 
@@ -89,9 +92,10 @@ impl Splitter<'_> {
 
     /// Eliminates variables, the cheapest first, until few bindings are left or nothing is gained.
     fn exists(&mut self, slots: &mut Vec<Slot>, parts: &mut Vec<Formula>, frame: &[TypeIndex]) {
+        let mut bindings_max = self.bindings_max;
         loop {
             let whole = self.bindings(&scope(parts.iter()), parts.iter(), frame);
-            if whole <= self.bindings_max {
+            if whole <= bindings_max {
                 return;
             }
             let scopes = slots.iter().map(|slot| {
@@ -109,6 +113,7 @@ impl Splitter<'_> {
             *parts = outside;
             parts.push(self.derive(slot, inside, &scope, frame));
             slots.retain(|one| *one != slot);
+            bindings_max = bindings_max.min(BINDINGS_FEW);
         }
     }
 
@@ -245,7 +250,7 @@ mod tests {
         };
         let mut split_up = chain(25);
         split_above(&mut split_up, 100_000.0, 10.0);
-        assert_eq!(split_up.axioms.len(), 2, "what is left of it is narrow");
+        assert_eq!(split_up.axioms.len(), 3, "one for each but the last");
         let (whole, parts) = (steps(&chain(25)), steps(&split_up));
         assert!(parts * 50 < whole, "{parts} steps instead of {whole}");
     }
