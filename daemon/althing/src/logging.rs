@@ -25,10 +25,12 @@ pub(crate) fn start(verbose: u8) {
     let _ = tracing_subscriber::util::SubscriberInitExt::try_init(subscriber);
 }
 
-/// What `-v` means. Zenoh tells much that is of use to nobody who does not work on Zenoh.
+/// What `-v` means. Zenoh tells much that is of use to nobody who does not work on Zenoh: its sessions,
+/// that something came before the name it goes by, where routers still tell each other what is there.
+/// Agents say again what nobody has received.
 fn level(verbose: u8) -> &'static str {
     match verbose {
-        0 => "warn,zenoh=error",
+        0 => "warn,zenoh=error,zenoh::api::session=off",
         1 => "info,zenoh=warn",
         2 => "debug,zenoh=info",
         _ => "trace",
