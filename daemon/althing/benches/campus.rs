@@ -10,6 +10,8 @@
 //!
 //! Each process has folders of its own and is ended when it has been measured.
 
+mod support;
+
 use std::error::Error;
 use std::fs;
 use std::io::{BufRead as _, BufReader};
@@ -24,6 +26,7 @@ use capability::{Announcement, Maintainer, Moment, Scope, Snapshot, model_digest
 use pddl::{Atom, Condition, InitElement, Name, Problem, Span, Term};
 use planner::explain::{self, Guard, Known};
 use planner::{Cancel, Grounding, Options, Replanner};
+use support::Figures;
 
 /// As in the daemon.
 #[global_allocator]
@@ -80,28 +83,20 @@ fn tell(what: &str, value: f64, unit: &str, aim: Option<f64>) {
     println!("{what}: {value:.2} {unit}{verdict}");
 }
 
-/// What many rounds took, in milliseconds.
-struct Times {
-    median: f64,
-    /// The slowest of a hundred.
-    p99: f64,
+/// The median, and the slowest of a hundred, which has an aim.
+fn tell_figures(what: &str, figures: &Figures, aim: f64) {
+    tell(&format!("{what}, p50"), figures.within(0.5), "ms", None);
+    tell(&format!("{what}, p99"), figures.within(0.99), "ms", Some(aim));
 }
 
-/// Both figures, of which the slowest of a hundred has an aim.
-fn tell_times(what: &str, times: &Times, p99_aim: Option<f64>) {
-    tell(&format!("{what}, p50"), times.median, "ms", None);
-    tell(&format!("{what}, p99"), times.p99, "ms", p99_aim);
-}
-
-fn times(mut measure: impl FnMut() -> Outcome<()>) -> Outcome<Times> {
-    let mut took = Vec::with_capacity(ROUNDS);
+fn figures(mut measure: impl FnMut() -> Outcome<()>) -> Outcome<Figures> {
+    let mut figures = Figures::default();
     for _ in 0..ROUNDS {
         let begun = Instant::now();
         measure()?;
-        took.push(begun.elapsed().as_secs_f64() * 1_000.0);
+        figures.push(begun.elapsed());
     }
-    took.sort_by(f64::total_cmp);
-    Ok(Times { median: took[ROUNDS / 2], p99: took[ROUNDS * 99 / 100] })
+    Ok(figures)
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
@@ -122,7 +117,7 @@ fn change_and_replan(campus: &Campus) -> Outcome<()> {
     let dying = layout.rooms().find_map(|room| layout.fixed_sensors_in(room).next());
     let dying = AgentId::new(dying.ok_or("no thermometer")?)?;
     let life = Incarnation::default();
-    let change = times(|| {
+    let change = figures(|| {
         maintainer.mask(&dying, life, Moment(1));
         maintainer.snapshot(Moment(1));
         maintainer.unmask(&dying, life, Moment(1));
@@ -131,24 +126,24 @@ fn change_and_replan(campus: &Campus) -> Outcome<()> {
     })?;
     tell(
         "a change, composed into a domain and a problem",
-        change.median / 2.0,
+        change.within(0.5) / 2.0,
         "ms",
         Some(CHANGE_AIM_MS),
     );
 
     let all = plan_for(&maintainer.snapshot(Moment(1)), layout, None)?;
-    tell_times("a plan for all rooms", &all, Some(PLAN_AIM_MS));
+    tell_figures("a plan for all rooms", &all, PLAN_AIM_MS);
     maintainer.mask(&dying, life, Moment(1));
     let room = dying.as_str().trim_start_matches("thermometer-");
     let again = plan_for(&maintainer.snapshot(Moment(1)), layout, Some(room))?;
-    tell_times("the same, when the thermometer of one room is gone", &again, Some(PLAN_AIM_MS));
+    tell_figures("the same, when the thermometer of one room is gone", &again, PLAN_AIM_MS);
     let (without, with) = {
         let without = maintainer.snapshot(Moment(1));
         maintainer.unmask(&dying, life, Moment(1));
         (without, maintainer.snapshot(Moment(1)))
     };
     let kept = replan_for(&[with, without], layout, room)?;
-    tell_times("a replan: it is gone, or back", &kept, Some(REPLAN_AIM_MS));
+    tell_figures("a replan: it is gone, or back", &kept, REPLAN_AIM_MS);
     maintainer.mask(&dying, life, Moment(1));
     for device in layout.devices() {
         if !matches!(device, Device::Robot { .. }) {
@@ -161,7 +156,7 @@ fn change_and_replan(campus: &Campus) -> Outcome<()> {
         let took = explain(&nobody, &rooms)?;
         tell(
             &format!("an explanation: no thermometer is left for {what}"),
-            took.median,
+            took.within(0.5),
             "ms",
             None,
         );
@@ -170,14 +165,14 @@ fn change_and_replan(campus: &Campus) -> Outcome<()> {
 }
 
 /// How long it takes to explain why these conditions cannot be reached.
-fn explain(snapshot: &Snapshot, parts: &[Condition]) -> Outcome<Times> {
+fn explain(snapshot: &Snapshot, parts: &[Condition]) -> Outcome<Figures> {
     let guards = snapshot.guards().into_iter().map(|(inside, guard)| {
         let (outside, predicate) = (Name::new(&guard.outside), Name::new(&guard.predicate));
         (Name::new(&inside), Guard { outside, predicate })
     });
     let (domain, problem, guards) = (&*snapshot.domain, &snapshot.problem, guards.collect());
     let known = Known { domain, problem, guards: &guards, former: &[] };
-    times(|| {
+    figures(|| {
         let explained = explain::explain(known, parts, &Options::default(), &Cancel::new());
         let obstacles = explained.map_err(|error| error.to_string())?.obstacles.len();
         if obstacles == parts.len() { Ok(()) } else { Err("something can be reached".into()) }
@@ -193,9 +188,9 @@ fn known(room: &str) -> Atom {
 }
 
 /// How long it takes to plan for all rooms, of which all are known but `unknown`, or none is.
-fn plan_for(snapshot: &Snapshot, layout: &Layout, unknown: Option<&str>) -> Outcome<Times> {
+fn plan_for(snapshot: &Snapshot, layout: &Layout, unknown: Option<&str>) -> Outcome<Figures> {
     let problem = problem_for(snapshot, layout, unknown);
-    times(|| {
+    figures(|| {
         let outcome =
             planner::plan(&snapshot.domain, &problem, &Options::default(), &Cancel::new());
         let plan = outcome.map_err(|error| error.to_string())?.plan.ok_or("no plan")?;
@@ -204,7 +199,7 @@ fn plan_for(snapshot: &Snapshot, layout: &Layout, unknown: Option<&str>) -> Outc
 }
 
 /// How long it takes a planner that has planned in these before to do it again, in turn.
-fn replan_for(snapshots: &[Snapshot], layout: &Layout, unknown: &str) -> Outcome<Times> {
+fn replan_for(snapshots: &[Snapshot], layout: &Layout, unknown: &str) -> Outcome<Figures> {
     let problem = |snapshot| problem_for(snapshot, layout, Some(unknown));
     let problems: Vec<Problem> = snapshots.iter().map(problem).collect();
     let (mut replanner, mut round) = (Replanner::default(), 0);
@@ -225,7 +220,7 @@ fn replan_for(snapshots: &[Snapshot], layout: &Layout, unknown: &str) -> Outcome
     for _ in snapshots {
         again()?;
     }
-    times(again)
+    figures(again)
 }
 
 /// The goal of knowing all rooms, of which all are known but `unknown`, or none is.

@@ -29,12 +29,16 @@ def command_of_fast_downward(alias):
     return f"{sys.executable} {driver} --plan-file {{plan}} --alias {alias} {{domain}} {{problem}}"
 
 
+def task_lines(bench, which, every):
+    """The lines of a list of tasks, `DOMAIN PROBLEM` each, or every so many of them."""
+    return [line for line in open(pathlib.Path(bench) / f"{which}.tasks") if line.split("#")[0].split()][::every]
+
+
 def run(name, command, args, out):
     validate = f"{ALTHING} validate {{domain}} {{problem}} {{plan}}"
     bench = pathlib.Path(args.bench)
-    lines = [line for line in open(bench / f"{args.set}.tasks") if line.split("#")[0].split()]
     tasks = out.parent / "tasks"
-    tasks.write_text("".join(lines[:: args.every]))
+    tasks.write_text("".join(task_lines(bench, args.set, args.every)))
     words = [sys.executable, bench / "planbench.py", "--name", name, "--cmd", f"PATH= {command}", "--validate", validate,
              "--tasks", tasks, "--root", bench / args.set, "--out", out, "--time", str(args.time)]
     if args.core is not None:

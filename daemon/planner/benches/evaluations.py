@@ -10,7 +10,7 @@ either. Where Fast Downward is stopped, what it said last about its search is ta
 """
 import argparse, json, os, pathlib, re, shlex, signal, statistics, subprocess, tempfile
 
-from competition import ALTHING, command_of_fast_downward
+from competition import ALTHING, command_of_fast_downward, task_lines
 
 # Fast Downward's word on its progress, and on the end of a search.
 PROGRESS = re.compile(r"\[t=([\d.]+)s.*?\] g=\d+, (\d+) evaluated")
@@ -58,18 +58,17 @@ def main():
     args = parser.parse_args()
     if args.core is not None:
         os.sched_setaffinity(0, {args.core})
-    lines = [line.split("#")[0].split() for line in open(args.bench / "classical.tasks")]
-    tasks = [line for line in lines if line]
     ratios = []
     print("| task | althing, evaluations/s | other | ratio |\n|---|---|---|---|")
-    for line in tasks[:: args.every]:
-        domain, problem = (args.bench / "classical" / name for name in line[:2])
+    for line in task_lines(args.bench, "classical", args.every):
+        names = line.split()[:2]
+        domain, problem = (args.bench / "classical" / name for name in names)
         with tempfile.TemporaryDirectory() as folder:
             sides = [side(domain.resolve(), problem.resolve(), args.time, pathlib.Path(folder)) for side in (own, other)]
         if all(took > SECONDS_MIN for _, took in sides):
             mine, theirs = (count / took for count, took in sides)
             ratios.append(mine / theirs)
-            print(f"| {line[1]} | {mine:,.0f} | {theirs:,.0f} | {ratios[-1]:.2f} |", flush=True)
+            print(f"| {names[1]} | {mine:,.0f} | {theirs:,.0f} | {ratios[-1]:.2f} |", flush=True)
     if ratios:
         print(f"\n{len(ratios)} tasks, median of ratios {statistics.median(ratios):.2f}")
     else:

@@ -9,7 +9,7 @@ use crate::ground::{GroundError, ground};
 use crate::limits::{Budget, Cancel};
 use crate::mutex::MutexGroups;
 use crate::normalize::lifted::Lifted;
-use crate::normalize::{normalize, split};
+use crate::normalize::{normalize, split_wide};
 use crate::outcome::{PlanError, StopReason};
 use crate::plan::refuse_mistakes;
 use crate::task::Task;
@@ -62,7 +62,7 @@ pub struct Extent {
 pub fn prepare(domain: &Domain, problem: &Problem) -> Result<Prepared, PlanError> {
     refuse_mistakes(domain, problem)?;
     let mut lifted = normalize(domain, problem)?;
-    split(&mut lifted);
+    split_wide(&mut lifted);
     Ok(Prepared(lifted))
 }
 

@@ -7,7 +7,7 @@ use pddl::{Diagnostic, Domain, Number, Plan, Problem};
 
 use crate::ground::{GroundError, ground};
 use crate::limits::{Cancel, Options};
-use crate::normalize::{normalize, split};
+use crate::normalize::{normalize, split_wide};
 use crate::outcome::{News, Outcome, PlanError, Statistics, StopReason};
 use crate::search::Told;
 use crate::solve::Solver;
@@ -36,7 +36,7 @@ pub fn plan_and_tell(
 ) -> Result<Outcome, PlanError> {
     refuse_mistakes(domain, problem)?;
     let mut lifted = normalize(domain, problem)?;
-    split(&mut lifted);
+    split_wide(&mut lifted);
     let mut statistics = Statistics::default();
     let grounded = match ground(&lifted, options.budget, cancel, &mut statistics.join_steps) {
         Ok(grounded) => grounded,

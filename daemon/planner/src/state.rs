@@ -22,14 +22,14 @@ pub(crate) struct StateSpace {
     width: usize,
     words: Vec<u64>,
     ids: IdTable,
-    nodes: Vec<Node>,
+    ways: Vec<Way>,
 }
 
-/// How a state was reached; the first state was not.
+/// The step that leads to a state; the first state has one that means nothing.
 #[derive(Clone, Copy, Debug)]
-struct Node {
-    parent: StateId,
-    operator: OperatorId,
+pub(crate) struct Way {
+    pub(crate) parent: StateId,
+    pub(crate) operator: OperatorId,
 }
 
 /// Applies operators and derives what follows. Holds scratch space, so one per search.
@@ -86,7 +86,7 @@ impl StateSpace {
             width: initial.len(),
             words: Vec::new(),
             ids: IdTable::default(),
-            nodes: Vec::new(),
+            ways: Vec::new(),
         };
         space.insert(initial, StateId(0), OperatorId(0));
         space
@@ -109,33 +109,32 @@ impl StateSpace {
         if let Some(id) = found {
             return (StateId(id), false);
         }
-        let id = self.nodes.len() as u32;
-        let StateSpace { width, words, ids, nodes } = self;
+        let id = self.ways.len() as u32;
+        let StateSpace { width, words, ids, ways } = self;
         ids.insert(hash, id, |id| {
             let start = id as usize * *width;
             hash_words(words[start..start + *width].iter().copied())
         });
         words.extend_from_slice(state);
-        nodes.push(Node { parent, operator });
+        ways.push(Way { parent, operator });
         (StateId(id), true)
     }
 
     /// Replaces the way to a state.
     pub(crate) fn reparent(&mut self, id: StateId, parent: StateId, operator: OperatorId) {
-        self.nodes[id.0 as usize] = Node { parent, operator };
+        self.ways[id.0 as usize] = Way { parent, operator };
     }
 
     /// The step that led to a state; none to the first.
-    pub(crate) fn way(&self, id: StateId) -> Option<(StateId, OperatorId)> {
-        let Node { parent, operator } = self.nodes[id.0 as usize];
-        (id.0 != 0).then_some((parent, operator))
+    pub(crate) fn way(&self, id: StateId) -> Option<Way> {
+        (id.0 != 0).then(|| self.ways[id.0 as usize])
     }
 
     /// The operators that lead from the first state to this one.
     pub(crate) fn path(&self, mut id: StateId) -> Vec<OperatorId> {
         let mut path = Vec::new();
         while id.0 != 0 {
-            let node = self.nodes[id.0 as usize];
+            let node = self.ways[id.0 as usize];
             path.push(node.operator);
             id = node.parent;
         }
@@ -145,9 +144,7 @@ impl StateSpace {
 
     /// Bytes taken.
     pub(crate) fn bytes(&self) -> usize {
-        self.words.len() * size_of::<u64>()
-            + self.nodes.len() * size_of::<Node>()
-            + self.ids.bytes()
+        self.words.len() * size_of::<u64>() + self.ways.len() * size_of::<Way>() + self.ids.bytes()
     }
 }
 

@@ -8,11 +8,11 @@ mod external;
 mod list;
 mod telling;
 
-use std::fmt::{self, Write as _};
+use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
+use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -23,7 +23,7 @@ use planner::{
 };
 use serde_json::{Value, json};
 
-use self::telling::Telling;
+use self::telling::{Progress, Stage, Telling};
 use crate::cli::{Engine, PlanArgs};
 use crate::pddl_files::{self, Task};
 use crate::render::{number, plural};
@@ -60,20 +60,17 @@ pub(crate) fn run(args: &PlanArgs) -> ExitCode {
         // Reading took all of it; the timer's thread may be late to say so.
         cancel.set();
     }
-    let stage = Arc::new(Mutex::new(Stage::Grounding));
-    let telling = Telling::start(args, started, {
-        let stage = Arc::clone(&stage);
-        move |seconds| format!("{}, {seconds} s so far", stage_now(&stage))
-    });
+    let progress = Progress::default();
+    let telling = Telling::start(args, started, progress.line());
     let mut search_began = None;
     let mut tell = |news: News<'_>| match news {
         News::Plan(plan) if args.anytime => tell_better(args, &task, plan, started.elapsed()),
         News::Ground { facts, operators } => {
-            *stage_now(&stage) = Stage::Preparing { facts, operators };
+            progress.set(Stage::Preparing { facts, operators });
         }
         News::Searching { expansions } => {
             search_began.get_or_insert_with(|| started.elapsed());
-            *stage_now(&stage) = Stage::Searching { expansions };
+            progress.set(Stage::Searching { expansions });
         }
         _ => (),
     };
@@ -87,42 +84,12 @@ pub(crate) fn run(args: &PlanArgs) -> ExitCode {
     }
 }
 
-/// What the planner is at.
-#[derive(Clone, Copy)]
-enum Stage {
-    Grounding,
-    Preparing { facts: usize, operators: usize },
-    Searching { expansions: u64 },
-}
-
 /// How long it took.
 #[derive(Clone, Copy)]
 struct Took {
     /// Until a search was set up, if one was needed.
     search_began: Option<Duration>,
     whole: Duration,
-}
-
-// === impl Stage ===
-
-impl fmt::Display for Stage {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Stage::Grounding => f.write_str("grounding"),
-            Stage::Preparing { facts, operators } => {
-                let (facts, operators) = (plural(facts, "fact"), plural(operators, "operator"));
-                write!(f, "preparing a search over {facts} and {operators}")
-            }
-            Stage::Searching { expansions } => {
-                let expansions = usize::try_from(expansions).unwrap_or(usize::MAX);
-                write!(f, "searching, {} expanded", plural(expansions, "state"))
-            }
-        }
-    }
-}
-
-fn stage_now(stage: &Mutex<Stage>) -> MutexGuard<'_, Stage> {
-    stage.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// What of the arguments this planner cannot do.

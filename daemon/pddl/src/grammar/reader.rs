@@ -1,6 +1,8 @@
 //! What every production carries along: the mistakes found so far, the names seen so far, and
 //! the kind of place that is being read.
 
+use std::borrow::Cow;
+
 use foldhash::HashMap;
 use foldhash::fast::RandomState;
 
@@ -33,19 +35,8 @@ pub(super) enum Place {
     Metric,
 }
 
-/// A word in lower case, without allocating; empty where that is not what is written and it is longer
-/// than any keyword.
-pub(super) enum Keyword<'f> {
-    /// As it is written: nearly every word.
-    Written(&'f str),
-    Lowered {
-        bytes: [u8; KEYWORD_BYTES],
-        length: usize,
-    },
-}
-
-/// Longer than the longest keyword, `:existential-preconditions`.
-const KEYWORD_BYTES: usize = 32;
+/// A word in lower case; nearly every word is written so.
+pub(super) struct Keyword<'f>(Cow<'f, str>);
 
 // === impl Reader ===
 
@@ -166,24 +157,14 @@ impl<'f> Reader<'f> {
 
 impl<'f> Keyword<'f> {
     pub(super) fn of(word: &'f str) -> Keyword<'f> {
-        if !word.bytes().any(|byte| byte.is_ascii_uppercase()) {
-            return Keyword::Written(word);
-        }
-        let mut bytes = [0; KEYWORD_BYTES];
-        let length = if word.len() <= KEYWORD_BYTES { word.len() } else { 0 };
-        for (lower, byte) in bytes.iter_mut().zip(word.bytes()) {
-            *lower = byte.to_ascii_lowercase();
-        }
-        Keyword::Lowered { bytes, length }
+        Keyword(match word.bytes().any(|byte| byte.is_ascii_uppercase()) {
+            true => word.to_ascii_lowercase().into(),
+            false => word.into(),
+        })
     }
 
     pub(super) fn as_str(&self) -> &str {
-        match self {
-            Keyword::Written(word) => word,
-            Keyword::Lowered { bytes, length } => {
-                std::str::from_utf8(&bytes[..*length]).unwrap_or("")
-            }
-        }
+        &self.0
     }
 }
 

@@ -9,9 +9,11 @@
 
 use super::queue::CostQueue;
 use super::relaxation::{Relaxation, UNREACHED, Weights};
-use super::{Evaluator, Way};
+use std::ops::Range;
+
+use super::Evaluator;
 use crate::rows::Rows;
-use crate::state::{State, StateId};
+use crate::state::{State, StateId, Way};
 use crate::task::Task;
 
 /// LM-cut, counting costs first and steps second.
@@ -275,9 +277,7 @@ impl LandmarkCut {
         }
         price
     }
-}
 
-impl LandmarkCut {
     /// Finds cuts until the goal costs nothing any more, over what is left of the weights.
     fn cuts(&mut self, mut total: u64) -> Option<u64> {
         self.explorations = 0;
@@ -324,15 +324,14 @@ impl LandmarkCut {
         let mut total: u64 = 0;
         for landmark in self.known.of(way.parent) {
             let (price, operators) = self.known.get(landmark);
-            let operators = operators.start as usize..operators.end as usize;
-            if self.known.operators[operators.clone()].contains(&(way.operator.0)) {
+            if operators.contains(&way.operator.0) {
                 continue;
             }
-            for index in operators.clone() {
-                self.remaining[self.known.operators[index] as usize] -= price;
+            for operator in operators {
+                self.remaining[*operator as usize] -= price;
             }
             total = total.saturating_add(price);
-            self.known.push_again(price, operators);
+            self.known.push_again(landmark);
         }
         total
     }
@@ -362,22 +361,30 @@ impl Evaluator for LandmarkCut {
     fn explorations(&self) -> u64 {
         self.explorations
     }
+
+    fn bytes(&self) -> usize {
+        self.relaxation.bytes() + self.known.bytes()
+    }
 }
 
 // === impl Landmarks ===
 
 impl Landmarks {
     /// The landmarks of a state, by index; none where they are not kept.
-    fn of(&self, state: StateId) -> std::ops::Range<u32> {
+    fn of(&self, state: StateId) -> Range<usize> {
         let (start, end) = self.ranges.get(state.0 as usize).copied().unwrap_or((0, 0));
-        start..end
+        start as usize..end as usize
     }
 
-    /// What a landmark was charged, and where its operators are.
-    fn get(&self, landmark: u32) -> (u64, std::ops::Range<u32>) {
-        let (price, end) = self.prices[landmark as usize];
-        let before = (landmark as usize).checked_sub(1);
-        (price, before.map_or(0, |before| self.prices[before].1)..end)
+    /// What a landmark was charged, and its operators.
+    fn get(&self, landmark: usize) -> (u64, &[u32]) {
+        (self.prices[landmark].0, &self.operators[self.place(landmark)])
+    }
+
+    /// Where the operators of a landmark are.
+    fn place(&self, landmark: usize) -> Range<usize> {
+        let start = landmark.checked_sub(1).map_or(0, |before| self.prices[before].1);
+        start as usize..self.prices[landmark].1 as usize
     }
 
     fn push(&mut self, price: u64, operators: &[u32]) {
@@ -385,10 +392,10 @@ impl Landmarks {
         self.prices.push((price, self.operators.len() as u32));
     }
 
-    /// Adds one whose operators are here already.
-    fn push_again(&mut self, price: u64, operators: std::ops::Range<usize>) {
-        self.operators.extend_from_within(operators);
-        self.prices.push((price, self.operators.len() as u32));
+    /// Adds one that is here already.
+    fn push_again(&mut self, landmark: usize) {
+        self.operators.extend_from_within(self.place(landmark));
+        self.prices.push((self.prices[landmark].0, self.operators.len() as u32));
     }
 
     /// Those from `first` on are a state's, unless there are too many already.
@@ -404,5 +411,9 @@ impl Landmarks {
             self.ranges.resize(index + 1, (0, 0));
         }
         self.ranges[index] = (first, self.prices.len() as u32);
+    }
+
+    fn bytes(&self) -> usize {
+        self.ranges.len() * 8 + self.prices.len() * 16 + self.operators.len() * 4
     }
 }

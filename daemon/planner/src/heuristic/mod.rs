@@ -19,7 +19,7 @@ pub(crate) use max::Max;
 pub(crate) use novelty::{NOT_NOVEL, Novelty};
 pub(crate) use relaxation::Weights;
 
-use crate::state::{State, StateId};
+use crate::state::{State, StateId, Way};
 use crate::task::{OperatorId, Task};
 
 /// Estimates the cost from a state to the nearest goal state.
@@ -51,13 +51,6 @@ pub(crate) trait Evaluator {
     fn bytes(&self) -> usize {
         0
     }
-}
-
-/// The last step of a way to a state.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Way {
-    pub(crate) parent: StateId,
-    pub(crate) operator: OperatorId,
 }
 
 /// Makes a heuristic for a task.

@@ -19,7 +19,7 @@ use self::formula::Scope;
 use self::lifted::{Closed, Lifted, LiftedAxiom, LiftedNumeric, LiftedTerm, Schema};
 use self::quantifiers::rearrange;
 pub(crate) use self::symbols::Symbols;
-pub(crate) use self::wide::split;
+pub(crate) use self::wide::split_wide;
 use crate::outcome::{PlanError, Unsupported};
 use crate::task::ObjectId;
 

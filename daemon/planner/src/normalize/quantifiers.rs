@@ -146,7 +146,7 @@ fn components(slots: Vec<Slot>, parts: Vec<Formula>, existential: bool) -> Formu
 }
 
 /// Whether a formula mentions one of these variables.
-pub(crate) fn mentions(formula: &Formula, slots: &[Slot]) -> bool {
+fn mentions(formula: &Formula, slots: &[Slot]) -> bool {
     let is_one = |term: &LiftedTerm| match term {
         LiftedTerm::Variable(slot) => slots.contains(slot),
         LiftedTerm::Object(_) => false,

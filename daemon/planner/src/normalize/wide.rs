@@ -12,7 +12,6 @@ use pddl::Name;
 use super::lifted::{
     Formula, Lifted, LiftedAtom, LiftedAxiom, LiftedTerm, PredicateUse, Slot, TypeIndex, TypeSet,
 };
-use super::quantifiers::mentions;
 
 /// Bindings that a join may have before it is taken apart, about a second of work: a derived predicate
 /// costs something in every state of a search.
@@ -25,7 +24,7 @@ const BINDINGS_FEW: f64 = 10_000.0;
 const GAIN_MIN: f64 = 10.0;
 
 /// Takes all conditions of actions and axioms apart that have too many bindings.
-pub(crate) fn split(lifted: &mut Lifted) {
+pub(crate) fn split_wide(lifted: &mut Lifted) {
     split_above(lifted, BINDINGS_MAX, GAIN_MIN);
 }
 
@@ -99,7 +98,7 @@ impl Splitter<'_> {
                 return;
             }
             let scopes = slots.iter().map(|slot| {
-                let inside = || parts.iter().filter(|part| mentions(part, &[*slot]));
+                let inside = || parts.iter().filter(|part| part.free_slots().contains(slot));
                 let scope = scope(inside());
                 (self.bindings(&scope, inside(), frame), *slot, scope)
             });
@@ -108,8 +107,9 @@ impl Splitter<'_> {
             if bindings * self.gain_min > whole {
                 return;
             }
-            let (inside, outside) =
-                std::mem::take(parts).into_iter().partition(|part| mentions(part, &[slot]));
+            let (inside, outside) = std::mem::take(parts)
+                .into_iter()
+                .partition(|part: &Formula| part.free_slots().contains(&slot));
             *parts = outside;
             parts.push(self.derive(slot, inside, &scope, frame));
             slots.retain(|one| *one != slot);
@@ -258,15 +258,15 @@ mod tests {
     #[test]
     fn what_is_narrow_stays_as_it_is() {
         let mut narrow = chain(25);
-        split(&mut narrow);
+        split_wide(&mut narrow);
         assert!(narrow.axioms.is_empty());
         // As wide, but each of them leads to two others only.
         let mut sparse = chain(40);
         sparse.init.truncate(80);
-        split(&mut sparse);
+        split_wide(&mut sparse);
         assert!(sparse.axioms.is_empty());
         let mut wide = chain(40);
-        split(&mut wide);
+        split_wide(&mut wide);
         assert!(!wide.axioms.is_empty());
     }
 

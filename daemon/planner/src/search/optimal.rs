@@ -6,7 +6,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use super::{Search, Step};
-use crate::heuristic::{Evaluator, Way, Weights};
+use crate::heuristic::{Evaluator, Weights};
 use crate::outcome::StopReason;
 use crate::state::{Progression, StateId, StateSpace, all_hold};
 use crate::successors::SuccessorGenerator;
@@ -96,7 +96,7 @@ impl<'t> AStar<'t> {
         }
         let explorations_max = self.explorations_max.saturating_sub(self.explorations).max(1);
         self.evaluator.limit(explorations_max, self.bound.saturating_sub(g));
-        let way = self.space.way(id).map(|(parent, operator)| Way { parent, operator });
+        let way = self.space.way(id);
         let estimate = self.evaluator.evaluate_after(self.space.state(id), id, way);
         self.explorations += self.evaluator.explorations();
         let estimate = estimate.map_or(DEAD_END, |estimate| estimate.min(DEAD_END - 1));
@@ -168,7 +168,9 @@ impl Search for AStar<'_> {
     }
 
     fn bytes(&self) -> usize {
-        self.space.bytes() + self.open.len() * size_of::<Entry>() + self.distances.len() * 16
+        let per_state = self.distances.len() * 16;
+        let open = self.open.len() * size_of::<Entry>();
+        self.space.bytes() + open + per_state + self.evaluator.bytes()
     }
 
     /// Nothing is left below the bound; whether anything is left above it was not asked.

@@ -1,12 +1,15 @@
 //! A line now and then, for whoever waits for a plan at a terminal.
 
+use std::fmt;
 use std::io::IsTerminal as _;
 use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use crate::cli::PlanArgs;
 use crate::output;
+use crate::render::plural;
 
 /// How often a person is told that it still goes on.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -15,6 +18,57 @@ const PATIENCE: Duration = Duration::from_secs(5);
 pub(super) struct Telling {
     stop: Option<mpsc::Sender<()>>,
     thread: Option<thread::JoinHandle<()>>,
+}
+
+/// What the embedded planner is at.
+#[derive(Clone, Copy, Default)]
+pub(super) enum Stage {
+    #[default]
+    Grounding,
+    Preparing {
+        facts: usize,
+        operators: usize,
+    },
+    Searching {
+        expansions: u64,
+    },
+}
+
+/// The stage it has reached. Clones share it.
+#[derive(Clone, Default)]
+pub(super) struct Progress(Arc<Mutex<Stage>>);
+
+// === impl Progress ===
+
+impl Progress {
+    pub(super) fn set(&self, stage: Stage) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = stage;
+    }
+
+    /// The line about it, of the seconds gone.
+    pub(super) fn line(&self) -> impl Fn(u64) -> String + Send + 'static {
+        let Progress(stage) = self.clone();
+        move |seconds| {
+            let stage = *stage.lock().unwrap_or_else(PoisonError::into_inner);
+            format!("{stage}, {seconds} s so far")
+        }
+    }
+}
+
+impl fmt::Display for Stage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Stage::Grounding => f.write_str("grounding"),
+            Stage::Preparing { facts, operators } => {
+                let (facts, operators) = (plural(facts, "fact"), plural(operators, "operator"));
+                write!(f, "preparing a search over {facts} and {operators}")
+            }
+            Stage::Searching { expansions } => {
+                let expansions = usize::try_from(expansions).unwrap_or(usize::MAX);
+                write!(f, "searching, {} expanded", plural(expansions, "state"))
+            }
+        }
+    }
 }
 
 // === impl Telling ===
