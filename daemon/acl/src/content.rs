@@ -456,6 +456,10 @@ pub enum Reason {
     Conflict,
     /// The daemon is draining.
     Stopping,
+    /// Another agent of this name acts.
+    StandingBy,
+    /// Whether it was done cannot be known: the agent was restarted while it acted.
+    Uncertain,
     /// Nobody answered a question to a person in time.
     Unanswered,
     /// A reason of a newer version.

@@ -207,6 +207,7 @@ impl Room {
             switchboard: Arc::clone(&self.switchboard),
             ontology: Arc::from("home"),
             stopping: stopping.clone(),
+            stands_by: false,
         });
         (stopping, life)
     }

@@ -16,10 +16,11 @@ use tokio_util::sync::CancellationToken;
 use tracing::Instrument;
 
 use crate::callbacks::Callbacks;
-use crate::communication_agent::{CommunicationAgent, Opened};
+use crate::communication_agent::{CommunicationAgent, Engagement, Opened};
 use crate::context::{Context, Deferred};
 use crate::directory::Directory;
 use crate::mailbox::{Letter, Mailbox};
+use crate::standing::Standing;
 use crate::switchboard::Switchboard;
 
 /// How long a name may be held by another before its new owner gives up. A daemon that was
@@ -33,6 +34,10 @@ pub trait Agent: Sized + Send + 'static {
 
     /// It is here: others see it, and its mailbox is open.
     fn activated(&mut self, _ctx: &mut Context<Self>) {}
+
+    /// It acts from now on, or stands by: an agent of its name acts at another daemon. Whoever can
+    /// be hosted once acts from its activation to its end.
+    fn leads(&mut self, _is_leading: bool, _ctx: &mut Context<Self>) {}
 
     /// Another agent is here, or is not.
     fn presence(&mut self, _presence: &Presence, _ctx: &mut Context<Self>) {}
@@ -62,6 +67,9 @@ pub struct Berth {
     pub ontology: Arc<str>,
     /// Set when the daemon drains.
     pub stopping: CancellationToken,
+    /// Whether other daemons may host an agent of this name too: the one that has been there
+    /// longest acts, the others stand by and take over in that order.
+    pub stands_by: bool,
 }
 
 /// Why an agent could not be launched, or ended. Completes “failed to …”.
@@ -126,13 +134,17 @@ struct Life<A: Agent> {
     /// What this agent was told of who is here: the daemon's own, where it was told all.
     told: Arc<Directory>,
     stopping: CancellationToken,
+    /// Whether it acts; none where nobody else can.
+    standing: Option<Standing>,
     /// Keeps the agent present.
     _token: PresenceToken,
 }
 
 async fn live<A: Agent>(agent: Box<A>, berth: Berth) -> Result<(), LaunchError> {
-    let Berth { id, incarnation, switchboard, ontology, stopping } = berth;
-    await_name(&id, &switchboard).await?;
+    let Berth { id, incarnation, switchboard, ontology, stopping, stands_by } = berth;
+    if !stands_by {
+        await_name(&id, &switchboard).await?;
+    }
     let callbacks = agent.callbacks();
     let mailbox = switchboard.admit(&id, incarnation, callbacks.interests());
     let (told, presence) = switchboard.presence_changes();
@@ -141,7 +153,9 @@ async fn live<A: Agent>(agent: Box<A>, berth: Berth) -> Result<(), LaunchError> 
     let communication =
         CommunicationAgent::new(id.clone(), incarnation, Arc::clone(&switchboard), ontology);
     let ctx = Context::new(communication);
-    let mut life = Life { agent, callbacks, ctx, mailbox, presence, told, stopping, _token };
+    let standing = stands_by.then(|| Standing::new(Instant::now()));
+    let mut life =
+        Life { agent, callbacks, ctx, mailbox, presence, told, stopping, standing, _token };
     let end = life.run().await;
     life.ctx.communication.send_receipts();
     switchboard.dismiss(&id, incarnation);
@@ -165,6 +179,9 @@ impl<A: Agent> Life<A> {
     async fn run(&mut self) -> Result<(), LaunchError> {
         let already: Vec<_> = self.told.iter().cloned().map(Presence::Joined).collect();
         self.agent.activated(&mut self.ctx);
+        if self.standing.is_none() {
+            self.agent.leads(true, &mut self.ctx);
+        }
         for presence in already {
             self.agent.presence(&presence, &mut self.ctx);
         }
@@ -183,7 +200,8 @@ impl<A: Agent> Life<A> {
     }
 
     async fn next_event(&mut self, draining: bool) -> Event<A> {
-        let due = self.ctx.next_due();
+        let standing = self.standing.as_ref().and_then(Standing::due);
+        let due = self.ctx.next_due().into_iter().chain(standing).min();
         let due_now = async {
             match due {
                 Some(due) => tokio::time::sleep_until(due).await,
@@ -220,9 +238,25 @@ impl<A: Agent> Life<A> {
             Event::Due => self.due(),
             Event::Stopping => (),
         }
+        self.take_its_stand();
+    }
+
+    /// Sees whether it is this agent's turn to act.
+    fn take_its_stand(&mut self) {
+        let Some(standing) = &mut self.standing else { return };
+        let (id, daemon) = (self.ctx.id(), self.ctx.switchboard().daemon());
+        let is_first = self.told.find(id).is_some_and(|holder| holder.daemon == *daemon);
+        let news = standing.take(is_first, Instant::now());
+        let kept = if standing.is_about_to_act() { Vec::new() } else { standing.kept() };
+        if let Some(is_leading) = news {
+            tracing::info!(agent = %id, "{}", if is_leading { "acts" } else { "stands by" });
+            self.agent.leads(is_leading, &mut self.ctx);
+        }
+        kept.into_iter().for_each(|letter| self.open(letter));
     }
 
     fn open(&mut self, letter: Letter) {
+        let Some(letter) = self.meant_for_it(letter) else { return };
         match letter {
             Letter::Direct(payload) => match self.ctx.communication.read(&payload) {
                 Opened::Continues(token, message) => self.continued(&token, message),
@@ -245,6 +279,42 @@ impl<A: Agent> Life<A> {
             Letter::Receipts(ids) => self.ctx.communication.received(&ids),
             Letter::Question(question) => self.asked(&question),
         }
+    }
+
+    /// Only who acts is asked and answers; what is said to all, everybody hears.
+    fn meant_for_it(&mut self, letter: Letter) -> Option<Letter> {
+        let Some(standing) = self.standing.as_mut().filter(|standing| !standing.is_leading()) else {
+            return Some(letter);
+        };
+        match letter {
+            Letter::Question(question) if question.resource.is_of_who_acts() => None,
+            Letter::Direct(payload) if standing.is_about_to_act() => {
+                let overflow = standing.keep(Letter::Direct(payload));
+                overflow.into_iter().for_each(|letter| self.decline(letter));
+                None
+            }
+            Letter::Direct(_) => {
+                self.decline(letter);
+                None
+            }
+            letter => Some(letter),
+        }
+    }
+
+    /// Says that another agent of this name acts. The sender saw that one last who is first here.
+    fn decline(&mut self, letter: Letter) {
+        let Letter::Direct(payload) = letter else { return };
+        let message = match self.ctx.communication.read(&payload) {
+            Opened::Opens(message) if message.opens_exchange() => message,
+            Opened::Continues(token, message) => return self.continued(&token, message),
+            _ => return,
+        };
+        let acts = self.told.find(self.ctx.id()).map(|holder| holder.daemon.to_string());
+        let detail = match acts {
+            Some(daemon) => format!("I stand by; the one at `{daemon}` acts"),
+            None => "I stand by".to_owned(),
+        };
+        self.ctx.refuse(&Engagement::of(&message), Reason::StandingBy, detail);
     }
 
     fn open_broadcast(&mut self, message: Message) {
@@ -326,6 +396,9 @@ impl<A: Agent> Life<A> {
 
     /// Another agent that was here first holds this one's name.
     fn usurped(&self) -> Option<Resident> {
+        if self.standing.is_some() {
+            return None;
+        }
         let holder = self.told.find(self.ctx.id())?;
         (holder.daemon != *self.ctx.switchboard().daemon()).then(|| holder.clone())
     }

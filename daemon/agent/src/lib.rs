@@ -23,6 +23,7 @@ mod outbox;
 mod plugin;
 mod receipts;
 mod settings;
+mod standing;
 mod switchboard;
 pub mod upkeep;
 

@@ -22,6 +22,9 @@ pub struct PluginEntry {
     pub about: &'static str,
     /// The drivers it has; the first is the default. None, if it touches no device.
     pub drivers: &'static [&'static str],
+    /// Whether several daemons may host it, of which one acts and the others stand by. Of a device
+    /// there is one.
+    pub stands_by: bool,
     /// Builds an agent. Opens nothing: that is for the agent's activation.
     pub build: fn(Blueprint) -> Result<Box<dyn Launch>, BuildError>,
 }

@@ -58,6 +58,7 @@ impl Daemon {
             switchboard: Arc::clone(&self.switchboard),
             ontology: Arc::from("test"),
             stopping: self.stopping.clone(),
+            stands_by: false,
         })
     }
 }

@@ -118,6 +118,7 @@ impl House {
             switchboard: Arc::clone(&self.switchboard),
             ontology: Arc::from("test"),
             stopping: CancellationToken::new(),
+            stands_by: false,
         }
     }
 

@@ -25,5 +25,10 @@ pub(crate) fn find(name: &str) -> Option<&'static PluginEntry> {
 
 /// Their names and drivers, for the ecosystem file.
 pub(crate) fn known() -> Vec<crate::config::KnownPlugin> {
-    PLUGINS.iter().map(|plugin| (plugin.name, plugin.drivers)).collect()
+    let known = |plugin: &PluginEntry| crate::config::KnownPlugin {
+        name: plugin.name,
+        drivers: plugin.drivers,
+        stands_by: plugin.stands_by,
+    };
+    PLUGINS.iter().map(known).collect()
 }

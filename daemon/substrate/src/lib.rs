@@ -238,6 +238,11 @@ impl Resource {
         Resource::Questions,
     ];
 
+    /// Whether, of several agents of one name, only the one that acts answers.
+    pub fn is_of_who_acts(self) -> bool {
+        matches!(self, Resource::Domain | Resource::State | Resource::Goals)
+    }
+
     /// The name, as one chunk of a key expression.
     pub fn as_str(self) -> &'static str {
         match self {

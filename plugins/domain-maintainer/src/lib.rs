@@ -32,6 +32,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "domain-maintainer",
     about: "composes what everyone can do, and keeps what is known",
     drivers: &[],
+    stands_by: true,
     build,
 };
 

@@ -32,6 +32,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "ir-temperature-sensor",
     about: "reports the temperature wherever its mobile base stands",
     drivers: &["simulated"],
+    stands_by: false,
     build,
 };
 

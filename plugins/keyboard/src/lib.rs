@@ -49,6 +49,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "keyboard",
     about: "speaks and listens for a person: goals, actions, changes, answers",
     drivers: &[],
+    stands_by: false,
     build,
 };
 

@@ -36,6 +36,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "plan-executor",
     about: "carries plans out, step by step, and watches them",
     drivers: &[],
+    stands_by: true,
     build,
 };
 

@@ -55,6 +55,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "plan-requester",
     about: "takes goals, has plans made for them and carried out",
     drivers: &[],
+    stands_by: true,
     build,
 };
 

@@ -28,6 +28,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "planning-agent",
     about: "plans centrally, with the embedded planner",
     drivers: &[],
+    stands_by: true,
     build,
 };
 

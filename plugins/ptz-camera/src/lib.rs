@@ -43,6 +43,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "ptz-camera",
     about: "turns, zooms, takes pictures, records, and says when something moves",
     drivers: &["simulated"],
+    stands_by: false,
     build,
 };
 

@@ -37,6 +37,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "screen",
     about: "shows media to the people in its room",
     drivers: &["simulated"],
+    stands_by: false,
     build,
 };
 

@@ -41,6 +41,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "sensor",
     about: "reports the CO2, humidity, light, motion … of the room it stands in",
     drivers: &["simulated"],
+    stands_by: false,
     build,
 };
 
@@ -49,6 +50,7 @@ pub const TEMPERATURE_SENSOR: PluginEntry = PluginEntry {
     name: "temperature-sensor",
     about: "reports the temperature, and if asked to the humidity, of the room it stands in",
     drivers: &["simulated"],
+    stands_by: false,
     build: build_temperature_sensor,
 };
 

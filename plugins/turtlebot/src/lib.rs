@@ -33,6 +33,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "turtlebot",
     about: "a mobile base: moves between the places of the map, carries sensors, lets people log in",
     drivers: &["simulated"],
+    stands_by: false,
     build,
 };
 

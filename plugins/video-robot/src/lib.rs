@@ -29,6 +29,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     name: "video-robot",
     about: "a mobile base with a screen: presents wherever it drives",
     drivers: &["simulated"],
+    stands_by: false,
     build,
 };
 

@@ -128,6 +128,7 @@ pub(crate) fn launch(
         switchboard: Arc::clone(switchboard),
         ontology: Arc::from(ontology),
         stopping: CancellationToken::new(),
+        stands_by: false,
     })
 }
 

@@ -48,8 +48,9 @@ pub(crate) struct AgentEntry {
     pub(crate) name: AgentId,
     /// The plugin that builds it; a known one.
     pub(crate) plugin: String,
-    /// Which daemon hosts it; none where whoever runs alone does.
-    pub(crate) daemon: Option<DaemonId>,
+    /// Which daemons host it; none where whoever runs alone does. Of several, one acts and the
+    /// others stand by.
+    pub(crate) daemons: Vec<DaemonId>,
     /// One of the plugin's drivers; none for the plugin's default.
     pub(crate) driver: Option<String>,
     /// For the plugin, as it is; null where nothing is said.
@@ -96,11 +97,11 @@ impl Ecosystem {
 
     /// The agents that a daemon hosts by name.
     pub(crate) fn agents_of(&self, daemon: &DaemonId) -> impl Iterator<Item = &AgentEntry> {
-        self.agents.iter().filter(move |agent| agent.daemon.as_ref() == Some(daemon))
+        self.agents.iter().filter(move |agent| agent.daemons.contains(daemon))
     }
 
     /// The agents that are given to no daemon: they belong to the machine that runs alone.
     pub(crate) fn agents_of_nobody(&self) -> impl Iterator<Item = &AgentEntry> {
-        self.agents.iter().filter(|agent| agent.daemon.is_none())
+        self.agents.iter().filter(|agent| agent.daemons.is_empty())
     }
 }

@@ -51,7 +51,7 @@ pub(super) fn understand(
     let files = meaning.files(domain, problem);
     let mut daemons = meaning.daemons(&daemons);
     let agents = meaning.agents(agent, files.as_ref());
-    daemons.extend(agents.iter().filter_map(|agent| agent.daemon.clone()));
+    daemons.extend(agents.iter().flat_map(|agent| agent.daemons.clone()));
     meaning.goals(&goals, files.as_ref(), &agents);
     let settings = meaning.settings(&timing, &limits);
     let building = meaning.building(building, files.as_ref());

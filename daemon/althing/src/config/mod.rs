@@ -40,8 +40,16 @@ use crate::report::{Report, Source};
 use layer::Layer;
 use raw::Raw;
 
-/// A plugin by name, and its drivers.
-pub(crate) type KnownPlugin = (&'static str, &'static [&'static str]);
+/// What an ecosystem file may say of a plugin.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct KnownPlugin {
+    /// Its name.
+    pub(crate) name: &'static str,
+    /// The drivers it has.
+    pub(crate) drivers: &'static [&'static str],
+    /// Whether several daemons may host it.
+    pub(crate) stands_by: bool,
+}
 
 /// What holds where nobody says anything.
 const DEFAULTS: &str = include_str!("defaults.toml");

@@ -44,7 +44,8 @@ pub(super) struct RawEcosystem {
 pub(super) struct RawAgent {
     pub(super) name: Option<String>,
     pub(super) plugin: Option<String>,
-    pub(super) daemon: Option<String>,
+    /// Empty where nothing is said.
+    pub(super) daemon: Vec<String>,
     pub(super) driver: Option<String>,
     pub(super) config: Value,
 }

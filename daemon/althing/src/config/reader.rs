@@ -100,6 +100,16 @@ impl Reader {
             (Shape::List(shape), DeValue::Array(list)) => {
                 return Some(self.list(path, shape, about, list));
             }
+            // One is a list of one.
+            (Shape::Texts, DeValue::String(_)) => {
+                let place = self.place(0..0, value.span());
+                self.layer.places.insert(join(path, "0"), place);
+                let one = vec![handed_on(value.get_ref())];
+                return Some(Value::new(None, ValueKind::Array(one)));
+            }
+            (Shape::Texts, DeValue::Array(list)) => {
+                return Some(self.list(path, &Shape::Text, about, list));
+            }
             (_, value) => match scalar(shape, value) {
                 Ok(value) => return Some(value),
                 Err(wrong) => wrong,

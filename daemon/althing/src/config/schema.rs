@@ -17,6 +17,8 @@ pub(super) struct Key {
 pub(super) enum Shape {
     /// A text in quotes.
     Text,
+    /// A text in quotes, or a list of them.
+    Texts,
     /// One of a few words.
     Choice(&'static [&'static str]),
     /// `"500ms"`
@@ -61,7 +63,7 @@ const ECOSYSTEM: &[Key] = &[
 const AGENT: &[Key] = &[
     key("name", Shape::Text, "its name, such as \"thermometer-office2\""),
     key("plugin", Shape::Text, "what it is, such as \"temperature-sensor\""),
-    key("daemon", Shape::Text, "which machine hosts it"),
+    key("daemon", Shape::Texts, "which machine hosts it; of several, one at a time"),
     key("driver", Shape::Text, "what it acts through, such as \"simulated\""),
     key("config", Shape::Free, "handed to the plugin as it is"),
 ];
@@ -103,6 +105,7 @@ impl Shape {
     pub(super) fn expected(&self) -> String {
         match self {
             Shape::Text => "a text in quotes".to_owned(),
+            Shape::Texts => "a text in quotes, or a list of them in [ ]".to_owned(),
             Shape::Choice(words) => {
                 let quoted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
                 quoted.join(" or ")
@@ -119,6 +122,7 @@ impl Shape {
     pub(super) fn notation(&self) -> String {
         match self {
             Shape::Text => "\"TEXT\"".to_owned(),
+            Shape::Texts => "\"TEXT\" | [\"TEXT\", …]".to_owned(),
             Shape::Choice(words) => {
                 let quoted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
                 quoted.join(" | ")

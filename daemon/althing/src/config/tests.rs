@@ -9,7 +9,11 @@ use tempfile::TempDir;
 
 use super::*;
 
-const PLUGINS: &[KnownPlugin] = &[("keyboard", &[]), ("turtlebot", &["simulated"])];
+const PLUGINS: &[KnownPlugin] = &[
+    KnownPlugin { name: "keyboard", drivers: &[], stands_by: false },
+    KnownPlugin { name: "plan-requester", drivers: &[], stands_by: true },
+    KnownPlugin { name: "turtlebot", drivers: &["simulated"], stands_by: false },
+];
 
 const FILE: &str = r#"
 [ecosystem]

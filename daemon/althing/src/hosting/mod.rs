@@ -191,7 +191,7 @@ impl Node {
 
     /// Launches one agent that no ecosystem file names: a person's keyboard.
     pub(crate) fn launch(&self, id: AgentId, agent: impl agent::Agent, ontology: &str) {
-        let berth = supervisor::berth(&id, &self.switchboard, ontology, &self.stopping);
+        let berth = supervisor::berth(&id, &self.switchboard, ontology, &self.stopping, false);
         let life = agent::Launch::launch(Box::new(agent), berth);
         self.tasks.spawn(async move {
             if let Ok(Err(error)) = life.await {

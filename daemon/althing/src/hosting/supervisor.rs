@@ -47,6 +47,7 @@ pub(super) fn begin(
         switchboard: Arc::clone(switchboard),
         stopping: stopping.clone(),
         unplugged: unplugged.clone(),
+        stands_by: entry.daemons.len() > 1,
     };
     tasks.spawn(supervision.run(first));
     Ok(Supervised { id, unplugged })
@@ -85,6 +86,7 @@ struct Supervision {
     switchboard: Arc<Switchboard>,
     stopping: CancellationToken,
     unplugged: CancellationToken,
+    stands_by: bool,
 }
 
 impl Supervision {
@@ -112,11 +114,16 @@ impl Supervision {
         }
     }
 
+    fn berth(&self) -> Berth {
+        let ontology = self.blueprint.host.ontology.name.as_str();
+        let (id, switchboard) = (&self.blueprint.id, &self.switchboard);
+        berth(id, switchboard, ontology, &self.stopping, self.stands_by)
+    }
+
     /// One life; whether it was the last.
     async fn live(&self, agent: Box<dyn Launch>) -> bool {
         let id = &self.blueprint.id;
-        let ontology = self.blueprint.host.ontology.name.to_string();
-        let mut life = agent.launch(berth(id, &self.switchboard, &ontology, &self.stopping));
+        let mut life = agent.launch(self.berth());
         let ended = tokio::select! {
             ended = &mut life => ended,
             () = self.unplugged.cancelled() => {
@@ -140,6 +147,7 @@ pub(super) fn berth(
     switchboard: &Arc<Switchboard>,
     ontology: &str,
     stopping: &CancellationToken,
+    stands_by: bool,
 ) -> Berth {
     Berth {
         id: id.clone(),
@@ -147,6 +155,7 @@ pub(super) fn berth(
         switchboard: Arc::clone(switchboard),
         ontology: Arc::from(ontology),
         stopping: stopping.clone(),
+        stands_by,
     }
 }
 

@@ -101,7 +101,7 @@ pub(crate) async fn set(setting: &Setting, stage: Stage, mode: Mode) -> Result<S
 /// The daemons that are there at first: not those whose every agent comes later.
 fn daemons(ecosystem: &Ecosystem, at_first: &[AgentEntry]) -> Vec<DaemonId> {
     let hosts = |entries: &[AgentEntry], daemon: &DaemonId| {
-        entries.iter().any(|entry| entry.daemon.as_ref() == Some(daemon))
+        entries.iter().any(|entry| entry.daemons.contains(daemon))
     };
     let is_there =
         |daemon: &&DaemonId| hosts(at_first, daemon) || !hosts(&ecosystem.agents, daemon);
@@ -225,7 +225,7 @@ impl Set {
             self.node.unplug(agent);
             return Ok(());
         }
-        let daemon = self.entry(agent)?.daemon.as_ref().map(ToString::to_string);
+        let daemon = self.entry(agent)?.daemons.first().map(ToString::to_string);
         let process = self.processes.iter_mut().find(|(name, _)| Some(name) == daemon.as_ref());
         let (_, child) = process.ok_or_else(|| format!("no process hosts `{agent}`"))?;
         child.kill().await.map_err(|error| format!("failed to kill the process: {error}"))
@@ -240,7 +240,7 @@ impl Set {
         }
         let is_there =
             |daemon: &DaemonId| self.processes.iter().any(|(name, _)| name == daemon.as_str());
-        match entry.daemon.filter(|daemon| !is_there(daemon)) {
+        match entry.daemons.into_iter().find(|daemon| !is_there(daemon)) {
             Some(daemon) => self.processes.extend(self.program.spawn_all(&[daemon]).await?),
             None => return Err(format!("`{agent}` needs a machine that is not there yet")),
         }

@@ -78,6 +78,7 @@ fn launch(
         switchboard: Arc::clone(switchboard),
         ontology: Arc::from("smart-office"),
         stopping: stopping.clone(),
+        stands_by: false,
     };
     Box::new(agent).launch(berth);
     Ok(())

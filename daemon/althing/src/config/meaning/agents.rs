@@ -21,13 +21,13 @@ impl Meaning<'_> {
     /// All agents that are right; what is wrong with the others is reported.
     pub(super) fn agents(&mut self, raw: Vec<RawAgent>, files: Option<&Files>) -> Vec<AgentEntry> {
         let names: Vec<Option<String>> = raw.iter().map(|agent| agent.name.clone()).collect();
-        let given = raw.iter().any(|agent| agent.daemon.is_some());
+        let given = raw.iter().any(|agent| !agent.daemon.is_empty());
         let mut agents = Vec::new();
         for (index, raw) in raw.into_iter().enumerate() {
             let path = format!("agent.{index}");
             self.duplicate_name(&names, index);
             self.references(&path, &raw, &names, files);
-            if given && raw.daemon.is_none() {
+            if given && raw.daemon.is_empty() {
                 self.homeless(&path, raw.name.as_deref());
             }
             agents.extend(self.agent(&path, raw, files));
@@ -39,19 +39,48 @@ impl Meaning<'_> {
         let RawAgent { name, plugin, daemon, driver, config } = raw;
         let name = self.agent_name(path, name, files);
         let plugin = self.plugin(path, plugin);
-        if let (Some((known, drivers)), Some(driver)) = (plugin, &driver) {
-            self.driver(path, known, drivers, driver);
+        if let (Some(known), Some(driver)) = (plugin, &driver) {
+            self.driver(path, known.name, known.drivers, driver);
         }
-        let daemon = match daemon.as_deref().map(DaemonId::new) {
-            Some(Err(err)) => {
-                self.invalid_name(&format!("{path}.daemon"), &err);
-                return None;
+        let daemons = self.hosts(path, plugin, &daemon)?;
+        let plugin = plugin?.name.to_owned();
+        Some(AgentEntry { name: name?, plugin, daemons, driver, config: config.into() })
+    }
+
+    /// The daemons that host an agent.
+    fn hosts(
+        &mut self,
+        path: &str,
+        plugin: Option<KnownPlugin>,
+        names: &[String],
+    ) -> Option<Vec<DaemonId>> {
+        let mut hosts = Vec::new();
+        for (index, name) in names.iter().enumerate() {
+            let path = format!("{path}.daemon.{index}");
+            match DaemonId::new(name) {
+                Ok(daemon) if hosts.contains(&daemon) => self.about_value(&path, |span| {
+                    Diagnostic::warning(span, format!("daemon `{daemon}` is listed twice"))
+                }),
+                Ok(daemon) => hosts.push(daemon),
+                Err(err) => {
+                    self.invalid_name(&path, &err);
+                    return None;
+                }
             }
-            Some(Ok(daemon)) => Some(daemon),
-            None => None,
-        };
-        let plugin = plugin?.0.to_owned();
-        Some(AgentEntry { name: name?, plugin, daemon, driver, config: config.into() })
+        }
+        if let Some(plugin) = plugin.filter(|plugin| !plugin.stands_by && hosts.len() > 1) {
+            let message = format!("several daemons cannot host a `{}`", plugin.name);
+            let known = self.known_plugins.iter().filter(|plugin| plugin.stands_by);
+            let known: Vec<_> = known.map(|plugin| format!("`{}`", plugin.name)).collect();
+            let help = format!(
+                "give it to one, or write an entry each; only of these can others stand by: {}",
+                known.join(", ")
+            );
+            self.about_value(&format!("{path}.daemon"), |span| {
+                Diagnostic::error(span, message).with_help(help)
+            });
+        }
+        Some(hosts)
     }
 
     fn agent_name(
@@ -97,10 +126,10 @@ impl Meaning<'_> {
             return None;
         };
         let known = self.known_plugins;
-        if let Some(found) = known.iter().find(|(name, _)| *name == plugin) {
+        if let Some(found) = known.iter().find(|known| known.name == plugin) {
             return Some(*found);
         }
-        let names = || known.iter().map(|(name, _)| *name);
+        let names = || known.iter().map(|known| known.name);
         let help = match pddl::nearest(&plugin, names()) {
             Some(nearest) => format!("did you mean `{nearest}`?"),
             None => format!("known are {}", names().collect::<Vec<_>>().join(", ")),

@@ -457,7 +457,7 @@ async fn a_later_life_of_an_asker_keeps_its_goal_once() {
             let (keyboard, terminal) = Keyboard::with_terminal();
             let id = AgentId::new("camera").expect("a name");
             let switchboard = office.node.switchboard();
-            let berth = supervisor::berth(&id, switchboard, "smart-office", &stopping);
+            let berth = supervisor::berth(&id, switchboard, "smart-office", &stopping, false);
             let life = Box::new(keyboard).launch(berth);
             let mut asker = Person { terminal, lines: Vec::new() };
             let goal = format!("(at turtlebot-{robot} office1)");
