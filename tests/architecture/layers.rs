@@ -17,6 +17,7 @@ const LAYERS: &[&[&str]] = &[
     &[
         "domain-maintainer",
         "ir-temperature-sensor",
+        "journal",
         "keyboard",
         "plan-executor",
         "plan-requester",

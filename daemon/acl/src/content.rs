@@ -35,6 +35,8 @@ pub enum Request {
     ChangeActions(ChangeActions),
     /// To the Domain Maintainer: believe what the asker has observed.
     Observe(Observation),
+    /// To a Journal: keep these records; confirmed when they are on disk.
+    Keep(Keeping),
 }
 
 /// Ask for another flow.
@@ -114,8 +116,14 @@ pub struct Execute {
     pub plan: String,
     /// The capability epoch all three belong to.
     pub epoch: u64,
+    /// In whose term the plan was made: see [`ActionToken::epoch`].
+    #[serde(default)]
+    pub term: u64,
     /// Counts the plans of this conversation, from 1.
     pub round: u32,
+    /// The steps that are known to be done, from 0: the plan was begun by another executor.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub done: Vec<u32>,
     /// What the agents in the plan offer.
     #[serde(default)]
     pub offers: Offers,
@@ -262,15 +270,16 @@ pub struct Act {
     pub token: ActionToken,
 }
 
-/// Names one commitment to act. The actuator executes it at most once, and refuses a token of
-/// an older executor epoch than the newest it has seen (design, “Execution”).
+/// Names one commitment to act (design, “Execution”). The actuator executes it at most once: asked
+/// for it again, it answers what became of it. A token of an older plan for the same goal than the
+/// newest it has seen it refuses.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ActionToken {
-    /// The acting executor's epoch.
+    /// In whose term the plan was made: greater for every Plan Requester that takes a goal over.
     pub epoch: u64,
     /// The goal's conversation.
     pub conversation: ConversationId,
-    /// Which plan of that conversation.
+    /// Which plan of that term.
     pub round: u32,
     /// Which step of that plan, from 0.
     pub step: u32,
@@ -289,6 +298,36 @@ pub struct ChangeState {
     /// asker's own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub owner: Option<AgentId>,
+}
+
+/// Ask for records to be kept.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Keeping {
+    /// The records; of one key, the newest version counts.
+    pub records: Vec<Record>,
+}
+
+/// Something that must outlive its agent: a goal, a plan under way, how they ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// What it is about: `goal/CONVERSATION`, `plan/CONVERSATION`, `state/requested`.
+    pub key: String,
+    /// Which version of it.
+    pub version: Version,
+    /// What it says; null where it is to be forgotten.
+    #[serde(default, skip_serializing_if = "Value::is_null")]
+    pub body: Value,
+}
+
+/// Orders what was written about one thing, whoever wrote it and whatever its clock says.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize,
+)]
+pub struct Version {
+    /// The writer's term: greater than any it has read.
+    pub term: u64,
+    /// Counts the versions of that term.
+    pub count: u64,
 }
 
 /// Ask for another measure of plans.
@@ -444,10 +483,8 @@ pub enum Reason {
     MailboxFull,
     /// Something else has to finish first, or the bound on work in progress is reached.
     Busy,
-    /// The token's executor epoch is older than the newest seen.
+    /// A newer plan for the same goal was seen.
     StaleToken,
-    /// The token was executed before.
-    AlreadyExecuted,
     /// There is nothing under this name.
     Unknown,
     /// Part of the design, not built yet.

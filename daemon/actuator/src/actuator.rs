@@ -5,13 +5,13 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use acl::content::{
-    Act, Agreement, CallForProposals, Heartbeat, Inform, Method, ModelAnnouncement, Outcome,
+    Act, ActionToken, Agreement, CallForProposals, Heartbeat, Inform, Method, ModelAnnouncement, Outcome,
     Reason, Refusal, Report, Request,
 };
 use acl::{AgentId, Deadline, Message, Performative, ReplyToken};
 use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Host, Presence, Resource,
-    TimerId, Work,
+    StateFolder, TimerId, Work,
 };
 use capability::{Snapshot, model_digest, text_of};
 use planner::{Cancel, Replanner};
@@ -19,7 +19,7 @@ use planner::{Cancel, Replanner};
 use crate::bidding::bid;
 use crate::device::{Call, Description, Device, Failure, Performed};
 use crate::initiative::Initiatives;
-use crate::ledger::{Ledger, StateFolder};
+use crate::ledger::{Known, Ledger};
 
 /// Calls for proposals that are answered side by side; more are refused. Each takes a thread for
 /// milliseconds.
@@ -37,6 +37,8 @@ pub struct Actuator<D: Device> {
     ledger: Ledger,
     announced: Announced,
     acting: Option<Acting>,
+    /// Outcomes that are being written down, to be told then.
+    telling: BTreeMap<ActionToken, Work>,
     bidding: BTreeMap<ReplyToken, (Cancel, Work)>,
     /// Its own planner: of one bid at a time; those beside it begin with nothing, rather than wait.
     replanner: Arc<Mutex<Replanner>>,
@@ -53,9 +55,14 @@ struct Announced {
     sequence: u64,
 }
 
+/// Who may ask for one token: an executor, and those who took over from it.
+const ASKERS_MAX: usize = 8;
+
 /// A method that is running.
 struct Acting {
-    engagement: Engagement,
+    token: ActionToken,
+    /// Who wants to hear of it; the last asked last.
+    askers: Vec<Engagement>,
     call: Call,
     _work: Work,
 }
@@ -78,6 +85,7 @@ impl<D: Device> Actuator<D> {
             ledger,
             announced: Announced::default(),
             acting: None,
+            telling: BTreeMap::new(),
             bidding: BTreeMap::new(),
             replanner: Arc::default(),
             letting_go: None,
@@ -120,7 +128,7 @@ impl<D: Device> Agent for Actuator<D> {
     fn drained(&mut self, ctx: &mut Context<Self>) -> bool {
         self.give_up("the daemon is stopping", ctx);
         self.withdraw_all(ctx);
-        true
+        self.telling.is_empty()
     }
 }
 
@@ -211,18 +219,18 @@ impl<D: Device> Actuator<D> {
         act: Act,
         ctx: &mut Context<Self>,
     ) -> Result<(), Refusal> {
+        if self.is_known(engagement, &act, ctx)? {
+            return Ok(());
+        }
         let Act { action, method, arguments, token } = act;
         let timeout = self.admissible(&action, &method, ctx.id())?;
-        if let Some(reason) = self.ledger.objection(&token) {
-            return Err(Refusal::new(reason, format!("token {token} of {action}")));
-        }
         if let Some(acting) = &self.acting {
             let detail = format!("{} comes first", acting.call.action);
             return Err(Refusal::new(Reason::Busy, detail));
         }
         let call = Call { action, method, arguments };
         ctx.answer(engagement, Performative::Agree, &Agreement { token: token.clone() });
-        let record = self.ledger.take(token);
+        let record = self.ledger.take(token.clone());
         let performance = self.device.perform(&call);
         let work = async move {
             // On disk before it acts: a life that dies now does not act twice in the next.
@@ -238,8 +246,54 @@ impl<D: Device> Actuator<D> {
             performed.unwrap_or(Err(Failure::TimedOut(timeout)))
         };
         let work = ctx.run(work, |actuator: &mut Self, outcome, ctx| actuator.end(outcome, ctx));
-        self.acting = Some(Acting { engagement: engagement.clone(), call, _work: work });
+        self.acting = Some(Acting { token, askers: vec![engagement.clone()], call, _work: work });
         Ok(())
+    }
+
+    /// Whether a token was asked for before, by whoever had the plan then: it is not executed
+    /// again, and who asks now hears what becomes of it, or became of it.
+    fn is_known(
+        &mut self,
+        engagement: &Engagement,
+        act: &Act,
+        ctx: &mut Context<Self>,
+    ) -> Result<bool, Refusal> {
+        let Act { action, token, .. } = act;
+        let differs = |known: &str| {
+            let detail = format!("token {token} was given for {known}, not for {action}");
+            Err(Refusal::new(Reason::BadContent, detail))
+        };
+        let agreement = Agreement { token: token.clone() };
+        if let Some(acting) = self.acting.as_mut().filter(|acting| acting.token == *token) {
+            if acting.call.action != *action {
+                return differs(&acting.call.action);
+            }
+            acting.askers.push(engagement.clone());
+            let is_over = acting.askers.len() > ASKERS_MAX;
+            acting.askers.drain(..usize::from(is_over));
+            ctx.answer(engagement, Performative::Agree, &agreement);
+            return Ok(true);
+        }
+        let report = match self.ledger.known(token) {
+            Known::New => return Ok(false),
+            Known::Stale => {
+                let detail = format!("token {token} of {action} is of a former plan");
+                return Err(Refusal::new(Reason::StaleToken, detail));
+            }
+            Known::Ended(report) => *report,
+            Known::Begun => {
+                let detail = "I was restarted while I did it: whether it is done, I cannot know";
+                let report = Report::new(Outcome::Failed, detail);
+                Report { declined: Some(Reason::Uncertain), ..report }
+            }
+        };
+        if let Some(known) = report.action.as_deref().filter(|known| *known != action.as_str()) {
+            return differs(known);
+        }
+        ctx.answer(engagement, Performative::Agree, &agreement);
+        let report = Report { action: Some(action.clone()), ..report };
+        ctx.answer(engagement, Performative::Confirm, &report);
+        Ok(true)
     }
 
     /// Whether an action is within what this agent advertises, and is its own to do.
@@ -264,7 +318,7 @@ impl<D: Device> Actuator<D> {
     }
 
     fn end(&mut self, outcome: Result<D::Yield, Failure>, ctx: &mut Context<Self>) {
-        let Some(Acting { engagement, call, .. }) = self.acting.take() else { return };
+        let Some(Acting { token, askers, call, .. }) = self.acting.take() else { return };
         let mut report = match outcome {
             Ok(yielded) => {
                 let Performed { detail, observations } = self.device.performed(&call, yielded);
@@ -277,11 +331,34 @@ impl<D: Device> Actuator<D> {
             }
         };
         report.action = Some(call.action);
-        tracing::info!(conversation = %engagement.conversation, action = report.action,
+        tracing::info!(conversation = %token.conversation, action = report.action,
             outcome = %report.outcome, detail = report.detail, "acted");
-        // What it knows now first: who hears the confirmation may ask at once.
-        self.beat(ctx);
-        ctx.answer(&engagement, Performative::Confirm, &report);
+        self.conclude(token, askers, report, ctx);
+    }
+
+    /// Writes down how a token ended, then tells it.
+    fn conclude(
+        &mut self,
+        token: ActionToken,
+        askers: Vec<Engagement>,
+        report: Report,
+        ctx: &mut Context<Self>,
+    ) {
+        let record = self.ledger.end(token.clone(), report.clone());
+        let told = token.clone();
+        let written = tokio::task::spawn_blocking(record);
+        let work = ctx.run(written, move |actuator: &mut Self, written, ctx| {
+            actuator.telling.remove(&told);
+            if let Ok(Err(error)) = written {
+                tracing::warn!(agent = %ctx.id(), %error, "an outcome could not be written down");
+            }
+            // What it knows now first: who hears the confirmation may ask at once.
+            actuator.beat(ctx);
+            for asker in askers {
+                ctx.answer(&asker, Performative::Confirm, &report);
+            }
+        });
+        self.telling.insert(token, work);
     }
 
     fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
@@ -289,7 +366,10 @@ impl<D: Device> Actuator<D> {
             if let Some((cancel, _)) = self.bidding.get(exchange) {
                 cancel.set();
             }
-            let is_this = |acting: &Acting| acting.engagement.exchange == *exchange;
+            // Who has been taken over from decides nothing any more.
+            let is_this = |acting: &Acting| {
+                acting.askers.last().is_some_and(|asker| asker.exchange == *exchange)
+            };
             if self.acting.as_ref().is_some_and(is_this) {
                 self.give_up("given up as asked", ctx);
             }
@@ -297,12 +377,11 @@ impl<D: Device> Actuator<D> {
     }
 
     fn give_up(&mut self, why: &str, ctx: &mut Context<Self>) {
-        let Some(Acting { engagement, call, .. }) = self.acting.take() else { return };
+        let Some(Acting { token, askers, call, .. }) = self.acting.take() else { return };
         self.device.failed(&call, &Failure::GivenUp);
-        self.beat(ctx);
         let mut report = Report::new(Outcome::Cancelled, why);
         report.action = Some(call.action);
-        ctx.answer(&engagement, Performative::Confirm, &report);
+        self.conclude(token, askers, report, ctx);
     }
 
     // === bidding ===

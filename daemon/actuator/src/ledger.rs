@@ -1,31 +1,67 @@
 //! The tokens an actuator has taken on: each is executed at most once, also by its next life.
 //!
 //! The actuator is the arbiter (design, “Execution”): a token is on disk before its method runs,
-//! and a token of an older executor epoch than the newest seen is refused.
+//! and a token of an older plan for a goal than the newest seen is refused. Who asks for a token
+//! again, because it has taken over from who asked first, learns what became of it; that cannot be
+//! known of one that a former life began and did not end.
 
-use std::collections::{HashSet, VecDeque};
+use std::collections::{HashMap, VecDeque};
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 
-use acl::AgentId;
-use acl::content::{ActionToken, Reason};
+use acl::content::{ActionToken, Outcome, Report};
+use acl::{AgentId, ConversationId};
+use agent::StateFolder;
+use serde::{Deserialize, Serialize};
 
 /// Tokens remembered. A goal's plan has tens of steps; ten thousand are days of work, and the
-/// epoch guards what is older.
+/// order of plans guards what is older.
 const TOKENS_MAX: usize = 10_000;
 
-/// Where the daemon keeps what its agents must not forget.
-#[derive(Clone, Debug)]
-pub struct StateFolder(pub PathBuf);
+/// Reports remembered whole: who takes over asks for those of the plans that run. Of the others
+/// the outcome is enough.
+const REPORTS_MAX: usize = 256;
 
 /// The tokens taken on so far.
 #[derive(Debug, Default)]
 pub(crate) struct Ledger {
     path: Option<PathBuf>,
-    taken: HashSet<ActionToken>,
+    taken: HashMap<ActionToken, Mark>,
     order: VecDeque<ActionToken>,
-    newest_epoch: u64,
+    reports: VecDeque<(ActionToken, Report)>,
+    /// The newest plan seen for each goal: of which term, and which round of it.
+    newest: HashMap<ConversationId, (u64, u32)>,
+}
+
+/// What is known of a token.
+#[derive(Debug, PartialEq)]
+pub(crate) enum Known {
+    /// Nothing: it may be executed.
+    New,
+    /// It is of an older plan than another that was seen for its goal.
+    Stale,
+    /// It was begun, and nothing says that it ended.
+    Begun,
+    /// It ended so.
+    Ended(Box<Report>),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Mark {
+    Begun,
+    Ended(Outcome),
+}
+
+/// A line of the file.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Line {
+    Begun(ActionToken),
+    Ended { token: ActionToken, report: Report },
+    /// What an earlier version wrote, for a token that was begun.
+    #[serde(untagged)]
+    Bare(ActionToken),
 }
 
 impl Ledger {
@@ -34,7 +70,7 @@ impl Ledger {
     /// # Errors
     ///
     /// If the file is there and cannot be read. A torn last line is a token whose method never
-    /// ran: it is left out.
+    /// ran, or one of which nobody knows how it ended: it is left out.
     pub(crate) fn open(agent: &AgentId, folder: Option<&StateFolder>) -> io::Result<Ledger> {
         let path = folder.map(|folder| folder.0.join(format!("{agent}.tokens")));
         let mut ledger = Ledger { path, ..Ledger::default() };
@@ -44,99 +80,184 @@ impl Ledger {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(ledger),
             Err(error) => return Err(error),
         };
-        for line in BufReader::new(file).lines() {
-            if let Ok(token) = serde_json::from_str(&line?) {
-                ledger.note(token);
+        for line in BufReader::new(file).split(b'\n') {
+            match serde_json::from_slice(&line?) {
+                Ok(Line::Begun(token) | Line::Bare(token)) => ledger.note(token),
+                Ok(Line::Ended { token, report }) => ledger.note_end(token, report),
+                Err(_) => (),
             }
         }
         ledger.rewrite(&path)?;
         Ok(ledger)
     }
 
-    /// Why a token may not be executed, if so.
-    pub(crate) fn objection(&self, token: &ActionToken) -> Option<Reason> {
-        if self.taken.contains(token) {
-            return Some(Reason::AlreadyExecuted);
+    /// What is known of a token.
+    pub(crate) fn known(&self, token: &ActionToken) -> Known {
+        match self.taken.get(token) {
+            Some(Mark::Begun) => Known::Begun,
+            Some(Mark::Ended(outcome)) => {
+                let whole = self.reports.iter().find(|(other, _)| other == token);
+                let detail = "it ended so before";
+                let report = whole.map(|(_, report)| report.clone());
+                Known::Ended(Box::new(report.unwrap_or_else(|| Report::new(*outcome, detail))))
+            }
+            None => {
+                let newest = self.newest.get(&token.conversation).copied().unwrap_or_default();
+                if (token.epoch, token.round) < newest { Known::Stale } else { Known::New }
+            }
         }
-        (token.epoch < self.newest_epoch).then_some(Reason::StaleToken)
     }
 
     /// Takes a token on. What comes back puts it on disk, and may wait for the disk; the method
     /// runs only after it has.
     pub(crate) fn take(&mut self, token: ActionToken) -> impl FnOnce() -> io::Result<()> + use<> {
         let path = self.path.clone();
-        let line = serde_json::to_string(&token);
+        let line = serde_json::to_string(&Line::Begun(token.clone()));
         self.note(token);
-        move || {
-            let Some(path) = path else { return Ok(()) };
-            let mut file = OpenOptions::new().create(true).append(true).open(path)?;
-            writeln!(file, "{}", line?)?;
-            file.sync_data()
+        move || match path {
+            Some(path) => append(&path, &line?)?.sync_data(),
+            None => Ok(()),
+        }
+    }
+
+    /// A token has ended. What comes back writes that down; it need not wait for the disk: should
+    /// the machine lose its power first, how it ended is not known, and nobody says otherwise.
+    pub(crate) fn end(
+        &mut self,
+        token: ActionToken,
+        report: Report,
+    ) -> impl FnOnce() -> io::Result<()> + use<> {
+        let path = self.path.clone();
+        let line = Line::Ended { token: token.clone(), report: report.clone() };
+        let line = serde_json::to_string(&line);
+        self.note_end(token, report);
+        move || match path {
+            Some(path) => append(&path, &line?).map(drop),
+            None => Ok(()),
         }
     }
 
     fn note(&mut self, token: ActionToken) {
-        self.newest_epoch = self.newest_epoch.max(token.epoch);
-        if self.taken.insert(token.clone()) {
+        let newest = self.newest.entry(token.conversation.clone()).or_default();
+        *newest = (*newest).max((token.epoch, token.round));
+        if self.taken.insert(token.clone(), Mark::Begun).is_none() {
             self.order.push_back(token);
         }
         if self.order.len() > TOKENS_MAX
             && let Some(oldest) = self.order.pop_front()
         {
             self.taken.remove(&oldest);
+            let is_of_it = |token: &ActionToken| token.conversation == oldest.conversation;
+            if self.order.front().is_none_or(|next| !is_of_it(next))
+                && !self.order.iter().any(is_of_it)
+            {
+                self.newest.remove(&oldest.conversation);
+            }
         }
+    }
+
+    fn note_end(&mut self, token: ActionToken, report: Report) {
+        if !self.taken.contains_key(&token) {
+            self.note(token.clone());
+        }
+        self.taken.insert(token.clone(), Mark::Ended(report.outcome));
+        if self.reports.len() >= REPORTS_MAX {
+            self.reports.pop_front();
+        }
+        self.reports.push_back((token, report));
     }
 
     /// Keeps the file as short as the memory. Written beside and renamed, so that a crash leaves
     /// one or the other.
     fn rewrite(&self, path: &Path) -> io::Result<()> {
         let beside = path.with_extension("tokens.new");
-        let mut file = File::create(&beside)?;
+        let mut file = io::BufWriter::new(File::create(&beside)?);
         for token in &self.order {
-            writeln!(file, "{}", serde_json::to_string(token)?)?;
+            let line = match self.known(token) {
+                Known::Ended(report) => Line::Ended { token: token.clone(), report: *report },
+                _ => Line::Begun(token.clone()),
+            };
+            writeln!(file, "{}", serde_json::to_string(&line)?)?;
         }
-        file.sync_all()?;
+        file.into_inner()?.sync_all()?;
         std::fs::rename(beside, path)
     }
 }
 
+fn append(path: &Path, line: &str) -> io::Result<File> {
+    let mut file = OpenOptions::new().create(true).append(true).open(path)?;
+    // One write: two that append at once do not mix. A torn line before it ends here.
+    file.write_all(format!("{line}\n").as_bytes())?;
+    Ok(file)
+}
+
 #[cfg(test)]
 mod tests {
-    use acl::ConversationId;
-
     use super::*;
 
-    fn token(epoch: u64, step: u32) -> ActionToken {
-        ActionToken { epoch, conversation: ConversationId::new("c"), round: 1, step }
+    fn token(epoch: u64, round: u32, step: u32) -> ActionToken {
+        ActionToken { epoch, conversation: ConversationId::new("c"), round, step }
+    }
+
+    fn robot() -> AgentId {
+        AgentId::new("robot").expect("a name")
+    }
+
+    fn open(folder: &StateFolder) -> Ledger {
+        Ledger::open(&robot(), Some(folder)).expect("readable")
     }
 
     #[test]
     fn a_token_is_taken_once_also_by_the_next_life() {
         let folder = tempfile::tempdir().expect("a folder");
         let folder = StateFolder(folder.path().to_owned());
-        let robot = AgentId::new("robot").expect("a name");
-        let mut ledger = Ledger::open(&robot, Some(&folder)).expect("nothing there yet");
-        assert_eq!(ledger.objection(&token(5, 0)), None);
-        ledger.take(token(5, 0))().expect("written");
-        assert_eq!(ledger.objection(&token(5, 0)), Some(Reason::AlreadyExecuted));
+        let mut ledger = open(&folder);
+        let (ended, cut_off) = (token(5, 1, 0), token(5, 1, 1));
+        assert_eq!(ledger.known(&ended), Known::New);
+        ledger.take(ended.clone())().expect("written");
+        assert_eq!(ledger.known(&ended), Known::Begun);
+        let report = Report::new(Outcome::Done, "there");
+        ledger.end(ended.clone(), report.clone())().expect("written");
+        ledger.take(cut_off.clone())().expect("written");
 
-        let next_life = Ledger::open(&robot, Some(&folder)).expect("readable");
-
-        assert_eq!(next_life.objection(&token(5, 0)), Some(Reason::AlreadyExecuted));
-        assert_eq!(next_life.objection(&token(4, 9)), Some(Reason::StaleToken));
-        assert_eq!(next_life.objection(&token(5, 1)), None);
+        // The second time it is read from what the first wrote anew.
+        for next_life in [open(&folder), open(&folder)] {
+            assert_eq!(next_life.known(&ended), Known::Ended(Box::new(report.clone())));
+            assert_eq!(next_life.known(&cut_off), Known::Begun);
+            assert_eq!(next_life.known(&token(4, 9, 0)), Known::Stale, "of a former term");
+            assert_eq!(next_life.known(&token(5, 0, 0)), Known::Stale, "of a former round");
+            assert_eq!(next_life.known(&token(5, 1, 2)), Known::New);
+            let other = ActionToken { conversation: ConversationId::new("d"), ..token(1, 1, 0) };
+            assert_eq!(next_life.known(&other), Known::New, "of another goal");
+        }
     }
 
     #[test]
-    fn a_torn_line_is_a_method_that_never_ran() {
+    fn a_torn_line_is_left_out() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("robot.tokens");
-        let whole = serde_json::to_string(&token(1, 0)).expect("JSON");
-        std::fs::write(&path, format!("{whole}\n{}", &whole[..20])).expect("written");
-        let robot = AgentId::new("robot").expect("a name");
-        let ledger = Ledger::open(&robot, Some(&StateFolder(folder.path().to_owned())));
-        let ledger = ledger.expect("readable");
-        assert_eq!(ledger.objection(&token(1, 0)), Some(Reason::AlreadyExecuted));
-        assert_eq!(ledger.order.len(), 1);
+        // The first line is how an earlier version wrote it.
+        let earlier = serde_json::to_string(&token(1, 1, 0)).expect("JSON");
+        let whole = serde_json::to_string(&Line::Begun(token(1, 1, 1))).expect("JSON");
+        std::fs::write(&path, format!("{earlier}\n{whole}\n{}", &whole[..20])).expect("written");
+        let ledger = open(&StateFolder(folder.path().to_owned()));
+        assert_eq!(ledger.known(&token(1, 1, 0)), Known::Begun);
+        assert_eq!(ledger.known(&token(1, 1, 1)), Known::Begun);
+        assert_eq!(ledger.order.len(), 2);
+    }
+
+    #[test]
+    fn what_is_remembered_has_a_bound() {
+        let mut ledger = Ledger::default();
+        let many = u32::try_from(TOKENS_MAX).expect("few") + 10;
+        for step in 0..many {
+            let token = token(1, 1, step);
+            ledger.note_end(token, Report::new(Outcome::Done, "done"));
+        }
+        assert_eq!((ledger.order.len(), ledger.taken.len()), (TOKENS_MAX, TOKENS_MAX));
+        assert_eq!(ledger.reports.len(), REPORTS_MAX);
+        assert_eq!(ledger.known(&token(1, 0, 0)), Known::Stale);
+        let Known::Ended(report) = ledger.known(&token(1, 1, 100)) else { panic!("it ended") };
+        assert_eq!(report.outcome, Outcome::Done);
     }
 }

@@ -19,9 +19,9 @@ mod mobile_base;
 mod text;
 
 pub use actuator::Actuator;
+pub use agent::StateFolder;
 pub use device::{Call, Description, Device, Failure, OwnFact, Performed};
 pub use initiative::{Initiative, News, Stir};
-pub use ledger::StateFolder;
 pub use mobile_base::{BaseConfig, BaseDriver, MobileBase, Moved};
 pub use substrate::BoxFuture;
 pub use text::{InvalidPlace, Place, facts_of, model_of};

@@ -232,6 +232,7 @@ impl Room {
             map: Arc::new(map.value.expect("a map")),
             mode: Mode::Decentralized,
             settings: self.switchboard.settings().clone(),
+            journals: Vec::new(),
             resources: Resources::default(),
         };
         let blueprint = Blueprint {

@@ -34,7 +34,7 @@ pub use commons::Commons;
 pub use communication_agent::{Answer, Engagement, Opening, Undelivered};
 pub use context::{Context, Exchanges, TimerId, Work};
 pub use directory::Directory;
-pub use plugin::{Blueprint, BuildError, Host, PluginEntry, Rehearsal, Resources};
+pub use plugin::{Blueprint, BuildError, Host, PluginEntry, Rehearsal, Resources, StateFolder};
 pub use settings::Settings;
 pub use substrate::{Ask, Presence, Resident, Resource};
 pub use switchboard::{Counters, Switchboard};

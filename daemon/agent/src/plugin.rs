@@ -2,6 +2,7 @@
 
 use std::any::{Any, TypeId};
 use std::collections::HashMap;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use acl::AgentId;
@@ -53,9 +54,15 @@ pub struct Host {
     pub mode: Mode,
     /// Times and bounds.
     pub settings: Settings,
+    /// The Journals of the ecosystem, in the order of its file.
+    pub journals: Vec<AgentId>,
     /// What drivers reach the world through, by type.
     pub resources: Resources,
 }
+
+/// Among the resources of a host: where the daemon keeps what its agents must not forget.
+#[derive(Clone, Debug)]
+pub struct StateFolder(pub PathBuf);
 
 /// Among the resources of a host: an agent is built only to see whether it can be, perhaps on
 /// another machine than its own. What is outside the entry is neither read nor missed.

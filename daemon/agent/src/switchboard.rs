@@ -508,7 +508,11 @@ impl Inbound for Switchboard {
             Resource::Directory => self.answer_directory(&question),
             Resource::Model => self.answer_model(&question),
             Resource::Mailbox => self.answer_mailbox(&question),
-            Resource::Domain | Resource::State | Resource::Goals | Resource::Questions => {
+            Resource::Domain
+            | Resource::State
+            | Resource::Goals
+            | Resource::Questions
+            | Resource::Journal => {
                 // Every agent here may be the one that knows; most let the question go.
                 let slots: Vec<_> = {
                     let state = self.read();

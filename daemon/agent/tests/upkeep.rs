@@ -130,6 +130,7 @@ impl House {
             map: Arc::new(map.expect("a problem")),
             mode: Mode::Decentralized,
             settings: self.switchboard.settings().clone(),
+            journals: Vec::new(),
             resources: Resources::default(),
         })
     }

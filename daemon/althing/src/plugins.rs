@@ -8,6 +8,7 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     plan_requester::PLUGIN,
     planning_agent::PLUGIN,
     plan_executor::PLUGIN,
+    journal::PLUGIN,
     keyboard::PLUGIN,
     sensor::TEMPERATURE_SENSOR,
     sensor::PLUGIN,

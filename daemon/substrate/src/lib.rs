@@ -158,6 +158,8 @@ pub enum Resource {
     Mailbox,
     /// Questions to people that nobody has answered.
     Questions,
+    /// What a Journal keeps.
+    Journal,
 }
 
 /// A question to daemons.
@@ -228,7 +230,7 @@ impl Presence {
 
 impl Resource {
     /// All of them.
-    pub const ALL: [Resource; 7] = [
+    pub const ALL: [Resource; 8] = [
         Resource::Directory,
         Resource::Domain,
         Resource::State,
@@ -236,6 +238,7 @@ impl Resource {
         Resource::Model,
         Resource::Mailbox,
         Resource::Questions,
+        Resource::Journal,
     ];
 
     /// Whether, of several agents of one name, only the one that acts answers.
@@ -253,6 +256,7 @@ impl Resource {
             Resource::Model => "model",
             Resource::Mailbox => "mailbox",
             Resource::Questions => "questions",
+            Resource::Journal => "journal",
         }
     }
 }

@@ -81,7 +81,8 @@ impl Agent for DomainMaintainer {
             | Resource::Goals
             | Resource::Model
             | Resource::Mailbox
-            | Resource::Questions => return None,
+            | Resource::Questions
+            | Resource::Journal => return None,
         };
         answer.ok()
     }

@@ -37,7 +37,9 @@ pub(crate) fn plan_of(snapshot: Snapshot, action: &str) -> Result<(Execute, Dura
         problem: problem.to_string(),
         plan: plan.to_string(),
         epoch: snapshot.epoch,
+        term: 0,
         round: 1,
+        done: Vec::new(),
         offers,
     };
     Ok((execute, timeout))

@@ -52,7 +52,27 @@ impl Execution {
         let phases = vec![StepPhase::Waiting; plan.steps.len()];
         let offers = execute.offers.clone();
         let (domain_text, steps) = (execute.domain.clone(), plan.steps);
-        Ok(Execution { domain_text, domain, problem, steps, order, offers, phases, world })
+        let mut execution =
+            Execution { domain_text, domain, problem, steps, order, offers, phases, world };
+        for step in execute.done.iter().filter_map(|step| usize::try_from(*step).ok()) {
+            execution.take_over(step)?;
+        }
+        Ok(execution)
+    }
+
+    /// A step was done when another executor had the plan.
+    fn take_over(&mut self, step: usize) -> Result<(), String> {
+        match self.phases.get(step) {
+            Some(StepPhase::Waiting) => self.finish(step).map(drop),
+            Some(_) => Ok(()),
+            None => Err(format!("the plan has no step {step}")),
+        }
+    }
+
+    /// The steps that are done, each under its agent's name for it.
+    pub(crate) fn done(&self) -> Vec<(usize, String)> {
+        let is_done = |step: &usize| self.phases[*step] == StepPhase::Done;
+        (0..self.steps.len()).filter(is_done).map(|step| (step, self.outside(step))).collect()
     }
 
     /// The steps that wait for nothing any more.
@@ -160,6 +180,21 @@ impl Execution {
         Ok(PlanStep { action: offer.inside.as_str().into(), ..step.clone() })
     }
 
+    /// What is not known any more after a step of which nobody knows whether it was done: all that
+    /// it would have made untrue.
+    pub(crate) fn uncertain(&self, step: usize) -> ChangeState {
+        let mut after = self.world.clone();
+        let retract = match after.apply(&self.steps[step]) {
+            Ok(()) => {
+                let after: BTreeSet<String> = after.atoms().map(|atom| atom.to_string()).collect();
+                self.facts().difference(&after).cloned().collect::<Vec<_>>().join(" ")
+            }
+            // It could not have been done, and so changed nothing.
+            Err(_) => String::new(),
+        };
+        ChangeState { retract, ..ChangeState::default() }
+    }
+
     /// The steps that are not done.
     fn left(&self) -> Vec<usize> {
         let is_left = |step: &usize| self.phases[*step] != StepPhase::Done;
@@ -174,9 +209,12 @@ impl Execution {
 
     /// A step, for a person: under its agent's name for it.
     pub(crate) fn step_text(&self, step: usize) -> String {
+        format!("`{}`", self.outside(step))
+    }
+
+    fn outside(&self, step: usize) -> String {
         let order = translate(&self.steps[step], &self.domain, &self.offers);
-        let text = order.map_or_else(|_| self.steps[step].to_string(), |order| order.action);
-        format!("`{text}`")
+        order.map_or_else(|_| self.steps[step].to_string(), |order| order.action)
     }
 }
 

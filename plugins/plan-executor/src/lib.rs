@@ -11,6 +11,7 @@
 //!   decides.
 
 mod execution;
+mod taking_over;
 mod translate;
 mod watching;
 mod word;
@@ -26,6 +27,7 @@ use agent::{
 use serde::Deserialize;
 
 use crate::execution::Execution;
+use crate::taking_over::{Ended, PlanId};
 use crate::word::{Doubt, Words};
 
 /// Plans that may run side by side. Each keeps a copy of the state; a building has few goals.
@@ -58,22 +60,24 @@ impl Default for Config {
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let Config { domain_maintainer } = blueprint.config_as()?;
-    let (words, running) = (Words::default(), BTreeMap::new());
-    Ok(Box::new(PlanExecutor { domain_maintainer, words, running }))
+    let (words, running, ended) = (Words::default(), BTreeMap::new(), Ended::default());
+    Ok(Box::new(PlanExecutor { domain_maintainer, words, running, ended }))
 }
 
 struct PlanExecutor {
     domain_maintainer: AgentId,
     words: Words,
-    /// By the exchange in which each was asked for.
+    /// By the exchange in which each was asked for first.
     running: BTreeMap<ReplyToken, Running>,
+    ended: Ended,
 }
 
 /// One plan under way.
 struct Running {
+    /// Who asked last.
     engagement: Engagement,
+    plan: PlanId,
     execution: Execution,
-    round: u32,
     /// The exchanges with actuators that are acting, by step.
     acting: BTreeMap<usize, Acting>,
     /// Set when the plan is given up: how it ends once nobody is acting any more.
@@ -110,6 +114,12 @@ impl Agent for PlanExecutor {
             .on_broadcast(Performative::Inform, Self::informed)
     }
 
+    fn leads(&mut self, is_leading: bool, ctx: &mut Context<Self>) {
+        if !is_leading {
+            self.let_go(ctx);
+        }
+    }
+
     fn presence(&mut self, presence: &Presence, _ctx: &mut Context<Self>) {
         if let Presence::Left(resident) = presence {
             self.words.forget(&resident.agent);
@@ -142,9 +152,12 @@ impl PlanExecutor {
             let detail = format!("{EXECUTIONS_MAX} plans are being executed");
             return ctx.refuse(&engagement, Reason::Busy, detail);
         }
-        let round = execute.round;
+        let plan = PlanId::of(&engagement.conversation, &execute);
+        if self.is_known(&engagement, &plan, ctx) {
+            return;
+        }
         match Execution::new(&execute) {
-            Ok(execution) => self.begin(engagement, execution, round, ctx),
+            Ok(execution) => self.begin(engagement, execution, plan, ctx),
             Err(detail) => ctx.refuse(&engagement, Reason::BadContent, detail),
         }
     }
@@ -153,14 +166,14 @@ impl PlanExecutor {
         &mut self,
         engagement: Engagement,
         execution: Execution,
-        round: u32,
+        plan: PlanId,
         ctx: &mut Context<Self>,
     ) {
         let token = engagement.exchange.clone();
         let running = Running {
             engagement,
+            plan,
             execution,
-            round,
             acting: BTreeMap::new(),
             ending: None,
             untold: 0,
@@ -176,8 +189,10 @@ impl PlanExecutor {
     }
 
     fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let Some(token) = message.exchange().cloned() else { return };
-        if self.running.contains_key(&token) {
+        // Who was taken over from decides nothing any more.
+        let asked = |running: &Running| Some(&running.engagement.exchange) == message.exchange();
+        let token = self.running.iter().find(|(_, running)| asked(running));
+        if let Some(token) = token.map(|(token, _)| token.clone()) {
             self.give_up(&token, Report::new(Outcome::Cancelled, "cancelled as asked"), ctx);
         }
     }
@@ -210,21 +225,20 @@ impl PlanExecutor {
 
     fn act(&mut self, token: &ReplyToken, step: usize, ctx: &mut Context<Self>) {
         let patience = ctx.settings().answer_deadline;
-        let epoch = ctx.incarnation().0;
         let Some(running) = self.running.get_mut(token) else { return };
         let conversation = running.engagement.conversation.clone();
         let order = match running.execution.start(step) {
             Ok(order) => order,
             Err(problem) => return self.give_up(token, failure(problem), ctx),
         };
-        let round = running.round;
+        let PlanId { term, round, .. } = running.plan;
         let action = order.action.clone();
         let act = Act {
             action: order.action,
             method: order.method,
             arguments: order.arguments,
             token: ActionToken {
-                epoch,
+                epoch: term,
                 conversation: conversation.clone(),
                 round,
                 step: u32::try_from(step).unwrap_or(u32::MAX),
@@ -313,6 +327,9 @@ impl PlanExecutor {
     ) {
         match report.outcome {
             Outcome::Done => self.done(token, step, agent, report, ctx),
+            Outcome::Failed if report.declined == Some(Reason::Uncertain) => {
+                self.unsure(token, step, agent, report, ctx);
+            }
             Outcome::Failed => {
                 self.failed(token, step, format!("`{agent}` failed: {}", report.detail), ctx);
             }
@@ -348,6 +365,29 @@ impl PlanExecutor {
         report.outcome = Outcome::Progress;
         self.report(token, &report, ctx);
         self.dispatch(token, ctx);
+    }
+
+    /// Nobody knows whether a step was done: what it would have changed is not known any more, and
+    /// another plan is made from there. Its action is not to blame.
+    fn unsure(
+        &mut self,
+        token: &ReplyToken,
+        step: usize,
+        agent: &AgentId,
+        report: Report,
+        ctx: &mut Context<Self>,
+    ) {
+        let Some(running) = self.running.get_mut(token) else { return };
+        let mut change = running.execution.uncertain(step);
+        if let Some(acting) = running.acting.get_mut(&step) {
+            acting.action.clear();
+        }
+        if !change.retract.is_empty() {
+            change.owner = Some(agent.clone());
+            self.tell(token, change, ctx);
+        }
+        let problem = format!("`{agent}`: {}", report.detail);
+        self.declined(token, step, problem, Reason::Uncertain, ctx);
     }
 
     /// Tells the Domain Maintainer what a confirmed action changed.
@@ -449,6 +489,7 @@ impl PlanExecutor {
         tracing::info!(conversation = %running.engagement.conversation, outcome = %report.outcome,
             detail = report.detail, "ends");
         ctx.answer(&running.engagement, Performative::Confirm, &report);
+        self.ended.keep(running.plan, report);
     }
 
     fn report(&mut self, token: &ReplyToken, report: &Report, ctx: &mut Context<Self>) {

@@ -40,6 +40,7 @@ fn blueprint(lab: &Building, config: serde_json::Value) -> Blueprint {
         map: Arc::new(pddl::parse_problem(map).value.expect("a map")),
         mode: Mode::Decentralized,
         settings: Settings::default(),
+        journals: Vec::new(),
         resources,
     };
     let id = acl::AgentId::new("s").expect("a name");

@@ -98,6 +98,7 @@ pub(crate) fn host(domain: &str, map: &str, mode: agent::Mode) -> Outcome<Host> 
         map: Arc::new(map),
         mode,
         settings: agent::Settings::default(),
+        journals: Vec::new(),
         resources: Resources::default(),
     })
 }

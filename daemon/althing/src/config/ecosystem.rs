@@ -100,6 +100,12 @@ impl Ecosystem {
         self.agents.iter().filter(move |agent| agent.daemons.contains(daemon))
     }
 
+    /// The agents that keep what must outlive a process.
+    pub(crate) fn journals(&self) -> impl Iterator<Item = &AgentId> {
+        let journals = self.agents.iter().filter(|agent| agent.plugin == journal::PLUGIN.name);
+        journals.map(|agent| &agent.name)
+    }
+
     /// The agents that are given to no daemon: they belong to the machine that runs alone.
     pub(crate) fn agents_of_nobody(&self) -> impl Iterator<Item = &AgentEntry> {
         self.agents.iter().filter(|agent| agent.daemons.is_empty())

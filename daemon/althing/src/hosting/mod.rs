@@ -12,8 +12,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use actuator::StateFolder;
-use agent::{Host, Mode, Resources, Settings, Switchboard};
+use agent::{Host, Mode, Resources, Settings, StateFolder, Switchboard};
 use substrate::Substrate;
 use substrate::memory::Network;
 use tokio_util::sync::CancellationToken;
@@ -128,6 +127,7 @@ impl Node {
             map: Arc::clone(&ecosystem.problem),
             mode,
             settings: ecosystem.settings.clone(),
+            journals: ecosystem.journals().cloned().collect(),
             resources,
         });
         node.host = Some(host);

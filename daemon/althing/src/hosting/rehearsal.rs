@@ -27,6 +27,7 @@ pub(crate) fn rehearse(ecosystem: &Ecosystem) -> Report {
         map: Arc::clone(&ecosystem.problem),
         mode: ecosystem.mode,
         settings: ecosystem.settings.clone(),
+        journals: ecosystem.journals().cloned().collect(),
         resources,
     });
     for (index, entry) in ecosystem.agents.iter().enumerate() {

@@ -1,0 +1,266 @@
+//! The Journal: keeps what must outlive a process, for whoever takes over (design, “No single point
+//! of failure”).
+//!
+//! - `request` (records) → `confirm` when they are on disk here, `refuse` with the reason where they
+//!   cannot be. Of one key the newest version is kept, whoever wrote it.
+//! - Answers who asks for all it keeps. When another Journal comes, takes from it what is newer: so
+//!   the copies grow equal again after a death or a partition.
+//! - Decides nothing about goals: what a record means is known to who wrote it.
+//!
+//! There is one per daemon that is to keep a copy, each under a name of its own.
+
+mod records;
+mod store;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use acl::content::{Keeping, Outcome, Reason, Record, Refusal, Report, Request};
+use acl::{AgentId, Message, Performative};
+use agent::{
+    Agent, Ask, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, PluginEntry,
+    Presence, Resource, StateFolder, Work,
+};
+
+use crate::records::Records;
+pub use crate::store::{FORMAT, Shelf};
+use crate::store::{Store, StoreError};
+
+/// Requests that wait for the one write that is under way; more are refused. Each is a change of
+/// one goal, and one write serves all that wait.
+const WAITING_MAX: usize = 256;
+
+/// The line in the daemon's table of plugins.
+pub const PLUGIN: PluginEntry = PluginEntry {
+    name: "journal",
+    about: "keeps goals, plans and outcomes for whoever takes over",
+    drivers: &[],
+    stands_by: false,
+    build,
+};
+
+fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+    let resources = &blueprint.host.resources;
+    let folder = resources.get::<StateFolder>();
+    let path = folder.map(|folder| folder.0.join(format!("{}.redb", blueprint.id)));
+    let others = blueprint.host.journals.iter().filter(|other| **other != blueprint.id);
+    Ok(Box::new(Journal {
+        others: others.cloned().collect(),
+        place: Place { path, shelf: resources.get::<Shelf>() },
+        disk: Disk::Opening(Vec::new()),
+        records: Records::default(),
+        waiting: Vec::new(),
+        work: None,
+        fetching: Vec::new(),
+    }))
+}
+
+/// Where the records are kept.
+#[derive(Clone)]
+struct Place {
+    path: Option<PathBuf>,
+    shelf: Option<Arc<Shelf>>,
+}
+
+struct Journal {
+    others: Vec<AgentId>,
+    place: Place,
+    disk: Disk,
+    records: Records,
+    /// Who waits for the next write, and what is to be written.
+    waiting: Vec<(Option<Engagement>, Vec<Record>)>,
+    /// The write that is under way, or the opening.
+    work: Option<Work>,
+    fetching: Vec<(AgentId, Work)>,
+}
+
+enum Disk {
+    /// What came before it was open.
+    Opening(Vec<(Option<Engagement>, Vec<Record>)>),
+    Open(Arc<Store>),
+    /// It cannot be used; why.
+    Unusable(String),
+}
+
+impl Agent for Journal {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new().on(Performative::Request, Self::requested)
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        let place = self.place.clone();
+        let opening = tokio::task::spawn_blocking(move || open(&place));
+        self.work = Some(ctx.run(opening, |journal: &mut Self, opened, ctx| {
+            journal.work = None;
+            journal.opened(opened.unwrap_or_else(|error| Err(StoreError::Lost(error.to_string()))), ctx);
+        }));
+    }
+
+    fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
+        let who = &presence.resident().agent;
+        if !self.others.contains(who) {
+            return;
+        }
+        match presence {
+            Presence::Joined(_) => self.fetch(who.clone(), ctx),
+            Presence::Left(_) => self.fetching.retain(|(other, _)| other != who),
+        }
+    }
+
+    fn asked(&mut self, resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
+        let is_open = matches!(self.disk, Disk::Open(_));
+        (resource == Resource::Journal && is_open).then(|| self.records.to_json())?
+    }
+
+    fn drained(&mut self, _ctx: &mut Context<Self>) -> bool {
+        self.work.is_none() && self.waiting.is_empty()
+    }
+}
+
+impl Journal {
+    fn opened(&mut self, opened: Result<(Store, Vec<Record>), StoreError>, ctx: &mut Context<Self>) {
+        let disk = match opened {
+            Ok((store, records)) => {
+                tracing::info!(agent = %ctx.id(), records = records.len(), "the journal is open");
+                for record in records {
+                    self.records.take(record);
+                }
+                Disk::Open(Arc::new(store))
+            }
+            Err(error) => {
+                tracing::error!(agent = %ctx.id(), %error, "the journal keeps nothing");
+                Disk::Unusable(error.to_string())
+            }
+        };
+        if let Disk::Opening(early) = std::mem::replace(&mut self.disk, disk) {
+            early.into_iter().for_each(|(asker, records)| self.keep(asker, records, ctx));
+        }
+    }
+
+    fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let engagement = Engagement::of(&message);
+        match message.content_as::<Request>() {
+            Ok(Request::Keep(Keeping { records })) => self.keep(Some(engagement), records, ctx),
+            Ok(_) => ctx.refuse(&engagement, Reason::Incapable, "a Journal takes `keep`"),
+            Err(error) => ctx.not_understood(&message, error.to_string()),
+        }
+    }
+
+    /// Takes records to be written with the next write.
+    fn keep(
+        &mut self,
+        asker: Option<Engagement>,
+        records: Vec<Record>,
+        ctx: &mut Context<Self>,
+    ) {
+        let refusal = match &mut self.disk {
+            Disk::Opening(early) if early.len() < WAITING_MAX => {
+                return early.push((asker, records));
+            }
+            Disk::Open(_) if self.waiting.len() < WAITING_MAX => {
+                match self.records.objection(&records) {
+                    None => {
+                        self.waiting.push((asker, records));
+                        return self.write(ctx);
+                    }
+                    Some(objection) => Refusal::new(Reason::BadContent, objection),
+                }
+            }
+            Disk::Unusable(why) => Refusal::new(Reason::Incapable, why.clone()),
+            _ => Refusal::new(Reason::Busy, "the disk does not keep up; ask again later"),
+        };
+        if let Some(asker) = asker {
+            ctx.answer(&asker, Performative::Refuse, &refusal);
+        }
+    }
+
+    /// Writes all that waits, in one go, unless a write is under way.
+    fn write(&mut self, ctx: &mut Context<Self>) {
+        let Disk::Open(store) = &self.disk else { return };
+        if self.work.is_some() || self.waiting.is_empty() {
+            return;
+        }
+        let waiting = std::mem::take(&mut self.waiting);
+        let mut newer = Vec::new();
+        for record in waiting.iter().flat_map(|(_, records)| records) {
+            newer.extend(self.records.is_newer(record).then(|| record.clone()));
+        }
+        let (store, written) = (Arc::clone(store), newer.clone());
+        let surplus = self.records.surplus(newer.len());
+        let gone = surplus.clone();
+        let writing = tokio::task::spawn_blocking(move || store.write(&written, &gone));
+        self.work = Some(ctx.run(writing, move |journal: &mut Self, outcome, ctx| {
+            journal.work = None;
+            let outcome = outcome.unwrap_or_else(|error| Err(StoreError::Lost(error.to_string())));
+            journal.written(waiting, newer, &surplus, outcome, ctx);
+            journal.write(ctx);
+        }));
+    }
+
+    fn written(
+        &mut self,
+        waiting: Vec<(Option<Engagement>, Vec<Record>)>,
+        newer: Vec<Record>,
+        gone: &[String],
+        outcome: Result<(), StoreError>,
+        ctx: &mut Context<Self>,
+    ) {
+        if outcome.is_ok() {
+            gone.iter().for_each(|key| self.records.forget(key));
+            newer.into_iter().for_each(|record| self.records.take(record));
+        }
+        if let Err(error) = &outcome {
+            tracing::error!(agent = %ctx.id(), %error, "records are not kept");
+        }
+        for asker in waiting.into_iter().filter_map(|(asker, _)| asker) {
+            match &outcome {
+                Ok(()) => {
+                    let report = Report::new(Outcome::Done, "kept");
+                    ctx.answer(&asker, Performative::Confirm, &report);
+                }
+                Err(error) => {
+                    let refusal = Refusal::new(Reason::Other, error.to_string());
+                    ctx.answer(&asker, Performative::Refuse, &refusal);
+                }
+            }
+        }
+    }
+
+    /// Asks another Journal for all it keeps, to take what is newer.
+    fn fetch(&mut self, other: AgentId, ctx: &mut Context<Self>) {
+        let Some(resident) = ctx.find(&other) else { return };
+        let ask = Ask {
+            daemon: Some(resident.daemon),
+            resource: Resource::Journal,
+            agent: Some(other.clone()),
+        };
+        let asked = ctx.switchboard().ask(ask, ctx.settings().answer_deadline);
+        let from = other.clone();
+        let work = ctx.run(asked, move |journal: &mut Self, answers, ctx| {
+            journal.fetching.retain(|(other, _)| *other != from);
+            for answer in answers {
+                match serde_json::from_slice::<Vec<Record>>(&answer) {
+                    Ok(mut records) => {
+                        records.retain(|record| journal.records.is_newer(record));
+                        if !records.is_empty() {
+                            tracing::info!(agent = %ctx.id(), %from, records = records.len(),
+                                "takes what another Journal has kept");
+                            journal.keep(None, records, ctx);
+                        }
+                    }
+                    Err(error) => tracing::info!(%from, %error, "an answer that is no journal"),
+                }
+            }
+        });
+        self.fetching.retain(|(fetching, _)| *fetching != other);
+        self.fetching.push((other, work));
+    }
+}
+
+fn open(place: &Place) -> Result<(Store, Vec<Record>), StoreError> {
+    match (&place.shelf, &place.path) {
+        (Some(shelf), _) => Ok(Store::on_shelf(shelf)),
+        (None, Some(path)) => Store::open(path),
+        (None, None) => Err(StoreError::Nowhere),
+    }
+}

@@ -1,0 +1,113 @@
+//! All that a Journal keeps, by key: the newest version of each. Without I/O.
+
+use std::collections::BTreeMap;
+
+use acl::content::Record;
+
+/// Records kept; of those that say that something is to be forgotten, the oldest go first. A goal
+/// has two, and a building has hundreds of goals at the very most.
+const RECORDS_MAX: usize = 4_096;
+
+/// The longest key, and the longest record as text. The composite domain of a large building is
+/// below 1 MiB.
+const KEY_BYTES_MAX: usize = 512;
+const BODY_BYTES_MAX: usize = 4 << 20;
+
+/// The newest version of each record.
+#[derive(Debug, Default)]
+pub(crate) struct Records(BTreeMap<String, Record>);
+
+// === impl Records ===
+
+impl Records {
+    /// Whether a record says something newer than what is kept.
+    pub(crate) fn is_newer(&self, record: &Record) -> bool {
+        self.0.get(&record.key).is_none_or(|kept| kept.version < record.version)
+    }
+
+    /// Takes a record, if it is newer.
+    pub(crate) fn take(&mut self, record: Record) {
+        if self.is_newer(&record) {
+            self.0.insert(record.key.clone(), record);
+        }
+    }
+
+    pub(crate) fn forget(&mut self, key: &str) {
+        self.0.remove(key);
+    }
+
+    /// Why some records are not taken, if so.
+    pub(crate) fn objection(&self, records: &[Record]) -> Option<String> {
+        let key = |record: &&Record| record.key.is_empty() || record.key.len() > KEY_BYTES_MAX;
+        if let Some(record) = records.iter().find(key) {
+            let len = record.key.len();
+            return Some(format!("a key has 1 to {KEY_BYTES_MAX} bytes, this one {len}"));
+        }
+        let is_long = |record: &&Record| {
+            serde_json::to_vec(&record.body).is_ok_and(|body| body.len() > BODY_BYTES_MAX)
+        };
+        if let Some(record) = records.iter().find(is_long) {
+            return Some(format!("`{}` has more than {BODY_BYTES_MAX} bytes", record.key));
+        }
+        let is_new = |record: &&Record| !self.0.contains_key(&record.key);
+        let new = records.iter().filter(is_new).count();
+        let room = RECORDS_MAX.saturating_sub(self.0.len() - self.forgotten().count());
+        (new > room).then(|| format!("{RECORDS_MAX} records are kept already"))
+    }
+
+    /// What has to go where `more` come: of what is forgotten, the oldest.
+    pub(crate) fn surplus(&self, more: usize) -> Vec<String> {
+        let surplus = (self.0.len() + more).saturating_sub(RECORDS_MAX);
+        let mut forgotten: Vec<_> = self.forgotten().collect();
+        forgotten.sort_by_key(|record| record.version);
+        forgotten.into_iter().take(surplus).map(|record| record.key.clone()).collect()
+    }
+
+    fn forgotten(&self) -> impl Iterator<Item = &Record> {
+        self.0.values().filter(|record| record.body.is_null())
+    }
+
+    /// All of them, as an answer.
+    pub(crate) fn to_json(&self) -> Option<String> {
+        serde_json::to_string(&self.0.values().collect::<Vec<_>>()).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::content::Version;
+    use serde_json::{Value, json};
+
+    use super::*;
+
+    fn record(key: &str, count: u64, body: Value) -> Record {
+        Record { key: key.to_owned(), version: Version { term: 1, count }, body }
+    }
+
+    #[test]
+    fn the_newest_counts_whenever_it_comes() {
+        let mut records = Records::default();
+        for count in [2, 1, 3, 2] {
+            records.take(record("goal/a", count, json!(count)));
+        }
+        assert_eq!(records.0["goal/a"].body, json!(3));
+        let later_term = Record { version: Version { term: 2, count: 0 }, ..record("goal/a", 0, json!(0)) };
+        assert!(records.is_newer(&later_term));
+    }
+
+    #[test]
+    fn what_is_forgotten_makes_room() {
+        let mut records = Records::default();
+        for number in 0..RECORDS_MAX {
+            let body = if number < 10 { Value::Null } else { json!(number) };
+            records.take(record(&format!("goal/{number}"), number as u64, body));
+        }
+        let more: Vec<_> = (0..11).map(|number| record(&format!("plan/{number}"), 1, json!(1))).collect();
+        assert_eq!(records.objection(&more[..10]), None);
+        assert_eq!(records.surplus(3), ["goal/0", "goal/1", "goal/2"]);
+        assert!(records.objection(&more).is_some());
+        assert!(records.objection(&[record("", 1, json!(1))]).is_some());
+        let long = json!("x".repeat(BODY_BYTES_MAX));
+        assert!(records.objection(&[record("goal/11", 9_999, long)]).is_some());
+    }
+}

@@ -1,0 +1,270 @@
+//! The records on disk: one file of an embedded store that is whole after a crash.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use acl::content::Record;
+use redb::{Database, DatabaseError, ReadableDatabase, ReadableTable, StorageError, TableDefinition};
+
+/// The format that this version writes, and the newest it reads.
+pub const FORMAT: u64 = 1;
+
+const RECORDS: TableDefinition<&str, &[u8]> = TableDefinition::new("records");
+const ABOUT: TableDefinition<&str, u64> = TableDefinition::new("about");
+const FORMAT_KEY: &str = "format";
+
+/// Records in memory that outlive their Journal: stands in for a disk where a whole building lives
+/// in one process.
+#[derive(Debug, Default)]
+pub struct Shelf(Mutex<BTreeMap<String, Vec<u8>>>);
+
+/// Where records are kept.
+pub(crate) enum Store {
+    File(Database),
+    Shelf(std::sync::Arc<Shelf>),
+}
+
+/// Why records are not kept. Completes “failed to …”.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub(crate) enum StoreError {
+    /// The daemon has no folder of its own.
+    #[error("keep anything: this daemon has no state folder")]
+    Nowhere,
+    /// Another version wrote it.
+    #[error(
+        "read {}: a newer Althing wrote it (format {found}; this one reads up to {FORMAT}); \
+         update this machine, or move the file away: the other Journals have copies",
+        path.display()
+    )]
+    Newer {
+        /// The file.
+        path: PathBuf,
+        /// Its format.
+        found: u64,
+    },
+    /// Another process has it open.
+    #[error("open {}: another process has it open", path.display())]
+    InUse {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The disk, or the store, says no.
+    #[error("{what} {}: {why}", path.display())]
+    Failed {
+        /// What was done.
+        what: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// Why it could not.
+        why: String,
+    },
+    /// The store says no while it is open.
+    #[error("write to the journal: {0}")]
+    Write(String),
+    /// The thread that did it was lost.
+    #[error("use the disk: {0}")]
+    Lost(String),
+}
+
+// === impl Store ===
+
+impl Store {
+    /// Opens the file, or makes it. One that is broken is moved aside, and said to be: the other
+    /// Journals have what was in it.
+    pub(crate) fn open(path: &Path) -> Result<(Store, Vec<Record>), StoreError> {
+        match read(path) {
+            Err(Trouble::Broken(why)) => {
+                let aside = path.with_extension(format!("broken-{}", std::process::id()));
+                tracing::error!(file = %path.display(), aside = %aside.display(), why,
+                    "the journal is broken; it is moved aside, and begun anew");
+                let failed = |error: io::Error| failed("move aside", path, &error);
+                fs::rename(path, &aside).map_err(failed)?;
+                read(path).map_err(|trouble| trouble.about(path))
+            }
+            other => other.map_err(|trouble| trouble.about(path)),
+        }
+    }
+
+    pub(crate) fn on_shelf(shelf: &std::sync::Arc<Shelf>) -> (Store, Vec<Record>) {
+        let kept = shelf.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let records = kept.values().filter_map(|bytes| serde_json::from_slice(bytes).ok());
+        (Store::Shelf(std::sync::Arc::clone(shelf)), records.collect())
+    }
+
+    /// Writes records and forgets others, all of it or nothing; returns when it is on disk.
+    pub(crate) fn write(&self, records: &[Record], gone: &[String]) -> Result<(), StoreError> {
+        let bytes = |record: &Record| {
+            serde_json::to_vec(record).map_err(|error| StoreError::Write(error.to_string()))
+        };
+        match self {
+            Store::Shelf(shelf) => {
+                let mut kept = shelf.0.lock().unwrap_or_else(PoisonError::into_inner);
+                gone.iter().for_each(|key| drop(kept.remove(key)));
+                for record in records {
+                    kept.insert(record.key.clone(), bytes(record)?);
+                }
+                Ok(())
+            }
+            Store::File(database) => {
+                let write = || -> Result<(), redb::Error> {
+                    let writing = database.begin_write()?;
+                    {
+                        let mut table = writing.open_table(RECORDS)?;
+                        for key in gone {
+                            table.remove(key.as_str())?;
+                        }
+                        for record in records {
+                            // Plain data: it was read from such text.
+                            let bytes = serde_json::to_vec(record).unwrap_or_default();
+                            table.insert(record.key.as_str(), bytes.as_slice())?;
+                        }
+                    }
+                    Ok(writing.commit()?)
+                };
+                write().map_err(|error| StoreError::Write(error.to_string()))
+            }
+        }
+    }
+}
+
+/// What went wrong with a file.
+enum Trouble {
+    Broken(String),
+    Newer(u64),
+    InUse,
+    Other(String),
+}
+
+impl Trouble {
+    fn about(self, path: &Path) -> StoreError {
+        let path = path.to_owned();
+        match self {
+            Trouble::Newer(found) => StoreError::Newer { path, found },
+            Trouble::InUse => StoreError::InUse { path },
+            Trouble::Broken(why) | Trouble::Other(why) => {
+                StoreError::Failed { what: "open", path, why }
+            }
+        }
+    }
+}
+
+fn failed(what: &'static str, path: &Path, error: &io::Error) -> StoreError {
+    StoreError::Failed { what, path: path.to_owned(), why: error.to_string() }
+}
+
+fn read(path: &Path) -> Result<(Store, Vec<Record>), Trouble> {
+    let database = Database::create(path).map_err(|error| match error {
+        DatabaseError::DatabaseAlreadyOpen => Trouble::InUse,
+        DatabaseError::Storage(StorageError::Io(error))
+            if error.kind() == io::ErrorKind::InvalidData =>
+        {
+            Trouble::Broken(error.to_string())
+        }
+        DatabaseError::Storage(StorageError::Io(error)) => Trouble::Other(error.to_string()),
+        DatabaseError::UpgradeRequired(version) => Trouble::Newer(u64::from(version)),
+        broken => Trouble::Broken(broken.to_string()),
+    })?;
+    let records = all(&database).map_err(|error| match error {
+        Unread::Newer(found) => Trouble::Newer(found),
+        Unread::Store(redb::Error::Io(error)) => Trouble::Other(error.to_string()),
+        Unread::Store(broken) => Trouble::Broken(broken.to_string()),
+    })?;
+    Ok((Store::File(database), records))
+}
+
+enum Unread {
+    Newer(u64),
+    Store(redb::Error),
+}
+
+impl<E: Into<redb::Error>> From<E> for Unread {
+    fn from(error: E) -> Unread {
+        Unread::Store(error.into())
+    }
+}
+
+/// All records; a file that is new is given its format first.
+fn all(database: &Database) -> Result<Vec<Record>, Unread> {
+    let writing = database.begin_write()?;
+    {
+        let mut about = writing.open_table(ABOUT)?;
+        let found = about.get(FORMAT_KEY)?.map(|format| format.value());
+        match found {
+            Some(found) if found > FORMAT => return Err(Unread::Newer(found)),
+            Some(_) => (),
+            None => drop(about.insert(FORMAT_KEY, FORMAT)?),
+        }
+        writing.open_table(RECORDS)?;
+    }
+    writing.commit()?;
+    let reading = database.begin_read()?;
+    let table = reading.open_table(RECORDS)?;
+    let mut records = Vec::new();
+    for entry in table.iter()? {
+        let (key, value) = entry?;
+        match serde_json::from_slice(value.value()) {
+            Ok(record) => records.push(record),
+            Err(error) => tracing::warn!(key = key.value(), %error, "a record cannot be read"),
+        }
+    }
+    Ok(records)
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::content::Version;
+    use serde_json::json;
+
+    use super::*;
+
+    fn record(key: &str, count: u64) -> Record {
+        Record { key: key.to_owned(), version: Version { term: 1, count }, body: json!(count) }
+    }
+
+    #[test]
+    fn what_is_written_is_there_when_it_is_opened_again() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("journal.redb");
+        let (store, empty) = Store::open(&path).expect("made");
+        assert!(empty.is_empty());
+        assert!(matches!(Store::open(&path), Err(StoreError::InUse { .. })));
+        store.write(&[record("goal/a", 1), record("goal/b", 1)], &[]).expect("written");
+        store.write(&[record("goal/a", 2)], &["goal/b".to_owned()]).expect("written");
+        drop(store);
+        let (_, records) = Store::open(&path).expect("opened");
+        assert_eq!(records, [record("goal/a", 2)]);
+    }
+
+    #[test]
+    fn a_newer_format_is_refused_and_left_as_it_is() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("journal.redb");
+        let (store, _) = Store::open(&path).expect("made");
+        let Store::File(database) = store else { panic!("a file") };
+        let writing = database.begin_write().expect("begun");
+        writing.open_table(ABOUT).expect("there").insert(FORMAT_KEY, FORMAT + 1).expect("put");
+        writing.commit().expect("written");
+        drop(database);
+        let before = fs::read(&path).expect("readable");
+        let refused = Store::open(&path).map(drop).expect_err("newer").to_string();
+        assert!(refused.contains("a newer Althing wrote it (format 2"), "{refused}");
+        assert_eq!(fs::read(&path).expect("readable").len(), before.len());
+    }
+
+    #[test]
+    fn a_broken_file_is_moved_aside() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("journal.redb");
+        fs::write(&path, vec![7; 100_000]).expect("written");
+        let (_, records) = Store::open(&path).expect("begun anew");
+        assert!(records.is_empty());
+        let aside = fs::read_dir(folder.path()).expect("readable").flatten();
+        let names: Vec<_> = aside.map(|entry| entry.file_name()).collect();
+        let is_aside = |name: &&std::ffi::OsString| name.to_string_lossy().contains("broken");
+        assert_eq!(names.iter().filter(is_aside).count(), 1, "{names:?}");
+    }
+}

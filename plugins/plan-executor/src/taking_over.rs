@@ -1,0 +1,120 @@
+//! One goal, one plan at a time, whoever asks for it (design, “No single point of failure”).
+//!
+//! A Plan Requester that takes a goal over asks for the plan that was under way when its
+//! predecessor died. If it runs here, it goes on and is reported to who asked last; if it has
+//! ended, how it ended is said again; if nobody here knows of it, the executor that had it is gone:
+//! it is begun at the steps that are known to be done. The others are asked for under the same
+//! tokens, so that their actuators do nothing twice.
+
+use std::collections::VecDeque;
+
+use acl::content::{Execute, Outcome, Reason, Report};
+use acl::{ConversationId, Performative, ReplyToken};
+use agent::{Context, Engagement};
+
+use crate::PlanExecutor;
+
+/// Outcomes kept for those who take over: of more plans than can run side by side.
+const ENDED_MAX: usize = 128;
+
+/// One plan for one goal. Of two, the greater was made later.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct PlanId {
+    pub(crate) conversation: ConversationId,
+    /// In whose term it was made.
+    pub(crate) term: u64,
+    /// Which plan of that term.
+    pub(crate) round: u32,
+}
+
+/// How the last plans ended.
+#[derive(Debug, Default)]
+pub(crate) struct Ended(VecDeque<(PlanId, Report)>);
+
+// === impl PlanId ===
+
+impl PlanId {
+    pub(crate) fn of(conversation: &ConversationId, execute: &Execute) -> PlanId {
+        let Execute { term, round, .. } = *execute;
+        PlanId { conversation: conversation.clone(), term, round }
+    }
+}
+
+// === impl Ended ===
+
+impl Ended {
+    pub(crate) fn keep(&mut self, plan: PlanId, report: Report) {
+        if self.0.len() >= ENDED_MAX {
+            self.0.pop_front();
+        }
+        self.0.push_back((plan, report));
+    }
+
+    fn of(&self, plan: &PlanId) -> Option<&Report> {
+        self.0.iter().find(|(other, _)| other == plan).map(|(_, report)| report)
+    }
+}
+
+// === impl PlanExecutor ===
+
+impl PlanExecutor {
+    /// Whether a plan is known here already, and so is dealt with. An older one for the same goal
+    /// is given up.
+    pub(crate) fn is_known(
+        &mut self,
+        engagement: &Engagement,
+        plan: &PlanId,
+        ctx: &mut Context<Self>,
+    ) -> bool {
+        if let Some(report) = self.ended.of(plan) {
+            ctx.answer(engagement, Performative::Confirm, report);
+            return true;
+        }
+        let is_of_goal = |other: &&PlanId| other.conversation == plan.conversation;
+        let runs = self.running.iter().map(|(token, running)| (token, &running.plan));
+        let runs: Vec<(ReplyToken, PlanId)> = runs
+            .filter(|(_, other)| is_of_goal(other))
+            .map(|(token, other)| (token.clone(), other.clone()))
+            .collect();
+        for (token, other) in runs {
+            match other.cmp(plan) {
+                std::cmp::Ordering::Equal => {
+                    self.attach(&token, engagement, ctx);
+                    return true;
+                }
+                std::cmp::Ordering::Greater => {
+                    let detail = "a newer plan for this goal is being executed";
+                    ctx.refuse(engagement, Reason::StaleToken, detail);
+                    return true;
+                }
+                std::cmp::Ordering::Less => {
+                    let report = Report::new(Outcome::Cancelled, "a newer plan takes its place");
+                    self.give_up(&token, report, ctx);
+                }
+            }
+        }
+        false
+    }
+
+    /// Reports a running plan to who asked for it last, from its beginning.
+    fn attach(&mut self, token: &ReplyToken, engagement: &Engagement, ctx: &mut Context<Self>) {
+        let Some(running) = self.running.get_mut(token) else { return };
+        running.engagement = engagement.clone();
+        for (_, action) in running.execution.done() {
+            let report = Report::new(Outcome::Progress, format!("`{action}` is done"));
+            let report = Report { action: Some(action), ..report };
+            ctx.answer(engagement, Performative::Confirm, &report);
+        }
+    }
+
+    /// Another executor acts: what runs is its to go on with, under the same tokens.
+    pub(crate) fn let_go(&mut self, ctx: &mut Context<Self>) {
+        for (_, running) in std::mem::take(&mut self.running) {
+            for acting in running.acting.values() {
+                ctx.close(&acting.exchange);
+            }
+            let timers = [running.check, running.grace, running.hearing];
+            timers.into_iter().flatten().for_each(|timer| ctx.forget(timer));
+        }
+    }
+}
