@@ -77,6 +77,20 @@ pub struct Achieve {
     /// Greater goes first.
     #[serde(default)]
     pub priority: i32,
+    /// What happens to it while the ecosystem is in pieces.
+    #[serde(default)]
+    pub partition: Partition,
+}
+
+/// What happens to a goal where not all daemons can be seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Partition {
+    /// Every piece goes on with what it has.
+    #[default]
+    Pursue,
+    /// It is planned for only where most Journals can be seen, which is in one piece at most.
+    Wait,
 }
 
 /// How long a goal lasts.
@@ -514,6 +528,9 @@ pub struct Report {
     /// The ground action it is about, under its agent's name for it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub action: Option<String>,
+    /// Which step of the plan that was, from 0, where it is done.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub step: Option<u32>,
     /// The plan that was chosen, where this is the news.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plan: Option<String>,
@@ -716,6 +733,13 @@ pub fn value(content: &impl Serialize) -> Value {
     serde_json::to_value(content).unwrap_or(Value::Null)
 }
 
+impl Achieve {
+    /// A goal that every piece of the ecosystem pursues.
+    pub fn new(goal: impl Into<String>, keep: Keep, priority: i32) -> Achieve {
+        Achieve { goal: goal.into(), keep, priority, partition: Partition::Pursue }
+    }
+}
+
 impl Outcome {
     /// Whether nothing more follows.
     pub fn is_final(self) -> bool {
@@ -730,6 +754,7 @@ impl Report {
             outcome,
             detail: detail.into(),
             action: None,
+            step: None,
             plan: None,
             cost: None,
             observations: String::new(),

@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use acl::content::{
-    Act, ActionToken, Agreement, CallForProposals, Heartbeat, Inform, Method, ModelAnnouncement, Outcome,
-    Reason, Refusal, Report, Request,
+    Act, ActionToken, Agreement, CallForProposals, Heartbeat, Inform, Method, ModelAnnouncement,
+    Outcome, Reason, Refusal, Report, Request,
 };
 use acl::{AgentId, Deadline, Message, Performative, ReplyToken};
 use agent::{

@@ -58,7 +58,10 @@ enum Mark {
 #[serde(rename_all = "kebab-case")]
 enum Line {
     Begun(ActionToken),
-    Ended { token: ActionToken, report: Report },
+    Ended {
+        token: ActionToken,
+        report: Report,
+    },
     /// What an earlier version wrote, for a token that was begun.
     #[serde(untagged)]
     Bare(ActionToken),

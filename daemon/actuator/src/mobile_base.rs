@@ -230,7 +230,7 @@ impl MobileBase {
             return Vec::new();
         }
         let goal = format!("(charged {})", self.id);
-        let goal = Achieve { goal, keep: Keep::Achieve, priority: CHARGING_PRIORITY };
+        let goal = Achieve::new(goal, Keep::Achieve, CHARGING_PRIORITY);
         vec![Initiative::Want { name: "charge".to_owned(), goal, insists: true }]
     }
 }

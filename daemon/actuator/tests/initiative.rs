@@ -89,7 +89,7 @@ impl Device for Doorbell {
 }
 
 fn want(goal: &str) -> Initiative {
-    let goal = Achieve { goal: goal.to_owned(), keep: Keep::Maintain, priority: 1 };
+    let goal = Achieve::new(goal, Keep::Maintain, 1);
     Initiative::Want { name: "guests".to_owned(), goal, insists: false }
 }
 

@@ -283,7 +283,8 @@ impl<A: Agent> Life<A> {
 
     /// Only who acts is asked and answers; what is said to all, everybody hears.
     fn meant_for_it(&mut self, letter: Letter) -> Option<Letter> {
-        let Some(standing) = self.standing.as_mut().filter(|standing| !standing.is_leading()) else {
+        let Some(standing) = self.standing.as_mut().filter(|standing| !standing.is_leading())
+        else {
             return Some(letter);
         };
         match letter {

@@ -19,6 +19,7 @@ use acl::{
     Protocol, ReplyToken, SCHEMA_VERSION,
 };
 use conversation::{Exchange, Phase, Seen};
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use substrate::{Presence, Subject};
 use tokio::time::Instant;
@@ -87,7 +88,7 @@ pub enum Undelivered {
 }
 
 /// The participant's end of an exchange: what it needs to go on answering.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Engagement {
     /// Who asked.
     pub initiator: AgentId,

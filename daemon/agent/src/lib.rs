@@ -8,6 +8,7 @@
 //!   the broadcasts a newcomer has missed.
 //! - [`upkeep`] keeps a Domain Maintainer up to date; the [`Commons`] keep what the actuators of
 //!   one daemon hear.
+//! - [`keeping`] has the Journals keep what must outlive an agent, and reads it back.
 //! - [`PluginEntry`] is what a plugin crate offers to a daemon.
 //!
 //! An agent sees no substrate and no other agent's code.
@@ -18,6 +19,7 @@ mod commons;
 mod communication_agent;
 mod context;
 mod directory;
+pub mod keeping;
 mod mailbox;
 mod outbox;
 mod plugin;

@@ -109,8 +109,7 @@ impl Agent for Asker {
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
-        let goal =
-            acl::content::Achieve { goal: "(p)".into(), keep: Default::default(), priority: 0 };
+        let goal = acl::content::Achieve::new("(p)", Default::default(), 0);
         let opening = Opening {
             to: Some(name("worker")),
             performative: self.performative,

@@ -19,7 +19,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use acl::content::{Act, Keep, Outcome as Ended, Request};
+use acl::content::{Act, Keep, Outcome as Ended, Partition, Request};
 use acl::{AgentId, DaemonId, EcosystemId, Message};
 use agent::{Mode, Settings, Switchboard};
 use building::{Building, Dies, Fault, Layout, SeededScenario};
@@ -69,7 +69,12 @@ async fn main() -> Outcome<()> {
 async fn death(scenario: &SeededScenario, mode: Mode) -> Outcome<Duration> {
     let mut stage = Stage::set(scenario, mode).await?;
     scenario.arm(&stage.building, Fault::Hangs)?;
-    let wish = Wish { goal: GOAL.to_owned(), keep: Keep::Maintain, priority: 0 };
+    let wish = Wish {
+        goal: GOAL.to_owned(),
+        keep: Keep::Maintain,
+        priority: 0,
+        partition: Partition::Pursue,
+    };
     stage.terminal.say.send(Said::Wish(wish)).await?;
     if scenario.dies == Dies::AfterReport {
         stage.until_it_holds().await?;

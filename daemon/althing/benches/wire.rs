@@ -200,7 +200,12 @@ fn open(
 
 /// Wishes, and waits until it is so.
 async fn reach(terminal: &mut Terminal, goal: String) -> Outcome<()> {
-    let wish = Wish { goal, keep: acl::content::Keep::Achieve, priority: 0 };
+    let wish = Wish {
+        goal,
+        keep: acl::content::Keep::Achieve,
+        priority: 0,
+        partition: Default::default(),
+    };
     terminal.say.send(Said::Wish(wish)).await?;
     loop {
         let heard: Heard = terminal.hear.recv().await.ok_or("the keyboard has ended")?;

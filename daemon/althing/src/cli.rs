@@ -285,6 +285,9 @@ pub(crate) struct WishArgs {
         conflicts_with = "cancel"
     )]
     pub(crate) priority: i32,
+    /// What happens to it while the ecosystem is in pieces
+    #[arg(long, value_enum, default_value_t = PartitionArg::Pursue, conflicts_with = "cancel")]
+    pub(crate) partition: PartitionArg,
     /// Give up the goal of this conversation
     #[arg(long, value_name = "ID")]
     pub(crate) cancel: Option<String>,
@@ -579,6 +582,24 @@ impl Engine {
             Engine::Embedded => "embedded",
             Engine::FastDownward => "fast-downward",
             Engine::MetricFf => "metric-ff",
+        }
+    }
+}
+
+/// What happens to a goal while the ecosystem is in pieces.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum PartitionArg {
+    /// Every piece of the ecosystem goes on with what it has
+    Pursue,
+    /// Planned for only where most Journals can be seen
+    Wait,
+}
+
+impl From<PartitionArg> for acl::content::Partition {
+    fn from(partition: PartitionArg) -> acl::content::Partition {
+        match partition {
+            PartitionArg::Pursue => acl::content::Partition::Pursue,
+            PartitionArg::Wait => acl::content::Partition::Wait,
         }
     }
 }

@@ -259,6 +259,17 @@ impl Beliefs {
         }
     }
 
+    /// What was told by another is from now on what was requested here.
+    pub(crate) fn own_told(&mut self) {
+        for owners in self.claims.values_mut() {
+            for claim in owners.0.iter_mut().map(|(_, stamped)| &mut stamped.claim) {
+                if claim.source == Source::Told {
+                    claim.source = Source::Request;
+                }
+            }
+        }
+    }
+
     fn facts_of(&self, owner: &Owner) -> impl Iterator<Item = &FactKey> {
         self.by_owner.get(owner).into_iter().flatten()
     }

@@ -59,6 +59,8 @@ pub struct Admission {
 pub struct Maintainer {
     shared: Arc<Shared>,
     scope: Scope,
+    /// Whether it believes what another tells of requests.
+    follows: bool,
     roster: Roster,
     remembered: Remembered,
     memory: Memory,
@@ -100,6 +102,7 @@ impl Maintainer {
         let mut maintainer = Maintainer {
             shared,
             scope,
+            follows: !everything,
             roster: Roster::default(),
             remembered,
             memory,

@@ -8,24 +8,33 @@
 //! - Does not plan, and decides nothing about goals.
 
 mod changing;
+mod kept;
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use acl::content::{
-    BelievedFact, BelievedState, Claim, EpochChange, Inform, Reason, Refusal, Requested,
+    BelievedFact, BelievedState, Claim, EpochChange, Inform, Reason, Record, Refusal, Requested,
+    Version, value,
 };
 use acl::{Deadline, Message, Performative};
+use agent::keeping::{self, Keeper, Keeps};
 use agent::upkeep::{self, Maintains, Upkeep};
 use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, Launch, PluginEntry, Presence, Resource,
     TimerId,
 };
-use capability::{Change, Conflict, Maintainer, Scope};
+use capability::{Change, Conflict, Maintainer, Requests, Scope};
+use serde::Deserialize;
+
+use crate::kept::KeptRequests;
 
 /// How long changes are gathered before they are announced: the models of a daemon that starts
 /// come within this time, and one announcement serves them all.
 const GATHERING: Duration = Duration::from_millis(5);
+
+/// Under which key the Journals keep what requests changed.
+const REQUESTED: &str = "state/requested";
 
 /// The line in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -45,6 +54,9 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         announcing: None,
         spreads_requests: false,
         has_requests: false,
+        keeper: Keeper::new(&blueprint.host),
+        is_leading: false,
+        recalled: None,
     }))
 }
 
@@ -57,6 +69,11 @@ struct DomainMaintainer {
     spreads_requests: bool,
     /// Whether the last one that did had something to tell.
     has_requests: bool,
+    keeper: Keeper,
+    /// Whether it acts: who stands by hears the same and says nothing.
+    is_leading: bool,
+    /// What requests had changed when it was kept last, if that was read.
+    recalled: Option<Version>,
 }
 
 impl Agent for DomainMaintainer {
@@ -66,8 +83,20 @@ impl Agent for DomainMaintainer {
             .on_broadcast(Performative::Inform, Self::informed)
     }
 
+    fn leads(&mut self, is_leading: bool, ctx: &mut Context<Self>) {
+        self.is_leading = is_leading;
+        self.upkeep.maintainer.stands_by(!is_leading);
+        keeping::leads(self, is_leading, ctx);
+        if is_leading && self.upkeep.maintainer.revision() > 0 {
+            // Whoever listens learns that somebody speaks again, and all that requests changed.
+            self.spreads_requests = true;
+            self.announce_requests(ctx);
+        }
+    }
+
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         upkeep::presence(self, presence, ctx);
+        keeping::presence(self, presence, ctx);
     }
 
     fn asked(&mut self, resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
@@ -117,6 +146,46 @@ impl Maintains for DomainMaintainer {
     }
 }
 
+impl Keeps for DomainMaintainer {
+    fn keeper(&mut self) -> &mut Keeper {
+        &mut self.keeper
+    }
+
+    /// Believes again what was requested before everybody here was restarted.
+    fn recalled(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
+        let Some(record) = records.into_iter().find(|record| record.key == REQUESTED) else {
+            return;
+        };
+        // What it heard or wrote itself is newer than what it wrote.
+        let is_known = self.recalled.is_some_and(|known| known >= record.version);
+        let is_own = record.version.term == self.keeper.term();
+        if is_known || is_own || self.has_requests {
+            return;
+        }
+        self.recalled = Some(record.version);
+        let now = self.upkeep.moment();
+        let kept = KeptRequests::deserialize(record.body).map_err(|error| error.to_string());
+        let requests = kept.and_then(|kept| {
+            let mistakes = |found: Vec<pddl::Diagnostic>| {
+                found.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+            };
+            Requests::read(&kept.until_now(SystemTime::now()), now).map_err(mistakes)
+        });
+        let recalled = requests.and_then(|requests| {
+            let maintainer = &mut self.upkeep.maintainer;
+            maintainer.recall(&requests, now).map_err(|declined| declined.to_string())
+        });
+        match recalled {
+            Ok(change) => {
+                tracing::info!("believes again what was requested before");
+                self.spreads_requests = true;
+                upkeep::conclude(self, &change, ctx);
+            }
+            Err(why) => tracing::warn!(why, "what was requested before cannot be believed"),
+        }
+    }
+}
+
 impl DomainMaintainer {
     fn informed(&mut self, message: Message, ctx: &mut Context<Self>) {
         upkeep::informed(self, &message, ctx);
@@ -129,8 +198,26 @@ impl DomainMaintainer {
         self.announce_soon(EpochChange { epoch, revision, ..EpochChange::default() }, ctx);
     }
 
+    /// Has the Journals keep what requests changed: nobody says it again by itself.
+    fn keep_requests(&mut self, requested: Option<&Requested>, ctx: &mut Context<Self>) {
+        let Some(requested) = requested.filter(|_| !self.keeper.journals().is_empty()) else {
+            return;
+        };
+        let kept = KeptRequests::new(requested.clone(), SystemTime::now());
+        let record = self.keeper.write(REQUESTED.to_owned(), value(&kept));
+        self.recalled = Some(record.version);
+        keeping::keep(self, vec![record], ctx, |_, kept, _| {
+            for (journal, why) in kept.not_by {
+                tracing::warn!(%journal, why, "a Journal did not keep what was requested");
+            }
+        });
+    }
+
     /// Gathers what changed, to announce it in one message.
     fn announce_soon(&mut self, change: EpochChange, ctx: &mut Context<Self>) {
+        if !self.is_leading {
+            return;
+        }
         match &mut self.unannounced {
             None => self.unannounced = Some(change),
             Some(gathered) => gather(gathered, change),
@@ -151,6 +238,7 @@ impl DomainMaintainer {
             // That it is nothing now is news once.
             let was_something = std::mem::replace(&mut self.has_requests, !is_nothing);
             change.requested = (!is_nothing || was_something).then_some(requested);
+            self.keep_requests(change.requested.as_ref(), ctx);
         }
         ctx.inform_all(&Inform::Epoch(change));
     }

@@ -92,7 +92,10 @@ impl Agent for Journal {
         let opening = tokio::task::spawn_blocking(move || open(&place));
         self.work = Some(ctx.run(opening, |journal: &mut Self, opened, ctx| {
             journal.work = None;
-            journal.opened(opened.unwrap_or_else(|error| Err(StoreError::Lost(error.to_string()))), ctx);
+            journal.opened(
+                opened.unwrap_or_else(|error| Err(StoreError::Lost(error.to_string()))),
+                ctx,
+            );
         }));
     }
 
@@ -118,7 +121,11 @@ impl Agent for Journal {
 }
 
 impl Journal {
-    fn opened(&mut self, opened: Result<(Store, Vec<Record>), StoreError>, ctx: &mut Context<Self>) {
+    fn opened(
+        &mut self,
+        opened: Result<(Store, Vec<Record>), StoreError>,
+        ctx: &mut Context<Self>,
+    ) {
         let disk = match opened {
             Ok((store, records)) => {
                 tracing::info!(agent = %ctx.id(), records = records.len(), "the journal is open");
@@ -147,12 +154,7 @@ impl Journal {
     }
 
     /// Takes records to be written with the next write.
-    fn keep(
-        &mut self,
-        asker: Option<Engagement>,
-        records: Vec<Record>,
-        ctx: &mut Context<Self>,
-    ) {
+    fn keep(&mut self, asker: Option<Engagement>, records: Vec<Record>, ctx: &mut Context<Self>) {
         let refusal = match &mut self.disk {
             Disk::Opening(early) if early.len() < WAITING_MAX => {
                 return early.push((asker, records));

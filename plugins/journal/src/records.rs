@@ -91,7 +91,8 @@ mod tests {
             records.take(record("goal/a", count, json!(count)));
         }
         assert_eq!(records.0["goal/a"].body, json!(3));
-        let later_term = Record { version: Version { term: 2, count: 0 }, ..record("goal/a", 0, json!(0)) };
+        let later_term =
+            Record { version: Version { term: 2, count: 0 }, ..record("goal/a", 0, json!(0)) };
         assert!(records.is_newer(&later_term));
     }
 
@@ -102,7 +103,8 @@ mod tests {
             let body = if number < 10 { Value::Null } else { json!(number) };
             records.take(record(&format!("goal/{number}"), number as u64, body));
         }
-        let more: Vec<_> = (0..11).map(|number| record(&format!("plan/{number}"), 1, json!(1))).collect();
+        let more: Vec<_> =
+            (0..11).map(|number| record(&format!("plan/{number}"), 1, json!(1))).collect();
         assert_eq!(records.objection(&more[..10]), None);
         assert_eq!(records.surplus(3), ["goal/0", "goal/1", "goal/2"]);
         assert!(records.objection(&more).is_some());

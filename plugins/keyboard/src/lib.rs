@@ -175,8 +175,8 @@ impl Keyboard {
     }
 
     fn wish(&mut self, wish: Wish, ctx: &mut Context<Self>) {
-        let Wish { goal, keep, priority } = wish;
-        let request = Request::Achieve(Achieve { goal, keep, priority });
+        let Wish { goal, keep, priority, partition } = wish;
+        let request = Request::Achieve(Achieve { goal, keep, priority, partition });
         let to = self.plan_requester.clone();
         self.request(to, Protocol::Goal, &request, PATIENCE, ctx);
     }

@@ -1,6 +1,6 @@
 //! The terminal: what a person says to a Keyboard Agent, and what the person hears.
 
-use acl::content::{ChangeState, Keep, Mode, OpenQuestion, Outcome, Refusal, Report};
+use acl::content::{ChangeState, Keep, Mode, OpenQuestion, Outcome, Partition, Refusal, Report};
 use acl::{AgentId, ConversationId, Message, Performative, Protocol};
 use serde::Deserialize;
 use serde_json::Value;
@@ -18,6 +18,9 @@ pub struct Wish {
     /// Greater goes first.
     #[serde(default)]
     pub priority: i32,
+    /// What happens to it while the ecosystem is in pieces.
+    #[serde(default)]
+    pub partition: Partition,
 }
 
 /// What a person says.

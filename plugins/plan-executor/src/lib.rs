@@ -363,6 +363,7 @@ impl PlanExecutor {
             Err(problem) => return self.give_up(token, failure(problem), ctx),
         }
         report.outcome = Outcome::Progress;
+        report.step = u32::try_from(step).ok();
         self.report(token, &report, ctx);
         self.dispatch(token, ctx);
     }

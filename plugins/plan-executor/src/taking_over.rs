@@ -100,9 +100,10 @@ impl PlanExecutor {
     fn attach(&mut self, token: &ReplyToken, engagement: &Engagement, ctx: &mut Context<Self>) {
         let Some(running) = self.running.get_mut(token) else { return };
         running.engagement = engagement.clone();
-        for (_, action) in running.execution.done() {
+        for (step, action) in running.execution.done() {
             let report = Report::new(Outcome::Progress, format!("`{action}` is done"));
-            let report = Report { action: Some(action), ..report };
+            let step = u32::try_from(step).ok();
+            let report = Report { action: Some(action), step, ..report };
             ctx.answer(engagement, Performative::Confirm, &report);
         }
     }

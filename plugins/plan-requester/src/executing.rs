@@ -23,24 +23,22 @@ impl PlanRequester {
     ) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         goal.rounds += 1;
-        let offers = known.offers_of(plan);
-        let timeouts: Duration = offers
-            .values()
-            .flat_map(|actions| actions.values())
-            .filter_map(|offer| offer.method.as_ref().map(|method| method.timeout.0))
-            .max()
-            .unwrap_or_default();
-        // No step may take longer than the longest method and two answers; each report of
-        // progress gives the next step its time.
-        let patience = timeouts + ctx.settings().answer_deadline * 3;
         let execute = Execute {
             domain: known.domain_text.clone(),
             problem: known.problem_of(&goal.condition).to_string(),
             plan: plan.to_string(),
             epoch: known.epoch,
+            term: self.keeper.term(),
             round: goal.rounds,
-            offers,
+            done: Vec::new(),
+            offers: known.offers_of(plan),
         };
+        goal.plan = Some(Box::new(execute));
+        goal.steps_left = known.outside(plan).steps;
+        goal.given_up.clear();
+        goal.blocked_by.clear();
+        self.ask_executor(id, ctx);
+        self.keep_plan(id, ctx);
         let steps = match plan.steps.len() {
             1 => "1 step".to_owned(),
             count => format!("{count} steps"),
@@ -49,25 +47,35 @@ impl PlanRequester {
         report.plan = Some(known.outside(plan).to_string());
         report.cost = Some(cost);
         self.tell(id, report, ctx);
+        // The next goal may be planned for while this one is carried out.
+        self.next(ctx);
+    }
+
+    /// Asks the Plan Executor for the plan of a goal, from where it stands: also one that it has
+    /// been asked for before, by this Plan Requester or by another.
+    pub(crate) fn ask_executor(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        let Some(execute) = goal.plan.clone() else { return };
+        let offers = execute.offers.values().flat_map(|actions| actions.values());
+        let timeouts = offers.filter_map(|offer| Some(offer.method.as_ref()?.timeout.0));
+        // No step may take longer than the longest method and two answers; each report of
+        // progress gives the next step its time.
+        let patience = timeouts.max().unwrap_or_default() + ctx.settings().answer_deadline * 3;
         let opening = Opening {
             to: Some(self.config.plan_executor.clone()),
             performative: Performative::Request,
             protocol: Protocol::Execution,
             conversation: id.clone(),
-            content: value(&Request::Execute(Box::new(execute))),
+            content: value(&Request::Execute(execute)),
         };
+        if let Phase::Executing(former) = &goal.phase {
+            ctx.close(former);
+        }
         let executed = id.clone();
         let token = ctx.open(opening, patience, move |requester: &mut Self, answer, ctx| {
             requester.executor_answered(&executed, patience, answer, ctx);
         });
-        if let Some(goal) = self.goals.get_mut(id) {
-            goal.phase = Phase::Executing(token);
-            goal.steps_left = known.outside(plan).steps;
-            goal.given_up.clear();
-            goal.blocked_by.clear();
-        }
-        // The next goal may be planned for while this one is carried out.
-        self.next(ctx);
+        goal.phase = Phase::Executing(token);
     }
 
     fn executor_answered(
@@ -86,7 +94,7 @@ impl PlanRequester {
         let token = token.clone();
         let report = match read(answer) {
             Ok(report) if matches!(report.outcome, Outcome::Progress | Outcome::Holds) => {
-                report.action.iter().for_each(|action| goal.step_done(action));
+                report.action.iter().for_each(|action| goal.step_done(action, report.step));
                 if matches!(goal.phase, Phase::Executing(_)) {
                     ctx.extend(&token, patience);
                 }

@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::content::{Achieve, GoalStatus, Keep, Offers, Reason, Report};
+use acl::content::{
+    Achieve, Execute, GoalStatus, Keep, Offers, Partition, Reason, Report, Version,
+};
 use acl::{AgentId, ConversationId, Incarnation, ReplyToken};
 use agent::{Engagement, TimerId, Work};
 use pddl::{Condition, PlanStep};
@@ -33,11 +35,12 @@ pub(crate) const FAILURES_MAX: u32 = 12;
 pub(crate) struct Goal {
     pub(crate) engagement: Engagement,
     /// Which life of its asker asked for it.
-    life: Incarnation,
+    pub(crate) life: Incarnation,
     pub(crate) text: String,
     pub(crate) condition: Condition,
     pub(crate) keep: Keep,
     pub(crate) priority: i32,
+    pub(crate) partition: Partition,
     pub(crate) phase: Phase,
     /// Plans made so far.
     pub(crate) rounds: u32,
@@ -45,6 +48,13 @@ pub(crate) struct Goal {
     pub(crate) failures: u32,
     /// What the next round of planning has to respect.
     pub(crate) attempt: Attempt,
+    /// The plan that runs, or ran last, as the executor was asked for it; with the steps that are
+    /// known to be done.
+    pub(crate) plan: Option<Box<Execute>>,
+    /// Which version of it the Journals keep.
+    pub(crate) version: Version,
+    /// Whether another Plan Requester had it before.
+    pub(crate) is_taken_over: bool,
     /// The steps of the running plan that are not known to be done, as their agents name them.
     pub(crate) steps_left: Vec<PlanStep>,
     /// Those of the plan that failed, for a planner that would go on with it.
@@ -138,7 +148,7 @@ impl Goal {
         asked: Achieve,
         condition: Condition,
     ) -> Goal {
-        let Achieve { goal, keep, priority } = asked;
+        let Achieve { goal, keep, priority, partition } = asked;
         Goal {
             engagement,
             life,
@@ -146,10 +156,14 @@ impl Goal {
             condition,
             keep,
             priority,
+            partition,
             phase: Phase::Queued,
             rounds: 0,
             failures: 0,
             attempt: Attempt::default(),
+            plan: None,
+            version: Version::default(),
+            is_taken_over: false,
             steps_left: Vec::new(),
             given_up: Vec::new(),
             blocked_by: String::new(),
@@ -172,8 +186,34 @@ impl Goal {
         actors.filter_map(|actor| AgentId::new(actor.as_str()).ok())
     }
 
+    /// Goes on with a plan that another had carried out so far.
+    pub(crate) fn take_up(&mut self, plan: Execute, done: Vec<u32>) {
+        let steps = pddl::parse_plan(&plan.plan).into_result().map(|plan| plan.steps);
+        let is_left = |step: &usize| u32::try_from(*step).is_ok_and(|step| !done.contains(&step));
+        let left = steps.unwrap_or_default().into_iter().enumerate();
+        let left = left.filter(|(step, _)| is_left(step));
+        self.steps_left = left.map(|(_, step)| outside(step, &plan.offers)).collect();
+        self.plan = Some(Box::new(Execute { done, ..plan }));
+    }
+
+    /// What has happened, oldest first.
+    pub(crate) fn history(&self) -> &[String] {
+        &self.history
+    }
+
+    /// What happened before another took it over.
+    pub(crate) fn recall_history(&mut self, history: Vec<String>) {
+        self.history = history;
+        self.history.truncate(HISTORY_LINES_MAX);
+    }
+
     /// A step of the running plan is done.
-    pub(crate) fn step_done(&mut self, action: &str) {
+    pub(crate) fn step_done(&mut self, action: &str, step: Option<u32>) {
+        if let (Some(plan), Some(step)) = (&mut self.plan, step)
+            && !plan.done.contains(&step)
+        {
+            plan.done.push(step);
+        }
         if let Some(index) = self.steps_left.iter().position(|step| step.to_string() == action) {
             self.steps_left.remove(index);
         }
@@ -255,10 +295,12 @@ impl Goal {
             .min()
     }
 
-    /// Whether `asked` is this goal, asked for by a later life of its asker.
+    /// Whether `asked` is this goal, asked for by a later life of its asker; or by the same, because
+    /// whom it had asked is gone.
     pub(crate) fn is_asked_anew(&self, by: &AgentId, life: Incarnation, asked: &Achieve) -> bool {
         let is_same = self.text == asked.goal && self.keep == asked.keep;
-        is_same && self.engagement.initiator == *by && self.life < life
+        let is_anew = self.life < life || self.is_taken_over;
+        is_same && self.engagement.initiator == *by && is_anew
     }
 
     pub(crate) fn status(&self) -> GoalStatus {
@@ -271,6 +313,18 @@ impl Goal {
             rounds: self.rounds,
             history: self.history.clone(),
         }
+    }
+}
+
+/// A step under its agent's name for the action.
+fn outside(step: PlanStep, offers: &Offers) -> PlanStep {
+    let inside = step.action.as_str();
+    let actions = offers.values().flat_map(|actions| actions.iter());
+    let named =
+        { actions }.find(|(_, offer)| offer.inside == inside).map(|(name, _)| name.as_str());
+    match named {
+        Some(name) => PlanStep { action: name.into(), ..step },
+        None => step,
     }
 }
 
@@ -287,7 +341,7 @@ mod tests {
             conversation: ConversationId::new("c"),
             protocol: None,
         };
-        let asked = Achieve { goal: "(lit hall)".to_owned(), keep, priority: 0 };
+        let asked = Achieve::new("(lit hall)", keep, 0);
         let condition = pddl::parse_condition(&asked.goal).into_result().expect("a condition");
         Goal::new(engagement, Incarnation(1), asked, condition)
     }

@@ -15,6 +15,7 @@ mod explaining;
 mod goal;
 mod known;
 mod planning;
+mod resuming;
 mod selection;
 mod sharing;
 
@@ -23,6 +24,7 @@ use std::time::Duration;
 
 use acl::content::{Achieve, Inform, Keep, Outcome, Reason, Report, Request, SetMode, Snapshot};
 use acl::{AgentId, ConversationId, Message, Performative};
+use agent::keeping::{self, Keeper};
 use agent::{
     Agent, Ask, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Mode, PluginEntry,
     Presence, Resource, Work,
@@ -32,6 +34,7 @@ use serde::Deserialize;
 
 use crate::goal::{FAILURES_MAX, Goal, Phase};
 use crate::known::{Known, first};
+use crate::resuming::Ended;
 
 /// Goals kept at a time. A building has tens; what comes beyond is refused, not forgotten.
 const GOALS_MAX: usize = 256;
@@ -85,13 +88,16 @@ impl Default for Config {
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let config = blueprint.config_as()?;
     let mode = blueprint.host.mode;
-    Ok(Box::new(PlanRequester { config, mode, goals: BTreeMap::new(), comparing: None }))
+    let (keeper, goals, ended) = (Keeper::new(&blueprint.host), BTreeMap::new(), Ended::default());
+    Ok(Box::new(PlanRequester { config, mode, goals, ended, keeper, comparing: None }))
 }
 
 struct PlanRequester {
     config: Config,
     mode: Mode,
     goals: BTreeMap<ConversationId, Goal>,
+    ended: Ended,
+    keeper: Keeper,
     /// Looks whether running plans could be much cheaper.
     comparing: Option<Work>,
 }
@@ -104,9 +110,24 @@ impl Agent for PlanRequester {
             .on_broadcast(Performative::Inform, Self::informed)
     }
 
+    fn leads(&mut self, is_leading: bool, ctx: &mut Context<Self>) {
+        if !is_leading {
+            self.resign(ctx);
+        }
+        keeping::leads(self, is_leading, ctx);
+    }
+
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
-        if let Presence::Left(resident) = presence {
-            self.bidder_left(&resident.agent, ctx);
+        keeping::presence(self, presence, ctx);
+        match presence {
+            Presence::Left(resident) => self.bidder_left(&resident.agent, ctx),
+            Presence::Joined(resident) if resident.agent == self.config.plan_executor => {
+                self.executor_came(ctx);
+            }
+            Presence::Joined(resident) if self.keeper.journals().contains(&resident.agent) => {
+                self.reconsider_waiting(ctx);
+            }
+            Presence::Joined(_) => (),
         }
     }
 
@@ -145,6 +166,7 @@ impl PlanRequester {
                 let id = goal.conversation().clone();
                 tracing::info!(conversation = %id, goal = goal.text, "a goal");
                 self.goals.insert(id.clone(), goal);
+                self.accept(&id, ctx);
                 self.consider(&id, ctx);
             }
             Err((reason, detail)) => ctx.refuse(&engagement, reason, detail),
@@ -223,6 +245,9 @@ impl PlanRequester {
 
     /// Looks whether a goal holds and, if it does not and nothing comes first, plans for it.
     fn consider(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        if let Some(why) = self.waits_for_the_others(id, ctx) {
+            return self.wait_for_the_others(id, why, ctx);
+        }
         if !self.is_its_turn(id) {
             return;
         }
@@ -387,6 +412,9 @@ impl PlanRequester {
         tracing::info!(conversation = %id, outcome = %report.outcome, detail = report.detail, "goal");
         goal.note(format!("{}: {}", report.outcome, report.detail));
         ctx.answer(&goal.engagement, Performative::Confirm, &report);
+        if !report.outcome.is_final() {
+            self.keep(id, ctx);
+        }
     }
 
     fn end(
@@ -396,8 +424,10 @@ impl PlanRequester {
         detail: impl Into<String>,
         ctx: &mut Context<Self>,
     ) {
-        self.tell(id, Report::new(outcome, detail), ctx);
+        let report = Report::new(outcome, detail);
+        self.tell(id, report.clone(), ctx);
         if let Some(goal) = self.goals.remove(id) {
+            self.keep_end(&goal, report, ctx);
             if let Some(timer) = goal.timer {
                 ctx.forget(timer);
             }

@@ -125,7 +125,7 @@ impl Motion {
     pub(crate) fn goal(&self, place: &str) -> Option<Achieve> {
         let (goal, priority) = self.on_motion.as_ref()?;
         let goal = goal.replace("?l", place);
-        Some(Achieve { goal, keep: Keep::Achieve, priority: *priority })
+        Some(Achieve::new(goal, Keep::Achieve, *priority))
     }
 }
 

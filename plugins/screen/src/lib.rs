@@ -168,7 +168,7 @@ impl Screen {
             return Vec::new();
         }
         let goal = format!("(allocated {})", self.id);
-        let goal = Achieve { goal, keep: Keep::Achieve, priority: 0 };
+        let goal = Achieve::new(goal, Keep::Achieve, 0);
         vec![Initiative::Want { name: "set-up".to_owned(), goal, insists: true }]
     }
 }

@@ -86,7 +86,7 @@ impl Patrol {
             [place] => place.clone(),
             places => format!("(and {})", places.join(" ")),
         };
-        let goal = Achieve { goal, keep: Keep::Maintain, priority: self.priority };
+        let goal = Achieve::new(goal, Keep::Maintain, self.priority);
         let want = Initiative::Want { name: "patrol".to_owned(), goal, insists: true };
         Some(Box::new(move |_| vec![want]))
     }

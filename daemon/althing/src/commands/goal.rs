@@ -45,5 +45,6 @@ pub(crate) fn said(ecosystem: Option<&Ecosystem>, args: &WishArgs) -> Result<Sai
     };
     pddl::parse_condition(&goal).into_result().map_err(|found| super::located(&found, &goal))?;
     let keep = if args.maintain { Keep::Maintain } else { Keep::Achieve };
-    Ok(Said::Wish(Wish { goal, keep, priority: args.priority }))
+    let partition = args.partition.into();
+    Ok(Said::Wish(Wish { goal, keep, priority: args.priority, partition }))
 }

@@ -151,6 +151,7 @@ fn shape(performative: Performative, content: &Value) -> Result<Protocol, String
             | Request::ChangeMetric(_)
             | Request::ChangeActions(_)
             | Request::Observe(_)
+            | Request::Keep(_)
             | Request::SetMode(_)
             | Request::AnswerQuestion(_) => Protocol::StateChange,
         }),

@@ -183,7 +183,12 @@ async fn prompt(
 
 async fn wish(terminal: &Terminal, goals: Vec<String>) {
     for goal in goals {
-        let wish = Wish { goal, keep: acl::content::Keep::Maintain, priority: 0 };
+        let wish = Wish {
+            goal,
+            keep: acl::content::Keep::Maintain,
+            priority: 0,
+            partition: Default::default(),
+        };
         // The keyboard ends with the daemon, and then nobody wishes anything.
         let _ = terminal.say.send(Said::Wish(wish)).await;
     }

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use ::building::{Building, Truth};
-use acl::content::{Keep, Outcome};
+use acl::content::{Keep, Outcome, Partition};
 use acl::{AgentId, DaemonId};
 use agent::Mode;
 use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
@@ -21,6 +21,7 @@ mod mistakes;
 mod presenting;
 mod robots;
 mod strangers;
+mod taking_over;
 mod watching;
 
 const ONTOLOGY: &str = include_str!("../../../../domains/smart-office/domain.pddl");
@@ -109,7 +110,7 @@ struct Person {
 
 impl Person {
     async fn wish(&mut self, goal: &str, keep: Keep) {
-        let wish = Wish { goal: goal.to_owned(), keep, priority: 0 };
+        let wish = Wish { goal: goal.to_owned(), keep, priority: 0, partition: Partition::Pursue };
         self.terminal.say.send(Said::Wish(wish)).await.expect("the keyboard listens");
     }
 

@@ -94,7 +94,8 @@ impl Vocabulary {
         let own = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect();
         match verb {
             "goal" => {
-                let mut words: Vec<String> = own(&["--maintain", "--priority", "--cancel"]);
+                let mut words: Vec<String> =
+                    own(&["--maintain", "--priority", "--partition", "--cancel"]);
                 words.extend(self.goals.iter().cloned());
                 words
             }

@@ -131,7 +131,12 @@ mod tests {
     }
 
     fn wish() -> Said {
-        Said::Wish(Wish { goal: "(on)".into(), keep: Default::default(), priority: 0 })
+        Said::Wish(Wish {
+            goal: "(on)".into(),
+            keep: Default::default(),
+            priority: 0,
+            partition: Default::default(),
+        })
     }
 
     /// Requests of which one, a goal, was asked for.

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use ::building::{Building, Truth};
 use acl::AgentId;
-use acl::content::{Keep, Outcome, Report};
+use acl::content::{Keep, Outcome, Partition, Report};
 use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
 use pddl::{InitElement, Term};
 use tokio::sync::oneshot;
@@ -113,7 +113,7 @@ impl<'t> Performance<'t> {
         let goal = goal.to_owned();
         let kept = if keep == Keep::Maintain { ", to be kept" } else { "" };
         self.say(format!("goal{kept}: {goal}"));
-        let wish = Wish { goal, keep, priority: 0 };
+        let wish = Wish { goal, keep, priority: 0, partition: Partition::Pursue };
         let said = self.user.say.send(Said::Wish(wish)).await;
         said.map_err(|_| "the user's keyboard has ended".to_owned())
     }

@@ -7,7 +7,7 @@ use acl::content::{ActionOf, Requested, RequestedFact};
 use acl::{AgentId, Deadline};
 use pddl::{Condition, InitElement, Metric, Name, Problem};
 
-use super::{Maintainer, Scope};
+use super::Maintainer;
 use crate::belief::{Claim, Source};
 use crate::change::{Change, text_of};
 use crate::declined::Declined;
@@ -169,15 +169,39 @@ impl Maintainer {
 
     /// Believes what the central maintainer tells of requests: all of it, and nothing that it told
     /// before. The word of owners who are heard here themselves goes before it. The central
-    /// maintainer itself knows better than any other.
+    /// maintainer that acts knows better than any other.
     ///
     /// # Errors
     ///
     /// If it is too much.
     pub fn follow(&mut self, requests: &Requests, now: Moment) -> Result<Change, Declined> {
-        if self.scope == Scope::Everything {
+        if !self.follows {
             return Ok(self.conclude(now));
         }
+        self.adopt(requests, now)
+    }
+
+    /// Whether this central maintainer stands by, and follows what the one that acts tells of
+    /// requests. When it acts itself, what it was told is its own to tell.
+    pub fn stands_by(&mut self, stands_by: bool) {
+        self.follows = stands_by;
+        if !stands_by {
+            self.beliefs.own_told();
+        }
+    }
+
+    /// Believes again, as its own to tell, what requests had changed when it was kept.
+    ///
+    /// # Errors
+    ///
+    /// If it is too much.
+    pub fn recall(&mut self, requests: &Requests, now: Moment) -> Result<Change, Declined> {
+        let change = self.adopt(requests, now)?;
+        self.beliefs.own_told();
+        Ok(change)
+    }
+
+    fn adopt(&mut self, requests: &Requests, now: Moment) -> Result<Change, Declined> {
         let Requests { facts, retracted, metric, withheld } = requests;
         self.set_withheld(withheld.iter().cloned().collect())?;
         self.is_changed |= self.metric != *metric;

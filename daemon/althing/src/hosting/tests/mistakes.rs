@@ -124,7 +124,7 @@ impl Agent for Flood {
     fn activated(&mut self, ctx: &mut Context<Self>) {
         for _ in 0..self.asks {
             let goal = "(at turtlebot-1 office2)".to_owned();
-            let achieve = Achieve { goal, keep: Keep::Achieve, priority: 0 };
+            let achieve = Achieve::new(goal, Keep::Achieve, 0);
             let opening = Opening {
                 to: AgentId::new("plan-requester").ok(),
                 performative: Performative::Request,

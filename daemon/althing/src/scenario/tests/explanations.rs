@@ -15,7 +15,7 @@ const REASONING: &[&str] =
 
 /// The last word on the temperature of `room`.
 async fn wish(set: &Set, who: &str, goal: &str) -> String {
-    let achieve = Achieve { goal: goal.to_owned(), keep: Keep::Achieve, priority: 0 };
+    let achieve = Achieve::new(goal, Keep::Achieve, 0);
     let request = Request::Achieve(achieve);
     let told = ask(set, who, "plan-requester", Protocol::Goal, request).await;
     told.last().cloned().expect("a last word")
@@ -65,7 +65,7 @@ async fn a_goal_that_undoes_itself_is_told_from_a_missing_capability() {
 async fn why_an_agent_was_chosen_is_told_where_others_could_answer() {
     let (set, _) = office(Mode::Decentralized).await;
     let goal = "(known-temperature office2)".to_owned();
-    let achieve = Achieve { goal, keep: Keep::Achieve, priority: 0 };
+    let achieve = Achieve::new(goal, Keep::Achieve, 0);
     let request = Request::Achieve(achieve);
     let told = ask(&set, "ann", "plan-requester", Protocol::Goal, request).await;
     let chosen = told.iter().find(|text| text.starts_with("progress: chosen: ")).expect("a choice");

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use ::building::{Device, Layout, SeededScenario};
-use acl::content::{Keep, Outcome};
+use acl::content::{Keep, Outcome, Partition};
 use acl::{AgentId, ConversationId};
 use agent::Mode;
 use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
@@ -57,7 +57,7 @@ impl Office {
         let (keyboard, terminal) = Keyboard::with_terminal();
         let id = AgentId::new(&format!("user-{}", self.users.len())).expect("a name");
         self.set.node.launch(id, keyboard, "smart-office");
-        let wish = Wish { goal: goal.to_owned(), keep, priority };
+        let wish = Wish { goal: goal.to_owned(), keep, priority, partition: Partition::Pursue };
         terminal.say.send(Said::Wish(wish)).await.expect("the keyboard lives");
         self.users.push(User { terminal, goal: None, heard: Vec::new() });
         self.users.len() - 1

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use ::building::{Building, Fault, Quantity};
-use acl::content::{Keep, Outcome};
+use acl::content::{Keep, Outcome, Partition};
 use acl::{AgentId, DaemonId};
 use agent::Mode;
 use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
@@ -82,7 +82,7 @@ async fn open(mode: Mode) -> Lab {
 
 impl Lab {
     async fn wish(&self, goal: &str, keep: Keep) {
-        let wish = Wish { goal: goal.to_owned(), keep, priority: 0 };
+        let wish = Wish { goal: goal.to_owned(), keep, priority: 0, partition: Partition::Pursue };
         self.terminal.say.send(Said::Wish(wish)).await.expect("a keyboard");
     }
 

@@ -1,0 +1,311 @@
+//! Having records kept by the ecosystem's Journals, and reading them when this agent's turn to act
+//! has come (design, “No single point of failure”).
+//!
+//! Whoever writes does so in a term of its own, greater than any it has read: so its versions are
+//! newer than those of who wrote before, whatever their clocks say. Journals that come, or come
+//! back, are read again: after a partition they know what was decided on their side.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use acl::content::{Keeping, Record, Refusal, Request, Version, value};
+use acl::{AgentId, Incarnation, Performative, Protocol};
+use serde_json::Value;
+use substrate::{Ask, Presence, Resource};
+use tokio::task::JoinSet;
+use tokio::time::Instant;
+
+use crate::base_agent::Agent;
+use crate::communication_agent::{Answer, Opening};
+use crate::context::{Context, Work};
+use crate::plugin::Host;
+
+/// How many Journals are to have a record before it counts as kept: the machine that asks, and one
+/// other that can be reached.
+const COPIES: usize = 2;
+
+/// How long the other Journals are waited for once one has answered: they hold the same, but for
+/// what was written last.
+const OTHERS_AWAITED: Duration = Duration::from_millis(100);
+
+/// How long before a Journal that gave no answer is asked again, and how often: a machine that has
+/// just started opens its file.
+const READ_AGAIN: Duration = Duration::from_millis(50);
+const READS_MAX: u32 = 40;
+
+/// What an agent has kept.
+pub struct Keeper {
+    journals: Vec<AgentId>,
+    version: Version,
+    is_leading: bool,
+    /// Journals that are here and have not been read in this life of theirs.
+    unread: BTreeSet<AgentId>,
+    reads: u32,
+    reading: Option<Work>,
+}
+
+/// An agent that has records kept.
+pub trait Keeps: Agent {
+    /// Its records.
+    fn keeper(&mut self) -> &mut Keeper;
+
+    /// This was kept, by itself or by who acted before; the newest version of each, in the order of
+    /// keys. Called when it begins to act and whenever a Journal comes.
+    fn recalled(&mut self, records: Vec<Record>, ctx: &mut Context<Self>);
+}
+
+/// Who has kept some records.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Kept {
+    /// The Journals that have them on disk.
+    pub by: Vec<AgentId>,
+    /// Those that could not, and why.
+    pub not_by: BTreeMap<AgentId, String>,
+}
+
+impl Keeper {
+    /// A keeper that has read nothing yet.
+    pub fn new(host: &Host) -> Keeper {
+        Keeper {
+            journals: host.journals.clone(),
+            version: Version::default(),
+            is_leading: false,
+            unread: BTreeSet::new(),
+            reads: 0,
+            reading: None,
+        }
+    }
+
+    /// The Journals of the ecosystem.
+    pub fn journals(&self) -> &[AgentId] {
+        &self.journals
+    }
+
+    /// In whose term this agent writes: greater than any it has read.
+    pub fn term(&self) -> u64 {
+        self.version.term
+    }
+
+    /// A new version of a record.
+    pub fn write(&mut self, key: String, body: Value) -> Record {
+        self.version.count += 1;
+        Record { key, version: self.version, body }
+    }
+
+    fn begin_term(&mut self, life: Incarnation, records: &[Record]) {
+        let read = records.iter().map(|record| record.version.term).max();
+        let later = read.map_or(0, |term| term.saturating_add(1));
+        // Of its own records it reads the same term again.
+        if later > self.version.term.saturating_add(1) || self.version.term == 0 {
+            self.version = Version { term: later.max(life.0), count: 0 };
+        }
+    }
+}
+
+/// Has records kept; `then` is told as soon as enough Journals have them, or all that are here
+/// have answered. The others keep them too.
+pub fn keep<A: Keeps>(
+    agent: &mut A,
+    records: Vec<Record>,
+    ctx: &mut Context<A>,
+    then: impl FnOnce(&mut A, Kept, &mut Context<A>) + Send + 'static,
+) {
+    let journals = agent.keeper().journals.clone();
+    let here: Vec<_> = journals.into_iter().filter(|name| ctx.find(name).is_some()).collect();
+    if here.is_empty() {
+        ctx.after(Duration::ZERO, move |agent: &mut A, ctx| then(agent, Kept::default(), ctx));
+        return;
+    }
+    let (awaited, kept) = (here.len(), Kept::default());
+    let tally = Arc::new(Mutex::new((kept, awaited, Some(then))));
+    let content = value(&Request::Keep(Keeping { records }));
+    for journal in here {
+        let opening = Opening {
+            to: Some(journal.clone()),
+            performative: Performative::Request,
+            protocol: Protocol::StateChange,
+            conversation: ctx.new_conversation(),
+            content: content.clone(),
+        };
+        let tally = Arc::clone(&tally);
+        let patience = ctx.settings().answer_deadline;
+        ctx.open(opening, patience, move |agent: &mut A, answer, ctx| {
+            let told = {
+                let mut tally = tally.lock().unwrap_or_else(PoisonError::into_inner);
+                let (kept, awaited, then) = &mut *tally;
+                *awaited = awaited.saturating_sub(1);
+                match objection(answer) {
+                    None => kept.by.push(journal.clone()),
+                    Some(why) => drop(kept.not_by.insert(journal.clone(), why)),
+                }
+                let is_enough = kept.by.len() >= COPIES || *awaited == 0;
+                if is_enough { then.take().map(|then| (then, kept.clone())) } else { None }
+            };
+            if let Some((then, kept)) = told {
+                then(agent, kept, ctx);
+            }
+        });
+    }
+}
+
+/// Why a Journal did not keep something, if so.
+fn objection(answer: Answer) -> Option<String> {
+    match answer {
+        Answer::Message(message) if message.performative == Performative::Confirm => None,
+        Answer::Message(message) => {
+            let refusal = message.content_as::<Refusal>().map(|refusal| refusal.detail);
+            Some(refusal.unwrap_or_else(|_| "it declined".to_owned()))
+        }
+        Answer::Silence => Some("it did not answer in time".to_owned()),
+        Answer::Undelivered(why) => Some(why.to_string()),
+    }
+}
+
+/// To be called when an agent's turn to act comes or ends.
+pub fn leads<A: Keeps>(agent: &mut A, is_leading: bool, ctx: &mut Context<A>) {
+    let life = ctx.incarnation();
+    let keeper = agent.keeper();
+    keeper.is_leading = is_leading;
+    (keeper.unread, keeper.reading, keeper.reads) = (BTreeSet::new(), None, 0);
+    if is_leading {
+        keeper.begin_term(life, &[]);
+        let journals = keeper.journals.iter();
+        let here = journals.filter(|journal| ctx.find(journal).is_some());
+        keeper.unread = here.cloned().collect();
+        read(agent, ctx);
+    }
+}
+
+/// To be called with every change of presence.
+pub fn presence<A: Keeps>(agent: &mut A, presence: &Presence, ctx: &mut Context<A>) {
+    let who = &presence.resident().agent;
+    let keeper = agent.keeper();
+    if !keeper.is_leading || !keeper.journals.contains(who) {
+        return;
+    }
+    match presence {
+        Presence::Joined(_) => {
+            keeper.unread.insert(who.clone());
+            keeper.reads = 0;
+            read(agent, ctx);
+        }
+        Presence::Left(_) => {
+            keeper.unread.remove(who);
+        }
+    }
+}
+
+/// Reads the Journals that have not been read, unless that is under way.
+fn read<A: Keeps>(agent: &mut A, ctx: &mut Context<A>) {
+    let keeper = agent.keeper();
+    if keeper.reading.is_some() || keeper.unread.is_empty() || keeper.reads >= READS_MAX {
+        return;
+    }
+    keeper.reads += 1;
+    let mut asked = JoinSet::new();
+    for journal in keeper.unread.clone() {
+        let Some(resident) = ctx.find(&journal) else { continue };
+        let ask = Ask {
+            daemon: Some(resident.daemon),
+            resource: Resource::Journal,
+            agent: Some(journal.clone()),
+        };
+        let answers = ctx.switchboard().ask(ask, ctx.settings().answer_deadline);
+        asked.spawn(async move { (journal, answers.await) });
+    }
+    let reading = ctx.run(answers(asked), |agent: &mut A, answers, ctx| {
+        agent.keeper().reading = None;
+        let records = take_in(agent, answers, ctx.incarnation());
+        let is_all_read = agent.keeper().unread.is_empty();
+        if let Some(records) = records {
+            agent.recalled(records, ctx);
+        }
+        if !is_all_read {
+            ctx.after(READ_AGAIN, |agent: &mut A, ctx| read(agent, ctx));
+        }
+    });
+    agent.keeper().reading = Some(reading);
+}
+
+/// What Journals answered; the slow are not waited for once one of them has.
+async fn answers(mut asked: JoinSet<(AgentId, Vec<bytes::Bytes>)>) -> Vec<(AgentId, Vec<Record>)> {
+    let mut read = Vec::new();
+    let mut until: Option<Instant> = None;
+    loop {
+        let next = async {
+            match until {
+                Some(until) => {
+                    tokio::time::timeout_at(until, asked.join_next()).await.ok().flatten()
+                }
+                None => asked.join_next().await,
+            }
+        };
+        let Some(answered) = next.await else { return read };
+        let Ok((journal, answers)) = answered else { continue };
+        for answer in answers {
+            match serde_json::from_slice(&answer) {
+                Ok(records) => {
+                    read.push((journal.clone(), records));
+                    until.get_or_insert_with(|| Instant::now() + OTHERS_AWAITED);
+                }
+                Err(error) => tracing::warn!(%journal, %error, "an answer that is no journal"),
+            }
+        }
+    }
+}
+
+/// The newest of all that was read; nothing where nobody answered.
+fn take_in<A: Keeps>(
+    agent: &mut A,
+    answers: Vec<(AgentId, Vec<Record>)>,
+    life: Incarnation,
+) -> Option<Vec<Record>> {
+    if answers.is_empty() {
+        return None;
+    }
+    let keeper = agent.keeper();
+    let mut newest: BTreeMap<String, Record> = BTreeMap::new();
+    for (journal, records) in answers {
+        keeper.unread.remove(&journal);
+        keeper.begin_term(life, &records);
+        for record in records {
+            let is_newer =
+                newest.get(&record.key).is_none_or(|known| known.version < record.version);
+            if is_newer {
+                newest.insert(record.key.clone(), record);
+            }
+        }
+    }
+    Some(newest.into_values().collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn keeper() -> Keeper {
+        Keeper {
+            journals: Vec::new(),
+            version: Version::default(),
+            is_leading: true,
+            unread: BTreeSet::new(),
+            reads: 0,
+            reading: None,
+        }
+    }
+
+    #[test]
+    fn a_term_is_greater_than_any_read_whatever_the_clock_says() {
+        let mut keeper = keeper();
+        keeper.begin_term(Incarnation(7), &[]);
+        assert_eq!(keeper.term(), 7);
+        let mine = keeper.write("goal/a".to_owned(), Value::Null);
+        keeper.begin_term(Incarnation(7), std::slice::from_ref(&mine));
+        assert_eq!(keeper.term(), 7, "its own records begin no term");
+        let theirs = Record { version: Version { term: 99, count: 3 }, ..mine };
+        keeper.begin_term(Incarnation(7), &[theirs.clone()]);
+        assert_eq!(keeper.term(), 100);
+        assert!(keeper.write("goal/a".to_owned(), Value::Null).version > theirs.version);
+    }
+}

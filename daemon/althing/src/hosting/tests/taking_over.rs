@@ -1,0 +1,165 @@
+//! No special machine: reasoning agents on two daemons, of which one acts; it is killed in the middle
+//! of a plan, or all are, and every accepted goal goes on, with nothing done twice.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use ::building::Event;
+
+use super::*;
+
+/// Who reasons, and who keeps.
+const REASONING: [&str; 4] =
+    ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"];
+
+/// An office on several daemons.
+struct City {
+    building: Building,
+    network: Network,
+    ecosystem: Ecosystem,
+    nodes: BTreeMap<String, Node>,
+    mode: Mode,
+    folder: TempDir,
+}
+
+impl City {
+    /// `alpha` and `beta` reason, `gamma` has a robot that carries a thermometer, and a person.
+    async fn open(mode: Mode) -> City {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut text = "[ecosystem]\nname = \"office\"\ndomain = \"domain.pddl\"\n\
+                        problem = \"map.pddl\"\n\n"
+            .to_owned();
+        let on = |daemons: &str, entry: String| {
+            entry.trim_end().to_owned() + &format!("\ndaemon = {daemons}\n\n")
+        };
+        for plugin in REASONING {
+            text += &on("[\"alpha\", \"beta\"]", entry(plugin, plugin, "{}"));
+        }
+        for daemon in ["alpha", "beta"] {
+            let name = format!("journal-{daemon}");
+            text += &on(&format!("\"{daemon}\""), entry(&name, "journal", "{}"));
+        }
+        let robot = [
+            entry("turtlebot-1", "turtlebot", "{ start = \"conf-room\" }"),
+            entry("ir-1", "ir-temperature-sensor", "{ mounted-on = \"turtlebot-1\" }"),
+        ];
+        robot.into_iter().for_each(|entry| text += &on("\"gamma\"", entry));
+        let file = folder.path().join("althing.toml");
+        let written = [("domain.pddl", ONTOLOGY), ("map.pddl", MAP), ("althing.toml", &text)];
+        for (name, text) in written {
+            std::fs::write(folder.path().join(name), text).expect("written");
+        }
+        let overrides = Overrides::default().mode(Some(mode));
+        let ecosystem =
+            Ecosystem::load_with(&file, &Variables::new(), &overrides, &plugins::known())
+                .unwrap_or_else(|error| panic!("{error:?}\n{text}"));
+        let building = simulate(&ecosystem).unwrap_or_else(|error| panic!("failed to {error}"));
+        let (network, nodes) = (Network::new(), BTreeMap::new());
+        let mut city = City { building, network, ecosystem, nodes, mode, folder };
+        for daemon in ["alpha", "beta", "gamma"] {
+            city.start(daemon).await;
+        }
+        tokio::time::sleep(city.ecosystem.settings.heartbeat_period * 2).await;
+        city
+    }
+
+    fn state(&self, daemon: &str) -> PathBuf {
+        let folder = self.folder.path().join(daemon);
+        std::fs::create_dir_all(&folder).expect("made");
+        folder
+    }
+
+    async fn start(&mut self, name: &str) {
+        let daemon = DaemonId::new(name).expect("a name");
+        let part = Part {
+            ecosystem: &self.ecosystem,
+            agents: self.ecosystem.agents_of(&daemon).cloned().collect(),
+            daemon,
+            mode: self.mode,
+            building: Some(self.building.handle()),
+            state: Some(self.state(name)),
+        };
+        let node = Node::open(part, Wire::Memory(self.network.clone())).await;
+        self.nodes
+            .insert(name.to_owned(), node.unwrap_or_else(|error| panic!("failed to {error}")));
+    }
+
+    /// As a SIGKILL of its process.
+    async fn kill(&mut self, name: &str) {
+        self.network.kill(&DaemonId::new(name).expect("a name"));
+        let node = self.nodes.remove(name).expect("it runs");
+        let agents: Vec<_> = node.agents().cloned().collect();
+        agents.iter().for_each(|agent| node.unplug(agent));
+        node.drain().await;
+    }
+
+    fn person(&self, name: &str) -> Person {
+        let (keyboard, terminal) = Keyboard::with_terminal();
+        let id = AgentId::new(name).expect("a name");
+        self.nodes["gamma"].launch(id, keyboard, self.ecosystem.domain.name.as_str());
+        Person { terminal, lines: Vec::new() }
+    }
+
+    /// Which daemon's agent of this name acts.
+    fn acting(&self, agent: &str) -> String {
+        let id = AgentId::new(agent).expect("a name");
+        let found = self.nodes["gamma"].switchboard().find(&id);
+        found.map_or_else(String::new, |resident| resident.daemon.to_string())
+    }
+
+    /// The moves that robots made, in their order.
+    fn moves(&self) -> Vec<String> {
+        let truth = self.building.truth();
+        let moves = truth.occurrences().filter_map(|occurrence| match &occurrence.event {
+            Event::Moved { to, .. } => Some(to.to_string()),
+            _ => None,
+        });
+        moves.collect()
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_goal_is_accepted_when_two_machines_have_it() {
+    for mode in MODES {
+        let city = City::open(mode).await;
+        let mut person = city.person("user");
+        person.wish("(known-temperature office2)", Keep::Achieve).await;
+        let told = person.hears_of("accepted").await;
+        assert_eq!(
+            told, "accepted; kept by `journal-alpha` and `journal-beta`, 2 of 2",
+            "{mode:?}"
+        );
+        assert!(person.hears().await, "{mode:?}: {:#?}", person.lines);
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_death_of_all_who_reason_leaves_the_plan_going_on() {
+    for mode in MODES {
+        let mut city = City::open(mode).await;
+        let mut person = city.person("user");
+        assert_eq!(city.acting("plan-requester"), "alpha");
+        person.wish("(known-temperature office2)", Keep::Achieve).await;
+        person.hears_of("a plan of").await;
+        tokio::time::sleep(Duration::from_secs(2)).await;
+        assert_eq!(city.moves(), [""; 0], "{mode:?}: it is on its way");
+
+        city.kill("alpha").await;
+
+        assert!(person.hears().await, "{mode:?}: {:#?}", person.lines);
+        let told = person.lines.join("\n");
+        assert!(told.contains("the goal was taken over; its plan goes on"), "{mode:?}: {told}");
+        assert_eq!(city.acting("plan-requester"), "beta", "{mode:?}");
+        let moves = city.moves();
+        let mut once = moves.clone();
+        once.dedup();
+        assert_eq!(moves, once, "{mode:?}: no move is made twice");
+        assert_eq!(moves.last().map(String::as_str), Some("office2"), "{mode:?}: {told}");
+        assert_eq!(told.matches("a plan of").count(), 1, "{mode:?}: {told}");
+
+        // Who comes back stands by.
+        city.start("alpha").await;
+        assert!(person.reaches("(known-temperature office1)").await, "{:#?}", person.lines);
+        assert_eq!(city.acting("plan-requester"), "beta", "{mode:?}");
+    }
+}

@@ -1,0 +1,70 @@
+//! What requests changed, as it is kept over the death of all who knew it.
+
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use acl::Deadline;
+use acl::content::Requested;
+use serde::{Deserialize, Serialize};
+
+/// What requests had changed at one time, by the clock of who wrote it.
+#[derive(Debug, Serialize, Deserialize)]
+pub(crate) struct KeptRequests {
+    /// Milliseconds since the Unix epoch.
+    at_ms: u64,
+    requested: Requested,
+}
+
+// === impl KeptRequests ===
+
+impl KeptRequests {
+    pub(crate) fn new(requested: Requested, now: SystemTime) -> KeptRequests {
+        KeptRequests { at_ms: milliseconds(now), requested }
+    }
+
+    /// What of it is still known `now`: what was known for a while is known for what is left. A
+    /// clock that has gone back does not say how much that is; then nothing is left.
+    pub(crate) fn until_now(self, now: SystemTime) -> Requested {
+        let passed = milliseconds(now).checked_sub(self.at_ms).map(Duration::from_millis);
+        let mut requested = self.requested;
+        requested.facts.retain_mut(|fact| match fact.known_for {
+            None => true,
+            Some(Deadline(all)) => {
+                let left = passed.and_then(|passed| all.checked_sub(passed));
+                fact.known_for = left.map(Deadline);
+                left.is_some_and(|left| !left.is_zero())
+            }
+        });
+        requested
+    }
+}
+
+fn milliseconds(time: SystemTime) -> u64 {
+    let since = time.duration_since(UNIX_EPOCH).unwrap_or_default().as_millis();
+    u64::try_from(since).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::AgentId;
+    use acl::content::RequestedFact;
+
+    use super::*;
+
+    #[test]
+    fn what_was_known_for_a_while_is_known_for_the_rest_of_it() {
+        let fact = |fact: &str, seconds: Option<u64>| RequestedFact {
+            fact: fact.to_owned(),
+            owner: AgentId::new("ann").expect("a name"),
+            known_for: seconds.map(|seconds| Deadline(Duration::from_secs(seconds))),
+        };
+        let facts = vec![fact("(a)", None), fact("(b)", Some(60)), fact("(c)", Some(5))];
+        let requested = Requested { facts, ..Requested::default() };
+        let then = UNIX_EPOCH + Duration::from_secs(1_000_000);
+        let later = KeptRequests::new(requested.clone(), then);
+        let left = later.until_now(then + Duration::from_secs(10)).facts;
+        assert_eq!(left, [fact("(a)", None), fact("(b)", Some(50))]);
+        let back = KeptRequests::new(requested, then);
+        let left = back.until_now(then - Duration::from_secs(10)).facts;
+        assert_eq!(left, [fact("(a)", None)], "the clock has gone back");
+    }
+}

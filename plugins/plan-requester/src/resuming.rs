@@ -1,0 +1,335 @@
+//! Goals that outlive their Plan Requester (design, “No single point of failure”).
+//!
+//! - What a goal is and where it stands is kept by the Journals: `goal/CONVERSATION`, and while a
+//!   plan of it runs, `plan/CONVERSATION`. A goal is accepted once it is on disk here and on one
+//!   other machine that can be reached; the asker hears how many have it.
+//! - Whose turn to act has come goes on with every goal from there: it asks for the plan that was
+//!   under way, with the steps that are known to be done; what runs already is not begun again.
+//! - After a partition both sides have gone on. Of each goal what was written in the later term
+//!   counts; the plan that the other side made for it is given up properly.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use acl::content::{Achieve, Execute, Outcome, Partition, Record, Report, Version, value};
+use acl::{ConversationId, Incarnation, Performative};
+use agent::keeping::{self, Keeper, Keeps, Kept};
+use agent::{Context, Engagement};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::PlanRequester;
+use crate::goal::{Goal, Phase};
+
+/// Goals that have ended and are still remembered, so that nobody who takes over begins them again
+/// from an older copy, and their askers hear how they ended.
+const ENDED_MAX: usize = 128;
+
+const GOAL: &str = "goal/";
+const PLAN: &str = "plan/";
+
+/// What is kept of a goal.
+#[derive(Debug, Serialize, Deserialize)]
+struct GoalRecord {
+    engagement: Engagement,
+    /// Which life of its asker asked for it.
+    life: Incarnation,
+    asked: Achieve,
+    rounds: u32,
+    failures: u32,
+    /// The plan that runs, if one does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    running: Option<Running>,
+    history: Vec<String>,
+    /// How it ended, if it has.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    ended: Option<Report>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct Running {
+    term: u64,
+    round: u32,
+    /// The steps that are known to be done.
+    done: Vec<u32>,
+}
+
+/// What is remembered of goals that have ended.
+#[derive(Debug, Default)]
+pub(crate) struct Ended(VecDeque<(ConversationId, Version)>);
+
+impl Keeps for PlanRequester {
+    fn keeper(&mut self) -> &mut Keeper {
+        &mut self.keeper
+    }
+
+    fn recalled(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
+        let (goals, others): (Vec<_>, Vec<_>) =
+            records.into_iter().partition(|record| record.key.starts_with(GOAL));
+        let mut plans: BTreeMap<String, Execute> = BTreeMap::new();
+        for Record { key, body, .. } in others {
+            let conversation = key.strip_prefix(PLAN).map(ToOwned::to_owned);
+            plans.extend(conversation.and_then(|id| Some((id, Execute::deserialize(body).ok()?))));
+        }
+        for Record { key, version, body } in goals {
+            if body.is_null() {
+                continue;
+            }
+            match GoalRecord::deserialize(body) {
+                Ok(record) => {
+                    let plan = plans.remove(key.trim_start_matches(GOAL));
+                    self.resume(record, version, plan, ctx);
+                }
+                Err(error) => tracing::warn!(key, %error, "a goal that cannot be read"),
+            }
+        }
+        self.next(ctx);
+    }
+}
+
+impl PlanRequester {
+    // === keeping ===
+
+    /// Has the Journals keep a new goal, and tells its asker who does.
+    pub(crate) fn accept(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        if self.keeper.journals().is_empty() {
+            return;
+        }
+        let Some(record) = self.record(id) else { return };
+        let accepted = id.clone();
+        keeping::keep(self, vec![record], ctx, move |requester: &mut Self, kept, ctx| {
+            let listed = requester.keeper.journals().len();
+            let detail = acceptance(&kept, listed);
+            if kept.by.is_empty() {
+                tracing::warn!(conversation = %accepted, refusals = ?kept.not_by, detail, "goal");
+            }
+            requester.tell(&accepted, Report::new(Outcome::Progress, detail), ctx);
+        });
+    }
+
+    /// Has the Journals keep where a goal stands now.
+    pub(crate) fn keep(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        if let Some(record) = self.record(id) {
+            self.send(vec![record], ctx);
+        }
+    }
+
+    /// Has the Journals keep the plan that is about to be carried out.
+    pub(crate) fn keep_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let Some(plan) = self.goals.get(id).and_then(|goal| goal.plan.as_deref()) else { return };
+        let plan = value(plan);
+        if self.keeper.journals().is_empty() {
+            return;
+        }
+        let plan = self.keeper.write(format!("{PLAN}{id}"), plan);
+        let goal = self.record(id);
+        self.send(std::iter::once(plan).chain(goal).collect(), ctx);
+    }
+
+    /// Has the Journals keep how a goal ended, and forget those that ended long ago.
+    pub(crate) fn keep_end(&mut self, goal: &Goal, report: Report, ctx: &mut Context<Self>) {
+        if self.keeper.journals().is_empty() {
+            return;
+        }
+        let id = goal.conversation().clone();
+        let record = GoalRecord { ended: Some(report), ..record_of(goal) };
+        let record = self.keeper.write(format!("{GOAL}{id}"), value(&record));
+        self.ended.0.retain(|(other, _)| *other != id);
+        self.ended.0.push_back((id.clone(), record.version));
+        let mut records = vec![record, self.keeper.write(format!("{PLAN}{id}"), Value::Null)];
+        while self.ended.0.len() > ENDED_MAX
+            && let Some((oldest, _)) = self.ended.0.pop_front()
+        {
+            records.push(self.keeper.write(format!("{GOAL}{oldest}"), Value::Null));
+        }
+        self.send(records, ctx);
+    }
+
+    fn record(&mut self, id: &ConversationId) -> Option<Record> {
+        if self.keeper.journals().is_empty() {
+            return None;
+        }
+        let goal = self.goals.get_mut(id)?;
+        let record = self.keeper.write(format!("{GOAL}{id}"), value(&record_of(goal)));
+        goal.version = record.version;
+        Some(record)
+    }
+
+    fn send(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
+        keeping::keep(self, records, ctx, |_, kept, _| {
+            for (journal, why) in kept.not_by {
+                tracing::warn!(%journal, why, "a Journal did not keep where a goal stands");
+            }
+        });
+    }
+
+    // === going on ===
+
+    /// Goes on with a goal from where it was kept.
+    fn resume(
+        &mut self,
+        record: GoalRecord,
+        version: Version,
+        plan: Option<Execute>,
+        ctx: &mut Context<Self>,
+    ) {
+        let id = record.engagement.conversation.clone();
+        let has_ended = |(other, at): &(ConversationId, Version)| *other == id && *at >= version;
+        let is_known = self.goals.get(&id).is_some_and(|goal| goal.version >= version);
+        if is_known || self.ended.0.iter().any(has_ended) {
+            return;
+        }
+        self.let_go(&id, ctx);
+        let GoalRecord { engagement, life, asked, rounds, failures, running, history, ended } =
+            record;
+        if let Some(report) = ended {
+            self.ended.0.push_back((id.clone(), version));
+            // Its asker may not have heard it; to one that has, it is no news.
+            if ctx.find(&engagement.initiator).is_some_and(|asker| asker.incarnation == life) {
+                ctx.answer(&engagement, Performative::Confirm, &report);
+            }
+            return;
+        }
+        let condition = match pddl::parse_condition(&asked.goal).into_result() {
+            Ok(condition) => condition,
+            Err(_) => return tracing::warn!(conversation = %id, "a goal that cannot be read"),
+        };
+        tracing::info!(conversation = %id, goal = asked.goal, rounds, "goes on with a goal");
+        let mut goal = Goal::new(engagement, life, asked, condition);
+        (goal.rounds, goal.failures, goal.version) = (rounds, failures, version);
+        goal.is_taken_over = true;
+        goal.recall_history(history);
+        let running = running.filter(|running| {
+            let is_it = |plan: &Execute| plan.term == running.term && plan.round == running.round;
+            plan.as_ref().is_some_and(is_it)
+        });
+        if let (Some(running), Some(plan)) = (running, plan) {
+            goal.take_up(plan, running.done);
+            self.goals.insert(id.clone(), goal);
+            self.ask_executor(&id, ctx);
+            self.tell(&id, progress("the goal was taken over; its plan goes on"), ctx);
+        } else {
+            self.goals.insert(id.clone(), goal);
+            self.tell(&id, progress("the goal was taken over"), ctx);
+            self.consider(&id, ctx);
+        }
+    }
+
+    /// Lets go of a goal without ending it: it is for another to go on with.
+    fn let_go(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let Some(goal) = self.goals.remove(id) else { return };
+        if let Some(timer) = goal.timer {
+            ctx.forget(timer);
+        }
+        match goal.phase {
+            Phase::Planning(token)
+            | Phase::Executing(token)
+            | Phase::Cancelling(token)
+            | Phase::Yielding(token) => ctx.close(&token),
+            Phase::Calling(call) => call.reject_all("another takes the goal over", ctx),
+            _ => (),
+        }
+    }
+
+    /// Another Plan Requester acts.
+    pub(crate) fn resign(&mut self, ctx: &mut Context<Self>) {
+        let goals: Vec<_> = self.goals.keys().cloned().collect();
+        goals.iter().for_each(|id| self.let_go(id, ctx));
+        self.ended = Ended::default();
+        self.comparing = None;
+    }
+
+    /// Another Plan Executor acts, or the same in a new life: what runs is asked for again.
+    pub(crate) fn executor_came(&mut self, ctx: &mut Context<Self>) {
+        let is_executing = |goal: &Goal| matches!(goal.phase, Phase::Executing(_));
+        let running = self.goals.iter().filter(|(_, goal)| is_executing(goal));
+        let running: Vec<_> = running.map(|(id, _)| id.clone()).collect();
+        for id in running {
+            self.ask_executor(&id, ctx);
+        }
+    }
+
+    // === in pieces ===
+
+    /// Why a goal is not planned for in this piece of the ecosystem, if so. Most Journals can be
+    /// seen from one piece at most; of two halves, from that with the first.
+    pub(crate) fn waits_for_the_others(
+        &self,
+        id: &ConversationId,
+        ctx: &Context<Self>,
+    ) -> Option<String> {
+        let goal = self.goals.get(id)?;
+        if goal.partition == Partition::Pursue {
+            return None;
+        }
+        let journals = self.keeper.journals();
+        let is_here = |journal: &&acl::AgentId| ctx.find(journal).is_some();
+        let here = journals.iter().filter(is_here).count();
+        let has_first = journals.first().is_some_and(|first| is_here(&first));
+        let is_most = here * 2 > journals.len() || (here * 2 == journals.len() && has_first);
+        (!is_most && !journals.is_empty()).then(|| {
+            let all = journals.len();
+            format!("only {here} of {all} Journals can be seen; it waits for most of them")
+        })
+    }
+
+    /// Lets a goal wait for the others, and says so once.
+    pub(crate) fn wait_for_the_others(
+        &mut self,
+        id: &ConversationId,
+        why: String,
+        ctx: &mut Context<Self>,
+    ) {
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        let is_news = !matches!(&goal.phase, Phase::Waiting(known) if *known == why);
+        goal.phase = Phase::Waiting(why.clone());
+        if is_news {
+            self.tell(id, progress(&format!("waiting: {why}")), ctx);
+        }
+    }
+
+    /// Looks again at goals that wait for the others.
+    pub(crate) fn reconsider_waiting(&mut self, ctx: &mut Context<Self>) {
+        let waits = |goal: &Goal| {
+            goal.partition == Partition::Wait && matches!(goal.phase, Phase::Waiting(_))
+        };
+        let waiting = self.goals.iter().filter(|(_, goal)| waits(goal));
+        let waiting: Vec<_> = waiting.map(|(id, _)| id.clone()).collect();
+        waiting.iter().for_each(|id| self.consider(id, ctx));
+    }
+}
+
+fn progress(detail: &str) -> Report {
+    Report::new(Outcome::Progress, detail)
+}
+
+fn record_of(goal: &Goal) -> GoalRecord {
+    let asked = Achieve {
+        goal: goal.text.clone(),
+        keep: goal.keep,
+        priority: goal.priority,
+        partition: goal.partition,
+    };
+    let running = goal.plan.as_ref().filter(|_| matches!(goal.phase, Phase::Executing(_)));
+    let running =
+        running.map(|plan| Running { term: plan.term, round: plan.round, done: plan.done.clone() });
+    GoalRecord {
+        engagement: goal.engagement.clone(),
+        life: goal.life,
+        asked,
+        rounds: goal.rounds,
+        failures: goal.failures,
+        running,
+        history: goal.history().to_vec(),
+        ended: None,
+    }
+}
+
+/// What the asker hears of a goal that was taken.
+fn acceptance(kept: &Kept, listed: usize) -> String {
+    let names: Vec<_> = kept.by.iter().map(|journal| format!("`{journal}`")).collect();
+    match names.as_slice() {
+        [] => format!("accepted, but kept nowhere: none of {listed} Journals has it"),
+        [one] => format!("accepted; kept by {one}, 1 of {listed}"),
+        some => format!("accepted; kept by {}, {} of {listed}", some.join(" and "), some.len()),
+    }
+}
