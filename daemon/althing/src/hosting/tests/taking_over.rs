@@ -25,6 +25,11 @@ struct City {
 impl City {
     /// `alpha` and `beta` reason, `gamma` has a robot that carries a thermometer, and a person.
     async fn open(mode: Mode) -> City {
+        City::with(&REASONING, mode).await
+    }
+
+    /// These reason on `alpha` and `beta`, the others on `gamma`.
+    async fn with(on_both: &[&str], mode: Mode) -> City {
         let folder = tempfile::tempdir().expect("a folder");
         let mut text = "[ecosystem]\nname = \"office\"\ndomain = \"domain.pddl\"\n\
                         problem = \"map.pddl\"\n\n"
@@ -33,7 +38,9 @@ impl City {
             entry.trim_end().to_owned() + &format!("\ndaemon = {daemons}\n\n")
         };
         for plugin in REASONING {
-            text += &on("[\"alpha\", \"beta\"]", entry(plugin, plugin, "{}"));
+            let is_on_both = on_both.contains(&plugin);
+            let daemons = if is_on_both { "[\"alpha\", \"beta\"]" } else { "\"gamma\"" };
+            text += &on(daemons, entry(plugin, plugin, "{}"));
         }
         for daemon in ["alpha", "beta"] {
             let name = format!("journal-{daemon}");
@@ -161,5 +168,48 @@ async fn the_death_of_all_who_reason_leaves_the_plan_going_on() {
         city.start("alpha").await;
         assert!(person.reaches("(known-temperature office1)").await, "{:#?}", person.lines);
         assert_eq!(city.acting("plan-requester"), "beta", "{mode:?}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn each_who_reasons_may_die_alone() {
+    for mode in MODES {
+        for who in REASONING {
+            let mut city = City::with(&[who], mode).await;
+            let mut person = city.person("user");
+            person.wish("(known-temperature office2)", Keep::Achieve).await;
+            person.hears_of("a plan of").await;
+            tokio::time::sleep(Duration::from_secs(2)).await;
+            city.kill("alpha").await;
+            assert!(person.hears().await, "{mode:?} {who}: {:#?}", person.lines);
+            assert_eq!(city.acting(who), "beta", "{mode:?}");
+            let told = person.lines.join("\n");
+            assert_eq!(told.matches("a plan of").count(), 1, "{mode:?} {who}: {told}");
+            let (moves, mut once) = (city.moves(), city.moves());
+            once.dedup();
+            assert_eq!(moves, once, "{mode:?} {who}: no move is made twice");
+            assert!(person.reaches("(known-temperature office1)").await, "{:#?}", person.lines);
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn all_may_be_killed_at_once_and_started_again() {
+    for mode in MODES {
+        let mut city = City::open(mode).await;
+        let mut person = city.person("user");
+        person.wish("(known-temperature office2)", Keep::Maintain).await;
+        person.hears_of("a plan of").await;
+        tokio::time::sleep(Duration::from_secs(2)).await;
+        for daemon in ["alpha", "beta", "gamma"] {
+            city.kill(daemon).await;
+        }
+        let was_read = |truth: &Truth| truth.was_read("office2");
+        assert!(!was_read(&city.building.truth()), "{mode:?}");
+        for daemon in ["gamma", "beta", "alpha"] {
+            city.start(daemon).await;
+        }
+        let truth = timeout(PATIENCE, city.building.wait_for(was_read)).await;
+        truth.unwrap_or_else(|_| panic!("{mode:?}: never read; {:#?}", city.building.truth()));
     }
 }
