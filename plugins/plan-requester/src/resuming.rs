@@ -131,9 +131,12 @@ impl PlanRequester {
             return;
         }
         let id = goal.conversation().clone();
-        let record = GoalRecord { ended: Some(report), ..record_of(goal) };
+        self.keep_ended(&id, GoalRecord { ended: Some(report), ..record_of(goal) }, ctx);
+    }
+
+    fn keep_ended(&mut self, id: &ConversationId, record: GoalRecord, ctx: &mut Context<Self>) {
         let record = self.keeper.write(format!("{GOAL}{id}"), value(&record));
-        self.ended.0.retain(|(other, _)| *other != id);
+        self.ended.0.retain(|(other, _)| other != id);
         self.ended.0.push_back((id.clone(), record.version));
         let mut records = vec![record, self.keeper.write(format!("{PLAN}{id}"), Value::Null)];
         while self.ended.0.len() > ENDED_MAX
@@ -179,20 +182,30 @@ impl PlanRequester {
             return;
         }
         self.let_go(&id, ctx);
-        let GoalRecord { engagement, life, asked, rounds, failures, running, history, ended } =
-            record;
-        if let Some(report) = ended {
+        let GoalRecord { engagement, life, asked, .. } = &record;
+        if let Some(report) = &record.ended {
             self.ended.0.push_back((id.clone(), version));
             // Its asker may not have heard it; to one that has, it is no news.
-            if ctx.find(&engagement.initiator).is_some_and(|asker| asker.incarnation == life) {
-                ctx.answer(&engagement, Performative::Confirm, &report);
+            if ctx.find(&engagement.initiator).is_some_and(|asker| asker.incarnation == *life) {
+                ctx.answer(engagement, Performative::Confirm, report);
             }
             return;
+        }
+        let (asker, text, keep) = (&engagement.initiator, &asked.goal, asked.keep);
+        let is_asked_anew = |goal: &&Goal| {
+            let is_same = goal.text == *text && goal.keep == keep;
+            is_same && goal.engagement.initiator == *asker && *life < goal.life
+        };
+        if self.goals.values().any(|goal| is_asked_anew(&goal)) {
+            // A later life of its asker was faster than the Journals.
+            let report = Report::new(Outcome::Cancelled, "its asker asked for it anew");
+            return self.keep_ended(&id, GoalRecord { ended: Some(report), ..record }, ctx);
         }
         let condition = match pddl::parse_condition(&asked.goal).into_result() {
             Ok(condition) => condition,
             Err(_) => return tracing::warn!(conversation = %id, "a goal that cannot be read"),
         };
+        let GoalRecord { engagement, life, asked, rounds, failures, running, history, .. } = record;
         tracing::info!(conversation = %id, goal = asked.goal, rounds, "goes on with a goal");
         let mut goal = Goal::new(engagement, life, asked, condition);
         (goal.rounds, goal.failures, goal.version) = (rounds, failures, version);

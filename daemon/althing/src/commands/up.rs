@@ -89,7 +89,10 @@ impl Place {
         let Some(daemon) = named else {
             let alone = DaemonId::new("alone").map_err(|error| error.to_string())?;
             let daemon = host.unwrap_or(alone);
-            return Ok(Place { daemon, agents: ecosystem.agents.clone(), is_alone: true });
+            // Nobody else hosts anything: nobody stands by.
+            let alone = |entry: &AgentEntry| AgentEntry { daemons: Vec::new(), ..entry.clone() };
+            let agents = ecosystem.agents.iter().map(alone).collect();
+            return Ok(Place { daemon, agents, is_alone: true });
         };
         if !ecosystem.daemons.is_empty() && !ecosystem.daemons.contains(&daemon) {
             let known: Vec<_> = ecosystem.daemons.iter().map(DaemonId::as_str).collect();
@@ -312,7 +315,8 @@ async fn ask(ecosystem: &Ecosystem, node: &Node, goals: Vec<String>) -> Option<T
         return None;
     }
     let (keyboard, terminal) = Keyboard::with_terminal();
-    let id = AgentId::new(&client::guest_name("starter")).ok()?;
+    // The same in every life of the daemon, so that a goal is asked for anew and not once more.
+    let id = AgentId::new(&format!("starter-{}", node.switchboard().daemon())).ok()?;
     node.launch(id, keyboard, ecosystem.domain.name.as_str());
     wish(&terminal, goals).await;
     Some(terminal)

@@ -1,0 +1,210 @@
+//! Awards per second: calls for proposals, proposals, and the choice, for many goals at once.
+//!
+//! ```text
+//! cargo bench -p althing --bench awards
+//! ```
+//!
+//! Twenty bidders in four processes that meet over Zenoh on Unix sockets; those who reason are in a
+//! fifth. Every goal is another job that any bidder can do, so every bid is planned for it alone.
+//! A job takes no time, so that bidders are soon free again. The clock runs from the first wish
+//! until the last job is done, which is later than its award. First a burst of seven (the burst of
+//! rmf_demos#302), then all the others at once.
+
+mod support;
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::process::Stdio;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use acl::content::{Method, Methods, Outcome as Ended, Partition};
+use acl::{AgentId, DaemonId, Deadline, EcosystemId};
+use actuator::{Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed};
+use agent::{Blueprint, Mode, PluginEntry, Settings, Switchboard};
+use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
+use substrate_zenoh::Config;
+use support::{Entry, Figures, Outcome, PATIENCE};
+use tokio::process::{Child, Command};
+
+const PROCESSES: usize = 4;
+const BIDDERS_EACH: usize = 5;
+const BURST: usize = 7;
+const GOALS: usize = 200;
+const AIM_PER_SECOND: f64 = 200.0;
+
+const ECOSYSTEM: &str = "awards";
+
+const REASONING: &[PluginEntry] = &[
+    domain_maintainer::PLUGIN,
+    plan_requester::PLUGIN,
+    planning_agent::PLUGIN,
+    plan_executor::PLUGIN,
+];
+
+const DOMAIN: &str = "(define (domain awards)
+    (:requirements :strips :typing :action-costs)
+    (:types worker job)
+    (:predicates (done ?j - job))
+    (:functions (total-cost)))";
+
+#[tokio::main]
+async fn main() -> Outcome<()> {
+    let arguments: Vec<_> = std::env::args().collect();
+    if let [_, flag, folder, process] = arguments.as_slice()
+        && flag == "--bidders"
+    {
+        return bid(Path::new(folder), process.parse()?).await;
+    }
+    let goals = if support::is_whole() { GOALS } else { BURST };
+    let folder = tempfile::Builder::new().prefix("alt-").tempdir()?;
+    let switchboard = open(folder.path(), "reasoning", &[]).await?;
+    let host = Arc::new(support::host(DOMAIN, &map(BURST + goals), Mode::Decentralized)?);
+    for plugin in REASONING {
+        let entry = Entry {
+            name: AgentId::new(plugin.name)?,
+            plugin: plugin.name.to_owned(),
+            daemon: "reasoning".to_owned(),
+            config: serde_json::Value::Null,
+        };
+        let agent = support::build(plugin, &entry, &host)?;
+        support::launch(&entry.name, agent, &switchboard, ECOSYSTEM);
+    }
+    let mut children = Vec::new();
+    for process in 0..PROCESSES {
+        children.push(spawn(folder.path(), process)?);
+    }
+    let (keyboard, mut terminal) = Keyboard::with_terminal();
+    support::launch(&AgentId::new("user")?, Box::new(keyboard), &switchboard, ECOSYSTEM);
+    let bidders = (0..PROCESSES * BIDDERS_EACH).map(|number| format!("bidder-{number}"));
+    support::await_offers(&switchboard, &bidders.collect::<BTreeSet<_>>()).await?;
+
+    let took = ask(&mut terminal, 0..BURST).await?;
+    println!("{BURST} goals at once: all served within {:.1} ms", took.as_secs_f64() * 1e3);
+    let mut rates = Figures::default();
+    let took = ask(&mut terminal, BURST..BURST + goals).await?;
+    rates.push(took);
+    let rate = goals as f64 / took.as_secs_f64();
+    let verdict = if rate >= AIM_PER_SECOND { "reached" } else { "missed" };
+    println!(
+        "{goals} goals at once, {} bidders in {PROCESSES} processes: {rate:.0} awards per second, \
+         aim ≥ {AIM_PER_SECOND}: {verdict}",
+        PROCESSES * BIDDERS_EACH
+    );
+    Ok(())
+}
+
+fn map(jobs: usize) -> String {
+    let jobs: Vec<_> = (0..jobs).map(|job| format!("job-{job}")).collect();
+    format!(
+        "(define (problem map) (:domain awards) (:objects {} - job) (:init) (:goal (and))
+            (:metric minimize (total-cost)))",
+        jobs.join(" ")
+    )
+}
+
+/// Asks for these jobs, all at once, and waits until the last is done.
+async fn ask(terminal: &mut Terminal, jobs: std::ops::Range<usize>) -> Outcome<Duration> {
+    let (began, count) = (Instant::now(), jobs.len());
+    for job in jobs {
+        let wish = Wish {
+            goal: format!("(done job-{job})"),
+            keep: acl::content::Keep::Achieve,
+            priority: 0,
+            partition: Partition::Pursue,
+        };
+        terminal.say.send(Said::Wish(wish)).await?;
+    }
+    let mut done = 0;
+    while done < count {
+        let heard = tokio::time::timeout(PATIENCE, terminal.hear.recv()).await?;
+        match heard.ok_or("the keyboard has ended")? {
+            Heard::Report(_, report) if report.outcome == Ended::Done => done += 1,
+            heard if heard.is_final() => return Err(format!("{heard:?}").into()),
+            _ => (),
+        }
+    }
+    Ok(began.elapsed())
+}
+
+// === bidders ===
+
+fn spawn(folder: &Path, process: usize) -> Outcome<Child> {
+    let child = Command::new(std::env::current_exe()?)
+        .arg("--bidders")
+        .arg(folder)
+        .arg(process.to_string())
+        .stdin(Stdio::null())
+        .kill_on_drop(true)
+        .spawn()?;
+    Ok(child)
+}
+
+/// A process of bidders, until it is killed.
+async fn bid(folder: &Path, process: usize) -> Outcome<()> {
+    let switchboard = open(folder, &format!("bidders-{process}"), &["reasoning"]).await?;
+    let host = Arc::new(support::host(DOMAIN, &map(BURST + GOALS), Mode::Decentralized)?);
+    for number in 0..BIDDERS_EACH {
+        let id = AgentId::new(&format!("bidder-{}", process * BIDDERS_EACH + number))?;
+        let blueprint = Blueprint {
+            id: id.clone(),
+            driver: String::new(),
+            config: Arc::default(),
+            host: Arc::clone(&host),
+        };
+        let bidder = Actuator::new(&blueprint, Bidder { id: id.clone() })?;
+        support::launch(&id, Box::new(bidder), &switchboard, ECOSYSTEM);
+    }
+    std::future::pending().await
+}
+
+/// A daemon that listens, and calls others.
+async fn open(folder: &Path, name: &str, others: &[&str]) -> Outcome<Arc<Switchboard>> {
+    let daemon = DaemonId::new(name)?;
+    let ecosystem = EcosystemId::new(ECOSYSTEM)?;
+    let endpoint =
+        |name: &str| format!("unixsock-stream/{}", folder.join(format!("{name}.sock")).display());
+    let mut config = Config::new(ecosystem.clone(), daemon.clone());
+    config.listen = vec![endpoint(name)];
+    config.connect = others.iter().map(|other| endpoint(other)).collect();
+    let switchboard = Switchboard::new(ecosystem, daemon, Settings::default());
+    switchboard.connect(config.open(Arc::<Switchboard>::clone(&switchboard)).await?);
+    Ok(switchboard)
+}
+
+/// Does any job at once.
+struct Bidder {
+    id: AgentId,
+}
+
+impl Device for Bidder {
+    type Yield = ();
+
+    fn describe(&self) -> Description {
+        let id = &self.id;
+        let text = format!(
+            "(define (agent {id}) (:domain awards) (:objects {id} - worker)
+                (:action do :agent ?w - worker :parameters (?j - job)
+                    :effect (and (done ?j) (increase (total-cost) 1))))"
+        );
+        let model = pddl::parse_action_model(&text).into_result().expect("invariant: it is ours");
+        let method = Method {
+            method: "do".to_owned(),
+            arguments: Default::default(),
+            timeout: Deadline(Duration::from_secs(1)),
+        };
+        Description { model, methods: Methods::from([("do".to_owned(), method)]) }
+    }
+
+    fn facts(&self) -> Vec<OwnFact> {
+        Vec::new()
+    }
+
+    fn perform(&mut self, _call: &Call) -> BoxFuture<Result<(), Failure>> {
+        Box::pin(std::future::ready(Ok(())))
+    }
+
+    fn performed(&mut self, _call: &Call, (): ()) -> Performed {
+        Performed { detail: "done".to_owned(), observations: Vec::new() }
+    }
+}
