@@ -14,18 +14,19 @@ mod support;
 
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::process::Stdio;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use acl::content::{Method, Methods, Outcome as Ended, Partition};
-use acl::{AgentId, DaemonId, Deadline, EcosystemId};
+use acl::{AgentId, Deadline};
 use actuator::{Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed};
-use agent::{Blueprint, Mode, PluginEntry, Settings, Switchboard};
+use agent::{Blueprint, Mode, PluginEntry};
 use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
-use substrate_zenoh::Config;
-use support::{Entry, Figures, Outcome, PATIENCE};
-use tokio::process::{Child, Command};
+use support::{Entry, Outcome, PATIENCE};
+
+/// As in the daemon.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 const PROCESSES: usize = 4;
 const BIDDERS_EACH: usize = 5;
@@ -58,7 +59,7 @@ async fn main() -> Outcome<()> {
     }
     let goals = if support::is_whole() { GOALS } else { BURST };
     let folder = tempfile::Builder::new().prefix("alt-").tempdir()?;
-    let switchboard = open(folder.path(), "reasoning", &[]).await?;
+    let switchboard = support::daemon(folder.path(), ECOSYSTEM, "reasoning", &[]).await?;
     let host = Arc::new(support::host(DOMAIN, &map(BURST + goals), Mode::Decentralized)?);
     for plugin in REASONING {
         let entry = Entry {
@@ -72,7 +73,8 @@ async fn main() -> Outcome<()> {
     }
     let mut children = Vec::new();
     for process in 0..PROCESSES {
-        children.push(spawn(folder.path(), process)?);
+        let path = folder.path().display().to_string();
+        children.push(support::again(&["--bidders", &path, &process.to_string()])?);
     }
     let (keyboard, mut terminal) = Keyboard::with_terminal();
     support::launch(&AgentId::new("user")?, Box::new(keyboard), &switchboard, ECOSYSTEM);
@@ -81,9 +83,7 @@ async fn main() -> Outcome<()> {
 
     let took = ask(&mut terminal, 0..BURST).await?;
     println!("{BURST} goals at once: all served within {:.1} ms", took.as_secs_f64() * 1e3);
-    let mut rates = Figures::default();
     let took = ask(&mut terminal, BURST..BURST + goals).await?;
-    rates.push(took);
     let rate = goals as f64 / took.as_secs_f64();
     let verdict = if rate >= AIM_PER_SECOND { "reached" } else { "missed" };
     println!(
@@ -129,20 +129,15 @@ async fn ask(terminal: &mut Terminal, jobs: std::ops::Range<usize>) -> Outcome<D
 
 // === bidders ===
 
-fn spawn(folder: &Path, process: usize) -> Outcome<Child> {
-    let child = Command::new(std::env::current_exe()?)
-        .arg("--bidders")
-        .arg(folder)
-        .arg(process.to_string())
-        .stdin(Stdio::null())
-        .kill_on_drop(true)
-        .spawn()?;
-    Ok(child)
-}
-
 /// A process of bidders, until it is killed.
 async fn bid(folder: &Path, process: usize) -> Outcome<()> {
-    let switchboard = open(folder, &format!("bidders-{process}"), &["reasoning"]).await?;
+    let switchboard = support::daemon(
+        folder,
+        ECOSYSTEM,
+        &format!("bidders-{process}"),
+        &["reasoning".to_owned()],
+    )
+    .await?;
     let host = Arc::new(support::host(DOMAIN, &map(BURST + GOALS), Mode::Decentralized)?);
     for number in 0..BIDDERS_EACH {
         let id = AgentId::new(&format!("bidder-{}", process * BIDDERS_EACH + number))?;
@@ -156,20 +151,6 @@ async fn bid(folder: &Path, process: usize) -> Outcome<()> {
         support::launch(&id, Box::new(bidder), &switchboard, ECOSYSTEM);
     }
     std::future::pending().await
-}
-
-/// A daemon that listens, and calls others.
-async fn open(folder: &Path, name: &str, others: &[&str]) -> Outcome<Arc<Switchboard>> {
-    let daemon = DaemonId::new(name)?;
-    let ecosystem = EcosystemId::new(ECOSYSTEM)?;
-    let endpoint =
-        |name: &str| format!("unixsock-stream/{}", folder.join(format!("{name}.sock")).display());
-    let mut config = Config::new(ecosystem.clone(), daemon.clone());
-    config.listen = vec![endpoint(name)];
-    config.connect = others.iter().map(|other| endpoint(other)).collect();
-    let switchboard = Switchboard::new(ecosystem, daemon, Settings::default());
-    switchboard.connect(config.open(Arc::<Switchboard>::clone(&switchboard)).await?);
-    Ok(switchboard)
 }
 
 /// Does any job at once.

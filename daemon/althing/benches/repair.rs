@@ -1,4 +1,5 @@
-//! A sensor's process is killed: the time until the action that replaces it is dispatched.
+//! A sensor's process is killed, or stands still: the time until the action that replaces it is
+//! dispatched.
 //!
 //! ```text
 //! cargo bench -p althing --bench repair
@@ -8,7 +9,9 @@
 //! sensor hangs when it is asked, or has reported; then its process gets a SIGKILL. The clock
 //! stops when the first `request` of the next plan is heard on Zenoh, by a listener that takes no
 //! part. What the ecosystem is told to wait is taken off: the grace, where a running plan needs
-//! the sensor; the time for which what it said is still believed, where a kept goal rests on that.
+//! the sensor; the time for which what it said is still believed, where a kept goal rests on that;
+//! and of a process that was stopped (SIGSTOP, which looks like a pulled cable) the lease, after
+//! which Zenoh says that it is gone.
 
 #[path = "../src/scenario/setting.rs"]
 #[allow(dead_code, reason = "the scenarios that nobody plays here use the rest")]
@@ -32,7 +35,12 @@ use tokio::sync::mpsc;
 
 /// Deaths in each flow of sensors that a plan needs, and of those on whose word a goal rests.
 const DEATHS: [usize; 2] = [15, 7];
-const AIM_MS: f64 = 50.0;
+const AIMS_MS: [f64; 2] = [50.0, 150.0];
+
+/// Freezes in each flow with each lease.
+const FREEZES: usize = 7;
+const LEASES: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(4)];
+const FREEZE_AIM_MS: f64 = 100.0;
 
 const GOAL: &str = "(forall (?r - room) (known-temperature ?r))";
 
@@ -52,22 +60,48 @@ async fn main() -> Outcome<()> {
             let mut figures = Figures::default();
             let seeds = (0..).map(Layout::seeded).filter(|scenario| scenario.dies == dies);
             for scenario in seeds.take(deaths) {
-                let took = death(&scenario, mode).await;
+                let took = death(&scenario, mode, Means::Kill).await;
                 let took = took.map_err(|error| format!("seed {}: {error}", scenario.seed))?;
                 let within = took.checked_sub(wait);
                 figures.push(within.ok_or_else(|| format!("{took:?}: within what was to wait"))?);
             }
             figures.tell(&format!("{what}, {deaths} times: killed to dispatched"));
-            support::judge("p50", figures.within(0.5), AIM_MS);
+            for (share, aim) in [(0.5, AIMS_MS[0]), (0.99, AIMS_MS[1])] {
+                support::judge(&format!("p{:.0}", share * 100.0), figures.within(share), aim);
+            }
+        }
+        for lease in LEASES {
+            let mut figures = Figures::default();
+            let freezes = if support::is_whole() { FREEZES } else { 1 };
+            let dies = Dies::BeforeReport;
+            let seeds = (0..).map(Layout::seeded).filter(|scenario| scenario.dies == dies);
+            for scenario in seeds.take(freezes) {
+                let took = death(&scenario, mode, Means::Freeze(lease)).await;
+                let took = took.map_err(|error| format!("seed {}: {error}", scenario.seed))?;
+                // The lease counts from the last sign of life, which is up to a quarter older.
+                figures.push(took.saturating_sub(lease + grace));
+            }
+            let what = format!("a plan needs it, `grace` and a lease of {lease:?} taken off");
+            figures.tell(&format!("{what}, {freezes} times: stopped to dispatched"));
+            support::judge("max", figures.within(1.0), FREEZE_AIM_MS);
         }
     }
     Ok(())
 }
 
+/// How a process comes to its end.
+#[derive(Clone, Copy)]
+enum Means {
+    /// By a SIGKILL.
+    Kill,
+    /// It stands still, and Zenoh has this lease.
+    Freeze(Duration),
+}
+
 /// Plays one scenario until the sensor's process is killed; how long until the next plan's first
 /// action was dispatched.
-async fn death(scenario: &SeededScenario, mode: Mode) -> Outcome<Duration> {
-    let mut stage = Stage::set(scenario, mode).await?;
+async fn death(scenario: &SeededScenario, mode: Mode, means: Means) -> Outcome<Duration> {
+    let mut stage = Stage::set(scenario, mode, means).await?;
     scenario.arm(&stage.building, Fault::Hangs)?;
     let wish = Wish {
         goal: GOAL.to_owned(),
@@ -87,8 +121,12 @@ async fn death(scenario: &SeededScenario, mode: Mode) -> Outcome<Duration> {
     let mut process = stage.processes.remove(&stage.dying).ok_or("no process hosts the sensor")?;
     let round = stage.rounds_so_far();
     let killed = Instant::now();
-    process.kill()?;
+    match means {
+        Means::Kill => process.kill()?,
+        Means::Freeze(_) => process.stop()?,
+    }
     let dispatched = stage.dispatched_after(round, &scenario.dying_sensor).await?;
+    process.kill()?;
     process.ended().await?;
     Ok(dispatched - killed)
 }
@@ -108,11 +146,15 @@ struct Stage {
 }
 
 impl Stage {
-    async fn set(scenario: &SeededScenario, mode: Mode) -> Outcome<Stage> {
+    async fn set(scenario: &SeededScenario, mode: Mode, means: Means) -> Outcome<Stage> {
         let machine = Machine::new()?;
         let socket = machine.building();
         Setting::new("scenario-1", &scenario.layout).write(machine.path(), Some(&socket))?;
-        let text = std::fs::read_to_string(&machine.file)?;
+        let mut text = std::fs::read_to_string(&machine.file)?;
+        if let Means::Freeze(lease) = means {
+            text += &format!("\n[zenoh]\ntransport.link.tx.lease = {}\n", lease.as_millis());
+            std::fs::write(&machine.file, &text)?;
+        }
         let building = Building::new(scenario.layout.clone(), setting::TIME_SCALE)?;
         let server = building::serve(building.handle(), &socket).await?;
         let entries = support::entries(&text)?;

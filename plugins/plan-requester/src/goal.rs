@@ -1,6 +1,6 @@
 //! One goal: what is wanted, where it stands, and what has happened.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use acl::content::{
@@ -61,6 +61,9 @@ pub(crate) struct Goal {
     pub(crate) given_up: Vec<PlanStep>,
     /// What the user was told last of what it waits for.
     pub(crate) blocked_by: String,
+    /// The agents that others needed when it was found that it needs some of them, and until when
+    /// that is believed: as long as others need all of these, there is nothing new to try.
+    pub(crate) blocked_under: Option<(BTreeSet<AgentId>, Instant)>,
     /// Whether it was looked for twice since there was a plan last.
     pub(crate) looked_twice: bool,
     /// Whether the user was told that it holds, since it last did not.
@@ -167,6 +170,7 @@ impl Goal {
             steps_left: Vec::new(),
             given_up: Vec::new(),
             blocked_by: String::new(),
+            blocked_under: None,
             looked_twice: false,
             is_told: false,
             timer: None,

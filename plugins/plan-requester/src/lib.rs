@@ -251,6 +251,9 @@ impl PlanRequester {
         if !self.is_its_turn(id) {
             return;
         }
+        if self.is_still_blocked(id, ctx.now()) {
+            return self.next(ctx);
+        }
         let ask = Ask {
             daemon: None,
             resource: Resource::Domain,
@@ -302,6 +305,9 @@ impl PlanRequester {
             Ok(open) => {
                 goal.is_told = false;
                 let known = known.sparing(&self.reserved(id));
+                if self.waits_for_everyone(id, &known, ctx) {
+                    return;
+                }
                 match self.mode {
                     Mode::Centralized => self.ask_planner(id, known, open, ctx),
                     Mode::Decentralized => self.call(id, known, open, ctx),
@@ -450,6 +456,9 @@ impl PlanRequester {
         let mut concerned = Vec::new();
         for (id, goal) in &mut self.goals {
             change.joined.iter().for_each(|agent| goal.forgive(agent));
+            if agents_changed {
+                goal.blocked_under = None;
+            }
             let is_concerned = match goal.phase {
                 Phase::Queued | Phase::Waiting(_) | Phase::Holding => true,
                 // What others are using is not freed by news of the state.

@@ -11,12 +11,14 @@
 //!   anew; a little cheaper is not worth what is under way.
 
 use std::collections::BTreeSet;
+use std::time::Duration;
 
 use acl::content::{Keep, Outcome, Report, Snapshot};
 use acl::{AgentId, ConversationId, Performative};
 use agent::{Ask, Context, Resource, Work};
 use pddl::{Condition, Plan};
 use planner::{Cancel, Options};
+use tokio::time::Instant;
 
 use crate::PlanRequester;
 use crate::goal::{Goal, Phase};
@@ -25,6 +27,12 @@ use crate::known::Known;
 /// A running plan is given up for one that costs at most this part of what is left of it: what has
 /// been begun is lost, and two plans that cost about the same must not take turns.
 const WORTH_CHANGING: f64 = 0.8;
+
+/// How long it is believed that a goal needs agents which others need: what is known changes.
+const STILL_BLOCKED: Duration = Duration::from_secs(5);
+
+/// Goals that are told by name where they use what another needs.
+const BLOCKERS_TOLD: usize = 3;
 
 /// What a round of planning has to respect.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -76,6 +84,42 @@ impl PlanRequester {
             goal.phase = Phase::Queued;
         }
         !is_busy
+    }
+
+    /// Whether a goal would be blocked again: others need all the agents that they needed when it
+    /// was blocked last. Where many goals share few agents, nearly all of them would be.
+    pub(crate) fn is_still_blocked(&mut self, id: &ConversationId, now: Instant) -> bool {
+        let reserved = self.reserved(id);
+        let Some(goal) = self.goals.get_mut(id) else { return false };
+        let is_still = goal.blocked_under.as_ref().is_some_and(|(under, until)| {
+            now < *until && !under.is_empty() && under.is_subset(&reserved)
+        });
+        if is_still {
+            goal.phase = Phase::Blocked(goal.blocked_by.clone());
+        }
+        is_still
+    }
+
+    /// Where others need everyone who offers anything, a goal that is not above any of them waits
+    /// for them: no planner need look for that.
+    pub(crate) fn waits_for_everyone(
+        &mut self,
+        id: &ConversationId,
+        known: &Known,
+        ctx: &mut Context<Self>,
+    ) -> bool {
+        let Some(goal) = self.goals.get(id) else { return false };
+        let (priority, is_beside) = (goal.priority, goal.attempt == Attempt::Beside);
+        let is_taken = known.offers.is_empty() && !known.spared.is_empty();
+        if !is_taken || !is_beside {
+            return false;
+        }
+        if self.running_beside(id).any(|(_, other)| other.priority < priority) {
+            return false;
+        }
+        let others: Vec<_> = self.running_beside(id).map(|(other, _)| other.clone()).collect();
+        self.lacks(id, known, &others, ctx);
+        true
     }
 
     /// The agents that other goals need, as far as this attempt respects them.
@@ -230,7 +274,7 @@ impl PlanRequester {
         let next = match attempt {
             Attempt::Beside if has_hope && !lower.is_empty() => Some(Attempt::Instead),
             Attempt::Beside | Attempt::Instead if has_hope && !blocking.is_empty() => {
-                return self.block(id, &blocking, ctx);
+                return self.lacks(id, known, &blocking, ctx);
             }
             Attempt::Beside | Attempt::Instead
                 if has_hope && self.kept_beside(id, known).next().is_some() =>
@@ -252,6 +296,20 @@ impl PlanRequester {
 
     // === giving way ===
 
+    /// A goal waits for agents that the others need.
+    fn lacks(
+        &mut self,
+        id: &ConversationId,
+        known: &Known,
+        others: &[ConversationId],
+        ctx: &mut Context<Self>,
+    ) {
+        self.block(id, others, ctx);
+        if let Some(goal) = self.goals.get_mut(id) {
+            goal.blocked_under = Some((known.spared.clone(), ctx.now() + STILL_BLOCKED));
+        }
+    }
+
     /// A goal waits until one of the others no longer runs.
     fn block(&mut self, id: &ConversationId, others: &[ConversationId], ctx: &mut Context<Self>) {
         let texts: Vec<_> = others
@@ -261,7 +319,13 @@ impl PlanRequester {
             .collect();
         let Some(goal) = self.goals.get_mut(id) else { return };
         goal.attempt = Attempt::Beside;
-        let why = format!("needs what {} is using", texts.join(" and "));
+        goal.blocked_under = None;
+        let why = match texts.split_at(texts.len().min(BLOCKERS_TOLD)) {
+            (told, []) => format!("needs what {} is using", told.join(" and ")),
+            (told, more) => {
+                format!("needs what {} and {} more are using", told.join(", "), more.len())
+            }
+        };
         let is_news = goal.blocked_by != why;
         goal.blocked_by.clone_from(&why);
         goal.phase = Phase::Blocked(why.clone());
@@ -304,7 +368,7 @@ impl PlanRequester {
             .max_by_key(|(id, goal)| (goal.priority, std::cmp::Reverse((*id).clone())))
             .map(|(id, _)| id.clone());
         if let Some(id) = first {
-            ctx.after(std::time::Duration::ZERO, move |requester: &mut Self, ctx| {
+            ctx.after(Duration::ZERO, move |requester: &mut Self, ctx| {
                 requester.consider(&id, ctx);
             });
         }

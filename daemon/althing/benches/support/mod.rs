@@ -2,6 +2,8 @@
 
 #![allow(dead_code, reason = "each benchmark uses its part")]
 
+pub(crate) mod workers;
+
 use std::collections::BTreeSet;
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -11,10 +13,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use acl::content::Snapshot;
-use acl::{AgentId, Incarnation};
+use acl::{AgentId, DaemonId, EcosystemId, Incarnation};
 use agent::{
-    Ask, Berth, Blueprint, Host, Launch, LaunchError, PluginEntry, Resource, Resources, Switchboard,
+    Ask, Berth, Blueprint, Host, Launch, LaunchError, PluginEntry, Resource, Resources, Settings,
+    Switchboard,
 };
+use substrate_zenoh::Config;
 use tokio::io::{AsyncBufReadExt as _, BufReader};
 use tokio::process::{Child, Command};
 use tokio::task::JoinHandle;
@@ -167,6 +171,30 @@ pub(crate) async fn await_offers(
     }
 }
 
+/// A daemon of this process, which listens in `folder` and calls others there.
+pub(crate) async fn daemon(
+    folder: &Path,
+    ecosystem: &str,
+    name: &str,
+    others: &[String],
+) -> Outcome<Arc<Switchboard>> {
+    let (ecosystem, daemon) = (EcosystemId::new(ecosystem)?, DaemonId::new(name)?);
+    let endpoint =
+        |name: &str| format!("unixsock-stream/{}", folder.join(format!("{name}.sock")).display());
+    let mut config = Config::new(ecosystem.clone(), daemon.clone());
+    config.listen = vec![endpoint(name)];
+    config.connect = others.iter().map(|other| endpoint(other)).collect();
+    let switchboard = Switchboard::new(ecosystem, daemon, Settings::default());
+    switchboard.connect(config.open(Arc::<Switchboard>::clone(&switchboard)).await?);
+    Ok(switchboard)
+}
+
+/// This benchmark once more, with these arguments; it ends when it is dropped.
+pub(crate) fn again(arguments: &[&str]) -> Outcome<Child> {
+    let mut command = Command::new(std::env::current_exe()?);
+    Ok(command.args(arguments).stdin(Stdio::null()).kill_on_drop(true).spawn()?)
+}
+
 // === daemons in other processes ===
 
 /// A folder in which daemons of one machine meet.
@@ -235,6 +263,14 @@ impl Process {
     /// SIGKILL, now.
     pub(crate) fn kill(&mut self) -> Outcome<()> {
         Ok(self.0.start_kill()?)
+    }
+
+    /// SIGSTOP, now: it stands still until it is killed.
+    pub(crate) fn stop(&mut self) -> Outcome<()> {
+        let id = self.0.id().ok_or("it has ended")?;
+        let id = i32::try_from(id).ok().and_then(rustix::process::Pid::from_raw);
+        rustix::process::kill_process(id.ok_or("no process")?, rustix::process::Signal::STOP)?;
+        Ok(())
     }
 
     /// Waits for its end.

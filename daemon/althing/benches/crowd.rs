@@ -1,0 +1,133 @@
+//! A thousand agents in one ecosystem, on ten daemons of this machine: what it costs that they are
+//! there.
+//!
+//! ```text
+//! cargo bench -p althing --bench crowd
+//! ```
+//!
+//! Ten processes that meet over Zenoh, each linked with each as `althing up` does on one machine;
+//! each hosts a hundred actuators that say once a second that they work, and one of them a Domain
+//! Maintainer too. Measured is the processor time of all ten together while nothing else happens,
+//! by the kernel's account; and how long it takes from an agent's activation until the Domain
+//! Maintainer announces the domain that has it.
+
+mod support;
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use acl::content::Inform;
+use acl::{AgentId, Message, Performative};
+use agent::{Agent, Callbacks, Context};
+use support::{Figures, Outcome, PATIENCE, workers};
+use tokio::process::Child;
+use tokio::sync::mpsc;
+
+/// As in the daemon.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+const DAEMONS: usize = 10;
+const AGENTS_EACH: usize = 100;
+const CORE_SHARE_AIM: f64 = 15.0;
+const COMPOSED_AIM_MS: f64 = 20.0;
+
+/// How long all is quiet before it is measured, and how long it is measured.
+const SETTLING: Duration = Duration::from_secs(10);
+const MEASURED: Duration = Duration::from_secs(20);
+
+/// Agents that join while the others are there.
+const NEWCOMERS: usize = 30;
+
+#[tokio::main]
+async fn main() -> Outcome<()> {
+    workers::be_one().await?;
+    let (each, newcomers) =
+        if support::is_whole() { (AGENTS_EACH, NEWCOMERS) } else { (AGENTS_EACH / 20, 1) };
+    let folder = tempfile::Builder::new().prefix("alt-").tempdir()?;
+    let children = workers::start(folder.path(), DAEMONS, each).await?;
+    let others: Vec<_> = (0..DAEMONS).map(workers::name).collect();
+    let observer = support::daemon(folder.path(), workers::ECOSYSTEM, "observer", &others).await?;
+    let (tell, mut epochs) = mpsc::unbounded_channel();
+    support::launch(
+        &AgentId::new("listener")?,
+        Box::new(Listener(tell)),
+        &observer,
+        workers::ECOSYSTEM,
+    );
+    let all = (0..DAEMONS * each).map(workers::agent_name);
+    support::await_offers(&observer, &all.collect::<BTreeSet<_>>()).await?;
+    tokio::time::sleep(if support::is_whole() { SETTLING } else { Duration::from_secs(1) }).await;
+
+    let before = processor_time(&children)?;
+    let began = Instant::now();
+    tokio::time::sleep(if support::is_whole() { MEASURED } else { Duration::from_secs(2) }).await;
+    let share = (processor_time(&children)? - before) / began.elapsed().as_secs_f64() * 100.0;
+    let verdict = if share <= CORE_SHARE_AIM { "reached" } else { "missed" };
+    println!(
+        "{} agents on {DAEMONS} daemons, a heartbeat each second: {share:.1} % of a core for all, \
+         aim ≤ {CORE_SHARE_AIM} %: {verdict}",
+        DAEMONS * each
+    );
+
+    let host = Arc::new(workers::host()?);
+    let mut figures = Figures::default();
+    while epochs.try_recv().is_ok() {}
+    for newcomer in 0..newcomers {
+        let id = AgentId::new(&format!("newcomer-{newcomer}"))?;
+        let began = Instant::now();
+        let life = workers::launch(&id, newcomer, &host, &observer)?;
+        loop {
+            let joined: Vec<AgentId> = tokio::time::timeout(PATIENCE, epochs.recv())
+                .await?
+                .ok_or("the listener has ended")?;
+            if joined.contains(&id) {
+                break;
+            }
+        }
+        figures.push(began.elapsed());
+        life.abort();
+        tokio::time::sleep(Duration::from_millis(200)).await;
+    }
+    figures.tell("an agent joins: activation to announced everywhere");
+    support::judge("p99", figures.within(0.99), COMPOSED_AIM_MS);
+    Ok(())
+}
+
+/// Processor time that processes have used so far, in seconds.
+fn processor_time(children: &[Child]) -> Outcome<f64> {
+    // The kernel tells it in ticks, of which its interface has a hundred per second.
+    const TICKS_PER_SECOND: f64 = 100.0;
+    let mut ticks = 0.0;
+    for child in children {
+        let id = child.id().ok_or("a daemon has ended")?;
+        let stat = std::fs::read_to_string(format!("/proc/{id}/stat"))?;
+        let (_, fields) = stat.rsplit_once(')').ok_or("no process status")?;
+        let fields: Vec<_> = fields.split_whitespace().collect();
+        let field = |at: usize| fields.get(at).and_then(|field| field.parse::<f64>().ok());
+        ticks += field(11).unwrap_or(0.0) + field(12).unwrap_or(0.0);
+    }
+    Ok(ticks / TICKS_PER_SECOND)
+}
+
+/// Hears who joined.
+struct Listener(mpsc::UnboundedSender<Vec<AgentId>>);
+
+impl Agent for Listener {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new().on_broadcast(Performative::Inform, Self::informed)
+    }
+}
+
+impl Listener {
+    fn informed(&mut self, message: Message, _ctx: &mut Context<Self>) {
+        if message.sender.as_str() != "domain-maintainer" {
+            return;
+        }
+        if let Ok(Inform::Epoch(change)) = message.content_as::<Inform>() {
+            // Nobody listens any more when the benchmark ends.
+            let _ = self.0.send(change.joined);
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! Daemons full of actuators that do nothing but be there, each in a process of its own.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use acl::content::{Method, Methods};
+use acl::{AgentId, Deadline};
+use actuator::{Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed};
+use agent::{Blueprint, Host, LaunchError, Mode, Switchboard};
+use pddl::InitElement;
+use tokio::process::Child;
+use tokio::task::JoinHandle;
+
+use super::{Entry, Outcome, PATIENCE};
+
+/// The ecosystem they are in.
+pub(crate) const ECOSYSTEM: &str = "crowd";
+
+/// Places there are: one per actuator, at most.
+const PLACES: usize = 1_000;
+
+const DOMAIN: &str = "(define (domain crowd)
+    (:requirements :strips :typing :action-costs)
+    (:types worker place)
+    (:predicates (located ?w - worker ?p - place) (known ?p - place))
+    (:functions (total-cost)))";
+
+/// Starts so many daemons, each with so many actuators; the first keeps the domain. Each calls those
+/// before it, as `althing up` does on one machine.
+pub(crate) async fn start(folder: &Path, daemons: usize, each: usize) -> Outcome<Vec<Child>> {
+    let path = folder.display().to_string();
+    let mut children = Vec::new();
+    for number in 0..daemons {
+        let arguments = ["--daemon", &path, &number.to_string(), &each.to_string()];
+        children.push(super::again(&arguments)?);
+        let socket = folder.join(format!("{}.sock", name(number)));
+        let deadline = Instant::now() + PATIENCE;
+        while !socket.exists() {
+            if Instant::now() > deadline {
+                return Err(format!("{} does not listen", socket.display()).into());
+            }
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    }
+    Ok(children)
+}
+
+/// Is one of these daemons, if it was started as one.
+pub(crate) async fn be_one() -> Outcome<()> {
+    let arguments: Vec<_> = std::env::args().collect();
+    match arguments.as_slice() {
+        [_, flag, folder, number, agents] if flag == "--daemon" => {
+            live(Path::new(folder), number.parse()?, agents.parse()?).await
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The name of a daemon.
+pub(crate) fn name(number: usize) -> String {
+    format!("daemon-{number}")
+}
+
+/// The name of an actuator.
+pub(crate) fn agent_name(number: usize) -> String {
+    format!("worker-{number}")
+}
+
+/// What they are built with.
+pub(crate) fn host() -> Outcome<Host> {
+    let places: Vec<_> = (0..PLACES).map(|place| format!("place-{place}")).collect();
+    let map = format!(
+        "(define (problem map) (:domain crowd) (:objects {} - place) (:init) (:goal (and)))",
+        places.join(" ")
+    );
+    super::host(DOMAIN, &map, Mode::Decentralized)
+}
+
+/// A daemon with its agents, until it is killed.
+async fn live(folder: &Path, number: usize, agents: usize) -> Outcome<()> {
+    let others: Vec<_> = (0..number).map(name).collect();
+    let switchboard = super::daemon(folder, ECOSYSTEM, &name(number), &others).await?;
+    let host = Arc::new(host()?);
+    if number == 0 {
+        let entry = Entry {
+            name: AgentId::new("domain-maintainer")?,
+            plugin: String::new(),
+            daemon: name(0),
+            config: serde_json::Value::Null,
+        };
+        let maintainer = super::build(&domain_maintainer::PLUGIN, &entry, &host)?;
+        super::launch(&entry.name, maintainer, &switchboard, ECOSYSTEM);
+    }
+    for agent in number * agents..(number + 1) * agents {
+        let id = AgentId::new(&agent_name(agent))?;
+        launch(&id, agent, &host, &switchboard)?;
+    }
+    std::future::pending().await
+}
+
+/// Launches one more, in a daemon of this process.
+pub(crate) fn launch(
+    id: &AgentId,
+    place: usize,
+    host: &Arc<Host>,
+    switchboard: &Arc<Switchboard>,
+) -> Outcome<JoinHandle<Result<(), LaunchError>>> {
+    let blueprint = Blueprint {
+        id: id.clone(),
+        driver: String::new(),
+        config: Arc::default(),
+        host: Arc::clone(host),
+    };
+    let worker = Actuator::new(&blueprint, Worker { id: id.clone(), place })?;
+    Ok(super::launch(id, Box::new(worker), switchboard, ECOSYSTEM))
+}
+
+/// A sensor at a place.
+struct Worker {
+    id: AgentId,
+    place: usize,
+}
+
+impl Device for Worker {
+    type Yield = ();
+
+    fn describe(&self) -> Description {
+        let Worker { id, place } = self;
+        let text = format!(
+            "(define (agent {id}) (:domain crowd) (:objects {id} - worker)
+                (:init (located {id} place-{place}))
+                (:action look :agent ?w - worker :parameters (?p - place)
+                    :precondition (located ?w ?p)
+                    :effect (and (known ?p) (increase (total-cost) 1))))"
+        );
+        let model = pddl::parse_action_model(&text).into_result().expect("invariant: it is ours");
+        let method = Method {
+            method: "look".to_owned(),
+            arguments: Default::default(),
+            timeout: Deadline(Duration::from_secs(1)),
+        };
+        Description { model, methods: Methods::from([("look".to_owned(), method)]) }
+    }
+
+    fn facts(&self) -> Vec<OwnFact> {
+        let fact = format!("(located {} place-{})", self.id, self.place);
+        let fact: InitElement =
+            pddl::parse_init_element(&fact).into_result().expect("invariant: it is ours");
+        vec![fact.into()]
+    }
+
+    fn perform(&mut self, _call: &Call) -> BoxFuture<Result<(), Failure>> {
+        Box::pin(std::future::ready(Ok(())))
+    }
+
+    fn performed(&mut self, _call: &Call, (): ()) -> Performed {
+        Performed { detail: "looked".to_owned(), observations: Vec::new() }
+    }
+}
