@@ -24,7 +24,7 @@ use serde_json::{Map, Value};
 use substrate::{Presence, Subject};
 use tokio::time::Instant;
 
-use crate::outbox::{Due, Outbox, Parcel};
+use crate::outbox::{Due, Life, Outbox, Parcel};
 use crate::receipts::Receipts;
 use crate::switchboard::Switchboard;
 
@@ -262,7 +262,7 @@ impl CommunicationAgent {
                 payload: payload.clone(),
                 give_up: Instant::now() + patience,
             };
-            let life = resident.as_ref().map(|resident| resident.incarnation);
+            let life = resident.as_ref().map(Life::from);
             if !self.outbox.put(message.id.clone(), parcel, life, Instant::now()) {
                 return Err(Undelivered::OutboxFull);
             }
@@ -470,7 +470,7 @@ impl CommunicationAgent {
         let now = Instant::now();
         match presence {
             Presence::Joined(resident) => {
-                let due = self.outbox.joined(&resident.agent, resident.incarnation, now);
+                let due = self.outbox.joined(resident, now);
                 self.carry_out(due)
             }
             Presence::Left(resident) => {

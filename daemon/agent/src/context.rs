@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::{Inform, Reason, Refusal, value};
-use acl::{AgentId, ConversationId, Incarnation, Message, Performative, ReplyToken};
+use acl::{AgentId, ConversationId, Incarnation, Message, MessageId, Performative, ReplyToken};
 use conversation::Exchange;
 use serde_json::Value;
 use substrate::Resident;
@@ -26,6 +26,13 @@ use crate::switchboard::Switchboard;
 
 /// Turns of one exchange that wait for what they follow: a protocol has few, and each comes once.
 const EARLY_TURNS_MAX: usize = 32;
+
+/// How long before who stands by is asked again, or who acts: the daemons' views of who that is
+/// agree within a few milliseconds, or as soon as they are linked.
+const ASK_WHO_ACTS: Duration = Duration::from_millis(25);
+
+/// How often, before it is told to who asked.
+const ASKED_WHO_ACTS_MAX: u32 = 40;
 
 pub(crate) type Deferred<A> = Box<dyn FnOnce(&mut A, &mut Context<A>) + Send>;
 type OnAnswer<A> = Box<dyn FnMut(&mut A, Answer, &mut Context<A>) + Send>;
@@ -52,8 +59,10 @@ struct Open<A: Agent> {
     conversation: ConversationId,
     /// Whom it was opened with; `None`: all.
     to: Option<AgentId>,
-    /// What was said, if nobody else repeats it.
-    call: Option<Box<Message>>,
+    /// What was said.
+    opening: Box<Message>,
+    /// How often it was asked of one who stands by.
+    declined: u32,
     /// One per participant that has answered, begun from this.
     begun: Exchange,
     participants: BTreeMap<AgentId, Exchange>,
@@ -164,7 +173,8 @@ impl<A: Agent> Context<A> {
             protocol,
             conversation,
             to: opening.receiver.first().cloned(),
-            call: (!opening.performative.is_retried()).then(|| Box::new(opening)),
+            opening: Box::new(opening),
+            declined: 0,
             begun,
             participants,
             early,
@@ -185,8 +195,11 @@ impl<A: Agent> Context<A> {
     /// receipts, and whoever has just come may not have heard it. Those who did hear it hear
     /// nothing new.
     pub fn remind(&mut self, token: &ReplyToken, agent: &AgentId) {
-        let call = self.exchanges.get(token).and_then(|open| open.call.as_deref());
-        let Some(mut message) = call.cloned() else { return };
+        let opening = self.exchanges.get(token).map(|open| &open.opening);
+        let is_call = |opening: &&Box<Message>| !opening.performative.is_retried();
+        let Some(mut message) = opening.filter(is_call).map(|call| (**call).clone()) else {
+            return;
+        };
         message.receiver = vec![agent.clone()];
         self.communication.repeat(agent, &message);
     }
@@ -382,6 +395,12 @@ impl<A: Agent> Context<A> {
         message: Box<Message>,
     ) -> Option<Box<Message>> {
         let Some(open) = self.exchanges.get_mut(token) else { return Some(message) };
+        if open.to.is_some() && stands_by(&message) && open.declined < ASKED_WHO_ACTS_MAX {
+            open.declined += 1;
+            let asked = token.clone();
+            self.after(ASK_WHO_ACTS, move |_, ctx| ctx.ask_again(&asked));
+            return None;
+        }
         let begun = &open.begun;
         let exchange =
             open.participants.entry(message.sender.clone()).or_insert_with(|| begun.clone());
@@ -404,6 +423,21 @@ impl<A: Agent> Context<A> {
             self.take_answer(agent, token, next);
         }
         None
+    }
+
+    /// Says once more what opened an exchange, to who acts now under the name.
+    fn ask_again(&mut self, token: &ReplyToken) {
+        // Who acts may have been asked, and have answered, as soon as it was seen.
+        let unanswered = |open: &&Open<A>| open.participants.is_empty();
+        let Some(open) = self.exchanges.get(token).filter(unanswered) else { return };
+        let opening = (*open.opening).clone();
+        // Under a new id: who stood by has heard the other.
+        let id = MessageId::new(self.communication.token().as_str());
+        let again = Message { id, ..opening };
+        let patience = self.settings().answer_deadline;
+        if let Err(why) = self.communication.post(&again, patience) {
+            tracing::warn!(agent = %self.id(), %why, "could not be asked again");
+        }
     }
 
     /// A turn that came early and follows now.
@@ -461,4 +495,11 @@ impl<A: Agent> Context<A> {
         let first = self.timers.first_entry()?;
         (first.key().0 <= Instant::now()).then(|| first.remove())
     }
+}
+
+/// Whether it says that another agent of the sender's name acts.
+fn stands_by(message: &Message) -> bool {
+    let is_refusal = message.performative == Performative::Refuse;
+    let reason = || message.content_as::<Refusal>().map(|refusal| refusal.reason);
+    is_refusal && reason().is_ok_and(|reason| reason == Reason::StandingBy)
 }

@@ -7,8 +7,9 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::{AgentId, Incarnation, MessageId, Performative, ReplyToken};
+use acl::{AgentId, DaemonId, Incarnation, MessageId, Performative, ReplyToken};
 use bytes::Bytes;
+use substrate::Resident;
 use tokio::time::Instant;
 
 use crate::communication_agent::Undelivered;
@@ -35,9 +36,22 @@ struct UnderWay {
 #[derive(Debug)]
 enum State {
     /// Sent to this life of the receiver; sent again at `again`.
-    Sent { life: Incarnation, again: Instant, wait: Duration },
+    Sent { life: Life, again: Instant, wait: Duration },
     /// The receiver is not here. If it was here before, its return is awaited until `until`.
-    Parked { life: Option<Incarnation>, until: Instant },
+    Parked { life: Option<Life>, until: Instant },
+}
+
+/// A life of a receiver, and where it is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Life {
+    daemon: DaemonId,
+    incarnation: Incarnation,
+}
+
+impl From<&Resident> for Life {
+    fn from(Resident { daemon, incarnation, .. }: &Resident) -> Life {
+        Life { daemon: daemon.clone(), incarnation: *incarnation }
+    }
 }
 
 /// What is to be done now.
@@ -76,7 +90,7 @@ impl Outbox {
         &mut self,
         id: MessageId,
         parcel: Parcel,
-        life: Option<Incarnation>,
+        life: Option<Life>,
         now: Instant,
     ) -> bool {
         if self.parcels.len() >= self.parcels_max {
@@ -111,23 +125,28 @@ impl Outbox {
     }
 
     /// An agent is here: what waited for it is due. A new life knows nothing of the old one's
-    /// commitments.
-    pub(crate) fn joined(&mut self, agent: &AgentId, life: Incarnation, now: Instant) -> Vec<Due> {
+    /// commitments. Where another daemon's agent of that name acts now, it is asked instead: it has
+    /// not heard the question, and goes on with what the other knew.
+    pub(crate) fn joined(&mut self, resident: &Resident, now: Instant) -> Vec<Due> {
+        let (agent, life) = (&resident.agent, Life::from(resident));
         let mut due = Vec::new();
         let retry_first = self.retry_first;
         self.parcels.retain(|id, under_way| {
             if under_way.parcel.to != *agent {
                 return true;
             }
-            let before = match under_way.state {
+            let before = match &under_way.state {
                 State::Sent { life, .. } => Some(life),
-                State::Parked { life, .. } => life,
+                State::Parked { life, .. } => life.as_ref(),
             };
-            if before.is_some_and(|before| before != life) {
+            let is_another = before.is_some_and(|before| *before != life);
+            let took_over = before.is_some_and(|before| before.daemon != life.daemon);
+            if is_another && !(took_over && under_way.parcel.opens) {
                 let parcel = under_way.parcel.clone();
                 due.push(Due::GiveUp(id.clone(), parcel, Undelivered::Restarted));
                 return false;
             }
+            let life = life.clone();
             under_way.state = State::Sent { life, again: now + retry_first, wait: retry_first };
             due.push(Due::Send(under_way.parcel.clone()));
             true
@@ -138,9 +157,9 @@ impl Outbox {
     /// An agent is gone: what is under way to it waits for its return.
     pub(crate) fn left(&mut self, agent: &AgentId, now: Instant) {
         for under_way in self.parcels.values_mut().filter(|other| other.parcel.to == *agent) {
-            if let State::Sent { life, .. } = under_way.state {
+            if let State::Sent { life, .. } = &under_way.state {
                 let until = under_way.parcel.give_up.min(now + self.grace);
-                under_way.state = State::Parked { life: Some(life), until };
+                under_way.state = State::Parked { life: Some(life.clone()), until };
             }
         }
     }
@@ -197,6 +216,11 @@ mod tests {
         AgentId::new("robot").expect("a name")
     }
 
+    fn resident(daemon: &str, life: u64) -> Resident {
+        let daemon = DaemonId::new(daemon).expect("a name");
+        Resident { agent: robot(), daemon, incarnation: Incarnation(life) }
+    }
+
     fn parcel(give_up: Instant) -> Parcel {
         Parcel {
             to: robot(),
@@ -212,7 +236,8 @@ mod tests {
     fn outbox(life: Option<u64>, now: Instant) -> Outbox {
         let mut outbox = Outbox::new(&crate::Settings::default());
         let parcel = parcel(now + Duration::from_secs(60));
-        assert!(outbox.put(MessageId::new("m"), parcel, life.map(Incarnation), now));
+        let life = life.map(|life| Life::from(&resident("a", life)));
+        assert!(outbox.put(MessageId::new("m"), parcel, life, now));
         outbox
     }
 
@@ -245,7 +270,7 @@ mod tests {
         let now = Instant::now();
         let mut outbox = outbox(None, now);
         assert_eq!(words(&outbox.due(now + Duration::from_secs(1))), [""; 0]);
-        assert_eq!(words(&outbox.joined(&robot(), Incarnation(1), now)), ["send"]);
+        assert_eq!(words(&outbox.joined(&resident("a", 1), now)), ["send"]);
     }
 
     #[tokio::test(start_paused = true)]
@@ -253,7 +278,7 @@ mod tests {
         let now = Instant::now();
         let mut outbox = outbox(Some(1), now);
         outbox.left(&robot(), now);
-        assert_eq!(words(&outbox.joined(&robot(), Incarnation(1), now)), ["send"], "a blink");
+        assert_eq!(words(&outbox.joined(&resident("a", 1), now)), ["send"], "a blink");
         outbox.left(&robot(), now);
         assert_eq!(words(&outbox.due(now + Duration::from_millis(499))), [""; 0]);
         assert_eq!(words(&outbox.due(now + Duration::from_millis(500))), ["Left"]);
@@ -263,7 +288,16 @@ mod tests {
     async fn a_new_life_is_not_bound_by_the_old_ones_word() {
         let now = Instant::now();
         let mut outbox = outbox(Some(1), now);
-        assert_eq!(words(&outbox.joined(&robot(), Incarnation(2), now)), ["Restarted"]);
+        assert_eq!(words(&outbox.joined(&resident("a", 2), now)), ["Restarted"]);
         assert_eq!(outbox.next_due(), None);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn who_takes_over_is_asked_instead() {
+        let now = Instant::now();
+        let mut outbox = outbox(Some(1), now);
+        assert_eq!(words(&outbox.joined(&resident("b", 2), now)), ["send"]);
+        outbox.left(&robot(), now);
+        assert_eq!(words(&outbox.joined(&resident("b", 3), now)), ["Restarted"]);
     }
 }

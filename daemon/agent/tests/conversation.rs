@@ -52,13 +52,24 @@ impl Daemon {
         id: &str,
         life: u64,
     ) -> JoinHandle<Result<(), LaunchError>> {
+        self.berth(agent, id, life, false)
+    }
+
+    /// One of several of its name.
+    fn berth(
+        &self,
+        agent: impl Agent,
+        id: &str,
+        life: u64,
+        stands_by: bool,
+    ) -> JoinHandle<Result<(), LaunchError>> {
         Box::new(agent).launch(Berth {
             id: name(id),
             incarnation: Incarnation(life),
             switchboard: Arc::clone(&self.switchboard),
             ontology: Arc::from("test"),
             stopping: self.stopping.clone(),
-            stands_by: false,
+            stands_by,
         })
     }
 }
@@ -430,4 +441,38 @@ async fn two_agents_of_one_name_are_told_apart() {
     assert!(error.to_string().contains("already at daemon `there`"), "{error}");
     room.ask();
     assert_eq!(room.hears().await, "agree 1", "the first goes on");
+}
+
+// === standing by ===
+
+#[tokio::test(start_paused = true)]
+async fn of_several_the_oldest_acts_and_the_next_takes_over() {
+    let network = Network::new();
+    let settings = Settings::default();
+    let [a, b, c] = ["a", "b", "c"].map(|name| Daemon::open(&network, name, settings.clone()));
+    let mut deeds = Vec::new();
+    for (daemon, life) in [(&c, 2), (&b, 1)] {
+        let (done, did) = mpsc::unbounded_channel();
+        daemon.berth(Worker { takes: Duration::ZERO, done }, "worker", life, true);
+        deeds.push(did);
+    }
+    let ask = async |asker: &str, life: u64| {
+        let (heard, mut hears) = mpsc::unbounded_channel();
+        let (patience, performative) = (Duration::from_secs(5), Performative::Request);
+        let agent = Asker { patience, performative, changes_its_mind: false, heard };
+        a.launch(agent, asker, life);
+        // Asked before it is clear who acts, too.
+        while let Some(word) = hears.recv().await {
+            if word.contains("confirm") || word.contains("Silence") {
+                return word;
+            }
+        }
+        String::new()
+    };
+    assert!(ask("first", 10).await.contains("confirm"));
+    assert!(deeds[1].try_recv().is_ok(), "the oldest acts");
+    assert!(deeds[0].try_recv().is_err(), "the other stands by");
+    network.kill(&DaemonId::new("b").expect("a name"));
+    assert!(ask("second", 11).await.contains("confirm"));
+    assert!(deeds[0].try_recv().is_ok(), "it takes over");
 }

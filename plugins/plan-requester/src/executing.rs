@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use acl::content::{Execute, Keep, Outcome, Refusal, Report, Request, value};
 use acl::{AgentId, ConversationId, Performative, Protocol};
-use agent::{Answer, Context, Opening};
+use agent::{Answer, Context, Opening, Undelivered};
 use pddl::Plan;
 
 use crate::PlanRequester;
@@ -92,6 +92,11 @@ impl PlanRequester {
             return;
         };
         let token = token.clone();
+        let is_executing = matches!(goal.phase, Phase::Executing(_));
+        if is_executing && matches!(answer, Answer::Undelivered(Undelivered::Restarted)) {
+            // It did not hear of the plan, or another executor acts: the same plan is asked for.
+            return self.ask_executor(id, ctx);
+        }
         let report = match read(answer) {
             Ok(report) if matches!(report.outcome, Outcome::Progress | Outcome::Holds) => {
                 report.action.iter().for_each(|action| goal.step_done(action, report.step));

@@ -299,6 +299,13 @@ impl Goal {
             .min()
     }
 
+    /// Whether this very goal is asked for once more, because its asker does not know that it was
+    /// heard.
+    pub(crate) fn is_asked_again(&self, by: &Engagement, asked: &Achieve) -> bool {
+        let is_same = self.text == asked.goal && self.keep == asked.keep;
+        is_same && self.engagement.initiator == by.initiator
+    }
+
     /// Whether `asked` is this goal, asked for by a later life of its asker; or by the same, because
     /// whom it had asked is gone.
     pub(crate) fn is_asked_anew(&self, by: &AgentId, life: Incarnation, asked: &Achieve) -> bool {

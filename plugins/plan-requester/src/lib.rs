@@ -158,6 +158,13 @@ impl PlanRequester {
             }
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
+        if let Some(goal) = self.goals.get_mut(&engagement.conversation)
+            && goal.is_asked_again(&engagement, &asked)
+        {
+            goal.engagement = engagement;
+            let report = Report::new(Outcome::Progress, "accepted before; it goes on");
+            return ctx.answer(&goal.engagement, Performative::Confirm, &report);
+        }
         match self.admissible(&asked, &engagement) {
             Ok(condition) => {
                 self.take_place(&message, &asked, ctx);
