@@ -206,9 +206,7 @@ impl Maintainer {
         is_masked: bool,
         now: Moment,
     ) -> Change {
-        if let Ok(member) = self.roster.living(agent, incarnation) {
-            member.is_masked = is_masked;
-        }
+        self.roster.mask(agent, incarnation, is_masked);
         self.conclude(now)
     }
 
@@ -280,10 +278,14 @@ impl Maintainer {
 
     /// Tells what is other than at the end of the call before.
     fn conclude(&mut self, now: Moment) -> Change {
-        let present: BTreeSet<AgentId> = self.roster.present().cloned().collect();
-        let joined: Vec<AgentId> = present.difference(&self.announced).cloned().collect();
-        let left: Vec<AgentId> = self.announced.difference(&present).cloned().collect();
-        self.announced = present;
+        let (mut joined, mut left) = (Vec::new(), Vec::new());
+        for (agent, is_present) in self.roster.take_stirred() {
+            if is_present && self.announced.insert(agent.clone()) {
+                joined.push(agent);
+            } else if !is_present && self.announced.remove(&agent) {
+                left.push(agent);
+            }
+        }
         let (believed, retracted) = self.beliefs.settle(&self.composite, now);
         let is_changed = std::mem::take(&mut self.is_changed);
         let epoch_changed = is_changed || !joined.is_empty() || !left.is_empty();

@@ -37,6 +37,11 @@ pub(crate) struct Roster {
     members: BTreeMap<AgentId, Member>,
     former: BTreeMap<AgentId, Incarnation>,
     arrivals: u64,
+    /// When each member is silent, if no heartbeat comes: with a thousand of them, nobody is to look
+    /// through all at every heartbeat.
+    dues: BTreeSet<(Moment, AgentId)>,
+    /// Whose presence may be another than when it was asked for last.
+    stirred: BTreeSet<AgentId>,
 }
 
 // === impl Member ===
@@ -63,7 +68,7 @@ impl Member {
     }
 
     /// A heartbeat came.
-    pub(crate) fn hear(&mut self, sequence: u64, due: Option<Moment>, now: Moment) {
+    fn hear(&mut self, sequence: u64, due: Option<Moment>, now: Moment) {
         self.sequence = sequence;
         self.due = due;
         self.heard = now;
@@ -98,24 +103,59 @@ impl Roster {
         self.members.get(agent)
     }
 
-    /// Those whose capabilities count for new plans.
-    pub(crate) fn present(&self) -> impl Iterator<Item = &AgentId> {
-        self.members.iter().filter(|(_, member)| member.is_present()).map(|(agent, _)| agent)
+    /// Whose presence may have changed since this was asked last, and whether their capabilities
+    /// count for new plans now.
+    pub(crate) fn take_stirred(&mut self) -> Vec<(AgentId, bool)> {
+        let stirred = std::mem::take(&mut self.stirred).into_iter();
+        let is_present = |agent: &AgentId| self.members.get(agent).is_some_and(Member::is_present);
+        stirred.map(|agent| (agent.clone(), is_present(&agent))).collect()
+    }
+
+    /// A member's heartbeat came.
+    pub(crate) fn hear(
+        &mut self,
+        agent: &AgentId,
+        sequence: u64,
+        due: Option<Moment>,
+        now: Moment,
+    ) -> Result<&mut Member, Declined> {
+        let unknown = || Declined::UnknownAgent { agent: agent.clone() };
+        let member = self.members.get_mut(agent).ok_or_else(unknown)?;
+        if let Some(former) = member.due {
+            self.dues.remove(&(former, agent.clone()));
+        }
+        self.dues.extend(due.map(|due| (due, agent.clone())));
+        if member.is_silent {
+            self.stirred.insert(agent.clone());
+        }
+        member.hear(sequence, due, now);
+        Ok(member)
     }
 
     /// Marks those whose next heartbeat is overdue.
     pub(crate) fn fall_silent(&mut self, now: Moment) {
-        for member in self.members.values_mut() {
-            if member.due.is_some_and(|due| due <= now) {
+        while self.dues.first().is_some_and(|(due, _)| *due <= now) {
+            let Some((_, agent)) = self.dues.pop_first() else { return };
+            if let Some(member) = self.members.get_mut(&agent) {
                 member.due = None;
                 member.is_silent = true;
             }
+            self.stirred.insert(agent);
         }
     }
 
     /// When the next of them is overdue.
     pub(crate) fn next_silence(&self) -> Option<Moment> {
-        self.members.values().filter_map(|member| member.due).min()
+        self.dues.first().map(|(due, _)| *due)
+    }
+
+    /// A member's token is lost, or back.
+    pub(crate) fn mask(&mut self, agent: &AgentId, reported: Incarnation, is_masked: bool) {
+        if let Ok(member) = self.living(agent, reported)
+            && std::mem::replace(&mut member.is_masked, is_masked) != is_masked
+        {
+            self.stirred.insert(agent.clone());
+        }
     }
 
     /// Whether a word of this life may be believed: it is not older than the newest known.
@@ -158,12 +198,22 @@ impl Roster {
             self.arrivals
         });
         self.former.remove(agent);
-        self.members.insert(agent.clone(), Member { arrival, ..member });
+        self.stirred.insert(agent.clone());
+        let due = member.due;
+        let known = self.members.insert(agent.clone(), Member { arrival, ..member });
+        if let Some(former) = known.and_then(|known| known.due) {
+            self.dues.remove(&(former, agent.clone()));
+        }
+        self.dues.extend(due.map(|due| (due, agent.clone())));
     }
 
     /// Lets a member go, and remembers which life it was.
     pub(crate) fn release(&mut self, agent: &AgentId) -> Option<Member> {
         let member = self.members.remove(agent)?;
+        self.stirred.insert(agent.clone());
+        if let Some(due) = member.due {
+            self.dues.remove(&(due, agent.clone()));
+        }
         self.former.insert(agent.clone(), member.incarnation);
         if self.former.len() > limits::FORMER_MAX {
             let oldest = self.former.iter().min_by_key(|(_, incarnation)| **incarnation);

@@ -36,12 +36,11 @@ impl Maintainer {
             return Err(Declined::TooMany { what: "facts of one owner", limit });
         }
         self.revive(&agent, incarnation, &digest, now);
-        let member = self.roster.living(&agent, incarnation)?;
-        if sequence <= member.sequence {
-            let (reported, current) = (sequence, member.sequence);
-            return Err(Declined::OldSequence { agent, reported, current });
+        let current = self.roster.living(&agent, incarnation)?.sequence;
+        if sequence <= current {
+            return Err(Declined::OldSequence { agent, reported: sequence, current });
         }
-        member.hear(sequence, due, now);
+        let member = self.roster.hear(&agent, sequence, due, now)?;
         let mut said = BTreeSet::new();
         let mut claims = Vec::new();
         for known in &facts {
