@@ -139,32 +139,33 @@ impl Known {
         World::initial(&self.domain, &self.problem).is_ok_and(|world| world.holds(condition))
     }
 
-    /// Whether a plan can run beside steps of another, and leaves what the other has reached of
-    /// its goal; the steps are told under the names of their agents.
-    pub(crate) fn can_run_beside(&self, plan: &Plan, steps: &[PlanStep], goal: &Condition) -> bool {
+    /// Whether a plan can run beside steps of others, and leaves what they have reached of their
+    /// goals; the steps are told under the names of their agents.
+    pub(crate) fn can_run_beside<'g>(
+        &self,
+        plan: &Plan,
+        steps: impl IntoIterator<Item = &'g PlanStep>,
+        goals: impl IntoIterator<Item = &'g Condition>,
+    ) -> bool {
         // A step that nobody offers any more fails by itself.
-        let theirs: Vec<_> =
-            steps.iter().filter_map(|step| self.named(step, &self.all_offers).ok()).collect();
+        let named = |step: &PlanStep| self.named(step, &self.all_offers).ok();
+        let theirs: Vec<_> = steps.into_iter().filter_map(named).collect();
         let apart = interference(&self.domain, &self.problem, &plan.steps, &theirs);
-        let leaves = self.end_of(plan).is_some_and(|end| {
-            let reached = self.conjuncts_that_hold(goal);
-            reached.iter().all(|conjunct| end.holds(conjunct))
-        });
-        matches!(apart, Ok(None)) && leaves
+        matches!(apart, Ok(None)) && self.leaves(plan, goals)
     }
 
-    fn conjuncts_that_hold(&self, goal: &Condition) -> Vec<Condition> {
-        let Ok(world) = World::initial(&self.domain, &self.problem) else { return Vec::new() };
-        let conjuncts = planner::goal::conjuncts(&self.domain, &self.problem, goal);
-        let conjuncts = conjuncts.unwrap_or_default().into_iter();
-        conjuncts.filter(|conjunct| world.holds(conjunct)).collect()
-    }
-
-    /// The state in which a plan ends.
-    fn end_of(&self, plan: &Plan) -> Option<World> {
-        let mut world = World::initial(&self.domain, &self.problem).ok()?;
-        plan.steps.iter().try_for_each(|step| world.apply(step)).ok()?;
-        Some(world)
+    /// Whether what holds of some goals holds at the end of a plan.
+    fn leaves<'g>(&self, plan: &Plan, goals: impl IntoIterator<Item = &'g Condition>) -> bool {
+        let Ok(now) = World::initial(&self.domain, &self.problem) else { return false };
+        let mut end = now.clone();
+        if plan.steps.iter().try_for_each(|step| end.apply(step)).is_err() {
+            return false;
+        }
+        let conjuncts = |goal: &Condition| {
+            planner::goal::conjuncts(&self.domain, &self.problem, goal).unwrap_or_default()
+        };
+        let mut reached = goals.into_iter().flat_map(conjuncts);
+        reached.all(|conjunct| !now.holds(&conjunct) || end.holds(&conjunct))
     }
 
     /// What it costs to do the rest of a plan from here; `None` if it does not reach its goal.

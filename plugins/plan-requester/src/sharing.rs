@@ -177,17 +177,23 @@ impl PlanRequester {
     pub(crate) fn verdict(&self, id: &ConversationId, known: &Known, plan: &Plan) -> Verdict {
         let Some(goal) = self.goals.get(id) else { return Verdict::Behind(Vec::new()) };
         if goal.attempt == Attempt::Regardless {
-            let is_undone = |kept: &Goal| !known.can_run_beside(plan, &[], &kept.condition);
+            let is_undone = |kept: &Goal| !known.can_run_beside(plan, [], [&kept.condition]);
             let undone = self.kept_beside(id, known).filter(|(_, kept)| is_undone(kept));
             let undone: Vec<_> = undone.map(|(_, kept)| format!("`{}`", kept.text)).collect();
             if !undone.is_empty() {
                 return Verdict::Undoes(undone.join(" and "));
             }
         }
-        let in_the_way: Vec<_> = self
-            .running_beside(id)
-            .filter(|(_, other)| !known.can_run_beside(plan, &other.steps_left, &other.condition))
-            .collect();
+        let steps = self.running_beside(id).flat_map(|(_, other)| &other.steps_left);
+        let conditions = self.running_beside(id).map(|(_, other)| &other.condition);
+        if known.can_run_beside(plan, steps, conditions) {
+            // Of all of them at once; who is in the way is looked for only where somebody is.
+            return Verdict::Go;
+        }
+        let is_in_the_way = |(_, other): &(_, &Goal)| {
+            !known.can_run_beside(plan, &other.steps_left, [&other.condition])
+        };
+        let in_the_way: Vec<_> = self.running_beside(id).filter(is_in_the_way).collect();
         let ids = in_the_way.iter().map(|(other, _)| (*other).clone()).collect();
         if in_the_way.is_empty() {
             Verdict::Go
