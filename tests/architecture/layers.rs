@@ -15,6 +15,7 @@ const LAYERS: &[&[&str]] = &[
     &["agent", "engines", "substrate-zenoh"],
     &["actuator"],
     &[
+        "cleaning-robot",
         "domain-maintainer",
         "ir-temperature-sensor",
         "journal",
@@ -43,6 +44,7 @@ const EXCEPTIONS: &[Exception] = &[
     exception("plan-executor", "planner", "deorders plans, checks what is left of one"),
     exception("plan-requester", "planner", "validates proposals, takes goals apart"),
     exception("planning-agent", "planner", "it is that planner, given a mailbox"),
+    exception("cleaning-robot", "building", "its simulated driver moves and sweeps there"),
     exception("ir-temperature-sensor", "building", "its simulated driver measures there"),
     exception("ptz-camera", "building", "its simulated driver looks there"),
     exception("screen", "building", "its simulated driver shows there"),

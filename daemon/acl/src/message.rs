@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use crate::{AgentId, Performative};
+use crate::{AgentId, EcosystemId, Performative};
 
 /// The version of the envelope this crate writes and reads.
 pub const SCHEMA_VERSION: u32 = 1;
@@ -52,6 +52,10 @@ pub struct Message {
     /// How long an answer is waited for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reply_by: Option<Deadline>,
+    /// The ecosystems its sender comes from, the farthest first: empty for an agent of this one.
+    /// What would come back to an ecosystem that stands here is not passed on.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub via: Vec<EcosystemId>,
     /// Fields of a newer schema or a foreign tool: kept, and sent on as they came.
     #[serde(flatten)]
     pub unknown: Map<String, Value>,

@@ -106,6 +106,10 @@ impl<D: Device> Agent for Actuator<D> {
             .on_broadcast(Performative::Cfp, Self::called)
     }
 
+    fn model(&self) -> Option<String> {
+        Some(self.device.describe().model.to_string())
+    }
+
     fn activated(&mut self, ctx: &mut Context<Self>) {
         // Before it says anything itself: its own word belongs to what it hears.
         ctx.switchboard().commons(&self.host);
@@ -229,6 +233,9 @@ impl<D: Device> Actuator<D> {
             return Err(Refusal::new(Reason::Busy, detail));
         }
         let call = Call { action, method, arguments };
+        if let Some(refusal) = self.device.objection(&call) {
+            return Err(refusal);
+        }
         ctx.answer(engagement, Performative::Agree, &Agreement { token: token.clone() });
         let record = self.ledger.take(token.clone());
         let performance = self.device.perform(&call);
@@ -392,6 +399,9 @@ impl<D: Device> Actuator<D> {
             Ok(call) => call,
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
+        if !self.device.bids() {
+            return ctx.refuse(&engagement, Reason::Incapable, "I propose no plans");
+        }
         if self.bidding.len() >= BIDS_MAX {
             return ctx.refuse(&engagement, Reason::Busy, "I am planning for other calls");
         }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::content::Methods;
+use acl::content::{Methods, Refusal};
 use pddl::{ActionModel, InitElement};
 use substrate::BoxFuture;
 
@@ -23,6 +23,11 @@ pub trait Device: Sized + Send + 'static {
 
     /// All facts it knows now and answers for: what it does not say is false.
     fn facts(&self) -> Vec<OwnFact>;
+
+    /// Why it declines to run a method that it offers, before it agrees to.
+    fn objection(&mut self, _call: &Call) -> Option<Refusal> {
+        None
+    }
 
     /// Runs a method.
     fn perform(&mut self, call: &Call) -> BoxFuture<Result<Self::Yield, Failure>>;
@@ -47,6 +52,11 @@ pub trait Device: Sized + Send + 'static {
     /// refused and asks again at once is refused at once.
     fn heard(&mut self, _name: &str, _news: &News) -> Vec<Initiative> {
         Vec::new()
+    }
+
+    /// Whether it proposes plans when it is called for proposals.
+    fn bids(&self) -> bool {
+        true
     }
 
     /// Whether it carries the agent whose model says that this is true, and so can plan with its

@@ -208,6 +208,7 @@ impl Room {
             ontology: Arc::from("home"),
             stopping: stopping.clone(),
             stands_by: false,
+            via: [].into(),
         });
         (stopping, life)
     }

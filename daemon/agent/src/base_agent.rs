@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::Reason;
-use acl::{AgentId, Incarnation, Message};
+use acl::{AgentId, EcosystemId, Incarnation, Message};
 use substrate::{Presence, PresenceToken, Question, Resident, Resource, SendError};
 use tokio::sync::broadcast;
 use tokio::task::JoinHandle;
@@ -42,6 +42,11 @@ pub trait Agent: Sized + Send + 'static {
     /// Another agent is here, or is not.
     fn presence(&mut self, _presence: &Presence, _ctx: &mut Context<Self>) {}
 
+    /// Its action model, as it would announce it now; `None` if it has none.
+    fn model(&self) -> Option<String> {
+        None
+    }
+
     /// Somebody asks for a resource; `None` if it is not this agent's to give.
     fn asked(&mut self, _resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
         None
@@ -70,6 +75,8 @@ pub struct Berth {
     /// Whether other daemons may host an agent of this name too: the one that has been there
     /// longest acts, the others stand by and take over in that order.
     pub stands_by: bool,
+    /// The ecosystems it comes from, the farthest first: nothing for an agent of this one.
+    pub via: Arc<[EcosystemId]>,
 }
 
 /// Why an agent could not be launched, or ended. Completes “failed to …”.
@@ -99,11 +106,18 @@ pub enum LaunchError {
 
 /// An agent of any kind, ready to live.
 pub trait Launch: Send {
+    /// Its action model, as it would announce it now; `None` if it has none.
+    fn model(&self) -> Option<String>;
+
     /// Starts its life; it ends when the berth's daemon drains, or with an error.
     fn launch(self: Box<Self>, berth: Berth) -> JoinHandle<Result<(), LaunchError>>;
 }
 
 impl<A: Agent> Launch for A {
+    fn model(&self) -> Option<String> {
+        Agent::model(self)
+    }
+
     fn launch(self: Box<Self>, berth: Berth) -> JoinHandle<Result<(), LaunchError>> {
         let span = tracing::info_span!("agent", id = %berth.id);
         tokio::spawn(live(self, berth).instrument(span))
@@ -141,7 +155,7 @@ struct Life<A: Agent> {
 }
 
 async fn live<A: Agent>(agent: Box<A>, berth: Berth) -> Result<(), LaunchError> {
-    let Berth { id, incarnation, switchboard, ontology, stopping, stands_by } = berth;
+    let Berth { id, incarnation, switchboard, ontology, stopping, stands_by, via } = berth;
     if !stands_by {
         await_name(&id, &switchboard).await?;
     }
@@ -151,7 +165,7 @@ async fn live<A: Agent>(agent: Box<A>, berth: Berth) -> Result<(), LaunchError> 
     let announced = switchboard.announce(&id, incarnation);
     let _token = announced.map_err(|source| LaunchError::Announce { agent: id.clone(), source })?;
     let communication =
-        CommunicationAgent::new(id.clone(), incarnation, Arc::clone(&switchboard), ontology);
+        CommunicationAgent::new(id.clone(), incarnation, Arc::clone(&switchboard), ontology, via);
     let ctx = Context::new(communication);
     let standing = stands_by.then(|| Standing::new(Instant::now()));
     let mut life =

@@ -15,8 +15,8 @@ use std::time::Duration;
 use acl::codec::Sketch;
 use acl::content::{Reason, Refusal, value};
 use acl::{
-    AgentId, ConversationId, Deadline, DecodeError, Incarnation, Message, MessageId, Performative,
-    Protocol, ReplyToken, SCHEMA_VERSION,
+    AgentId, ConversationId, Deadline, DecodeError, EcosystemId, Incarnation, Message, MessageId,
+    Performative, Protocol, ReplyToken, SCHEMA_VERSION,
 };
 use conversation::{Exchange, Phase, Seen};
 use serde::{Deserialize, Serialize};
@@ -116,6 +116,7 @@ pub(crate) struct CommunicationAgent {
     pub(crate) incarnation: Incarnation,
     pub(crate) switchboard: Arc<Switchboard>,
     ontology: Arc<str>,
+    via: Arc<[EcosystemId]>,
     outbox: Outbox,
     seen: Seen,
     engagements: BTreeMap<(ReplyToken, AgentId), Exchange>,
@@ -146,6 +147,7 @@ impl CommunicationAgent {
         incarnation: Incarnation,
         switchboard: Arc<Switchboard>,
         ontology: Arc<str>,
+        via: Arc<[EcosystemId]>,
     ) -> CommunicationAgent {
         let outbox = Outbox::new(switchboard.settings());
         let receipts = Receipts::new(switchboard.settings().retry_first);
@@ -154,6 +156,7 @@ impl CommunicationAgent {
             incarnation,
             switchboard,
             ontology,
+            via,
             outbox,
             seen: Seen::new(SEEN_MESSAGES_MAX),
             engagements: BTreeMap::new(),
@@ -190,6 +193,7 @@ impl CommunicationAgent {
             reply_with: None,
             in_reply_to: None,
             reply_by: None,
+            via: self.via.to_vec(),
             unknown: Map::new(),
         }
     }

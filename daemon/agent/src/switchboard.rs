@@ -372,6 +372,7 @@ impl Switchboard {
             in_reply_to: message.reply_with.clone(),
             reply_with: None,
             reply_by: None,
+            via: Vec::new(),
             unknown: Map::new(),
             ..message
         };

@@ -70,6 +70,7 @@ impl Daemon {
             ontology: Arc::from("test"),
             stopping: self.stopping.clone(),
             stands_by,
+            via: [].into(),
         })
     }
 }

@@ -119,6 +119,7 @@ impl House {
             ontology: Arc::from("test"),
             stopping: CancellationToken::new(),
             stands_by: false,
+            via: [].into(),
         }
     }
 

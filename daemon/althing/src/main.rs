@@ -13,6 +13,7 @@ mod commands;
 mod config;
 mod exit;
 mod hosting;
+mod interfacing;
 mod logging;
 mod output;
 mod pddl_files;

@@ -14,6 +14,7 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     sensor::PLUGIN,
     ir_temperature_sensor::PLUGIN,
     turtlebot::PLUGIN,
+    cleaning_robot::PLUGIN,
     ptz_camera::PLUGIN,
     screen::PLUGIN,
     video_robot::PLUGIN,

@@ -23,6 +23,7 @@ fn line(event: &Event) -> String {
         Event::Moved { robot, from, to } => format!("{robot} moves {from} {to}"),
         Event::Stayed { robot, at } => format!("{robot} stays {at}"),
         Event::Recharged { robot, at } => format!("{robot} is recharged at {at}"),
+        Event::Swept { robot, location } => format!("{robot} sweeps {location}"),
         Event::ChargeSet { robot, meters } => format!("{robot} can drive {meters} m"),
         Event::Aimed { camera, aim } => {
             format!("{camera} looks at {} {} {}", aim.pan, aim.tilt, aim.zoom)

@@ -21,6 +21,7 @@ mod battery;
 mod building;
 mod camera;
 mod campus;
+mod cleaning;
 mod client;
 mod draw;
 mod error;

@@ -152,6 +152,7 @@ async fn perform(building: &BuildingHandle, ask: Ask) -> Result<Answer, DeviceEr
             building.await_change(&sensor, quantity, known).await.map(Answer::Measured)
         }
         Ask::Battery(ask) => building.battery(ask).await.map(Answer::Battery),
+        Ask::Cleaning(ask) => building.cleaning(ask).await.map(Answer::Cleaning),
         Ask::Camera(ask) => building.camera(ask).await.map(Answer::Camera),
         Ask::Screen(ask) => building.screen(ask).await.map(Answer::Screen),
         Ask::Cancel => Err(DeviceError::Refused { reason: "nothing to cancel".to_owned() }),

@@ -120,6 +120,13 @@ pub enum Event {
         /// How far it can drive now, in meters.
         meters: f64,
     },
+    /// A robot has swept the place where it stands.
+    Swept {
+        /// The robot.
+        robot: String,
+        /// Where.
+        location: String,
+    },
     /// A camera was turned.
     Aimed {
         /// The camera.

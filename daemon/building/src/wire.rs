@@ -12,6 +12,7 @@ use tokio::io::{AsyncBufReadExt as _, AsyncRead, AsyncWrite, AsyncWriteExt as _,
 
 use crate::battery::{BatteryAnswer, BatteryAsk};
 use crate::camera::{CameraAnswer, CameraAsk};
+use crate::cleaning::{CleaningAnswer, CleaningAsk};
 use crate::error::DeviceError;
 use crate::measuring::Measured;
 use crate::quantity::Quantity;
@@ -70,6 +71,7 @@ pub(crate) enum Ask {
     },
     Battery(BatteryAsk),
     Camera(CameraAsk),
+    Cleaning(CleaningAsk),
     Screen(ScreenAsk),
     /// Calls off the request of the same id. Has no answer of its own.
     Cancel,
@@ -96,6 +98,7 @@ pub(crate) enum Answer {
     Measured(Measured),
     Battery(BatteryAnswer),
     Camera(CameraAnswer),
+    Cleaning(CleaningAnswer),
     Screen(ScreenAnswer),
 }
 

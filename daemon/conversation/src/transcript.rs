@@ -138,6 +138,7 @@ mod tests {
             conversation_id: ConversationId::new("c"),
             reply_with: token.clone().filter(|_| opens),
             in_reply_to: token.filter(|_| !opens),
+            via: Vec::new(),
             reply_by: None,
             unknown: serde_json::Map::new(),
         }

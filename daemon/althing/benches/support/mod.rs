@@ -134,6 +134,7 @@ pub(crate) fn launch(
         ontology: Arc::from(ontology),
         stopping: CancellationToken::new(),
         stands_by: false,
+        via: [].into(),
     })
 }
 

@@ -18,6 +18,7 @@ use serde_json::{Value, json};
 use crate::cli::CheckArgs;
 use crate::config::{Ecosystem, KnownPlugin, Overrides};
 use crate::hosting;
+use crate::interfacing;
 use crate::pddl_files::{self, DomainText};
 use crate::render::plural;
 use crate::report::{Report, Source};
@@ -121,7 +122,8 @@ impl Desk {
     fn check_ecosystem(&mut self, path: &Path, known_plugins: &[KnownPlugin]) {
         match Ecosystem::load(path, &Overrides::default(), known_plugins) {
             Ok(ecosystem) => {
-                let mistakes = hosting::rehearse(&ecosystem);
+                let mut mistakes = hosting::rehearse(&ecosystem);
+                mistakes.extend(interfacing::check(&ecosystem, known_plugins));
                 let about = about_ecosystem(&ecosystem);
                 self.note(path, "ecosystem", about, mistakes.has_errors());
                 self.report.extend(ecosystem.warnings);
@@ -205,5 +207,9 @@ fn about_ecosystem(ecosystem: &Ecosystem) -> String {
         Mode::Centralized => "centralized",
         Mode::Decentralized => "decentralized",
     };
-    format!("{} ({agents}{place}, {mode})", ecosystem.name)
+    let interfaces = match ecosystem.interfaces.len() {
+        0 => String::new(),
+        interfaces => format!(", {}", plural(interfaces, "interface")),
+    };
+    format!("{} ({agents}{place}{interfaces}, {mode})", ecosystem.name)
 }

@@ -14,9 +14,11 @@ use tokio::sync::oneshot;
 use crate::cli::UpArgs;
 use crate::commands::client::{self, View};
 use crate::commands::{READY, hearing};
-use crate::config::{self, AgentEntry, Ecosystem, Overrides};
+use crate::config::{self, AgentEntry, Ecosystem, InterfaceEntry, Overrides};
 use crate::hosting::{self, Node, Part, Stay, Wire, socket_in};
+use crate::interfacing::{self, Other, Shore};
 use crate::prompt::{self, Guest};
+use crate::report::Report;
 use crate::service_manager::{self, Watchdog};
 use crate::{exit, output, plugins};
 
@@ -59,7 +61,11 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
     };
     let manner =
         Manner { goals, has_prompt: args.keyboard, until_stdin_ends: args.until_stdin_ends };
-    super::in_runtime(up(Arc::new(ecosystem), place, manner))
+    let others = match others(&ecosystem, &place) {
+        Ok(others) => others,
+        Err(report) => return output::show(&report, false, "bad-input", exit::CONFIG),
+    };
+    super::in_runtime(up(Arc::new(ecosystem), place, others, manner))
 }
 
 /// What the daemon does for whoever started it.
@@ -118,7 +124,75 @@ pub(super) fn host_name() -> Option<DaemonId> {
     DaemonId::new(&first).ok()
 }
 
-async fn up(ecosystem: Arc<Ecosystem>, place: Place, manner: Manner) -> ExitCode {
+/// The other ecosystems that this daemon joins too, each with the interface it is joined by.
+type Others = Vec<(InterfaceEntry, Other)>;
+
+/// Reads the other ecosystems that this daemon is to join.
+fn others(ecosystem: &Ecosystem, place: &Place) -> Result<Others, Report> {
+    let is_here = |entry: &InterfaceEntry| match &entry.daemon {
+        Some(daemon) => place.is_alone || *daemon == place.daemon,
+        None => place.is_alone || ecosystem.daemons.len() <= 1,
+    };
+    let mut others = Vec::new();
+    for (index, entry) in ecosystem.interfaces.iter().enumerate() {
+        if is_here(entry) {
+            let other = interfacing::load(ecosystem, index, &plugins::known())?;
+            others.push((entry.clone(), other));
+        }
+    }
+    Ok(others)
+}
+
+/// A node in another ecosystem, and its stay there.
+type Abroad = Vec<(Node, Stay)>;
+
+/// Joins the other ecosystems, with a wire of its own each, and lets the interfaces work.
+async fn abroad(
+    ecosystem: &Ecosystem,
+    others: Others,
+    place: &Place,
+    home: &Node,
+) -> Result<Abroad, String> {
+    let mut abroad = Vec::new();
+    for (entry, other) in others {
+        let other = other.ecosystem;
+        let daemon = DaemonId::new(entry.called.as_str()).map_err(|error| error.to_string())?;
+        let state = hosting::state_folder(&ecosystem.name, &place.daemon)
+            .map_err(|error| error.to_string())?
+            .join(other.name.as_str());
+        std::fs::create_dir_all(&state)
+            .map_err(|error| format!("use the folder {}: {error}", state.display()))?;
+        let (wire, stay) = wire(&other, &daemon).await?;
+        let part = Part {
+            ecosystem: &other,
+            daemon,
+            agents: Vec::new(),
+            mode: other.mode,
+            building: None,
+            state: Some(state),
+        };
+        let node = Node::open(part, wire).await.map_err(|error| error.to_string())?;
+        if let (Some(ours), Some(theirs)) = (home.landing(), node.landing()) {
+            let ours = Shore { ecosystem, landing: &ours };
+            let theirs = Shore { ecosystem: &other, landing: &theirs };
+            interfacing::connect(&entry, ours, theirs).map_err(|error| error.to_string())?;
+        }
+        tracing::info!(ecosystem = %other.name, called = %entry.called, "joined too");
+        abroad.push((node, stay));
+    }
+    Ok(abroad)
+}
+
+/// Mirrors leave before those they speak for: whatever they are at is given up over there too.
+async fn drain(home: Node, abroad: Abroad) -> bool {
+    let mut all = home.drain().await;
+    for (node, _stay) in abroad {
+        all &= node.drain().await;
+    }
+    all
+}
+
+async fn up(ecosystem: Arc<Ecosystem>, place: Place, others: Others, manner: Manner) -> ExitCode {
     let unavailable = |problem: String| {
         output::note(&format!("error: {problem}"));
         exit::with(exit::UNAVAILABLE)
@@ -126,6 +200,10 @@ async fn up(ecosystem: Arc<Ecosystem>, place: Place, manner: Manner) -> ExitCode
     // They end after the node: others are told that a daemon has left when it has.
     let (node, _server, _stay) = match open(&ecosystem, &place).await {
         Ok(opened) => opened,
+        Err(problem) => return unavailable(format!("failed to {problem}")),
+    };
+    let abroad = match abroad(&ecosystem, others, &place, &node).await {
+        Ok(abroad) => abroad,
         Err(problem) => return unavailable(format!("failed to {problem}")),
     };
     let interrupted = super::interrupted();
@@ -154,7 +232,7 @@ async fn up(ecosystem: Arc<Ecosystem>, place: Place, manner: Manner) -> ExitCode
         }
     }
     service_manager::stopping();
-    if node.drain().await {
+    if drain(node, abroad).await {
         return exit::with(exit::DONE);
     }
     output::note("warning: some agents did not finish in time; they were ended");

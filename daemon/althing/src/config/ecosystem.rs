@@ -9,6 +9,7 @@ use agent::{Mode, Settings};
 use pddl::{Domain, Problem};
 use serde_json::Value;
 
+use super::interface::InterfaceEntry;
 use super::layer::Places;
 use crate::report::Report;
 
@@ -27,6 +28,8 @@ pub(crate) struct Ecosystem {
     pub(crate) daemons: BTreeSet<DaemonId>,
     /// All agents, in the order of the file.
     pub(crate) agents: Vec<AgentEntry>,
+    /// Where this ecosystem meets others.
+    pub(crate) interfaces: Vec<InterfaceEntry>,
     /// Goals with a name; each has been parsed and checked.
     pub(crate) goals: BTreeMap<String, String>,
     /// For Zenoh, as it is; null where nothing is said.
@@ -35,7 +38,7 @@ pub(crate) struct Ecosystem {
     pub(crate) settings: Settings,
     /// The simulated building.
     pub(crate) building: BuildingSettings,
-    /// Where the agents' entries were written: `agent.0.config` and what is in it.
+    /// Where the entries of agents and interfaces were written: `agent.0.config` and what is in it.
     pub(crate) places: Places,
     /// What is probably not meant.
     pub(crate) warnings: Report,

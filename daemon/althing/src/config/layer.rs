@@ -20,7 +20,7 @@ pub(crate) struct Place {
     pub(crate) value: Span,
 }
 
-/// Where the agents' entries were written, for what is found wrong in them later.
+/// Where the entries of agents and interfaces were written, for what is found wrong in them later.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Places(BTreeMap<String, (Arc<Source>, Place)>);
 
@@ -28,8 +28,10 @@ impl Places {
     /// Those of layers, the strongest last.
     pub(super) fn of_agents(layers: &[Layer]) -> Places {
         let places = layers.iter().flat_map(|layer| {
-            let of_agents = layer.places.iter().filter(|(path, _)| path.starts_with("agent."));
-            of_agents.map(|(path, place)| (path.clone(), (Arc::clone(&layer.source), *place)))
+            let is_kept =
+                |path: &str| ["agent.", "interface."].iter().any(|of| path.starts_with(of));
+            let kept = layer.places.iter().filter(move |(path, _)| is_kept(path));
+            kept.map(|(path, place)| (path.clone(), (Arc::clone(&layer.source), *place)))
         });
         Places(places.collect())
     }

@@ -9,6 +9,8 @@ mod files;
 
 mod goals;
 
+mod interfaces;
+
 mod timing;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -43,7 +45,7 @@ pub(super) fn understand(
     report: Report,
 ) -> Result<Ecosystem, Report> {
     // No `..`: a new table must be understood here.
-    let Raw { ecosystem, zenoh, agent, goals, timing, limits, building } = raw;
+    let Raw { ecosystem, zenoh, agent, interface, goals, timing, limits, building } = raw;
     let RawEcosystem { name, domain, problem, mode, daemons } = ecosystem;
     let mut meaning = Meaning { file, layers, known_plugins, report };
 
@@ -52,6 +54,8 @@ pub(super) fn understand(
     let mut daemons = meaning.daemons(&daemons);
     let agents = meaning.agents(agent, files.as_ref());
     daemons.extend(agents.iter().flat_map(|agent| agent.daemons.clone()));
+    let interfaces = meaning.interfaces(interface, &agents, files.as_ref());
+    daemons.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
     meaning.goals(&goals, files.as_ref(), &agents);
     let settings = meaning.settings(&timing, &limits);
     let building = meaning.building(building, files.as_ref());
@@ -66,6 +70,7 @@ pub(super) fn understand(
             mode,
             daemons,
             agents,
+            interfaces,
             goals,
             zenoh,
             settings,

@@ -8,6 +8,7 @@
 //! All mistakes are found in one pass; each points into the text where it was made.
 
 mod ecosystem;
+mod interface;
 mod meaning;
 mod raw;
 
@@ -35,6 +36,7 @@ use agent::Mode;
 pub(crate) use ecosystem::{AgentEntry, Ecosystem};
 pub(crate) use environment::{Variables, variables};
 pub(crate) use find::{find_ecosystem_file, resolve_ecosystem};
+pub(crate) use interface::{InterfaceEntry, RuleEntry};
 
 use crate::report::{Report, Source};
 use layer::Layer;

@@ -21,6 +21,8 @@ pub(super) struct Raw {
     #[serde(default)]
     pub(super) agent: Vec<RawAgent>,
     #[serde(default)]
+    pub(super) interface: Vec<RawInterface>,
+    #[serde(default)]
     pub(super) goals: BTreeMap<String, String>,
     pub(super) timing: RawTiming,
     pub(super) limits: RawLimits,
@@ -48,6 +50,36 @@ pub(super) struct RawAgent {
     pub(super) daemon: Vec<String>,
     pub(super) driver: Option<String>,
     pub(super) config: Value,
+}
+
+/// `[[interface]]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "kebab-case", default)]
+pub(super) struct RawInterface {
+    pub(super) ecosystem: Option<String>,
+    pub(super) daemon: Option<String>,
+    #[serde(rename = "as")]
+    pub(super) called: Option<String>,
+    pub(super) rate: Option<f64>,
+    pub(super) types: BTreeMap<String, String>,
+    pub(super) predicates: BTreeMap<String, String>,
+    pub(super) functions: BTreeMap<String, String>,
+    pub(super) objects: BTreeMap<String, String>,
+    pub(super) import: Vec<RawRule>,
+    pub(super) export: Vec<RawRule>,
+}
+
+/// `[[interface.import]]` and `[[interface.export]]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "kebab-case", default)]
+pub(super) struct RawRule {
+    pub(super) agent: Option<String>,
+    #[serde(rename = "as")]
+    pub(super) called: Option<String>,
+    pub(super) performatives: Option<Vec<String>>,
+    pub(super) actions: BTreeMap<String, String>,
+    pub(super) costs: BTreeMap<String, f64>,
+    pub(super) goals: Vec<String>,
 }
 
 /// `[timing]`

@@ -46,6 +46,11 @@ pub(super) static FILE: Shape = Shape::Table(&[
     key("ecosystem", Shape::Table(ECOSYSTEM), "what the ecosystem is"),
     key("zenoh", Shape::Free, "handed to Zenoh as it is"),
     key("agent", Shape::List(&Shape::Table(AGENT)), "the agents, one [[agent]] each"),
+    key(
+        "interface",
+        Shape::List(&Shape::Table(INTERFACE)),
+        "other ecosystems, one [[interface]] each",
+    ),
     key("goals", Shape::Each(&Shape::Text), "goals with a name, in PDDL"),
     key("timing", Shape::Table(TIMING), "how long things may take"),
     key("limits", Shape::Table(LIMITS), "how many there may be"),
@@ -67,6 +72,35 @@ const AGENT: &[Key] = &[
     key("driver", Shape::Text, "what it acts through, such as \"simulated\""),
     key("config", Shape::Free, "handed to the plugin as it is"),
 ];
+
+/// What is not in its dictionaries does not pass, in either direction.
+const INTERFACE: &[Key] = &[
+    key("ecosystem", Shape::Text, "the other ecosystem's file, such as \"house.toml\""),
+    key("daemon", Shape::Text, "which of our machines joins both"),
+    key("as", Shape::Text, "what it is called over there"),
+    key("rate", Shape::Number { min: 0.01, max: 10_000.0 }, "messages a second, each way"),
+    key("types", WORDS, "ours = theirs"),
+    key("predicates", WORDS, "ours = theirs"),
+    key("functions", WORDS, "ours = theirs"),
+    key("objects", WORDS, "ours = theirs"),
+    key("import", Shape::List(&Shape::Table(RULE)), "what of theirs is here"),
+    key("export", Shape::List(&Shape::Table(RULE)), "what of ours is there"),
+];
+
+const WORDS: Shape = Shape::Each(&Shape::Text);
+
+const RULE: &[Key] = &[
+    key("agent", Shape::Text, "whom it is about, under its own name"),
+    key("as", Shape::Text, "what it is called on the other side"),
+    key("performatives", Shape::List(&Shape::Choice(PASSING)), "what passes to and from it"),
+    key("actions", WORDS, "ours = theirs"),
+    key("costs", Shape::Each(&Shape::Number { min: 0.0, max: 1e9 }), "what an action costs plans"),
+    key("goals", Shape::List(&Shape::Text), "our predicates that goals may be made of"),
+];
+
+/// What can be let through: news, calls for proposals, requests, and taking them back. An answer
+/// passes where what it answers did.
+pub(super) const PASSING: &[&str] = &["inform", "cfp", "request", "cancel"];
 
 const TIMING: &[Key] = &[
     key("heartbeat-period", Shape::Duration, "how often an actuator says that it works"),

@@ -77,7 +77,7 @@ fn layout_of(ecosystem: &Ecosystem) -> Result<Layout, SimulationError> {
             other => layout.add_sensor(name, location, quantity(other)?)?,
         };
     }
-    for entry in of("turtlebot") {
+    for entry in of("turtlebot").chain(of("cleaning-robot")) {
         add_robot(&mut layout, entry)?;
     }
     for entry in of("video-robot") {

@@ -23,7 +23,7 @@ use crate::config::{AgentEntry, Ecosystem};
 pub(crate) use building::simulate;
 pub(crate) use entrance::{Stay, enter};
 pub(crate) use folders::{running_ecosystems, runtime_folder, socket_in, state_folder};
-pub(crate) use rehearsal::rehearse;
+pub(crate) use rehearsal::{models, rehearse};
 use supervisor::Supervised;
 
 /// How long agents may take to give up their commitments once the daemon drains.
@@ -56,6 +56,31 @@ pub(crate) struct Node {
     _wire: Wire,
     /// Where the daemon really listens.
     pub(crate) locators: Vec<String>,
+}
+
+/// Where agents that no ecosystem file names can live: those of the interfaces.
+#[derive(Clone)]
+pub(crate) struct Landing {
+    pub(crate) switchboard: Arc<Switchboard>,
+    pub(crate) host: Arc<Host>,
+    /// Set when the daemon drains.
+    pub(crate) stopping: CancellationToken,
+    /// What the drain waits for.
+    pub(crate) tasks: TaskTracker,
+}
+
+impl Landing {
+    /// A place for a new life of an agent that comes from other ecosystems, `via` these.
+    pub(crate) fn berth(
+        &self,
+        id: &AgentId,
+        via: Vec<EcosystemId>,
+        stopping: &CancellationToken,
+    ) -> agent::Berth {
+        let ontology = self.host.ontology.name.to_string();
+        let berth = supervisor::berth(id, &self.switchboard, &ontology, stopping, false);
+        agent::Berth { via: via.into(), ..berth }
+    }
 }
 
 /// Why a node could not be opened. Completes “failed to …”.
@@ -167,6 +192,16 @@ impl Node {
     /// The daemon's own end of the substrate.
     pub(crate) fn switchboard(&self) -> &Arc<Switchboard> {
         &self.switchboard
+    }
+
+    /// Where agents that no ecosystem file names can live; a guest has no place for them.
+    pub(crate) fn landing(&self) -> Option<Landing> {
+        Some(Landing {
+            switchboard: Arc::clone(&self.switchboard),
+            host: Arc::clone(self.host.as_ref()?),
+            stopping: self.stopping.clone(),
+            tasks: self.tasks.clone(),
+        })
     }
 
     /// The agents it hosts.

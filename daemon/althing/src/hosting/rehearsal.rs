@@ -1,11 +1,13 @@
 //! Builds every agent of an ecosystem without letting it live, to say what is wrong with the
 //! plugins' own part of each entry, and where.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use ::building::{Building, Layout};
+use acl::AgentId;
 use agent::{BuildError, Host, Rehearsal, Resources};
-use pddl::{Diagnostic, Span};
+use pddl::{ActionModel, Diagnostic, Span};
 use serde_json::Value;
 
 use super::{HostError, supervisor};
@@ -17,21 +19,9 @@ use crate::report::Report;
 /// Nothing is opened and nothing written; files that only an agent's own machine has are not read.
 pub(crate) fn rehearse(ecosystem: &Ecosystem) -> Report {
     let mut report = Report::default();
-    let mut resources = Resources::default();
-    resources.insert(Rehearsal);
-    // Drivers take it in hand, and nobody acts: what is in it does not matter.
-    let building = Building::new(Layout::new(), 1.0);
-    building.into_iter().for_each(|building| resources.insert(building.handle()));
-    let host = Arc::new(Host {
-        ontology: Arc::clone(&ecosystem.domain),
-        map: Arc::clone(&ecosystem.problem),
-        mode: ecosystem.mode,
-        settings: ecosystem.settings.clone(),
-        journals: ecosystem.journals().cloned().collect(),
-        resources,
-    });
+    let host = host(ecosystem);
     for (index, entry) in ecosystem.agents.iter().enumerate() {
-        if let Err(error) = supervisor::rehearse(entry, &host) {
+        if let Err(error) = supervisor::rehearse(entry, &host).map(drop) {
             let path = culprit(entry, &host, &error);
             report_at(ecosystem, &format!("agent.{index}.config{path}"), &error, &mut report);
         }
@@ -42,6 +32,35 @@ pub(crate) fn rehearse(ecosystem: &Ecosystem) -> Report {
         report.add_failure(error);
     }
     report
+}
+
+/// The action models of an ecosystem's agents, as far as they can be built: what each would say
+/// of itself when it comes.
+pub(crate) fn models(ecosystem: &Ecosystem) -> BTreeMap<AgentId, ActionModel> {
+    let host = host(ecosystem);
+    let model = |entry: &AgentEntry| {
+        let text = supervisor::rehearse(entry, &host).ok()?.model()?;
+        let model = pddl::parse_action_model(&text).into_result().ok()?;
+        Some((entry.name.clone(), model))
+    };
+    ecosystem.agents.iter().filter_map(model).collect()
+}
+
+/// What agents are built with that do not live.
+fn host(ecosystem: &Ecosystem) -> Arc<Host> {
+    let mut resources = Resources::default();
+    resources.insert(Rehearsal);
+    // Drivers take it in hand, and nobody acts: what is in it does not matter.
+    let building = Building::new(Layout::new(), 1.0);
+    building.into_iter().for_each(|building| resources.insert(building.handle()));
+    Arc::new(Host {
+        ontology: Arc::clone(&ecosystem.domain),
+        map: Arc::clone(&ecosystem.problem),
+        mode: ecosystem.mode,
+        settings: ecosystem.settings.clone(),
+        journals: ecosystem.journals().cloned().collect(),
+        resources,
+    })
 }
 
 fn report_at(ecosystem: &Ecosystem, path: &str, error: &HostError, report: &mut Report) {

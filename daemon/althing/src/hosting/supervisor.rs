@@ -53,12 +53,12 @@ pub(super) fn begin(
     Ok(Supervised { id, unplugged })
 }
 
-/// Builds an agent of this entry and lets it go: what is wrong with the entry is said as at start.
-pub(super) fn rehearse(entry: &AgentEntry, host: &Arc<Host>) -> Result<(), HostError> {
+/// Builds an agent of this entry that is not to live: what is wrong with the entry is said as at
+/// start.
+pub(super) fn rehearse(entry: &AgentEntry, host: &Arc<Host>) -> Result<Box<dyn Launch>, HostError> {
     let (agent, plugin) = (entry.name.clone(), entry.plugin.clone());
     let plugin = plugins::find(&plugin).ok_or(HostError::UnknownPlugin { agent, plugin })?;
-    (plugin.build)(blueprint(entry, plugin, host)?)?;
-    Ok(())
+    Ok((plugin.build)(blueprint(entry, plugin, host)?)?)
 }
 
 fn blueprint(
@@ -156,6 +156,7 @@ pub(super) fn berth(
         ontology: Arc::from(ontology),
         stopping: stopping.clone(),
         stands_by,
+        via: [].into(),
     }
 }
 

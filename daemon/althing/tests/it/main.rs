@@ -11,6 +11,9 @@ mod validate;
 mod check;
 
 mod ecosystem;
+
+mod interfaces;
+
 mod engines;
 
 mod screens;

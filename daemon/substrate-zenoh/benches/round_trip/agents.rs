@@ -79,6 +79,7 @@ fn launch(
         ontology: Arc::from("smart-office"),
         stopping: stopping.clone(),
         stands_by: false,
+        via: [].into(),
     };
     Box::new(agent).launch(berth);
     Ok(())

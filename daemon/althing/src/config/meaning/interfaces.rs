@@ -1,0 +1,213 @@
+//! Where an ecosystem meets others: names, references, dictionaries that can be read both ways.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::str::FromStr as _;
+
+use acl::{AgentId, DaemonId, Performative};
+use pddl::Diagnostic;
+
+use super::Meaning;
+use super::files::Files;
+use crate::config::ecosystem::AgentEntry;
+use crate::config::interface::{InterfaceEntry, RuleEntry};
+use crate::config::raw::{RawInterface, RawRule};
+use crate::config::schema::PASSING;
+
+/// Messages a second that pass where nothing is said: a robot that drives says two or three, and
+/// ten robots are a lot to lend.
+const RATE: f64 = 20.0;
+
+// === impl Meaning ===
+
+impl Meaning<'_> {
+    /// All interfaces that are right; what is wrong with the others is reported.
+    pub(super) fn interfaces(
+        &mut self,
+        raw: Vec<RawInterface>,
+        agents: &[AgentEntry],
+        files: Option<&Files>,
+    ) -> Vec<InterfaceEntry> {
+        let given = agents.iter().any(|agent| !agent.daemons.is_empty());
+        let mut interfaces = Vec::new();
+        for (index, raw) in raw.into_iter().enumerate() {
+            let path = format!("interface.{index}");
+            if given && raw.daemon.is_none() {
+                let help = "the machine that is to join both ecosystems, such as daemon = \"gate\"";
+                self.about_key(&path, |span| {
+                    Diagnostic::error(span, "`daemon` is missing in `interface`").with_help(help)
+                });
+            }
+            interfaces.extend(self.interface(&path, raw, agents, files));
+        }
+        interfaces
+    }
+
+    fn interface(
+        &mut self,
+        path: &str,
+        raw: RawInterface,
+        agents: &[AgentEntry],
+        files: Option<&Files>,
+    ) -> Option<InterfaceEntry> {
+        let RawInterface { ecosystem, daemon, called, rate, import, export, .. } = raw;
+        let RawInterface { types, predicates, functions, objects, .. } = raw;
+        let sorts = [
+            ("types", &types),
+            ("predicates", &predicates),
+            ("functions", &functions),
+            ("objects", &objects),
+        ];
+        for (sort, words) in sorts {
+            self.both_ways(&format!("{path}.{sort}"), words);
+        }
+        if ecosystem.is_none() {
+            self.missing(path, "ecosystem", "house.toml");
+        }
+        if called.is_none() {
+            self.missing(path, "as", "office");
+        }
+        let daemon = match daemon.as_deref().map(DaemonId::new).transpose() {
+            Ok(daemon) => daemon,
+            Err(err) => {
+                self.invalid_name(&format!("{path}.daemon"), &err);
+                None
+            }
+        };
+        let called = self.agent_called(&format!("{path}.as"), called.as_deref());
+        let imports = self.rules(&format!("{path}.import"), import, Side::Theirs, agents, files);
+        let exports = self.rules(&format!("{path}.export"), export, Side::Ours, agents, files);
+        let file = self.file.parent().unwrap_or(Path::new("")).join(ecosystem?);
+        let (called, rate) = (called?, rate.unwrap_or(RATE));
+        Some(InterfaceEntry {
+            file,
+            daemon,
+            called,
+            rate,
+            types: lowered(types),
+            predicates: lowered(predicates),
+            functions: lowered(functions),
+            objects: lowered(objects),
+            imports,
+            exports,
+        })
+    }
+
+    /// A word that two of ours stand for could not be taken back.
+    fn both_ways(&mut self, path: &str, words: &BTreeMap<String, String>) {
+        let mut first: BTreeMap<String, &str> = BTreeMap::new();
+        for (ours, theirs) in words {
+            let Some(other) = first.insert(theirs.to_lowercase(), ours) else { continue };
+            let message = format!("`{theirs}` is what `{other}` stands for already");
+            let help = "what comes back could be either: give each a word of its own";
+            self.about_value(&format!("{path}.{ours}"), |span| {
+                Diagnostic::error(span, message).with_help(help)
+            });
+        }
+    }
+
+    fn rules(
+        &mut self,
+        path: &str,
+        raw: Vec<RawRule>,
+        side: Side,
+        agents: &[AgentEntry],
+        files: Option<&Files>,
+    ) -> Vec<RuleEntry> {
+        let rule =
+            |(index, raw)| self.passage(&format!("{path}.{index}"), raw, side, agents, files);
+        raw.into_iter().enumerate().filter_map(rule).collect()
+    }
+
+    fn passage(
+        &mut self,
+        path: &str,
+        raw: RawRule,
+        side: Side,
+        agents: &[AgentEntry],
+        files: Option<&Files>,
+    ) -> Option<RuleEntry> {
+        let RawRule { agent, called, performatives, actions, costs, goals } = raw;
+        self.both_ways(&format!("{path}.actions"), &actions);
+        if agent.is_some() != goals.is_empty() {
+            let message = "a rule is about an agent or about goals";
+            let help = "write agent = \"sweeper-1\", or goals = [\"swept\"] and a name under `as`";
+            self.about_key(path, |span| Diagnostic::error(span, message).with_help(help));
+            return None;
+        }
+        if agent.is_none() && called.is_none() {
+            self.missing(path, "as", "house-desk");
+            return None;
+        }
+        let agent_path = format!("{path}.agent");
+        let called_path = if called.is_some() { format!("{path}.as") } else { agent_path.clone() };
+        let called = called.or_else(|| agent.clone());
+        let called = self.agent_called(&called_path, called.as_deref())?;
+        let agent = match agent {
+            Some(agent) => Some(self.agent_called(&agent_path, Some(&agent))?),
+            None => None,
+        };
+        match side {
+            Side::Theirs => self.is_free(&called_path, &called, agents, files),
+            Side::Ours => agent.iter().for_each(|agent| self.is_ours(&agent_path, agent, agents)),
+        }
+        let passing: Vec<&str> = match &performatives {
+            Some(names) => names.iter().map(String::as_str).collect(),
+            None => PASSING.to_vec(),
+        };
+        let passing = passing.into_iter().filter_map(|name| Performative::from_str(name).ok());
+        Some(RuleEntry {
+            agent,
+            called,
+            performatives: passing.collect(),
+            actions: lowered(actions),
+            costs: costs.into_iter().map(|(name, cost)| (name.to_lowercase(), cost)).collect(),
+            goals: goals.into_iter().map(|goal| goal.to_lowercase()).collect(),
+        })
+    }
+
+    fn agent_called(&mut self, path: &str, name: Option<&str>) -> Option<AgentId> {
+        AgentId::new(name?).map_err(|err| self.invalid_name(path, &err)).ok()
+    }
+
+    /// What comes from there must not meet a name of ours.
+    fn is_free(
+        &mut self,
+        path: &str,
+        name: &AgentId,
+        agents: &[AgentEntry],
+        files: Option<&Files>,
+    ) {
+        let taken = if agents.iter().any(|agent| agent.name == *name) {
+            "an agent of this ecosystem"
+        } else if files.is_some_and(|files| files.has_object(name.as_str())) {
+            "on the map"
+        } else {
+            return;
+        };
+        let message = format!("`{name}` is {taken} already");
+        let help = "give it another name here: as = \"…\"";
+        self.about_value(path, |span| Diagnostic::error(span, message).with_help(help));
+    }
+
+    fn is_ours(&mut self, path: &str, name: &AgentId, agents: &[AgentEntry]) {
+        if agents.iter().any(|agent| agent.name == *name) {
+            return;
+        }
+        let near = pddl::nearest(name.as_str(), agents.iter().map(|agent| agent.name.as_str()));
+        let message = format!("there is no agent `{name}` in this file");
+        self.about_value(path, |span| Diagnostic::warning(span, message).with_suggestion(near));
+    }
+}
+
+/// Whose agents a rule is about.
+#[derive(Clone, Copy)]
+enum Side {
+    Ours,
+    Theirs,
+}
+
+/// PDDL compares without case.
+fn lowered(words: BTreeMap<String, String>) -> BTreeMap<String, String> {
+    words.into_iter().map(|(ours, theirs)| (ours.to_lowercase(), theirs.to_lowercase())).collect()
+}

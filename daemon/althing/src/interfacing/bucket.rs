@@ -1,0 +1,93 @@
+//! How much passes: a token bucket for each direction.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+/// How many seconds' worth may pass at once after a quiet while: a plan of a few steps, and the
+/// news that they bring.
+const BURST_SECONDS: f64 = 2.0;
+
+/// Lets so many pass in a second.
+#[derive(Debug)]
+pub(super) struct Bucket {
+    per_second: f64,
+    state: Mutex<State>,
+}
+
+#[derive(Debug)]
+struct State {
+    tokens: f64,
+    filled: Instant,
+}
+
+impl Bucket {
+    /// A full one.
+    pub(super) fn new(per_second: f64) -> Bucket {
+        let tokens = Bucket::room(per_second);
+        Bucket { per_second, state: Mutex::new(State { tokens, filled: Instant::now() }) }
+    }
+
+    /// How many may pass in a second.
+    pub(super) fn per_second(&self) -> f64 {
+        self.per_second
+    }
+
+    fn room(per_second: f64) -> f64 {
+        (per_second * BURST_SECONDS).max(1.0)
+    }
+
+    /// Whether one more may pass now.
+    pub(super) fn take(&self) -> bool {
+        let mut state = self.fill();
+        let is_enough = state.tokens >= 1.0;
+        if is_enough {
+            state.tokens -= 1.0;
+        }
+        is_enough
+    }
+
+    /// Waits until one more may pass.
+    pub(super) async fn wait(&self) {
+        loop {
+            let missing = {
+                let mut state = self.fill();
+                if state.tokens >= 1.0 {
+                    state.tokens -= 1.0;
+                    return;
+                }
+                1.0 - state.tokens
+            };
+            // A millisecond more, because time is told in whole ones.
+            let wait = Duration::from_secs_f64(missing / self.per_second);
+            tokio::time::sleep(wait + Duration::from_millis(1)).await;
+        }
+    }
+
+    fn fill(&self) -> MutexGuard<'_, State> {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = Instant::now();
+        let came = now.duration_since(state.filled).as_secs_f64() * self.per_second;
+        state.tokens = (state.tokens + came).min(Bucket::room(self.per_second));
+        state.filled = now;
+        state
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn a_burst_passes_and_then_so_many_a_second() {
+        let bucket = Bucket::new(5.0);
+        let passed = (0..100).filter(|_| bucket.take()).count();
+        assert_eq!(passed, 10, "two seconds' worth");
+        tokio::time::advance(Duration::from_secs(1)).await;
+        assert_eq!((0..100).filter(|_| bucket.take()).count(), 5);
+        let began = Instant::now();
+        bucket.wait().await;
+        assert!(began.elapsed() >= Duration::from_millis(200), "{:?}", began.elapsed());
+    }
+}

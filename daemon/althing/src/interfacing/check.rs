@@ -1,0 +1,288 @@
+//! What is wrong with an interface, held against both ecosystems: pointing at the text, before
+//! anything is opened.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use acl::AgentId;
+use pddl::{ActionModel, Diagnostic, Domain, Problem, Span};
+
+use super::export::{self, Shores};
+use super::translate::Translator;
+use super::words::{Passage, Way, Words};
+use crate::config::{Ecosystem, InterfaceEntry, KnownPlugin, Overrides, RuleEntry};
+use crate::hosting;
+use crate::report::Report;
+
+/// The other ecosystem of an interface.
+pub(crate) struct Other {
+    pub(crate) ecosystem: Ecosystem,
+}
+
+/// Reads the other ecosystem's file.
+///
+/// # Errors
+///
+/// What is wrong with it; or with the rules, held against it.
+pub(crate) fn load(
+    ecosystem: &Ecosystem,
+    index: usize,
+    known_plugins: &[KnownPlugin],
+) -> Result<Other, Report> {
+    let mut report = Report::default();
+    let Some(other) = read(ecosystem, index, known_plugins, &mut report) else {
+        return Err(report);
+    };
+    let mut desk = Desk { ecosystem, index, report };
+    desk.hold_against(&other);
+    if desk.report.has_errors() {
+        return Err(desk.report);
+    }
+    Ok(Other { ecosystem: other })
+}
+
+/// What is wrong with the interfaces of an ecosystem.
+pub(crate) fn check(ecosystem: &Ecosystem, known_plugins: &[KnownPlugin]) -> Report {
+    let mut report = Report::default();
+    for index in 0..ecosystem.interfaces.len() {
+        if let Some(other) = read(ecosystem, index, known_plugins, &mut report) {
+            let mut desk = Desk { ecosystem, index, report: Report::default() };
+            desk.hold_against(&other);
+            report.extend(desk.report);
+        }
+    }
+    report
+}
+
+fn read(
+    ecosystem: &Ecosystem,
+    index: usize,
+    known_plugins: &[KnownPlugin],
+    report: &mut Report,
+) -> Option<Ecosystem> {
+    let file: &Path = &ecosystem.interfaces[index].file;
+    if !file.exists() {
+        let message = format!("`{}` cannot be read: there is no such file", file.display());
+        let help = "paths are relative to the ecosystem file";
+        let found = Diagnostic::error(Span::default(), message).with_help(help);
+        say(ecosystem, &format!("interface.{index}.ecosystem"), found, report);
+        return None;
+    }
+    // What the command line and the environment say is about our own ecosystem.
+    let variables = crate::config::Variables::new();
+    match Ecosystem::load_with(file, &variables, &Overrides::default(), known_plugins) {
+        Ok(other) => Some(other),
+        Err(error) => {
+            report.extend(error.into_report());
+            None
+        }
+    }
+}
+
+/// Says something about the value at a path.
+fn say(ecosystem: &Ecosystem, path: &str, mut found: Diagnostic, report: &mut Report) {
+    match ecosystem.places.find(path) {
+        Some((source, place, is_it)) => {
+            found.span = if is_it { place.value } else { place.key };
+            report.add(&source, [found]);
+        }
+        None => report.add_general(found),
+    }
+}
+
+/// Where one interface is looked over.
+struct Desk<'d> {
+    ecosystem: &'d Ecosystem,
+    index: usize,
+    report: Report,
+}
+
+impl Desk<'_> {
+    fn entry(&self) -> &InterfaceEntry {
+        &self.ecosystem.interfaces[self.index]
+    }
+
+    fn say(&mut self, path: &str, found: Diagnostic) {
+        let path = format!("interface.{}.{path}", self.index);
+        say(self.ecosystem, &path, found, &mut self.report);
+    }
+
+    fn hold_against(&mut self, other: &Ecosystem) {
+        let ours = self.ecosystem;
+        if other.name == ours.name {
+            let message = format!("the other ecosystem is called `{}` too", ours.name);
+            let help = "two ecosystems of one name cannot be told apart";
+            self.say("ecosystem", Diagnostic::error(Span::default(), message).with_help(help));
+            return;
+        }
+        let (our_models, their_models) = (hosting::models(ours), hosting::models(other));
+        self.words(other, &our_models, &their_models);
+        let entry = self.entry().clone();
+        for (index, rule) in entry.imports.iter().enumerate() {
+            let path = format!("import.{index}");
+            self.is_known(&path, rule, &their_models);
+            self.rule(&path, rule, Way::Import, (ours, other), &their_models);
+        }
+        for (index, rule) in entry.exports.iter().enumerate() {
+            let path = format!("export.{index}");
+            self.rule(&path, rule, Way::Export, (other, ours), &our_models);
+        }
+    }
+
+    /// Whether the other's file, if it names agents at all, names this one.
+    fn is_known(&mut self, path: &str, rule: &RuleEntry, models: &Models) {
+        let Some(agent) = rule.agent.as_ref().filter(|agent| !models.contains_key(*agent)) else {
+            return;
+        };
+        if models.is_empty() {
+            return;
+        }
+        let near = pddl::nearest(agent.as_str(), models.keys().map(AgentId::as_str));
+        let message = format!("the other ecosystem's file has no agent `{agent}` that acts");
+        let found = Diagnostic::warning(Span::default(), message).with_suggestion(near);
+        self.say(&format!("{path}.agent"), found);
+    }
+
+    /// Whether each side has the words that stand for each other.
+    fn words(&mut self, other: &Ecosystem, our_models: &Models, their_models: &Models) {
+        let entry = self.entry().clone();
+        let ours = Vocabulary::of(&self.ecosystem.domain, &self.ecosystem.problem, our_models);
+        let theirs = Vocabulary::of(&other.domain, &other.problem, their_models);
+        let sorts = [
+            ("types", "type", &entry.types, &ours.types, &theirs.types),
+            ("predicates", "predicate", &entry.predicates, &ours.predicates, &theirs.predicates),
+            ("functions", "function", &entry.functions, &ours.functions, &theirs.functions),
+            ("objects", "object", &entry.objects, &ours.objects, &theirs.objects),
+        ];
+        let (imports, exports) = (!entry.imports.is_empty(), !entry.exports.is_empty());
+        for (table, sort, words, ours, theirs) in sorts {
+            for (our, their) in words {
+                let (is_ours, is_theirs) = (ours.contains(our), theirs.contains(their));
+                // What is borrowed brings its words along; where it comes from, they must be.
+                let (lends, is_there, word, known) = match (imports, exports) {
+                    (true, true) => ("either ecosystem", is_ours || is_theirs, their, theirs),
+                    (true, false) => ("the other ecosystem", is_theirs, their, theirs),
+                    (false, _) => ("this ecosystem", is_ours, our, ours),
+                };
+                if is_there {
+                    continue;
+                }
+                let near = pddl::nearest(word, known.iter().map(String::as_str));
+                let message = format!("there is no {sort} `{word}` in {lends}");
+                let found = Diagnostic::warning(Span::default(), message).with_suggestion(near);
+                self.say(&format!("{table}.{our}"), found);
+            }
+        }
+    }
+
+    /// What of a rule cannot be let through, as far as its agent's model is known.
+    fn rule(
+        &mut self,
+        path: &str,
+        rule: &RuleEntry,
+        way: Way,
+        (near, far): (&Ecosystem, &Ecosystem),
+        models: &Models,
+    ) {
+        self.goals(path, rule);
+        let Some(passage) = Passage::of(rule, &far.name, way) else { return };
+        let Some(model) = models.get(&passage.agent) else { return };
+        let words = Words::of(self.entry(), way);
+        self.secrets(&passage, &words, far, model, way);
+        let shores =
+            Shores { far: (&far.domain, &far.problem), near: (&near.domain, &near.problem) };
+        match export::export(&words, &passage, shores, model, &Default::default()) {
+            Ok(exported) => {
+                for left_out in exported.left_out {
+                    let ours = match way {
+                        Way::Import => &left_out.near,
+                        Way::Export => &left_out.action,
+                    };
+                    let found = Diagnostic::error(Span::default(), left_out.to_string());
+                    let found = match left_out.help() {
+                        Some(help) => found.with_help(help),
+                        None => found,
+                    };
+                    self.say(&format!("{path}.actions.{ours}"), found);
+                }
+            }
+            Err(why) => self.say(
+                &format!("{path}.agent"),
+                Diagnostic::error(Span::default(), why).with_help(
+                    "a mirror needs a type: export one of those it is of, under `types`",
+                ),
+            ),
+        }
+    }
+
+    /// A word that is its agent's own secret never passes, and who writes it is told.
+    fn secrets(
+        &mut self,
+        passage: &Passage,
+        words: &Words,
+        far: &Ecosystem,
+        model: &ActionModel,
+        way: Way,
+    ) {
+        let translator = Translator::of_model(words, passage, &far.domain, model);
+        let tables = [
+            ("predicates", &words.predicates),
+            ("functions", &words.functions),
+            ("objects", &words.objects),
+        ];
+        for (table, words) in tables {
+            for (word, near) in words.iter().filter(|(word, _)| translator.is_private(word)) {
+                let ours = match way {
+                    Way::Import => near.as_str(),
+                    Way::Export => word.as_str(),
+                };
+                let message = format!("`{word}` is private to `{}`", passage.agent);
+                let help = "nothing private ever passes: take it out";
+                let found = Diagnostic::error(Span::default(), message).with_help(help);
+                self.say(&format!("{table}.{ours}"), found);
+            }
+        }
+    }
+
+    /// Goals can only be made of words that pass.
+    fn goals(&mut self, path: &str, rule: &RuleEntry) {
+        let known = self.entry().predicates.clone();
+        for goal in rule.goals.iter().filter(|goal| !known.contains_key(*goal)) {
+            let near = pddl::nearest(goal, known.keys().map(String::as_str));
+            let message = format!("goals about `{goal}` cannot pass: it is not under `predicates`");
+            let found = Diagnostic::error(Span::default(), message).with_suggestion(near);
+            self.say(&format!("{path}.goals"), found);
+        }
+    }
+}
+
+type Models = BTreeMap<AgentId, ActionModel>;
+
+/// The words of one side.
+struct Vocabulary {
+    types: Vec<String>,
+    predicates: Vec<String>,
+    functions: Vec<String>,
+    objects: Vec<String>,
+}
+
+impl Vocabulary {
+    fn of(domain: &Domain, map: &Problem, models: &Models) -> Vocabulary {
+        let text = |name: &pddl::Name| name.as_str().to_owned();
+        let mut words = Vocabulary {
+            types: domain.types.iter().map(|it| text(&it.name)).collect(),
+            predicates: domain.predicates.iter().map(|it| text(&it.name)).collect(),
+            functions: domain.functions.iter().map(|it| text(&it.name)).collect(),
+            objects: domain.constants.iter().map(|it| text(&it.name)).collect(),
+        };
+        words.types.push("object".to_owned());
+        words.objects.extend(map.objects.iter().map(|it| text(&it.object.name)));
+        for model in models.values() {
+            words.types.extend(model.types.iter().map(|it| text(&it.name)));
+            words.predicates.extend(model.predicates.iter().map(|it| text(&it.name)));
+            words.functions.extend(model.functions.iter().map(|it| text(&it.name)));
+            words.objects.extend(model.objects.iter().map(|it| text(&it.object.name)));
+        }
+        words
+    }
+}

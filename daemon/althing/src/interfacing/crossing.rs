@@ -1,0 +1,139 @@
+//! The life of a mirror: it is here while the real one is there, and leaves when that leaves.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use acl::{EcosystemId, Incarnation};
+use actuator::Actuator;
+use agent::{Blueprint, Launch as _};
+use serde_json::Value;
+
+use super::mirror::{Crossing, Mirror};
+use super::observer::{Sight, Sighted};
+use crate::hosting::Landing;
+
+/// Ecosystems that an agent may come through. Whoever lends what was lent to him twice over does
+/// not know any more what he lends.
+const VIA_MAX: usize = 3;
+
+/// How long a mirror that ended by itself, because its name is taken, stays away.
+const REST: Duration = Duration::from_secs(5);
+
+/// Keeps the mirror of one agent alive, until the daemon drains.
+pub(super) async fn mirror(crossing: Arc<Crossing>, mut sight: Sight, near: Landing) {
+    let stopping = near.stopping.clone();
+    loop {
+        let sighted = tokio::select! {
+            () = stopping.cancelled() => return,
+            sighted = appeared(&mut sight) => match sighted {
+                Some(sighted) => sighted,
+                None => return,
+            },
+        };
+        let life = (sighted.incarnation, sighted.digest.clone());
+        let Some(via) = route(&crossing, &sighted, near.switchboard.ecosystem()) else {
+            crossing.counters.looped.fetch_add(1, Ordering::Relaxed);
+            wait_for_another(&mut sight, life).await;
+            continue;
+        };
+        let exported = match crossing.export(&sighted) {
+            Ok(exported) => exported,
+            Err(why) => {
+                tracing::warn!(agent = %crossing.passage.agent, why, "it has no mirror");
+                wait_for_another(&mut sight, life).await;
+                continue;
+            }
+        };
+        let incarnation = sighted.incarnation;
+        let device = Mirror::new(Arc::clone(&crossing), sight.clone(), sighted, exported);
+        if !live(&crossing, device, via, incarnation, &mut sight, &near).await {
+            tokio::select! {
+                () = stopping.cancelled() => return,
+                () = tokio::time::sleep(REST) => (),
+            }
+        }
+    }
+}
+
+/// One life of a mirror; whether it ended because the real one did.
+async fn live(
+    crossing: &Crossing,
+    device: Mirror,
+    via: Vec<EcosystemId>,
+    incarnation: Incarnation,
+    sight: &mut Sight,
+    near: &Landing,
+) -> bool {
+    let id = &crossing.passage.mirror;
+    let blueprint = Blueprint {
+        id: id.clone(),
+        driver: String::new(),
+        config: Arc::new(Value::Null),
+        host: Arc::clone(&near.host),
+    };
+    let agent = match Actuator::new(&blueprint, device) {
+        Ok(agent) => Box::new(agent),
+        Err(error) => {
+            tracing::error!(%id, "failed to {error}");
+            return false;
+        }
+    };
+    let stopping = near.stopping.child_token();
+    let mut life = agent.launch(near.berth(id, via, &stopping));
+    tracing::info!(%id, of = %crossing.passage.agent, far = %crossing.far, "is mirrored");
+    let ended = tokio::select! {
+        ended = &mut life => ended,
+        () = gone(sight, incarnation) => {
+            tracing::info!(%id, of = %crossing.passage.agent, far = %crossing.far, "has left");
+            // It gives up what it is at, takes back its token, and ends.
+            stopping.cancel();
+            let _ = life.await;
+            return true;
+        }
+    };
+    match ended {
+        Ok(Ok(())) => (),
+        Ok(Err(error)) => tracing::error!(%id, "failed to {error}"),
+        // The panic itself is on stderr already, with its place.
+        Err(error) => tracing::error!(%id, %error, "the mirror broke"),
+    }
+    false
+}
+
+/// The way an agent has come when it is here; `None` if it must not come.
+fn route(crossing: &Crossing, sighted: &Sighted, near: &EcosystemId) -> Option<Vec<EcosystemId>> {
+    let mut via = sighted.via.clone();
+    via.push(crossing.far.clone());
+    let agent = &crossing.passage.agent;
+    if via.contains(near) {
+        tracing::warn!(%agent, ?via, "comes from here itself: it is not mirrored");
+        return None;
+    }
+    if via.len() > VIA_MAX {
+        tracing::warn!(%agent, ?via, "has come through too many ecosystems: it is not mirrored");
+        return None;
+    }
+    Some(via)
+}
+
+/// Waits until the agent is there; `None` when nobody watches any more.
+async fn appeared(sight: &mut Sight) -> Option<Sighted> {
+    sight.wait_for(Option::is_some).await.ok()?.clone()
+}
+
+/// Waits until the agent is gone, or another life of it is there.
+async fn gone(sight: &mut Sight, incarnation: Incarnation) {
+    let is_gone =
+        |sighted: &Option<Sighted>| sighted.as_ref().is_none_or(|it| it.incarnation != incarnation);
+    // Nobody watching is the same as nothing seen.
+    let _ = sight.wait_for(is_gone).await;
+}
+
+/// Waits until something else is seen than what could not be mirrored.
+async fn wait_for_another(sight: &mut Sight, (incarnation, digest): (Incarnation, String)) {
+    let is_other = |sighted: &Option<Sighted>| {
+        sighted.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)
+    };
+    let _ = sight.wait_for(is_other).await;
+}

@@ -1,0 +1,527 @@
+//! The part of an agent's action model that another ecosystem may know: its mirror's own model.
+//!
+//! Pure: the same model, dictionary and ontologies give the same mirror. Who reads this for
+//! `althing check` and who hosts the mirror see the same things left out, for the same reasons.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::time::Duration;
+
+use acl::content::Methods;
+use pddl::{
+    ActionModel, ActionSchema, Assign, Assignment, Atom, Condition, Domain, Effect, Expression,
+    FluentTerm, FunctionDeclaration, InitElement, Name, Number, ObjectDeclaration,
+    PredicateDeclaration, Privacy, Problem, Span, Term, TypeExpr, Typed,
+};
+
+use super::translate::{Lost, TOTAL_COST, Translator};
+use super::words::{Passage, Words};
+
+/// Both ecosystems, as far as their files tell.
+#[derive(Clone, Copy)]
+pub(super) struct Shores<'s> {
+    /// The ontology and the map where the agent lives.
+    pub(super) far: (&'s Domain, &'s Problem),
+    /// The same where its mirror does.
+    pub(super) near: (&'s Domain, &'s Problem),
+}
+
+/// A mirror's model, and what is not in it.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Exported {
+    pub(super) model: ActionModel,
+    /// What is so over there whatever the agent says: the map's facts, and what is exported.
+    pub(super) standing: Vec<InitElement>,
+    /// Of each of its actions, the longest it may take over there.
+    pub(super) timeouts: BTreeMap<String, Duration>,
+    pub(super) left_out: Vec<LeftOut>,
+}
+
+/// An action that a rule names and that is not exported all the same.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct LeftOut {
+    /// Its far name.
+    pub(super) action: String,
+    /// Its near name, which is in the rule.
+    pub(super) near: String,
+    pub(super) why: Why,
+}
+
+/// Why an action is not exported.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Why {
+    /// Its agent does not offer it.
+    NotOffered,
+    /// A condition would be lost.
+    Condition(Lost),
+    /// A parameter would take what the action does not.
+    Parameter(Name, Lost),
+    /// An effect would be told otherwise than it is.
+    Effect(Lost),
+    /// What it costs would be lost.
+    Cost(Lost),
+    /// It would change nothing that can be seen.
+    Nothing,
+    /// It takes time in its model.
+    Durative,
+}
+
+/// What `model` looks like from the near side, or why its agent cannot be seen from there.
+///
+/// # Errors
+///
+/// If the agent is of no exported type.
+pub(super) fn export(
+    words: &Words,
+    passage: &Passage,
+    shores: Shores<'_>,
+    model: &ActionModel,
+    methods: &Methods,
+) -> Result<Exported, String> {
+    let translator = Translator::of_model(words, passage, shores.far.0, model);
+    let own = own_type(passage, shores, model, &translator)?;
+    let mut mirror = ActionModel::of(passage.mirror.as_str(), shores.near.0.name.clone());
+    mirror.types = declared_types(words, shores.near.0, &translator);
+    mirror.predicates = declared_predicates(words, shores, model, &translator);
+    mirror.functions = declared_functions(words, shores, model, &translator);
+    mirror.objects = objects(words, passage, shores, model, &translator, &own);
+    let mut standing = facts(&shores.far.1.init, &translator);
+    standing.extend(guard(words, passage, shores, &mut mirror));
+    mirror.init = standing.clone();
+    let own_facts = facts(&model.init, &translator);
+    mirror.init.extend(own_facts.into_iter().filter(|fact| !standing.contains(fact)));
+    let (mut timeouts, mut left_out) = (BTreeMap::new(), Vec::new());
+    for (action, near) in &passage.actions {
+        let offered = model.actions.iter().find(|schema| schema.name == action.as_str());
+        let is_durative = || model.durative_actions.iter().any(|it| it.name == action.as_str());
+        let exported = match offered {
+            Some(schema) => exported(schema, near, passage, shores, &translator, &own),
+            None if is_durative() => Err(Why::Durative),
+            None => Err(Why::NotOffered),
+        };
+        match exported {
+            Ok(schema) => {
+                mirror.actions.push(schema);
+                let timeout = methods.get(action).map_or(Duration::ZERO, |it| it.timeout.0);
+                timeouts.insert(near.as_str().to_owned(), timeout);
+            }
+            Err(why) => {
+                let (action, near) = (action.clone(), near.as_str().to_owned());
+                left_out.push(LeftOut { action, near, why });
+            }
+        }
+    }
+    Ok(Exported { model: mirror, standing, timeouts, left_out })
+}
+
+/// The type that the mirror is of: the narrowest exported one of its agent's.
+fn own_type(
+    passage: &Passage,
+    shores: Shores<'_>,
+    model: &ActionModel,
+    translator: &Translator<'_>,
+) -> Result<TypeExpr, String> {
+    let brought = model.objects.iter().map(|declared| &declared.object);
+    let mapped = shores.far.1.objects.iter().map(|declared| &declared.object);
+    let own = { brought.chain(mapped) }.find(|object| object.name == passage.agent.as_str());
+    let own = own.ok_or_else(|| format!("`{}` does not say what it is", passage.agent))?;
+    translator
+        .nearest_type(&own.ty)
+        .ok_or_else(|| format!("`{}` is of the type `{}`, which is not exported", own.name, own.ty))
+}
+
+/// Exported types that the near ontology does not have.
+fn declared_types(words: &Words, near: &Domain, translator: &Translator<'_>) -> Vec<Typed> {
+    let is_new = |name: &Name| *name != "object" && near.types.iter().all(|it| it.name != *name);
+    let declared = words.types.iter().filter(|(_, name)| is_new(name));
+    declared
+        .map(|(far, name)| {
+            let above = translator.nearest_supertype(far);
+            Typed { name: name.clone(), ty: above.unwrap_or_default() }
+        })
+        .collect()
+}
+
+fn declared_predicates(
+    words: &Words,
+    shores: Shores<'_>,
+    model: &ActionModel,
+    translator: &Translator<'_>,
+) -> Vec<PredicateDeclaration> {
+    let near = &shores.near.0.predicates;
+    let far = shores.far.0.predicates.iter().chain(&model.predicates);
+    far.filter_map(|declared| {
+        let name = translator.predicate(&declared.name).ok()?;
+        let is_new = near.iter().all(|it| it.name != name);
+        let parameters = translator.typed(&declared.parameters).ok()?;
+        is_new.then_some(PredicateDeclaration { name, parameters, privacy: Privacy::Public })
+    })
+    .filter(|declared| words.predicates.values().any(|name| *name == declared.name))
+    .collect()
+}
+
+fn declared_functions(
+    words: &Words,
+    shores: Shores<'_>,
+    model: &ActionModel,
+    translator: &Translator<'_>,
+) -> Vec<FunctionDeclaration> {
+    let near = &shores.near.0.functions;
+    let far = shores.far.0.functions.iter().chain(&model.functions);
+    far.filter_map(|declared| {
+        let name = words.functions.get(declared.name.as_str())?.clone();
+        let is_private = translator.is_private(declared.name.as_str());
+        let is_new = near.iter().all(|it| it.name != name);
+        let parameters = translator.typed(&declared.parameters).ok()?;
+        let declared = FunctionDeclaration { name, parameters, privacy: Privacy::Public };
+        (is_new && !is_private).then_some(declared)
+    })
+    .collect()
+}
+
+/// The mirror itself, and exported things that the near map does not have.
+fn objects(
+    words: &Words,
+    passage: &Passage,
+    shores: Shores<'_>,
+    model: &ActionModel,
+    translator: &Translator<'_>,
+    own: &TypeExpr,
+) -> Vec<ObjectDeclaration> {
+    let declare = |name: Name, ty: TypeExpr| ObjectDeclaration {
+        object: Typed { name, ty },
+        privacy: Privacy::Public,
+    };
+    let mut objects = vec![declare(Name::new(passage.mirror.as_str()), own.clone())];
+    let near_map = shores.near.1.objects.iter().map(|declared| &declared.object);
+    let near: Vec<&Name> =
+        near_map.chain(&shores.near.0.constants).map(|object| &object.name).collect();
+    let brought = model.objects.iter().map(|declared| &declared.object);
+    let mapped = shores.far.1.objects.iter().map(|declared| &declared.object);
+    for object in brought.chain(mapped).chain(&shores.far.0.constants) {
+        let Some(name) = words.objects.get(object.name.as_str()) else { continue };
+        if near.contains(&name) || translator.is_private(object.name.as_str()) {
+            continue;
+        }
+        let is_there = objects.iter().any(|declared| declared.object.name == *name);
+        if let Some(ty) = translator.nearest_type(&object.ty).filter(|_| !is_there) {
+            objects.push(declare(name.clone(), ty));
+        }
+    }
+    objects
+}
+
+/// What of these may be said, once each.
+fn facts(said: &[InitElement], translator: &Translator<'_>) -> Vec<InitElement> {
+    let mut facts: Vec<InitElement> = Vec::new();
+    for fact in said.iter().filter_map(|fact| translator.fact(fact)) {
+        if !facts.contains(&fact) {
+            facts.push(fact);
+        }
+    }
+    facts
+}
+
+/// Says which things are exported: an action is offered for those alone.
+fn guard(
+    words: &Words,
+    passage: &Passage,
+    shores: Shores<'_>,
+    mirror: &mut ActionModel,
+) -> Vec<InitElement> {
+    let parameters = vec![Typed { name: Name::new("thing"), ty: TypeExpr::default() }];
+    let name = passage.guard.clone();
+    mirror.predicates.push(PredicateDeclaration { name, parameters, privacy: Privacy::Public });
+    let near_map = shores.near.1.objects.iter().map(|declared| &declared.object);
+    let near = near_map.chain(&shores.near.0.constants).map(|object| &object.name);
+    let near: Vec<&Name> =
+        near.filter(|name| words.objects.values().any(|it| it == *name)).collect();
+    let brought = mirror.objects.iter().map(|declared| &declared.object.name);
+    let shared: Vec<Name> = near.into_iter().chain(brought).cloned().collect();
+    let fact = |name: Name| InitElement::Atom(shared_with(&passage.guard, Term::Object(name)));
+    shared.into_iter().map(fact).collect()
+}
+
+fn shared_with(guard: &Name, thing: Term) -> Atom {
+    Atom { predicate: guard.clone(), arguments: vec![thing], span: Span::default() }
+}
+
+/// One action, as it is known on the near side.
+fn exported(
+    schema: &ActionSchema,
+    near: &Name,
+    passage: &Passage,
+    shores: Shores<'_>,
+    translator: &Translator<'_>,
+    own: &TypeExpr,
+) -> Result<ActionSchema, Why> {
+    // Whoever the action is for, its mirror alone offers it.
+    let agent = Typed { name: agent_variable(schema), ty: own.clone() };
+    let mut parameters = Vec::new();
+    for parameter in &schema.parameters {
+        let ty = translator.exact_type(&parameter.ty);
+        let ty = ty.map_err(|lost| Why::Parameter(parameter.name.clone(), lost))?;
+        parameters.push(Typed { name: parameter.name.clone(), ty });
+    }
+    let needed = translator.precondition(&schema.precondition).map_err(Why::Condition)?;
+    let variables = schema.parameters.iter().map(|it| Term::Variable(it.name.clone()));
+    let guards = variables.map(|it| Condition::Atom(shared_with(&passage.guard, it)));
+    let precondition = Condition::And([needed].into_iter().chain(guards).collect());
+    let effect = translator.effect(&schema.effect).map_err(Why::Effect)?;
+    let effect = effect.ok_or(Why::Nothing)?;
+    let cost = match passage.costs.get(near.as_str()) {
+        Some(cost) => Some(Expression::Number(Number(*cost))),
+        None => translator.cost(&schema.effect).map_err(Why::Cost)?,
+    };
+    let is_measured = shores.near.0.functions.iter().any(|it| it.name == TOTAL_COST);
+    let effect = match cost.filter(|_| is_measured) {
+        Some(cost) => Effect::And(vec![effect, costing(cost)]),
+        None => effect,
+    };
+    let span = Span::default();
+    Ok(ActionSchema {
+        name: near.clone(),
+        agent: Some(agent),
+        parameters,
+        precondition,
+        effect,
+        span,
+    })
+}
+
+/// The variable of who acts.
+fn agent_variable(schema: &ActionSchema) -> Name {
+    schema.agent.as_ref().map_or_else(|| Name::new("self"), |agent| agent.name.clone())
+}
+
+fn costing(value: Expression) -> Effect {
+    let fluent = FluentTerm {
+        function: Name::new(TOTAL_COST),
+        arguments: Vec::new(),
+        span: Span::default(),
+    };
+    let (assignment, span) = (Assignment::Increase, Span::default());
+    Effect::Assign(Box::new(Assign { assignment, fluent, value, span }))
+}
+
+/// A goal in the other side's words: a conjunction of facts over predicates that a rule lets
+/// through. The error is for a person.
+pub(super) fn goal(
+    text: &str,
+    predicates: &BTreeSet<String>,
+    translator: &Translator<'_>,
+) -> Result<String, String> {
+    let parsed = pddl::parse_condition(text).into_result();
+    let condition = parsed.map_err(|found| {
+        found.first().map_or_else(|| "it cannot be read".to_owned(), |found| found.located(text))
+    })?;
+    let mut said = Vec::new();
+    for atom in atoms(&condition)? {
+        if !predicates.contains(atom.predicate.as_str()) {
+            let allowed: Vec<_> = predicates.iter().map(|name| format!("`{name}`")).collect();
+            return Err(format!(
+                "goals about `{}` do not pass; only about {}",
+                atom.predicate,
+                allowed.join(", ")
+            ));
+        }
+        if let Some(Term::Variable(name)) =
+            atom.arguments.iter().find(|term| matches!(term, Term::Variable(_)))
+        {
+            return Err(format!(
+                "`?{name}` is no thing: a goal that passes names what it is about"
+            ));
+        }
+        let fact = translator.fact(&InitElement::Atom(atom.clone()));
+        let fact = fact.ok_or_else(|| format!("`{atom}` names what is not exported"))?;
+        said.push(fact.to_string());
+    }
+    Ok(format!("(and {})", said.join(" ")))
+}
+
+/// The facts of a conjunction.
+fn atoms(condition: &Condition) -> Result<Vec<&Atom>, String> {
+    match condition {
+        Condition::Atom(atom) => Ok(vec![atom]),
+        Condition::And(parts) if !parts.is_empty() => {
+            let parts = parts.iter().map(atoms).collect::<Result<Vec<_>, _>>()?;
+            Ok(parts.into_iter().flatten().collect())
+        }
+        other => Err(format!("`{other}` does not pass: only facts, and `and` of them")),
+    }
+}
+
+impl fmt::Display for LeftOut {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let LeftOut { action, why, .. } = self;
+        match why {
+            Why::NotOffered => write!(f, "`{action}` is not exported: its agent does not offer it"),
+            Why::Condition(lost) => write!(f, "`{action}` is not exported: it needs {lost}"),
+            Why::Parameter(name, lost) => {
+                write!(f, "`{action}` is not exported: its parameter `?{name}` is of {lost}")
+            }
+            Why::Effect(lost) => {
+                write!(f, "`{action}` is not exported: what it changes depends on {lost}")
+            }
+            Why::Cost(lost) => write!(f, "`{action}` is not exported: its cost depends on {lost}"),
+            Why::Nothing => {
+                write!(f, "`{action}` is not exported: nothing that it changes is exported")
+            }
+            Why::Durative => write!(f, "`{action}` is not exported: it is a durative action"),
+        }
+    }
+}
+
+impl LeftOut {
+    /// What would let it through.
+    pub(super) fn help(&self) -> Option<String> {
+        let LeftOut { near, why, .. } = self;
+        match why {
+            Why::Condition(Lost::Unexported(sort, name))
+            | Why::Parameter(_, Lost::Unexported(sort, name))
+            | Why::Effect(Lost::Unexported(sort, name)) => Some(format!(
+                "who plans with it would plan what cannot be done; export `{name}` too, under \
+                 `{sort}s`, or leave the action out"
+            )),
+            Why::Cost(_) => Some(format!("say what it is to cost here: costs = {{ {near} = 5 }}")),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::{AgentId, EcosystemId};
+
+    use super::*;
+
+    const FAR: &str = "(define (domain far) (:types place robot - object hall - place)
+        (:predicates (at ?r - robot ?p - place) (lit ?p - place) (dark ?p - place)
+            (:private (wired ?p - place)))
+        (:functions (total-cost) (meters ?a ?b - place))
+        (:derived (dark ?p - place) (not (lit ?p))))";
+    const FAR_MAP: &str = "(define (problem m) (:domain far)
+        (:objects h1 h2 - hall vault - place) (:init (lit h1) (lit vault) (= (meters h1 h2) 3))
+        (:goal (and)))";
+    const NEAR: &str =
+        "(define (domain near) (:types spot - object) (:predicates (bright ?s - spot))
+        (:functions (total-cost)))";
+    const NEAR_MAP: &str = "(define (problem n) (:domain near) (:objects here - spot) (:init)
+        (:goal (and)))";
+
+    fn table(pairs: &[(&str, &str)]) -> BTreeMap<String, Name> {
+        pairs.iter().map(|(far, near)| ((*far).to_owned(), Name::new(near))).collect()
+    }
+
+    /// What of one action of a robot `r1` is exported as `act` of `helper`.
+    fn exported(action: &str) -> Result<String, String> {
+        let words = Words {
+            types: table(&[("place", "spot"), ("robot", "aide")]),
+            predicates: table(&[
+                ("at", "is-in"),
+                ("lit", "bright"),
+                ("dark", "gloomy"),
+                ("wired", "wet"),
+            ]),
+            functions: table(&[]),
+            objects: table(&[("h1", "here"), ("h2", "there")]),
+        };
+        let agent = |name| AgentId::new(name).expect("a name");
+        let passage = Passage {
+            agent: agent("r1"),
+            mirror: agent("helper"),
+            guard: Name::new(&format!("shared-with-{}", EcosystemId::new("far").expect("a name"))),
+            actions: table(&[("act", "do")]),
+            costs: BTreeMap::new(),
+        };
+        let model = format!(
+            "(define (agent r1) (:domain far) (:types bot - robot)
+               (:predicates (:private (charged ?r - bot)))
+               (:objects r1 - bot) (:init (at r1 h1) (charged r1)) {action})"
+        );
+        let domain = |text| pddl::parse_domain(text).into_result().expect("a domain");
+        let problem = |text| pddl::parse_problem(text).into_result().expect("a map");
+        let (far, near) = ((domain(FAR), problem(FAR_MAP)), (domain(NEAR), problem(NEAR_MAP)));
+        let shores = Shores { far: (&far.0, &far.1), near: (&near.0, &near.1) };
+        let model = pddl::parse_action_model(&model).into_result().expect("a model");
+        let exported = export(&words, &passage, shores, &model, &Methods::new())?;
+        match exported.left_out.first() {
+            Some(left_out) => Err(left_out.to_string()),
+            None => {
+                let found = pddl::check_action_model(&near.0, &exported.model);
+                let text = exported.model.to_string();
+                assert!(found.iter().all(|found| !found.is_error()), "{found:?}\n{text}");
+                for secret in ["charged", "wired", "wet", "vault", "r1", "bot", "lit", "h1", "dark"]
+                {
+                    assert!(!text.contains(secret), "`{secret}` is in {text}");
+                }
+                Ok(text)
+            }
+        }
+    }
+
+    fn action(parameters: &str, precondition: &str, effect: &str) -> String {
+        format!(
+            "(:action act :agent ?r - bot :parameters ({parameters}) :precondition {precondition}
+               :effect {effect})"
+        )
+    }
+
+    #[test]
+    fn a_mirror_says_what_may_be_known_and_is_whole() {
+        let text = exported(&action(
+            "?p - place",
+            "(and (at ?r ?p) (charged ?r) (not (lit ?p)))",
+            "(and (lit ?p) (not (charged ?r)) (increase (total-cost) 3))",
+        ));
+        let text = text.expect("exported");
+        for said in [
+            "(:objects helper - aide there - spot)",
+            "(is-in helper here)",
+            "(shared-with-far here)",
+            "(is-in ?r ?p)",
+            "(not (bright ?p))",
+            "(shared-with-far ?p)",
+            "(increase (total-cost) 3)",
+        ] {
+            assert!(text.contains(said), "`{said}` is not in {text}");
+        }
+    }
+
+    #[test]
+    fn what_an_action_needs_is_said_whole_or_not_at_all() {
+        let lights = "(lit ?p)";
+        for (parameters, precondition, effect, why) in [
+            ("?p - place", "(or (charged ?r) (at ?r ?p))", lights, "`charged`, which is private"),
+            ("?p - place", "(not (and (charged ?r) (lit ?p)))", lights, "which is private"),
+            ("?p - place", "(at ?r vault)", lights, "the object `vault`"),
+            ("?p - place", "(dark ?p)", lights, "follows by axioms"),
+            ("?p - place", "(forall (?q - place) (lit ?q))", lights, "not all are exported"),
+            ("?p - place", "(not (exists (?q - place) (lit ?q)))", lights, "not all are exported"),
+            ("?p - hall", "(at ?r ?p)", lights, "its parameter `?p` is of the type `hall`"),
+            ("?p - place", "(at ?r ?p)", "(when (charged ?r) (lit ?p))", "what it changes depends"),
+            ("?p - place", "(at ?r ?p)", "(not (charged ?r))", "nothing that it changes"),
+            (
+                "?p - place",
+                "(at ?r ?p)",
+                "(and (lit ?p) (increase (total-cost) (meters ?p ?p)))",
+                "its cost depends on the function `meters`",
+            ),
+        ] {
+            let left_out = exported(&action(parameters, precondition, effect)).expect_err(why);
+            assert!(left_out.contains(why), "{precondition} {effect}: {left_out}");
+        }
+        let other = action("", "()", "()").replace("action act", "action other");
+        assert!(exported(&other).expect_err("not offered").contains("does not offer"));
+    }
+
+    #[test]
+    fn a_secret_alone_is_left_to_its_agent() {
+        for precondition in
+            ["(charged ?r)", "(wired ?p)", "(not (charged ?r))", "(or (charged ?r) (wired ?p))"]
+        {
+            let text = exported(&action("?p - place", precondition, "(lit ?p)"));
+            assert!(text.is_ok(), "{precondition}: {text:?}");
+        }
+    }
+}

@@ -1,0 +1,204 @@
+//! What watches the agents that an interface lets through, where they live: their presence, their
+//! models, their heartbeats. It says nothing and asks nobody but for models.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::content::{Heartbeat, Inform, Methods, ModelAnnouncement};
+use acl::{AgentId, EcosystemId, Incarnation, Message, Performative};
+use agent::{Agent, Ask, Callbacks, Context, Presence, Resource, Work};
+use pddl::{ActionModel, InitElement};
+use tokio::sync::watch;
+use tokio::time::Instant;
+
+/// Silence after which an agent counts as gone, in periods of its own heartbeat, as everywhere.
+const SILENCE_PERIODS: f32 = 3.5;
+
+/// An agent as it was seen last.
+#[derive(Clone, Debug)]
+pub(super) struct Sighted {
+    pub(super) incarnation: Incarnation,
+    /// The ecosystems it comes from itself.
+    pub(super) via: Vec<EcosystemId>,
+    pub(super) model: Arc<ActionModel>,
+    pub(super) methods: Methods,
+    pub(super) digest: String,
+    /// What it says is so, and until when it counts.
+    pub(super) facts: Vec<(InitElement, Option<Instant>)>,
+    /// Its newest heartbeat.
+    sequence: u64,
+    /// When its silence is over.
+    due: Instant,
+}
+
+/// What is seen of one agent: nothing while it is not here, or has not said what it is.
+pub(super) type Sight = watch::Receiver<Option<Sighted>>;
+
+pub(super) struct Observer {
+    watched: BTreeMap<AgentId, watch::Sender<Option<Sighted>>>,
+    fetching: BTreeMap<AgentId, Work>,
+}
+
+impl Observer {
+    /// An observer of these agents, and what it sees of each.
+    pub(super) fn of(
+        agents: impl Iterator<Item = AgentId>,
+    ) -> (Observer, BTreeMap<AgentId, Sight>) {
+        let watched: BTreeMap<_, _> =
+            agents.map(|agent| (agent, watch::Sender::new(None))).collect();
+        let sights =
+            watched.iter().map(|(agent, seen)| (agent.clone(), seen.subscribe())).collect();
+        (Observer { watched, fetching: BTreeMap::new() }, sights)
+    }
+
+    fn informed(&mut self, message: Message, ctx: &mut Context<Self>) {
+        if !self.watched.contains_key(&message.sender) {
+            return;
+        }
+        match message.content_as::<Inform>() {
+            Ok(Inform::Model(announced)) => self.introduced(&message, &announced),
+            Ok(Inform::Heartbeat(beat)) => {
+                if !self.heard(&message, &beat) {
+                    self.fetch(&message.sender, ctx);
+                }
+            }
+            Ok(Inform::Epoch(_) | Inform::Answer(_)) => (),
+            Err(error) => tracing::info!(from = %message.sender, %error, "nobody understands it"),
+        }
+    }
+
+    /// Takes a model. One that cannot be read is the same as none.
+    fn introduced(&mut self, message: &Message, announced: &ModelAnnouncement) {
+        let Some(seen) = self.watched.get(&message.sender) else { return };
+        self.fetching.remove(&message.sender);
+        let model = match pddl::parse_action_model(&announced.model).into_result() {
+            Ok(model) => model,
+            Err(found) => {
+                let why = found.first().map(ToString::to_string).unwrap_or_default();
+                tracing::warn!(agent = %message.sender, why, "a model that cannot be read");
+                seen.send_replace(None);
+                return;
+            }
+        };
+        let heartbeat = &announced.heartbeat;
+        let is_old = |sighted: &Sighted| {
+            sighted.incarnation > message.incarnation
+                || sighted.incarnation == message.incarnation
+                    && sighted.sequence > heartbeat.sequence
+        };
+        if seen.borrow().as_ref().is_some_and(is_old) {
+            return;
+        }
+        seen.send_replace(Some(Sighted {
+            incarnation: message.incarnation,
+            via: message.via.clone(),
+            model: Arc::new(model),
+            methods: announced.methods.clone(),
+            digest: heartbeat.digest.clone(),
+            facts: facts_of(heartbeat),
+            sequence: heartbeat.sequence,
+            due: due(heartbeat),
+        }));
+    }
+
+    /// Takes a heartbeat; `false` if its model is not known.
+    fn heard(&mut self, message: &Message, beat: &Heartbeat) -> bool {
+        let Some(seen) = self.watched.get(&message.sender) else { return true };
+        let mut is_known = false;
+        seen.send_if_modified(|sighted| {
+            let of_it = |sighted: &&mut Sighted| {
+                sighted.incarnation == message.incarnation && sighted.digest == beat.digest
+            };
+            let Some(sighted) = sighted.as_mut().filter(of_it) else { return false };
+            is_known = true;
+            if sighted.sequence >= beat.sequence {
+                return false;
+            }
+            let facts = facts_of(beat);
+            let told = |facts: &[(InitElement, Option<Instant>)]| -> Vec<InitElement> {
+                facts.iter().map(|(fact, _)| fact.clone()).collect()
+            };
+            let is_news = told(&facts) != told(&sighted.facts);
+            (sighted.facts, sighted.sequence, sighted.due) = (facts, beat.sequence, due(beat));
+            is_news
+        });
+        is_known
+    }
+
+    fn fetch(&mut self, whose: &AgentId, ctx: &mut Context<Self>) {
+        if self.fetching.contains_key(whose) {
+            return;
+        }
+        let Some(resident) = ctx.find(whose) else { return };
+        let (resource, agent) = (Resource::Model, Some(whose.clone()));
+        let ask = Ask { daemon: Some(resident.daemon), resource, agent };
+        let asked = ctx.switchboard().ask(ask, ctx.settings().answer_deadline);
+        let name = whose.clone();
+        let work = ctx.run(asked, move |observer: &mut Self, answers, _| {
+            observer.fetching.remove(&name);
+            for message in answers.iter().filter_map(|answer| acl::decode(answer).ok()) {
+                if let (true, Ok(Inform::Model(announced))) =
+                    (message.sender == name, message.content_as::<Inform>())
+                {
+                    observer.introduced(&message, &announced);
+                }
+            }
+        });
+        self.fetching.insert(whose.clone(), work);
+    }
+
+    /// Who has been silent for too long is gone, whatever its token says.
+    fn look_around(&mut self, ctx: &mut Context<Self>) {
+        let now = ctx.now();
+        for (agent, seen) in &self.watched {
+            let is_silent = seen.borrow().as_ref().is_some_and(|sighted| sighted.due < now);
+            if is_silent {
+                tracing::info!(%agent, "its heartbeats have stopped");
+                seen.send_replace(None);
+            }
+        }
+        let period = ctx.settings().heartbeat_period / 2;
+        ctx.after(period, Self::look_around);
+    }
+}
+
+impl Agent for Observer {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new().on_broadcast(Performative::Inform, Self::informed)
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        self.look_around(ctx);
+    }
+
+    fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
+        let resident = presence.resident();
+        let Some(seen) = self.watched.get(&resident.agent) else { return };
+        match presence {
+            Presence::Joined(_) => self.fetch(&resident.agent, ctx),
+            Presence::Left(_) => {
+                self.fetching.remove(&resident.agent);
+                let is_it = |sighted: &Sighted| sighted.incarnation <= resident.incarnation;
+                if seen.borrow().as_ref().is_some_and(is_it) {
+                    seen.send_replace(None);
+                }
+            }
+        }
+    }
+}
+
+fn due(beat: &Heartbeat) -> Instant {
+    Instant::now() + beat.period.0.min(Duration::from_secs(3_600)).mul_f32(SILENCE_PERIODS)
+}
+
+/// What a heartbeat says is so. What cannot be read is not passed on.
+fn facts_of(beat: &Heartbeat) -> Vec<(InitElement, Option<Instant>)> {
+    let now = Instant::now();
+    let lasting = pddl::parse_init_elements(&beat.facts).value.unwrap_or_default();
+    let passing = beat.known_for.iter().filter_map(|(fact, left)| {
+        let fact = pddl::parse_init_element(fact).into_result().ok()?;
+        Some((fact, now.checked_add(left.0)))
+    });
+    lasting.into_iter().map(|fact| (fact, None)).chain(passing).collect()
+}

@@ -1,0 +1,412 @@
+//! From an agent's words to those of another ecosystem: symbol by symbol, through a dictionary.
+//!
+//! - What the dictionary does not have is not said. Nothing private is said, whatever the
+//!   dictionary has. No text is passed on: all that comes out is built of the dictionary's words.
+//! - What an action *needs* must be said whole, or the action is not offered ([`Lost`]): who plans
+//!   with it would plan what cannot be done. Only what is its agent's own secret is left to the
+//!   agent, which looks after it when it is asked to act (MA-PDDL's public projection).
+//! - What an action *changes* may be left unsaid: nobody over there can see it anyway.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+
+use acl::AgentId;
+use pddl::{
+    ActionModel, Assign, Assignment, Atom, Compare, Condition, Domain, Effect, Expression,
+    FluentTerm, InitElement, Name, PlanStep, Privacy, Term, TypeExpr, Typed, Types,
+};
+
+use super::words::{Passage, Words};
+
+/// What plans are measured by, in every ontology.
+pub(super) const TOTAL_COST: &str = "total-cost";
+
+/// Something that an action needs and that cannot be said over there.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Lost {
+    /// A symbol that is not in the dictionary: which sort, and which.
+    Unexported(&'static str, Name),
+    /// A symbol that is its agent's own secret, where it cannot be left to the agent.
+    Private(Name),
+    /// A predicate that follows from others by axioms, which stay where they are.
+    Derived(Name),
+    /// A way of saying that means something else where other things are there.
+    Construct(&'static str),
+}
+
+/// What is known of the far side, and what it is called on the near one.
+pub(super) struct Translator<'t> {
+    words: &'t Words,
+    /// The agent whose words these are, and its mirror.
+    who: Option<(&'t AgentId, &'t AgentId)>,
+    types: Types,
+    private: BTreeSet<Name>,
+    derived: BTreeSet<Name>,
+}
+
+type Said<T> = Result<T, Lost>;
+
+// === impl Translator ===
+
+impl<'t> Translator<'t> {
+    /// A translator of what `model`'s agent says, over the far ontology.
+    pub(super) fn of_model(
+        words: &'t Words,
+        passage: &'t Passage,
+        ontology: &Domain,
+        model: &ActionModel,
+    ) -> Translator<'t> {
+        let mut translator = Translator::of_ontology(words, ontology);
+        translator.who = Some((&passage.agent, &passage.mirror));
+        translator.types = Types::new(ontology.types.iter().chain(&model.types));
+        let of_model = model.predicates.iter().map(|declared| (&declared.name, &declared.privacy));
+        let functions = model.functions.iter().map(|declared| (&declared.name, &declared.privacy));
+        let objects =
+            model.objects.iter().map(|declared| (&declared.object.name, &declared.privacy));
+        translator.keep_private(of_model.chain(functions).chain(objects));
+        translator.derived.extend(model.derived.iter().map(|axiom| axiom.predicate.clone()));
+        translator
+    }
+
+    /// A translator of what anybody may say over an ontology.
+    pub(super) fn of_ontology(words: &'t Words, ontology: &Domain) -> Translator<'t> {
+        let derived = ontology.derived.iter().map(|axiom| axiom.predicate.clone()).collect();
+        let (types, private) = (Types::of(ontology), BTreeSet::new());
+        let mut translator = Translator { words, who: None, types, private, derived };
+        let predicates = ontology.predicates.iter().map(|it| (&it.name, &it.privacy));
+        let functions = ontology.functions.iter().map(|it| (&it.name, &it.privacy));
+        translator.keep_private(predicates.chain(functions));
+        translator
+    }
+
+    fn keep_private<'n>(&mut self, declared: impl Iterator<Item = (&'n Name, &'n Privacy)>) {
+        let private = declared.filter(|(_, privacy)| matches!(privacy, Privacy::Private(_)));
+        self.private.extend(private.map(|(name, _)| name.clone()));
+    }
+
+    /// Whether a symbol is its agent's own secret.
+    pub(super) fn is_private(&self, name: &str) -> bool {
+        self.private.contains(name)
+    }
+
+    // === symbols ===
+
+    pub(super) fn predicate(&self, name: &Name) -> Said<Name> {
+        if self.derived.contains(name) {
+            return Err(Lost::Derived(name.clone()));
+        }
+        self.symbol("predicate", &self.words.predicates, name)
+    }
+
+    fn function(&self, name: &Name) -> Said<Name> {
+        self.symbol("function", &self.words.functions, name)
+    }
+
+    fn symbol(
+        &self,
+        sort: &'static str,
+        table: &BTreeMap<String, Name>,
+        name: &Name,
+    ) -> Said<Name> {
+        if self.private.contains(name) {
+            return Err(Lost::Private(name.clone()));
+        }
+        let found = table.get(name.as_str()).cloned();
+        found.ok_or_else(|| Lost::Unexported(sort, name.clone()))
+    }
+
+    pub(super) fn object(&self, name: &Name) -> Said<Name> {
+        match self.who {
+            Some((agent, mirror)) if *name == agent.as_str() => Ok(Name::new(mirror.as_str())),
+            _ => self.symbol("object", &self.words.objects, name),
+        }
+    }
+
+    pub(super) fn term(&self, term: &Term) -> Said<Term> {
+        match term {
+            Term::Variable(name) => Ok(Term::Variable(name.clone())),
+            Term::Object(name) => self.object(name).map(Term::Object),
+        }
+    }
+
+    fn terms(&self, terms: &[Term]) -> Said<Vec<Term>> {
+        terms.iter().map(|term| self.term(term)).collect()
+    }
+
+    /// A type exactly: another would let in what the agent does not take.
+    pub(super) fn exact_type(&self, ty: &TypeExpr) -> Said<TypeExpr> {
+        if ty.is_object() {
+            return Ok(TypeExpr::default());
+        }
+        let known = |name: &Name| {
+            let near = self.words.types.get(name.as_str()).cloned();
+            near.ok_or_else(|| Lost::Unexported("type", name.clone()))
+        };
+        let alternatives = ty.alternatives.iter().map(known).collect::<Said<_>>()?;
+        Ok(TypeExpr { alternatives })
+    }
+
+    /// The narrowest exported type that a thing of this type has.
+    pub(super) fn nearest_type(&self, ty: &TypeExpr) -> Option<TypeExpr> {
+        let [name] = &ty.alternatives[..] else { return None };
+        match self.words.types.get(name.as_str()) {
+            Some(near) => Some(TypeExpr::of(near.clone())),
+            None => self.nearest_supertype(name.as_str()),
+        }
+    }
+
+    /// The narrowest exported type above this one.
+    pub(super) fn nearest_supertype(&self, name: &str) -> Option<TypeExpr> {
+        // Nearest first.
+        let mut above = self.types.supertypes(name);
+        above.find_map(|ty| self.words.types.get(ty.as_str())).cloned().map(TypeExpr::of)
+    }
+
+    pub(super) fn typed(&self, typed: &[Typed]) -> Said<Vec<Typed>> {
+        let one =
+            |typed: &Typed| Ok(Typed { name: typed.name.clone(), ty: self.exact_type(&typed.ty)? });
+        typed.iter().map(one).collect()
+    }
+
+    fn atom(&self, atom: &Atom) -> Said<Atom> {
+        let predicate = self.predicate(&atom.predicate)?;
+        Ok(Atom { predicate, arguments: self.terms(&atom.arguments)?, span: atom.span })
+    }
+
+    fn fluent(&self, fluent: &FluentTerm) -> Said<FluentTerm> {
+        let function = self.function(&fluent.function)?;
+        Ok(FluentTerm { function, arguments: self.terms(&fluent.arguments)?, span: fluent.span })
+    }
+
+    pub(super) fn expression(&self, expression: &Expression) -> Said<Expression> {
+        Ok(match expression {
+            Expression::Number(number) => Expression::Number(*number),
+            Expression::Fluent(fluent) => Expression::Fluent(self.fluent(fluent)?),
+            Expression::Negate(inner) => Expression::Negate(Box::new(self.expression(inner)?)),
+            Expression::Apply(operator, operands) => {
+                let operands = operands.iter().map(|operand| self.expression(operand));
+                Expression::Apply(*operator, operands.collect::<Said<_>>()?)
+            }
+            Expression::Duration(_) | Expression::ContinuousTime(_) | Expression::TotalTime(_) => {
+                return Err(Lost::Construct("time"));
+            }
+        })
+    }
+
+    /// A fact, if all of it may be said.
+    pub(super) fn fact(&self, fact: &InitElement) -> Option<InitElement> {
+        match fact {
+            InitElement::Atom(atom) => self.atom(atom).ok().map(InitElement::Atom),
+            InitElement::Not(atom) => self.atom(atom).ok().map(InitElement::Not),
+            InitElement::Assign(fluent, number) => {
+                Some(InitElement::Assign(self.fluent(fluent).ok()?, *number))
+            }
+            InitElement::At(..) => None,
+        }
+    }
+
+    // === conditions ===
+
+    /// What an action needs, as others may know it: conjunct by conjunct, without those that are
+    /// the agent's own secret alone.
+    pub(super) fn precondition(&self, condition: &Condition) -> Said<Condition> {
+        let mut kept = Vec::new();
+        for conjunct in conjuncts(condition) {
+            match self.condition(conjunct, true) {
+                Ok(said) => kept.push(said),
+                Err(_) if self.is_secret(conjunct) => (),
+                Err(lost) => return Err(lost),
+            }
+        }
+        Ok(Condition::And(kept))
+    }
+
+    /// A whole condition. `holds` is false under a negation, where quantifiers are the other way.
+    pub(super) fn condition(&self, condition: &Condition, holds: bool) -> Said<Condition> {
+        let all = |parts: &[Condition]| -> Said<Vec<Condition>> {
+            parts.iter().map(|part| self.condition(part, holds)).collect()
+        };
+        Ok(match condition {
+            Condition::Atom(atom) => Condition::Atom(self.atom(atom)?),
+            Condition::Equal(left, right, span) => {
+                Condition::Equal(self.term(left)?, self.term(right)?, *span)
+            }
+            Condition::Compare(compare) => {
+                let Compare { comparison, left, right, span } = &**compare;
+                let (left, right) = (self.expression(left)?, self.expression(right)?);
+                Condition::Compare(Box::new(Compare {
+                    comparison: *comparison,
+                    left,
+                    right,
+                    span: *span,
+                }))
+            }
+            Condition::Not(inner) => Condition::Not(Box::new(self.condition(inner, !holds)?)),
+            Condition::And(parts) => Condition::And(all(parts)?),
+            Condition::Or(parts) => Condition::Or(all(parts)?),
+            Condition::Imply(left, right) => {
+                let left = self.condition(left, !holds)?;
+                Condition::Imply(Box::new(left), Box::new(self.condition(right, holds)?))
+            }
+            // Some of what is exported is some of what is there.
+            Condition::Exists(variables, inner) if holds => {
+                Condition::Exists(self.typed(variables)?, Box::new(self.condition(inner, holds)?))
+            }
+            Condition::Forall(variables, inner) if !holds => {
+                Condition::Forall(self.typed(variables)?, Box::new(self.condition(inner, holds)?))
+            }
+            // All that is exported is not all that is there.
+            Condition::Exists(..) | Condition::Forall(..) => return Err(Lost::Construct("forall")),
+        })
+    }
+
+    /// Whether a condition speaks of the agent's own secrets and of nothing else.
+    fn is_secret(&self, condition: &Condition) -> bool {
+        let mut symbols = Vec::new();
+        symbols_of(condition, &mut symbols);
+        !symbols.is_empty() && symbols.iter().all(|name| self.private.contains(*name))
+    }
+
+    // === effects ===
+
+    /// What an action changes, as far as others can see it; `None` where they see nothing.
+    pub(super) fn effect(&self, effect: &Effect) -> Said<Option<Effect>> {
+        Ok(match effect {
+            Effect::And(parts) => {
+                let parts = parts.iter().map(|part| self.effect(part)).collect::<Said<Vec<_>>>()?;
+                let seen: Vec<_> = parts.into_iter().flatten().collect();
+                (!seen.is_empty()).then_some(Effect::And(seen))
+            }
+            Effect::Add(atom) => self.atom(atom).ok().map(Effect::Add),
+            Effect::Delete(atom) => self.atom(atom).ok().map(Effect::Delete),
+            Effect::Assign(assign) => self.assign(assign)?,
+            Effect::Forall(variables, inner) => match self.effect(inner)? {
+                Some(inner) => Some(Effect::Forall(self.typed(variables)?, Box::new(inner))),
+                None => None,
+            },
+            Effect::When(condition, inner) => match self.effect(inner)? {
+                Some(inner) => {
+                    // It must hold there exactly when it holds here: no quantifier at all.
+                    self.condition(condition, false)?;
+                    let condition = self.condition(condition, true)?;
+                    Some(Effect::When(Box::new(condition), Box::new(inner)))
+                }
+                None => None,
+            },
+        })
+    }
+
+    /// A numeric effect; that on the cost is dealt with apart.
+    fn assign(&self, assign: &Assign) -> Said<Option<Effect>> {
+        let Assign { assignment, fluent, value, span } = assign;
+        if fluent.function == TOTAL_COST {
+            return Ok(None);
+        }
+        let Ok(fluent) = self.fluent(fluent) else { return Ok(None) };
+        let value = self.expression(value)?;
+        let assign = Assign { assignment: *assignment, fluent, value, span: *span };
+        Ok(Some(Effect::Assign(Box::new(assign))))
+    }
+
+    /// What an action adds to the cost of a plan, if it says so at all.
+    pub(super) fn cost(&self, effect: &Effect) -> Said<Option<Expression>> {
+        match effect {
+            Effect::And(parts) => {
+                for part in parts {
+                    if let Some(cost) = self.cost(part)? {
+                        return Ok(Some(cost));
+                    }
+                }
+                Ok(None)
+            }
+            Effect::Assign(assign)
+                if assign.fluent.function == TOTAL_COST
+                    && assign.assignment == Assignment::Increase =>
+            {
+                self.expression(&assign.value).map(Some)
+            }
+            _ => Ok(None),
+        }
+    }
+}
+
+/// A ground action under the names it has on the other side: of the agent, of its action, of what
+/// it is done to. The error says what is not there.
+pub(super) fn step(
+    step: &PlanStep,
+    actions: &BTreeMap<String, Name>,
+    who: (&AgentId, &AgentId),
+    words: &Words,
+) -> Result<PlanStep, String> {
+    let action = actions.get(step.action.as_str());
+    let action = action.ok_or_else(|| format!("`{}` is not exported", step.action))?;
+    let (from, to) = who;
+    let object = |name: &Name| {
+        if *name == from.as_str() {
+            return Ok(Name::new(to.as_str()));
+        }
+        let known = words.objects.get(name.as_str()).cloned();
+        known.ok_or_else(|| format!("`{name}` is not exported"))
+    };
+    let arguments = step.arguments.iter().map(object).collect::<Result<Vec<_>, _>>()?;
+    Ok(PlanStep::new(action.clone(), arguments))
+}
+
+fn conjuncts(condition: &Condition) -> Vec<&Condition> {
+    match condition {
+        Condition::And(parts) => parts.iter().flat_map(conjuncts).collect(),
+        other => vec![other],
+    }
+}
+
+/// The predicates and functions that a condition speaks of.
+fn symbols_of<'c>(condition: &'c Condition, symbols: &mut Vec<&'c Name>) {
+    match condition {
+        Condition::Atom(atom) => symbols.push(&atom.predicate),
+        Condition::Equal(..) => (),
+        Condition::Compare(compare) => {
+            functions_of(&compare.left, symbols);
+            functions_of(&compare.right, symbols);
+        }
+        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
+            symbols_of(inner, symbols);
+        }
+        Condition::And(parts) | Condition::Or(parts) => {
+            parts.iter().for_each(|part| symbols_of(part, symbols));
+        }
+        Condition::Imply(left, right) => {
+            symbols_of(left, symbols);
+            symbols_of(right, symbols);
+        }
+    }
+}
+
+fn functions_of<'c>(expression: &'c Expression, symbols: &mut Vec<&'c Name>) {
+    match expression {
+        Expression::Fluent(fluent) => symbols.push(&fluent.function),
+        Expression::Negate(inner) => functions_of(inner, symbols),
+        Expression::Apply(_, operands) => {
+            operands.iter().for_each(|operand| functions_of(operand, symbols));
+        }
+        Expression::Number(_)
+        | Expression::Duration(_)
+        | Expression::ContinuousTime(_)
+        | Expression::TotalTime(_) => (),
+    }
+}
+
+impl fmt::Display for Lost {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Lost::Unexported(sort, name) => write!(f, "the {sort} `{name}`, which is not exported"),
+            Lost::Private(name) => write!(f, "`{name}`, which is private"),
+            Lost::Derived(name) => {
+                write!(f, "`{name}`, which follows by axioms that stay where they are")
+            }
+            Lost::Construct("forall") => {
+                write!(f, "that something holds of all there are, and not all are exported")
+            }
+            Lost::Construct(what) => write!(f, "`{what}`, which has no meaning over there"),
+        }
+    }
+}

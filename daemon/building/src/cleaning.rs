@@ -1,0 +1,115 @@
+//! Cleaning: a robot sweeps the place where it truly stands.
+//!
+//! The building keeps no dirt; that a place was swept stands in the log, and tests look there.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::building::Building;
+use crate::error::DeviceError;
+use crate::handle::BuildingHandle;
+use crate::truth::{Event, Truth};
+use crate::wire::{Answer, Ask};
+
+/// How long a place is swept, whatever its size: the building knows none.
+const SWEEPING: Duration = Duration::from_secs(20);
+
+/// What a driver asks of a robot that cleans.
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum CleaningAsk {
+    Sweep { robot: String },
+}
+
+/// What it hears.
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum CleaningAnswer {
+    Swept(String),
+}
+
+// === impl Truth ===
+
+impl Truth {
+    /// How often a place was swept, as far as the log remembers.
+    pub fn swept_count(&self, location: &str) -> usize {
+        let is_it = |event: &Event| matches!(event, Event::Swept { location: place, .. } if place == location);
+        self.occurrences().filter(|occurrence| is_it(&occurrence.event)).count()
+    }
+
+    /// A robot begins to sweep where it stands. Returns where that is, and how long it takes.
+    fn begin_sweeping(&mut self, robot: &str) -> Result<(String, Duration), DeviceError> {
+        self.require_robot(robot)?;
+        let slowness = self.begin_use(robot)?;
+        Ok((self.require_place(robot)?, SWEEPING + slowness))
+    }
+
+    fn finish_sweeping(&mut self, robot: &str, begun_at: &str) -> Result<String, DeviceError> {
+        self.require_unbroken(robot)?;
+        let location = self.require_place(robot)?;
+        if location != begun_at {
+            return Err(DeviceError::Busy { device: robot.to_owned() });
+        }
+        let robot = robot.to_owned();
+        self.log.record(Event::Swept { robot, location: location.clone() });
+        Ok(location)
+    }
+}
+
+// === impl Building ===
+
+impl Building {
+    /// Sweeps the place where a robot stands, and returns which that is. Dropping the future
+    /// leaves it as it was.
+    pub async fn sweep(&self, robot: &str) -> Result<String, DeviceError> {
+        let (location, takes) = self.change(|truth| truth.begin_sweeping(robot))?;
+        self.work(robot, takes, |truth| truth.finish_sweeping(robot, &location)).await
+    }
+
+    async fn cleaning(&self, ask: CleaningAsk) -> Result<CleaningAnswer, DeviceError> {
+        let CleaningAsk::Sweep { robot } = ask;
+        self.sweep(&robot).await.map(CleaningAnswer::Swept)
+    }
+}
+
+// === impl BuildingHandle ===
+
+impl BuildingHandle {
+    /// Sweeps the place where a robot stands; see [`Building::sweep`].
+    pub async fn sweep(&self, robot: &str) -> Result<String, DeviceError> {
+        let CleaningAnswer::Swept(location) =
+            self.cleaning(CleaningAsk::Sweep { robot: robot.to_owned() }).await?;
+        Ok(location)
+    }
+
+    pub(crate) async fn cleaning(&self, ask: CleaningAsk) -> Result<CleaningAnswer, DeviceError> {
+        match self.near() {
+            Ok(building) => building.cleaning(ask).await,
+            Err(remote) => match remote.ask(Ask::Cleaning(ask)).await? {
+                Answer::Cleaning(answer) => Ok(answer),
+                other => Err(other.unexpected()),
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use crate::{Building, Fault, Layout};
+
+    #[tokio::test(start_paused = true)]
+    async fn a_robot_sweeps_where_it_stands_or_not_at_all() {
+        let building = Building::new(Layout::seeded(0).layout, 1.0).unwrap();
+        assert_eq!(building.sweep("turtlebot-1").await.unwrap(), "corridor");
+        let soon = Duration::from_secs(5);
+        let _ = tokio::time::timeout(soon, building.sweep("turtlebot-1")).await;
+        assert_eq!(building.truth().swept_count("corridor"), 1, "called off");
+        building.break_at_next_use("turtlebot-1", Fault::Fails).unwrap();
+        assert!(building.sweep("turtlebot-1").await.is_err());
+        assert_eq!(building.truth().swept_count("corridor"), 1);
+        assert!(building.sweep("thermometer-office2").await.is_err(), "it does not clean");
+    }
+}

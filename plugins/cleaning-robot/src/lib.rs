@@ -1,0 +1,208 @@
+//! The cleaning robot: a mobile base that sweeps the rooms it drives to.
+//!
+//! - Moving, the battery and the dock are those of every robot: `actuator::MobileBase`.
+//! - Its bin takes a few rooms, and is emptied where the robot is at home. How full it is, is its
+//!   own matter: private, so that nobody outside its ecosystem learns how much it has cleaned.
+
+mod simulated;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::Deadline;
+use acl::content::Method;
+use actuator::{
+    Actuator, BaseConfig, BoxFuture, Call, Description, Device, Failure, MobileBase, Moved,
+    OwnFact, Performed, Stir, facts_of, model_of,
+};
+use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use pddl::InitElement;
+use serde::Deserialize;
+
+/// The line in the daemon's table of plugins.
+pub const PLUGIN: PluginEntry = PluginEntry {
+    name: "cleaning-robot",
+    about: "a mobile base that sweeps rooms, and empties its bin at home",
+    drivers: &["simulated"],
+    stands_by: false,
+    build,
+};
+
+const SWEEP: &str = "sweep";
+const EMPTY_BIN: &str = "empty_bin";
+
+/// The longest that sweeping one room may take, with people in the way.
+const SWEEPING_MAX: Duration = Duration::from_secs(600);
+
+/// The longest that emptying the bin may take.
+const EMPTYING_MAX: Duration = Duration::from_secs(60);
+
+/// What sweeps.
+trait Broom: Send + Sync + 'static {
+    /// Sweeps where the robot stands, and returns where that is. The error completes “failed to …”.
+    fn sweep(&self) -> BoxFuture<Result<String, String>>;
+}
+
+/// The entry's `config`.
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
+struct Config {
+    #[serde(flatten)]
+    base: BaseConfig,
+    /// How many rooms its bin takes.
+    #[serde(default = "default_bin")]
+    bin: u32,
+    /// What nobody reads, to be complained about.
+    #[serde(flatten)]
+    unknown: serde_json::Map<String, serde_json::Value>,
+}
+
+fn default_bin() -> u32 {
+    10
+}
+
+struct CleaningRobot {
+    id: String,
+    ontology: String,
+    base: MobileBase,
+    broom: Arc<dyn Broom>,
+    /// Where its bin is emptied.
+    home: String,
+    /// How many rooms the bin takes, and how many are in it.
+    bin: u32,
+    rooms_in_bin: u32,
+    /// What it has swept, until somebody says otherwise.
+    swept: Vec<String>,
+}
+
+/// What a method has brought.
+enum Done {
+    Moved(Moved),
+    Swept(String),
+    Emptied,
+}
+
+fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+    let Config { base, bin, unknown } = blueprint.config_as()?;
+    if let Some(key) = unknown.keys().next() {
+        return Err(blueprint.problem(format!("a cleaning robot's config has no key `{key}`")));
+    }
+    if bin == 0 {
+        return Err(blueprint.problem("bin = 0: a bin takes at least one room"));
+    }
+    let (driver, broom) = simulated::robot(&blueprint)?;
+    let base = MobileBase::new(&blueprint, "cleaning-robot", base, driver)?;
+    let robot = CleaningRobot {
+        id: blueprint.id.to_string(),
+        ontology: blueprint.host.ontology.name.to_string(),
+        home: base.place(),
+        base,
+        broom,
+        bin,
+        rooms_in_bin: 0,
+        swept: Vec::new(),
+    };
+    Ok(Box::new(Actuator::new(&blueprint, robot)?))
+}
+
+impl Device for CleaningRobot {
+    type Yield = Done;
+
+    fn describe(&self) -> Description {
+        let CleaningRobot { id, ontology, base, home, .. } = self;
+        let method = |name: &str, timeout| Method {
+            method: name.to_owned(),
+            arguments: [].into(),
+            timeout: Deadline(timeout),
+        };
+        let mut methods = base.methods();
+        methods.insert("sweep".to_owned(), method(SWEEP, SWEEPING_MAX));
+        methods.insert("empty-bin".to_owned(), method(EMPTY_BIN, EMPTYING_MAX));
+        let (objects, lasting, moving) = (base.objects(), base.lasting(), base.actions(""));
+        let text = format!(
+            "(define (agent {id}) (:domain {ontology})
+                (:types cleaning-robot - mobile-base)
+                (:predicates (:private
+                    (bin-free ?b - cleaning-robot)
+                    (bin-emptied-at ?b - cleaning-robot ?l - location)))
+                (:objects {objects})
+                (:init {lasting} (bin-emptied-at {id} {home}))
+                {moving}
+                (:action sweep
+                    :agent ?b - cleaning-robot
+                    :parameters (?l - location)
+                    :precondition (and (at ?b ?l) (bin-free ?b))
+                    :effect (and (swept ?l) (increase (total-cost) 5)))
+                (:action empty-bin
+                    :agent ?b - cleaning-robot
+                    :parameters (?l - location)
+                    :precondition (and (at ?b ?l) (bin-emptied-at ?b ?l))
+                    :effect (and (bin-free ?b) (increase (total-cost) 2))))"
+        );
+        Description { model: model_of(&text), methods }
+    }
+
+    fn facts(&self) -> Vec<OwnFact> {
+        let CleaningRobot { id, base, home, bin, rooms_in_bin, swept, .. } = self;
+        let mut text = format!("{} (bin-emptied-at {id} {home})", base.facts());
+        if rooms_in_bin < bin {
+            text += &format!(" (bin-free {id})");
+        }
+        for place in swept {
+            text += &format!(" (swept {place})");
+        }
+        facts_of(&text)
+    }
+
+    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Done, Failure>> {
+        match call.method.as_str() {
+            SWEEP => {
+                let swept = self.broom.sweep();
+                Box::pin(async move { swept.await.map(Done::Swept).map_err(Failure::Driver) })
+            }
+            EMPTY_BIN if self.base.place() == self.home => {
+                Box::pin(std::future::ready(Ok(Done::Emptied)))
+            }
+            EMPTY_BIN => {
+                let failure = format!("empty the bin anywhere but at `{}`", self.home);
+                Box::pin(std::future::ready(Err(Failure::Driver(failure))))
+            }
+            _ => {
+                let moved = self.base.perform(call);
+                Box::pin(async move { moved.await.map(Done::Moved) })
+            }
+        }
+    }
+
+    fn performed(&mut self, _call: &Call, done: Done) -> Performed {
+        let place = match done {
+            Done::Moved(moved) => return self.base.performed(&moved),
+            Done::Emptied => {
+                self.rooms_in_bin = 0;
+                return Performed { detail: "the bin is empty".into(), observations: Vec::new() };
+            }
+            Done::Swept(place) => place,
+        };
+        self.rooms_in_bin += 1;
+        let observations: Vec<InitElement> =
+            facts_of(&format!("(swept {place})")).into_iter().map(|own| own.fact).collect();
+        let detail = format!("swept {place}");
+        if !self.swept.contains(&place) {
+            self.swept.push(place);
+        }
+        Performed { detail, observations }
+    }
+
+    fn watch(&mut self) -> Option<BoxFuture<Stir<CleaningRobot>>> {
+        let wish = self.base.next_wish();
+        Some(Box::pin(async move {
+            wish.await;
+            let stir: Stir<CleaningRobot> = Box::new(|robot| robot.base.wishes());
+            stir
+        }))
+    }
+
+    fn carries(&self, facts: &[InitElement]) -> bool {
+        self.base.carries(facts)
+    }
+}

@@ -1,0 +1,58 @@
+//! The simulated driver: moves and sweeps in the simulated building.
+
+use std::sync::Arc;
+
+use actuator::{BaseDriver, BoxFuture};
+use agent::{Blueprint, BuildError};
+use building::BuildingHandle;
+
+use crate::Broom;
+
+#[derive(Clone)]
+struct Simulated {
+    building: Arc<BuildingHandle>,
+    robot: String,
+}
+
+/// What drives the base, and what sweeps.
+type Drivers = (Arc<dyn BaseDriver>, Arc<dyn Broom>);
+
+/// The drivers of a robot.
+pub(crate) fn robot(blueprint: &Blueprint) -> Result<Drivers, BuildError> {
+    let building = blueprint.host.resources.get::<BuildingHandle>().ok_or_else(|| {
+        blueprint.problem("a simulated driver needs a simulated building, and there is none")
+    })?;
+    let robot = Simulated { building, robot: blueprint.id.to_string() };
+    Ok((Arc::new(robot.clone()), Arc::new(robot)))
+}
+
+impl BaseDriver for Simulated {
+    fn navigate_to(&self, place: &str) -> BoxFuture<Result<(), String>> {
+        let (Simulated { building, robot }, place) = (self.clone(), place.to_owned());
+        Box::pin(async move {
+            building.navigate(&robot, &place).await.map_err(|error| error.to_string())
+        })
+    }
+
+    fn recharge(&self) -> BoxFuture<Result<(), String>> {
+        let Simulated { building, robot } = self.clone();
+        Box::pin(async move { building.recharge(&robot).await.map_err(|error| error.to_string()) })
+    }
+
+    fn place(&self) -> BoxFuture<Result<String, String>> {
+        let Simulated { building, robot } = self.clone();
+        Box::pin(async move { building.place_of(&robot).await.map_err(|error| error.to_string()) })
+    }
+
+    fn charge(&self) -> BoxFuture<Result<Option<f64>, String>> {
+        let Simulated { building, robot } = self.clone();
+        Box::pin(async move { building.charge_of(&robot).await.map_err(|error| error.to_string()) })
+    }
+}
+
+impl Broom for Simulated {
+    fn sweep(&self) -> BoxFuture<Result<String, String>> {
+        let Simulated { building, robot } = self.clone();
+        Box::pin(async move { building.sweep(&robot).await.map_err(|error| error.to_string()) })
+    }
+}
