@@ -33,6 +33,7 @@ Look  agents    who is here            domain   what all can do, as PDDL
       watch     the messages           mailbox  how full agents' mailboxes are
 Plan  plan      without an ecosystem   validate a plan, to the step that fails
       check     show what is wrong in ecosystem files, PDDL, action models
+      replay    what `watch --record` has written, into a fresh ecosystem
 More  send      a message, as JSON     completions  for bash, zsh and fish
 
 Options: -v, -vv (log more), --json (where something is printed), -h, -V
@@ -102,6 +103,9 @@ pub(crate) enum Command {
     /// Show the messages of a running ecosystem as they are sent
     #[command(after_help = WATCH_HELP)]
     Watch(WatchArgs),
+    /// Play what was recorded into a fresh ecosystem
+    #[command(after_help = REPLAY_HELP)]
+    Replay(ReplayArgs),
     /// Show how full agents' mailboxes are, and what has overflowed
     Mailbox(MailboxArgs),
     /// Send one message as it is written, and print the answers
@@ -180,7 +184,21 @@ Examples: althing answer               lists the open questions
 
 const WATCH_HELP: &str = "\
 Examples: althing watch
-          althing watch --conversation ID     one goal, as a sequence diagram";
+          althing watch --conversation ID     one goal, as a sequence diagram
+          althing watch --record day.jsonl    for `althing replay`";
+
+const REPLAY_HELP: &str = "\
+What came from outside (goals, actions, changes) is said again, at its time, to
+agents that are started afresh in memory, with a fresh simulated building. How
+each ended is held against how it ended then.
+
+Lost are messages of all agents, not only what is played; whatever is promised
+to arrive is sent again. The same seed loses the same messages of each sender.
+
+Exit codes: 0 all ended as they did, 1 something did not, 33 no recording, 78 no
+ecosystem
+
+Example: althing replay day.jsonl --ecosystem office.toml --speed 10 --lose 0.1";
 
 const SEND_HELP: &str = "\
 The message is an object with `receiver` (a name; to all without it),
@@ -418,10 +436,54 @@ pub(crate) struct WatchArgs {
     /// Only the messages of this conversation, as a sequence diagram
     #[arg(long, value_name = "ID")]
     pub(crate) conversation: Option<String>,
+    /// Write them into this file instead, for `althing replay`
+    #[arg(long, value_name = "FILE", conflicts_with = "json")]
+    pub(crate) record: Option<PathBuf>,
+    /// How large the file may become
+    #[arg(long, value_name = "MIB", default_value_t = 256, requires = "record")]
+    pub(crate) record_max: u64,
     #[command(flatten)]
     pub(crate) reach: ReachArgs,
     #[command(flatten)]
     pub(crate) print: PrintArgs,
+}
+
+/// `althing replay`
+#[derive(Debug, Args)]
+pub(crate) struct ReplayArgs {
+    /// What `althing watch --record` has written
+    #[arg(value_name = "FILE")]
+    pub(crate) file: PathBuf,
+    /// The ecosystem that it is played into, a fresh one in memory
+    #[arg(long, value_name = "FILE|NAME")]
+    pub(crate) ecosystem: Option<String>,
+    /// How much faster than it was, the simulated building too
+    #[arg(long, value_name = "TIMES", default_value_t = 1.0, value_parser = speed)]
+    pub(crate) speed: f64,
+    /// Which part of the messages is lost, from 0 to 1
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = share)]
+    pub(crate) lose: f64,
+    /// Which part of the messages comes twice, from 0 to 1
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = share)]
+    pub(crate) duplicate: f64,
+    /// Which messages that are; the same of the same seed
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(crate) seed: u64,
+    /// How long an end is waited for, beyond the time it took then, in seconds
+    #[arg(long, value_name = "S", default_value_t = 60)]
+    pub(crate) patience: u32,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    let share = text.parse::<f64>().ok().filter(|share| (0.0..=1.0).contains(share));
+    share.ok_or_else(|| "a share is a number from 0 to 1, such as 0.1".to_owned())
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let speed = text.parse::<f64>().ok().filter(|speed| (0.01..=1_000.0).contains(speed));
+    speed.ok_or_else(|| "a speed is a number from 0.01 to 1000, such as 10".to_owned())
 }
 
 /// `watch` at the prompt.

@@ -15,6 +15,7 @@ mod keyboard;
 pub(crate) mod mailbox;
 mod mode;
 mod plan;
+mod replay;
 mod scenario;
 mod send;
 pub(crate) mod set;
@@ -59,6 +60,7 @@ pub(crate) fn run(command: Command) -> ExitCode {
         Command::State(args) => state::run(&args),
         Command::Goals(args) => goals::run(&args),
         Command::Watch(args) => watch::run(&args),
+        Command::Replay(args) => replay::run(&args),
         Command::Mailbox(args) => mailbox::run(&args),
         Command::Send(args) => send::run(&args),
         Command::Completions(args) => completions::run(&args),

@@ -1,6 +1,8 @@
 //! `althing watch`: the messages of a running ecosystem as they are sent, held against the
 //! protocols; those of one conversation as a sequence diagram.
 
+pub(crate) mod record;
+
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -38,6 +40,9 @@ pub(super) fn run(args: &WatchArgs) -> ExitCode {
         Err(problem) => return client::unavailable(&problem, json),
     };
     let conversation = args.conversation.clone();
+    if let Some(file) = &args.record {
+        return record::run(&target, conversation, file, args.record_max);
+    }
     super::in_runtime(async move {
         tokio::select! {
             ended = listen(&target.name, &target.endpoints, conversation, json, "cli") => match ended {

@@ -7,6 +7,7 @@ mod entrance;
 mod folders;
 mod rehearsal;
 mod supervisor;
+mod unreliable;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -25,6 +26,7 @@ pub(crate) use entrance::{Stay, enter};
 pub(crate) use folders::{running_ecosystems, runtime_folder, socket_in, state_folder};
 pub(crate) use rehearsal::{models, rehearse};
 use supervisor::Supervised;
+pub(crate) use unreliable::Mishaps;
 
 /// How long agents may take to give up their commitments once the daemon drains.
 const DRAIN_GRACE: Duration = Duration::from_secs(3);
@@ -39,6 +41,8 @@ const READY_PER_AGENT: Duration = Duration::from_millis(300);
 pub(crate) enum Wire {
     /// A wire within this process.
     Memory(Network),
+    /// The same, on which some messages are lost and some come twice.
+    Unreliable(Network, Arc<Mishaps>),
     /// Zenoh, as configured.
     Zenoh(Box<substrate_zenoh::Config>),
 }
@@ -281,6 +285,10 @@ async fn connect(
     let inbound = Arc::<Switchboard>::clone(switchboard);
     match wire {
         Wire::Memory(network) => Ok((network.open(daemon, inbound), Vec::new())),
+        Wire::Unreliable(network, mishaps) => {
+            let reliable = network.open(daemon, inbound);
+            Ok((unreliable::wire(reliable, mishaps), Vec::new()))
+        }
         Wire::Zenoh(config) => {
             let substrate = config.open(inbound).await?;
             let locators = substrate.locators();

@@ -72,7 +72,7 @@ impl Desk {
             let detail = "it comes from another ecosystem itself, and goes no further";
             return Err(Refusal::new(Reason::Conflict, detail));
         }
-        let Achieve { goal, keep, priority } = achieve;
+        let Achieve { goal, keep, priority, partition } = achieve;
         let translator = Translator::of_ontology(words, near);
         let goal = export::goal(&goal, goals, &translator).map_err(|why| {
             counters.unexported.fetch_add(1, Ordering::Relaxed);
@@ -88,7 +88,7 @@ impl Desk {
             let detail = format!("{rate} messages a second may pass to `{far}`; ask again later");
             return Err(Refusal::new(Reason::Busy, detail));
         }
-        Ok(Wish { goal, keep, priority })
+        Ok(Wish { goal, keep, priority, partition })
     }
 
     fn pass(&mut self, engagement: Engagement, wish: Wish, ctx: &mut Context<Self>) {

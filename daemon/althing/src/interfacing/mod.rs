@@ -20,7 +20,7 @@ mod export;
 mod mirror;
 mod observer;
 mod translate;
-mod voice;
+pub(crate) mod voice;
 mod words;
 
 #[cfg(test)]

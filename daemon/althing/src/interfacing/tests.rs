@@ -247,7 +247,11 @@ async fn say(terminal: &Terminal, said: Said) {
 
 async fn wish(terminal: &Terminal, ecosystem: &Ecosystem, goal: &str) {
     let goal = ecosystem.goal_text(goal).expect("a goal").to_owned();
-    say(terminal, Said::Wish(Wish { goal, keep: Keep::Achieve, priority: 0 })).await;
+    say(
+        terminal,
+        Said::Wish(Wish { goal, keep: Keep::Achieve, priority: 0, partition: Default::default() }),
+    )
+    .await;
 }
 
 /// Waits for the end of what was asked for; how it ended, and all that was said.
@@ -388,7 +392,7 @@ async fn what_would_come_back_is_stopped() {
 }
 
 fn goal_for_desk(goal: &str) -> Said {
-    let achieve = Achieve { goal: goal.to_owned(), keep: Keep::Achieve, priority: 0 };
+    let achieve = Achieve::new(goal, Keep::Achieve, 0);
     Said::Send(Draft {
         to: AgentId::new("caretaker-desk").ok(),
         performative: Performative::Request,

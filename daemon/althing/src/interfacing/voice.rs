@@ -6,8 +6,8 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use acl::ConversationId;
 use acl::content::{Outcome, Reason, Refusal, Report};
+use acl::{ConversationId, Message, Performative};
 use keyboard::{Heard, Said, Terminal, Wish};
 use tokio::sync::mpsc;
 
@@ -17,7 +17,7 @@ const NEWS_MAX: usize = 64;
 
 /// A hold on the voice. Clones speak with the same one.
 #[derive(Clone, Debug)]
-pub(super) struct Voice(mpsc::Sender<Order>);
+pub(crate) struct Voice(mpsc::Sender<Order>);
 
 #[derive(Debug)]
 enum Order {
@@ -26,7 +26,7 @@ enum Order {
 }
 
 /// Something that was asked for. Dropped before its end, it is taken back.
-pub(super) struct Asked {
+pub(crate) struct Asked {
     voice: Voice,
     news: mpsc::Receiver<Heard>,
     conversation: Option<ConversationId>,
@@ -36,7 +36,7 @@ pub(super) struct Asked {
 
 /// What became of it.
 #[derive(Clone, Debug)]
-pub(super) enum News {
+pub(crate) enum News {
     Report(Report),
     Refused(Refusal),
     /// Nobody took it.
@@ -45,7 +45,7 @@ pub(super) enum News {
 
 impl Voice {
     /// A voice that speaks through this terminal; the future carries what is said.
-    pub(super) fn new(terminal: Terminal) -> (Voice, impl Future<Output = ()> + Send + 'static) {
+    pub(crate) fn new(terminal: Terminal) -> (Voice, impl Future<Output = ()> + Send + 'static) {
         let (orders, heard) = mpsc::channel(ORDERS_MAX);
         let speaker =
             Speaker { terminal, orders: heard, said: VecDeque::new(), open: BTreeMap::new() };
@@ -53,16 +53,23 @@ impl Voice {
     }
 
     /// Asks for one action.
-    pub(super) async fn act(&self, action: String, revocable: bool) -> Asked {
+    pub(crate) async fn act(&self, action: String, revocable: bool) -> Asked {
         self.ask(Said::Act(action), revocable).await
     }
 
     /// Asks for a goal.
-    pub(super) async fn wish(&self, wish: Wish, revocable: bool) -> Asked {
+    pub(crate) async fn wish(&self, wish: Wish, revocable: bool) -> Asked {
         self.ask(Said::Wish(wish), revocable).await
     }
 
-    async fn ask(&self, said: Said, revocable: bool) -> Asked {
+    /// Gives something up.
+    pub(crate) async fn cancel(&self, conversation: ConversationId) {
+        // A voice that has ended has given up everything.
+        let _ = self.0.send(Order::Cancel(conversation)).await;
+    }
+
+    /// Says something that is answered.
+    pub(crate) async fn ask(&self, said: Said, revocable: bool) -> Asked {
         let (tell, news) = mpsc::channel(NEWS_MAX);
         // A voice that has ended drops the sender: then nothing is heard, which is an answer.
         let _ = self.0.send(Order::Ask(said, tell)).await;
@@ -71,8 +78,13 @@ impl Voice {
 }
 
 impl Asked {
+    /// Its conversation, once it has one.
+    pub(crate) fn conversation(&self) -> Option<&ConversationId> {
+        self.conversation.as_ref()
+    }
+
     /// The next news; the last is final.
-    pub(super) async fn next(&mut self) -> News {
+    pub(crate) async fn next(&mut self) -> News {
         loop {
             let Some(heard) = self.news.recv().await else {
                 self.revocable = false;
@@ -87,7 +99,12 @@ impl Asked {
                 Heard::Report(_, report) => return News::Report(report),
                 Heard::Refused(_, refusal) => return News::Refused(refusal),
                 Heard::Unanswered(..) => return News::Unanswered,
-                Heard::Answered(_) | Heard::Question(_) | Heard::QuestionClosed(..) => (),
+                Heard::Answered(message) => {
+                    if let Some(news) = news_of(&message, is_final) {
+                        return news;
+                    }
+                }
+                Heard::Question(_) | Heard::QuestionClosed(..) => (),
             }
         }
     }
@@ -104,7 +121,7 @@ impl Drop for Asked {
 
 impl News {
     /// Whether nothing more follows.
-    pub(super) fn is_final(&self) -> bool {
+    pub(crate) fn is_final(&self) -> bool {
         match self {
             News::Report(report) => report.outcome.is_final(),
             News::Refused(_) | News::Unanswered => true,
@@ -112,7 +129,7 @@ impl News {
     }
 
     /// How it stands, in words of our own: what they say over there stays over there.
-    pub(super) fn reason(&self) -> Option<Reason> {
+    pub(crate) fn reason(&self) -> Option<Reason> {
         match self {
             News::Refused(refusal) => Some(refusal.reason),
             News::Report(report) if report.outcome == Outcome::Failed => {
@@ -121,6 +138,17 @@ impl News {
             News::Report(_) => None,
             News::Unanswered => Some(Reason::Unanswered),
         }
+    }
+}
+
+/// What an answer to a message that was sent as it was written says of its end.
+fn news_of(message: &Message, is_final: bool) -> Option<News> {
+    match message.performative {
+        Performative::Confirm => message.content_as().ok().map(News::Report),
+        Performative::Refuse | Performative::NotUnderstood => {
+            message.content_as().ok().map(News::Refused)
+        }
+        _ => is_final.then(|| News::Report(Report::new(Outcome::Done, "answered"))),
     }
 }
 

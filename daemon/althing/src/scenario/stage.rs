@@ -262,7 +262,7 @@ impl Set {
             }
         };
         let endpoint = match &self.wire {
-            Wire::Memory(network) => {
+            Wire::Memory(network) | Wire::Unreliable(network, _) => {
                 network.tap(move |_, payload| hear(payload));
                 return Ok(Ear { heard, _tap: None });
             }

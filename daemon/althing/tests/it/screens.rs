@@ -26,6 +26,7 @@ fn help_fits_80_columns() {
         "state",
         "goals",
         "watch",
+        "replay",
         "mailbox",
         "send",
         "plan",

@@ -1,0 +1,291 @@
+//! `althing replay`: what came from outside, said again to agents that are started afresh.
+//!
+//! - What a recorded ecosystem's own agents said is not played: they are here, and say their own.
+//!   What is played is what others opened: people's goals, actions and changes (`plays`).
+//! - The agents live in this process, on a wire in memory, with a simulated building of their own;
+//!   `--lose` and `--duplicate` make that wire unreliable.
+//! - Who asked for something after something else had ended then, asks after it has ended now.
+//! - How each thing ended is held against how it ended then.
+
+mod plays;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use acl::content::Outcome;
+use acl::{AgentId, ConversationId, DaemonId};
+use keyboard::Keyboard;
+use serde_json::json;
+use substrate::memory::Network;
+use tokio::sync::watch;
+use tokio::time::Instant;
+
+use crate::cli::ReplayArgs;
+use crate::commands::brief;
+use crate::commands::watch::record::Recording;
+use crate::config::{self, Ecosystem, Overrides};
+use crate::hosting::{self, Mishaps, Node, Part, Wire};
+use crate::interfacing::voice::{News, Voice};
+use crate::render::plural;
+use crate::{exit, output, plugins};
+use plays::{End, Play, Plays, Words};
+
+/// A recording did not come to the same ends.
+const OTHERWISE: u8 = 1;
+
+/// Plays a recording, and says how it went.
+pub(super) fn run(args: &ReplayArgs) -> ExitCode {
+    let json = args.print.json;
+    let recording = match Recording::read(&args.file) {
+        Ok(recording) => recording,
+        Err(error) => return super::wrong(&format!("failed to {error}"), json),
+    };
+    let ecosystem = match ecosystem(args) {
+        Ok(ecosystem) => ecosystem,
+        Err(code) => return code,
+    };
+    if ecosystem.name != recording.header.ecosystem {
+        output::note(&format!(
+            "warning: it was recorded in `{}`, and is played in `{}`",
+            recording.header.ecosystem, ecosystem.name
+        ));
+    }
+    let plays = Plays::of(&recording, &ecosystem);
+    let mishaps = Arc::new(Mishaps::new(args.lose, args.duplicate, args.seed));
+    let lasts = recording.lasts();
+    let (speed, name) = (args.speed, args.file.display().to_string());
+    let patience = Duration::from_secs(args.patience.into());
+    super::in_runtime(async move {
+        let unread = recording.unread;
+        let show = Show { plays, mishaps, speed, lasts, patience, unread, name };
+        tokio::select! {
+            played = show.play(&ecosystem, json) => match played {
+                Ok(code) => code,
+                Err(problem) => {
+                    output::note(&format!("error: failed to {problem}"));
+                    exit::with(exit::UNAVAILABLE)
+                }
+            },
+            signal = super::interrupted() => exit::by_signal(signal),
+        }
+    })
+}
+
+fn ecosystem(args: &ReplayArgs) -> Result<Ecosystem, ExitCode> {
+    let file = match &args.ecosystem {
+        Some(asked) => config::resolve_ecosystem(asked).map_err(|problem| {
+            output::note(&format!("error: failed to {problem}"));
+            exit::with(exit::CONFIG)
+        })?,
+        None => config::find_ecosystem_file().unwrap_or_else(|| PathBuf::from("althing.toml")),
+    };
+    let loaded = Ecosystem::load(&file, &Overrides::default(), &plugins::known());
+    let mut ecosystem = loaded.map_err(|error| {
+        output::show(&error.into_report(), args.print.json, "bad-input", exit::CONFIG)
+    })?;
+    ecosystem.building.time_scale /= args.speed;
+    Ok(ecosystem)
+}
+
+/// A recording that is about to be played.
+struct Show {
+    plays: Plays,
+    mishaps: Arc<Mishaps>,
+    speed: f64,
+    lasts: Duration,
+    /// How long an end is waited for beyond that: messages that are lost are sent again up to a
+    /// second later, and a plan has tens of them.
+    patience: Duration,
+    unread: usize,
+    name: String,
+}
+
+/// Where conversations of the recording go on now.
+type Now = Arc<Mutex<BTreeMap<ConversationId, ConversationId>>>;
+
+impl Show {
+    /// Plays it to its end. The error completes “failed to …”.
+    async fn play(self, ecosystem: &Ecosystem, json: bool) -> Result<ExitCode, String> {
+        // What a fresh ecosystem keeps, it keeps as long as it is played.
+        let state = tempfile::Builder::new().prefix("althing-").tempdir();
+        let state = state.map_err(|error| format!("make a folder for the replay: {error}"))?;
+        let node = self.open(ecosystem, state.path()).await?;
+        // A heartbeat or two, so that everybody knows of everybody, as then.
+        tokio::time::sleep(ecosystem.settings.heartbeat_period * 2).await;
+        let began = Instant::now();
+        let voices = self.voices(&node, ecosystem);
+        let (now, ended) = (Now::default(), Arc::new(watch::Sender::new(BTreeSet::new())));
+        let mut running = tokio::task::JoinSet::new();
+        for (index, play) in self.plays.plays.iter().enumerate() {
+            let Some(voice) = voices.get(&play.who).cloned() else { continue };
+            let wait = Duration::from_millis(play.after_ms).div_f64(self.speed);
+            let until = began + self.lasts.div_f64(self.speed) + self.patience;
+            let (play, now, ended) = (play.clone(), Arc::clone(&now), Arc::clone(&ended));
+            running.spawn(async move {
+                let mut others = ended.subscribe();
+                let is_its_turn =
+                    |ended: &BTreeSet<usize>| play.after.iter().all(|it| ended.contains(it));
+                tokio::time::sleep(wait).await;
+                // What others wait for in vain is played all the same.
+                let _ = tokio::time::timeout_at(until, others.wait_for(is_its_turn)).await;
+                let end = perform(play.clone(), voice, now, until).await;
+                ended.send_modify(|ended| {
+                    ended.insert(index);
+                });
+                (index, end)
+            });
+        }
+        let mut ends = vec![End::Open; self.plays.plays.len()];
+        while let Some(ended) = running.join_next().await {
+            let (index, end) = ended.map_err(|error| error.to_string())?;
+            ends[index] = end;
+        }
+        let took = began.elapsed();
+        node.drain().await;
+        Ok(self.tell(&ends, took, json))
+    }
+
+    async fn open(&self, ecosystem: &Ecosystem, state: &Path) -> Result<Node, String> {
+        let building = hosting::simulate(ecosystem).map_err(|error| error.to_string())?;
+        let part = Part {
+            ecosystem,
+            daemon: DaemonId::new("replay").map_err(|error| error.to_string())?,
+            agents: ecosystem.agents.clone(),
+            mode: ecosystem.mode,
+            building: Some(building.handle()),
+            state: Some(state.to_owned()),
+        };
+        let wire = Wire::Unreliable(Network::new(), Arc::clone(&self.mishaps));
+        Node::open(part, wire).await.map_err(|error| error.to_string())
+    }
+
+    /// A keyboard for everybody who said something, under the name it had.
+    fn voices(&self, node: &Node, ecosystem: &Ecosystem) -> BTreeMap<AgentId, Voice> {
+        let mut voices = BTreeMap::new();
+        for play in &self.plays.plays {
+            voices.entry(play.who.clone()).or_insert_with(|| {
+                let (keyboard, terminal) = Keyboard::with_terminal();
+                node.launch(play.who.clone(), keyboard, ecosystem.domain.name.as_str());
+                let (voice, speaking) = Voice::new(terminal);
+                tokio::spawn(speaking);
+                voice
+            });
+        }
+        voices
+    }
+
+    fn tell(&self, ends: &[End], took: Duration, json: bool) -> ExitCode {
+        let plays = &self.plays.plays;
+        let is_same = |(play, end): (&Play, &End)| play.end.is_as_good_as(*end);
+        let otherwise = plays.iter().zip(ends).filter(|pair| !is_same(*pair)).count();
+        let code = if otherwise == 0 { exit::DONE } else { OTHERWISE };
+        let count = |counter: &std::sync::atomic::AtomicU64| counter.load(Ordering::Relaxed);
+        let Mishaps { lost, doubled, all, .. } = &*self.mishaps;
+        let (lost, doubled, all) = (count(lost), count(doubled), count(all));
+        if json {
+            let played: Vec<_> = { plays.iter().zip(ends) }
+                .map(|(play, end)| {
+                    json!({
+                        "who": play.who,
+                        "said": play.words.to_string(),
+                        "then": play.end.to_string(),
+                        "now": end.to_string(),
+                        "same": play.end.is_as_good_as(*end),
+                    })
+                })
+                .collect();
+            let value = json!({
+                "status": if otherwise == 0 { "same" } else { "otherwise" },
+                "plays": played,
+                "left-out": self.plays.left_out,
+                "unread": self.unread,
+                "messages": { "all": all, "lost": lost, "twice": doubled },
+                "seconds": took.as_secs_f64(),
+            });
+            return output::print_json(&value, code);
+        }
+        let mut text = String::new();
+        for (play, end) in plays.iter().zip(ends) {
+            let mark = if is_same((play, end)) { '✓' } else { '✗' };
+            text +=
+                &format!("{mark} {}: {}\n  then {}, now {end}\n", play.who, play.words, play.end);
+        }
+        let left_out = plural(self.plays.left_out, "message");
+        text += &format!(
+            "{} of {} played from {} in {}; {left_out} left out\n",
+            plays.len(),
+            plural(plays.len(), "thing that was asked for"),
+            self.name,
+            brief(took)
+        );
+        if self.mishaps.lose > 0.0 || self.mishaps.duplicate > 0.0 {
+            let seed = self.mishaps.seed;
+            text +=
+                &format!("{lost} of {all} messages lost, {doubled} came twice (--seed {seed})\n");
+        }
+        text += &match otherwise {
+            0 => "all ended as they did\n".to_owned(),
+            count => format!("{count} did not end as then\n"),
+        };
+        output::print(text, code)
+    }
+}
+
+/// Says one thing again, and hears how it ends.
+async fn perform(play: Play, voice: Voice, now: Now, until: Instant) -> End {
+    let lock = || now.lock().unwrap_or_else(PoisonError::into_inner);
+    let said = match play.words {
+        Words::Said(said) => said,
+        Words::GiveUp(conversation) => {
+            let known = lock().get(&conversation).cloned();
+            let Some(conversation) = known else { return End::Refused };
+            voice.cancel(conversation).await;
+            return play.end;
+        }
+    };
+    let mut asked = voice.ask(said, false).await;
+    let mut end = End::Open;
+    let hearing = async {
+        loop {
+            let news = asked.next().await;
+            if let Some(conversation) = asked.conversation() {
+                lock().insert(play.conversation.clone(), conversation.clone());
+            }
+            let is_final = news.is_final();
+            if let Some(heard) = End::of(&news) {
+                end = heard;
+            }
+            // A goal that was kept is played until it holds.
+            if is_final || (end == End::Done && play.end == End::Done) {
+                return;
+            }
+        }
+    };
+    // Whatever is still open then, is open.
+    let _ = tokio::time::timeout_at(until, hearing).await;
+    end
+}
+
+impl End {
+    /// What news say of the end; nothing, if it is not there yet.
+    fn of(news: &News) -> Option<End> {
+        match news {
+            News::Report(report) => End::of_outcome(report.outcome),
+            News::Refused(_) => Some(End::Refused),
+            News::Unanswered => Some(End::Unanswered),
+        }
+    }
+
+    fn of_outcome(outcome: Outcome) -> Option<End> {
+        match outcome {
+            Outcome::Progress => None,
+            Outcome::Holds | Outcome::Done => Some(End::Done),
+            Outcome::Failed => Some(End::Failed),
+            Outcome::Cancelled => Some(End::Cancelled),
+        }
+    }
+}

@@ -1,0 +1,198 @@
+//! From a recording to what is to be said again: what agents outside the ecosystem opened, and how
+//! it ended then.
+
+use std::collections::BTreeSet;
+use std::fmt;
+
+use acl::content::{Execute, Report, Request};
+use acl::{AgentId, ConversationId, Message, Performative, Protocol};
+use keyboard::{Draft, Said, Wish};
+
+use crate::commands::watch::record::{Recorded, Recording};
+use crate::config::Ecosystem;
+
+/// How long answers to a message are waited for that names no time.
+const PATIENCE: std::time::Duration = std::time::Duration::from_secs(60);
+
+/// All that is to be said again.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Plays {
+    pub(super) plays: Vec<Play>,
+    /// Messages from outside that cannot be said again: answers of people, which are not
+    /// recorded, and whatever opens nothing.
+    pub(super) left_out: usize,
+}
+
+/// One thing that was asked for.
+#[derive(Clone, Debug)]
+pub(super) struct Play {
+    pub(super) who: AgentId,
+    /// When, counted from the first of them.
+    pub(super) after_ms: u64,
+    pub(super) conversation: ConversationId,
+    pub(super) words: Words,
+    /// How it ended then.
+    pub(super) end: End,
+    /// Which of those before it had ended then: who asked may have waited for them.
+    pub(super) after: Vec<usize>,
+}
+
+/// What is said.
+#[derive(Clone, Debug)]
+pub(super) enum Words {
+    Said(Said),
+    /// Give up what was asked for in this conversation of the recording.
+    GiveUp(ConversationId),
+}
+
+/// How something ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum End {
+    /// It was done, or held.
+    Done,
+    Failed,
+    Cancelled,
+    Refused,
+    /// Nobody took it.
+    Unanswered,
+    /// It went on when the recording ended.
+    Open,
+}
+
+impl Plays {
+    pub(super) fn of(recording: &Recording, ecosystem: &Ecosystem) -> Plays {
+        let ours: BTreeSet<&AgentId> = ecosystem.agents.iter().map(|agent| &agent.name).collect();
+        let mut plays = Plays::default();
+        let mut ids = BTreeSet::new();
+        let (mut first, mut ended) = (None, Vec::new());
+        for Recorded { at_ms, message, .. } in &recording.messages {
+            let is_outside = !ours.contains(&message.sender);
+            if !is_outside || !ids.insert(&message.id) || !message.opens_exchange() {
+                continue;
+            }
+            let Some(words) = words_of(message) else {
+                plays.left_out += 1;
+                continue;
+            };
+            let first = *first.get_or_insert(*at_ms);
+            let (end, ended_ms) = end_of(message, &recording.messages);
+            let had_ended = |ended: &Option<u64>| ended.is_some_and(|ended| ended <= *at_ms);
+            let after = ended.iter().enumerate().filter(|(_, ended)| had_ended(ended));
+            let after = after.map(|(index, _)| index).collect();
+            ended.push(ended_ms);
+            plays.plays.push(Play {
+                who: message.sender.clone(),
+                after_ms: at_ms - first,
+                conversation: message.conversation_id.clone(),
+                words,
+                end,
+                after,
+            });
+        }
+        plays
+    }
+}
+
+/// What is to be said again of a message; `None` where it cannot be.
+fn words_of(message: &Message) -> Option<Words> {
+    if message.performative == Performative::Cancel {
+        return Some(Words::GiveUp(message.conversation_id.clone()));
+    }
+    if message.performative != Performative::Request {
+        return draft_of(message).map(|draft| Words::Said(Said::Send(draft)));
+    }
+    let said = match message.content_as::<Request>() {
+        Ok(Request::Achieve(achieve)) => {
+            let acl::content::Achieve { goal, keep, priority, partition } = achieve;
+            Said::Wish(Wish { goal, keep, priority, partition })
+        }
+        Ok(Request::Execute(execute)) => Said::Act(action_of(&execute)?),
+        Ok(Request::ChangeState(change)) => Said::Set(change),
+        Ok(Request::SetMode(mode)) => Said::Mode(mode.mode),
+        // What was answered is not recorded: it may be a secret.
+        Ok(Request::AnswerQuestion(_)) => return None,
+        _ => Said::Send(draft_of(message)?),
+    };
+    Some(Words::Said(said))
+}
+
+fn draft_of(message: &Message) -> Option<Draft> {
+    Some(Draft {
+        to: message.receiver.first().cloned(),
+        performative: message.performative,
+        protocol: message.protocol.unwrap_or(Protocol::StateChange),
+        conversation: None,
+        content: message.content.clone(),
+        patience: message.reply_by.map_or(PATIENCE, |by| by.0),
+    })
+}
+
+/// The one action that a person asked for, under the name that its agent knows.
+fn action_of(execute: &Execute) -> Option<String> {
+    let plan = pddl::parse_plan(&execute.plan).into_result().ok()?;
+    let [step] = &plan.steps[..] else { return None };
+    let agent = step.arguments.first()?.as_str();
+    let (_, offers) = execute.offers.iter().find(|(name, _)| name.as_str() == agent)?;
+    let (outside, _) = offers.iter().find(|(_, offer)| step.action == offer.inside.as_str())?;
+    let step = pddl::PlanStep::new(outside.as_str(), step.arguments.iter().cloned());
+    Some(step.to_string())
+}
+
+/// How what a message opened ended in the recording, and when.
+fn end_of(opening: &Message, messages: &[Recorded]) -> (End, Option<u64>) {
+    let answers = messages.iter().filter(|Recorded { message, .. }| {
+        message.in_reply_to == opening.reply_with && message.sender != opening.sender
+    });
+    let (mut end, mut ended) = (End::Open, None);
+    for Recorded { at_ms, message, .. } in answers {
+        let said = match message.performative {
+            Performative::Refuse | Performative::NotUnderstood => Some(End::Refused),
+            Performative::Confirm => {
+                let report = message.content_as::<Report>().ok();
+                report.and_then(|report| End::of_outcome(report.outcome))
+            }
+            _ => None,
+        };
+        if let Some(said) = said {
+            (end, ended) = (said, ended.or(Some(*at_ms)));
+        }
+    }
+    (end, ended)
+}
+
+impl End {
+    /// Whether it is no worse now than it was then: who had no end then may have any.
+    pub(super) fn is_as_good_as(self, now: End) -> bool {
+        self == End::Open || self == now
+    }
+}
+
+impl fmt::Display for End {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            End::Done => "done",
+            End::Failed => "failed",
+            End::Cancelled => "given up",
+            End::Refused => "refused",
+            End::Unanswered => "unanswered",
+            End::Open => "without an end",
+        })
+    }
+}
+
+impl fmt::Display for Words {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Words::Said(Said::Wish(wish)) => write!(f, "goal {}", wish.goal),
+            Words::Said(Said::Act(action)) => write!(f, "act {action}"),
+            Words::Said(Said::Set(change)) => {
+                write!(f, "set {}{}", change.believe, change.retract)
+            }
+            Words::Said(Said::Mode(mode)) => write!(f, "mode {mode}"),
+            Words::Said(Said::Send(draft)) => write!(f, "{} {}", draft.performative, draft.content),
+            Words::Said(Said::Cancel(_) | Said::Answer { .. }) | Words::GiveUp(_) => {
+                write!(f, "give it up")
+            }
+        }
+    }
+}

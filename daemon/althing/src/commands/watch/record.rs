@@ -1,0 +1,301 @@
+//! `althing watch --record`: what an ecosystem says, a line of JSON each, for `althing replay` and
+//! for whoever wants to know later.
+//!
+//! A recording is a text of lines. The first says what it is a recording of ([`Header`]), each
+//! other one message ([`Recorded`]), without what people answered. It is written as it is heard: a
+//! recording that was cut off anywhere is whole up to its last line.
+
+use std::fs::File;
+use std::io::{self, BufRead as _, BufReader, BufWriter, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use acl::{EcosystemId, Message};
+use bytes::Bytes;
+use serde::{Deserialize, Serialize};
+use tokio::sync::mpsc;
+
+use super::{WAITING_MAX, discreet};
+use crate::commands::brief;
+use crate::commands::client::{self, Target};
+use crate::{exit, output};
+
+/// The version of the lines written here.
+const VERSION: u32 = 1;
+
+/// A line that is longer is none: a message is at most 4 MiB, and JSON in JSON a little more.
+const LINE_BYTES_MAX: usize = 16 << 20;
+
+/// The first line.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Header {
+    /// The version of the lines.
+    pub(crate) recording: u32,
+    /// Of which ecosystem.
+    pub(crate) ecosystem: EcosystemId,
+}
+
+/// One message.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Recorded {
+    /// When it was heard, in milliseconds since the recording began.
+    pub(crate) at_ms: u64,
+    /// How it was addressed: its key expression.
+    pub(crate) key: String,
+    /// What was said.
+    pub(crate) message: Message,
+}
+
+/// A recording that was read.
+#[derive(Clone, Debug)]
+pub(crate) struct Recording {
+    pub(crate) header: Header,
+    pub(crate) messages: Vec<Recorded>,
+    /// Lines that are no messages, such as the last of one that was cut off.
+    pub(crate) unread: usize,
+}
+
+/// Why a recording cannot be read. Completes “failed to …”.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum RecordingError {
+    /// The file cannot be read.
+    #[error("read {}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        source: io::Error,
+    },
+    /// It is no recording.
+    #[error("read {}: its first line is not that of a recording; `althing watch --record` makes one", path.display())]
+    NoRecording {
+        /// The file.
+        path: PathBuf,
+    },
+    /// It is a newer one.
+    #[error("read {}: it is of version {version}, and only {VERSION} is known here", path.display())]
+    Version {
+        /// The file.
+        path: PathBuf,
+        /// Its version.
+        version: u32,
+    },
+}
+
+/// Writes a recording, up to a size.
+struct Recorder {
+    file: BufWriter<File>,
+    began: Instant,
+    left: u64,
+    written: u64,
+    /// Messages that came when there was no room any more, or could not be read.
+    left_out: u64,
+}
+
+/// Records until Ctrl-C, or until the file is as large as it may be.
+pub(super) fn run(
+    target: &Target,
+    conversation: Option<String>,
+    file: &Path,
+    megabytes: u64,
+) -> ExitCode {
+    let opened = Recorder::create(file, &target.name, megabytes << 20);
+    let mut recorder = match opened {
+        Ok(recorder) => recorder,
+        Err(error) => {
+            output::note(&format!("error: failed to write {}: {error}", file.display()));
+            return exit::with(exit::OUTPUT);
+        }
+    };
+    crate::commands::in_runtime(async move {
+        let ended = tokio::select! {
+            ended = record(target, conversation, &mut recorder) => ended,
+            _ = crate::commands::interrupted() => Ok(()),
+        };
+        recorder.tell(file);
+        match ended {
+            Ok(()) => exit::with(exit::DONE),
+            Err(Failure::Unreachable(problem)) => client::unavailable(&problem, false),
+            Err(Failure::Write(error)) => {
+                output::note(&format!("error: failed to write {}: {error}", file.display()));
+                exit::with(exit::OUTPUT)
+            }
+        }
+    })
+}
+
+enum Failure {
+    Unreachable(String),
+    Write(io::Error),
+}
+
+async fn record(
+    target: &Target,
+    conversation: Option<String>,
+    recorder: &mut Recorder,
+) -> Result<(), Failure> {
+    let config = target.config().map_err(Failure::Unreachable)?;
+    let (hear, mut heard) = mpsc::channel::<(String, Bytes)>(WAITING_MAX);
+    let tap = substrate_zenoh::tap(config, move |key, payload| {
+        // A full queue loses a line of a recording, and nothing else.
+        let _ = hear.try_send((key.to_owned(), payload));
+    });
+    let _tap = tap.await.map_err(|error| Failure::Unreachable(error.to_string()))?;
+    recorder.began = Instant::now();
+    output::note(&format!("recording `{}`; Ctrl-C ends it", target.name));
+    while let Some((key, payload)) = heard.recv().await {
+        let Ok(message) = acl::decode(&payload) else {
+            recorder.left_out += 1;
+            continue;
+        };
+        let is_asked_for =
+            conversation.as_ref().is_none_or(|asked| asked == message.conversation_id.as_str());
+        if is_asked_for && !recorder.take(key, &message).map_err(Failure::Write)? {
+            output::note("the recording is as large as it may be (--record-max)");
+            return Ok(());
+        }
+    }
+    Ok(())
+}
+
+// === impl Recorder ===
+
+impl Recorder {
+    fn create(path: &Path, ecosystem: &EcosystemId, bytes_max: u64) -> io::Result<Recorder> {
+        let file = BufWriter::new(File::create(path)?);
+        let (began, left) = (Instant::now(), bytes_max);
+        let mut recorder = Recorder { file, began, left, written: 0, left_out: 0 };
+        let header = Header { recording: VERSION, ecosystem: ecosystem.clone() };
+        recorder.line(&header)?;
+        Ok(recorder)
+    }
+
+    /// Writes a message; `false` if there is no room for it.
+    fn take(&mut self, key: String, message: &Message) -> io::Result<bool> {
+        let at_ms = u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX);
+        let is_written = self.line(&Recorded { at_ms, key, message: discreet(message) })?;
+        self.written += u64::from(is_written);
+        Ok(is_written)
+    }
+
+    fn line(&mut self, line: &impl Serialize) -> io::Result<bool> {
+        let mut text = serde_json::to_vec(line)?;
+        text.push(b'\n');
+        let Some(left) = self.left.checked_sub(text.len() as u64) else { return Ok(false) };
+        self.left = left;
+        self.file.write_all(&text)?;
+        self.file.flush()?;
+        Ok(true)
+    }
+
+    fn tell(&self, file: &Path) {
+        let Recorder { began, written, left_out, .. } = self;
+        let left_out = match left_out {
+            0 => String::new(),
+            count => format!("; {count} could not be read"),
+        };
+        let time = brief(began.elapsed());
+        output::note(&format!("{written} messages in {time}, in {}{left_out}", file.display()));
+    }
+}
+
+// === impl Recording ===
+
+impl Recording {
+    /// Reads a recording.
+    ///
+    /// # Errors
+    ///
+    /// If the file cannot be read, or is none.
+    pub(crate) fn read(path: &Path) -> Result<Recording, RecordingError> {
+        let failed = |source| RecordingError::Io { path: path.to_owned(), source };
+        let mut lines = BufReader::new(File::open(path).map_err(failed)?).lines();
+        let first = lines.next().transpose().map_err(failed)?.unwrap_or_default();
+        let header = serde_json::from_str::<Header>(&first);
+        let header = header.map_err(|_| RecordingError::NoRecording { path: path.to_owned() })?;
+        if header.recording != VERSION {
+            let version = header.recording;
+            return Err(RecordingError::Version { path: path.to_owned(), version });
+        }
+        let mut recording = Recording { header, messages: Vec::new(), unread: 0 };
+        for line in lines {
+            // What cannot be read as text is no line of ours.
+            let read = line.ok().filter(|line| line.len() <= LINE_BYTES_MAX);
+            match read.and_then(|line| serde_json::from_str::<Recorded>(&line).ok()) {
+                Some(recorded) => recording.messages.push(recorded),
+                None => recording.unread += 1,
+            }
+        }
+        recording.messages.sort_by_key(|recorded| recorded.at_ms);
+        Ok(recording)
+    }
+
+    /// How long it lasts.
+    pub(crate) fn lasts(&self) -> Duration {
+        Duration::from_millis(self.messages.last().map_or(0, |last| last.at_ms))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn message() -> Message {
+        serde_json::from_value(json!({
+            "version": 1, "id": "m1", "performative": "inform", "sender": "alice",
+            "incarnation": 1, "conversation_id": "c1", "protocol": "query",
+            "content": { "of": "answer", "text": "2718" },
+        }))
+        .expect("a message")
+    }
+
+    #[test]
+    fn what_is_recorded_can_be_read_up_to_where_it_was_cut() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("r.jsonl");
+        let office = EcosystemId::new("office").expect("a name");
+        let mut recorder = Recorder::create(&path, &office, 1 << 20).expect("created");
+        for _ in 0..3 {
+            assert!(recorder.take("k".to_owned(), &message()).expect("written"));
+        }
+        let text = std::fs::read_to_string(&path).expect("flushed line by line");
+        assert!(!text.contains("2718"), "what people answer may be a secret: {text}");
+        for (cut, messages, unread) in [(0, 3, 0), (5, 2, 1)] {
+            std::fs::write(&path, &text[..text.len() - cut]).expect("written");
+            let recording = Recording::read(&path).expect("a recording");
+            assert_eq!((recording.messages.len(), recording.unread), (messages, unread));
+            assert_eq!(recording.header.ecosystem, office);
+        }
+    }
+
+    #[test]
+    fn a_recording_is_bounded() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("r.jsonl");
+        let office = EcosystemId::new("office").expect("a name");
+        let mut recorder = Recorder::create(&path, &office, 1_000).expect("created");
+        let written = (0..100).filter(|_| recorder.take("k".into(), &message()).expect("written"));
+        assert!((2..10).contains(&written.count()));
+        assert!(std::fs::metadata(&path).expect("there").len() <= 1_000);
+    }
+
+    #[test]
+    fn what_is_none_is_said_to_be_none() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("r.jsonl");
+        for (text, word) in [
+            ("", "not that of a recording"),
+            ("{}", "not that of a recording"),
+            ("{\"recording\":7,\"ecosystem\":\"office\"}", "version 7"),
+        ] {
+            std::fs::write(&path, text).expect("written");
+            let error = Recording::read(&path).expect_err(text).to_string();
+            assert!(error.contains(word), "{text}: {error}");
+        }
+        assert!(Recording::read(&folder.path().join("nowhere")).is_err());
+    }
+}

@@ -1,0 +1,171 @@
+//! A wire on which some messages are lost and some come twice: the same ones for the same seed.
+//!
+//! Which ones is decided by who says what to whom for the how-manyeth time, not by the order in
+//! which threads get to say it. Questions and presence are never lost: a wire that loses those is
+//! down, and that is another fault.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use acl::{AgentId, Incarnation, Performative};
+use bytes::Bytes;
+use substrate::{Address, Ask, BoxFuture, PresenceToken, SendError, Subject, Substrate};
+
+/// What happens to messages, and has happened so far.
+#[derive(Debug, Default)]
+pub(crate) struct Mishaps {
+    /// Which share is lost, and which comes twice.
+    pub(crate) lose: f64,
+    pub(crate) duplicate: f64,
+    pub(crate) seed: u64,
+    said: Mutex<BTreeMap<String, u64>>,
+    pub(crate) lost: AtomicU64,
+    pub(crate) doubled: AtomicU64,
+    pub(crate) all: AtomicU64,
+}
+
+/// What happens to one message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Mishap {
+    None,
+    Lost,
+    Doubled,
+}
+
+/// The reliable wire, made unreliable.
+pub(super) fn wire(reliable: Arc<dyn Substrate>, mishaps: Arc<Mishaps>) -> Arc<dyn Substrate> {
+    Arc::new(Unreliable { reliable, mishaps })
+}
+
+struct Unreliable {
+    reliable: Arc<dyn Substrate>,
+    mishaps: Arc<Mishaps>,
+}
+
+// === impl Mishaps ===
+
+impl Mishaps {
+    /// Such shares, of such a seed.
+    pub(crate) fn new(lose: f64, duplicate: f64, seed: u64) -> Mishaps {
+        Mishaps { lose, duplicate, seed, ..Mishaps::default() }
+    }
+
+    /// What happens to the next message on this route.
+    fn next(&self, route: String) -> Mishap {
+        self.all.fetch_add(1, Ordering::Relaxed);
+        let number = {
+            let mut said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
+            let count = said.entry(route.clone()).or_default();
+            *count += 1;
+            *count
+        };
+        let drawn = share_of(draw(self.seed, &route, number));
+        if drawn < self.lose {
+            self.lost.fetch_add(1, Ordering::Relaxed);
+            Mishap::Lost
+        } else if drawn < self.lose + (1.0 - self.lose) * self.duplicate {
+            self.doubled.fetch_add(1, Ordering::Relaxed);
+            Mishap::Doubled
+        } else {
+            Mishap::None
+        }
+    }
+}
+
+/// A number that depends on all three and looks like none of them: FNV-1a, then SplitMix64's
+/// finish.
+fn draw(seed: u64, route: &str, number: u64) -> u64 {
+    let bytes = route.bytes().chain(number.to_le_bytes()).chain(seed.to_le_bytes());
+    let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+    });
+    let mixed = (hash ^ (hash >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    mixed ^ (mixed >> 31)
+}
+
+/// From 0 to 1, without 1.
+fn share_of(number: u64) -> f64 {
+    (number >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+// === impl Unreliable ===
+
+impl Unreliable {
+    fn pass(
+        &self,
+        route: String,
+        payload: Bytes,
+        send: impl Fn(Bytes) -> Result<(), SendError>,
+    ) -> Result<(), SendError> {
+        match self.mishaps.next(route) {
+            Mishap::Lost => Ok(()),
+            Mishap::None => send(payload),
+            Mishap::Doubled => send(payload.clone()).and_then(|()| send(payload)),
+        }
+    }
+}
+
+impl Substrate for Unreliable {
+    fn send(&self, to: &Address, subject: Subject, payload: Bytes) -> Result<(), SendError> {
+        let sender = acl::decode(&payload).ok().map(|message| message.sender.to_string());
+        let route = format!("{} {} {subject:?}", sender.unwrap_or_default(), to.agent);
+        self.pass(route, payload, |payload| self.reliable.send(to, subject, payload))
+    }
+
+    fn broadcast(
+        &self,
+        sender: &AgentId,
+        performative: Performative,
+        payload: Bytes,
+    ) -> Result<(), SendError> {
+        let route = format!("{sender} all {performative}");
+        let reliable = &self.reliable;
+        self.pass(route, payload, |payload| reliable.broadcast(sender, performative, payload))
+    }
+
+    fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
+        let route = format!("{sender} beat");
+        self.pass(route, payload, |payload| self.reliable.beat(sender, payload))
+    }
+
+    fn announce(
+        &self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+    ) -> Result<PresenceToken, SendError> {
+        self.reliable.announce(agent, incarnation)
+    }
+
+    fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
+        self.reliable.ask(ask, timeout)
+    }
+
+    fn close(&self) -> BoxFuture<()> {
+        self.reliable.close()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fates(mishaps: &Mishaps, route: &str) -> Vec<Mishap> {
+        (0..10_000).map(|_| mishaps.next(route.to_owned())).collect()
+    }
+
+    #[test]
+    fn the_same_seed_loses_the_same_in_any_order() {
+        let (one, other) = (Mishaps::new(0.1, 0.2, 7), Mishaps::new(0.1, 0.2, 7));
+        let (a, b) = (fates(&one, "a"), fates(&one, "b"));
+        assert_eq!((fates(&other, "b"), fates(&other, "a")), (b, a.clone()));
+        assert_ne!(a, fates(&Mishaps::new(0.1, 0.2, 8), "a"));
+        let count = |mishap| a.iter().filter(|fate| **fate == mishap).count();
+        assert!((850..1_150).contains(&count(Mishap::Lost)), "{}", count(Mishap::Lost));
+        assert!((1_600..2_000).contains(&count(Mishap::Doubled)), "{}", count(Mishap::Doubled));
+        assert!(fates(&Mishaps::new(0.0, 0.0, 7), "a").iter().all(|fate| *fate == Mishap::None));
+        assert!(fates(&Mishaps::new(1.0, 1.0, 7), "a").iter().all(|fate| *fate == Mishap::Lost));
+    }
+}

@@ -1,0 +1,99 @@
+//! A day of the office is recorded, from real processes over Zenoh, and played into a fresh office:
+//! it comes to the same ends, also where every tenth message is lost and every tenth comes twice.
+
+mod support;
+
+use std::io::{BufRead as _, BufReader};
+use std::path::PathBuf;
+use std::process::{Child, Stdio};
+
+use serde_json::Value;
+use support::{Office, office, stderr, stdout};
+
+/// Begins to record; returns when nothing is missed any more.
+fn record(office: &Office, file: &str) -> Child {
+    let ecosystem = Office::file().display().to_string();
+    let arguments = ["watch", "--record", file, "--ecosystem", &ecosystem];
+    let mut recorder = office.command(&arguments).stderr(Stdio::piped()).spawn().expect("it runs");
+    let said = recorder.stderr.take().expect("piped");
+    let mut lines = BufReader::new(said).lines().map_while(Result::ok);
+    assert!(lines.any(|line| line.contains("recording `smart-office`")), "it never began");
+    // Whatever else it says is read, so that it never waits for us.
+    std::thread::spawn(move || lines.for_each(drop));
+    recorder
+}
+
+/// The paper's first scenario, and what people do besides.
+fn a_day() -> (Office, PathBuf) {
+    let mut office = office();
+    let recorder = record(&office, "day.jsonl");
+    let mut recorder = recorder;
+    let (code, said) = office.ask(&["goal", "temperatures"]);
+    assert_eq!(code, Some(0), "{said}");
+    let (code, said) = office.ask(&["act", "(move turtlebot-1 office1 corridor)"]);
+    assert_eq!(code, Some(0), "{said}");
+    let (code, said) = office.ask(&["goal", "(at turtlebot-1 nowhere)"]);
+    assert_ne!(code, Some(0), "{said}");
+    office.terminate(&recorder);
+    assert!(recorder.wait().expect("ours").success(), "it ends in order");
+    for daemon in ["conf-room-pi", "office2-pi", "turtlebot-laptop", "reasoning"] {
+        office.kill(daemon);
+    }
+    let file = office.write("x", "").with_file_name("day.jsonl");
+    (office, file)
+}
+
+fn replay(office: &Office, file: &str, options: &[&str]) -> (Option<i32>, Value) {
+    let ecosystem = Office::file().display().to_string();
+    let arguments = ["replay", file, "--ecosystem", &ecosystem, "--json"];
+    let output = office.run(&[&arguments, options].concat());
+    let json = serde_json::from_str(&stdout(&output));
+    let json =
+        json.unwrap_or_else(|error| panic!("{error}: {}{}", stdout(&output), stderr(&output)));
+    (output.status.code(), json)
+}
+
+#[test]
+fn a_day_is_recorded_and_played_again() {
+    let (office, file) = a_day();
+    let text = std::fs::read_to_string(&file).expect("it was recorded");
+    assert!(text.lines().count() > 50, "{text}");
+    let file = file.display().to_string();
+
+    let (code, played) = replay(&office, &file, &["--speed", "2"]);
+    assert_eq!(code, Some(0), "{played:#}");
+    let plays = played["plays"].as_array().expect("a list");
+    let ends: Vec<_> = plays.iter().map(|play| play["now"].as_str().unwrap_or("")).collect();
+    assert_eq!(&ends[..2], ["done", "done"], "{played:#}");
+    assert_ne!(ends[2], "done", "{played:#}");
+    assert_eq!(played["messages"]["lost"], 0);
+
+    for seed in ["1", "2"] {
+        let faults = ["--lose", "0.1", "--duplicate", "0.1", "--seed", seed, "--speed", "2"];
+        let (code, played) = replay(&office, &file, &faults);
+        assert_eq!(code, Some(0), "seed {seed}: {played:#}");
+        for count in ["lost", "twice"] {
+            assert!(played["messages"][count].as_u64() > Some(5), "{played:#}");
+        }
+    }
+
+    // A replay that cannot fail would tell nothing: on a dead wire nothing is done.
+    let (code, played) =
+        replay(&office, &file, &["--lose", "1", "--speed", "100", "--patience", "2"]);
+    assert_eq!(code, Some(1), "{played:#}");
+    assert_eq!(played["status"], "otherwise");
+}
+
+#[test]
+fn what_is_no_recording_is_refused() {
+    let office = Office::new();
+    let file = office.write("no.jsonl", "{\"hello\": 1}\n").display().to_string();
+    let ecosystem = Office::file().display().to_string();
+    for file in [file.as_str(), "nowhere.jsonl"] {
+        let output = office.run(&["replay", file, "--ecosystem", &ecosystem]);
+        assert_eq!(output.status.code(), Some(33), "{}", stderr(&output));
+        assert!(stderr(&output).contains("failed to read"), "{}", stderr(&output));
+    }
+    let output = office.run(&["replay", "x", "--lose", "1.5"]);
+    assert_eq!(output.status.code(), Some(64));
+}
