@@ -339,7 +339,8 @@ fn record_of(goal: &Goal) -> GoalRecord {
 
 /// What the asker hears of a goal that was taken.
 fn acceptance(kept: &Kept, listed: usize) -> String {
-    let names: Vec<_> = kept.by.iter().map(|journal| format!("`{journal}`")).collect();
+    let mut names: Vec<_> = kept.by.iter().map(|journal| format!("`{journal}`")).collect();
+    names.sort();
     match names.as_slice() {
         [] => format!("accepted, but kept nowhere: none of {listed} Journals has it"),
         [one] => format!("accepted; kept by {one}, 1 of {listed}"),

@@ -167,7 +167,8 @@ pub(crate) async fn await_offers(
             return Ok(());
         }
         if Instant::now() > deadline {
-            return Err(format!("{missing:?} cannot be planned with").into());
+            let (first, count) = (missing[0], missing.len());
+            return Err(format!("`{first}` and {} more cannot be planned with", count - 1).into());
         }
     }
 }
