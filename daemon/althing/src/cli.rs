@@ -193,7 +193,9 @@ agents that are started afresh in memory, with a fresh simulated building. How
 each ended is held against how it ended then.
 
 Lost are messages of all agents, not only what is played; whatever is promised
-to arrive is sent again. The same seed loses the same messages of each sender.
+to arrive is sent again. The same seed loses the same messages of each sender;
+time is real, so what they say may differ. A single action that is asked for on
+stale news may be declined where it was not then.
 
 Exit codes: 0 all ended as they did, 1 something did not, 33 no recording, 78 no
 ecosystem
