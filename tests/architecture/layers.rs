@@ -10,7 +10,7 @@ use crate::{none, root};
 /// never know each other.
 const LAYERS: &[&[&str]] = &[
     &["acl", "pddl"],
-    &["building", "capability", "conversation", "planner", "substrate"],
+    &["building", "capability", "conversation", "credentials", "planner", "substrate"],
     // `engines` knows `planner` for its validator: no engine's plan is believed.
     &["agent", "engines", "substrate-zenoh"],
     &["actuator"],

@@ -110,6 +110,31 @@ name_type! {
     /// The name of a daemon: one `althing` process.
     DaemonId, "a daemon"
 }
+/// Between a daemon's name and that of a guest which speaks with its key.
+const GUEST: &str = "--";
+
+impl DaemonId {
+    /// The name by which a guest of this daemon goes: a command line or a keyboard, which speaks
+    /// with the daemon's key and is not the daemon.
+    ///
+    /// # Errors
+    ///
+    /// If the role makes it longer than a name may be.
+    pub fn guest(&self, role: &str) -> Result<DaemonId, InvalidName> {
+        DaemonId::new(&format!("{self}{GUEST}{role}"))
+    }
+
+    /// The daemon whose key whoever goes by this name must have: itself, or of a guest its host.
+    pub fn host(&self) -> &str {
+        self.as_str().split_once(GUEST).map_or(self.as_str(), |(host, _)| host)
+    }
+
+    /// Whether this is the name of a guest.
+    pub fn is_guest(&self) -> bool {
+        self.as_str().contains(GUEST)
+    }
+}
+
 name_type! {
     /// The name of an ecosystem: agents sharing a substrate and a root key expression.
     EcosystemId, "an ecosystem"
@@ -129,6 +154,18 @@ mod tests {
         {
             assert!(AgentId::new(bad).is_err(), "{bad}");
         }
+    }
+
+    #[test]
+    fn a_guest_goes_by_its_hosts_name() {
+        let pi = DaemonId::new("office-pi").expect("a name");
+        let guest = pi.guest("cli-7").expect("short");
+        assert_eq!(
+            (guest.as_str(), guest.host(), guest.is_guest()),
+            ("office-pi--cli-7", "office-pi", true)
+        );
+        assert_eq!((pi.host(), pi.is_guest()), ("office-pi", false));
+        assert!(pi.guest(&"x".repeat(60)).is_err());
     }
 
     #[test]

@@ -1,0 +1,244 @@
+//! The authority of an ecosystem: makes certificates for its daemons, and takes them back.
+
+use std::net::IpAddr;
+use std::path::PathBuf;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use acl::{DaemonId, EcosystemId};
+use rcgen::{
+    BasicConstraints, CertificateParams, CertificateRevocationListParams, DistinguishedName,
+    DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyIdMethod, KeyPair, KeyUsagePurpose,
+    PKCS_ED25519, RevocationReason, RevokedCertParams, SanType, SerialNumber,
+};
+use time::OffsetDateTime;
+
+use crate::certificate::Certificate;
+use crate::error::CredentialError;
+use crate::files::{self, Folder};
+use crate::is_certifiable;
+use crate::revocations::Revocations;
+use crate::trust::Trust;
+
+/// How long an authority lasts unless said otherwise: ten years, as long as a building's devices.
+pub const AUTHORITY_DAYS: u32 = 3_650;
+
+/// How long a daemon's certificate lasts unless said otherwise: two years, so that renewing is
+/// done often enough to be remembered and seldom enough not to be a burden.
+pub const DAEMON_DAYS: u32 = 730;
+
+/// How far back a certificate is valid: the clocks of boards without a battery run behind.
+const BACKDATED: Duration = Duration::from_secs(24 * 3_600);
+
+const DAY: Duration = Duration::from_secs(24 * 3_600);
+
+/// Of what a key may be used only if its owner may write it, and nobody else read it.
+const SECRET: u32 = 0o600;
+/// Of what everybody may know.
+const PUBLIC: u32 = 0o644;
+
+/// An ecosystem's authority, with its key.
+pub struct Authority {
+    folder: Folder,
+    certificate: Certificate,
+    issuer: Issuer<'static, KeyPair>,
+}
+
+impl std::fmt::Debug for Authority {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Authority").field("folder", &self.folder).finish_non_exhaustive()
+    }
+}
+
+// === impl Authority ===
+
+impl Authority {
+    /// Makes one: `authority.pem` and `authority.key`.
+    ///
+    /// # Errors
+    ///
+    /// If there is one already, or the folder cannot be written.
+    pub fn create(
+        folder: &Folder,
+        ecosystem: &EcosystemId,
+        days: u32,
+    ) -> Result<Authority, CredentialError> {
+        folder.make()?;
+        let exists = |path: PathBuf| path.exists().then_some(CredentialError::Exists { path });
+        if let Some(error) = exists(folder.authority_key()).or_else(|| exists(folder.authority())) {
+            return Err(error);
+        }
+        let mut params = CertificateParams::default();
+        params.distinguished_name = name(&format!("authority of {ecosystem}"), ecosystem.as_str());
+        params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
+        params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
+        lasting(&mut params, days);
+        let key = KeyPair::generate_for(&PKCS_ED25519)?;
+        let certificate = params.self_signed(&key)?;
+        files::write_new(&folder.authority_key(), &key.serialize_pem(), SECRET)?;
+        files::write_new(&folder.authority(), &certificate.pem(), PUBLIC)?;
+        Authority::open(folder)
+    }
+
+    /// Opens the one in this folder.
+    ///
+    /// # Errors
+    ///
+    /// If there is none, or its key can be read by others.
+    pub fn open(folder: &Folder) -> Result<Authority, CredentialError> {
+        let path = folder.authority_key();
+        if !path.exists() {
+            let remedy = "certificates are made where `althing cert authority` was run; say which \
+                          folder that is with --folder"
+                .to_owned();
+            return Err(CredentialError::Missing { what: "the authority's key", path, remedy });
+        }
+        let key = files::read_key(&path)?;
+        let certificate = Certificate::read(&folder.authority())?;
+        let key = KeyPair::from_pkcs8_der_and_sign_algo(&key, &PKCS_ED25519)
+            .map_err(|_| foreign_key(path))?;
+        let issuer = Issuer::from_ca_cert_der(&certificate.der, key)?;
+        Ok(Authority { folder: folder.clone(), certificate, issuer })
+    }
+
+    /// Its certificate.
+    pub fn certificate(&self) -> &Certificate {
+        &self.certificate
+    }
+
+    /// Makes a key and a certificate for a daemon: `NAME.key` and `NAME.pem`. An older
+    /// certificate of that name is replaced here; it stays valid until it ends or is revoked.
+    ///
+    /// # Errors
+    ///
+    /// If the name or a host cannot stand in a certificate, or the folder cannot be written.
+    pub fn issue(
+        &self,
+        daemon: &DaemonId,
+        hosts: &[String],
+        days: u32,
+    ) -> Result<Certificate, CredentialError> {
+        let is_file_of_ours = ["authority", "revoked"].contains(&daemon.as_str());
+        if !is_certifiable(daemon) || is_file_of_ours {
+            return Err(CredentialError::Name(daemon.to_string()));
+        }
+        let mut params = CertificateParams::default();
+        params.distinguished_name = name(daemon.as_str(), &self.certificate.subject);
+        params.subject_alt_names = alternative_names(daemon, hosts)?;
+        params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
+        params.extended_key_usages =
+            vec![ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];
+        params.use_authority_key_identifier_extension = true;
+        lasting(&mut params, days);
+        let key = KeyPair::generate_for(&PKCS_ED25519)?;
+        let certificate = params.signed_by(&key, &self.issuer)?;
+        files::replace(&self.folder.key(daemon), &key.serialize_pem(), SECRET)?;
+        files::replace(&self.folder.certificate(daemon), &certificate.pem(), PUBLIC)?;
+        let made = Certificate::read(&self.folder.certificate(daemon))?;
+        let copy = format!("{daemon}-{}.pem", hexadecimal(&made.serial));
+        files::replace(&self.folder.issued().join(copy), &certificate.pem(), PUBLIC)?;
+        Ok(made)
+    }
+
+    /// All certificates it has made, by name and end.
+    pub fn issued(&self) -> Vec<Certificate> {
+        let Ok(entries) = std::fs::read_dir(self.folder.issued()) else { return Vec::new() };
+        let read = entries.flatten().filter_map(|entry| Certificate::read(&entry.path()).ok());
+        let mut issued: Vec<_> = read.filter(|each| each.daemon().is_some()).collect();
+        issued.sort_by(|a, b| (&a.subject, a.not_after).cmp(&(&b.subject, b.not_after)));
+        issued
+    }
+
+    /// Takes back all certificates of a daemon: writes `revoked.pem`. Yields how many they are.
+    ///
+    /// # Errors
+    ///
+    /// If it has none, or the folder cannot be written.
+    pub fn revoke(&self, daemon: &DaemonId) -> Result<usize, CredentialError> {
+        let issued = self.issued();
+        let is_meant = |each: &&Certificate| each.subject == daemon.as_str();
+        let meant: Vec<_> = issued.iter().filter(is_meant).map(|each| &each.serial).collect();
+        if meant.is_empty() {
+            let mut known: Vec<_> = issued.into_iter().map(|each| each.subject).collect();
+            known.dedup();
+            return Err(CredentialError::Unknown { name: daemon.to_string(), known });
+        }
+        let trust = Trust::read(&self.folder)?;
+        let (mut serials, number) = match trust.revocations() {
+            Some(list) => (list.serials().cloned().collect::<Vec<_>>(), list.number() + 1),
+            None => (Vec::new(), 1),
+        };
+        let count = meant.iter().filter(|serial| !serials.contains(serial)).count();
+        serials.extend(meant.into_iter().cloned());
+        serials.sort();
+        serials.dedup();
+        let now = OffsetDateTime::from(SystemTime::now());
+        let revoked = |serial: &Vec<u8>| RevokedCertParams {
+            serial_number: SerialNumber::from_slice(serial),
+            revocation_time: now,
+            reason_code: Some(RevocationReason::PrivilegeWithdrawn),
+            invalidity_date: None,
+        };
+        let list = CertificateRevocationListParams {
+            this_update: now,
+            next_update: now + DAY * AUTHORITY_DAYS,
+            crl_number: SerialNumber::from(number),
+            issuing_distribution_point: None,
+            revoked_certs: serials.iter().map(revoked).collect(),
+            key_identifier_method: KeyIdMethod::Sha256,
+        };
+        let text = list.signed_by(&self.issuer)?.pem()?;
+        debug_assert!(Revocations::from_pem(&text, &self.certificate).is_some());
+        files::replace(&self.folder.revocations(), &text, PUBLIC)?;
+        Ok(count)
+    }
+}
+
+fn foreign_key(path: PathBuf) -> CredentialError {
+    let problem = "it is not a key that `althing cert` has made (Ed25519)".to_owned();
+    CredentialError::Malformed { path, problem }
+}
+
+fn name(common: &str, organization: &str) -> DistinguishedName {
+    let mut name = DistinguishedName::new();
+    name.push(DnType::OrganizationName, organization);
+    name.push(DnType::CommonName, common);
+    name
+}
+
+/// Valid from a little before now, for so many days.
+fn lasting(params: &mut CertificateParams, days: u32) {
+    let now = SystemTime::now();
+    params.not_before = OffsetDateTime::from(now.checked_sub(BACKDATED).unwrap_or(UNIX_EPOCH));
+    params.not_after = OffsetDateTime::from(now) + DAY * days;
+}
+
+/// Its name, its name as mDNS has it, and what else was said.
+fn alternative_names(daemon: &DaemonId, hosts: &[String]) -> Result<Vec<SanType>, CredentialError> {
+    // A host name has no underscore.
+    let own = [daemon.to_string(), format!("{daemon}.local")];
+    let own = own.into_iter().filter(|name| !name.contains('_'));
+    let mut names = Vec::new();
+    for host in own.chain(hosts.iter().cloned()) {
+        let name = match host.parse::<IpAddr>() {
+            Ok(address) => SanType::IpAddress(address),
+            Err(_) if is_host(&host) => SanType::DnsName(host.as_str().try_into()?),
+            Err(_) => return Err(CredentialError::Host(host)),
+        };
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    Ok(names)
+}
+
+fn is_host(text: &str) -> bool {
+    let is_label = |label: &str| {
+        let plain = label.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-');
+        plain && !label.is_empty() && !label.starts_with('-') && !label.ends_with('-')
+    };
+    text.len() <= 253 && text.split('.').all(is_label)
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}

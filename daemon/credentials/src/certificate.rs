@@ -1,0 +1,108 @@
+//! What a certificate says, read once.
+
+use std::path::Path;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use acl::DaemonId;
+use rustls_pki_types::CertificateDer;
+use rustls_pki_types::pem::PemObject as _;
+use x509_parser::extensions::GeneralName;
+use x509_parser::prelude::{FromDer as _, X509Certificate};
+
+use crate::error::CredentialError;
+use crate::files;
+
+/// A certificate, and what it says. Whether that is true, [`crate::Trust`] knows.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Certificate {
+    /// The certificate itself.
+    pub(crate) der: CertificateDer<'static>,
+    /// To whom it was made out: a daemon's name, or the authority's description.
+    pub subject: String,
+    /// Its number among those of its authority.
+    pub serial: Vec<u8>,
+    /// From when on it is valid.
+    pub not_before: SystemTime,
+    /// Until when.
+    pub not_after: SystemTime,
+    /// The host names and addresses at which its owner is reached.
+    pub hosts: Vec<String>,
+    /// The Ed25519 key, if it is one.
+    pub(crate) public_key: Option<[u8; 32]>,
+}
+
+// === impl Certificate ===
+
+impl Certificate {
+    /// Reads a file.
+    ///
+    /// # Errors
+    ///
+    /// If there is none, or no certificate in it.
+    pub fn read(path: &Path) -> Result<Certificate, CredentialError> {
+        let text = files::read(path)?;
+        let malformed = |problem: &str| CredentialError::Malformed {
+            path: path.to_owned(),
+            problem: problem.to_owned(),
+        };
+        let der = CertificateDer::from_pem_slice(text.as_bytes())
+            .map_err(|_| malformed("there is no certificate in it"))?;
+        Certificate::from_der(&der).ok_or_else(|| malformed("its certificate cannot be read"))
+    }
+
+    /// Reads what came from outside; of garbage, nothing.
+    pub(crate) fn from_der(der: &[u8]) -> Option<Certificate> {
+        let (rest, read) = X509Certificate::from_der(der).ok()?;
+        if !rest.is_empty() {
+            return None;
+        }
+        let subject = read.subject().iter_common_name().next()?.as_str().ok()?.to_owned();
+        let public_key = read.public_key().subject_public_key.data.as_ref();
+        let is_ed25519 =
+            read.public_key().algorithm.algorithm == x509_parser::oid_registry::OID_SIG_ED25519;
+        Some(Certificate {
+            subject,
+            serial: read.raw_serial().to_vec(),
+            not_before: at(read.validity().not_before.timestamp()),
+            not_after: at(read.validity().not_after.timestamp()),
+            hosts: hosts(&read),
+            public_key: is_ed25519.then(|| public_key.try_into().ok()).flatten(),
+            der: CertificateDer::from(der.to_vec()),
+        })
+    }
+
+    /// The daemon it was made out to, if it was made out to one.
+    pub fn daemon(&self) -> Option<DaemonId> {
+        DaemonId::new(&self.subject).ok().filter(crate::is_certifiable)
+    }
+
+    /// How long it is still valid; nothing when it has ended.
+    pub fn left(&self, now: SystemTime) -> Duration {
+        self.not_after.duration_since(now).unwrap_or_default()
+    }
+
+    /// Whether it is valid at this time.
+    pub(crate) fn is_current(&self, now: SystemTime) -> bool {
+        self.not_before <= now && now <= self.not_after
+    }
+}
+
+fn at(seconds: i64) -> SystemTime {
+    UNIX_EPOCH + Duration::from_secs(u64::try_from(seconds).unwrap_or(0))
+}
+
+fn hosts(read: &X509Certificate<'_>) -> Vec<String> {
+    let Ok(Some(names)) = read.subject_alternative_name() else { return Vec::new() };
+    let host = |name: &GeneralName<'_>| match name {
+        GeneralName::DNSName(name) => Some((*name).to_owned()),
+        GeneralName::IPAddress(bytes) => address(bytes),
+        _ => None,
+    };
+    names.value.general_names.iter().filter_map(host).collect()
+}
+
+fn address(bytes: &[u8]) -> Option<String> {
+    let v4 = <[u8; 4]>::try_from(bytes).ok().map(std::net::IpAddr::from);
+    let v6 = || <[u8; 16]>::try_from(bytes).ok().map(std::net::IpAddr::from);
+    v4.or_else(v6).map(|address| address.to_string())
+}

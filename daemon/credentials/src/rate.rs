@@ -1,0 +1,52 @@
+//! How much one daemon may say: a bucket that fills by the second.
+
+use std::time::Instant;
+
+/// A bucket of allowances.
+#[derive(Debug)]
+pub(crate) struct Rate {
+    left: f64,
+    since: Instant,
+}
+
+impl Rate {
+    /// Full.
+    pub(crate) fn new(per_second: u32, now: Instant) -> Rate {
+        Rate { left: burst(per_second), since: now }
+    }
+
+    /// Takes one allowance, if there is any.
+    pub(crate) fn take(&mut self, per_second: u32, now: Instant) -> bool {
+        let passed = now.saturating_duration_since(self.since).as_secs_f64();
+        self.since = now;
+        self.left = (self.left + passed * f64::from(per_second)).min(burst(per_second));
+        let is_allowed = self.left >= 1.0;
+        if is_allowed {
+            self.left -= 1.0;
+        }
+        is_allowed
+    }
+}
+
+/// Two seconds' worth at once: all agents of a daemon answer one call in the same instant.
+fn burst(per_second: u32) -> f64 {
+    2.0 * f64::from(per_second)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    #[test]
+    fn a_burst_passes_and_then_so_many_a_second() {
+        let began = Instant::now();
+        let mut rate = Rate::new(10, began);
+        let taken = |rate: &mut Rate, now| (0..100).filter(|_| rate.take(10, now)).count();
+        assert_eq!(taken(&mut rate, began), 20);
+        assert_eq!(taken(&mut rate, began + Duration::from_millis(1_000)), 10);
+        assert_eq!(taken(&mut rate, began + Duration::from_millis(1_500)), 5);
+        assert_eq!(taken(&mut rate, began + Duration::from_secs(3_600)), 20);
+    }
+}

@@ -1,0 +1,285 @@
+//! An authority, its daemons, and everything that can be wrong with what they say.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+use std::time::{Duration, SystemTime};
+
+use acl::EcosystemId;
+
+use super::*;
+
+const KEY: &str = "althing/office/in/pi/robot/request";
+const PLENTY: u32 = 1_000_000;
+
+struct House {
+    _temporary: tempfile::TempDir,
+    folder: Folder,
+    authority: Authority,
+}
+
+fn daemon(name: &str) -> DaemonId {
+    DaemonId::new(name).expect("a name")
+}
+
+fn house() -> House {
+    let temporary = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new(temporary.path().join("keys"));
+    let office = EcosystemId::new("office").expect("a name");
+    let authority = Authority::create(&folder, &office, AUTHORITY_DAYS).expect("a new folder");
+    House { _temporary: temporary, folder, authority }
+}
+
+impl House {
+    fn identity(&self, name: &str) -> Identity {
+        self.authority.issue(&daemon(name), &[], DAEMON_DAYS).expect("a name");
+        let trust = Trust::read(&self.folder).expect("just made");
+        Identity::read(&self.folder, &daemon(name), &trust).expect("just made")
+    }
+
+    fn verifier(&self) -> Verifier {
+        Verifier::new(Trust::read(&self.folder).expect("just made"), PLENTY)
+    }
+}
+
+fn sealed<'s>(key_expr: &'s str, payload: &'s [u8], seal: &'s [u8]) -> Sealed<'s> {
+    Sealed { channel: Channel::Message, key_expr, payload, seal: Some(seal), nonce: None }
+}
+
+#[track_caller]
+fn refused(verifier: &Verifier, sealed: Sealed<'_>, why: Distrust, whose: Option<&str>) {
+    let error = verifier.open(sealed).expect_err("not to be believed");
+    assert_eq!(error, (why, whose.map(str::to_owned)));
+}
+
+#[test]
+fn what_a_daemon_says_is_believed_once() {
+    let house = house();
+    let (pi, verifier) = (house.identity("pi"), house.verifier());
+    let seal = pi.seal(Channel::Message, KEY, b"go");
+    let verified = verifier.open(sealed(KEY, b"go", &seal)).expect("it is true");
+    assert_eq!(verified, Verified { speaker: daemon("pi"), voucher: daemon("pi") });
+    refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Replayed, Some("pi"));
+}
+
+#[test]
+fn whatever_is_changed_is_noticed() {
+    let house = house();
+    let (pi, verifier) = (house.identity("pi"), house.verifier());
+    let seal = pi.seal(Channel::Message, KEY, b"go");
+    refused(&verifier, sealed(KEY, b"stop", &seal), Distrust::Forged, Some("pi"));
+    let elsewhere = "althing/office/in/pi/door/request";
+    refused(&verifier, sealed(elsewhere, b"go", &seal), Distrust::Forged, Some("pi"));
+    let beat = Sealed { channel: Channel::Beat, ..sealed(KEY, b"go", &seal) };
+    refused(&verifier, beat, Distrust::Forged, Some("pi"));
+    for index in 0..seal.len() {
+        let mut seal = seal.clone();
+        seal[index] ^= 1;
+        assert!(verifier.open(sealed(KEY, b"go", &seal)).is_err(), "byte {index}");
+    }
+    for length in 0..seal.len() {
+        assert!(verifier.open(sealed(KEY, b"go", &seal[..length])).is_err(), "{length} bytes");
+    }
+    let bare = Sealed { seal: None, ..sealed(KEY, b"go", &[]) };
+    refused(&verifier, bare, Distrust::Unsigned, None);
+    refused(&verifier, sealed(KEY, b"go", &[0xff; 300]), Distrust::Malformed, None);
+    assert!(verifier.open(sealed(KEY, b"go", &seal)).is_ok(), "none of that has hurt the true one");
+}
+
+#[test]
+fn an_answer_is_to_one_question() {
+    let house = house();
+    let (pi, verifier) = (house.identity("pi"), house.verifier());
+    let (mine, other) = (nonce().expect("random"), nonce().expect("random"));
+    let seal = pi.seal_answer(KEY, b"yes", &mine);
+    let answer = Sealed { channel: Channel::Answer, ..sealed(KEY, b"yes", &seal) };
+    assert!(verifier.open(Sealed { nonce: Some(&mine), ..answer }).is_ok());
+    refused(&verifier, Sealed { nonce: Some(&other), ..answer }, Distrust::Forged, Some("pi"));
+    refused(&verifier, answer, Distrust::Forged, Some("pi"));
+}
+
+#[test]
+fn another_authoritys_daemon_is_a_stranger() {
+    let (house, other) = (house(), self::house());
+    let (stranger, verifier) = (other.identity("pi"), house.verifier());
+    let seal = stranger.seal(Channel::Message, KEY, b"go");
+    refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Stranger, Some("pi"));
+    let own = fs::copy(other.folder.authority(), house.folder.authority());
+    own.expect("an attacker does not get this far");
+    let trust = Trust::read(&house.folder).expect("a certificate");
+    assert!(Identity::read(&house.folder, &daemon("pi"), &trust).is_err());
+}
+
+#[test]
+fn the_authority_itself_is_no_daemon() {
+    let house = house();
+    let trust = Trust::read(&house.folder).expect("just made");
+    let authority = house.authority.certificate();
+    assert_eq!(trust.check(authority, SystemTime::now()), Err(Distrust::Stranger));
+}
+
+#[test]
+fn a_guest_speaks_under_its_hosts_name_only() {
+    let house = house();
+    let verifier = house.verifier();
+    let name = daemon("pi").guest("cli-7").expect("short");
+    let guest = house.identity("pi").for_guest(name.clone());
+    let seal = guest.seal(Channel::Message, KEY, b"go");
+    let verified = verifier.open(sealed(KEY, b"go", &seal)).expect("it is true");
+    assert_eq!(verified, Verified { speaker: name, voucher: daemon("pi") });
+    for other in ["robot-pi", "robot-pi--cli-7", "pi-"] {
+        let impostor = house.identity("pi").for_guest(daemon(other));
+        let seal = impostor.seal(Channel::Message, KEY, b"go");
+        refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Impostor, Some(other));
+    }
+}
+
+#[test]
+fn a_certificate_ends() {
+    let house = house();
+    let made = house.authority.issue(&daemon("pi"), &[], 30).expect("a name");
+    let trust = Trust::read(&house.folder).expect("just made");
+    let now = SystemTime::now();
+    let day = Duration::from_secs(24 * 3_600);
+    for (then, expected) in [
+        (now, Ok(())),
+        (now + 29 * day, Ok(())),
+        (now + 31 * day, Err(Distrust::Expired)),
+        (now - 2 * day, Err(Distrust::Expired)),
+    ] {
+        assert_eq!(trust.check(&made, then), expected, "{then:?}");
+    }
+    assert_eq!(made.left(now).as_secs().div_ceil(24 * 3_600), 30);
+    assert_eq!(made.left(now + 31 * day), Duration::ZERO);
+}
+
+#[test]
+fn who_is_revoked_is_believed_no_more_and_may_come_back_with_a_new_certificate() {
+    let house = house();
+    let (pi, other) = (house.identity("pi"), house.identity("other"));
+    let verifier = house.verifier();
+    let seal = pi.seal(Channel::Message, KEY, b"go");
+    assert!(verifier.open(sealed(KEY, b"go", &seal)).is_ok());
+
+    assert_eq!(house.authority.revoke(&daemon("pi")).expect("it has one"), 1);
+    assert!(verifier.reread_revocations().expect("just written"));
+
+    let seal = pi.seal(Channel::Message, KEY, b"go");
+    refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Revoked, Some("pi"));
+    let seal = other.seal(Channel::Message, KEY, b"go");
+    assert!(verifier.open(sealed(KEY, b"go", &seal)).is_ok());
+    assert!(house.verifier().revocations().is_some(), "a new life knows it from the start");
+
+    let anew = house.identity("pi");
+    let seal = anew.seal(Channel::Message, KEY, b"go");
+    assert!(verifier.open(sealed(KEY, b"go", &seal)).is_ok());
+    assert_eq!(house.authority.revoke(&daemon("pi")).expect("it has two"), 1, "one is new");
+    assert_eq!(house.authority.revoke(&daemon("pi")).expect("it has two"), 0);
+    let unknown = house.authority.revoke(&daemon("po")).expect_err("nobody").to_string();
+    assert!(unknown.ends_with("has given it no certificate; it has given some to other, pi"));
+}
+
+#[test]
+fn a_list_of_revocations_is_believed_for_its_signature_and_never_an_older_one() {
+    let (house, other) = (house(), self::house());
+    let (_pi, _theirs) = (house.identity("pi"), other.identity("pi"));
+    let verifier = house.verifier();
+    house.authority.revoke(&daemon("pi")).expect("it has one");
+    let first = house.verifier().revocations().expect("just made");
+    house.authority.revoke(&daemon("pi")).expect("it has one");
+    let second = house.verifier().revocations().expect("just made");
+    other.authority.revoke(&daemon("pi")).expect("it has one");
+    let foreign = other.verifier().revocations().expect("just made");
+
+    assert_eq!(verifier.take_revocations(&foreign), None);
+    assert_eq!(verifier.take_revocations(b"garbage"), None);
+    assert_eq!(verifier.take_revocations(&second), Some(true));
+    assert_eq!(verifier.take_revocations(&second), Some(false));
+    assert_eq!(verifier.take_revocations(&first), Some(false), "whoever keeps it back is too late");
+    let mut changed = second;
+    let last = changed.len() - 1;
+    changed[last] ^= 1;
+    assert_eq!(verifier.take_revocations(&changed), None);
+
+    fs::remove_file(house.folder.revocations()).expect("it was there");
+    verifier.keep_revocations().expect("the folder is ours");
+    assert_eq!(house.verifier().revocations(), verifier.revocations());
+}
+
+#[test]
+fn who_speaks_too_much_is_not_heard_and_others_are() {
+    let house = house();
+    let (pi, other) = (house.identity("pi"), house.identity("other"));
+    let verifier = Verifier::new(Trust::read(&house.folder).expect("just made"), 10);
+    let open = |identity: &Identity| {
+        let seal = identity.seal(Channel::Message, KEY, b"go");
+        verifier.open(sealed(KEY, b"go", &seal))
+    };
+    let flood: Vec<_> = (0..100).map(|_| open(&pi)).collect();
+    let passed = flood.iter().filter(|each| each.is_ok()).count();
+    assert!((20..100).contains(&passed), "{passed}");
+    assert!(flood.contains(&Err((Distrust::Flooded, Some("pi".to_owned())))));
+    assert!(open(&other).is_ok());
+}
+
+#[test]
+fn a_key_that_others_can_read_is_refused_with_the_remedy() {
+    let house = house();
+    drop(house.identity("pi"));
+    for key in [house.folder.key(&daemon("pi")), house.folder.authority_key()] {
+        let mode = |path| fs::metadata(path).expect("made").permissions().mode() & 0o777;
+        assert_eq!(mode(&key), 0o600);
+        fs::set_permissions(&key, fs::Permissions::from_mode(0o640)).expect("ours");
+    }
+    let trust = Trust::read(&house.folder).expect("just made");
+    let key = house.folder.key(&daemon("pi"));
+    let error = Identity::read(&house.folder, &daemon("pi"), &trust).expect_err("loose");
+    let error = error.to_string();
+    assert!(error.contains("mode 640") && error.ends_with(&format!("chmod 600 {}", key.display())));
+    assert!(matches!(Authority::open(&house.folder), Err(CredentialError::Loose { .. })));
+}
+
+#[test]
+fn what_is_missing_or_mistaken_is_named() {
+    let house = house();
+    let trust = Trust::read(&house.folder).expect("just made");
+    let missing = Identity::read(&house.folder, &daemon("pi"), &trust).expect_err("none yet");
+    assert!(missing.to_string().contains("`althing cert daemon pi`"), "{missing}");
+    let office = EcosystemId::new("office").expect("a name");
+    let again = Authority::create(&house.folder, &office, 1).expect_err("there is one");
+    assert!(matches!(again, CredentialError::Exists { .. }), "{again}");
+    for name in ["a--b", "authority", "revoked", &"x".repeat(41)] {
+        let refused = house.authority.issue(&daemon(name), &[], 1).expect_err(name);
+        assert!(matches!(refused, CredentialError::Name(_)), "{refused}");
+    }
+    for host in ["", "a b", "-a", "a..b", "http://a"] {
+        let refused = house.authority.issue(&daemon("pi"), &[host.to_owned()], 1).expect_err(host);
+        assert!(matches!(refused, CredentialError::Host(_)), "{refused}");
+    }
+    drop(house.identity("pi"));
+    drop(house.identity("other"));
+    fs::copy(house.folder.certificate(&daemon("pi")), house.folder.certificate(&daemon("other")))
+        .expect("ours");
+    let mixed = Identity::read(&house.folder, &daemon("other"), &trust).expect_err("mixed up");
+    assert!(mixed.to_string().contains("it is not the certificate of"), "{mixed}");
+    assert_eq!(house.folder.daemons(), ["other", "pi"].map(daemon));
+}
+
+#[test]
+fn a_certificate_says_whose_it_is_and_where() {
+    let house = house();
+    let hosts = ["192.168.1.7".to_owned(), "fe80::1".to_owned(), "pi.example.org".to_owned()];
+    let made = house.authority.issue(&daemon("pi"), &hosts, 10).expect("good hosts");
+    assert_eq!(made.daemon(), Some(daemon("pi")));
+    assert_eq!(made.hosts, ["pi", "pi.local", "192.168.1.7", "fe80::1", "pi.example.org"]);
+    assert_eq!(house.authority.issued(), [made]);
+}
+
+#[test]
+fn nothing_that_is_shown_holds_a_key() {
+    let house = house();
+    let pi = house.identity("pi");
+    let text = fs::read_to_string(house.folder.key(&daemon("pi"))).expect("made");
+    let body: String = text.lines().filter(|line| !line.starts_with('-')).collect();
+    let shown = format!("{pi:?} {:?} {:?}", house.authority, house.verifier());
+    assert!(!shown.contains(&body) && !shown.to_lowercase().contains("secret"), "{shown}");
+}

@@ -1,0 +1,151 @@
+//! Whom an ecosystem trusts: its authority, and whom it has not taken back.
+
+use std::path::PathBuf;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use rustls_pki_types::{TrustAnchor, UnixTime};
+use webpki::{EndEntityCert, KeyUsage};
+
+use crate::certificate::Certificate;
+use crate::error::{CredentialError, Distrust};
+use crate::files::{self, Folder};
+use crate::revocations::Revocations;
+
+/// The authority's certificate, and the newest list of revocations.
+#[derive(Clone, Debug)]
+pub struct Trust {
+    folder: Folder,
+    /// Where a list that comes over the wire is kept, beside the folder's own.
+    kept: PathBuf,
+    authority: Certificate,
+    anchor: TrustAnchor<'static>,
+    revocations: Option<Revocations>,
+}
+
+// === impl Trust ===
+
+impl Trust {
+    /// Reads what is in the folder.
+    ///
+    /// # Errors
+    ///
+    /// If there is no authority, or something cannot be read.
+    pub fn read(folder: &Folder) -> Result<Trust, CredentialError> {
+        let path = folder.authority();
+        if !path.exists() {
+            let remedy = "make one with `althing cert authority`, or copy it from the machine \
+                          where that was done"
+                .to_owned();
+            let what = "the authority's certificate";
+            return Err(CredentialError::Missing { what, path, remedy });
+        }
+        let authority = Certificate::read(&path)?;
+        if authority.public_key.is_none() {
+            let problem = "it is not one that `althing cert authority` has made (Ed25519)";
+            return Err(CredentialError::Malformed { path, problem: problem.to_owned() });
+        }
+        let anchor = webpki::anchor_from_trusted_cert(&authority.der)
+            .map_err(|error| CredentialError::Malformed { path, problem: error.to_string() })?
+            .to_owned();
+        let (folder, kept) = (folder.clone(), folder.revocations());
+        let mut trust = Trust { folder, kept, authority, anchor, revocations: None };
+        trust.revocations = trust.read_revocations()?;
+        Ok(trust)
+    }
+
+    /// Keeps lists that come over the wire in this file instead of the folder, which may be one
+    /// that a daemon cannot write; reads what was kept there before.
+    ///
+    /// # Errors
+    ///
+    /// As [`Trust::read`].
+    pub fn keeping(mut self, kept: PathBuf) -> Result<Trust, CredentialError> {
+        self.kept = kept;
+        self.revocations = self.read_revocations()?;
+        Ok(self)
+    }
+
+    /// The authority's certificate.
+    pub fn authority(&self) -> &Certificate {
+        &self.authority
+    }
+
+    /// The newest list of revocations.
+    pub fn revocations(&self) -> Option<&Revocations> {
+        self.revocations.as_ref()
+    }
+
+    /// The newest list there is as a file, if there is one.
+    ///
+    /// # Errors
+    ///
+    /// If a file cannot be read, or the authority has not signed it.
+    pub fn read_revocations(&self) -> Result<Option<Revocations>, CredentialError> {
+        let own = self.folder.revocations();
+        let kept = Some(&self.kept).filter(|kept| **kept != own);
+        let mut newest: Option<Revocations> = None;
+        for path in kept.into_iter().chain([&own]).filter(|path| path.exists()) {
+            let list = Revocations::from_pem(&files::read(path)?, &self.authority);
+            let list = list.ok_or_else(|| CredentialError::Malformed {
+                path: path.clone(),
+                problem: "it is no list of revocations that this ecosystem's authority has signed"
+                    .to_owned(),
+            })?;
+            if newest.as_ref().is_none_or(|newest| newest.number() < list.number()) {
+                newest = Some(list);
+            }
+        }
+        Ok(newest)
+    }
+
+    /// Reads a list that came over the wire; nothing, if the authority has not signed it.
+    pub fn revocations_of(&self, der: &[u8]) -> Option<Revocations> {
+        Revocations::from_der(der, &self.authority)
+    }
+
+    /// Takes a list if it is newer; whether it was.
+    pub(crate) fn take(&mut self, list: Revocations) -> bool {
+        let is_newer = self.revocations.as_ref().is_none_or(|known| known.number() < list.number());
+        if is_newer {
+            self.revocations = Some(list);
+        }
+        is_newer
+    }
+
+    /// Keeps a list for the next life.
+    ///
+    /// # Errors
+    ///
+    /// If the folder cannot be written.
+    pub fn keep(&self, list: &Revocations) -> Result<(), CredentialError> {
+        let text = pem::encode(&pem::Pem::new("X509 CRL", list.der()));
+        files::replace(&self.kept, &text, 0o644)
+    }
+
+    /// Whether a certificate is a daemon's of this ecosystem, and valid now.
+    ///
+    /// # Errors
+    ///
+    /// Says why not.
+    pub fn check(&self, certificate: &Certificate, now: SystemTime) -> Result<(), Distrust> {
+        if certificate.daemon().is_none() || certificate.public_key.is_none() {
+            return Err(Distrust::Stranger);
+        }
+        let read = EndEntityCert::try_from(&certificate.der).map_err(|_| Distrust::Stranger)?;
+        let time = UnixTime::since_unix_epoch(now.duration_since(UNIX_EPOCH).unwrap_or_default());
+        let (anchors, usage) = (std::slice::from_ref(&self.anchor), KeyUsage::client_auth());
+        let algorithms = &[webpki::ring::ED25519];
+        read.verify_for_usage(algorithms, anchors, &[], time, usage, None, None).map_err(
+            |error| match error {
+                webpki::Error::CertExpired { .. } | webpki::Error::CertNotValidYet { .. } => {
+                    Distrust::Expired
+                }
+                _ => Distrust::Stranger,
+            },
+        )?;
+        match &self.revocations {
+            Some(list) if list.has(certificate) => Err(Distrust::Revoked),
+            _ => Ok(()),
+        }
+    }
+}
