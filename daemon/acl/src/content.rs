@@ -513,6 +513,8 @@ pub enum Reason {
     Uncertain,
     /// Nobody answered a question to a person in time.
     Unanswered,
+    /// The ecosystem's file does not let the sender say this.
+    Forbidden,
     /// A reason of a newer version.
     #[serde(other)]
     Other,
@@ -708,6 +710,9 @@ pub struct Mailboxes {
     pub unreadable: u64,
     /// Messages that its substrate did not take.
     pub unsent: u64,
+    /// What came and was not believed, or was not to be said: by what was wrong with it.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub rejected: BTreeMap<String, u64>,
 }
 
 /// How full one mailbox is. Counts begin with the agent's life.

@@ -6,6 +6,7 @@
 //!   commitments, follows the protocols, and holds messages for agents that are not here yet.
 //! - [`Switchboard`] is the daemon's own end of the substrate: mailboxes, the [`Directory`], and
 //!   the broadcasts a newcomer has missed.
+//! - [`Rights`] say who may do what in a secured ecosystem; the switchboard sees to it.
 //! - [`upkeep`] keeps a Domain Maintainer up to date; the [`Commons`] keep what the actuators of
 //!   one daemon hear.
 //! - [`keeping`] has the Journals keep what must outlive an agent, and reads it back.
@@ -19,11 +20,14 @@ mod commons;
 mod communication_agent;
 mod context;
 mod directory;
+mod guard;
 pub mod keeping;
 mod mailbox;
 mod outbox;
 mod plugin;
 mod receipts;
+mod rejections;
+mod rights;
 mod settings;
 mod standing;
 mod switchboard;
@@ -37,6 +41,7 @@ pub use communication_agent::{Answer, Engagement, Opening, Undelivered};
 pub use context::{Context, Exchanges, TimerId, Work};
 pub use directory::Directory;
 pub use plugin::{Blueprint, BuildError, Host, PluginEntry, Rehearsal, Resources, StateFolder};
+pub use rights::{AgentRights, Allowed, Askers, Rights};
 pub use settings::Settings;
 pub use substrate::{Ask, Presence, Resident, Resource};
 pub use switchboard::{Counters, Switchboard};

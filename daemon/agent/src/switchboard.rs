@@ -21,8 +21,8 @@ use bytes::Bytes;
 use capability::Announcement;
 use serde_json::Map;
 use substrate::{
-    Addressed, Ask, BoxFuture, Delivery, Inbound, Presence, PresenceToken, Question, Resident,
-    Resource, SendError, Subject, Substrate,
+    Address, Addressed, Answer, Ask, BoxFuture, Breach, Delivery, Inbound, Origin, Presence,
+    PresenceToken, Question, Rejected, Resident, Resource, SendError, Subject, Substrate,
 };
 use tokio::runtime::Handle;
 use tokio::sync::{Semaphore, broadcast};
@@ -32,6 +32,8 @@ use crate::directory::Directory;
 use crate::mailbox::{Letter, Mailbox, Slot, mailbox};
 use crate::plugin::Host;
 use crate::receipts;
+use crate::rejections::Rejections;
+use crate::rights::Rights;
 use crate::settings::Settings;
 
 /// Changes of presence an agent may lag behind before it compares directories instead.
@@ -54,6 +56,10 @@ pub struct Switchboard {
     commons: OnceLock<Listening>,
     counters: Counters,
     turns: Arc<Semaphore>,
+    /// What came and was not believed.
+    pub(crate) rejections: Rejections,
+    /// Who may do what, where that is limited: `guard` asks.
+    pub(crate) rights: OnceLock<Arc<Rights>>,
 }
 
 /// What went wrong so far, for the operator.
@@ -114,6 +120,8 @@ impl Switchboard {
             commons: OnceLock::new(),
             counters: Counters::default(),
             turns: Arc::new(Semaphore::new(computations_max())),
+            rejections: Rejections::default(),
+            rights: OnceLock::new(),
         })
     }
 
@@ -308,7 +316,12 @@ impl Switchboard {
 
     pub(crate) fn send(&self, to: &AgentId, subject: Subject, payload: Bytes) {
         let Some(address) = self.read().directory.address(to) else { return };
-        self.hand_over(|substrate| substrate.send(&address, subject, payload));
+        self.send_to(&address, subject, payload);
+    }
+
+    /// Sends to an address, whoever holds the name.
+    pub(crate) fn send_to(&self, to: &Address, subject: Subject, payload: Bytes) {
+        self.hand_over(|substrate| substrate.send(to, subject, payload));
     }
 
     pub(crate) fn broadcast(&self, sender: &AgentId, performative: Performative, payload: Bytes) {
@@ -328,6 +341,11 @@ impl Switchboard {
         let substrate = self.substrate.get().ok_or(SendError::Closed);
         if let Err(error) = substrate.and_then(|substrate| send(&**substrate)) {
             self.counters.unsent.fetch_add(1, Ordering::Relaxed);
+            if let SendError::TooLong { .. } = error {
+                let (claimed, detail) = (Some(self.daemon.as_str()), error.to_string());
+                let (breach, key) = (Breach::Oversized, "its own");
+                self.rejections.note(&Rejected { breach, detail: &detail, claimed, key });
+            }
             tracing::debug!(%error, "the substrate did not take a message");
         }
     }
@@ -352,7 +370,7 @@ impl Switchboard {
 
     /// A full mailbox refuses: whoever asked learns it at once, and does not wait.
     fn refuse_overflow(&self, agent: &AgentId, payload: &[u8]) {
-        let count = self.counters.mailbox_full.fetch_add(1, Ordering::Relaxed);
+        self.counters.mailbox_full.fetch_add(1, Ordering::Relaxed);
         tracing::warn!(%agent, "mailbox full: a message is refused");
         let Ok(message) = acl::decode(payload) else { return };
         if !message.opens_exchange() {
@@ -360,27 +378,40 @@ impl Switchboard {
             return;
         }
         let detail = format!("the mailbox of `{agent}` is full; ask again later");
+        let to = message.sender.clone();
+        let refusal = self.refusal(agent, message, Reason::MailboxFull, detail);
+        self.send(&to, Subject::Message(Performative::Refuse), acl::encode(&refusal));
+    }
+
+    /// What an agent would answer to a message that does not get to it.
+    pub(crate) fn refusal(
+        &self,
+        agent: &AgentId,
+        message: Message,
+        reason: Reason,
+        detail: String,
+    ) -> Message {
+        static REFUSALS: AtomicU64 = AtomicU64::new(0);
+        let count = REFUSALS.fetch_add(1, Ordering::Relaxed);
         let incarnation = self.read().agents.get(agent).map(|hosted| hosted.incarnation);
-        let refusal = Message {
+        Message {
             version: SCHEMA_VERSION,
-            id: MessageId::new(&format!("{agent}.overflow.{}.{count}", message.id)),
+            id: MessageId::new(&format!("{agent}.unheard.{}.{count}", message.id)),
             performative: Performative::Refuse,
             sender: agent.clone(),
             incarnation: incarnation.unwrap_or_default(),
             receiver: vec![message.sender.clone()],
-            content: value(&Refusal::new(Reason::MailboxFull, detail)),
+            content: value(&Refusal::new(reason, detail)),
             in_reply_to: message.reply_with.clone(),
             reply_with: None,
             reply_by: None,
             via: Vec::new(),
             unknown: Map::new(),
             ..message
-        };
-        let subject = Subject::Message(Performative::Refuse);
-        self.send(&message.sender, subject, acl::encode(&refusal));
+        }
     }
 
-    fn deliver_to_all(&self, payload: Bytes, sender: &AgentId) {
+    fn deliver_to_all(&self, payload: Bytes, sender: &AgentId, origin: Option<&Origin>) {
         let message = match acl::decode(&payload) {
             Ok(message) if message.sender == *sender => Arc::new(message),
             Ok(message) => {
@@ -395,6 +426,9 @@ impl Switchboard {
             }
         };
         let inform = inform_of(&message);
+        if !self.is_its_to_say(origin, &message, inform.as_ref()) {
+            return;
+        }
         if let Some(kind) = inform.as_ref().and_then(kind_of) {
             self.keep(sender, kind, payload);
         }
@@ -455,6 +489,7 @@ impl Switchboard {
             unknown_receiver: count(&self.counters.unknown_receiver),
             unreadable: count(&self.counters.unreadable),
             unsent: count(&self.counters.unsent),
+            rejected: self.rejections.counts(),
         };
         if let Ok(bytes) = serde_json::to_vec(&answer) {
             (question.answer)(Bytes::from(bytes));
@@ -472,21 +507,27 @@ impl Switchboard {
 
 impl Inbound for Switchboard {
     fn deliver(&self, delivery: Delivery) {
-        let Delivery { addressed, payload } = delivery;
+        let Delivery { addressed, payload, origin } = delivery;
+        let origin = origin.as_ref();
         match addressed {
             Addressed::To(agent, Subject::Message(_)) => {
-                self.deliver_to(&agent, Letter::Direct(payload));
+                if self.lets_pass(origin, &agent, &payload) {
+                    self.deliver_to(&agent, Letter::Direct(payload));
+                }
             }
             Addressed::To(agent, Subject::Receipt) => {
                 self.deliver_to(&agent, Letter::Receipts(receipts::read(&payload)));
             }
             Addressed::All(sender, _) | Addressed::Beat(sender) => {
-                self.deliver_to_all(payload, &sender);
+                self.deliver_to_all(payload, &sender, origin);
             }
         }
     }
 
     fn presence(&self, presence: Presence) {
+        if !self.may_be_present(&presence) {
+            return;
+        }
         let mut state = self.write();
         let changes = Arc::make_mut(&mut state.directory).update(&presence);
         for change in &changes {
@@ -502,6 +543,14 @@ impl Inbound for Switchboard {
         }
         drop(state);
         changes.iter().for_each(|change| self.show_commons(change));
+    }
+
+    fn rejected(&self, rejected: &Rejected<'_>) {
+        self.rejections.note(rejected);
+    }
+
+    fn admits(&self, answer: &Answer<'_>) -> bool {
+        self.admits_answer(answer)
     }
 
     fn question(&self, question: Question) {
@@ -537,7 +586,7 @@ impl Inbound for Switchboard {
     }
 }
 
-fn inform_of(message: &Message) -> Option<Inform> {
+pub(crate) fn inform_of(message: &Message) -> Option<Inform> {
     let is_inform = message.performative == Performative::Inform;
     is_inform.then(|| message.content_as().ok()).flatten()
 }

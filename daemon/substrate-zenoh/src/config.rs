@@ -12,6 +12,7 @@ use serde_json::{Value, json};
 use substrate::Inbound;
 
 use crate::endpoint::{self, EndpointError};
+use crate::sealing::Security;
 use crate::session::ZenohSubstrate;
 
 /// How long a silent daemon counts as alive. A killed process is seen in milliseconds whatever
@@ -71,6 +72,9 @@ pub struct Config {
     pub connect: Vec<String>,
     /// How long a silent daemon counts as alive; [`LEASE`] unless the network is worse.
     pub lease: Duration,
+    /// With what it speaks and hears in a secured ecosystem: links are TLS both ways then, with
+    /// its certificate, and every message is signed.
+    pub security: Option<Security>,
     /// Zenoh's own settings, as it documents them; they win over everything but the fields above.
     /// Its `listen.endpoints` and `connect.endpoints` are added to those above.
     pub zenoh: Value,
@@ -139,6 +143,7 @@ pub(crate) struct Settings {
     pub(crate) zenoh: zenoh::Config,
     pub(crate) listen: Vec<String>,
     pub(crate) connect: Vec<String>,
+    pub(crate) security: Option<Security>,
 }
 
 // === impl Config ===
@@ -154,6 +159,7 @@ impl Config {
             listen: Vec::new(),
             connect: Vec::new(),
             lease: LEASE,
+            security: None,
             zenoh: Value::Null,
         }
     }
@@ -171,6 +177,13 @@ impl Config {
 
     pub(crate) fn settings(&self) -> Result<Settings, OpenError> {
         let mut merged = self.defaults();
+        if self.security.is_some() {
+            // Addresses change, and daemons that find each other know nothing but those. Who
+            // answers must have a certificate of the ecosystem's authority, and who has said
+            // something shows from its signature. A file may want more.
+            let tls = json!({ "tls": { "verify_name_on_connect": false } });
+            merge(&mut merged, &json!({ "transport": { "link": tls } }));
+        }
         match &self.zenoh {
             Value::Null => (),
             Value::Object(raw) if raw.contains_key("mode") => {
@@ -186,6 +199,11 @@ impl Config {
         add_endpoints(&mut merged["connect"]["endpoints"], &self.connect);
         let listen = endpoints(&merged["listen"]["endpoints"]);
         let connect = endpoints(&merged["connect"]["endpoints"]);
+        if let Some(security) = &self.security {
+            listen.iter().chain(&connect).try_for_each(|each| endpoint::check_secured(each))?;
+            // Over what the file says: nobody weakens this by accident.
+            merge(&mut merged, &secured(security));
+        }
         listen.iter().try_for_each(|each| endpoint::check_listen(each))?;
         connect.iter().try_for_each(|each| endpoint::check_connect(each))?;
         if self.mode == Mode::Client && connect.is_empty() && !scouts(&merged) {
@@ -193,7 +211,7 @@ impl Config {
         }
         let zenoh = read(&merged)
             .map_err(|source| OpenError::Settings { at: culprit(&merged).join("."), source })?;
-        Ok(Settings { zenoh, listen, connect })
+        Ok(Settings { zenoh, listen, connect, security: self.security.clone() })
     }
 
     /// What is different from Zenoh's defaults, and why.
@@ -240,6 +258,25 @@ impl Config {
             } },
         })
     }
+}
+
+/// TLS both ways, with the certificates of this ecosystem.
+fn secured(security: &Security) -> Value {
+    let (key, certificate, authority) = security.identity.files();
+    json!({
+        "transport": { "link": {
+            "protocols": endpoint::SECURED_PROTOCOLS,
+            "tls": {
+                "root_ca_certificate": authority,
+                "enable_mtls": true,
+                "listen_private_key": key,
+                "listen_certificate": certificate,
+                "connect_private_key": key,
+                "connect_certificate": certificate,
+                "close_link_on_expiration": true,
+            },
+        } },
+    })
 }
 
 /// Lays `over` upon `base`: tables are merged, all else is replaced.

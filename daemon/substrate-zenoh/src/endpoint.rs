@@ -31,7 +31,21 @@ pub enum EndpointError {
         /// Its address.
         address: String,
     },
+    /// Plain text in a secured ecosystem.
+    #[error(
+        "use endpoint `{endpoint}`: this ecosystem is secured; write `tls/{address}`, or \
+         `unixsock-stream/PATH` for this machine"
+    )]
+    Unsecured {
+        /// The endpoint.
+        endpoint: String,
+        /// Its address.
+        address: String,
+    },
 }
+
+/// What is spoken in a secured ecosystem: nothing that others on a network could read or write.
+pub(crate) const SECURED_PROTOCOLS: [&str; 2] = ["tls", "unixsock-stream"];
 
 /// What this build speaks: the transports among `zenoh`'s features in the workspace's manifest.
 const PROTOCOLS: [&str; 3] = ["tls", "unixsock-stream", "tcp"];
@@ -49,6 +63,15 @@ pub(crate) fn check_listen(endpoint: &str) -> Result<(), EndpointError> {
         return Err(EndpointError::PlainText { endpoint, address });
     }
     Ok(())
+}
+
+/// Checks an endpoint, of either kind, for a secured ecosystem.
+pub(crate) fn check_secured(endpoint: &str) -> Result<(), EndpointError> {
+    let (protocol, address) = split(endpoint)?;
+    if SECURED_PROTOCOLS.contains(&protocol) {
+        return Ok(());
+    }
+    Err(EndpointError::Unsecured { endpoint: endpoint.to_owned(), address: address.to_owned() })
 }
 
 /// Protocol and address, without Zenoh's metadata (`?…`) and configuration (`#…`).

@@ -11,45 +11,81 @@ use bytes::Bytes;
 use substrate::{Delivery, Inbound};
 use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
-use zenoh::sample::{Sample, SampleKind};
+use zenoh::sample::{Locality, Sample, SampleKind};
 use zenoh::{Session, Wait};
 
 use crate::config::OpenError;
 use crate::key_expr::Keys;
+use crate::sealing::Security;
+
+/// Hears what comes for one daemon.
+#[derive(Clone)]
+struct Ear {
+    keys: Keys,
+    inbound: Arc<dyn Inbound>,
+    /// Opens what comes over links, if the ecosystem is secured.
+    security: Option<Security>,
+}
 
 /// Declares what a daemon hears: its inbox, the broadcasts and the models.
+///
+/// In a secured ecosystem what it says itself is heard apart from what comes over links, which
+/// alone could be anybody's.
 pub(crate) fn declare(
     session: &Session,
     keys: &Keys,
     inbound: &Arc<dyn Inbound>,
+    security: Option<&Security>,
 ) -> Result<(), OpenError> {
-    let heard = [keys.inbox(), keys.every_broadcast(), keys.every_model()];
-    heard.iter().try_for_each(|key_expr| declare_subscriber(session, keys, inbound, key_expr))
-}
-
-fn declare_subscriber(
-    session: &Session,
-    keys: &Keys,
-    inbound: &Arc<dyn Inbound>,
-    key_expr: &KeyExpr<'static>,
-) -> Result<(), OpenError> {
-    let (keys, inbound) = (keys.clone(), Arc::clone(inbound));
-    let deliver = move |sample: Sample| deliver(&keys, &*inbound, &sample);
-    let subscriber = session.declare_subscriber(key_expr).callback(deliver).background();
-    subscriber.wait().map_err(|source| undeclared("subscriber", key_expr, source))
+    let (keys, inbound, security) = (keys.clone(), Arc::clone(inbound), security.cloned());
+    let ear = Ear { keys, inbound, security };
+    let heard = [ear.keys.inbox(), ear.keys.every_broadcast(), ear.keys.every_model()];
+    heard.iter().try_for_each(|key_expr| match &ear.security {
+        None => ear.declare(session, key_expr, Locality::Any),
+        Some(_) => {
+            ear.declare(session, key_expr, Locality::SessionLocal)?;
+            ear.declare(session, key_expr, Locality::Remote)
+        }
+    })
 }
 
 pub(crate) fn undeclared(what: &str, key_expr: &KeyExpr, source: zenoh::Error) -> OpenError {
     OpenError::Declare { what: format!("{what} `{key_expr}`"), source }
 }
 
-fn deliver(keys: &Keys, inbound: &dyn Inbound, sample: &Sample) {
-    let key = sample.key_expr().as_str();
-    match (sample.kind(), keys.addressed(key)) {
-        (SampleKind::Put, Some(addressed)) => {
-            inbound.deliver(Delivery { addressed, payload: into_bytes(sample.payload()) });
-        }
-        _ => tracing::debug!(key, "ignored a message whose key says nothing to us"),
+// === impl Ear ===
+
+impl Ear {
+    fn declare(
+        &self,
+        session: &Session,
+        key_expr: &KeyExpr<'static>,
+        origin: Locality,
+    ) -> Result<(), OpenError> {
+        let ear = self.clone();
+        let is_own = origin == Locality::SessionLocal;
+        let deliver = move |sample: Sample| ear.deliver(&sample, is_own);
+        let subscriber = session.declare_subscriber(key_expr).callback(deliver);
+        let subscriber = subscriber.allowed_origin(origin).background();
+        subscriber.wait().map_err(|source| undeclared("subscriber", key_expr, source))
+    }
+
+    fn deliver(&self, sample: &Sample, is_own: bool) {
+        let Ear { keys, inbound, security } = self;
+        let key = sample.key_expr().as_str();
+        let (SampleKind::Put, Some(addressed)) = (sample.kind(), keys.addressed(key)) else {
+            return tracing::debug!(key, "ignored a message whose key says nothing to us");
+        };
+        let payload = into_bytes(sample.payload());
+        let origin = match security {
+            None => None,
+            Some(_) if is_own => Some(Security::own(keys.daemon())),
+            Some(security) => match security.origin(keys, &**inbound, sample, &payload) {
+                Some(origin) => Some(origin),
+                None => return,
+            },
+        };
+        inbound.deliver(Delivery { addressed, payload, origin });
     }
 }
 

@@ -91,6 +91,11 @@ impl Keys {
         self.under(&["**"])
     }
 
+    /// `revoked`: the certificates that were taken back, for everybody.
+    pub(crate) fn revoked(&self) -> KeyExpr<'static> {
+        self.under(&["revoked"])
+    }
+
     /// Everybody's presence.
     pub(crate) fn everyone_alive(&self) -> KeyExpr<'static> {
         self.under(&["alive", "**"])
@@ -155,6 +160,26 @@ impl Keys {
             daemon: DaemonId::new(daemon).ok()?,
             incarnation: self::incarnation(incarnation)?,
         })
+    }
+
+    /// The daemon that alone may say something under this key, where there is one.
+    pub(crate) fn speaker<'key>(&self, key: &'key str) -> Option<&'key str> {
+        match self.chunks(key)?.as_slice() {
+            ["model" | "at", daemon, _] => Some(daemon),
+            _ => None,
+        }
+    }
+
+    /// What an answer with this key is about.
+    pub(crate) fn answered(&self, key: &str) -> Option<(Resource, Option<AgentId>)> {
+        match self.chunks(key)?.as_slice() {
+            ["model", _, agent] => Some((Resource::Model, AgentId::new(agent).ok())),
+            ["at", _, what] => {
+                let resource = Resource::ALL.into_iter().find(|each| each.as_str() == *what)?;
+                Some((resource, None))
+            }
+            _ => None,
+        }
     }
 
     /// The chunks below the ecosystem's root.

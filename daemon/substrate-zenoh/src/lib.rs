@@ -4,6 +4,7 @@
 //! - `key_expr` is the only place where key expressions are built and read (design, “Messages”).
 //! - Every daemon is a *router*, because Zenoh's peers do not relay since 1.9; what has no room
 //!   for a router (a command line, a plugin in a process of its own) opens as a *client*.
+//! - With a [`Security`], links are TLS both ways and every message is signed: `sealing`.
 //!
 //! This is the only crate that names `zenoh`. It promises what [`substrate`] promises and no
 //! more: a message that Zenoh accepted may be lost, and receipts are the Communication Agent's.
@@ -20,10 +21,13 @@ mod key_expr;
 mod presence;
 mod publishers;
 mod questions;
+mod revocations;
+mod sealing;
 mod session;
 mod tap;
 
 pub use config::{Config, LEASE, MESSAGE_BYTES_MAX, Mode, OpenError, REST};
 pub use endpoint::EndpointError;
+pub use sealing::Security;
 pub use session::ZenohSubstrate;
 pub use tap::{Tap, tap};

@@ -1,7 +1,8 @@
 //! Asking and being asked, by Zenoh's queries.
 //!
 //! Everyone answers under a key of their own and nothing is consolidated: under one key, all
-//! answers but one would be lost.
+//! answers but one would be lost. In a secured ecosystem a question carries a nonce, and an answer
+//! is signed together with it.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -9,9 +10,11 @@ use std::time::Duration;
 
 use acl::{AgentId, Incarnation};
 use bytes::Bytes;
+use credentials::Nonce;
 use substrate::memory::{ANSWERS_MAX, collect_answers};
 use substrate::{Ask, BoxFuture, Inbound, Question, Resource};
 use tokio::sync::mpsc;
+use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
 use zenoh::qos::CongestionControl;
 use zenoh::query::{ConsolidationMode, Parameters, Query, QueryTarget, Reply, Selector};
@@ -20,6 +23,7 @@ use zenoh::{Session, Wait};
 use crate::config::OpenError;
 use crate::inbound::{into_bytes, undeclared};
 use crate::key_expr::{AGENT_PARAMETER, Keys};
+use crate::sealing::{Security, seal_answer};
 
 /// The agents this daemon has announced, which are those that may have a model.
 #[derive(Clone, Default)]
@@ -30,6 +34,15 @@ struct Answering {
     keys: Keys,
     residents: Residents,
     inbound: Arc<dyn Inbound>,
+    security: Option<Security>,
+}
+
+/// Asks in the name of one daemon.
+#[derive(Clone)]
+pub(crate) struct Asking {
+    pub(crate) keys: Keys,
+    pub(crate) inbound: Arc<dyn Inbound>,
+    pub(crate) security: Option<Security>,
 }
 
 /// Declares what a daemon can be asked.
@@ -38,9 +51,11 @@ pub(crate) fn declare(
     keys: &Keys,
     residents: &Residents,
     inbound: &Arc<dyn Inbound>,
+    security: Option<&Security>,
 ) -> Result<(), OpenError> {
-    let (residents, inbound) = (residents.clone(), Arc::clone(inbound));
-    let answering = Arc::new(Answering { keys: keys.clone(), residents, inbound });
+    let (residents, inbound, security) =
+        (residents.clone(), Arc::clone(inbound), security.cloned());
+    let answering = Arc::new(Answering { keys: keys.clone(), residents, inbound, security });
     let (of_resources, of_models) = (Arc::clone(&answering), answering);
     let resources = keys.own_resources();
     declare_queryable(session, &resources, move |query| of_resources.resources(&query))?;
@@ -61,17 +76,21 @@ fn declare_queryable(
 /// The question goes out before this returns. Nobody there is an empty answer, and a prompt one.
 pub(crate) fn ask(
     session: &Session,
-    keys: &Keys,
+    asking: &Asking,
     ask: &Ask,
     timeout: Duration,
 ) -> BoxFuture<Vec<Bytes>> {
     let Ask { daemon, resource, agent } = ask;
-    let key_expr = keys.asked(daemon.as_ref(), *resource, agent.as_ref());
+    let key_expr = asking.keys.asked(daemon.as_ref(), *resource, agent.as_ref());
     let parameters = match (resource, agent) {
         (Resource::Model, _) | (_, None) => Parameters::empty(),
         (_, Some(agent)) => Parameters::from(&[(AGENT_PARAMETER, agent.as_str())][..]),
     };
+    // Without one no answer would be believed: it would be the same as none.
+    let nonce = asking.security.as_ref().and_then(|_| credentials::nonce());
+    let attachment = nonce.map(ZBytes::from);
     let (answers, heard) = mpsc::channel(ANSWERS_MAX);
+    let asking = asking.clone();
     let sent = session
         .get(Selector::owned(key_expr, parameters))
         .target(QueryTarget::All)
@@ -80,7 +99,8 @@ pub(crate) fn ask(
         .congestion_control(CongestionControl::Drop)
         .express(true)
         .timeout(timeout)
-        .callback(move |reply| hear(&answers, &reply))
+        .attachment(attachment)
+        .callback(move |reply| asking.hear(&answers, &reply, nonce.as_ref()))
         .wait();
     if let Err(error) = sent {
         tracing::debug!(%error, "a question was not asked");
@@ -88,14 +108,25 @@ pub(crate) fn ask(
     Box::pin(collect_answers(heard, timeout))
 }
 
-fn hear(answers: &mpsc::Sender<Bytes>, reply: &Reply) {
-    match reply.result() {
-        Ok(sample) => {
-            if answers.try_send(into_bytes(sample.payload())).is_err() {
-                tracing::debug!(key = sample.key_expr().as_str(), "an answer came too late");
+// === impl Asking ===
+
+impl Asking {
+    fn hear(&self, answers: &mpsc::Sender<Bytes>, reply: &Reply, nonce: Option<&Nonce>) {
+        let sample = match reply.result() {
+            Ok(sample) => sample,
+            Err(error) => return tracing::debug!(?error, "a question ended with an error"),
+        };
+        let payload = into_bytes(sample.payload());
+        let is_admitted = match (&self.security, nonce) {
+            (None, _) => true,
+            (Some(security), Some(nonce)) => {
+                security.admits(&self.keys, &*self.inbound, sample, &payload, nonce)
             }
+            (Some(_), None) => false,
+        };
+        if is_admitted && answers.try_send(payload).is_err() {
+            tracing::debug!(key = sample.key_expr().as_str(), "an answer came too late");
         }
-        Err(error) => tracing::debug!(?error, "a question ended with an error"),
     }
 }
 
@@ -105,7 +136,7 @@ impl Answering {
     /// Passes on a query for resources; a wildcard may ask for several. A probe is answered here.
     fn resources(&self, query: &Query) {
         if *query.key_expr() == self.keys.reach(self.keys.daemon()) {
-            return reply(query, query.key_expr(), Bytes::new());
+            return reply(query, query.key_expr(), Bytes::new(), None);
         }
         let Ok(agent) = agent(query.parameters()) else {
             return tracing::debug!(selector = %query.selector(), "ignored a malformed question");
@@ -136,14 +167,17 @@ impl Answering {
         agent: Option<AgentId>,
         key_expr: KeyExpr<'static>,
     ) {
-        let query = query.clone();
-        let answer = Arc::new(move |payload| reply(&query, &key_expr, payload));
+        let (query, security) = (query.clone(), self.security.clone());
+        let answer = Arc::new(move |payload| reply(&query, &key_expr, payload, security.as_ref()));
         self.inbound.question(Question { resource, agent, answer });
     }
 }
 
-fn reply(query: &Query, key_expr: &KeyExpr, payload: Bytes) {
-    if let Err(error) = query.reply(key_expr, payload).wait() {
+fn reply(query: &Query, key_expr: &KeyExpr, payload: Bytes, security: Option<&Security>) {
+    let seal = security.and_then(|Security { identity, .. }| {
+        seal_answer(identity, key_expr.as_str(), &payload, query.attachment())
+    });
+    if let Err(error) = query.reply(key_expr, payload).attachment(seal).wait() {
         tracing::debug!(key = key_expr.as_str(), %error, "an answer was not sent");
     }
 }

@@ -5,17 +5,22 @@ use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative};
 use bytes::Bytes;
+use credentials::Channel;
 use substrate::{Address, Ask, BoxFuture, Inbound, PresenceToken, SendError, Subject, Substrate};
 use zenoh::key_expr::KeyExpr;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Session, Wait};
 
-use crate::config::{OpenError, Settings};
+use crate::config::{MESSAGE_BYTES_MAX, OpenError, Settings};
 use crate::key_expr::Keys;
 use crate::publishers::{Cache, PUBLISHERS_MAX};
-use crate::questions::{self, Residents};
-use crate::{inbound, presence};
+use crate::questions::{self, Asking, Residents};
+use crate::sealing::Security;
+use crate::{inbound, presence, revocations};
+
+/// Of the longest message, what is left for its seal, its key and Zenoh's own words.
+const SEAL_BYTES_MAX: usize = 16 << 10;
 
 /// A daemon's end of the wire. Dropping the last handle closes it.
 ///
@@ -24,6 +29,9 @@ use crate::{inbound, presence};
 pub struct ZenohSubstrate {
     keys: Keys,
     residents: Residents,
+    asking: Asking,
+    /// Seals what goes over links, if the ecosystem is secured.
+    security: Option<Security>,
     /// Before the session: they are undeclared while it is still open.
     publishers: Cache<Route, Publisher<'static>>,
     session: Arc<Session>,
@@ -45,7 +53,7 @@ impl ZenohSubstrate {
         settings: Settings,
         inbound: Arc<dyn Inbound>,
     ) -> Result<Arc<ZenohSubstrate>, OpenError> {
-        let Settings { zenoh, listen, connect } = settings;
+        let Settings { zenoh, listen, connect, security } = settings;
         let session = zenoh::open(zenoh).await.map_err(|source| OpenError::Session {
             listen,
             connect,
@@ -54,11 +62,15 @@ impl ZenohSubstrate {
         let session = Arc::new(session);
         let keys = Keys::new(ecosystem, daemon);
         let residents = Residents::default();
-        questions::declare(&session, &keys, &residents, &inbound)?;
-        inbound::declare(&session, &keys, &inbound)?;
+        if let Some(security) = &security {
+            revocations::declare(&session, &keys, security)?;
+        }
+        questions::declare(&session, &keys, &residents, &inbound, security.as_ref())?;
+        inbound::declare(&session, &keys, &inbound, security.as_ref())?;
         presence::declare(&session, &keys, &inbound)?;
         let publishers = Cache::new(PUBLISHERS_MAX);
-        Ok(Arc::new(ZenohSubstrate { keys, residents, publishers, session }))
+        let asking = Asking { keys: keys.clone(), inbound, security: security.clone() };
+        Ok(Arc::new(ZenohSubstrate { keys, residents, asking, security, publishers, session }))
     }
 
     /// Where this daemon is really listening, with the ports that the kernel chose.
@@ -74,8 +86,14 @@ impl ZenohSubstrate {
 
     fn put(&self, route: Route, payload: Bytes) -> Result<(), SendError> {
         self.check_open()?;
+        check_length(&payload)?;
         let publisher = self.publishers.get_or_make(&route, || self.declare_publisher(&route));
-        publisher.and_then(|publisher| publisher.put(payload).wait()).map_err(declined)
+        let publisher = publisher.map_err(declined)?;
+        let stays = matches!(&route, Route::To(to, _) if to.daemon == *self.keys.daemon());
+        let seal = self.security.as_ref().filter(|_| !stays).map(|security| {
+            security.seal(Channel::Message, publisher.key_expr().as_str(), &payload)
+        });
+        publisher.put(payload).attachment(seal).wait().map_err(declined)
     }
 
     fn check_open(&self) -> Result<(), SendError> {
@@ -120,7 +138,11 @@ impl Substrate for ZenohSubstrate {
     /// a few microseconds once a second.
     fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
         self.check_open()?;
-        let put = self.session.put(self.keys.model(sender), payload);
+        check_length(&payload)?;
+        let key_expr = self.keys.model(sender);
+        let security = self.security.as_ref();
+        let seal = security.map(|each| each.seal(Channel::Beat, key_expr.as_str(), &payload));
+        let put = self.session.put(key_expr, payload).attachment(seal);
         let put = put.congestion_control(CongestionControl::Drop).priority(Priority::DataLow);
         put.wait().map_err(declined)
     }
@@ -144,7 +166,7 @@ impl Substrate for ZenohSubstrate {
     }
 
     fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
-        questions::ask(&self.session, &self.keys, &ask, timeout)
+        questions::ask(&self.session, &self.asking, &ask, timeout)
     }
 
     fn close(&self) -> BoxFuture<()> {
@@ -156,6 +178,15 @@ impl Substrate for ZenohSubstrate {
             }
         })
     }
+}
+
+/// What is too long would be dropped by every receiver, and nobody would learn of it.
+fn check_length(payload: &Bytes) -> Result<(), SendError> {
+    let bytes = payload.len();
+    if bytes <= MESSAGE_BYTES_MAX - SEAL_BYTES_MAX {
+        return Ok(());
+    }
+    Err(SendError::TooLong { bytes, bytes_max: MESSAGE_BYTES_MAX - SEAL_BYTES_MAX })
 }
 
 fn declined(error: zenoh::Error) -> SendError {

@@ -80,6 +80,71 @@ pub trait Inbound: Send + Sync + 'static {
 
     /// Somebody asks for a resource. Dropping the question answers nothing.
     fn question(&self, question: Question);
+
+    /// Something came that is not believed, and goes no further. Nothing is done about it unless
+    /// it is written down.
+    fn rejected(&self, _rejected: &Rejected<'_>) {}
+
+    /// Whether an answer is one that its origin may give; all are, unless somebody knows better.
+    fn admits(&self, _answer: &Answer<'_>) -> bool {
+        true
+    }
+}
+
+/// Who a message comes from, as its signature proves.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Origin {
+    /// The daemon that spoke, or a guest of one.
+    pub daemon: DaemonId,
+    /// The daemon whose key it has signed with: the same, or the guest's host.
+    pub voucher: DaemonId,
+}
+
+/// Something that came and is not believed.
+#[derive(Clone, Copy, Debug)]
+pub struct Rejected<'r> {
+    /// What is wrong with it.
+    pub breach: Breach,
+    /// The same in words, to follow “the message …”.
+    pub detail: &'r str,
+    /// In whose name it came, as far as that can be known.
+    pub claimed: Option<&'r str>,
+    /// What it was about, as the substrate addresses things.
+    pub key: &'r str,
+}
+
+/// What can be wrong with something that came.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Breach {
+    /// Nobody has signed it.
+    Unsigned,
+    /// It is signed by somebody the ecosystem does not know, or knows no longer.
+    Unknown,
+    /// It was changed, or speaks in another's name.
+    Forged,
+    /// It was heard before.
+    Replayed,
+    /// The certificate was taken back.
+    Revoked,
+    /// There is too much of it.
+    Flooded,
+    /// Its origin may not say this.
+    Overstepped,
+    /// It is longer than anything may be.
+    Oversized,
+}
+
+/// An answer that has come, and from whom.
+#[derive(Clone, Copy, Debug)]
+pub struct Answer<'a> {
+    /// Who has given it.
+    pub origin: &'a Origin,
+    /// To what.
+    pub resource: Resource,
+    /// Of which agent, where the resource has one per agent.
+    pub agent: Option<&'a AgentId>,
+    /// Its bytes.
+    pub payload: &'a [u8],
 }
 
 /// Where an agent is reached.
@@ -108,6 +173,8 @@ pub struct Delivery {
     pub addressed: Addressed,
     /// The bytes as they were sent.
     pub payload: Bytes,
+    /// Who has signed it; nobody, where nothing is signed.
+    pub origin: Option<Origin>,
 }
 
 /// How a message was addressed.
@@ -193,6 +260,14 @@ pub enum SendError {
     /// The substrate is closed.
     #[error("send on a closed substrate")]
     Closed,
+    /// It is longer than anything may be.
+    #[error("send {bytes} bytes: a message has at most {bytes_max}")]
+    TooLong {
+        /// How long it is.
+        bytes: usize,
+        /// How long it may be.
+        bytes_max: usize,
+    },
     /// The substrate declined.
     #[error("send: {0}")]
     Declined(String),
@@ -224,6 +299,22 @@ impl Presence {
     pub fn resident(&self) -> &Resident {
         match self {
             Presence::Joined(resident) | Presence::Left(resident) => resident,
+        }
+    }
+}
+
+impl Breach {
+    /// The name, for people and programs that count.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Breach::Unsigned => "unsigned",
+            Breach::Unknown => "unknown",
+            Breach::Forged => "forged",
+            Breach::Replayed => "replayed",
+            Breach::Revoked => "revoked",
+            Breach::Flooded => "flooded",
+            Breach::Overstepped => "overstepped",
+            Breach::Oversized => "oversized",
         }
     }
 }

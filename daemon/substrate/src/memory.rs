@@ -127,7 +127,7 @@ impl Port {
         }
         for receiver in receivers {
             let (addressed, payload) = (addressed.clone(), payload.clone());
-            receiver.deliver(Delivery { addressed, payload });
+            receiver.deliver(Delivery { addressed, payload, origin: None });
         }
         Ok(())
     }

@@ -14,9 +14,8 @@ use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
+use crate::secured::House;
 use crate::{Asker, Error, Sizes};
-
-const ECOSYSTEM: &str = "agents";
 
 /// No answer is waited for longer; on one machine that would mean a mistake.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -28,10 +27,11 @@ pub(crate) struct Daemons {
 }
 
 /// Two daemons of one agent each, and how long their messages are on the wire.
-pub(crate) async fn start() -> Result<(Asker, Sizes, Daemons), Error> {
+/// Links are plain unless there is a house that secures them.
+pub(crate) async fn start(house: Option<&House>) -> Result<(Asker, Sizes, Daemons), Error> {
     let stopping = CancellationToken::new();
-    let (here, a) = open("a", &[]).await?;
-    let (there, b) = open("b", &a.locators()).await?;
+    let (here, a) = open("a", &[], house).await?;
+    let (there, b) = open("b", &a.locators(), house).await?;
     let (turns, asked) = mpsc::channel(1);
     let (tell, taken) = mpsc::channel(1);
     let (tell_reply_bytes, reply_bytes) = oneshot::channel();
@@ -57,10 +57,17 @@ pub(crate) async fn start() -> Result<(Asker, Sizes, Daemons), Error> {
 async fn open(
     daemon: &str,
     connect: &[String],
+    house: Option<&House>,
 ) -> Result<(Arc<Switchboard>, Arc<ZenohSubstrate>), Error> {
-    let (ecosystem, id) = (EcosystemId::new(ECOSYSTEM)?, DaemonId::new(daemon)?);
-    let switchboard = Switchboard::new(ecosystem, id, Settings::default());
-    let config = crate::substrate::config(ECOSYSTEM, daemon, connect)?;
+    let ecosystem = if house.is_some() { "secured" } else { "agents" };
+    let (id, name) = (DaemonId::new(daemon)?, EcosystemId::new(ecosystem)?);
+    let switchboard = Switchboard::new(name, id, Settings::default());
+    let mut config = crate::substrate::config(ecosystem, daemon, connect)?;
+    if let Some(house) = house {
+        config.listen = vec!["tls/127.0.0.1:0".to_owned()];
+        config.security = Some(house.security(daemon)?);
+        switchboard.limit(House::rights());
+    }
     let substrate = config.open(Arc::<Switchboard>::clone(&switchboard)).await?;
     switchboard.connect(Arc::<ZenohSubstrate>::clone(&substrate) as Arc<dyn Substrate>);
     Ok((switchboard, substrate))

@@ -9,17 +9,21 @@
 //! - `substrate` is what this crate adds: keys that are read, publishers that are found.
 //! - `agents` is the whole: an agent asks, another answers, with all that the Communication Agent
 //!   does for them (JSON, protocols, deadlines, duplicates, receipts).
+//! - `secured` is the same over mutual TLS, with every message signed, checked for replay, and
+//!   held against the rights of its sender.
 //!
-//! Real router sessions over TCP on this machine, at ports that the kernel chooses. The three
+//! Real router sessions over TCP on this machine, at ports that the kernel chooses. They
 //! take turns within one run, so that a busy moment of the machine meets all of them.
 
 mod agents;
 mod plain;
+mod secured;
 mod substrate;
 
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
+use secured::House;
 use tokio::sync::mpsc::{self, Receiver, Sender, UnboundedReceiver};
 
 type Error = Box<dyn std::error::Error + Send + Sync>;
@@ -33,6 +37,9 @@ const ROUND_TRIPS_PER_TURN: usize = 200;
 
 /// The p50 of the agents may be this many times that of plain Zenoh.
 const AIM: f64 = 1.3;
+
+/// And that of secured agents so many times that of agents without.
+const SECURED_AIM: f64 = 2.5;
 
 /// How long a message is, on its way there and on its way back.
 #[derive(Clone, Copy, Debug)]
@@ -51,14 +58,16 @@ struct Asker {
 #[tokio::main(worker_threads = 2)]
 async fn main() -> Result<(), Error> {
     let turns = turns()?;
-    let (mut agents, sizes, daemons) = agents::start().await?;
+    let house = House::new()?;
+    let (mut agents, sizes, daemons) = agents::start(None).await?;
+    let (mut secured, _, secured_daemons) = agents::start(Some(&house)).await?;
     let (mut substrate, substrates) = substrate::start(sizes).await?;
     let (mut plain, sessions) = plain::start(sizes).await?;
-    let mut taken = [const { Vec::new() }; 3];
+    let mut taken = [const { Vec::new() }; 4];
     let mut warm = false;
     for _ in 0..=turns {
-        for (asker, taken) in [&mut plain, &mut substrate, &mut agents].into_iter().zip(&mut taken)
-        {
+        let askers = [&mut plain, &mut substrate, &mut agents, &mut secured];
+        for (asker, taken) in askers.into_iter().zip(&mut taken) {
             let turn = asker.turn().await?;
             taken.extend(turn.into_iter().filter(|_| warm));
         }
@@ -67,7 +76,7 @@ async fn main() -> Result<(), Error> {
     report(turns, sizes, taken.map(Figures::of));
     // The process ends with its sessions open: of two that close at once in one process, Zenoh
     // 1.10 sometimes panics on a receiving thread (`Option::unwrap` in `resource.rs`).
-    std::mem::forget((daemons, substrates, sessions));
+    std::mem::forget((daemons, secured_daemons, substrates, sessions));
     Ok(())
 }
 
@@ -79,14 +88,15 @@ fn turns() -> Result<usize, Error> {
     Ok(number.map_or(Ok(default), |number| number.parse())?.max(1))
 }
 
-fn report(turns: usize, sizes: Sizes, [plain, substrate, agents]: [Figures; 3]) {
+fn report(turns: usize, sizes: Sizes, [plain, substrate, agents, secured]: [Figures; 4]) {
     let Sizes { request, reply } = sizes;
     println!(
         "{} round trips each, {request} B there and {reply} B back",
         turns * ROUND_TRIPS_PER_TURN
     );
     println!("{:<10} {:>10} {:>10} {:>14}", "", "p50", "p99", "p50 ÷ plain");
-    for (name, figures) in [("plain", &plain), ("substrate", &substrate), ("agents", &agents)] {
+    let rows = [&plain, &substrate, &agents, &secured];
+    for (name, figures) in ["plain", "substrate", "agents", "secured"].into_iter().zip(rows) {
         let Figures { p50, p99 } = figures;
         let ratio = figures.ratio(&plain);
         println!("{name:<10} {p50:>10.1?} {p99:>10.1?} {ratio:>14.2}");
@@ -94,6 +104,9 @@ fn report(turns: usize, sizes: Sizes, [plain, substrate, agents]: [Figures; 3]) 
     let ratio = agents.ratio(&plain);
     let verdict = if ratio <= AIM { "reached" } else { "missed" };
     println!("agents ÷ plain, p50: {ratio:.2}, aim ≤ {AIM}: {verdict}");
+    let ratio = secured.ratio(&agents);
+    let verdict = if ratio <= SECURED_AIM { "reached" } else { "missed" };
+    println!("secured ÷ agents, p50: {ratio:.2}, aim ≤ {SECURED_AIM}: {verdict}");
 }
 
 struct Figures {

@@ -6,14 +6,18 @@ use std::time::Duration;
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative};
 use bytes::Bytes;
 use substrate::{
-    Address, Addressed, Ask, Delivery, Inbound, Presence, PresenceToken, Question, Resource,
-    Subject, Substrate,
+    Address, Addressed, Ask, Delivery, Inbound, Presence, PresenceToken, Question, Rejected,
+    Resource, Subject, Substrate,
 };
 use substrate_zenoh::{Config, Mode, ZenohSubstrate};
 use tokio::sync::mpsc;
 
 /// Far more than anything here takes; a test that reaches it has failed.
 pub(crate) const DEADLINE: Duration = Duration::from_secs(10);
+
+/// Of what is longer than this, only the beginning is written down.
+const LONG: usize = 4 << 20;
+const SHORT: usize = 80;
 
 pub(crate) const HERE: &str = "tcp/127.0.0.1:0";
 
@@ -38,7 +42,13 @@ impl Ear {
 
 impl Inbound for Ear {
     fn deliver(&self, delivery: Delivery) {
-        let text = String::from_utf8_lossy(&delivery.payload).into_owned();
+        let mut text = String::from_utf8_lossy(&delivery.payload).into_owned();
+        if text.len() > LONG {
+            text.truncate(SHORT);
+        }
+        if let Some(origin) = delivery.origin {
+            text += &format!(" <{}>", origin.daemon);
+        }
         self.note(match delivery.addressed {
             Addressed::To(agent, Subject::Message(performative)) => {
                 format!("to {agent} {performative}: {text}")
@@ -53,6 +63,11 @@ impl Inbound for Ear {
         let word = if matches!(presence, Presence::Joined(_)) { "joined" } else { "left" };
         let resident = presence.resident();
         self.note(format!("{word} {}@{}", resident.agent, resident.daemon));
+    }
+
+    fn rejected(&self, rejected: &Rejected<'_>) {
+        let Rejected { breach, claimed, .. } = rejected;
+        self.note(format!("rejected {} {}", breach.as_str(), claimed.unwrap_or("-")));
     }
 
     fn question(&self, question: Question) {
@@ -135,6 +150,11 @@ impl Daemon {
     pub(crate) async fn hear_any(&mut self) -> Vec<String> {
         let line = tokio::time::timeout(DEADLINE, self.heard.recv()).await.expect("in time");
         vec![line.expect("the ear lives with its session")]
+    }
+
+    /// A line that has been heard already.
+    pub(crate) fn heard_already(&mut self) -> Option<String> {
+        self.heard.try_recv().ok()
     }
 
     pub(crate) fn announce(&self, name: &str) -> PresenceToken {

@@ -8,4 +8,5 @@ mod daemon;
 mod messages;
 mod opening;
 mod presence;
+mod secured;
 mod strangers;

@@ -1,0 +1,411 @@
+//! Whether what has come is its origin's to say: the [`Rights`] of the ecosystem's file, and who is
+//! present.
+//!
+//! The substrate has proved which daemon spoke; here it is held against who that daemon may speak
+//! for. What a daemon says to itself is not looked at: whoever is inside is inside.
+
+use std::sync::Arc;
+
+use acl::content::{Inform, Reason, Request};
+use acl::{AgentId, Message, Performative};
+use bytes::Bytes;
+use substrate::{Address, Answer, Breach, Origin, Presence, Rejected, Resource, Subject};
+
+use crate::rights::Rights;
+use crate::switchboard::{Switchboard, inform_of};
+
+/// Why something is not its origin's to say.
+#[derive(Debug)]
+pub(crate) struct Overstep {
+    breach: Breach,
+    detail: String,
+}
+
+fn overstepped(detail: String) -> Overstep {
+    Overstep { breach: Breach::Overstepped, detail }
+}
+
+impl Switchboard {
+    /// Gives the switchboard the rights of its ecosystem, once; without, everyone may everything.
+    pub fn limit(&self, rights: Rights) {
+        // Rights do not change while a daemon lives.
+        let _ = self.rights.set(Arc::new(rights));
+    }
+
+    /// What an origin has to be held against; nothing for this daemon itself, and where nothing
+    /// is signed.
+    fn limits<'s, 'o>(&'s self, origin: Option<&'o Origin>) -> Option<(&'s Rights, &'o Origin)> {
+        let origin = origin.filter(|origin| origin.daemon != *self.daemon())?;
+        Some((self.rights.get()?, origin))
+    }
+
+    /// Whether a message to one agent may be passed on; if not, it has been dealt with.
+    pub(crate) fn lets_pass(&self, origin: Option<&Origin>, to: &AgentId, payload: &Bytes) -> bool {
+        if self.limits(origin).is_none() {
+            return true;
+        }
+        // What cannot be read is answered by the agent, which cannot read it either.
+        let Ok(message) = acl::decode(payload) else { return true };
+        let inform = inform_of(&message);
+        match self.hold(origin, &message, inform.as_ref()) {
+            Ok(()) => true,
+            Err(detail) => {
+                self.forbid(origin, to, message, format!("the message {detail}"));
+                false
+            }
+        }
+    }
+
+    /// Whether a message is its origin's to say; if not, that is counted and said.
+    pub(crate) fn is_its_to_say(
+        &self,
+        origin: Option<&Origin>,
+        message: &Message,
+        inform: Option<&Inform>,
+    ) -> bool {
+        self.hold(origin, message, inform).is_ok()
+    }
+
+    /// The same; says why not.
+    fn hold(
+        &self,
+        origin: Option<&Origin>,
+        message: &Message,
+        inform: Option<&Inform>,
+    ) -> Result<(), String> {
+        let Some((rights, origin)) = self.limits(origin) else { return Ok(()) };
+        let checked = self
+            .check_sender(rights, origin, message)
+            .and_then(|()| check_content(rights, origin, message, inform).map_err(overstepped));
+        checked.map_err(|overstep| {
+            self.note(&overstep, origin, message.sender.as_str());
+            overstep.detail
+        })
+    }
+
+    /// Whether the sender may be where it speaks from, and is not there in a later life, or
+    /// elsewhere.
+    fn check_sender(
+        &self,
+        rights: &Rights,
+        origin: &Origin,
+        message: &Message,
+    ) -> Result<(), Overstep> {
+        let Message { sender, incarnation, .. } = message;
+        rights.may_host(sender, &origin.daemon).map_err(overstepped)?;
+        // Whoever is not seen yet may be on its way; a token travels apart from messages.
+        let Some(present) = self.find(sender) else { return Ok(()) };
+        let breach = if *incarnation < present.incarnation {
+            let detail = format!("is of a former life of `{sender}`");
+            Some((Breach::Replayed, detail))
+        } else if *incarnation == present.incarnation && present.daemon != origin.daemon {
+            let detail = format!("is in the name of `{sender}`, which is at `{}`", present.daemon);
+            Some((Breach::Forged, detail))
+        } else {
+            None
+        };
+        breach.map_or(Ok(()), |(breach, detail)| Err(Overstep { breach, detail }))
+    }
+
+    /// Refuses what was not to be said, to whoever has said it.
+    fn forbid(&self, origin: Option<&Origin>, from: &AgentId, message: Message, detail: String) {
+        let Some(origin) = origin.filter(|_| message.opens_exchange()) else { return };
+        let to = Address { daemon: origin.daemon.clone(), agent: message.sender.clone() };
+        let refusal = self.refusal(from, message, Reason::Forbidden, detail);
+        let payload = acl::encode(&refusal);
+        self.send_to(&to, Subject::Message(Performative::Refuse), payload);
+    }
+
+    /// Whether an agent may be present where its token says.
+    pub(crate) fn may_be_present(&self, presence: &Presence) -> bool {
+        let resident = presence.resident();
+        let Some(rights) = self.rights.get().filter(|_| resident.daemon != *self.daemon()) else {
+            return true;
+        };
+        match (presence, rights.may_host(&resident.agent, &resident.daemon)) {
+            (Presence::Joined(_), Err(detail)) => {
+                let (agent, daemon) = (&resident.agent, &resident.daemon);
+                let key = format!("presence of {agent} at {daemon}");
+                self.rejections.note(&Rejected {
+                    breach: Breach::Overstepped,
+                    detail: &format!("is a token that is not to be there: {detail}"),
+                    claimed: Some(daemon.as_str()),
+                    key: &key,
+                });
+                false
+            }
+            _ => true,
+        }
+    }
+
+    /// Whether an answer is its origin's to give.
+    pub(crate) fn admits_answer(&self, answer: &Answer<'_>) -> bool {
+        let Answer { origin, resource, agent, payload } = *answer;
+        let Some((rights, origin)) = self.limits(Some(origin)) else { return true };
+        let checked = match (resource, agent) {
+            (Resource::Model, Some(agent)) => match acl::decode(payload) {
+                Ok(message) if message.sender == *agent => {
+                    let inform = inform_of(&message);
+                    return self.is_its_to_say(Some(origin), &message, inform.as_ref());
+                }
+                _ => Err("answers with a model that is another agent's, or unreadable".to_owned()),
+            },
+            (Resource::Domain | Resource::State | Resource::Goals | Resource::Journal, _)
+                if !rights.may_host_reasoning(&origin.daemon) =>
+            {
+                Err("answers what only the ecosystem's reasoning knows".to_owned())
+            }
+            _ => Ok(()),
+        };
+        let whose = resource.as_str();
+        checked.map_err(|detail| self.note(&overstepped(detail), origin, whose)).is_ok()
+    }
+
+    fn note(&self, overstep: &Overstep, origin: &Origin, key: &str) {
+        let Overstep { breach, detail } = overstep;
+        let claimed = Some(origin.daemon.as_str());
+        self.rejections.note(&Rejected { breach: *breach, detail, claimed, key });
+    }
+}
+
+/// Whether the sender may say this.
+fn check_content(
+    rights: &Rights,
+    origin: &Origin,
+    message: &Message,
+    inform: Option<&Inform>,
+) -> Result<(), String> {
+    let sender = &message.sender;
+    let prefixed = |problem: String| format!("is not its sender's to say: {problem}");
+    match (message.performative, inform) {
+        (Performative::Request, _) => {
+            // What cannot be read is not done either.
+            let request = message.content_as::<Request>().ok();
+            request.map_or(Ok(()), |request| rights.may_ask(sender, &request)).map_err(prefixed)
+        }
+        (Performative::Cfp, _) => rights.may_ask_for_goals(sender).map_err(prefixed),
+        (_, Some(Inform::Epoch(_))) if !rights.may_reason(sender) => Err(prefixed(format!(
+            "`{sender}` is no agent that speaks for the domain, by the ecosystem's file"
+        ))),
+        (_, Some(Inform::Model(announced))) if rights.limits_actions(sender, &origin.daemon) => {
+            // A model that cannot be read offers nothing.
+            let Some(model) = pddl::parse_action_model(&announced.model).value else {
+                return Ok(());
+            };
+            let actions: Vec<_> =
+                model.actions.iter().map(|action| action.name.to_string()).collect();
+            let actions = actions.iter().map(String::as_str);
+            rights.may_advertise(sender, &origin.daemon, actions).map_err(prefixed)
+        }
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+    use std::sync::Mutex;
+
+    use acl::content::{ChangeState, EpochChange, Heartbeat, ModelAnnouncement, Refusal, value};
+    use acl::{ConversationId, DaemonId, EcosystemId, Incarnation, MessageId, ReplyToken};
+    use substrate::memory::Network;
+    use substrate::{Addressed, Delivery, Inbound, Question, Resident};
+
+    use super::*;
+    use crate::rights::{AgentRights, Allowed, Askers};
+    use crate::settings::Settings;
+
+    /// The hub's switchboard on a wire with the robot's board, whose ear hears what is refused.
+    struct House {
+        hub: Arc<Switchboard>,
+        refused: Arc<Ear>,
+        network: Network,
+    }
+
+    #[derive(Default)]
+    struct Ear(Mutex<Vec<String>>);
+
+    impl Inbound for Ear {
+        fn deliver(&self, delivery: Delivery) {
+            let message = acl::decode(&delivery.payload).expect("the hub writes what can be read");
+            let refusal: Refusal = message.content_as().expect("a refusal");
+            let line = format!("{:?} {:?}", delivery.addressed, refusal.reason);
+            self.0.lock().expect("no panic").push(line);
+        }
+        fn presence(&self, _: Presence) {}
+        fn question(&self, _: Question) {}
+    }
+
+    fn agent(name: &str) -> AgentId {
+        AgentId::new(name).expect("a name")
+    }
+
+    fn daemon(name: &str) -> DaemonId {
+        DaemonId::new(name).expect("a name")
+    }
+
+    fn origin(name: &str) -> Origin {
+        let daemon = daemon(name);
+        Origin { voucher: self::daemon(daemon.host()), daemon }
+    }
+
+    fn rights() -> Rights {
+        let entry = |name: &str, place: &str, actions: Option<&str>, reasons| {
+            let actions = actions.map(|action| [action.to_owned()].into());
+            (agent(name), AgentRights { daemons: [daemon(place)].into(), actions, reasons })
+        };
+        let agents = [
+            entry("robot", "robot-pi", Some("move"), false),
+            entry("requester", "hub", None, true),
+        ];
+        Rights {
+            agents: agents.into(),
+            guests: Allowed::These([daemon("desk")].into()),
+            newcomers: Allowed::default(),
+            goals: Askers::These { agents: [].into(), guests: true },
+            changes: Askers::default(),
+        }
+    }
+
+    impl House {
+        fn new() -> House {
+            let (network, refused) = (Network::new(), Arc::new(Ear::default()));
+            let ecosystem = EcosystemId::new("office").expect("a name");
+            let hub = Switchboard::new(ecosystem, daemon("hub"), Settings::default());
+            hub.limit(rights());
+            hub.connect(network.open(daemon("hub"), Arc::<Switchboard>::clone(&hub)));
+            for other in ["robot-pi", "desk--cli-7"] {
+                network.open(daemon(other), Arc::<Ear>::clone(&refused));
+            }
+            House { hub, refused, network }
+        }
+
+        /// Delivers a message to the requester, or to all; what was counted.
+        fn hears(&self, from: &str, to: Option<&str>, message: Message) -> BTreeMap<String, u64> {
+            let addressed = match to {
+                Some(to) => Addressed::To(agent(to), Subject::Message(message.performative)),
+                None => Addressed::All(message.sender.clone(), message.performative),
+            };
+            let (payload, origin) = (acl::encode(&message), Some(origin(from)));
+            self.hub.deliver(Delivery { addressed, payload, origin });
+            self.hub.rejections.counts()
+        }
+
+        fn refusals(&self) -> Vec<String> {
+            std::mem::take(&mut *self.refused.0.lock().expect("no panic"))
+        }
+    }
+
+    fn message(sender: &str, performative: Performative, content: serde_json::Value) -> Message {
+        Message {
+            version: acl::SCHEMA_VERSION,
+            id: MessageId::new("m-1"),
+            performative,
+            sender: agent(sender),
+            incarnation: Incarnation(5),
+            receiver: Vec::new(),
+            content,
+            language: None,
+            ontology: None,
+            protocol: None,
+            conversation_id: ConversationId::new("c"),
+            reply_with: Some(ReplyToken::new("r")),
+            in_reply_to: None,
+            reply_by: None,
+            unknown: serde_json::Map::new(),
+        }
+    }
+
+    fn change(sender: &str) -> Message {
+        let change = Request::ChangeState(ChangeState::default());
+        message(sender, Performative::Request, value(&change))
+    }
+
+    fn model(sender: &str, action: &str) -> Message {
+        let heartbeat = Heartbeat {
+            digest: "d".to_owned(),
+            sequence: 1,
+            facts: String::new(),
+            known_for: BTreeMap::new(),
+            period: acl::Deadline(std::time::Duration::from_secs(1)),
+        };
+        let text = format!(
+            "(define (agent {sender}) (:domain office) (:action {action} :agent ?r - object \
+             :parameters () :precondition (and) :effect (and)))"
+        );
+        let methods = BTreeMap::new();
+        let announced = ModelAnnouncement { model: text, methods, heartbeat };
+        message(sender, Performative::Inform, value(&Inform::Model(Box::new(announced))))
+    }
+
+    fn none() -> BTreeMap<String, u64> {
+        BTreeMap::new()
+    }
+
+    fn one(kind: &str) -> BTreeMap<String, u64> {
+        [(kind.to_owned(), 1)].into()
+    }
+
+    #[tokio::test]
+    async fn who_speaks_for_another_daemons_agent_is_refused_and_counted() {
+        let house = House::new();
+        let query = |sender| message(sender, Performative::QueryRef, serde_json::Value::Null);
+        assert_eq!(house.hears("robot-pi", Some("requester"), query("robot")), none());
+        let counted = house.hears("robot-pi", Some("requester"), query("requester"));
+        assert_eq!(counted, one("overstepped"));
+        assert_eq!(house.refusals(), [r#"To("requester", Message(Refuse)) Forbidden"#]);
+    }
+
+    #[tokio::test]
+    async fn who_may_not_ask_is_refused_with_the_reason() {
+        let house = House::new();
+        assert_eq!(house.hears("robot-pi", Some("requester"), change("robot")), one("overstepped"));
+        assert_eq!(house.refusals(), [r#"To("robot", Message(Refuse)) Forbidden"#]);
+        let house = House::new();
+        assert_eq!(house.hears("desk--cli-7", Some("requester"), change("me")), one("overstepped"));
+        assert_eq!(house.refusals(), [r#"To("me", Message(Refuse)) Forbidden"#]);
+        assert_eq!(House::new().hears("hub", Some("requester"), change("robot")), none(), "itself");
+    }
+
+    #[tokio::test]
+    async fn a_model_offers_what_its_agent_may() {
+        assert_eq!(House::new().hears("robot-pi", None, model("robot", "move")), none());
+        let vault = model("robot", "open-vault");
+        assert_eq!(House::new().hears("robot-pi", None, vault), one("overstepped"));
+        let person = model("me", "move");
+        assert_eq!(House::new().hears("desk--cli-7", None, person), one("overstepped"));
+    }
+
+    #[tokio::test]
+    async fn only_the_reasoning_speaks_for_the_domain_and_calls_for_proposals() {
+        let epoch = value(&Inform::Epoch(EpochChange::default()));
+        let epoch = message("robot", Performative::Inform, epoch);
+        assert_eq!(House::new().hears("robot-pi", None, epoch), one("overstepped"));
+        let call = message("robot", Performative::Cfp, serde_json::Value::Null);
+        assert_eq!(House::new().hears("robot-pi", None, call), one("overstepped"));
+    }
+
+    #[tokio::test]
+    async fn presence_is_held_against_the_rights_and_messages_against_presence() {
+        let house = House::new();
+        let joins = |name: &str, place: &str, life| {
+            let (agent, daemon) = (agent(name), daemon(place));
+            let resident = Resident { agent, daemon, incarnation: Incarnation(life) };
+            house.hub.presence(Presence::Joined(resident));
+        };
+        joins("robot", "desk--cli-7", 1);
+        joins("me", "robot-pi", 1);
+        assert_eq!(house.hub.rejections.counts(), [("overstepped".to_owned(), 2)].into());
+        assert_eq!(house.hub.find(&agent("robot")), None);
+        assert_eq!(house.hub.find(&agent("me")), None);
+
+        joins("robot", "robot-pi", 6);
+        joins("me", "desk--cli-7", 5);
+        let query = |sender| message(sender, Performative::QueryRef, serde_json::Value::Null);
+        let counted = house.hears("robot-pi", Some("requester"), query("robot"));
+        assert_eq!(counted["replayed"], 1, "it is of a former life");
+        let counted = house.hears("desk", Some("requester"), query("me"));
+        assert_eq!(counted["forged"], 1, "that life is elsewhere");
+        drop(house.network);
+    }
+}

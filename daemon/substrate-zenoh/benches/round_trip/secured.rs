@@ -1,0 +1,49 @@
+//! Certificates for the secured pair of daemons.
+
+use std::sync::Arc;
+
+use acl::{DaemonId, EcosystemId};
+use agent::{Allowed, Askers, Rights};
+use credentials::{AUTHORITY_DAYS, Authority, DAEMON_DAYS, Folder, Identity, Trust, Verifier};
+use substrate_zenoh::Security;
+use tempfile::TempDir;
+
+use crate::Error;
+
+/// More than two agents that do nothing else can say.
+const MESSAGES_PER_SECOND: u32 = 1_000_000;
+
+/// An authority in a folder of its own.
+pub(crate) struct House {
+    folder: Folder,
+    authority: Authority,
+    _temporary: TempDir,
+}
+
+impl House {
+    pub(crate) fn new() -> Result<House, Error> {
+        let temporary = tempfile::tempdir()?;
+        let folder = Folder::new(temporary.path().join("keys"));
+        let ecosystem = EcosystemId::new("secured")?;
+        let authority = Authority::create(&folder, &ecosystem, AUTHORITY_DAYS)?;
+        Ok(House { folder, authority, _temporary: temporary })
+    }
+
+    pub(crate) fn security(&self, daemon: &str) -> Result<Security, Error> {
+        let daemon = DaemonId::new(daemon)?;
+        self.authority.issue(&daemon, &[], DAEMON_DAYS)?;
+        let trust = Trust::read(&self.folder)?;
+        let identity = Arc::new(Identity::read(&self.folder, &daemon, &trust)?);
+        Ok(Security { identity, verifier: Arc::new(Verifier::new(trust, MESSAGES_PER_SECOND)) })
+    }
+
+    /// What an ecosystem's file allows that says nothing of it; every message is held against it.
+    pub(crate) fn rights() -> Rights {
+        Rights {
+            guests: Allowed::All,
+            goals: Askers::All,
+            changes: Askers::All,
+            ..Rights::default()
+        }
+    }
+}

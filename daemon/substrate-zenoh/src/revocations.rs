@@ -1,0 +1,106 @@
+//! How a revocation spreads: whoever has a newer list tells all, again and again; it is believed
+//! for the authority's signature, whoever brings it.
+//!
+//! The list comes into the ecosystem as a file, in the folder of any daemon.
+
+use std::sync::{Arc, Weak};
+use std::time::Duration;
+
+use credentials::Verifier;
+use tokio::time::{Instant, MissedTickBehavior, interval};
+use tracing::Instrument as _;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::sample::{Sample, SampleKind};
+use zenoh::{Session, Wait};
+
+use crate::config::OpenError;
+use crate::inbound::{into_bytes, undeclared};
+use crate::key_expr::Keys;
+use crate::sealing::Security;
+
+/// How often the file is looked at.
+const REREAD_PERIOD: Duration = Duration::from_secs(1);
+
+/// How often the list is told to all: whoever was cut off hears of it within this time.
+const REPEAT_PERIOD: Duration = Duration::from_secs(10);
+
+/// Declares what hears of revocations, and begins to tell of them.
+///
+/// # Panics
+///
+/// Outside a Tokio runtime.
+pub(crate) fn declare(
+    session: &Arc<Session>,
+    keys: &Keys,
+    security: &Security,
+) -> Result<(), OpenError> {
+    let key_expr = keys.revoked();
+    let hearing = Arc::clone(&security.verifier);
+    let hear = move |sample: Sample| hear(&hearing, &sample);
+    let subscriber = session.declare_subscriber(&key_expr).callback(hear).background();
+    subscriber.wait().map_err(|source| undeclared("subscriber", &key_expr, source))?;
+    let told = tell(Arc::downgrade(session), keys.clone(), security.clone());
+    tokio::spawn(told.instrument(tracing::debug_span!("revocations")));
+    Ok(())
+}
+
+fn hear(verifier: &Verifier, sample: &Sample) {
+    if sample.kind() != SampleKind::Put {
+        return;
+    }
+    match verifier.take_revocations(&into_bytes(sample.payload())) {
+        Some(true) => {
+            tracing::warn!("certificates were revoked: a new list has come");
+            if let Err(error) = verifier.keep_revocations() {
+                tracing::error!("failed to keep the list of revocations: {error}");
+            }
+        }
+        Some(false) => (),
+        None => tracing::warn!("a list of revocations that the authority has not signed"),
+    }
+}
+
+/// Tells all of the list until the session is closed.
+async fn tell(session: Weak<Session>, keys: Keys, security: Security) {
+    let Security { identity, verifier } = security;
+    let mut is_revoked = false;
+    let mut ticks = interval(REREAD_PERIOD);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let (mut told, mut complained) = (None::<Instant>, false);
+    loop {
+        ticks.tick().await;
+        let Some(session) = session.upgrade().filter(|session| !session.is_closed()) else {
+            return;
+        };
+        let is_news = match verifier.reread_revocations() {
+            Ok(is_news) => is_news,
+            Err(error) => {
+                if !complained {
+                    tracing::error!("failed to {error}");
+                }
+                complained = true;
+                false
+            }
+        };
+        if is_news {
+            tracing::warn!("certificates were revoked: there is a new list here");
+        }
+        if !is_revoked && verifier.has_revoked(identity.certificate()) {
+            is_revoked = true;
+            tracing::error!(
+                "the certificate of this daemon was revoked: nobody believes it any more"
+            );
+        }
+        let is_due = told.is_none_or(|told| told.elapsed() >= REPEAT_PERIOD);
+        if (is_news || is_due)
+            && let Some(list) = verifier.revocations()
+        {
+            told = Some(Instant::now());
+            let put = session.put(keys.revoked(), list);
+            let put = put.congestion_control(CongestionControl::Drop).priority(Priority::DataHigh);
+            if let Err(error) = put.wait() {
+                tracing::debug!(%error, "the list of revocations was not sent");
+            }
+        }
+    }
+}

@@ -1,0 +1,128 @@
+//! Where seals are put on and opened: a link is not an origin, because messages are relayed.
+//!
+//! What a daemon says to its own agents never leaves the process and carries no seal. Whatever
+//! comes over a link is opened here, before anything reads it.
+
+use std::sync::Arc;
+
+use acl::DaemonId;
+use bytes::Bytes;
+use credentials::{Channel, Distrust, Identity, Nonce, Sealed, Verified, Verifier};
+use substrate::{Answer, Breach, Inbound, Origin, Rejected};
+use zenoh::bytes::ZBytes;
+use zenoh::sample::Sample;
+
+use crate::key_expr::Keys;
+
+/// What a daemon of a secured ecosystem speaks and hears with.
+#[derive(Clone, Debug)]
+pub struct Security {
+    /// Its own key.
+    pub identity: Arc<Identity>,
+    /// Whom it believes.
+    pub verifier: Arc<Verifier>,
+}
+
+// === impl Security ===
+
+impl Security {
+    /// The seal for what goes out under this key.
+    pub(crate) fn seal(&self, channel: Channel, key_expr: &str, payload: &[u8]) -> ZBytes {
+        ZBytes::from(self.identity.seal(channel, key_expr, payload))
+    }
+
+    /// Who has sent this; what is not believed is told to `inbound`.
+    pub(crate) fn origin(
+        &self,
+        keys: &Keys,
+        inbound: &dyn Inbound,
+        sample: &Sample,
+        payload: &Bytes,
+    ) -> Option<Origin> {
+        let key = sample.key_expr().as_str();
+        let channel = match keys.speaker(key) {
+            Some(_) => Channel::Beat,
+            None => Channel::Message,
+        };
+        self.open(keys, inbound, channel, key, payload, sample.attachment(), None)
+    }
+
+    /// Whether this answers the question with this nonce, and may.
+    pub(crate) fn admits(
+        &self,
+        keys: &Keys,
+        inbound: &dyn Inbound,
+        sample: &Sample,
+        payload: &Bytes,
+        nonce: &Nonce,
+    ) -> bool {
+        let key = sample.key_expr().as_str();
+        let attachment = sample.attachment();
+        let channel = Channel::Answer;
+        let origin = self.open(keys, inbound, channel, key, payload, attachment, Some(nonce));
+        let (Some(origin), Some((resource, agent))) = (origin, keys.answered(key)) else {
+            return false;
+        };
+        let answer = Answer { origin: &origin, resource, agent: agent.as_ref(), payload };
+        inbound.admits(&answer)
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "what was heard, and where it is told")]
+    fn open(
+        &self,
+        keys: &Keys,
+        inbound: &dyn Inbound,
+        channel: Channel,
+        key_expr: &str,
+        payload: &Bytes,
+        attachment: Option<&ZBytes>,
+        nonce: Option<&Nonce>,
+    ) -> Option<Origin> {
+        let seal = attachment.map(ZBytes::to_bytes);
+        let seal = seal.as_deref();
+        let opened = self.verifier.open(Sealed { channel, key_expr, payload, seal, nonce });
+        let opened = opened.and_then(|Verified { speaker, voucher }| {
+            let may = |daemon: &str| daemon == speaker.as_str();
+            match keys.speaker(key_expr) {
+                Some(named) if !may(named) => Err((Distrust::Impostor, Some(speaker.to_string()))),
+                _ => Ok(Origin { daemon: speaker, voucher }),
+            }
+        });
+        opened
+            .map_err(|(why, claimed)| {
+                let (breach, detail) = (breach(why), why.to_string());
+                let (detail, claimed) = (detail.as_str(), claimed.as_deref());
+                inbound.rejected(&Rejected { breach, detail, claimed, key: key_expr });
+            })
+            .ok()
+    }
+
+    /// What this daemon says to itself.
+    pub(crate) fn own(daemon: &DaemonId) -> Origin {
+        Origin { daemon: daemon.clone(), voucher: daemon.clone() }
+    }
+}
+
+/// The seal for an answer, where the asker has sent a nonce.
+pub(crate) fn seal_answer(
+    identity: &Identity,
+    key_expr: &str,
+    payload: &[u8],
+    nonce: Option<&ZBytes>,
+) -> Option<ZBytes> {
+    let nonce = nonce?.to_bytes();
+    let nonce = Nonce::try_from(&*nonce).ok()?;
+    Some(ZBytes::from(identity.seal_answer(key_expr, payload, &nonce)))
+}
+
+fn breach(why: Distrust) -> Breach {
+    match why {
+        Distrust::Unsigned => Breach::Unsigned,
+        Distrust::Stranger | Distrust::Expired => Breach::Unknown,
+        Distrust::Revoked => Breach::Revoked,
+        Distrust::Replayed => Breach::Replayed,
+        Distrust::Flooded => Breach::Flooded,
+        // What else can be wrong is so because somebody made it so.
+        _ => Breach::Forged,
+    }
+}

@@ -1,0 +1,428 @@
+//! A secured ecosystem: who gets in, what is believed, and that nobody else suffers from the rest.
+//!
+//! Everything goes over TLS on this machine's loopback, with certificates made for the test.
+
+use std::sync::Arc;
+
+use acl::{DaemonId, EcosystemId, Performative};
+use bytes::Bytes;
+use credentials::{
+    AUTHORITY_DAYS, Authority, Channel, DAEMON_DAYS, Folder, Identity, Trust, Verifier,
+};
+use substrate::{Address, Resource, SendError, Subject, Substrate};
+use substrate_zenoh::{MESSAGE_BYTES_MAX, Mode, Security};
+use tempfile::TempDir;
+use zenoh::Session;
+use zenoh::qos::CongestionControl;
+use zenoh::sample::Sample;
+
+use crate::daemon::{DEADLINE, Daemon, agent, config, ear};
+
+const TLS_HERE: &str = "tls/127.0.0.1:0";
+
+/// More than any test sends.
+const PLENTY: u32 = 100_000;
+
+/// An authority and its daemons' certificates.
+struct House {
+    folder: Folder,
+    authority: Authority,
+    _temporary: TempDir,
+}
+
+impl House {
+    fn new() -> House {
+        let temporary = tempfile::tempdir().expect("a folder");
+        let folder = Folder::new(temporary.path().join("keys"));
+        let office = EcosystemId::new("office").expect("a name");
+        let authority = Authority::create(&folder, &office, AUTHORITY_DAYS).expect("a new one");
+        House { folder, authority, _temporary: temporary }
+    }
+
+    fn identity(&self, name: &str) -> Identity {
+        let name = DaemonId::new(name).expect("a name");
+        if !self.folder.key(&name).exists() {
+            self.authority.issue(&name, &[], DAEMON_DAYS).expect("a good name");
+        }
+        let trust = Trust::read(&self.folder).expect("just made");
+        Identity::read(&self.folder, &name, &trust).expect("just made")
+    }
+
+    /// The folder of another machine: one daemon's certificate and the authority's.
+    fn apart(&self, name: &str) -> House {
+        drop(self.identity(name));
+        let temporary = tempfile::tempdir().expect("a folder");
+        let folder = Folder::new(temporary.path());
+        let name = DaemonId::new(name).expect("a name");
+        let files =
+            [self.folder.authority(), self.folder.certificate(&name), self.folder.key(&name)];
+        for file in files {
+            let there = folder.path().join(file.file_name().expect("a file"));
+            std::fs::copy(file, there).expect("just made");
+        }
+        let authority = Authority::open(&self.folder).expect("just made");
+        House { folder, authority, _temporary: temporary }
+    }
+
+    fn security(&self, name: &str, per_second: u32) -> Security {
+        let trust = Trust::read(&self.folder).expect("just made");
+        let verifier = Arc::new(Verifier::new(trust, per_second));
+        Security { identity: Arc::new(self.identity(name)), verifier }
+    }
+
+    /// A daemon that listens, and calls those that are given.
+    async fn open(&self, name: &'static str, others: &[&Daemon]) -> Daemon {
+        self.open_with(name, others, PLENTY).await
+    }
+
+    async fn open_with(&self, name: &'static str, others: &[&Daemon], per_second: u32) -> Daemon {
+        let connect = others.iter().flat_map(|other| other.substrate.locators()).collect();
+        Daemon::open(name, |config| {
+            config.listen = vec![TLS_HERE.to_owned()];
+            config.connect = connect;
+            config.security = Some(self.security(name, per_second));
+        })
+        .await
+    }
+
+    /// Zenoh itself with a daemon's certificate, which may say what it likes.
+    async fn rogue(&self, name: &str, at: &Daemon) -> Session {
+        let name = DaemonId::new(name).expect("a name");
+        drop(self.identity(name.as_str()));
+        let quoted = |path: std::path::PathBuf| format!("{:?}", path.display().to_string());
+        let (key, own) = (quoted(self.folder.key(&name)), quoted(self.folder.certificate(&name)));
+        let authority = quoted(self.folder.authority());
+        raw(at, &[("connect_private_key", &key), ("connect_certificate", &own)], &authority)
+            .await
+            .expect("its certificate is good")
+    }
+}
+
+/// Opens Zenoh as any tool would.
+async fn raw(
+    at: &Daemon,
+    with: &[(&str, &String)],
+    authority: &str,
+) -> Result<Session, zenoh::Error> {
+    let mut config = zenoh::Config::default();
+    let endpoints = serde_json::to_string(&at.substrate.locators()).expect("strings");
+    let tls = |key: &str| format!("transport/link/tls/{key}");
+    let mut settings = vec![
+        ("mode".to_owned(), "\"client\"".to_owned()),
+        ("scouting/multicast/enabled".to_owned(), "false".to_owned()),
+        ("connect/endpoints".to_owned(), endpoints),
+        (tls("root_ca_certificate"), authority.to_owned()),
+        (tls("verify_name_on_connect"), "false".to_owned()),
+        (tls("enable_mtls"), (!with.is_empty()).to_string()),
+    ];
+    settings.extend(with.iter().map(|(key, value)| (tls(key), (*value).clone())));
+    for (key, value) in settings {
+        config.insert_json5(&key, &value).expect("a setting of Zenoh's");
+    }
+    zenoh::open(config).await
+}
+
+/// Waits until the session sees the subscription of a daemon; what is put before is lost.
+async fn reach(rogue: &Session, key: &'static str) {
+    let publisher = rogue.declare_publisher(key).await.expect("open");
+    let seen = async {
+        while !publisher.matching_status().await.expect("open").matching() {
+            tokio::time::sleep(std::time::Duration::from_millis(2)).await;
+        }
+    };
+    tokio::time::timeout(DEADLINE, seen).await.expect("the daemon hears");
+}
+
+const TO_A: &str = "althing/office/in/a/x/inform";
+
+#[tokio::test(flavor = "multi_thread")]
+async fn daemons_with_certificates_speak_as_without() {
+    let house = House::new();
+    let mut a = house.open("a", &[]).await;
+    let mut b = house.open("b", &[&a]).await;
+    let _tokens = [a.announce("x"), b.announce("y")];
+    a.hear("joined y@b").await;
+    b.hear("joined x@a").await;
+
+    b.request("a", "x", "go");
+    a.hear("to x request: go <b>").await;
+    b.substrate.broadcast(&agent("y"), Performative::Cfp, "all".into()).expect("open");
+    a.hear("all y cfp: all <b>").await;
+    b.hear("all y cfp: all <b>").await;
+    b.substrate.beat(&agent("y"), "works".into()).expect("open");
+    a.hear("beat y: works <b>").await;
+    b.request("b", "y", "itself");
+    b.hear("to y request: itself <b>").await;
+    assert_eq!(b.ask(None, Resource::State, None).await, ["a state -", "b state -"]);
+    assert_eq!(b.ask(Some("a"), Resource::Model, Some("x")).await, ["a model x"]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_relays_is_not_the_origin() {
+    let house = House::new();
+    let mut a = house.open("a", &[]).await;
+    let b = house.open("b", &[&a]).await;
+    let mut c = house.open("c", &[&b]).await;
+    let _tokens = [a.announce("x"), c.announce("z")];
+    c.hear("joined x@a").await;
+    a.hear("joined z@c").await;
+    c.request("a", "x", "from afar");
+    a.hear("to x request: from afar <c>").await;
+    assert_eq!(c.ask(Some("a"), Resource::State, None).await, ["a state -"]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_guest_speaks_with_its_hosts_key() {
+    let house = House::new();
+    let mut a = house.open("a", &[]).await;
+    let guest = DaemonId::new("a").expect("a name").guest("cli-7").expect("short");
+    let mut security = house.security("a", PLENTY);
+    security.identity = Arc::new(house.identity("a").for_guest(guest.clone()));
+    let connect = a.substrate.locators();
+    let mut client = Daemon::open("a--cli-7", |config| {
+        config.mode = Mode::Client;
+        config.connect = connect;
+        config.security = Some(security);
+    })
+    .await;
+    let _token = client.announce("person");
+    a.hear("joined person@a--cli-7").await;
+    client.request("a", "x", "please");
+    a.hear("to x request: please <a--cli-7>").await;
+    a.request("a--cli-7", "person", "done");
+    client.hear("to person request: done <a>").await;
+    assert_eq!(client.ask(Some("a"), Resource::State, None).await, ["a state -"]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_unknown_certificate_does_not_get_in() {
+    let (house, other) = (House::new(), House::new());
+    let mut a = house.open("a", &[]).await;
+    let authority = format!("{:?}", house.folder.authority().display().to_string());
+    assert!(raw(&a, &[], &authority).await.is_err(), "without a certificate");
+
+    let mut config = config("stranger");
+    config.mode = Mode::Client;
+    config.connect = a.substrate.locators();
+    config.security = Some(other.security("stranger", PLENTY));
+    let refused = config.open(ear("stranger").0).await;
+    assert!(refused.is_err(), "with another authority's");
+
+    // As one that trusts this authority, and calls as a router does, which does not give up.
+    let copied = std::fs::copy(house.folder.authority(), other.folder.authority());
+    copied.expect("its certificate is no secret");
+    let connect = a.substrate.locators();
+    let mut config = self::config("router");
+    config.connect = connect;
+    config.zenoh = serde_json::json!({ "transport": { "link": { "tls": {
+        "root_ca_certificate": house.folder.authority(),
+        "verify_name_on_connect": false,
+    } } } });
+    let router = config.open(ear("router").0).await.expect("it listens to nobody");
+    let _token = router.announce(&agent("intruder"), acl::Incarnation(1)).expect("open");
+
+    let b = house.open("b", &[&a]).await;
+    let _token = b.announce("y");
+    let heard = a.hear("joined y@b").await;
+    assert_eq!(heard, ["joined y@b"]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_is_not_signed_rightly_is_dropped_and_said() {
+    let house = House::new();
+    let mut a = house.open("a", &[]).await;
+    let rogue = house.rogue("rogue", &a).await;
+    reach(&rogue, TO_A).await;
+
+    rogue.put(TO_A, "unsigned").await.expect("open");
+    assert_eq!(a.hear_any().await, ["rejected unsigned -"]);
+    rogue.put(TO_A, "garbage").attachment([1, 2, 3]).await.expect("open");
+    assert_eq!(a.hear_any().await, ["rejected forged -"]);
+    // Signed by itself, for something else.
+    let identity = house.identity("rogue");
+    let seal = identity.seal(Channel::Message, TO_A, b"harmless");
+    rogue.put(TO_A, "harmful").attachment(seal).await.expect("open");
+    assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
+    // In the name of a guest of another.
+    let guest = DaemonId::new("b").expect("a name").guest("cli-1").expect("short");
+    let seal = house.identity("rogue").for_guest(guest).seal(Channel::Message, TO_A, b"x");
+    rogue.put(TO_A, "x").attachment(seal).await.expect("open");
+    assert_eq!(a.hear_any().await, ["rejected forged b--cli-1"]);
+    // A heartbeat of an agent of another daemon.
+    let beat = "althing/office/model/b/robot";
+    let seal = identity.seal(Channel::Beat, beat, b"x");
+    rogue.put(beat, "x").attachment(seal).await.expect("open");
+    assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
+    // With a certificate of another authority.
+    let foreign = House::new().identity("b").seal(Channel::Message, TO_A, b"x");
+    rogue.put(TO_A, "x").attachment(foreign).await.expect("open");
+    assert_eq!(a.hear_any().await, ["rejected unknown b"]);
+
+    let seal = identity.seal(Channel::Message, TO_A, b"true");
+    rogue.put(TO_A, "true").attachment(seal).await.expect("open");
+    assert_eq!(a.hear_any().await, ["to x inform: true <rogue>"]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_is_recorded_cannot_be_played_again() {
+    let house = House::new();
+    let mut a = house.open("a", &[]).await;
+    let mut b = house.open("b", &[&a]).await;
+    let rogue = house.rogue("rogue", &a).await;
+    let tape = rogue.declare_subscriber("althing/office/in/a/**").await.expect("open");
+    let _tokens = [a.announce("x"), b.announce("y")];
+    b.hear("joined x@a").await;
+    a.hear("joined y@b").await;
+    let record = async || -> Sample {
+        let sample = tokio::time::timeout(DEADLINE, tape.recv_async()).await.expect("in time");
+        sample.expect("open")
+    };
+    reach(&rogue, TO_A).await;
+    b.request("a", "x", "open the door");
+    a.hear("to x request: open the door <b>").await;
+    let recorded = record().await;
+
+    let play = |key: String, payload: Vec<u8>| {
+        rogue.put(key, payload).attachment(recorded.attachment().cloned())
+    };
+    let (key, payload) = (recorded.key_expr().to_string(), recorded.payload().to_bytes().to_vec());
+    play(key.clone(), payload.clone()).await.expect("open");
+    assert_eq!(a.hear_any().await, ["rejected replayed b"]);
+    play(key.replace("/x/", "/z/"), payload).await.expect("open");
+    assert_eq!(a.hear_any().await, ["rejected forged b"]);
+    play(key, b"open the vault".to_vec()).await.expect("open");
+    assert_eq!(a.hear_any().await, ["rejected forged b"]);
+    b.request("a", "x", "close the door");
+    a.hear("to x request: close the door <b>").await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_answer_is_signed_by_whom_was_asked() {
+    let house = House::new();
+    let a = house.open("a", &[]).await;
+    let mut b = house.open("b", &[&a]).await;
+    let _token = a.announce("x");
+    b.hear("joined x@a").await;
+    let rogue = house.rogue("rogue", &b).await;
+    let lie = rogue.declare_queryable("althing/office/at/a/state").await.expect("open");
+    let identity = house.identity("rogue");
+    let lying = tokio::spawn(async move {
+        while let Ok(query) = lie.recv_async().await {
+            let key = query.key_expr().clone();
+            let nonce = query.attachment().map(|nonce| nonce.to_bytes().into_owned());
+            let nonce = nonce.expect("a nonce").try_into().expect("of its length");
+            let seal = identity.seal_answer("althing/office/at/a/state", b"a lie", &nonce);
+            query.reply("althing/office/at/a/state", "unsigned").await.expect("open");
+            query.reply(key, "a lie").attachment(seal).await.expect("open");
+        }
+    });
+    loop {
+        let answers = b.ask(Some("a"), Resource::State, None).await;
+        assert_eq!(answers, ["a state -"]);
+        let (mut unsigned, mut forged) = (false, false);
+        while let Some(line) = b.heard_already() {
+            unsigned |= line == "rejected unsigned -";
+            forged |= line == "rejected forged rogue";
+        }
+        if unsigned && forged {
+            break;
+        }
+    }
+    lying.abort();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_flood_drowns_itself_alone() {
+    let house = House::new();
+    let mut a = house.open_with("a", &[], 20).await;
+    let flood = house.open("flood", &[&a]).await;
+    let b = house.open("b", &[&a]).await;
+    let _tokens = [a.announce("x"), flood.announce("f"), b.announce("y")];
+    a.hear("joined f@flood").await;
+    flood.request("a", "x", "hello");
+    a.hear("to x request: hello <flood>").await;
+    for number in 0..500 {
+        flood.request("a", "x", &number.to_string());
+    }
+    a.hear("rejected flooded flood").await;
+    b.request("a", "x", "heard all the same");
+    a.hear("to x request: heard all the same <b>").await;
+}
+
+/// Says the same again and again.
+async fn repeat(from: &Daemon, to: &str) {
+    loop {
+        from.request(to, "x", "hello");
+        tokio::time::sleep(std::time::Duration::from_millis(50)).await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_message_of_100_mib_harms_nobody() {
+    let house = House::new();
+    let mut a = house.open("a", &[]).await;
+    let mut b = house.open("b", &[&a]).await;
+    let _tokens = [a.announce("x"), b.announce("y")];
+    b.hear("joined x@a").await;
+    a.hear("joined y@b").await;
+    let huge = vec![b'x'; 100 << 20];
+    let to = Address { daemon: DaemonId::new("a").expect("a name"), agent: agent("x") };
+    let subject = Subject::Message(Performative::Inform);
+    let refused = b.substrate.send(&to, subject, Bytes::from(huge.clone())).expect_err("too long");
+    assert!(matches!(refused, SendError::TooLong { .. }), "{refused}");
+    assert!(b.substrate.beat(&agent("y"), Bytes::from(huge.clone())).is_err());
+
+    let rogue = house.rogue("rogue", &a).await;
+    reach(&rogue, TO_A).await;
+    let seal = house.identity("rogue").seal(Channel::Message, TO_A, &huge);
+    // Until it is out: what congestion drops would prove nothing.
+    let put = rogue.put(TO_A, huge).attachment(seal).congestion_control(CongestionControl::Block);
+    put.await.expect("open");
+    let identity = house.identity("rogue");
+    let seal = identity.seal(Channel::Message, TO_A, b"after it");
+    rogue.put(TO_A, "after it").attachment(seal).await.expect("open");
+    assert_eq!(a.hear("to x inform: after it <rogue>").await.len(), 1, "and nothing before it");
+    b.request("a", "x", "unharmed");
+    a.hear("to x request: unharmed <b>").await;
+
+    let longest = vec![b'l'; MESSAGE_BYTES_MAX - (64 << 10)];
+    b.substrate.send(&to, subject, Bytes::from(longest)).expect("it is short enough");
+    a.hear(&format!("to x inform: {} <b>", "l".repeat(80))).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_revocation_reaches_all_while_they_run() {
+    let house = House::new();
+    let mut a = house.open("a", &[]).await;
+    // In a folder of its own: the list comes to it over the wire.
+    let apart = house.apart("c");
+    let mut c = apart.open("c", &[&a]).await;
+    let b = house.open("b", &[&a]).await;
+    let _tokens = [a.announce("x"), b.announce("y"), c.announce("x2")];
+    a.hear("joined y@b").await;
+    c.hear("joined y@b").await;
+    tokio::select! {
+        () = repeat(&b, "a") => {}
+        heard = a.hear("to x request: hello <b>") => drop(heard),
+    }
+    tokio::select! {
+        () = repeat(&b, "c") => {}
+        heard = c.hear("to x request: hello <b>") => drop(heard),
+    }
+    assert!(!apart.folder.revocations().exists());
+
+    house.authority.revoke(&DaemonId::new("b").expect("a name")).expect("it has one");
+
+    tokio::select! {
+        () = repeat(&b, "a") => {}
+        heard = a.hear("rejected revoked b") => drop(heard),
+    }
+    tokio::select! {
+        () = repeat(&b, "c") => {}
+        heard = c.hear("rejected revoked b") => drop(heard),
+    }
+    assert!(apart.folder.revocations().exists(), "kept for the next life");
+    assert_eq!(a.ask(Some("b"), Resource::State, None).await, [""; 0]);
+    a.request("c", "x", "we remain");
+    c.hear("to x request: we remain <a>").await;
+}
