@@ -36,6 +36,25 @@ impl Office {
         Office::of(Office::file())
     }
 
+    /// The same folder with another file.
+    pub(crate) fn with_file(mut self, file: PathBuf) -> Office {
+        self.file = file;
+        self
+    }
+
+    /// Starts a daemon that meets no other of this machine: its sockets are elsewhere.
+    pub(crate) fn up_apart(&mut self, name: &str, runtime: &Path, options: &[&str]) {
+        let file = self.file.display().to_string();
+        let arguments = [&["up", &file, "--daemon", name], options].concat();
+        let mut command = self.command(&arguments);
+        command.env("ALTHING_RUNTIME_DIR", runtime).stdout(Stdio::piped());
+        let mut child = command.spawn().expect("the binary is built");
+        let lines = lines(&mut child);
+        let daemon = Daemon { name: name.to_owned(), child, lines };
+        daemon.await_line("is ready");
+        self.daemons.push(daemon);
+    }
+
     /// Another ecosystem, as fast.
     pub(crate) fn of(file: PathBuf) -> Office {
         let folder = tempfile::Builder::new().prefix("alt-").tempdir().expect("a folder");
@@ -121,6 +140,11 @@ impl Office {
         }
         let value = serde_json::from_str(&json);
         value.unwrap_or_else(|err| panic!("{err} in one JSON object: {json}{}", stderr(&output)))
+    }
+
+    /// Where its files are.
+    pub(crate) fn folder(&self) -> &Path {
+        self.folder.path()
     }
 
     /// Waits until that many devices can be planned with.

@@ -13,7 +13,7 @@ use bytes::Bytes;
 
 use crate::cli::{AskArgs, ReachArgs};
 use crate::config::{self, Ecosystem, Overrides};
-use crate::hosting::{self, Node, Wire};
+use crate::hosting::{self, GuestKeys, Node, Wire};
 use crate::{exit, output, plugins};
 
 /// How long an answer is waited for.
@@ -40,6 +40,8 @@ pub(crate) struct View {
     pub(crate) ecosystem: Option<Arc<Ecosystem>>,
     /// Where daemons of it are.
     pub(crate) endpoints: Vec<String>,
+    /// With whose key guests speak, where it is secured.
+    pub(crate) keys: Option<GuestKeys>,
 }
 
 /// Which ecosystem is meant, and where its daemons are.
@@ -47,6 +49,7 @@ pub(crate) struct Target {
     pub(super) name: EcosystemId,
     pub(super) ecosystem: Option<Ecosystem>,
     pub(super) endpoints: Vec<String>,
+    pub(super) keys: Option<GuestKeys>,
 }
 
 impl Target {
@@ -83,11 +86,13 @@ impl Target {
         reach: &ReachArgs,
     ) -> Result<Target, String> {
         let mut endpoints = reach.connect.clone();
+        let mut alive = Vec::new();
         if endpoints.is_empty() {
             let folder = hosting::runtime_folder(&name).map_err(|error| error.to_string())?;
             let is_alive = |path: &PathBuf| UnixStream::connect(path).is_ok();
-            let alive = super::up::sockets(&folder).into_iter().filter(is_alive);
-            endpoints.extend(alive.map(|path| format!("unixsock-stream/{}", path.display())));
+            alive.extend(super::up::sockets(&folder).into_iter().filter(is_alive));
+            let endpoint = |path: &PathBuf| format!("unixsock-stream/{}", path.display());
+            endpoints.extend(alive.iter().map(endpoint));
         }
         if endpoints.is_empty() {
             return Err(format!(
@@ -95,28 +100,40 @@ impl Target {
                  with `althing up`, or name one elsewhere with --connect ENDPOINT"
             ));
         }
-        Ok(Target { name, ecosystem, endpoints })
+        // Of a file that says nothing of security, nobody is asked: it is the same everywhere.
+        let settings = ecosystem.as_ref().map(|ecosystem| ecosystem.security.as_ref());
+        let keys = match settings {
+            Some(None) => None,
+            known => {
+                let (chosen, host) = (reach.key.as_deref(), super::up::host_name());
+                let settings = known.flatten();
+                GuestKeys::find(&name, settings, &alive, chosen, host.as_ref())?
+            }
+        };
+        Ok(Target { name, ecosystem, endpoints, keys })
     }
 
     /// What a client session is opened with.
     pub(super) fn config(&self) -> Result<substrate_zenoh::Config, String> {
-        guest_config(&self.name, &self.endpoints, "cli")
+        guest_config(&self.name, &self.endpoints, self.keys.as_ref(), "cli")
     }
 
     /// Links up.
     pub(super) async fn link(self) -> Result<Link, String> {
         let config = self.config()?;
         let daemon = config.daemon.clone();
-        let Target { name, ecosystem, endpoints } = self;
+        let Target { name, ecosystem, endpoints, keys } = self;
         let ecosystem = ecosystem.map(Arc::new);
         let settings =
             ecosystem.as_ref().map(|ecosystem| ecosystem.settings.clone()).unwrap_or_default();
+        let rights = ecosystem.as_ref().filter(|_| keys.is_some());
+        let rights = rights.map(|ecosystem| ecosystem.rights.clone());
         let wire = Wire::Zenoh(Box::new(config));
-        let node = Node::join(name.clone(), daemon, settings, wire)
+        let node = Node::join(name.clone(), daemon, settings, rights, wire)
             .await
             .map_err(|error| error.to_string())?;
         let switchboard = Arc::clone(node.switchboard());
-        Ok(Link { node, view: View { switchboard, name, ecosystem, endpoints } })
+        Ok(Link { node, view: View { switchboard, name, ecosystem, endpoints, keys } })
     }
 }
 
@@ -124,12 +141,20 @@ impl Target {
 pub(crate) fn guest_config(
     ecosystem: &EcosystemId,
     endpoints: &[String],
+    keys: Option<&GuestKeys>,
     role: &str,
 ) -> Result<substrate_zenoh::Config, String> {
-    let daemon = DaemonId::new(&guest_name(role)).map_err(|error| error.to_string())?;
+    let (daemon, security) = match keys {
+        None => (DaemonId::new(&guest_name(role)).map_err(|error| error.to_string())?, None),
+        Some(keys) => {
+            let (daemon, security) = keys.security(role)?;
+            (daemon, Some(security))
+        }
+    };
     let mut config = substrate_zenoh::Config::new(ecosystem.clone(), daemon);
     config.mode = substrate_zenoh::Mode::Client;
     config.connect = endpoints.to_vec();
+    config.security = security;
     Ok(config)
 }
 

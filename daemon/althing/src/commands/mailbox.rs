@@ -64,6 +64,15 @@ fn table(daemons: &[Mailboxes], with_daemons: bool) -> String {
             let _ =
                 writeln!(text, "{daemon:<30} {unknown_receiver:>12} {unreadable:>12} {unsent:>12}");
         }
+        let rejecting = || daemons.iter().filter(|daemon| !daemon.rejected.is_empty());
+        if rejecting().next().is_some() {
+            let _ = writeln!(text, "\n{:<30} REJECTED", "DAEMON");
+        }
+        for Mailboxes { daemon, rejected, .. } in rejecting() {
+            let kinds: Vec<_> =
+                rejected.iter().map(|(kind, count)| format!("{count} {kind}")).collect();
+            let _ = writeln!(text, "{daemon:<30} {}", kinds.join(", "));
+        }
     }
     text
 }

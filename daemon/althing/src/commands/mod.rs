@@ -6,6 +6,7 @@
 pub(crate) mod act;
 pub(crate) mod agents;
 pub(crate) mod answer;
+mod cert;
 mod check;
 mod completions;
 pub(crate) mod domain;
@@ -62,6 +63,7 @@ pub(crate) fn run(command: Command) -> ExitCode {
         Command::Watch(args) => watch::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Mailbox(args) => mailbox::run(&args),
+        Command::Cert(args) => cert::run(&args),
         Command::Send(args) => send::run(&args),
         Command::Completions(args) => completions::run(&args),
     }

@@ -15,7 +15,7 @@ use crate::cli::UpArgs;
 use crate::commands::client::{self, View};
 use crate::commands::{READY, hearing};
 use crate::config::{self, AgentEntry, Ecosystem, InterfaceEntry, Overrides};
-use crate::hosting::{self, Node, Part, Stay, Wire, socket_in};
+use crate::hosting::{self, GuestKeys, Node, Part, Stay, Wire, socket_in};
 use crate::interfacing::{self, Other, Shore};
 use crate::prompt::{self, Guest};
 use crate::report::Report;
@@ -95,6 +95,14 @@ impl Place {
         let Some(daemon) = named else {
             let alone = DaemonId::new("alone").map_err(|error| error.to_string())?;
             let daemon = host.unwrap_or(alone);
+            if ecosystem.security.is_some() && !ecosystem.daemons.is_empty() {
+                let known: Vec<_> = ecosystem.daemons.iter().map(DaemonId::as_str).collect();
+                return Err(format!(
+                    "the ecosystem is secured, and its file gives nothing to `{daemon}`, which \
+                     nobody would believe; say with --daemon which this is: {}",
+                    known.join(", ")
+                ));
+            }
             // Nobody else hosts anything: nobody stands by.
             let alone = |entry: &AgentEntry| AgentEntry { daemons: Vec::new(), ..entry.clone() };
             let agents = ecosystem.agents.iter().map(alone).collect();
@@ -253,7 +261,10 @@ async fn prompt(
     wish(&terminal, goals).await;
     let folder = hosting::runtime_folder(&ecosystem.name).map_err(|error| error.to_string())?;
     let endpoint = |path: &PathBuf| format!("unixsock-stream/{}", path.display());
+    let daemon = node.switchboard().daemon();
+    let keys = ecosystem.security.as_ref().map(|settings| GuestKeys::of(settings, daemon));
     let view = View {
+        keys,
         switchboard: Arc::clone(node.switchboard()),
         name: ecosystem.name.clone(),
         ecosystem: Some(ecosystem),
@@ -302,15 +313,28 @@ async fn ended(stdin: &mut Option<oneshot::Receiver<()>>) {
 fn announce(ecosystem: &Ecosystem, place: &Place, node: &Node) {
     let agents: Vec<_> = node.agents().map(AgentId::as_str).collect();
     let alone = if place.is_alone { ", alone on this machine" } else { "" };
+    let secured = match ecosystem.security {
+        Some(_) => ", secured",
+        None => "",
+    };
     let hosts = match agents.len() {
         0 => "no agent yet".to_owned(),
         _ => agents.join(", "),
     };
-    let line =
-        format!("daemon `{}` of `{}` {READY}{alone}: {hosts}\n", place.daemon, ecosystem.name);
+    let line = format!(
+        "daemon `{}` of `{}` {READY}{secured}{alone}: {hosts}\n",
+        place.daemon, ecosystem.name
+    );
     service_manager::ready(line.trim_end());
     let _ = output::print(line, exit::DONE);
     tracing::info!(locators = ?node.locators, "listening");
+    if ecosystem.security.is_none() {
+        tracing::warn!(
+            "`{}` is not secured: messages are plain text and anybody's, and so stay on \
+            this machine; `althing help cert` says how to secure it",
+            ecosystem.name
+        );
+    }
 }
 
 async fn open(
@@ -370,13 +394,26 @@ async fn simulated(
 async fn wire(ecosystem: &Ecosystem, daemon: &DaemonId) -> Result<(Wire, Stay), String> {
     let folder = hosting::runtime_folder(&ecosystem.name).map_err(|error| error.to_string())?;
     let socket = socket_in(&folder, daemon.as_str()).map_err(|error| error.to_string())?;
+    let security = ecosystem.security.as_ref();
+    let secured = security.map(|settings| hosting::secure(&ecosystem.name, daemon, settings));
+    let secured = secured.transpose()?;
     let stay = hosting::enter(&folder, daemon).await.map_err(|error| error.to_string())?;
+    match security {
+        Some(settings) => hosting::tell_keys(&socket, &settings.folder)
+            .map_err(|error| format!("tell guests where the keys are: {error}"))?,
+        None => hosting::forget_keys(&socket),
+    }
     let endpoint = |path: &PathBuf| format!("unixsock-stream/{}", path.display());
     let mut config = substrate_zenoh::Config::new(ecosystem.name.clone(), daemon.clone());
     config.listen = vec![endpoint(&socket)];
     let called = |path: &PathBuf| format!("{}#{RETRY}", endpoint(path));
     config.connect = stay.others.iter().map(called).collect();
     config.zenoh = zenoh_settings(&ecosystem.zenoh);
+    if let (Some(secured), Some(settings)) = (&secured, security) {
+        let (folder, before) = (settings.folder.clone(), settings.warn_before);
+        tokio::spawn(hosting::announce_end(secured.clone(), folder, before));
+    }
+    config.security = secured;
     Ok((Wire::Zenoh(Box::new(config)), stay))
 }
 

@@ -15,6 +15,7 @@ use tokio::sync::mpsc;
 
 use crate::cli::WatchArgs;
 use crate::commands::client::{self, Target};
+use crate::hosting::GuestKeys;
 use crate::output::Color;
 use crate::{exit, output};
 
@@ -43,9 +44,11 @@ pub(super) fn run(args: &WatchArgs) -> ExitCode {
     if let Some(file) = &args.record {
         return record::run(&target, conversation, file, args.record_max);
     }
+    let Target { name, endpoints, keys, .. } = target;
+    let listening = Listening { ecosystem: name, endpoints, keys, role: "cli" };
     super::in_runtime(async move {
         tokio::select! {
-            ended = listen(&target.name, &target.endpoints, conversation, json, "cli") => match ended {
+            ended = listen(&listening, conversation, json) => match ended {
                 Ok(code) => code,
                 Err(problem) => client::unavailable(&problem, json),
             },
@@ -54,19 +57,27 @@ pub(super) fn run(args: &WatchArgs) -> ExitCode {
     })
 }
 
+/// To what is listened, and as whom.
+pub(crate) struct Listening {
+    pub(crate) ecosystem: EcosystemId,
+    pub(crate) endpoints: Vec<String>,
+    pub(crate) keys: Option<GuestKeys>,
+    /// Tells the listeners of one process apart.
+    pub(crate) role: &'static str,
+}
+
 /// Prints messages until nobody reads them.
 ///
 /// # Errors
 ///
 /// If the ecosystem cannot be listened to; completes “failed to …”.
 pub(crate) async fn listen(
-    ecosystem: &EcosystemId,
-    endpoints: &[String],
+    listening: &Listening,
     conversation: Option<String>,
     json: bool,
-    role: &str,
 ) -> Result<ExitCode, String> {
-    let config = client::guest_config(ecosystem, endpoints, role)?;
+    let Listening { ecosystem, endpoints, keys, role } = listening;
+    let config = client::guest_config(ecosystem, endpoints, keys.as_ref(), role)?;
     let (hear, mut heard) = mpsc::channel(WAITING_MAX);
     let tap = substrate_zenoh::tap(config, move |_, payload| {
         // A full queue loses a line of a log, and nothing else.

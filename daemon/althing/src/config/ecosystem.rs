@@ -3,9 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{Mode, Settings};
+use agent::{Mode, Rights, Settings};
 use pddl::{Domain, Problem};
 use serde_json::Value;
 
@@ -36,6 +37,10 @@ pub(crate) struct Ecosystem {
     pub(crate) zenoh: Value,
     /// Times and bounds.
     pub(crate) settings: Settings,
+    /// How it is secured, if it is.
+    pub(crate) security: Option<SecuritySettings>,
+    /// Who may do what, where it is secured.
+    pub(crate) rights: Rights,
     /// The simulated building.
     pub(crate) building: BuildingSettings,
     /// Where the entries of agents and interfaces were written: `agent.0.config` and what is in it.
@@ -58,6 +63,17 @@ pub(crate) struct AgentEntry {
     pub(crate) driver: Option<String>,
     /// For the plugin, as it is; null where nothing is said.
     pub(crate) config: Arc<Value>,
+}
+
+/// How an ecosystem is secured.
+#[derive(Clone, Debug)]
+pub(crate) struct SecuritySettings {
+    /// Where keys and certificates are.
+    pub(crate) folder: PathBuf,
+    /// How long before its end a certificate is announced.
+    pub(crate) warn_before: Duration,
+    /// What one daemon may send in a second.
+    pub(crate) messages_per_second_max: u32,
 }
 
 /// What the simulated building is like besides the map.

@@ -35,6 +35,17 @@ pub(crate) fn resolve_ecosystem(file_or_name: &str) -> Result<PathBuf, String> {
     })
 }
 
+/// Where an ecosystem's keys and certificates are unless its file says otherwise: `keys/NAME` in the
+/// first configuration folder that has it, or, where none has it yet, in the user's.
+pub(crate) fn credentials_folder(ecosystem: &acl::EcosystemId) -> PathBuf {
+    let folders = configuration_folders();
+    let folders: Vec<_> =
+        folders.iter().map(|folder| folder.join("keys").join(ecosystem.as_str())).collect();
+    let found = folders.iter().find(|folder| folder.join("authority.pem").is_file());
+    let or_first = found.or(folders.first()).cloned();
+    or_first.unwrap_or_else(|| PathBuf::from("keys"))
+}
+
 /// The user's, then the system's.
 fn configuration_folders() -> Vec<PathBuf> {
     let variable = |name| std::env::var_os(name).filter(|value| !value.is_empty());

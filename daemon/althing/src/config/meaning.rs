@@ -11,6 +11,8 @@ mod goals;
 
 mod interfaces;
 
+mod rights;
+
 mod timing;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -19,6 +21,7 @@ use std::sync::Arc;
 
 use ::building::Quantity;
 use acl::{DaemonId, EcosystemId, InvalidName};
+use agent::Allowed;
 use pddl::{Diagnostic, Span};
 
 use super::KnownPlugin;
@@ -27,6 +30,7 @@ use super::layer::{Layer, Place, Places};
 use super::raw::{Raw, RawBuilding, RawEcosystem};
 use crate::report::{Report, Source};
 use files::Files;
+use rights::limited_actions;
 
 /// What the checks share: where things were written, and what is wrong so far.
 struct Meaning<'l> {
@@ -45,19 +49,37 @@ pub(super) fn understand(
     report: Report,
 ) -> Result<Ecosystem, Report> {
     // No `..`: a new table must be understood here.
-    let Raw { ecosystem, zenoh, agent, interface, goals, timing, limits, building } = raw;
+    let Raw {
+        ecosystem,
+        zenoh,
+        agent,
+        interface,
+        goals,
+        timing,
+        limits,
+        security,
+        rights,
+        building,
+    } = raw;
     let RawEcosystem { name, domain, problem, mode, daemons } = ecosystem;
     let mut meaning = Meaning { file, layers, known_plugins, report };
 
     let name = meaning.name(name);
     let files = meaning.files(domain, problem);
     let mut daemons = meaning.daemons(&daemons);
+    let limited = limited_actions(&agent);
     let agents = meaning.agents(agent, files.as_ref());
     daemons.extend(agents.iter().flat_map(|agent| agent.daemons.clone()));
     let interfaces = meaning.interfaces(interface, &agents, files.as_ref());
     daemons.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
     meaning.goals(&goals, files.as_ref(), &agents);
     let settings = meaning.settings(&timing, &limits);
+    let security = meaning.security(security, name.as_ref());
+    let mut rights = meaning.rights(&rights, &agents, &limited);
+    // Whoever keeps an interface brings the agents that it borrows.
+    if let Allowed::These(newcomers) = &mut rights.newcomers {
+        newcomers.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
+    }
     let building = meaning.building(building, files.as_ref());
 
     let mut report = meaning.report;
@@ -74,6 +96,8 @@ pub(super) fn understand(
             goals,
             zenoh,
             settings,
+            security,
+            rights,
             building,
             places: Places::of_agents(layers),
             warnings: report,

@@ -33,9 +33,9 @@ use std::sync::Arc;
 use ::config::{Config, ConfigError, Value};
 use agent::Mode;
 
-pub(crate) use ecosystem::{AgentEntry, Ecosystem};
+pub(crate) use ecosystem::{AgentEntry, Ecosystem, SecuritySettings};
 pub(crate) use environment::{Variables, variables};
-pub(crate) use find::{find_ecosystem_file, resolve_ecosystem};
+pub(crate) use find::{credentials_folder, find_ecosystem_file, resolve_ecosystem};
 pub(crate) use interface::{InterfaceEntry, RuleEntry};
 
 use crate::report::{Report, Source};

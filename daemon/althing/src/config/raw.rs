@@ -26,6 +26,8 @@ pub(super) struct Raw {
     pub(super) goals: BTreeMap<String, String>,
     pub(super) timing: RawTiming,
     pub(super) limits: RawLimits,
+    pub(super) security: RawSecurity,
+    pub(super) rights: RawRights,
     pub(super) building: RawBuilding,
 }
 
@@ -50,6 +52,7 @@ pub(super) struct RawAgent {
     pub(super) daemon: Vec<String>,
     pub(super) driver: Option<String>,
     pub(super) config: Value,
+    pub(super) actions: Option<Vec<String>>,
 }
 
 /// `[[interface]]`
@@ -112,6 +115,26 @@ pub(super) struct RawTiming {
 pub(super) struct RawLimits {
     pub(super) mailbox_messages_max: u32,
     pub(super) outbox_messages_max: u32,
+}
+
+/// `[security]`
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct RawSecurity {
+    #[serde(default)]
+    pub(super) folder: Option<String>,
+    pub(super) warn_days: u32,
+    pub(super) messages_per_second_max: u32,
+}
+
+/// `[rights]`
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct RawRights {
+    pub(super) guests: Vec<String>,
+    pub(super) newcomers: Vec<String>,
+    pub(super) goals: Vec<String>,
+    pub(super) changes: Vec<String>,
 }
 
 /// `[building]`

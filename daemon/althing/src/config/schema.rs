@@ -54,6 +54,8 @@ pub(super) static FILE: Shape = Shape::Table(&[
     key("goals", Shape::Each(&Shape::Text), "goals with a name, in PDDL"),
     key("timing", Shape::Table(TIMING), "how long things may take"),
     key("limits", Shape::Table(LIMITS), "how many there may be"),
+    key("security", Shape::Table(SECURITY), "links by TLS, and signed messages"),
+    key("rights", Shape::Table(RIGHTS), "who may do what where that is secured"),
     key("building", Shape::Table(BUILDING), "the simulated building"),
 ]);
 
@@ -71,6 +73,7 @@ const AGENT: &[Key] = &[
     key("daemon", Shape::Texts, "which machine hosts it; of several, one at a time"),
     key("driver", Shape::Text, "what it acts through, such as \"simulated\""),
     key("config", Shape::Free, "handed to the plugin as it is"),
+    key("actions", Shape::Texts, "the actions it may offer, where that is limited"),
 ];
 
 /// What is not in its dictionaries does not pass, in either direction.
@@ -117,6 +120,19 @@ const TIMING: &[Key] = &[
 const LIMITS: &[Key] = &[
     key("mailbox-messages-max", Shape::Count, "messages a mailbox holds"),
     key("outbox-messages-max", Shape::Count, "commitments without a receipt"),
+];
+
+const SECURITY: &[Key] = &[
+    key("folder", Shape::Text, "where keys and certificates are"),
+    key("warn-days", Shape::Count, "how long before its end a certificate is announced"),
+    key("messages-per-second-max", Shape::Count, "what one daemon may send"),
+];
+
+const RIGHTS: &[Key] = &[
+    key("guests", Shape::Texts, "daemons through which people take part; \"*\" is all"),
+    key("newcomers", Shape::Texts, "daemons that may bring agents which the file does not name"),
+    key("goals", Shape::Texts, "agents that may ask for goals; \"guests\", \"*\""),
+    key("changes", Shape::Texts, "agents that may change what is known; \"guests\", \"*\""),
 ];
 
 const BUILDING: &[Key] = &[

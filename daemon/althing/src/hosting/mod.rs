@@ -3,6 +3,7 @@
 //! Configure ([`crate::config`]), [`Node::open`], run, [`Node::drain`].
 
 mod building;
+mod credentials;
 mod entrance;
 mod folders;
 mod rehearsal;
@@ -13,7 +14,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{Host, Mode, Resources, Settings, StateFolder, Switchboard};
+use agent::{Host, Mode, Resources, Rights, Settings, StateFolder, Switchboard};
 use substrate::Substrate;
 use substrate::memory::Network;
 use tokio_util::sync::CancellationToken;
@@ -22,6 +23,7 @@ use tokio_util::task::TaskTracker;
 use crate::config::{AgentEntry, Ecosystem};
 
 pub(crate) use building::simulate;
+pub(crate) use credentials::{GuestKeys, announce_end, forget_keys, secure, tell_keys};
 pub(crate) use entrance::{Stay, enter};
 pub(crate) use folders::{running_ecosystems, runtime_folder, socket_in, state_folder};
 pub(crate) use rehearsal::{models, rehearse};
@@ -147,7 +149,8 @@ impl Node {
     pub(crate) async fn open(part: Part<'_>, wire: Wire) -> Result<Node, HostError> {
         let Part { ecosystem, daemon, agents, mode, building, state } = part;
         let (name, settings) = (ecosystem.name.clone(), ecosystem.settings.clone());
-        let mut node = Node::join(name, daemon, settings, wire).await?;
+        let rights = ecosystem.security.as_ref().map(|_| ecosystem.rights.clone());
+        let mut node = Node::join(name, daemon, settings, rights, wire).await?;
         let mut resources = Resources::default();
         building.into_iter().for_each(|building| resources.insert(building));
         state.into_iter().for_each(|folder| resources.insert(StateFolder(folder)));
@@ -167,7 +170,8 @@ impl Node {
         Ok(node)
     }
 
-    /// Joins as a guest, with no agent of any ecosystem file: for commands.
+    /// Joins as a guest, with no agent of any ecosystem file: for commands. With `rights`, others
+    /// are held to them.
     ///
     /// # Errors
     ///
@@ -176,9 +180,11 @@ impl Node {
         ecosystem: EcosystemId,
         daemon: DaemonId,
         settings: Settings,
+        rights: Option<Rights>,
         wire: Wire,
     ) -> Result<Node, HostError> {
         let switchboard = Switchboard::new(ecosystem, daemon.clone(), settings);
+        rights.into_iter().for_each(|rights| switchboard.limit(rights));
         let (substrate, locators) = connect(&switchboard, daemon, wire.clone()).await?;
         switchboard.connect(Arc::clone(&substrate));
         Ok(Node {

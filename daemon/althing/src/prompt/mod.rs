@@ -260,7 +260,9 @@ impl Prompt {
         };
         let (conversation, view, json) = (asked.map(meant), self.view.clone(), self.json);
         self.watching = Some(tokio::spawn(async move {
-            let heard = watch::listen(&view.name, &view.endpoints, conversation, json, "watch");
+            let View { name: ecosystem, endpoints, keys, .. } = view;
+            let listening = watch::Listening { ecosystem, endpoints, keys, role: "watch" };
+            let heard = watch::listen(&listening, conversation, json);
             if let Err(problem) = heard.await {
                 output::note(&format!("error: failed to {problem}"));
             }

@@ -36,7 +36,8 @@ impl Meaning<'_> {
     }
 
     fn agent(&mut self, path: &str, raw: RawAgent, files: Option<&Files>) -> Option<AgentEntry> {
-        let RawAgent { name, plugin, daemon, driver, config } = raw;
+        // What it may offer is for `rights`.
+        let RawAgent { name, plugin, daemon, driver, config, actions: _ } = raw;
         let name = self.agent_name(path, name, files);
         let plugin = self.plugin(path, plugin);
         if let (Some(known), Some(driver)) = (plugin, &driver) {

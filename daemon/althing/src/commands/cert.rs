@@ -1,0 +1,288 @@
+//! `althing cert`: an ecosystem's authority, and the certificates of its daemons.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::SystemTime;
+
+use acl::{DaemonId, EcosystemId};
+use credentials::{Authority, Certificate, CredentialError, Folder, Trust};
+use serde_json::json;
+
+use crate::cli::{
+    CertArgs, CertAuthorityArgs, CertCommand, CertDaemonArgs, CertPlaceArgs, CertRevokeArgs,
+    CertShowArgs,
+};
+use crate::config::{self, Ecosystem, Overrides, credentials_folder};
+use crate::output::Color;
+use crate::{exit, output, plugins};
+
+const DAY_SECONDS: u64 = 24 * 3_600;
+
+/// How long before its end a certificate is announced where no file says it.
+const WARN_DAYS: u64 = 30;
+
+/// Which certificates are meant.
+struct Place {
+    name: EcosystemId,
+    /// Its file, if there is one.
+    ecosystem: Option<Ecosystem>,
+    folder: Folder,
+}
+
+/// Makes, shows, takes back.
+pub(super) fn run(args: &CertArgs) -> ExitCode {
+    match &args.command {
+        CertCommand::Authority(args) => authority(args),
+        CertCommand::Daemon(args) => daemon(args),
+        CertCommand::Show(args) => show(args),
+        CertCommand::Revoke(args) => revoke(args),
+    }
+}
+
+fn authority(args: &CertAuthorityArgs) -> ExitCode {
+    let json = args.print.json;
+    let place = match Place::find(args.ecosystem.as_deref(), args.folder.as_ref()) {
+        Ok(place) => place,
+        Err(problem) => return super::wrong(&format!("failed to {problem}"), json),
+    };
+    let made = match Authority::create(&place.folder, &place.name, args.days) {
+        Ok(made) => made,
+        Err(error) => return failed(&error, json),
+    };
+    let folder = place.folder.path().display();
+    if json {
+        let value = json!({ "folder": folder.to_string(), "days_left": days(made.certificate()) });
+        return output::print_json(&value, exit::DONE);
+    }
+    let mut text = format!("made the authority of `{}` in {folder}\n", place.name);
+    let is_secured = place.ecosystem.as_ref().is_some_and(|each| each.security.is_some());
+    if !is_secured {
+        let _ = writeln!(text, "Secure the ecosystem by a line in its file: [security]");
+    }
+    text += "Make a certificate for each daemon: althing cert daemon NAME...\n";
+    text += "Keep authority.key to yourself, and a copy in a safe place.\n";
+    output::print(text, exit::DONE)
+}
+
+fn daemon(args: &CertDaemonArgs) -> ExitCode {
+    let json = args.print.json;
+    let place = match Place::of(&args.place) {
+        Ok(place) => place,
+        Err(problem) => return super::wrong(&format!("failed to {problem}"), json),
+    };
+    let names: Result<Vec<_>, _> = args.names.iter().map(|name| DaemonId::new(name)).collect();
+    let names = match names {
+        Ok(names) => names,
+        Err(error) => return super::wrong(&error.to_string(), json),
+    };
+    let made: Result<Vec<_>, _> = Authority::open(&place.folder).and_then(|authority| {
+        names.iter().map(|name| authority.issue(name, &args.hosts, args.days)).collect()
+    });
+    let made: Vec<Certificate> = match made {
+        Ok(made) => made,
+        Err(error) => return failed(&error, json),
+    };
+    for name in &names {
+        place.warn_of_stranger(name);
+    }
+    if json {
+        let made: Vec<_> = made.iter().map(|each| object(each, "good")).collect();
+        return output::print_json(&json!({ "certificates": made }), exit::DONE);
+    }
+    let folder = place.folder.path().display();
+    let mut text = String::new();
+    for name in &names {
+        let _ = writeln!(text, "made {folder}/{name}.pem and {name}.key, for {} days", args.days);
+    }
+    let _ = writeln!(
+        text,
+        "Copy to each machine, in a way that nobody listens to: authority.pem, NAME.pem, NAME.key"
+    );
+    output::print(text, exit::DONE)
+}
+
+fn show(args: &CertShowArgs) -> ExitCode {
+    let json = args.print.json;
+    let place = match Place::of(&args.place) {
+        Ok(place) => place,
+        Err(problem) => return super::wrong(&format!("failed to {problem}"), json),
+    };
+    let trust = match Trust::read(&place.folder) {
+        Ok(trust) => trust,
+        Err(error) => return failed(&error, json),
+    };
+    let warn_days = place.warn_days();
+    let shown: Vec<(Certificate, &str)> = certificates(&place.folder, &trust)
+        .into_iter()
+        .map(|each| {
+            let state = state(&each, &trust, warn_days);
+            (each, state)
+        })
+        .collect();
+    if json {
+        let shown: Vec<_> = shown.iter().map(|(each, state)| object(each, state)).collect();
+        let value = json!({ "folder": place.folder.path(), "certificates": shown });
+        return output::print_json(&value, exit::DONE);
+    }
+    let mut text = format!("{:<30} {:>9} {:<8} HOSTS\n", "NAME", "DAYS LEFT", "STATE");
+    for (certificate, state) in &shown {
+        let color = match *state {
+            "good" => Color::Green,
+            "ends" => Color::Yellow,
+            _ => Color::Red,
+        };
+        // Padded before it is painted: colors have no width.
+        let state = output::paint(color, &format!("{state:<8}"));
+        let (left, hosts) = (days(certificate), certificate.hosts.join(", "));
+        let line = format!("{:<30} {left:>9} {state} {hosts}", certificate.subject);
+        let _ = writeln!(text, "{}", line.trim_end());
+    }
+    output::print(text, exit::DONE)
+}
+
+fn revoke(args: &CertRevokeArgs) -> ExitCode {
+    let json = args.print.json;
+    let place = match Place::of(&args.place) {
+        Ok(place) => place,
+        Err(problem) => return super::wrong(&format!("failed to {problem}"), json),
+    };
+    let name = match DaemonId::new(&args.name) {
+        Ok(name) => name,
+        Err(error) => return super::wrong(&error.to_string(), json),
+    };
+    let revoked = Authority::open(&place.folder).and_then(|authority| authority.revoke(&name));
+    let count = match revoked {
+        Ok(count) => count,
+        Err(error) => return failed(&error, json),
+    };
+    let list = place.folder.revocations();
+    if json {
+        let value = json!({ "revoked": name, "certificates": count, "list": list });
+        return output::print_json(&value, exit::DONE);
+    }
+    let certificates = match count {
+        0 => "all certificates were revoked before".to_owned(),
+        1 => "1 certificate".to_owned(),
+        count => format!("{count} certificates"),
+    };
+    let text = format!(
+        "revoked `{name}`: {certificates}\n\
+         Daemons that read this folder tell all others within seconds. Where none does, copy\n\
+         {} into the folder of any one of them.\n",
+        list.display()
+    );
+    output::print(text, exit::DONE)
+}
+
+// === impl Place ===
+
+impl Place {
+    fn of(args: &CertPlaceArgs) -> Result<Place, String> {
+        Place::find(args.ecosystem.as_deref(), args.folder.as_ref())
+    }
+
+    /// The ecosystem that is meant, and where its certificates are. The error completes
+    /// “failed to …”.
+    fn find(asked: Option<&str>, folder: Option<&PathBuf>) -> Result<Place, String> {
+        let file = match asked {
+            None => config::find_ecosystem_file(),
+            Some(asked) => match config::resolve_ecosystem(asked) {
+                Ok(file) => Some(file),
+                Err(problem) => match EcosystemId::new(asked) {
+                    // A name will do: the file may be elsewhere.
+                    Ok(name) => return Ok(Place::named(name, None, folder)),
+                    Err(_) => return Err(problem),
+                },
+            },
+        };
+        match file {
+            Some(file) => {
+                let loaded = Ecosystem::load(&file, &Overrides::default(), &plugins::known());
+                let ecosystem = loaded.map_err(|error| {
+                    output::show_people(&error.into_report());
+                    format!("read {}", file.display())
+                })?;
+                Ok(Place::named(ecosystem.name.clone(), Some(ecosystem), folder))
+            }
+            None => match folder {
+                // The folder says it all.
+                Some(_) => {
+                    let name = EcosystemId::new("ecosystem").map_err(|error| error.to_string())?;
+                    Ok(Place::named(name, None, folder))
+                }
+                None => {
+                    Err("choose an ecosystem: there is no althing.toml here; name its file"
+                        .to_owned())
+                }
+            },
+        }
+    }
+
+    fn named(name: EcosystemId, ecosystem: Option<Ecosystem>, folder: Option<&PathBuf>) -> Place {
+        let said = ecosystem.as_ref().and_then(|ecosystem| ecosystem.security.as_ref());
+        let said = said.map(|security| security.folder.clone());
+        let folder = folder.cloned().or(said).unwrap_or_else(|| credentials_folder(&name));
+        Place { name, ecosystem, folder: Folder::new(folder) }
+    }
+
+    fn warn_days(&self) -> u64 {
+        let security = self.ecosystem.as_ref().and_then(|each| each.security.as_ref());
+        security.map_or(WARN_DAYS, |security| security.warn_before.as_secs() / DAY_SECONDS)
+    }
+
+    /// A name that the file does not have is a guest's, or misspelled.
+    fn warn_of_stranger(&self, name: &DaemonId) {
+        let Some(ecosystem) = &self.ecosystem else { return };
+        if ecosystem.daemons.is_empty() || ecosystem.daemons.contains(name) {
+            return;
+        }
+        let known = ecosystem.daemons.iter().map(DaemonId::as_str);
+        let near = pddl::nearest(name.as_str(), known);
+        let near = near.map(|near| format!("; did you mean `{near}`?")).unwrap_or_default();
+        output::note(&format!(
+            "warning: the ecosystem has no daemon called `{name}`{near} With this certificate \
+             people can take part, and no agents of the file"
+        ));
+    }
+}
+
+/// The authority's, those it has made as far as that is known here, and those that are here.
+fn certificates(folder: &Folder, trust: &Trust) -> Vec<Certificate> {
+    let mut found = Authority::open(folder).map(|each| each.issued()).unwrap_or_default();
+    for name in folder.daemons() {
+        let here = Certificate::read(&folder.certificate(&name)).ok();
+        found.extend(here.filter(|here| !found.contains(here)));
+    }
+    found.sort_by(|a, b| (&a.subject, a.not_after).cmp(&(&b.subject, b.not_after)));
+    found.insert(0, trust.authority().clone());
+    found
+}
+
+fn state(certificate: &Certificate, trust: &Trust, warn_days: u64) -> &'static str {
+    let is_revoked = trust.revocations().is_some_and(|list| list.has(certificate));
+    match days(certificate) {
+        _ if is_revoked => "revoked",
+        0 => "ended",
+        left if left <= warn_days => "ends",
+        _ => "good",
+    }
+}
+
+fn days(certificate: &Certificate) -> u64 {
+    certificate.left(SystemTime::now()).as_secs().div_ceil(DAY_SECONDS)
+}
+
+fn object(certificate: &Certificate, state: &str) -> serde_json::Value {
+    json!({
+        "name": certificate.subject,
+        "days_left": days(certificate),
+        "state": state,
+        "hosts": certificate.hosts,
+    })
+}
+
+/// Says what is wrong with files.
+fn failed(error: &CredentialError, json: bool) -> ExitCode {
+    super::wrong(&format!("failed to {error}"), json)
+}

@@ -1,0 +1,200 @@
+//! A secured office, by the commands a caretaker uses: certificates, links by TLS between daemons
+//! that share nothing but the network, people at command lines, and who is kept out.
+
+mod support;
+
+use std::fs;
+use std::net::TcpListener;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use serde_json::Value;
+use support::{Office, PATIENCE, stderr, stdout};
+
+const BOARDS: [&str; 2] = ["turtlebot-laptop", "office2-pi"];
+
+/// The smart office, secured, with these further lines; one folder of keys, as on the machine
+/// where they are made.
+struct Secured {
+    office: Office,
+    file: PathBuf,
+}
+
+impl Secured {
+    fn new(rights: &str) -> Secured {
+        let plain = Office::new();
+        let file = write(&plain, rights);
+        let made = plain.run(&["cert", "authority", &file.display().to_string()]);
+        assert!(made.status.success(), "{}", stderr(&made));
+        // The folder goes with the first office, which this one keeps.
+        let secured = Secured { office: plain.with_file(file.clone()), file };
+        secured.cert(&["daemon", "reasoning", "turtlebot-laptop", "office2-pi"]);
+        secured
+    }
+
+    /// A command about certificates.
+    fn cert(&self, arguments: &[&str]) -> String {
+        let file = self.file.display().to_string();
+        let output = self.office.run(&[&["cert"], arguments, &["--ecosystem", &file]].concat());
+        assert!(output.status.success(), "{}", stderr(&output));
+        stdout(&output)
+    }
+
+    /// What was rejected so far, and why, by a daemon.
+    fn rejected(&self, by: &str, kind: &str) -> u64 {
+        let counted = self.office.ask_json(&["mailbox"]);
+        let daemons = counted["daemons"].as_array().cloned().unwrap_or_default();
+        let of = daemons.iter().find(|daemon| daemon["daemon"] == by);
+        of.and_then(|daemon| daemon["rejected"][kind].as_u64()).unwrap_or(0)
+    }
+
+    fn await_rejected(&self, by: &str, kind: &str) {
+        let deadline = Instant::now() + PATIENCE;
+        while self.rejected(by, kind) == 0 {
+            assert!(Instant::now() < deadline, "`{by}` rejects nothing that is {kind}");
+        }
+    }
+}
+
+/// The office's file with a [security] table and these further lines.
+fn write(office: &Office, rights: &str) -> PathBuf {
+    let text = fs::read_to_string(Office::file()).expect("the repository's own");
+    let folder = Office::file().canonicalize().expect("it is there");
+    let domains = folder.ancestors().nth(2).expect("a folder").join("domains");
+    let text = text.replace("../domains", &domains.display().to_string());
+    let text = format!("{text}\n[security]\nfolder = \"keys\"\n{rights}\n");
+    office.write("secured.toml", &text)
+}
+
+#[test]
+fn a_goal_is_reached_in_a_secured_office() {
+    let mut secured = Secured::new("");
+    secured.office.up(&["reasoning"], &[]);
+    secured.office.up(&BOARDS, &[]);
+    // Two further sensors are not certified, and not there.
+    secured.office.await_devices(3);
+    let (code, said) = secured.office.ask(&["goal", "(known-temperature office2)"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("holds"), "{said}");
+    let (code, agents) = secured.office.ask(&["agents"]);
+    assert_eq!(code, Some(0), "{agents}");
+    assert!(agents.contains("turtlebot-1") && agents.contains("thermometer-office2"), "{agents}");
+    // A name will do where a daemon runs: it tells its guests where the keys are.
+    let named = secured.office.run(&["state", "--ecosystem", "smart-office"]);
+    assert!(named.status.success(), "{}", stderr(&named));
+}
+
+#[test]
+fn daemons_apart_are_linked_by_tls_and_people_from_elsewhere_too() {
+    let mut secured = Secured::new("");
+    secured.cert(&["daemon", "anna-laptop"]);
+    // Nobody else on this machine is asking for ports of the kernel's own choice twice at once.
+    let port = TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
+    let endpoint = format!("tls/127.0.0.1:{}", port.expect("a port").port());
+    let text = fs::read_to_string(&secured.file).expect("ours");
+    let listening =
+        text.replace("[zenoh]\n", &format!("[zenoh]\nlisten.endpoints = [\"{endpoint}\"]\n"));
+    let listening = secured.office.write("listening.toml", &listening);
+    secured.office.up_from(&listening, "reasoning");
+    let elsewhere = secured.office.folder().join("elsewhere");
+    secured.office.up_apart("turtlebot-laptop", &elsewhere, &["--connect", &endpoint]);
+    let file = secured.file.display().to_string();
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        let reach = ["agents", "--ecosystem", &file, "--connect", &endpoint, "--as", "anna-laptop"];
+        let output = secured.office.run(&reach);
+        if stdout(&output).contains("turtlebot-1") {
+            break;
+        }
+        assert!(Instant::now() < deadline, "{}{}", stdout(&output), stderr(&output));
+    }
+    let plain =
+        secured.office.run(&["agents", "--connect", &endpoint, "--ecosystem", "other-name"]);
+    assert!(!plain.status.success(), "without a certificate: {}", stdout(&plain));
+}
+
+#[test]
+fn who_may_not_ask_for_goals_is_refused_and_counted() {
+    let mut secured = Secured::new("[rights]\ngoals = [\"camera-1\"]\n");
+    secured.office.up(&["reasoning", "turtlebot-laptop"], &[]);
+    secured.office.await_devices(2);
+    let (code, said) = secured.office.ask(&["goal", "(known-temperature office1)"]);
+    assert_ne!(code, Some(0), "{said}");
+    assert!(said.contains("does not let `keyboard-"), "{said}");
+    assert!(secured.rejected("reasoning", "overstepped") > 0);
+    let (_, table) = secured.office.ask(&["mailbox"]);
+    assert!(table.contains("overstepped"), "{table}");
+}
+
+#[test]
+fn who_is_revoked_is_not_believed_any_more() {
+    let mut secured = Secured::new("");
+    secured.office.up(&["reasoning", "turtlebot-laptop", "office2-pi"], &[]);
+    secured.office.await_devices(3);
+    let said = secured.cert(&["revoke", "office2-pi"]);
+    assert!(said.starts_with("revoked `office2-pi`: 1 certificate"), "{said}");
+    secured.await_rejected("reasoning", "revoked");
+    // Its heartbeats are not believed, and so it can do nothing any more.
+    secured.office.await_devices(2);
+    let shown = secured.cert(&["show", "--json"]);
+    let shown: Value = serde_json::from_str(&shown).expect("JSON");
+    let of = |name: &str| {
+        let all = shown["certificates"].as_array().expect("a list");
+        all.iter().find(|each| each["name"] == name).expect("it was made")["state"].clone()
+    };
+    assert_eq!([of("office2-pi"), of("reasoning")], ["revoked", "good"]);
+    // It does not even start again.
+    secured.office.kill("office2-pi");
+    let file = secured.file.display().to_string();
+    let again = secured.office.run(&["up", &file, "--daemon", "office2-pi"]);
+    assert_eq!(again.status.code(), Some(69));
+    assert!(stderr(&again).contains("revoked"), "{}", stderr(&again));
+}
+
+#[test]
+fn what_is_wrong_with_keys_is_said_before_anything_starts() {
+    let secured = Secured::new("");
+    let file = secured.file.display().to_string();
+    let up = |name| stderr(&secured.office.run(&["up", &file, "--daemon", name]));
+    let missing = up("conf-room-pi");
+    assert!(missing.contains("`althing cert daemon conf-room-pi`"), "{missing}");
+    let key = secured.office.folder().join("keys/reasoning.key");
+    fs::set_permissions(&key, fs::Permissions::from_mode(0o644)).expect("ours");
+    let loose = up("reasoning");
+    assert!(loose.contains("others can read it (mode 644)"), "{loose}");
+    assert!(loose.contains(&format!("chmod 600 {}", key.display())), "{loose}");
+    let plain =
+        secured.office.run(&["up", &file, "--daemon", "office2-pi", "--connect", "tcp/10.0.0.1:1"]);
+    assert!(stderr(&plain).contains("this ecosystem is secured"), "{}", stderr(&plain));
+    let nobody = secured.office.run(&["up", &file]);
+    assert_eq!(nobody.status.code(), Some(78));
+    let said = stderr(&nobody);
+    assert!(said.contains("which nobody would believe; say with --daemon"), "{said}");
+    let twice = secured.office.run(&["cert", "authority", &file]);
+    assert_eq!(twice.status.code(), Some(33));
+    assert!(stderr(&twice).contains("it is there already"), "{}", stderr(&twice));
+}
+
+#[test]
+fn mistakes_in_rights_point_into_the_file() {
+    let office = Office::new();
+    let file = write(&office, "[rights]\ngoals = [\"camra-1\"]\nguests = [\"Desk\"]\n");
+    let output = office.run(&["check", &file.display().to_string()]);
+    assert_eq!(output.status.code(), Some(33));
+    let said = format!("{}{}", stdout(&output), stderr(&output));
+    assert!(said.contains("there is no agent `camra-1`") && said.contains("`camera-1`"), "{said}");
+    assert!(said.contains("`Desk` cannot be the name of a daemon"), "{said}");
+}
+
+#[test]
+fn rights_without_security_are_warned_of() {
+    let office = Office::new();
+    let file = write(&office, "[rights]\ngoals = \"guests\"\n");
+    let text = fs::read_to_string(&file).expect("ours");
+    let file = office.write("open.toml", &text.replace("[security]\nfolder = \"keys\"\n", ""));
+    let output = office.run(&["check", &file.display().to_string()]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let said = format!("{}{}", stdout(&output), stderr(&output));
+    assert!(said.contains("nobody sees to rights in an ecosystem that is not secured"), "{said}");
+}
