@@ -312,6 +312,7 @@ mod tests {
             reply_with: Some(ReplyToken::new("r")),
             in_reply_to: None,
             reply_by: None,
+            via: Vec::new(),
             unknown: serde_json::Map::new(),
         }
     }

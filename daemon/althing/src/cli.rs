@@ -25,7 +25,6 @@ Try it
 Run   up        run the daemon: this machine's agents join the ecosystem
       keyboard  open a prompt to a running ecosystem, in any terminal
       scenario  play a scenario of the paper in a simulated building
-      cert      make keys and certificates for daemons, take them back
 Ask   goal      for an outcome: follow it, keep it up, give it up
       act       for one action         set      change what is known to be true
       mode      for the other flow     answer   what an agent asks people
@@ -35,7 +34,7 @@ Look  agents    who is here            domain   what all can do, as PDDL
 Plan  plan      without an ecosystem   validate a plan, to the step that fails
       check     show what is wrong in ecosystem files, PDDL, action models
       replay    what `watch --record` has written, into a fresh ecosystem
-More  send      a message, as JSON     completions  for bash, zsh and fish
+More  cert      keys to the door       send a message    completions of shells
 
 Options: -v, -vv (log more), --json (where something is printed), -h, -V
 ";
