@@ -195,11 +195,9 @@ impl<A: Agent> Context<A> {
     /// receipts, and whoever has just come may not have heard it. Those who did hear it hear
     /// nothing new.
     pub fn remind(&mut self, token: &ReplyToken, agent: &AgentId) {
-        let opening = self.exchanges.get(token).map(|open| &open.opening);
-        let is_call = |opening: &&Box<Message>| !opening.performative.is_retried();
-        let Some(mut message) = opening.filter(is_call).map(|call| (**call).clone()) else {
-            return;
-        };
+        let opening = self.exchanges.get(token).map(|open| &*open.opening);
+        let is_call = |opening: &&Message| !opening.performative.is_retried();
+        let Some(mut message) = opening.filter(is_call).cloned() else { return };
         message.receiver = vec![agent.clone()];
         self.communication.repeat(agent, &message);
     }

@@ -304,7 +304,7 @@ mod tests {
         keeper.begin_term(Incarnation(7), std::slice::from_ref(&mine));
         assert_eq!(keeper.term(), 7, "its own records begin no term");
         let theirs = Record { version: Version { term: 99, count: 3 }, ..mine };
-        keeper.begin_term(Incarnation(7), &[theirs.clone()]);
+        keeper.begin_term(Incarnation(7), std::slice::from_ref(&theirs));
         assert_eq!(keeper.term(), 100);
         assert!(keeper.write("goal/a".to_owned(), Value::Null).version > theirs.version);
     }
