@@ -12,7 +12,7 @@ use pddl::{Condition, PlanStep};
 use tokio::time::Instant;
 
 use crate::explaining::Seen;
-use crate::known::{Avoided, Held};
+use crate::known::{Avoided, Held, outside};
 use crate::sharing::{Attempt, Explaining};
 
 /// Lines of history kept per goal: enough to see how it came to where it stands.
@@ -196,7 +196,7 @@ impl Goal {
         let is_left = |step: &usize| u32::try_from(*step).is_ok_and(|step| !done.contains(&step));
         let left = steps.unwrap_or_default().into_iter().enumerate();
         let left = left.filter(|(step, _)| is_left(step));
-        self.steps_left = left.map(|(_, step)| outside(step, &plan.offers)).collect();
+        self.steps_left = left.map(|(_, step)| outside(&step, &plan.offers)).collect();
         self.plan = Some(Box::new(Execute { done, ..plan }));
     }
 
@@ -324,18 +324,6 @@ impl Goal {
             rounds: self.rounds,
             history: self.history.clone(),
         }
-    }
-}
-
-/// A step under its agent's name for the action.
-fn outside(step: PlanStep, offers: &Offers) -> PlanStep {
-    let inside = step.action.as_str();
-    let actions = offers.values().flat_map(|actions| actions.iter());
-    let named =
-        { actions }.find(|(_, offer)| offer.inside == inside).map(|(name, _)| name.as_str());
-    match named {
-        Some(name) => PlanStep { action: name.into(), ..step },
-        None => step,
     }
 }
 

@@ -242,21 +242,8 @@ impl Known {
 
     /// A plan for people: every action under the name its agent knows.
     pub(crate) fn outside(&self, plan: &Plan) -> Plan {
-        let names: BTreeMap<(&str, &str), &str> = self
-            .offers
-            .iter()
-            .flat_map(|(agent, actions)| {
-                actions.iter().map(move |(outside, offer)| {
-                    ((agent.as_str(), offer.inside.as_str()), outside.as_str())
-                })
-            })
-            .collect();
-        let outside = |step: &PlanStep| {
-            let agent = step.arguments.first().map_or("", |agent| agent.as_str());
-            let name = names.get(&(agent, step.action.as_str())).copied();
-            PlanStep { action: name.unwrap_or(step.action.as_str()).into(), ..step.clone() }
-        };
-        Plan { steps: plan.steps.iter().map(outside).collect(), cost: plan.cost }
+        let steps = plan.steps.iter().map(|step| outside(step, &self.offers));
+        Plan { steps: steps.collect(), cost: plan.cost }
     }
 
     /// The offers of the agents that act in a plan.
@@ -271,6 +258,15 @@ impl Known {
         let offers = self.offers.iter().filter(|(agent, _)| is_acting(agent));
         offers.map(|(agent, actions)| (agent.clone(), actions.clone())).collect()
     }
+}
+
+/// A step under the name that its agent knows the action by.
+pub(crate) fn outside(step: &PlanStep, offers: &Offers) -> PlanStep {
+    let agent = step.arguments.first().map_or("", |agent| agent.as_str());
+    let offered = offers.get(agent).into_iter().flatten();
+    let named = { offered }.find(|(_, offer)| step.action == *offer.inside.as_str());
+    let action = named.map_or(step.action.as_str(), |(outside, _)| outside.as_str());
+    PlanStep { action: action.into(), ..step.clone() }
 }
 
 /// What looking for a reason may take.

@@ -45,28 +45,33 @@ fn entry(name: &str, plugin: &str, config: &str) -> String {
     format!("[[agent]]\nname = \"{name}\"\nplugin = \"{plugin}\"\nconfig = {config}\n\n")
 }
 
+/// The paper's office with the agents of `entries`, its files written into `folder`.
+fn ecosystem(folder: &TempDir, entries: &str, mode: Mode) -> Ecosystem {
+    let text = format!(
+        "[ecosystem]\nname = \"office\"\ndomain = \"domain.pddl\"\nproblem = \"map.pddl\"\n\n{entries}"
+    );
+    let file = folder.path().join("althing.toml");
+    let written = [("domain.pddl", ONTOLOGY), ("map.pddl", MAP), ("althing.toml", &text)];
+    for (name, text) in written {
+        std::fs::write(folder.path().join(name), text).expect("written");
+    }
+    let overrides = Overrides::default().mode(Some(mode));
+    Ecosystem::load_with(&file, &Variables::new(), &overrides, &plugins::known())
+        .unwrap_or_else(|error| panic!("{error:?}\n{text}"))
+}
+
 impl Office {
     /// Opens the office with these entries; `{folder}` in them is a folder of the test's own.
     async fn open(entries: &[String], mode: Mode) -> Office {
         let folder = tempfile::tempdir().expect("a folder");
-        let mut text = "[ecosystem]\nname = \"office\"\ndomain = \"domain.pddl\"\n\
-                        problem = \"map.pddl\"\n\n"
-            .to_owned();
+        let mut text = String::new();
         for plugin in ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"] {
             text += &entry(plugin, plugin, "{}");
         }
         for entry in entries {
             text += &entry.replace("{folder}", &folder.path().display().to_string());
         }
-        let file = folder.path().join("althing.toml");
-        let written = [("domain.pddl", ONTOLOGY), ("map.pddl", MAP), ("althing.toml", &text)];
-        for (name, text) in written {
-            std::fs::write(folder.path().join(name), text).expect("written");
-        }
-        let overrides = Overrides::default().mode(Some(mode));
-        let ecosystem =
-            Ecosystem::load_with(&file, &Variables::new(), &overrides, &plugins::known())
-                .unwrap_or_else(|error| panic!("{error:?}\n{text}"));
+        let ecosystem = ecosystem(&folder, &text, mode);
         let building = simulate(&ecosystem).unwrap_or_else(|error| panic!("failed to {error}"));
         let part = Part {
             ecosystem: &ecosystem,

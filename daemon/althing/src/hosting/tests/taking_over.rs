@@ -31,9 +31,7 @@ impl City {
     /// These reason on `alpha` and `beta`, the others on `gamma`.
     async fn with(on_both: &[&str], mode: Mode) -> City {
         let folder = tempfile::tempdir().expect("a folder");
-        let mut text = "[ecosystem]\nname = \"office\"\ndomain = \"domain.pddl\"\n\
-                        problem = \"map.pddl\"\n\n"
-            .to_owned();
+        let mut text = String::new();
         let on = |daemons: &str, entry: String| {
             entry.trim_end().to_owned() + &format!("\ndaemon = {daemons}\n\n")
         };
@@ -51,15 +49,7 @@ impl City {
             entry("ir-1", "ir-temperature-sensor", "{ mounted-on = \"turtlebot-1\" }"),
         ];
         robot.into_iter().for_each(|entry| text += &on("\"gamma\"", entry));
-        let file = folder.path().join("althing.toml");
-        let written = [("domain.pddl", ONTOLOGY), ("map.pddl", MAP), ("althing.toml", &text)];
-        for (name, text) in written {
-            std::fs::write(folder.path().join(name), text).expect("written");
-        }
-        let overrides = Overrides::default().mode(Some(mode));
-        let ecosystem =
-            Ecosystem::load_with(&file, &Variables::new(), &overrides, &plugins::known())
-                .unwrap_or_else(|error| panic!("{error:?}\n{text}"));
+        let ecosystem = ecosystem(&folder, &text, mode);
         let building = simulate(&ecosystem).unwrap_or_else(|error| panic!("failed to {error}"));
         let (network, nodes) = (Network::new(), BTreeMap::new());
         let mut city = City { building, network, ecosystem, nodes, mode, folder };
