@@ -91,7 +91,7 @@ fn disorder(messages: &[Message]) -> Vec<String> {
                 .filter(|turn| turn.receiver.first().is_none_or(|to| to == participant))
                 .collect();
             let theirs: Vec<_> = turns.iter().filter(|turn| turn.sender == *participant).collect();
-            let exchange = Exchange::new(protocol, initiator.clone());
+            let exchange = Exchange::new(protocol, initiator.clone(), opening.incarnation);
             if !is_allowed(&exchange, &ours, &theirs) {
                 let lines: Vec<_> = turns.iter().map(|turn| line(turn)).collect();
                 disorder.push(format!("{protocol:?} with {participant}: {lines:#?}"));

@@ -314,6 +314,15 @@ pub struct ChangeState {
     pub owner: Option<AgentId>,
 }
 
+/// Content of a `cancel`; where there is none, it is meant as it stands.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Cancelling {
+    /// Whoever cancels has stood down, and another may follow the same commitment: it is given up
+    /// only if nobody does.
+    pub unless_followed: bool,
+}
+
 /// Ask for records to be kept.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Keeping {

@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use acl::content::{
-    Act, ActionToken, Agreement, CallForProposals, Heartbeat, Inform, Method, ModelAnnouncement,
-    Outcome, Reason, Refusal, Report, Request,
+    Act, ActionToken, Agreement, CallForProposals, Cancelling, Heartbeat, Inform, Method,
+    ModelAnnouncement, Outcome, Reason, Refusal, Report, Request,
 };
 use acl::{AgentId, Deadline, Message, Performative, ReplyToken};
 use agent::{
@@ -55,6 +55,10 @@ struct Announced {
     sequence: u64,
 }
 
+/// How long what is under way waits for somebody to follow it once who asked has stood down: who
+/// takes over asks within milliseconds, or as soon as a lost message is said again.
+const FOLLOWED_WITHIN: Duration = Duration::from_secs(2);
+
 /// Who may ask for one token: an executor, and those who took over from it.
 const ASKERS_MAX: usize = 8;
 
@@ -76,7 +80,7 @@ impl<D: Device> Actuator<D> {
     pub fn new(blueprint: &Blueprint, device: D) -> Result<Actuator<D>, BuildError> {
         let host = Arc::clone(&blueprint.host);
         let folder = host.resources.get::<StateFolder>();
-        let ledger = Ledger::open(&blueprint.id, folder.as_deref())
+        let ledger = Ledger::open(&blueprint.id, folder.as_deref(), host.settings.tokens_max)
             .map_err(|error| blueprint.problem(format!("its tokens cannot be read: {error}")))?;
         Ok(Actuator {
             device,
@@ -239,9 +243,10 @@ impl<D: Device> Actuator<D> {
         ctx.answer(engagement, Performative::Agree, &Agreement { token: token.clone() });
         let record = self.ledger.take(token.clone());
         let performance = self.device.perform(&call);
+        let machine = ctx.switchboard().machine();
         let work = async move {
             // On disk before it acts: a life that dies now does not act twice in the next.
-            let recorded = tokio::task::spawn_blocking(record).await;
+            let recorded = machine.work(record).await;
             match recorded {
                 Ok(Ok(())) => (),
                 Ok(Err(error)) => {
@@ -353,7 +358,7 @@ impl<D: Device> Actuator<D> {
     ) {
         let record = self.ledger.end(token.clone(), report.clone());
         let told = token.clone();
-        let written = tokio::task::spawn_blocking(record);
+        let written = ctx.switchboard().machine().work(record);
         let work = ctx.run(written, move |actuator: &mut Self, written, ctx| {
             actuator.telling.remove(&told);
             if let Ok(Err(error)) = written {
@@ -373,6 +378,10 @@ impl<D: Device> Actuator<D> {
             if let Some((cancel, _)) = self.bidding.get(exchange) {
                 cancel.set();
             }
+            let cancelling = message.content_as::<Cancelling>().unwrap_or_default();
+            if cancelling.unless_followed {
+                return self.released(exchange, ctx);
+            }
             // Who has been taken over from decides nothing any more.
             let is_this = |acting: &Acting| {
                 acting.askers.last().is_some_and(|asker| asker.exchange == *exchange)
@@ -381,6 +390,37 @@ impl<D: Device> Actuator<D> {
                 self.give_up("given up as asked", ctx);
             }
         }
+    }
+
+    /// Who asked has stood down: what is under way goes on for who follows it, now or in a moment.
+    fn released(&mut self, exchange: &ReplyToken, ctx: &mut Context<Self>) {
+        let Some(acting) = &mut self.acting else { return };
+        if !acting.askers.iter().any(|asker| asker.exchange == *exchange) {
+            return;
+        }
+        acting.askers.retain(|asker| asker.exchange != *exchange);
+        let token = acting.token.clone();
+        self.look_who_follows(token, false, ctx);
+    }
+
+    /// Gives up what nobody follows: nobody asked for it beside who has stood down, or nobody of
+    /// them is here, at a second look either.
+    fn look_who_follows(&mut self, token: ActionToken, is_second: bool, ctx: &mut Context<Self>) {
+        ctx.after(FOLLOWED_WITHIN, move |actuator: &mut Self, ctx| {
+            let Some(acting) = actuator.acting.as_ref().filter(|acting| acting.token == token)
+            else {
+                return;
+            };
+            let directory = ctx.directory();
+            let is_here = |asker: &Engagement| {
+                asker.life.is_none_or(|life| directory.life(&asker.initiator, life).is_some())
+            };
+            if acting.askers.is_empty() || (is_second && !acting.askers.iter().any(is_here)) {
+                actuator.give_up("nobody goes on with it", ctx);
+            } else if !acting.askers.iter().any(is_here) {
+                actuator.look_who_follows(token, true, ctx);
+            }
+        });
     }
 
     fn give_up(&mut self, why: &str, ctx: &mut Context<Self>) {

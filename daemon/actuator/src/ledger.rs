@@ -15,18 +15,15 @@ use acl::{AgentId, ConversationId};
 use agent::StateFolder;
 use serde::{Deserialize, Serialize};
 
-/// Tokens remembered. A goal's plan has tens of steps; ten thousand are days of work, and the
-/// order of plans guards what is older.
-const TOKENS_MAX: usize = 10_000;
-
 /// Reports remembered whole: who takes over asks for those of the plans that run. Of the others
 /// the outcome is enough.
 const REPORTS_MAX: usize = 256;
 
 /// The tokens taken on so far.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Ledger {
     path: Option<PathBuf>,
+    tokens_max: usize,
     taken: HashMap<ActionToken, Mark>,
     order: VecDeque<ActionToken>,
     reports: VecDeque<(ActionToken, Report)>,
@@ -68,16 +65,33 @@ enum Line {
 }
 
 impl Ledger {
+    /// One that remembers so many tokens, while the process lives.
+    fn new(tokens_max: usize) -> Ledger {
+        Ledger {
+            path: None,
+            tokens_max,
+            taken: HashMap::new(),
+            order: VecDeque::new(),
+            reports: VecDeque::new(),
+            newest: HashMap::new(),
+        }
+    }
+
     /// Reads what a former life has taken on. Without a folder, nothing outlives the process.
     ///
     /// # Errors
     ///
     /// If the file is there and cannot be read. A torn last line is a token whose method never
     /// ran, or one of which nobody knows how it ended: it is left out.
-    pub(crate) fn open(agent: &AgentId, folder: Option<&StateFolder>) -> io::Result<Ledger> {
-        let path = folder.map(|folder| folder.0.join(format!("{agent}.tokens")));
-        let mut ledger = Ledger { path, ..Ledger::default() };
-        let Some(path) = ledger.path.clone() else { return Ok(ledger) };
+    pub(crate) fn open(
+        agent: &AgentId,
+        folder: Option<&StateFolder>,
+        tokens_max: usize,
+    ) -> io::Result<Ledger> {
+        let mut ledger = Ledger::new(tokens_max);
+        let Some(folder) = folder else { return Ok(ledger) };
+        let path = folder.0.join(format!("{agent}.tokens"));
+        ledger.path = Some(path.clone());
         let file = match File::open(&path) {
             Ok(file) => file,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(ledger),
@@ -146,7 +160,7 @@ impl Ledger {
         if self.taken.insert(token.clone(), Mark::Begun).is_none() {
             self.order.push_back(token);
         }
-        if self.order.len() > TOKENS_MAX
+        if self.order.len() > self.tokens_max
             && let Some(oldest) = self.order.pop_front()
         {
             self.taken.remove(&oldest);
@@ -202,12 +216,14 @@ mod tests {
         ActionToken { epoch, conversation: ConversationId::new("c"), round, step }
     }
 
+    const TOKENS_MAX: usize = 1_000;
+
     fn robot() -> AgentId {
         AgentId::new("robot").expect("a name")
     }
 
     fn open(folder: &StateFolder) -> Ledger {
-        Ledger::open(&robot(), Some(folder)).expect("readable")
+        Ledger::open(&robot(), Some(folder), TOKENS_MAX).expect("readable")
     }
 
     #[test]
@@ -251,7 +267,7 @@ mod tests {
 
     #[test]
     fn what_is_remembered_has_a_bound() {
-        let mut ledger = Ledger::default();
+        let mut ledger = Ledger::new(TOKENS_MAX);
         let many = u32::try_from(TOKENS_MAX).expect("few") + 10;
         for step in 0..many {
             let token = token(1, 1, step);

@@ -21,15 +21,12 @@ use acl::{
 use conversation::{Exchange, Phase, Seen};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use substrate::{Presence, Subject};
+use substrate::{Address, Presence, Resident, Subject};
 use tokio::time::Instant;
 
 use crate::outbox::{Due, Life, Outbox, Parcel};
 use crate::receipts::Receipts;
 use crate::switchboard::Switchboard;
-
-/// Messages remembered as heard: more than a peer has under way while it retries any of them.
-const SEEN_MESSAGES_MAX: usize = 4_096;
 
 /// Exchanges of others that are followed at a time; beyond it the oldest is forgotten, and a
 /// later `cancel` of it is not understood.
@@ -92,6 +89,9 @@ pub enum Undelivered {
 pub struct Engagement {
     /// Who asked.
     pub initiator: AgentId,
+    /// Which life of it: of several that stand by for each other, the one that asked hears.
+    #[serde(default)]
+    pub life: Option<Incarnation>,
     /// Which exchange.
     pub exchange: ReplyToken,
     /// About what.
@@ -134,6 +134,7 @@ impl Engagement {
         let own_id = || ReplyToken::new(message.id.as_str());
         Engagement {
             initiator: message.sender.clone(),
+            life: Some(message.incarnation),
             exchange: message.exchange().cloned().unwrap_or_else(own_id),
             conversation: message.conversation_id.clone(),
             protocol: message.protocol,
@@ -150,6 +151,7 @@ impl CommunicationAgent {
         via: Arc<[EcosystemId]>,
     ) -> CommunicationAgent {
         let outbox = Outbox::new(switchboard.settings());
+        let seen = Seen::new(switchboard.settings().heard_messages_max);
         let receipts = Receipts::new(switchboard.settings().retry_first);
         CommunicationAgent {
             id,
@@ -158,7 +160,7 @@ impl CommunicationAgent {
             ontology,
             via,
             outbox,
-            seen: Seen::new(SEEN_MESSAGES_MAX),
+            seen,
             engagements: BTreeMap::new(),
             engagements_order: VecDeque::new(),
             early: VecDeque::new(),
@@ -228,13 +230,13 @@ impl CommunicationAgent {
         performative: Performative,
         content: Value,
     ) {
-        let Engagement { initiator, exchange, conversation, protocol } = engagement.clone();
+        let Engagement { initiator, life, exchange, conversation, protocol } = engagement.clone();
         let mut message = self.message(performative, conversation, content);
         message.protocol = protocol;
         message.in_reply_to = Some(exchange.clone());
         message.receiver.push(initiator.clone());
         self.advance_engagement(&(exchange, initiator), &message);
-        if let Err(why) = self.post(&message, ANSWER_RETRIED) {
+        if let Err(why) = self.post_to(life, &message, ANSWER_RETRIED) {
             tracing::warn!(agent = %self.id, conversation = %message.conversation_id, %why,
                 "an answer could not be sent");
         }
@@ -243,6 +245,16 @@ impl CommunicationAgent {
     /// Sends a message to its receiver, or to all.
     pub(crate) fn post(
         &mut self,
+        message: &Message,
+        patience: Duration,
+    ) -> Result<(), Undelivered> {
+        self.post_to(None, message, patience)
+    }
+
+    /// Sends a message to its receiver, and no other life of it than this one, where it is known.
+    fn post_to(
+        &mut self,
+        life: Option<Incarnation>,
         message: &Message,
         patience: Duration,
     ) -> Result<(), Undelivered> {
@@ -256,23 +268,31 @@ impl CommunicationAgent {
         if let Some(exchange) = &message.in_reply_to {
             self.receipts.answered(to, exchange);
         }
-        let resident = self.switchboard.find(to);
+        let directory = self.switchboard.directory();
+        // Who names no life of itself is a stranger's tool: whoever holds its name is meant.
+        let life = life.filter(|life| *life != Incarnation::default());
+        let resident = match life {
+            Some(life) => directory.life(to, life),
+            None => directory.find(to),
+        };
         if message.performative.is_retried() {
             let parcel = Parcel {
                 to: to.clone(),
+                life,
                 performative: message.performative,
                 exchange: message.exchange().cloned(),
                 opens: message.opens_exchange(),
                 payload: payload.clone(),
                 give_up: Instant::now() + patience,
             };
-            let life = resident.as_ref().map(Life::from);
+            let life = resident.map(Life::from);
             if !self.outbox.put(message.id.clone(), parcel, life, Instant::now()) {
                 return Err(Undelivered::OutboxFull);
             }
         }
-        if resident.is_some() {
-            self.switchboard.send(to, Subject::Message(message.performative), payload);
+        if let Some(resident) = resident {
+            let subject = Subject::Message(message.performative);
+            self.switchboard.send_to(&address(resident), subject, payload);
         }
         Ok(())
     }
@@ -285,8 +305,12 @@ impl CommunicationAgent {
 
     /// Sends the receipts that are owed.
     pub(crate) fn send_receipts(&mut self) {
-        for (to, payload) in self.receipts.take() {
-            self.switchboard.send(&to, Subject::Receipt, payload);
+        let directory = self.switchboard.directory();
+        for ((to, life), payload) in self.receipts.take() {
+            let resident = directory.life(&to, life).or_else(|| directory.find(&to));
+            if let Some(resident) = resident {
+                self.switchboard.send_to(&address(resident), Subject::Receipt, payload);
+            }
         }
     }
 
@@ -343,7 +367,8 @@ impl CommunicationAgent {
         };
         if message.performative.is_retried() {
             let opened = message.in_reply_to.is_none().then(|| message.reply_with.clone());
-            let (sender, id) = (message.sender.clone(), message.id.clone());
+            let sender = (message.sender.clone(), message.incarnation);
+            let id = message.id.clone();
             self.receipts.owe(sender, id, opened.flatten(), Instant::now());
         }
         if !self.seen.note(&message.id) {
@@ -376,7 +401,7 @@ impl CommunicationAgent {
         let (Some(token), Some(protocol)) = (&message.reply_with, message.protocol) else {
             return true;
         };
-        let mut exchange = Exchange::new(protocol, message.sender.clone());
+        let mut exchange = Exchange::new(protocol, message.sender.clone(), message.incarnation);
         if let Err(violation) = exchange.advance(message) {
             self.not_understood(message, Reason::OutOfTurn, violation.to_string());
             return false;
@@ -465,7 +490,7 @@ impl CommunicationAgent {
         if self.receipts.due().is_some_and(|due| due <= now) {
             self.send_receipts();
         }
-        let due = self.outbox.due(now);
+        let due = self.outbox.due(&self.switchboard.directory(), now);
         self.carry_out(due)
     }
 
@@ -478,7 +503,7 @@ impl CommunicationAgent {
                 self.carry_out(due)
             }
             Presence::Left(resident) => {
-                self.outbox.left(&resident.agent, now);
+                self.outbox.left(&resident.agent, &self.switchboard.directory(), now);
                 Vec::new()
             }
         }
@@ -486,11 +511,14 @@ impl CommunicationAgent {
 
     fn carry_out(&mut self, due: Vec<Due>) -> Vec<(ReplyToken, Undelivered)> {
         let mut undelivered = Vec::new();
+        let directory = self.switchboard.directory();
         for due in due {
             match due {
                 Due::Send(parcel) => {
                     let subject = Subject::Message(parcel.performative);
-                    self.switchboard.send(&parcel.to, subject, parcel.payload);
+                    if let Some(resident) = parcel.receiver(&directory) {
+                        self.switchboard.send_to(&address(resident), subject, parcel.payload);
+                    }
                 }
                 Due::GiveUp(id, parcel, why) => {
                     tracing::info!(agent = %self.id, to = %parcel.to, %id, %why, "undelivered");
@@ -500,4 +528,9 @@ impl CommunicationAgent {
         }
         undelivered
     }
+}
+
+/// Where this life is reached.
+fn address(resident: &Resident) -> Address {
+    Address { daemon: resident.daemon.clone(), agent: resident.agent.clone() }
 }

@@ -11,9 +11,10 @@ use std::time::Duration;
 
 use acl::content::{Inform, Reason, Refusal, value};
 use acl::{AgentId, ConversationId, Incarnation, Message, MessageId, Performative, ReplyToken};
+use bytes::Bytes;
 use conversation::Exchange;
 use serde_json::Value;
-use substrate::Resident;
+use substrate::{Ask, BoxFuture, Resident, Resource};
 use tokio::task::{AbortHandle, JoinSet};
 use tokio::time::Instant;
 use tracing::Instrument;
@@ -140,6 +141,16 @@ impl<A: Agent> Context<A> {
         Exchanges { open_count: self.exchanges.len() }
     }
 
+    /// Asks who holds a name for what it has to give. Only that one is waited for: an answer that waits
+    /// for others is old when it is read.
+    pub fn ask(&self, resource: Resource, of: &AgentId) -> BoxFuture<Vec<Bytes>> {
+        let Some(resident) = self.find(of) else {
+            return Box::pin(std::future::ready(Vec::new()));
+        };
+        let ask = Ask { daemon: Some(resident.daemon), resource, agent: Some(of.clone()) };
+        self.switchboard().ask(ask, self.settings().answer_deadline)
+    }
+
     // === saying ===
 
     /// A name for a new conversation.
@@ -156,7 +167,7 @@ impl<A: Agent> Context<A> {
         on_answer: impl FnMut(&mut A, Answer, &mut Context<A>) + Send + 'static,
     ) -> ReplyToken {
         let token = self.communication.token();
-        let mut begun = Exchange::new(opening.protocol, self.id().clone());
+        let mut begun = Exchange::new(opening.protocol, self.id().clone(), self.incarnation());
         let expired = token.clone();
         let timer = self.after(patience, move |agent, ctx| {
             ctx.end(agent, &expired, Answer::Silence);
@@ -365,6 +376,7 @@ impl<A: Agent> Context<A> {
         then: impl FnOnce(&mut A, T, &mut Context<A>) + Send + 'static,
     ) -> Work {
         let turns = Arc::clone(self.switchboard().turns());
+        let machine = self.switchboard().machine();
         let computed = async move {
             // Nobody closes the turns; without one it would only be in a greater hurry.
             let turn = turns.acquire_owned().await.ok();
@@ -373,7 +385,7 @@ impl<A: Agent> Context<A> {
                 drop(turn);
                 outcome
             };
-            tokio::task::spawn_blocking(in_turn).await
+            machine.work(in_turn).await
         };
         self.run(computed, |agent, outcome, ctx| match outcome {
             Ok(outcome) => then(agent, outcome, ctx),

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use acl::{AgentId, DaemonId};
+use acl::{AgentId, DaemonId, Incarnation};
 use substrate::{Address, Presence, Resident};
 
 /// The agents that can be reached from here.
@@ -19,6 +19,11 @@ impl Directory {
     /// Who holds the name.
     pub fn find(&self, agent: &AgentId) -> Option<&Resident> {
         self.residents.get(agent)?.first()
+    }
+
+    /// This life of an agent, whether it holds the name or wants it.
+    pub fn life(&self, agent: &AgentId, incarnation: Incarnation) -> Option<&Resident> {
+        self.residents.get(agent)?.iter().find(|resident| resident.incarnation == incarnation)
     }
 
     /// Where to send to.
@@ -89,8 +94,6 @@ impl Directory {
 
 #[cfg(test)]
 mod tests {
-    use acl::Incarnation;
-
     use super::*;
 
     fn resident(agent: &str, daemon: &str, incarnation: u64) -> Resident {

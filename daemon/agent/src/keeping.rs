@@ -82,6 +82,16 @@ impl Keeper {
         &self.journals
     }
 
+    /// Whether this agent acts, and so writes.
+    pub fn is_leading(&self) -> bool {
+        self.is_leading
+    }
+
+    /// Takes note of what others have written: what this agent writes from now on is later.
+    pub fn learn(&mut self, life: Incarnation, records: &[Record]) {
+        self.begin_term(life, records);
+    }
+
     /// In whose term this agent writes: greater than any it has read.
     pub fn term(&self) -> u64 {
         self.version.term

@@ -10,6 +10,7 @@
 //! - [`upkeep`] keeps a Domain Maintainer up to date; the [`Commons`] keep what the actuators of
 //!   one daemon hear.
 //! - [`keeping`] has the Journals keep what must outlive an agent, and reads it back.
+//! - [`Machine`] is what an agent takes of the machine it runs on: threads, the wall clock.
 //! - [`PluginEntry`] is what a plugin crate offers to a daemon.
 //!
 //! An agent sees no substrate and no other agent's code.
@@ -22,6 +23,7 @@ mod context;
 mod directory;
 mod guard;
 pub mod keeping;
+mod machine;
 mod mailbox;
 mod outbox;
 mod plugin;
@@ -40,6 +42,7 @@ pub use commons::Commons;
 pub use communication_agent::{Answer, Engagement, Opening, Undelivered};
 pub use context::{Context, Exchanges, TimerId, Work};
 pub use directory::Directory;
+pub use machine::{Lost, Machine, Simulated};
 pub use plugin::{Blueprint, BuildError, Host, PluginEntry, Rehearsal, Resources, StateFolder};
 pub use rights::{AgentRights, Allowed, Askers, Rights};
 pub use settings::Settings;

@@ -13,11 +13,14 @@ use substrate::Resident;
 use tokio::time::Instant;
 
 use crate::communication_agent::Undelivered;
+use crate::directory::Directory;
 
 /// One message under way.
 #[derive(Clone, Debug)]
 pub(crate) struct Parcel {
     pub(crate) to: AgentId,
+    /// The life of it that this is for; whoever holds the name, if not said.
+    pub(crate) life: Option<Incarnation>,
     pub(crate) performative: Performative,
     pub(crate) exchange: Option<ReplyToken>,
     /// Whether it opens that exchange.
@@ -100,6 +103,10 @@ impl Outbox {
             Some(life) => {
                 State::Sent { life, again: now + self.retry_first, wait: self.retry_first }
             }
+            // Another life may hold the name by now; the one that asked may come back.
+            None if parcel.life.is_some() => {
+                State::Parked { life: None, until: parcel.give_up.min(now + self.grace) }
+            }
             None => State::Parked { life: None, until: parcel.give_up },
         };
         self.parcels.insert(id, UnderWay { parcel, state });
@@ -139,8 +146,13 @@ impl Outbox {
                 State::Sent { life, .. } => Some(life),
                 State::Parked { life, .. } => life.as_ref(),
             };
-            let is_another = before.is_some_and(|before| *before != life);
-            let took_over = before.is_some_and(|before| before.daemon != life.daemon);
+            let is_another = before.is_some_and(|before| *before != life)
+                || under_way.parcel.life.is_some_and(|bound| bound != life.incarnation);
+            let took_over = before.is_none_or(|before| before.daemon != life.daemon);
+            if under_way.parcel.life.is_some() && is_another && took_over {
+                // It is for the one that stands by now, or has left and may come back.
+                return true;
+            }
             if is_another && !(took_over && under_way.parcel.opens) {
                 let parcel = under_way.parcel.clone();
                 due.push(Due::GiveUp(id.clone(), parcel, Undelivered::Restarted));
@@ -155,8 +167,12 @@ impl Outbox {
     }
 
     /// An agent is gone: what is under way to it waits for its return.
-    pub(crate) fn left(&mut self, agent: &AgentId, now: Instant) {
+    pub(crate) fn left(&mut self, agent: &AgentId, directory: &Directory, now: Instant) {
         for under_way in self.parcels.values_mut().filter(|other| other.parcel.to == *agent) {
+            let bound = under_way.parcel.life;
+            if bound.is_some_and(|life| directory.life(agent, life).is_some()) {
+                continue;
+            }
             if let State::Sent { life, .. } = &under_way.state {
                 let until = under_way.parcel.give_up.min(now + self.grace);
                 under_way.state = State::Parked { life: Some(life.clone()), until };
@@ -170,9 +186,9 @@ impl Outbox {
     }
 
     /// What is due by `now`.
-    pub(crate) fn due(&mut self, now: Instant) -> Vec<Due> {
+    pub(crate) fn due(&mut self, directory: &Directory, now: Instant) -> Vec<Due> {
         let mut due = Vec::new();
-        let retry_max = self.retry_max;
+        let (retry_first, retry_max) = (self.retry_first, self.retry_max);
         self.parcels.retain(|id, under_way| {
             if under_way.due() > now {
                 return true;
@@ -188,6 +204,16 @@ impl Outbox {
                 State::Sent { .. } => {
                     due.push(Due::GiveUp(id.clone(), parcel.clone(), Undelivered::NoReceipt));
                 }
+                // Nobody says that one has come back who does not hold the name.
+                State::Parked { .. }
+                    if parcel.give_up > now
+                        && let Some(life) = parcel.its_life(directory) =>
+                {
+                    let wait = retry_first;
+                    due.push(Due::Send(parcel.clone()));
+                    under_way.state = State::Sent { life, again: now + wait, wait };
+                    return true;
+                }
                 State::Parked { life, .. } => {
                     let why = if life.is_some() { Undelivered::Left } else { Undelivered::NotHere };
                     due.push(Due::GiveUp(id.clone(), parcel.clone(), why));
@@ -196,6 +222,23 @@ impl Outbox {
             false
         });
         due
+    }
+}
+
+impl Parcel {
+    /// Who is to have it, if that is here.
+    pub(crate) fn receiver<'d>(&self, directory: &'d Directory) -> Option<&'d Resident> {
+        match self.life {
+            Some(life) => directory.life(&self.to, life),
+            None => directory.find(&self.to),
+        }
+    }
+}
+
+impl Parcel {
+    /// The one life that it is for, if that is here.
+    fn its_life(&self, directory: &Directory) -> Option<Life> {
+        directory.life(&self.to, self.life?).map(Life::from)
     }
 }
 
@@ -212,6 +255,8 @@ impl UnderWay {
 mod tests {
     use super::*;
 
+    const PATIENCE: Duration = Duration::from_secs(60);
+
     fn robot() -> AgentId {
         AgentId::new("robot").expect("a name")
     }
@@ -224,6 +269,7 @@ mod tests {
     fn parcel(give_up: Instant) -> Parcel {
         Parcel {
             to: robot(),
+            life: None,
             performative: Performative::Request,
             exchange: Some(ReplyToken::new("t")),
             opens: true,
@@ -239,6 +285,10 @@ mod tests {
         let life = life.map(|life| Life::from(&resident("a", life)));
         assert!(outbox.put(MessageId::new("m"), parcel, life, now));
         outbox
+    }
+
+    fn nobody() -> Directory {
+        Directory::default()
     }
 
     fn words(due: &[Due]) -> Vec<String> {
@@ -257,7 +307,7 @@ mod tests {
         let mut waits = Vec::new();
         for _ in 0..6 {
             let next = outbox.next_due().expect("under way");
-            assert_eq!(words(&outbox.due(next)), ["send"]);
+            assert_eq!(words(&outbox.due(&nobody(), next)), ["send"]);
             waits.push((next - start).as_millis());
         }
         assert_eq!(waits, [100, 300, 700, 1500, 2500, 3500]);
@@ -269,7 +319,7 @@ mod tests {
     async fn a_message_waits_for_an_activation() {
         let now = Instant::now();
         let mut outbox = outbox(None, now);
-        assert_eq!(words(&outbox.due(now + Duration::from_secs(1))), [""; 0]);
+        assert_eq!(words(&outbox.due(&nobody(), now + Duration::from_secs(1))), [""; 0]);
         assert_eq!(words(&outbox.joined(&resident("a", 1), now)), ["send"]);
     }
 
@@ -277,11 +327,11 @@ mod tests {
     async fn a_blink_is_borne_and_a_death_is_not() {
         let now = Instant::now();
         let mut outbox = outbox(Some(1), now);
-        outbox.left(&robot(), now);
+        outbox.left(&robot(), &nobody(), now);
         assert_eq!(words(&outbox.joined(&resident("a", 1), now)), ["send"], "a blink");
-        outbox.left(&robot(), now);
-        assert_eq!(words(&outbox.due(now + Duration::from_millis(499))), [""; 0]);
-        assert_eq!(words(&outbox.due(now + Duration::from_millis(500))), ["Left"]);
+        outbox.left(&robot(), &nobody(), now);
+        assert_eq!(words(&outbox.due(&nobody(), now + Duration::from_millis(499))), [""; 0]);
+        assert_eq!(words(&outbox.due(&nobody(), now + Duration::from_millis(500))), ["Left"]);
     }
 
     #[tokio::test(start_paused = true)]
@@ -292,12 +342,38 @@ mod tests {
         assert_eq!(outbox.next_due(), None);
     }
 
+    /// Of two that stand by for each other, the one at `a` asked, and was cut off.
+    #[tokio::test(start_paused = true)]
+    async fn who_asked_hears_the_answer_and_not_who_takes_over() {
+        let now = Instant::now();
+        let mut outbox = Outbox::new(&crate::Settings::default());
+        let (asker, other) = (resident("a", 1), resident("b", 2));
+        let answer =
+            Parcel { opens: false, life: Some(asker.incarnation), ..parcel(now + PATIENCE) };
+        outbox.put(MessageId::new("m"), answer, Some(Life::from(&asker)), now);
+
+        outbox.left(&robot(), &nobody(), now);
+        assert_eq!(words(&outbox.joined(&other, now)), [""; 0]);
+        assert_eq!(words(&outbox.joined(&asker, now)), ["send"], "it is back");
+
+        outbox.left(&robot(), &nobody(), now);
+        outbox.joined(&other, now);
+        let mut directory = Directory::default();
+        for who in [other, asker] {
+            directory.update(&substrate::Presence::Joined(who));
+        }
+        let later = now + Duration::from_millis(500);
+        assert_eq!(words(&outbox.due(&directory, later)), ["send"], "it is back and stands by");
+        outbox.left(&robot(), &nobody(), later);
+        assert_eq!(words(&outbox.joined(&resident("a", 3), later)), ["Restarted"]);
+    }
+
     #[tokio::test(start_paused = true)]
     async fn who_takes_over_is_asked_instead() {
         let now = Instant::now();
         let mut outbox = outbox(Some(1), now);
         assert_eq!(words(&outbox.joined(&resident("b", 2), now)), ["send"]);
-        outbox.left(&robot(), now);
+        outbox.left(&robot(), &nobody(), now);
         assert_eq!(words(&outbox.joined(&resident("b", 3), now)), ["Restarted"]);
     }
 }

@@ -134,6 +134,11 @@ impl Resources {
         self.0.insert(TypeId::of::<T>(), Arc::new(thing));
     }
 
+    /// Puts a thing in that others hold too.
+    pub fn share<T: Send + Sync + 'static>(&mut self, thing: Arc<T>) {
+        self.0.insert(TypeId::of::<T>(), thing);
+    }
+
     /// The thing of this type.
     pub fn get<T: Send + Sync + 'static>(&self) -> Option<Arc<T>> {
         self.0.get(&TypeId::of::<T>()).cloned()?.downcast().ok()

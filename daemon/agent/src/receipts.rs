@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::{AgentId, MessageId, ReplyToken};
+use acl::{AgentId, Incarnation, MessageId, ReplyToken};
 use bytes::Bytes;
 use tokio::time::Instant;
 
@@ -25,6 +25,8 @@ pub(crate) struct Receipts {
 #[derive(Debug)]
 struct Owed {
     to: AgentId,
+    /// Which life of it: another of that name does not know the message.
+    life: Incarnation,
     message: MessageId,
     /// The exchange that the message opened: its answer replaces the receipt.
     opened: Option<ReplyToken>,
@@ -39,14 +41,14 @@ impl Receipts {
     /// A message was heard.
     pub(crate) fn owe(
         &mut self,
-        to: AgentId,
+        (to, life): (AgentId, Incarnation),
         message: MessageId,
         opened: Option<ReplyToken>,
         now: Instant,
     ) {
         let latest = if self.owed.len() >= OWED_MAX { now } else { now + self.delay };
         self.due = Some(self.due.map_or(latest, |due| due.min(latest)));
-        self.owed.push(Owed { to, message, opened });
+        self.owed.push(Owed { to, life, message, opened });
     }
 
     /// An answer goes out, which replaces the receipt of what it answers. It does not replace
@@ -64,11 +66,11 @@ impl Receipts {
     }
 
     /// All that are owed, by whom they are owed to.
-    pub(crate) fn take(&mut self) -> BTreeMap<AgentId, Bytes> {
+    pub(crate) fn take(&mut self) -> BTreeMap<(AgentId, Incarnation), Bytes> {
         self.due = None;
-        let mut letters: BTreeMap<AgentId, Vec<MessageId>> = BTreeMap::new();
-        for Owed { to, message, .. } in self.owed.drain(..) {
-            letters.entry(to).or_default().push(message);
+        let mut letters: BTreeMap<(AgentId, Incarnation), Vec<MessageId>> = BTreeMap::new();
+        for Owed { to, life, message, .. } in self.owed.drain(..) {
+            letters.entry((to, life)).or_default().push(message);
         }
         letters.into_iter().map(|(to, messages)| (to, write(&messages))).collect()
     }
@@ -96,6 +98,10 @@ mod tests {
         AgentId::new(text).expect("a name")
     }
 
+    fn life(text: &str) -> (AgentId, Incarnation) {
+        (name(text), Incarnation(1))
+    }
+
     #[tokio::test(start_paused = true)]
     async fn they_wait_a_little_and_go_together() {
         let mut receipts = Receipts::new(RETRY);
@@ -103,14 +109,14 @@ mod tests {
         assert_eq!(receipts.due(), None);
         for (to, message, later) in [("a", "1", 0), ("b", "2", 5), ("a", "3", 9)] {
             let then = now + Duration::from_millis(later);
-            receipts.owe(name(to), MessageId::new(message), None, then);
+            receipts.owe(life(to), MessageId::new(message), None, then);
         }
         assert_eq!(receipts.due(), Some(now + RETRY / 5));
 
         let letters = receipts.take();
 
-        assert_eq!(read(&letters[&name("a")]), ["1", "3"].map(MessageId::new));
-        assert_eq!(read(&letters[&name("b")]), ["2"].map(MessageId::new));
+        assert_eq!(read(&letters[&life("a")]), ["1", "3"].map(MessageId::new));
+        assert_eq!(read(&letters[&life("b")]), ["2"].map(MessageId::new));
         assert_eq!((receipts.due(), receipts.take().len()), (None, 0));
     }
 
@@ -118,11 +124,11 @@ mod tests {
     async fn an_answer_replaces_the_receipt_of_what_it_answers_only() {
         let mut receipts = Receipts::new(RETRY);
         let (exchange, now) = (ReplyToken::new("e"), Instant::now());
-        receipts.owe(name("a"), MessageId::new("request"), Some(exchange.clone()), now);
-        receipts.owe(name("a"), MessageId::new("cancel"), None, now);
+        receipts.owe(life("a"), MessageId::new("request"), Some(exchange.clone()), now);
+        receipts.owe(life("a"), MessageId::new("cancel"), None, now);
         receipts.answered(&name("b"), &exchange);
         receipts.answered(&name("a"), &exchange);
-        assert_eq!(read(&receipts.take()[&name("a")]), [MessageId::new("cancel")]);
+        assert_eq!(read(&receipts.take()[&life("a")]), [MessageId::new("cancel")]);
     }
 
     #[tokio::test(start_paused = true)]
@@ -130,7 +136,7 @@ mod tests {
         let mut receipts = Receipts::new(RETRY);
         let now = Instant::now();
         for _ in 0..=OWED_MAX {
-            receipts.owe(name("a"), MessageId::new("m"), None, now);
+            receipts.owe(life("a"), MessageId::new("m"), None, now);
         }
         assert_eq!(receipts.due(), Some(now));
     }

@@ -36,6 +36,12 @@ pub struct Settings {
     pub mailbox_messages_max: usize,
     /// Commitments an agent has under way, unreceipted.
     pub outbox_messages_max: usize,
+    /// Messages an agent remembers as heard: more than a peer has under way while it retries any of
+    /// them.
+    pub heard_messages_max: usize,
+    /// Commands an actuator remembers to have begun. A goal's plan has tens of steps; ten thousand
+    /// are days of work, and the order of plans guards what is older.
+    pub tokens_max: usize,
 }
 
 impl Default for Settings {
@@ -52,6 +58,8 @@ impl Default for Settings {
             answer_deadline: Duration::from_secs(2),
             mailbox_messages_max: 256,
             outbox_messages_max: 1_024,
+            heard_messages_max: 4_096,
+            tokens_max: 10_000,
         }
     }
 }

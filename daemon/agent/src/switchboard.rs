@@ -29,6 +29,7 @@ use tokio::sync::{Semaphore, broadcast};
 
 use crate::commons::Commons;
 use crate::directory::Directory;
+use crate::machine::Machine;
 use crate::mailbox::{Letter, Mailbox, Slot, mailbox};
 use crate::plugin::Host;
 use crate::receipts;
@@ -38,12 +39,6 @@ use crate::settings::Settings;
 
 /// Changes of presence an agent may lag behind before it compares directories instead.
 const PRESENCE_CHANGES_MAX: usize = 1_024;
-
-/// Computations at one time: one per core, and two where there is one, so that a long search does
-/// not keep a short one waiting.
-fn computations_max() -> usize {
-    std::thread::available_parallelism().map_or(2, |cores| cores.get().max(2))
-}
 
 /// The daemon's own end of the substrate.
 pub struct Switchboard {
@@ -56,6 +51,7 @@ pub struct Switchboard {
     commons: OnceLock<Listening>,
     counters: Counters,
     turns: Arc<Semaphore>,
+    machine: Machine,
     /// What came and was not believed.
     pub(crate) rejections: Rejections,
     /// Who may do what, where that is limited: `guard` asks.
@@ -96,6 +92,33 @@ struct Hosted {
     interests: BTreeSet<Performative>,
     /// The last model this agent sent to all; answers [`Resource::Model`].
     model: Option<Bytes>,
+    /// The last heartbeat it sent since.
+    heartbeat: Option<Bytes>,
+}
+
+impl Hosted {
+    /// Its model, brought up to its last heartbeat: who asks has missed both, and would believe what
+    /// was so when the agent began.
+    fn current_model(&mut self) -> Option<Bytes> {
+        if let Some(heartbeat) = self.heartbeat.take()
+            && let Some(renewed) = self.model.as_ref().and_then(|model| renew(model, &heartbeat))
+        {
+            self.model = Some(renewed);
+        }
+        self.model.clone()
+    }
+}
+
+/// A model with a later heartbeat in it.
+fn renew(model: &Bytes, heartbeat: &Bytes) -> Option<Bytes> {
+    let (model, heartbeat) = (acl::decode(model).ok()?, acl::decode(heartbeat).ok()?);
+    let (Inform::Model(mut announced), Inform::Heartbeat(heartbeat)) =
+        (model.content_as().ok()?, heartbeat.content_as().ok()?)
+    else {
+        return None;
+    };
+    announced.heartbeat = heartbeat;
+    Some(acl::encode(&Message { content: value(&Inform::Model(announced)), ..model }))
 }
 
 /// Broadcasts worth keeping: each replaces its predecessor. All are `inform`s.
@@ -109,6 +132,16 @@ enum Kind {
 impl Switchboard {
     /// The end of a daemon that hosts nobody and speaks through nothing yet.
     pub fn new(ecosystem: EcosystemId, daemon: DaemonId, settings: Settings) -> Arc<Switchboard> {
+        Switchboard::on(Machine::default(), ecosystem, daemon, settings)
+    }
+
+    /// The same, of a daemon on this machine.
+    pub fn on(
+        machine: Machine,
+        ecosystem: EcosystemId,
+        daemon: DaemonId,
+        settings: Settings,
+    ) -> Arc<Switchboard> {
         let (presence, _) = broadcast::channel(PRESENCE_CHANGES_MAX);
         Arc::new(Switchboard {
             ecosystem,
@@ -119,7 +152,8 @@ impl Switchboard {
             substrate: OnceLock::new(),
             commons: OnceLock::new(),
             counters: Counters::default(),
-            turns: Arc::new(Semaphore::new(computations_max())),
+            turns: Arc::new(Semaphore::new(machine.computations_max())),
+            machine,
             rejections: Rejections::default(),
             rights: OnceLock::new(),
         })
@@ -135,6 +169,11 @@ impl Switchboard {
     /// that plan at once would leave none to those who listen.
     pub(crate) fn turns(&self) -> &Arc<Semaphore> {
         &self.turns
+    }
+
+    /// The machine it runs on.
+    pub fn machine(&self) -> Machine {
+        self.machine.clone()
     }
 
     /// The ecosystem.
@@ -197,7 +236,10 @@ impl Switchboard {
             // It fits: the mailbox was made for it.
             let _ = slot.put(Letter::Missed(payload.clone()));
         }
-        state.agents.insert(agent.clone(), Hosted { slot, incarnation, interests, model: None });
+        state.agents.insert(
+            agent.clone(),
+            Hosted { slot, incarnation, interests, model: None, heartbeat: None },
+        );
         mailbox
     }
 
@@ -330,9 +372,13 @@ impl Switchboard {
 
     /// Sends a model or a heartbeat to all; a model is kept to answer those who ask for it.
     pub(crate) fn beat(&self, sender: &AgentId, payload: Bytes, is_model: bool) {
-        if is_model && let Some(hosted) = self.write().agents.get_mut(sender) {
+        if let Some(hosted) = self.write().agents.get_mut(sender) {
             // A copy of its own: a message is written into more room than it needs.
-            hosted.model = Some(Bytes::copy_from_slice(&payload));
+            let said = Some(Bytes::copy_from_slice(&payload));
+            match is_model {
+                true => (hosted.model, hosted.heartbeat) = (said, None),
+                false => hosted.heartbeat = said,
+            }
         }
         self.hand_over(|substrate| substrate.beat(sender, payload));
     }
@@ -465,12 +511,13 @@ impl Switchboard {
         }
     }
 
-    /// The last models that agents of this daemon sent to all, or the one of `asked`.
+    /// The last models that agents of this daemon sent to all, or the one of `asked`, with what they
+    /// have said of themselves since.
     fn models(&self, asked: Option<&AgentId>) -> Vec<Bytes> {
-        let state = self.read();
+        let mut state = self.write();
         let asked = |agent: &AgentId| asked.is_none_or(|asked| asked == agent);
-        let hosted = state.agents.iter().filter(|(agent, _)| asked(agent));
-        hosted.filter_map(|(_, hosted)| hosted.model.clone()).collect()
+        let hosted = state.agents.iter_mut().filter(|(agent, _)| asked(agent));
+        hosted.filter_map(|(_, hosted)| hosted.current_model()).collect()
     }
 
     fn answer_mailbox(&self, question: &Question) {

@@ -1,7 +1,7 @@
 //! One initiator, one participant, one protocol: from the opening message to the last word.
 
 use acl::content::Report;
-use acl::{AgentId, Message, Performative, Protocol};
+use acl::{AgentId, Incarnation, Message, Performative, Protocol};
 
 use crate::turn::PROTOCOLS;
 
@@ -50,13 +50,15 @@ pub struct Violation {
 pub struct Exchange {
     protocol: Protocol,
     initiator: AgentId,
+    /// Which life of it: of several of a name, one may ask another.
+    life: Incarnation,
     phase: Phase,
 }
 
 impl Exchange {
-    /// An exchange in which nothing has been said.
-    pub fn new(protocol: Protocol, initiator: AgentId) -> Exchange {
-        Exchange { protocol, initiator, phase: Phase::Opening }
+    /// An exchange in which nothing has been said, and this life of the initiator will speak first.
+    pub fn new(protocol: Protocol, initiator: AgentId, life: Incarnation) -> Exchange {
+        Exchange { protocol, initiator, life, phase: Phase::Opening }
     }
 
     /// Where it stands.
@@ -123,7 +125,8 @@ impl Exchange {
     }
 
     fn role(&self, message: &Message) -> Role {
-        if message.sender == self.initiator { Role::Initiator } else { Role::Participant }
+        let is_initiator = message.sender == self.initiator && message.incarnation == self.life;
+        if is_initiator { Role::Initiator } else { Role::Participant }
     }
 }
 

@@ -16,7 +16,7 @@ impl Seen {
     /// Remembers `ids_max` messages: more than can be under way to one listener while any of
     /// them is still retried.
     pub fn new(ids_max: usize) -> Seen {
-        Seen { ids: HashSet::new(), order: VecDeque::new(), ids_max: ids_max.max(1) }
+        Seen { ids: HashSet::new(), order: VecDeque::new(), ids_max }
     }
 
     /// Notes a message; `false` if it was heard before.
@@ -24,12 +24,12 @@ impl Seen {
         if !self.ids.insert(id.clone()) {
             return false;
         }
-        if self.order.len() == self.ids_max
+        self.order.push_back(id.clone());
+        if self.order.len() > self.ids_max
             && let Some(oldest) = self.order.pop_front()
         {
             self.ids.remove(&oldest);
         }
-        self.order.push_back(id.clone());
         true
     }
 }

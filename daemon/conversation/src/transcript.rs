@@ -66,7 +66,7 @@ impl Transcript {
         protocol: Protocol,
         message: &Message,
     ) -> Result<Phase, Violation> {
-        let mut exchange = Exchange::new(protocol, message.sender.clone());
+        let mut exchange = Exchange::new(protocol, message.sender.clone(), message.incarnation);
         let phase = exchange.advance(message)?;
         if self.exchanges.len() >= TRANSCRIPT_EXCHANGES_MAX {
             self.exchanges.pop_first();

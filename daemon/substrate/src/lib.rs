@@ -2,12 +2,15 @@
 //! Agent speaks through, and a substrate within one process.
 //!
 //! - [`Substrate`] is how a daemon speaks, [`Inbound`] is how it is spoken to.
+//! - [`faulty`] carries them within one process over links that lose, double, delay and break, as a
+//!   seed decides.
 //! - [`memory`] carries messages within one process; `substrate-zenoh` carries them between
 //!   machines. The same agents run unchanged on both.
 //!
 //! A substrate promises little: a message may be lost, late or doubled, and presence may err for
 //! the length of a lease. Receipts, retries and duplicates are the Communication Agent's.
 
+pub mod faulty;
 pub mod memory;
 
 use std::fmt;

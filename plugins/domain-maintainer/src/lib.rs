@@ -11,7 +11,7 @@ mod changing;
 mod kept;
 
 use std::sync::Arc;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use acl::content::{
     BelievedFact, BelievedState, Claim, EpochChange, Inform, Reason, Record, Refusal, Requested,
@@ -164,12 +164,13 @@ impl Keeps for DomainMaintainer {
         }
         self.recalled = Some(record.version);
         let now = self.upkeep.moment();
+        let wall_clock = ctx.switchboard().machine().wall_clock();
         let kept = KeptRequests::deserialize(record.body).map_err(|error| error.to_string());
         let requests = kept.and_then(|kept| {
             let mistakes = |found: Vec<pddl::Diagnostic>| {
                 found.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
             };
-            Requests::read(&kept.until_now(SystemTime::now()), now).map_err(mistakes)
+            Requests::read(&kept.until_now(wall_clock), now).map_err(mistakes)
         });
         let recalled = requests.and_then(|requests| {
             let maintainer = &mut self.upkeep.maintainer;
@@ -203,7 +204,7 @@ impl DomainMaintainer {
         let Some(requested) = requested.filter(|_| !self.keeper.journals().is_empty()) else {
             return;
         };
-        let kept = KeptRequests::new(requested.clone(), SystemTime::now());
+        let kept = KeptRequests::new(requested.clone(), ctx.switchboard().machine().wall_clock());
         let record = self.keeper.write(REQUESTED.to_owned(), value(&kept));
         self.recalled = Some(record.version);
         keeping::keep(self, vec![record], ctx, |_, kept, _| {

@@ -89,7 +89,7 @@ impl Agent for Journal {
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
         let place = self.place.clone();
-        let opening = tokio::task::spawn_blocking(move || open(&place));
+        let opening = ctx.switchboard().machine().work(move || open(&place));
         self.work = Some(ctx.run(opening, |journal: &mut Self, opened, ctx| {
             journal.work = None;
             journal.opened(
@@ -190,7 +190,8 @@ impl Journal {
         let (store, written) = (Arc::clone(store), newer.clone());
         let surplus = self.records.surplus(newer.len());
         let gone = surplus.clone();
-        let writing = tokio::task::spawn_blocking(move || store.write(&written, &gone));
+        let machine = ctx.switchboard().machine();
+        let writing = machine.work(move || store.write(&written, &gone));
         self.work = Some(ctx.run(writing, move |journal: &mut Self, outcome, ctx| {
             journal.work = None;
             let outcome = outcome.unwrap_or_else(|error| Err(StoreError::Lost(error.to_string())));

@@ -23,6 +23,14 @@ const FORMAT_KEY: &str = "format";
 #[derive(Debug, Default)]
 pub struct Shelf(Mutex<BTreeMap<String, Vec<u8>>>);
 
+impl Shelf {
+    /// What is on it.
+    pub fn records(&self) -> Vec<Record> {
+        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.values().filter_map(|bytes| serde_json::from_slice(bytes).ok()).collect()
+    }
+}
+
 /// Where records are kept.
 pub(crate) enum Store {
     File(Database),
@@ -92,9 +100,7 @@ impl Store {
     }
 
     pub(crate) fn on_shelf(shelf: &std::sync::Arc<Shelf>) -> (Store, Vec<Record>) {
-        let kept = shelf.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let records = kept.values().filter_map(|bytes| serde_json::from_slice(bytes).ok());
-        (Store::Shelf(std::sync::Arc::clone(shelf)), records.collect())
+        (Store::Shelf(std::sync::Arc::clone(shelf)), shelf.records())
     }
 
     /// Writes records and forgets others, all of it or nothing; returns when it is on disk.

@@ -22,7 +22,7 @@ use acl::content::{
 };
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{
-    Agent, Answer, Ask, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Opening,
+    Agent, Answer, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Opening,
     PluginEntry, Resource, Work,
 };
 use serde::Deserialize;
@@ -233,9 +233,7 @@ impl Keyboard {
     fn act(&mut self, action: String, ctx: &mut Context<Self>) {
         let conversation = ctx.new_conversation();
         self.pass(Heard::Asked(conversation.clone()));
-        let agent = Some(self.domain_maintainer.clone());
-        let ask = Ask { daemon: None, resource: Resource::Domain, agent };
-        let asked = ctx.switchboard().ask(ask, ctx.settings().answer_deadline);
+        let asked = ctx.ask(Resource::Domain, &self.domain_maintainer);
         let prepared = conversation.clone();
         let work = ctx.run(asked, move |keyboard: &mut Self, answers, ctx| {
             if keyboard.preparing.remove(&prepared).is_none() {

@@ -8,11 +8,11 @@
 
 use std::collections::VecDeque;
 
-use acl::content::{Execute, Outcome, Reason, Report};
+use acl::content::{Cancelling, Execute, Outcome, Reason, Report, value};
 use acl::{ConversationId, Performative, ReplyToken};
 use agent::{Context, Engagement};
 
-use crate::PlanExecutor;
+use crate::{Acting, PlanExecutor};
 
 /// Outcomes kept for those who take over: of more plans than can run side by side.
 const ENDED_MAX: usize = 128;
@@ -108,11 +108,14 @@ impl PlanExecutor {
         }
     }
 
-    /// Another executor acts: what runs is its to go on with, under the same tokens.
+    /// Another executor acts: what runs is its to go on with, under the same tokens. What it does
+    /// not go on with, because it has another plan for that goal, is given up.
     pub(crate) fn let_go(&mut self, ctx: &mut Context<Self>) {
+        let cancelling = value(&Cancelling { unless_followed: true });
         for (_, running) in std::mem::take(&mut self.running) {
-            for acting in running.acting.values() {
-                ctx.close(&acting.exchange);
+            for Acting { exchange, agent, .. } in running.acting.values() {
+                ctx.go_on(exchange, agent, Performative::Cancel, cancelling.clone());
+                ctx.close(exchange);
             }
             let timers = [running.check, running.grace, running.hearing];
             timers.into_iter().flatten().for_each(|timer| ctx.forget(timer));

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use acl::content::{EpochChange, Inform, Report, Snapshot};
 use acl::{AgentId, Message, ReplyToken};
-use agent::{Ask, Context, Resource};
+use agent::{Context, Resource};
 
 use crate::{PlanExecutor, Running, failure};
 
@@ -103,7 +103,6 @@ impl PlanExecutor {
 
     /// Asks for the state as known, to hold the rest of the plan against it.
     fn check(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
-        let patience = ctx.settings().answer_deadline;
         let Some(running) = self.running.get_mut(token) else { return };
         (running.check, running.grace) = (None, None);
         if running.untold > 0 {
@@ -113,12 +112,7 @@ impl PlanExecutor {
             );
             return;
         }
-        let ask = Ask {
-            daemon: None,
-            resource: Resource::Domain,
-            agent: Some(self.domain_maintainer.clone()),
-        };
-        let asked = ctx.switchboard().ask(ask, patience);
+        let asked = ctx.ask(Resource::Domain, &self.domain_maintainer);
         let checked = token.clone();
         running.asking = Some(ctx.run(asked, move |executor: &mut Self, answers, ctx| {
             let snapshot = answers.first().and_then(|bytes| serde_json::from_slice(bytes).ok());

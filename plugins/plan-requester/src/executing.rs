@@ -37,6 +37,7 @@ impl PlanRequester {
         goal.steps_left = known.outside(plan).steps;
         goal.given_up.clear();
         goal.blocked_by.clear();
+        goal.no_plan_because.clear();
         self.ask_executor(id, ctx);
         self.keep_plan(id, ctx);
         let steps = match plan.steps.len() {

@@ -64,6 +64,10 @@ pub(crate) struct Goal {
     /// The agents that others needed when it was found that it needs some of them, and until when
     /// that is believed: as long as others need all of these, there is nothing new to try.
     pub(crate) blocked_under: Option<(BTreeSet<AgentId>, Instant)>,
+    /// Why there was no plan last, as the user was told.
+    pub(crate) no_plan_because: String,
+    /// Whether agents have come or left since it was begun to plan for it.
+    pub(crate) is_overtaken: bool,
     /// Whether it was looked for twice since there was a plan last.
     pub(crate) looked_twice: bool,
     /// Whether the user was told that it holds, since it last did not.
@@ -171,6 +175,8 @@ impl Goal {
             given_up: Vec::new(),
             blocked_by: String::new(),
             blocked_under: None,
+            no_plan_because: String::new(),
+            is_overtaken: false,
             looked_twice: false,
             is_told: false,
             timer: None,
@@ -336,6 +342,7 @@ mod tests {
     fn goal(keep: Keep) -> Goal {
         let engagement = Engagement {
             initiator: AgentId::new("ann").expect("a name"),
+            life: None,
             exchange: ReplyToken::new("e"),
             conversation: ConversationId::new("c"),
             protocol: None,

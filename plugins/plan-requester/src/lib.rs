@@ -10,9 +10,11 @@
 //! Start reading at `PlanRequester::consider`.
 
 mod calling;
+mod ended;
 mod executing;
 mod explaining;
 mod goal;
+mod handing_over;
 mod known;
 mod planning;
 mod resuming;
@@ -22,19 +24,21 @@ mod sharing;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::content::{Achieve, Inform, Keep, Outcome, Reason, Report, Request, SetMode, Snapshot};
+use acl::content::{
+    Achieve, Inform, Keep, Keeping, Outcome, Reason, Report, Request, SetMode, Snapshot,
+};
 use acl::{AgentId, ConversationId, Message, Performative};
 use agent::keeping::{self, Keeper};
 use agent::{
-    Agent, Ask, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Mode, PluginEntry,
+    Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Mode, PluginEntry,
     Presence, Resource, Work,
 };
 use pddl::Condition;
 use serde::Deserialize;
 
+use crate::ended::Ended;
 use crate::goal::{FAILURES_MAX, Goal, Phase};
 use crate::known::{Known, first};
-use crate::resuming::Ended;
 
 /// Goals kept at a time. A building has tens; what comes beyond is refused, not forgotten.
 const GOALS_MAX: usize = 256;
@@ -46,6 +50,10 @@ const SETTLING: Duration = Duration::from_millis(20);
 /// How long before a second look where there is no plan: what an agent has just said of itself is
 /// known here by then, also on a busy machine.
 const CROSSING: Duration = Duration::from_millis(100);
+
+/// How often goals that wait for the world to change, or hold, are looked at though no news have come:
+/// news to all may be lost.
+const LOOK_AGAIN: Duration = Duration::from_secs(10);
 
 /// How long to wait before asking again where nobody answered.
 const ASK_AGAIN: Duration = Duration::from_millis(500);
@@ -111,10 +119,10 @@ impl Agent for PlanRequester {
     }
 
     fn leads(&mut self, is_leading: bool, ctx: &mut Context<Self>) {
+        keeping::leads(self, is_leading, ctx);
         if !is_leading {
             self.resign(ctx);
         }
-        keeping::leads(self, is_leading, ctx);
     }
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
@@ -125,9 +133,12 @@ impl Agent for PlanRequester {
                 self.executor_came(ctx);
             }
             Presence::Joined(resident) if self.keeper.journals().contains(&resident.agent) => {
+                if self.keeper.is_leading() {
+                    self.keep_all(ctx);
+                }
                 self.reconsider_waiting(ctx);
             }
-            Presence::Joined(_) => (),
+            Presence::Joined(resident) => self.tell_ends(resident, ctx),
         }
     }
 
@@ -151,6 +162,9 @@ impl PlanRequester {
                 self.mode = mode;
                 let report = Report::new(Outcome::Done, format!("plans are {mode} from now on"));
                 return ctx.answer(&engagement, Performative::Confirm, &report);
+            }
+            Ok(Request::Keep(Keeping { records })) if message.sender == *ctx.id() => {
+                return self.handed(&message, records, ctx);
             }
             Ok(_) => {
                 let detail = "a Plan Requester takes goals: `achieve`, and the flow: `set-mode`";
@@ -261,12 +275,7 @@ impl PlanRequester {
         if self.is_still_blocked(id, ctx.now()) {
             return self.next(ctx);
         }
-        let ask = Ask {
-            daemon: None,
-            resource: Resource::Domain,
-            agent: Some(self.config.domain_maintainer.clone()),
-        };
-        let asked = ctx.switchboard().ask(ask, ctx.settings().answer_deadline);
+        let asked = ctx.ask(Resource::Domain, &self.config.domain_maintainer);
         let considered = id.clone();
         let work = ctx.run(asked, move |requester: &mut Self, answers, ctx| {
             let snapshot = answers.first().and_then(|bytes| serde_json::from_slice(bytes).ok());
@@ -283,6 +292,7 @@ impl PlanRequester {
                 ctx.forget(timer);
             }
             goal.phase = Phase::Compiling(work);
+            goal.is_overtaken = false;
         }
     }
 
@@ -335,6 +345,7 @@ impl PlanRequester {
             }
             Keep::Maintain => {
                 goal.phase = Phase::Holding;
+                goal.no_plan_because.clear();
                 let news = !std::mem::replace(&mut goal.is_told, true);
                 if news {
                     self.tell(
@@ -343,6 +354,7 @@ impl PlanRequester {
                         ctx,
                     );
                 }
+                self.settle_within(id, LOOK_AGAIN, ctx);
                 self.next(ctx);
             }
         }
@@ -388,12 +400,17 @@ impl PlanRequester {
     /// be kept waits until the ecosystem changes, or until what failed may be tried again.
     fn no_plan(&mut self, id: &ConversationId, why: String, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
+        if std::mem::take(&mut goal.is_overtaken) {
+            // It was looked for in a world that has changed meanwhile.
+            return self.wait(id, why, SETTLING, ctx);
+        }
         let now = ctx.now();
         let chance = goal.next_chance(now);
         if chance.is_none() && self.config.replanning && !goal.looked_twice {
-            // News may have crossed: agents know of themselves what is not known here yet.
+            // News may have crossed: agents know of themselves what is not known here yet. And
+            // whoever could do it may be away for a blink.
             goal.looked_twice = true;
-            return self.wait(id, why, CROSSING, ctx);
+            return self.wait(id, why, CROSSING.max(ctx.settings().grace), ctx);
         }
         match (goal.keep, chance) {
             (Keep::Achieve, None) => self.end(id, Outcome::Failed, why, ctx),
@@ -403,17 +420,13 @@ impl PlanRequester {
                 self.end(id, Outcome::Failed, why, ctx);
             }
             (_, chance) => {
-                let detail = format!("no plan now: {why}; waiting for the ecosystem to change");
-                self.tell(id, Report::new(Outcome::Progress, detail), ctx);
-                match chance {
-                    Some(chance) => self.wait(id, why, chance - now, ctx),
-                    None => {
-                        if let Some(goal) = self.goals.get_mut(id) {
-                            goal.phase = Phase::Waiting(why);
-                        }
-                        self.next(ctx);
-                    }
+                if goal.no_plan_because != why {
+                    goal.no_plan_because.clone_from(&why);
+                    let detail = format!("no plan now: {why}; waiting for the ecosystem to change");
+                    self.tell(id, Report::new(Outcome::Progress, detail), ctx);
                 }
+                let wait = chance.map_or(LOOK_AGAIN, |chance| LOOK_AGAIN.min(chance - now));
+                self.wait(id, why, wait, ctx);
             }
         }
     }
@@ -440,6 +453,7 @@ impl PlanRequester {
         let report = Report::new(outcome, detail);
         self.tell(id, report.clone(), ctx);
         if let Some(goal) = self.goals.remove(id) {
+            self.ended.told(goal.engagement.clone(), report.clone());
             self.keep_end(&goal, report, ctx);
             if let Some(timer) = goal.timer {
                 ctx.forget(timer);
@@ -465,6 +479,7 @@ impl PlanRequester {
             change.joined.iter().for_each(|agent| goal.forgive(agent));
             if agents_changed {
                 goal.blocked_under = None;
+                goal.is_overtaken = goal.phase.is_planning();
             }
             let is_concerned = match goal.phase {
                 Phase::Queued | Phase::Waiting(_) | Phase::Holding => true,
@@ -483,8 +498,12 @@ impl PlanRequester {
     }
 
     fn settle(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        self.settle_within(id, SETTLING, ctx);
+    }
+
+    fn settle_within(&mut self, id: &ConversationId, wait: Duration, ctx: &mut Context<Self>) {
         let considered = id.clone();
-        let timer = ctx.after(SETTLING, move |requester: &mut Self, ctx| {
+        let timer = ctx.after(wait, move |requester: &mut Self, ctx| {
             if let Some(goal) = requester.goals.get_mut(&considered) {
                 goal.timer = None;
             }

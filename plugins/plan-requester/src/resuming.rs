@@ -5,24 +5,22 @@
 //!   other machine that can be reached; the asker hears how many have it.
 //! - Whose turn to act has come goes on with every goal from there: it asks for the plan that was
 //!   under way, with the steps that are known to be done; what runs already is not begun again.
-//! - After a partition both sides have gone on. Of each goal what was written in the later term
-//!   counts; the plan that the other side made for it is given up properly.
+//! - After a partition both sides may have gone on. Then who acts after it goes on as it did, unless
+//!   only the other has a plan under way; what has ended on either side has ended. The plan that
+//!   loses is given up: nobody goes on with its steps, and so their actuators end them.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 
 use acl::content::{Achieve, Execute, Outcome, Partition, Record, Report, Version, value};
 use acl::{ConversationId, Incarnation, Performative};
 use agent::keeping::{self, Keeper, Keeps, Kept};
-use agent::{Context, Engagement};
+use agent::{Context, Engagement, Resident};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::PlanRequester;
+use crate::ended::Ended;
 use crate::goal::{Goal, Phase};
-
-/// Goals that have ended and are still remembered, so that nobody who takes over begins them again
-/// from an older copy, and their askers hear how they ended.
-const ENDED_MAX: usize = 128;
 
 const GOAL: &str = "goal/";
 const PLAN: &str = "plan/";
@@ -52,10 +50,6 @@ struct Running {
     /// The steps that are known to be done.
     done: Vec<u32>,
 }
-
-/// What is remembered of goals that have ended.
-#[derive(Debug, Default)]
-pub(crate) struct Ended(VecDeque<(ConversationId, Version)>);
 
 impl Keeps for PlanRequester {
     fn keeper(&mut self) -> &mut Keeper {
@@ -113,16 +107,32 @@ impl PlanRequester {
         }
     }
 
-    /// Has the Journals keep the plan that is about to be carried out.
+    /// Has the Journals keep where a goal stands now, with its plan.
     pub(crate) fn keep_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
-        let Some(plan) = self.goals.get(id).and_then(|goal| goal.plan.as_deref()) else { return };
-        let plan = value(plan);
         if self.keeper.journals().is_empty() {
             return;
         }
-        let plan = self.keeper.write(format!("{PLAN}{id}"), plan);
+        let plan = self.goals.get(id).and_then(|goal| goal.plan.as_deref()).map(value);
+        let plan = plan.map(|plan| self.keeper.write(format!("{PLAN}{id}"), plan));
         let goal = self.record(id);
-        self.send(std::iter::once(plan).chain(goal).collect(), ctx);
+        self.send(plan.into_iter().chain(goal).collect(), ctx);
+    }
+
+    /// A Journal is here, or here again: it may have missed anything.
+    pub(crate) fn keep_all(&mut self, ctx: &mut Context<Self>) {
+        let goals: Vec<_> = self.goals.keys().cloned().collect();
+        goals.iter().for_each(|id| self.keep_plan(id, ctx));
+        let ended = self.ended.records();
+        if !ended.is_empty() {
+            self.send(ended, ctx);
+        }
+    }
+
+    /// An asker is here, or here again: it may have missed how its goals ended.
+    pub(crate) fn tell_ends(&mut self, asker: &Resident, ctx: &mut Context<Self>) {
+        for (engagement, report) in self.ended.of_asker(asker) {
+            ctx.answer(&engagement, Performative::Confirm, &report);
+        }
     }
 
     /// Has the Journals keep how a goal ended, and forget those that ended long ago.
@@ -136,12 +146,10 @@ impl PlanRequester {
 
     fn keep_ended(&mut self, id: &ConversationId, record: GoalRecord, ctx: &mut Context<Self>) {
         let record = self.keeper.write(format!("{GOAL}{id}"), value(&record));
-        self.ended.0.retain(|(other, _)| other != id);
-        self.ended.0.push_back((id.clone(), record.version));
+        self.ended.keep(record.clone());
+        let forgotten = self.ended.note(id.clone(), record.version);
         let mut records = vec![record, self.keeper.write(format!("{PLAN}{id}"), Value::Null)];
-        while self.ended.0.len() > ENDED_MAX
-            && let Some((oldest, _)) = self.ended.0.pop_front()
-        {
+        for oldest in forgotten {
             records.push(self.keeper.write(format!("{GOAL}{oldest}"), Value::Null));
         }
         self.send(records, ctx);
@@ -155,6 +163,16 @@ impl PlanRequester {
         let record = self.keeper.write(format!("{GOAL}{id}"), value(&record_of(goal)));
         goal.version = record.version;
         Some(record)
+    }
+
+    /// What is known of a goal, and the plan that runs for it.
+    fn records_of(&mut self, id: &ConversationId) -> Vec<Record> {
+        let Some(goal) = self.goals.get(id) else { return Vec::new() };
+        let body = value(&record_of(goal));
+        let plan = goal.plan.as_deref().filter(|_| matches!(goal.phase, Phase::Executing(_)));
+        let plan = plan.map(value);
+        let plan = plan.map(|plan| self.keeper.write(format!("{PLAN}{id}"), plan));
+        std::iter::once(self.keeper.write(format!("{GOAL}{id}"), body)).chain(plan).collect()
     }
 
     fn send(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
@@ -176,15 +194,19 @@ impl PlanRequester {
         ctx: &mut Context<Self>,
     ) {
         let id = record.engagement.conversation.clone();
-        let has_ended = |(other, at): &(ConversationId, Version)| *other == id && *at >= version;
         let is_known = self.goals.get(&id).is_some_and(|goal| goal.version >= version);
-        if is_known || self.ended.0.iter().any(has_ended) {
+        if is_known || self.ended.has(&id, version) {
             return;
+        }
+        if record.ended.is_none() && self.is_gone_on_with(&id, record.running.is_some()) {
+            // Both sides of a partition did. Theirs stands down; what is kept from now on is later.
+            return self.keep_plan(&id, ctx);
         }
         self.let_go(&id, ctx);
         let GoalRecord { engagement, life, asked, .. } = &record;
         if let Some(report) = &record.ended {
-            self.ended.0.push_back((id.clone(), version));
+            self.ended.note(id.clone(), version);
+            self.ended.told(engagement.clone(), report.clone());
             // Its asker may not have heard it; to one that has, it is no news.
             if ctx.find(&engagement.initiator).is_some_and(|asker| asker.incarnation == *life) {
                 ctx.answer(engagement, Performative::Confirm, report);
@@ -227,6 +249,12 @@ impl PlanRequester {
         }
     }
 
+    /// Whether this side goes on with a goal that the other side has too: unless only theirs has a
+    /// plan under way.
+    fn is_gone_on_with(&self, id: &ConversationId, theirs_runs: bool) -> bool {
+        self.goals.get(id).is_some_and(|goal| goal.phase.is_running() || !theirs_runs)
+    }
+
     /// Lets go of a goal without ending it: it is for another to go on with.
     fn let_go(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.remove(id) else { return };
@@ -245,10 +273,15 @@ impl PlanRequester {
 
     /// Another Plan Requester acts.
     pub(crate) fn resign(&mut self, ctx: &mut Context<Self>) {
+        let mut records = self.ended.records();
         let goals: Vec<_> = self.goals.keys().cloned().collect();
-        goals.iter().for_each(|id| self.let_go(id, ctx));
+        for id in goals {
+            records.extend(self.records_of(&id));
+            self.let_go(&id, ctx);
+        }
         self.ended = Ended::default();
         self.comparing = None;
+        self.hand_over(records, 0, ctx);
     }
 
     /// Another Plan Executor acts, or the same in a new life: what runs is asked for again.
@@ -309,6 +342,11 @@ impl PlanRequester {
         let waiting: Vec<_> = waiting.map(|(id, _)| id.clone()).collect();
         waiting.iter().for_each(|id| self.consider(id, ctx));
     }
+}
+
+/// The conversation of the goal that a record is about.
+pub(crate) fn conversation_of(key: &str) -> Option<ConversationId> {
+    key.strip_prefix(GOAL).map(ConversationId::new)
 }
 
 fn progress(detail: &str) -> Report {

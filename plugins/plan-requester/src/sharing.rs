@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use acl::content::{Keep, Outcome, Report, Snapshot};
 use acl::{AgentId, ConversationId, Performative};
-use agent::{Ask, Context, Resource, Work};
+use agent::{Context, Resource, Work};
 use pddl::{Condition, Plan};
 use planner::{Cancel, Options};
 use tokio::time::Instant;
@@ -388,12 +388,7 @@ impl PlanRequester {
         if joined.is_empty() || !self.goals.values().any(is_executing) {
             return;
         }
-        let ask = Ask {
-            daemon: None,
-            resource: Resource::Domain,
-            agent: Some(self.config.domain_maintainer.clone()),
-        };
-        let asked = ctx.switchboard().ask(ask, ctx.settings().answer_deadline);
+        let asked = ctx.ask(Resource::Domain, &self.config.domain_maintainer);
         let names: Vec<_> = joined.iter().map(|agent| format!("`{agent}`")).collect();
         let joined = names.join(", ");
         self.comparing = Some(ctx.run(asked, move |requester: &mut Self, answers, ctx| {

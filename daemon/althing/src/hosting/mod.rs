@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{Host, Mode, Resources, Rights, Settings, StateFolder, Switchboard};
+use agent::{Host, Machine, Mode, Resources, Rights, Settings, StateFolder, Switchboard};
 use substrate::Substrate;
 use substrate::memory::Network;
 use tokio_util::sync::CancellationToken;
@@ -150,7 +150,8 @@ impl Node {
         let Part { ecosystem, daemon, agents, mode, building, state } = part;
         let (name, settings) = (ecosystem.name.clone(), ecosystem.settings.clone());
         let rights = ecosystem.security.as_ref().map(|_| ecosystem.rights.clone());
-        let mut node = Node::join(name, daemon, settings, rights, wire).await?;
+        let machine = Machine::new(state.clone());
+        let mut node = Node::start(machine, name, daemon, settings, rights, wire).await?;
         let mut resources = Resources::default();
         building.into_iter().for_each(|building| resources.insert(building));
         state.into_iter().for_each(|folder| resources.insert(StateFolder(folder)));
@@ -183,7 +184,18 @@ impl Node {
         rights: Option<Rights>,
         wire: Wire,
     ) -> Result<Node, HostError> {
-        let switchboard = Switchboard::new(ecosystem, daemon.clone(), settings);
+        Node::start(Machine::default(), ecosystem, daemon, settings, rights, wire).await
+    }
+
+    async fn start(
+        machine: Machine,
+        ecosystem: EcosystemId,
+        daemon: DaemonId,
+        settings: Settings,
+        rights: Option<Rights>,
+        wire: Wire,
+    ) -> Result<Node, HostError> {
+        let switchboard = Switchboard::on(machine, ecosystem, daemon.clone(), settings);
         rights.into_iter().for_each(|rights| switchboard.limit(rights));
         let (substrate, locators) = connect(&switchboard, daemon, wire.clone()).await?;
         switchboard.connect(Arc::clone(&substrate));

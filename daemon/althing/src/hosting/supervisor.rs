@@ -2,10 +2,9 @@
 //! slowly, and the others never notice more than its absence.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
-use acl::{AgentId, Incarnation};
+use acl::AgentId;
 use agent::{Berth, Blueprint, BuildError, Host, Launch, PluginEntry, Switchboard};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -151,21 +150,11 @@ pub(super) fn berth(
 ) -> Berth {
     Berth {
         id: id.clone(),
-        incarnation: next_incarnation(),
+        incarnation: switchboard.machine().next_life(),
         switchboard: Arc::clone(switchboard),
         ontology: Arc::from(ontology),
         stopping: stopping.clone(),
         stands_by,
         via: [].into(),
     }
-}
-
-/// Greater than any before in this process, also when the clock jumps back.
-fn next_incarnation() -> Incarnation {
-    static LAST: AtomicU64 = AtomicU64::new(0);
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_micros();
-    let now = u64::try_from(now).unwrap_or(0);
-    let later = |last: u64| Some(now.max(last + 1));
-    let last = LAST.fetch_update(Ordering::Relaxed, Ordering::Relaxed, later).unwrap_or(now);
-    Incarnation(now.max(last + 1))
 }

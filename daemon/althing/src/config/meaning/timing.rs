@@ -74,6 +74,7 @@ fn settings(timing: &RawTiming, limits: &RawLimits) -> Settings {
         answer_deadline,
         mailbox_messages_max: mailbox_messages_max as usize,
         outbox_messages_max: outbox_messages_max as usize,
+        ..Settings::default()
     }
 }
 

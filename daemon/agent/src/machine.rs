@@ -1,0 +1,154 @@
+//! What an agent takes of the machine it runs on, beside its memory: threads, the wall clock, and
+//! the number of its life.
+//!
+//! A daemon has the real ones. A simulation gives its agents a machine of its own, on which one
+//! thread does everything in an order that a seed decides.
+
+use std::fmt;
+use std::io;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use acl::Incarnation;
+
+/// In the state folder: the number of the last life that began on this machine.
+const LIVES: &str = "lives";
+
+/// A machine. Clones are the same machine.
+#[derive(Clone, Default)]
+pub struct Machine {
+    simulated: Option<Arc<dyn Simulated>>,
+    lives: Arc<Lives>,
+}
+
+/// A machine of a simulation.
+pub trait Simulated: Send + Sync + 'static {
+    /// The wall clock; it may jump.
+    fn wall_clock(&self) -> SystemTime;
+
+    /// How long the next piece of work takes.
+    fn work_takes(&self) -> Duration;
+}
+
+/// Work that did not come to its end: it panicked, or the daemon is ending. Completes “failed to …”.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("finish a piece of work: {0}")]
+pub struct Lost(String);
+
+/// The number of the last life, here and on disk.
+#[derive(Default)]
+struct Lives {
+    last: Mutex<u64>,
+    path: Option<PathBuf>,
+}
+
+impl Machine {
+    /// The machine this process runs on; in `state` it remembers what its next process must know.
+    pub fn new(state: Option<PathBuf>) -> Machine {
+        Machine { simulated: None, lives: Arc::new(Lives::open(state)) }
+    }
+
+    /// A machine of a simulation.
+    pub fn simulated(simulated: Arc<dyn Simulated>, state: Option<PathBuf>) -> Machine {
+        Machine { simulated: Some(simulated), lives: Arc::new(Lives::open(state)) }
+    }
+
+    /// The time of day. Deadlines are never told by it: it may jump.
+    pub fn wall_clock(&self) -> SystemTime {
+        self.simulated.as_ref().map_or_else(SystemTime::now, |machine| machine.wall_clock())
+    }
+
+    /// The life of an agent that begins now: greater than any before on this machine, also where the
+    /// clock was put back before this process began. Others take the word of the greater life.
+    pub fn next_life(&self) -> Incarnation {
+        let now = self.wall_clock().duration_since(UNIX_EPOCH).unwrap_or_default().as_micros();
+        self.lives.next(u64::try_from(now).unwrap_or(0))
+    }
+
+    /// Computations at one time: one per core, and two where there is one, so that a long search
+    /// does not keep a short one waiting.
+    pub(crate) fn computations_max(&self) -> usize {
+        match self.simulated {
+            None => std::thread::available_parallelism().map_or(2, |cores| cores.get().max(2)),
+            Some(_) => 2,
+        }
+    }
+
+    /// Does what may wait for a disk, or compute for long, on a thread that may.
+    ///
+    /// # Errors
+    ///
+    /// If the work panicked, or the daemon is ending.
+    pub async fn work<T: Send + 'static>(
+        self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, Lost> {
+        match self.simulated {
+            None => {
+                let worked = tokio::task::spawn_blocking(work).await;
+                worked.map_err(|error| Lost(error.to_string()))
+            }
+            Some(machine) => {
+                tokio::time::sleep(machine.work_takes()).await;
+                Ok(work())
+            }
+        }
+    }
+}
+
+impl fmt::Debug for Machine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(if self.simulated.is_some() { "Machine(simulated)" } else { "Machine" })
+    }
+}
+
+// === impl Lives ===
+
+impl Lives {
+    fn open(state: Option<PathBuf>) -> Lives {
+        let path = state.map(|folder| folder.join(LIVES));
+        let text = path.as_ref().and_then(|path| std::fs::read_to_string(path).ok());
+        // A file that cannot be read is as good as none: the clock alone decides, as it does for a
+        // machine that is new.
+        let last = text.and_then(|text| text.trim().parse().ok()).unwrap_or(0);
+        Lives { last: Mutex::new(last), path }
+    }
+
+    fn next(&self, now: u64) -> Incarnation {
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        *last = now.max(last.saturating_add(1));
+        if let Err(error) = self.write(*last) {
+            tracing::warn!(%error, "the number of a life cannot be kept; should the clock be put \
+                back before the next start, others will take this daemon's agents for older ones");
+        }
+        Incarnation(*last)
+    }
+
+    /// Written beside and renamed, so that a crash leaves one or the other.
+    fn write(&self, last: u64) -> io::Result<()> {
+        let Some(path) = &self.path else { return Ok(()) };
+        let beside = path.with_extension("new");
+        std::fs::write(&beside, last.to_string())?;
+        std::fs::rename(beside, path)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lives_grow_also_where_the_clock_was_put_back() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let state = || Some(folder.path().to_owned());
+        let before = Lives::open(state());
+        assert_eq!(before.next(1_000), Incarnation(1_000));
+        assert_eq!(before.next(1_000), Incarnation(1_001), "two in one instant");
+        let after = Lives::open(state());
+        assert_eq!(after.next(500), Incarnation(1_002));
+        assert_eq!(after.next(2_000), Incarnation(2_000));
+        std::fs::write(folder.path().join(LIVES), "torn").expect("written");
+        assert_eq!(Lives::open(state()).next(3_000), Incarnation(3_000));
+    }
+}

@@ -1,0 +1,146 @@
+//! What a bad wire does, and that it does the same again.
+
+use super::*;
+use crate::Resource;
+
+/// Writes down what it hears, and when.
+struct Ear {
+    since: Instant,
+    heard: Mutex<Vec<(u64, String)>>,
+}
+
+impl Ear {
+    fn new() -> Arc<Ear> {
+        Arc::new(Ear { since: Instant::now(), heard: Mutex::default() })
+    }
+
+    fn note(&self, line: String) {
+        let at = u64::try_from(self.since.elapsed().as_millis()).expect("short");
+        self.heard.lock().expect("no test panics while it listens").push((at, line));
+    }
+
+    fn heard(&self) -> Vec<(u64, String)> {
+        std::mem::take(&mut *self.heard.lock().expect("as above"))
+    }
+
+    fn words(&self) -> Vec<String> {
+        self.heard().into_iter().map(|(_, line)| line).collect()
+    }
+}
+
+impl Inbound for Ear {
+    fn deliver(&self, delivery: Delivery) {
+        self.note(String::from_utf8_lossy(&delivery.payload).into_owned());
+    }
+
+    fn presence(&self, presence: Presence) {
+        let word = if matches!(presence, Presence::Joined(_)) { "joined" } else { "left" };
+        self.note(format!("{word} {}", presence.resident().agent));
+    }
+
+    fn question(&self, question: Question) {
+        (question.answer)(Bytes::from_static(question.resource.as_str().as_bytes()));
+    }
+}
+
+fn daemon(name: &str) -> DaemonId {
+    DaemonId::new(name).expect("a name")
+}
+
+fn agent(name: &str) -> AgentId {
+    AgentId::new(name).expect("a name")
+}
+
+type End = Arc<dyn Substrate>;
+
+/// Two daemons, `a` and `b`.
+fn pair(network: &Network) -> (End, Arc<Ear>, End, Arc<Ear>) {
+    let (a, b) = (Ear::new(), Ear::new());
+    let port_a = network.open(daemon("a"), Arc::<Ear>::clone(&a) as _);
+    let port_b = network.open(daemon("b"), Arc::<Ear>::clone(&b) as _);
+    (port_a, a, port_b, b)
+}
+
+/// Says a hundred things from `a` to `b`; what `b` hears of them.
+async fn hundred(seed: u64, weather: Weather) -> Vec<String> {
+    let network = Network::new(seed);
+    let (port, _, _, ear) = pair(&network);
+    network.weather(weather);
+    for number in 0..100 {
+        let to = Address { daemon: daemon("b"), agent: agent("robot") };
+        port.send(&to, Subject::Receipt, Bytes::from(number.to_string())).expect("open");
+    }
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    ear.words()
+}
+
+#[tokio::test(start_paused = true)]
+async fn fair_weather_keeps_the_order_and_loses_nothing() {
+    let all: Vec<_> = (0..100).map(|number| number.to_string()).collect();
+    assert_eq!(hundred(1, Weather::fair()).await, all);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_storm_loses_doubles_and_mixes_the_same_for_the_same_seed() {
+    let storm = Weather { loss: 0.2, doubled: 0.2, overtaken: 0.2, ..Weather::fair() };
+    let heard = hundred(7, storm.clone()).await;
+    let kinds: BTreeSet<_> = heard.iter().collect();
+    assert!(kinds.len() < 90, "some are lost: {}", kinds.len());
+    assert!(heard.len() > kinds.len(), "some come twice");
+    let numbers: Vec<u32> = heard.iter().filter_map(|word| word.parse().ok()).collect();
+    assert!(!numbers.is_sorted(), "some are overtaken");
+    assert_eq!(hundred(7, storm.clone()).await, heard);
+    assert_ne!(hundred(8, storm).await, heard);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_cut_is_seen_after_its_lease_and_a_blink_is_not() {
+    let network = Network::new(1);
+    let (_port_a, ear_a, port_b, _) = pair(&network);
+    let _token = port_b.announce(&agent("robot"), Incarnation(1)).expect("open");
+    tokio::time::sleep(Duration::from_millis(100)).await;
+    assert_eq!(ear_a.words(), ["joined robot"]);
+
+    let cut = network.cut([daemon("b")].into(), Duration::from_millis(300));
+    port_b.beat(&agent("robot"), Bytes::from_static(b"beat")).expect("it cannot know");
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    network.mend(cut);
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    assert_eq!(ear_a.words(), [""; 0], "a blink loses what was said and is not seen");
+
+    let cut = network.cut([daemon("b")].into(), Duration::from_millis(300));
+    tokio::time::sleep(Duration::from_millis(400)).await;
+    network.mend(cut);
+    tokio::time::sleep(Duration::from_millis(100)).await;
+    assert_eq!(ear_a.words(), ["left robot", "joined robot"]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_kill_is_seen_at_once_and_its_next_life_hears_nothing_of_the_last() {
+    let network = Network::new(1);
+    let (port_a, ear_a, port_b, ear_b) = pair(&network);
+    let _token = port_b.announce(&agent("robot"), Incarnation(1)).expect("open");
+    tokio::time::sleep(Duration::from_millis(100)).await;
+    network.slow(&daemon("b"), Duration::from_millis(500));
+    port_a.beat(&agent("x"), Bytes::from_static(b"late")).expect("open");
+    network.kill(&daemon("b"));
+    assert_eq!(port_b.beat(&agent("robot"), Bytes::new()), Err(SendError::Closed));
+    let next = Ear::new();
+    network.open(daemon("b"), Arc::<Ear>::clone(&next) as _);
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    assert_eq!(ear_a.words(), ["joined robot", "late", "left robot"]);
+    assert_eq!((ear_b.words(), next.words()), (vec!["joined robot".to_owned()], vec![]));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_lost_question_takes_its_time() {
+    let network = Network::new(1);
+    let (port, ..) = pair(&network);
+    let ask = |daemon: Option<DaemonId>| Ask { daemon, resource: Resource::Domain, agent: None };
+    let (patience, began) = (Duration::from_secs(2), Instant::now());
+    assert_eq!(port.ask(ask(None), patience).await.len(), 2);
+    assert!(began.elapsed() < Duration::from_millis(50));
+    network.cut([daemon("b")].into(), Duration::ZERO);
+    assert_eq!(port.ask(ask(Some(daemon("b"))), patience).await.len(), 0);
+    assert!(began.elapsed() >= patience);
+}
