@@ -29,7 +29,7 @@ const LAYERS: &[&[&str]] = &[
         "turtlebot",
         "video-robot",
     ],
-    &["althing", "tests"],
+    &["althing", "laboratory", "tests"],
 ];
 
 /// The layer of the plugins.

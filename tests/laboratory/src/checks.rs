@@ -1,0 +1,117 @@
+//! What must hold after a trial: said by the building's truth, the Journals' disks, the actuators'
+//! disks and the people, never by what a planner believes.
+
+use std::collections::BTreeMap;
+use std::sync::PoisonError;
+
+use acl::content::{GoalStatus, Keep, Record};
+use building::{Event, Truth};
+
+use crate::city::City;
+use crate::people::Story;
+use crate::plan::BLINKS_UNTIL;
+
+/// Everything that was promised and not held.
+pub fn all(city: &City, goals: &[GoalStatus], has_settled: bool) -> Vec<String> {
+    let mut broken = city.world.broken.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    broken.extend(twice(city));
+    broken.extend(unrecorded(city, &city.truth()));
+    let kept = kept(city);
+    for story in city.people.iter().flat_map(|person| person.stories.values()) {
+        broken.extend(torn(story));
+        broken.extend(unheard(story));
+        broken.extend(repeated(city, story));
+        broken.extend(vanished(story, &kept, goals));
+    }
+    if !has_settled {
+        let open = goals.iter().filter(|goal| !rests(goal));
+        broken.extend(open.map(|goal| format!("{} never ends: {}", goal.goal, goal.phase)));
+    }
+    broken
+}
+
+/// Whether there is nothing left to do for anybody.
+pub fn is_at_rest(goals: &[GoalStatus]) -> bool {
+    goals.iter().all(rests)
+}
+
+fn rests(goal: &GoalStatus) -> bool {
+    goal.keep == Keep::Maintain && goal.phase == "holds"
+}
+
+/// No command is begun twice, says the disk of who obeys.
+fn twice(city: &City) -> Vec<String> {
+    let often = city.begun.iter().filter(|(_, times)| **times > 1);
+    often.map(|((agent, token), times)| format!("`{agent}` began {token} {times} times")).collect()
+}
+
+/// Nothing is done that the disk of who did it does not know of.
+fn unrecorded(city: &City, truth: &Truth) -> Vec<String> {
+    let mut done: BTreeMap<&str, u32> = BTreeMap::new();
+    for occurrence in truth.occurrences() {
+        if let Event::Departed { robot: who, .. } | Event::Asked { sensor: who } = &occurrence.event
+        {
+            *done.entry(who).or_default() += 1;
+        }
+    }
+    let begun = |who: &str| -> u32 {
+        let of_it = city.begun.iter().filter(|((agent, _), _)| agent == who);
+        of_it.map(|(_, times)| *times).sum()
+    };
+    let more = done.into_iter().filter(|(who, times)| *times > begun(who));
+    more.map(|(who, times)| format!("`{who}` acted {times} times, and began {}", begun(who)))
+        .collect()
+}
+
+/// A blink tears no plan.
+fn torn(story: &Story) -> Option<String> {
+    let torn = story.heard.iter().find(|(at, line)| {
+        let is_torn = line.contains("planning anew") || line.contains("failed");
+        *at < BLINKS_UNTIL && is_torn && !line.contains("cheaper plan")
+    });
+    torn.map(|(at, line)| format!("{}: torn by a blink at {at:.3?}: {line}", story.wish.goal))
+}
+
+/// Who is still there to hear of it hears how it ends.
+fn unheard(story: &Story) -> Option<String> {
+    let is_unheard = story.is_listening && !story.is_settled();
+    let last = story.heard.last().map_or("nothing", |(_, line)| line.as_str());
+    is_unheard.then(|| format!("{}: its end was never heard; last: {last}", story.wish.goal))
+}
+
+/// What was said once is heard once, however often the wire brings it.
+fn repeated(city: &City, story: &Story) -> Option<String> {
+    let said = city.said.count(story.conversation.as_ref()?);
+    let (heard, goal) = (story.reports, &story.wish.goal);
+    (heard > said).then(|| format!("{goal}: {said} confirmations were said, {heard} heard"))
+}
+
+/// What was accepted ends, or is kept on; also where nobody is there to hear of it.
+fn vanished(
+    story: &Story,
+    kept: &BTreeMap<String, Record>,
+    goals: &[GoalStatus],
+) -> Option<String> {
+    let conversation = story.conversation.as_ref().filter(|_| story.is_accepted)?;
+    let is_there = goals.iter().any(|goal| goal.conversation == *conversation);
+    let record = kept.get(&format!("goal/{conversation}"));
+    let has_ended = record.is_some_and(|record| !record.body["ended"].is_null());
+    let was_heard = story.end.is_some_and(|end| end.is_final());
+    let is_lost = !is_there && !has_ended && !was_heard;
+    is_lost.then(|| {
+        let record = record.map(|record| record.body.to_string());
+        format!("{} ({conversation}) was accepted and is gone; kept: {record:?}", story.wish.goal)
+    })
+}
+
+/// The newest of all that Journals have on disk.
+fn kept(city: &City) -> BTreeMap<String, Record> {
+    let mut newest: BTreeMap<String, Record> = BTreeMap::new();
+    for record in city.posts.iter().flat_map(|post| post.kept()) {
+        let known = newest.get(&record.key).map(|known| known.version);
+        if known.is_none_or(|known| known < record.version) {
+            newest.insert(record.key.clone(), record);
+        }
+    }
+    newest
+}

@@ -1,0 +1,299 @@
+//! All machines of a trial, the wire between them, the building, the people.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use acl::content::GoalStatus;
+use acl::{ConversationId, DaemonId, MessageId, Performative};
+use agent::{Ask, Resource, Settings};
+use building::{Building, Truth};
+use substrate::faulty::{Cut, Network, Weather};
+use substrate::{Addressed, Subject};
+use tokio::time::Instant;
+
+use crate::machine::{Post, World};
+use crate::people::Person;
+use crate::plan::{Entry, Fault, Guard, Plan};
+use crate::trial::TrialError;
+
+/// How slow the building is: as in real time.
+const TIME_SCALE: f64 = 1.0;
+
+/// Two people.
+const PEOPLE: [&str; 2] = ["ann", "bob"];
+
+/// Where the two people sit: the first where nothing ever dies.
+const SEATS: [usize; 2] = [0, 1];
+
+/// All of it.
+pub struct City {
+    /// What all machines share.
+    pub world: Arc<World>,
+    /// The machines.
+    pub posts: Vec<Post>,
+    /// Who asks.
+    pub people: Vec<Person>,
+    /// How often each agent began each command.
+    pub begun: BTreeMap<(String, String), u32>,
+    /// What was said to people, as the wire has it.
+    pub said: Arc<Said>,
+    building: Building,
+    since: Instant,
+    /// What has to be undone, and when; by the order in which it was found out.
+    agenda: BTreeMap<(Duration, u64), Undo>,
+    undone: u64,
+    /// Commands that a former life left open, as the next one writes them down again.
+    carried: BTreeMap<(String, String), u32>,
+}
+
+/// What was said to people: the confirmations of each conversation, by their names.
+#[derive(Default)]
+pub struct Said(Mutex<BTreeMap<ConversationId, BTreeSet<MessageId>>>);
+
+impl Said {
+    /// Notes what goes over the wire.
+    pub fn note(&self, addressed: &Addressed, payload: &[u8]) {
+        let Addressed::To(to, Subject::Message(Performative::Confirm)) = addressed else { return };
+        if !PEOPLE.contains(&to.as_str()) {
+            return;
+        }
+        if let Ok(message) = acl::decode(payload) {
+            let mut said = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            said.entry(message.conversation_id).or_default().insert(message.id);
+        }
+    }
+
+    /// How many confirmations of a conversation there were.
+    pub fn count(&self, conversation: &ConversationId) -> usize {
+        let said = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        said.get(conversation).map_or(0, BTreeSet::len)
+    }
+}
+
+/// The end of a fault.
+enum Undo {
+    Start(usize),
+    Mend(Cut),
+    Fair,
+    Prompt(usize),
+}
+
+impl City {
+    /// Everything is there and switched off.
+    ///
+    /// # Errors
+    ///
+    /// If the plan is no building, or the ontology cannot be read.
+    pub fn new(plan: Plan, without: Option<Guard>, folder: &Path) -> Result<City, TrialError> {
+        let since = Instant::now();
+        let building = Building::new(plan.layout.clone(), TIME_SCALE)?;
+        let network = Network::new(plan.seed);
+        let (ontology, map) = words(&plan)?;
+        let world = Arc::new(World {
+            ontology: Arc::new(ontology),
+            map: Arc::new(map),
+            settings: settings(without),
+            network,
+            building: building.handle(),
+            without,
+            broken: Mutex::default(),
+            plan,
+        });
+        let mut posts = Vec::new();
+        for (number, name) in world.plan.daemons.iter().enumerate() {
+            let state = folder.join(name);
+            std::fs::create_dir_all(&state)?;
+            posts.push(Post::new(&world, number, state));
+        }
+        let said = Arc::<Said>::default();
+        let people = PEOPLE.map(|name| Person::new(name, since)).into();
+        let (begun, carried, agenda) = (BTreeMap::new(), BTreeMap::new(), BTreeMap::new());
+        Ok(City { world, posts, people, begun, said, building, since, agenda, undone: 0, carried })
+    }
+
+    /// How long the trial has lasted.
+    pub fn now(&self) -> Duration {
+        self.since.elapsed()
+    }
+
+    /// The truth, as it is now.
+    pub fn truth(&self) -> Truth {
+        self.building.truth()
+    }
+
+    /// Starts a daemon, and seats who sits there.
+    pub fn start(&mut self, number: usize) {
+        if self.posts[number].is_up() {
+            return;
+        }
+        for (command, times) in self.on_disk(number, Unended) {
+            self.carried.insert(command, times);
+        }
+        self.posts[number].start();
+        for (person, seat) in SEATS.into_iter().enumerate() {
+            if seat == number {
+                let terminal = self.posts[number].seat(&self.people[person].name);
+                terminal.into_iter().for_each(|terminal| self.people[person].sit(terminal));
+            }
+        }
+    }
+
+    /// Kills a daemon.
+    pub fn kill(&mut self, number: usize) {
+        if !self.posts[number].is_up() {
+            return;
+        }
+        self.posts[number].kill();
+        for (person, seat) in SEATS.into_iter().enumerate() {
+            if seat == number {
+                self.people[person].lose();
+            }
+        }
+        self.read_begun(number);
+    }
+
+    /// Lets something go wrong.
+    pub fn suffer(&mut self, fault: &Fault) {
+        let network = self.world.network.clone();
+        match *fault {
+            Fault::Crash(number, lasts) => {
+                self.kill(number);
+                self.later(lasts, Undo::Start(number));
+            }
+            Fault::CrashAll(lasts) => {
+                for number in 1..self.posts.len() {
+                    self.kill(number);
+                    self.later(lasts, Undo::Start(number));
+                }
+            }
+            Fault::Cut(ref island, lease, lasts) => {
+                let daemons = island.iter().map(|number| self.posts[*number].daemon.clone());
+                let cut = network.cut(daemons.collect::<BTreeSet<DaemonId>>(), lease);
+                self.later(lasts, Undo::Mend(cut));
+            }
+            Fault::Storm { lost, doubled, overtaken, lasts } => {
+                let share = |hundredths| f64::from(hundredths) / 100.0;
+                let (loss, doubled, overtaken) = (share(lost), share(doubled), share(overtaken));
+                network.weather(Weather { loss, doubled, overtaken, ..Weather::fair() });
+                self.later(lasts, Undo::Fair);
+            }
+            Fault::Delay(delay, lasts) => {
+                let delay = 100..u64::try_from(delay.as_micros()).unwrap_or(u64::MAX);
+                network.weather(Weather { delay, ..Weather::fair() });
+                self.later(lasts, Undo::Fair);
+            }
+            Fault::Slow(number, by, lasts) => {
+                network.slow(&self.posts[number].daemon, by);
+                self.later(lasts, Undo::Prompt(number));
+            }
+            Fault::Clock(number, seconds) => self.posts[number].jump(seconds),
+        }
+    }
+
+    fn later(&mut self, after: Duration, undo: Undo) {
+        self.undone += 1;
+        self.agenda.insert((self.now() + after, self.undone), undo);
+    }
+
+    /// When the next fault ends.
+    pub fn next_end(&self) -> Option<Duration> {
+        self.agenda.keys().next().map(|(at, _)| *at)
+    }
+
+    /// Ends the faults that are over by now.
+    pub fn recover(&mut self) {
+        let now = self.now();
+        while let Some(entry) = self.agenda.first_entry()
+            && entry.key().0 <= now
+        {
+            let undo = entry.remove();
+            self.undo(undo);
+        }
+    }
+
+    /// Ends all faults.
+    pub fn recover_all(&mut self) {
+        while let Some((_, undo)) = self.agenda.pop_first() {
+            self.undo(undo);
+        }
+    }
+
+    fn undo(&mut self, undo: Undo) {
+        let network = &self.world.network;
+        match undo {
+            Undo::Start(number) => self.start(number),
+            Undo::Mend(cut) => network.mend(cut),
+            Undo::Fair => network.weather(Weather::fair()),
+            Undo::Prompt(number) => network.slow(&self.posts[number].daemon, Duration::ZERO),
+        }
+    }
+
+    // === looking ===
+
+    /// The goals that the acting Plan Requester has, as a person asks for them.
+    pub async fn goals(&self) -> Vec<GoalStatus> {
+        let Some(switchboard) = self.posts[0].switchboard() else { return Vec::new() };
+        let ask = Ask { daemon: None, resource: Resource::Goals, agent: None };
+        let answers = switchboard.ask(ask, Duration::from_secs(2)).await;
+        let goals = answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok());
+        goals.flat_map(|goals: Vec<GoalStatus>| goals).collect()
+    }
+
+    /// Counts the commands that were begun in the life of a daemon that is over.
+    pub fn read_begun(&mut self, number: usize) {
+        for (command, times) in self.on_disk(number, Begun) {
+            let carried = self.carried.remove(&command).unwrap_or(0);
+            *self.begun.entry(command).or_default() += times.saturating_sub(carried);
+        }
+    }
+
+    fn on_disk(&self, number: usize, kind: Kind) -> BTreeMap<(String, String), u32> {
+        let hosted = |entry: &&Entry| entry.daemons.contains(&number);
+        let mut found = BTreeMap::new();
+        for entry in self.world.plan.agents.iter().filter(hosted) {
+            let (begun, ended) = self.posts[number].commands(&entry.name);
+            for token in begun {
+                let key = (entry.name.clone(), token);
+                match kind {
+                    Begun => *found.entry(key).or_default() += 1,
+                    // Without the guard nothing is written down again.
+                    Unended if self.world.without == Some(Guard::Fencing) => (),
+                    Unended if ended.contains(&key.1) => (),
+                    Unended => drop(found.insert(key, 1)),
+                }
+            }
+        }
+        found
+    }
+}
+
+/// Which commands of those on a disk.
+#[derive(Clone, Copy)]
+enum Kind {
+    Begun,
+    Unended,
+}
+use Kind::{Begun, Unended};
+
+/// The words of the smart office, and this building's map.
+fn words(plan: &Plan) -> Result<(pddl::Domain, pddl::Problem), TrialError> {
+    const ONTOLOGY: &str = include_str!("../../../domains/smart-office/domain.pddl");
+    let ontology = pddl::parse_domain(ONTOLOGY).into_result().map_err(TrialError::words)?;
+    let map = plan.layout.map_pddl(ontology.name.as_str());
+    let map = pddl::parse_problem(&map).into_result().map_err(TrialError::words)?;
+    Ok((ontology, map))
+}
+
+/// What holds by default, but for the guard that is out.
+fn settings(without: Option<Guard>) -> Settings {
+    let mut settings = Settings::default();
+    match without {
+        Some(Guard::Fencing) => settings.tokens_max = 0,
+        Some(Guard::Duplicates) => settings.heard_messages_max = 0,
+        Some(Guard::Grace) => settings.grace = Duration::ZERO,
+        Some(Guard::Journal) | None => (),
+    }
+    settings
+}

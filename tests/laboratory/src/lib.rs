@@ -1,0 +1,24 @@
+//! The fault laboratory: whole ecosystems on simulated machines, under faults that a seed decides.
+//!
+//! A *trial* is one seed: at least five daemons, twenty agents, three goals and thirty faults, on one
+//! thread and in simulated time. The same seed plays the same trial again, to the byte. Afterwards
+//! the building's truth, the Journals and what people heard are held against what is promised
+//! (`docs/reliability.md`). To show that the laboratory sees what it looks for, a *guard* can be
+//! taken out: without it some seed fails.
+//!
+//! - [`plan`]: what a seed decides: who lives where, who asks for what, what goes wrong when.
+//! - [`machine`]: one daemon on one machine, with a clock and a disk that outlive its processes.
+//! - [`city`]: all machines, the wire between them, the building.
+//! - [`people`]: who asks for goals, and what they hear.
+//! - [`checks`]: what must hold afterwards.
+//! - [`trial`]: plays a seed.
+
+pub mod checks;
+pub mod city;
+pub mod machine;
+pub mod people;
+pub mod plan;
+pub mod trial;
+
+pub use plan::Guard;
+pub use trial::{Verdict, play};

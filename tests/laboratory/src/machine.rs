@@ -1,0 +1,309 @@
+//! One daemon on one machine: its processes die, its disk and its clock go on.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use acl::content::Record;
+use acl::{AgentId, DaemonId, EcosystemId};
+use agent::{
+    Berth, Blueprint, Host, Launch, LaunchError, Machine, PluginEntry, Resources, Settings,
+    Simulated, StateFolder, Switchboard,
+};
+use building::BuildingHandle;
+use fastrand::Rng;
+use journal::Shelf;
+use keyboard::{Keyboard, Terminal};
+use pddl::{Domain, Problem};
+use serde_json::Value;
+use substrate::faulty::Network;
+use tokio::task::JoinHandle;
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+use tracing::Instrument;
+
+use crate::plan::{Entry, Guard, Plan};
+
+/// The plugins that live here.
+const PLUGINS: [&PluginEntry; 9] = [
+    &domain_maintainer::PLUGIN,
+    &plan_requester::PLUGIN,
+    &planning_agent::PLUGIN,
+    &plan_executor::PLUGIN,
+    &journal::PLUGIN,
+    &turtlebot::PLUGIN,
+    &ir_temperature_sensor::PLUGIN,
+    &sensor::TEMPERATURE_SENSOR,
+    &keyboard::PLUGIN,
+];
+
+/// How long before an agent that ended with an error is launched again, as a daemon does.
+const RESTART: Duration = Duration::from_millis(500);
+
+/// When every machine's clock began: any time will do that is the same for the same seed.
+const DAWN: Duration = Duration::from_secs(1_700_000_000);
+
+/// What all machines of a trial share.
+pub struct World {
+    /// The words.
+    pub ontology: Arc<Domain>,
+    /// The rooms.
+    pub map: Arc<Problem>,
+    /// The trial.
+    pub plan: Plan,
+    /// Times and bounds.
+    pub settings: Settings,
+    /// What connects the machines.
+    pub network: Network,
+    /// The building.
+    pub building: BuildingHandle,
+    /// Which guard is out.
+    pub without: Option<Guard>,
+    /// Agents that broke: none may.
+    pub broken: Mutex<Vec<String>>,
+}
+
+/// A machine on which one daemon runs, or does not.
+pub struct Post {
+    /// The daemon's name.
+    pub daemon: DaemonId,
+    number: usize,
+    state: PathBuf,
+    shelf: Arc<Shelf>,
+    clock: Arc<Clock>,
+    world: Arc<World>,
+    process: Option<Process>,
+}
+
+/// A running daemon.
+struct Process {
+    switchboard: Arc<Switchboard>,
+    host: Arc<Host>,
+    agents: Vec<JoinHandle<()>>,
+}
+
+/// A machine's wall clock, and how long its disk takes.
+struct Clock {
+    began: Instant,
+    /// No two machines begin in the same microsecond.
+    apart: Duration,
+    /// How far it is off, in seconds.
+    jumped: AtomicI64,
+    disk: Mutex<Rng>,
+}
+
+impl Simulated for Clock {
+    fn wall_clock(&self) -> SystemTime {
+        let now = UNIX_EPOCH + DAWN + self.apart + self.began.elapsed();
+        let jumped = self.jumped.load(Ordering::Relaxed);
+        let by = Duration::from_secs(jumped.unsigned_abs());
+        if jumped < 0 { now - by } else { now + by }
+    }
+
+    fn work_takes(&self) -> Duration {
+        let mut disk = self.disk.lock().unwrap_or_else(PoisonError::into_inner);
+        Duration::from_micros(disk.u64(200..15_000))
+    }
+}
+
+// === impl Post ===
+
+impl Post {
+    /// A machine that is switched off; what it keeps it keeps in `state`.
+    pub fn new(world: &Arc<World>, number: usize, state: PathBuf) -> Post {
+        let name = &world.plan.daemons[number];
+        let seed = world.plan.seed ^ (number as u64 + 1).rotate_left(32);
+        let clock = Clock {
+            began: Instant::now(),
+            apart: Duration::from_micros(number as u64 * 997),
+            jumped: AtomicI64::new(0),
+            disk: Mutex::new(Rng::with_seed(seed)),
+        };
+        Post {
+            daemon: DaemonId::new(name).expect("invariant: the plan gives names"),
+            number,
+            state,
+            shelf: Arc::default(),
+            clock: Arc::new(clock),
+            world: Arc::clone(world),
+            process: None,
+        }
+    }
+
+    /// Whether its daemon runs.
+    pub fn is_up(&self) -> bool {
+        self.process.is_some()
+    }
+
+    /// Starts its daemon, with all agents that it may host.
+    pub fn start(&mut self) {
+        if self.is_up() {
+            return;
+        }
+        let world = Arc::clone(&self.world);
+        let ecosystem = EcosystemId::new("laboratory").expect("invariant: a name");
+        let simulated: Arc<dyn Simulated> = Arc::<Clock>::clone(&self.clock);
+        let machine = Machine::simulated(simulated, Some(self.state.clone()));
+        let switchboard =
+            Switchboard::on(machine, ecosystem, self.daemon.clone(), world.settings.clone());
+        let inbound = Arc::<Switchboard>::clone(&switchboard);
+        switchboard.connect(world.network.open(self.daemon.clone(), inbound));
+        let host = self.host();
+        let mut process = Process { switchboard, host, agents: Vec::new() };
+        for entry in world.plan.agents.iter().filter(|entry| entry.daemons.contains(&self.number)) {
+            process.begin(entry, &world);
+        }
+        self.process = Some(process);
+    }
+
+    /// As a SIGKILL of its daemon.
+    pub fn kill(&mut self) {
+        let Some(process) = self.process.take() else { return };
+        self.world.network.kill(&self.daemon);
+        process.agents.iter().for_each(JoinHandle::abort);
+        if self.world.without == Some(Guard::Journal) {
+            self.shelf = Arc::default();
+        }
+    }
+
+    /// Lets its clock jump.
+    pub fn jump(&self, seconds: i64) {
+        self.clock.jumped.fetch_add(seconds, Ordering::Relaxed);
+    }
+
+    /// A person sits down at it.
+    pub fn seat(&mut self, name: &str) -> Option<Terminal> {
+        let process = self.process.as_mut()?;
+        let (keyboard, terminal) = Keyboard::with_terminal();
+        let id = AgentId::new(name).expect("invariant: a name");
+        let berth = process.berth(&id, false);
+        let life = Launch::launch(Box::new(keyboard), berth);
+        process.agents.push(tokio::spawn(async move { drop(life.await) }));
+        Some(terminal)
+    }
+
+    /// What a person at this machine can ask the daemons for.
+    pub fn switchboard(&self) -> Option<&Arc<Switchboard>> {
+        self.process.as_ref().map(|process| &process.switchboard)
+    }
+
+    /// What its Journal has on disk.
+    pub fn kept(&self) -> Vec<Record> {
+        self.shelf.records()
+    }
+
+    /// The commands that this agent has begun here, as its disk says, once for every time; and those
+    /// that have ended.
+    pub fn commands(&self, agent: &str) -> (Vec<String>, BTreeSet<String>) {
+        let path = self.state.join(format!("{agent}.tokens"));
+        let text = std::fs::read_to_string(path).unwrap_or_default();
+        let (mut begun, mut ended) = (Vec::new(), BTreeSet::new());
+        for line in text.lines() {
+            let Ok(line) = serde_json::from_str::<Value>(line) else { continue };
+            if let Some(token) = line.get("begun") {
+                begun.push(token.to_string());
+            }
+            if let Some(end) = line.get("ended") {
+                ended.insert(end["token"].to_string());
+            }
+        }
+        (begun, ended)
+    }
+
+    fn host(&self) -> Arc<Host> {
+        let World { ontology, map, plan, settings, building, .. } = &*self.world;
+        let mut resources = Resources::default();
+        resources.insert(building.clone());
+        resources.insert(StateFolder(self.state.clone()));
+        resources.share(Arc::clone(&self.shelf));
+        let journals = plan.agents.iter().filter(|entry| entry.plugin == "journal");
+        let name = |entry: &Entry| AgentId::new(&entry.name).expect("invariant: a name");
+        Arc::new(Host {
+            ontology: Arc::clone(ontology),
+            map: Arc::clone(map),
+            mode: plan.mode,
+            settings: settings.clone(),
+            journals: journals.map(name).collect(),
+            resources,
+        })
+    }
+}
+
+// === impl Process ===
+
+impl Process {
+    /// Lets an agent live, again and again, as a daemon's supervisor does.
+    fn begin(&mut self, entry: &Entry, world: &Arc<World>) {
+        let plugin = PLUGINS.into_iter().find(|plugin| plugin.name == entry.plugin);
+        let plugin = plugin.expect("invariant: the plan names plugins that live here");
+        let id = AgentId::new(&entry.name).expect("invariant: a name");
+        let blueprint = Blueprint {
+            id: id.clone(),
+            driver: plugin.drivers.first().copied().unwrap_or_default().to_owned(),
+            config: Arc::new(entry.config.clone()),
+            host: Arc::clone(&self.host),
+        };
+        let stands_by = entry.daemons.len() > 1;
+        let (berth, world) = (self.berth(&id, stands_by), Arc::clone(world));
+        let span = tracing::info_span!("on", daemon = %self.switchboard.daemon());
+        let lives = async move {
+            loop {
+                let incarnation = berth.switchboard.machine().next_life();
+                let berth = Berth { incarnation, ..berth.clone() };
+                let ended = match (plugin.build)(blueprint.clone()) {
+                    Ok(agent) => Aborted(agent.launch(berth)).ended().await,
+                    Err(error) => Err(error.to_string()),
+                };
+                match ended {
+                    Ok(()) => return,
+                    Err(error) if error.starts_with("launch") => (),
+                    Err(error) => world.note_broken(format!("`{id}`: failed to {error}")),
+                }
+                tokio::time::sleep(RESTART).await;
+            }
+        };
+        self.agents.push(tokio::spawn(lives.instrument(span)));
+    }
+
+    fn berth(&self, id: &AgentId, stands_by: bool) -> Berth {
+        Berth {
+            id: id.clone(),
+            incarnation: self.switchboard.machine().next_life(),
+            switchboard: Arc::clone(&self.switchboard),
+            ontology: Arc::from(self.host.ontology.name.as_str()),
+            stopping: CancellationToken::new(),
+            stands_by,
+            via: [].into(),
+        }
+    }
+}
+
+/// A life that ends when nobody waits for its end any more.
+struct Aborted(JoinHandle<Result<(), LaunchError>>);
+
+impl Aborted {
+    /// How it ended.
+    async fn ended(mut self) -> Result<(), String> {
+        match (&mut self.0).await {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(error)) => Err(error.to_string()),
+            Err(error) => Err(format!("go on: it broke: {error}")),
+        }
+    }
+}
+
+impl Drop for Aborted {
+    fn drop(&mut self) {
+        self.0.abort();
+    }
+}
+
+// === impl World ===
+
+impl World {
+    fn note_broken(&self, line: String) {
+        self.broken.lock().unwrap_or_else(PoisonError::into_inner).push(line);
+    }
+}

@@ -1,0 +1,139 @@
+//! `laboratory`: plays seeds, and says which of them fail.
+
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{OnceLock, mpsc};
+use std::time::Instant;
+
+use clap::Parser;
+use laboratory::{Guard, Verdict, play};
+use tracing_subscriber::fmt::format::Writer;
+use tracing_subscriber::fmt::time::FormatTime;
+
+/// Plays whole ecosystems under faults that a seed decides.
+#[derive(Parser)]
+#[command(version, about)]
+struct Arguments {
+    /// How many seeds to play.
+    #[arg(long, default_value_t = 100)]
+    seeds: u64,
+    /// The first of them.
+    #[arg(long, default_value_t = 0)]
+    from: u64,
+    /// Play one seed again, and tell its story. RUST_LOG=info tells what its agents log.
+    #[arg(long, value_name = "SEED")]
+    replay: Option<u64>,
+    /// Leave out what keeps a promise: some seed should fail.
+    #[arg(long, value_name = "GUARD")]
+    without: Option<Guard>,
+    /// Go on after the first seed that fails.
+    #[arg(long)]
+    all: bool,
+    /// How many seeds to play side by side; one per core, if not said.
+    #[arg(long)]
+    jobs: Option<usize>,
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    if let Some(seed) = arguments.replay {
+        return replay(seed, arguments.without);
+    }
+    let (began, failed) = (Instant::now(), play_all(&arguments));
+    let (played, failed) = failed;
+    println!(
+        "{played} seeds played in {:.1?}, {} failed{}",
+        began.elapsed(),
+        failed.len(),
+        if failed.is_empty() { String::new() } else { format!(": {failed:?}") }
+    );
+    if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// Plays one seed, and tells everything about it.
+fn replay(seed: u64, without: Option<Guard>) -> ExitCode {
+    tracing_subscriber::fmt()
+        .with_env_filter(tracing_subscriber::EnvFilter::from_default_env())
+        .with_writer(std::io::stderr)
+        .with_timer(OwnTime(OnceLock::new()))
+        .init();
+    match play(seed, without) {
+        Ok(verdict) => {
+            verdict.story.iter().for_each(|line| println!("{line}"));
+            tell(&verdict);
+            let Verdict { told, digest, lasted, .. } = verdict;
+            println!(
+                "{lasted:.1?} of its own time; {} messages, {} lost, {} doubled; digest {digest:016x}",
+                told.sent, told.lost, told.doubled
+            );
+            if verdict.broken.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+        }
+        Err(error) => {
+            eprintln!("failed to {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// The time of the trial, since its first line.
+struct OwnTime(OnceLock<tokio::time::Instant>);
+
+impl FormatTime for OwnTime {
+    fn format_time(&self, writer: &mut Writer<'_>) -> std::fmt::Result {
+        let since = self.0.get_or_init(tokio::time::Instant::now).elapsed();
+        write!(writer, "{:>9.3}", since.as_secs_f64())
+    }
+}
+
+/// Plays the seeds on all cores; how many were played, and which failed.
+fn play_all(arguments: &Arguments) -> (u64, Vec<u64>) {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let (next, last) = (AtomicU64::new(arguments.from), arguments.from + arguments.seeds);
+    let (tell_verdict, verdicts) = mpsc::channel();
+    std::thread::scope(|scope| {
+        for _ in 0..arguments.jobs.unwrap_or(cores) {
+            let (tell_verdict, next) = (tell_verdict.clone(), &next);
+            scope.spawn(move || {
+                loop {
+                    let seed = next.fetch_add(1, Ordering::Relaxed);
+                    if seed >= last || tell_verdict.send(play(seed, arguments.without)).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+        drop(tell_verdict);
+        let (mut played, mut failed) = (0, Vec::new());
+        while let Ok(verdict) = verdicts.recv() {
+            played += 1;
+            match verdict {
+                Ok(verdict) if verdict.broken.is_empty() => (),
+                Ok(verdict) => {
+                    tell(&verdict);
+                    failed.push(verdict.seed);
+                }
+                Err(error) => eprintln!("failed to {error}"),
+            }
+            if played % 500 == 0 {
+                eprintln!("{played} of {} played, {} failed", arguments.seeds, failed.len());
+            }
+            if !failed.is_empty() && !arguments.all {
+                break;
+            }
+        }
+        drop(verdicts);
+        failed.sort_unstable();
+        (played, failed)
+    })
+}
+
+fn tell(verdict: &Verdict) {
+    let Verdict { seed, broken, size: [daemons, agents, goals, faults], .. } = verdict;
+    let what = format!("{daemons} daemons, {agents} agents, {goals} goals, {faults} faults");
+    if broken.is_empty() {
+        println!("seed {seed} ({what}): all is well");
+    }
+    for line in broken {
+        println!("seed {seed} ({what}): {line}");
+    }
+}

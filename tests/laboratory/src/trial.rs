@@ -1,0 +1,238 @@
+//! Plays a seed, and says what came of it.
+
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use acl::content::Outcome;
+use substrate::faulty::Told;
+use tokio::time::{Instant, sleep_until};
+
+use crate::checks;
+use crate::city::City;
+use crate::plan::{FAULTS_UNTIL, Guard, Plan};
+
+/// How long everything may take to come to its end once nothing goes wrong any more.
+const SETTLES_WITHIN: Duration = Duration::from_secs(400);
+
+/// How often people look at their terminals.
+const LOOKS_EVERY: Duration = Duration::from_millis(50);
+
+/// How long nothing may happen any more after the end.
+const QUIET: Duration = Duration::from_secs(3);
+
+/// What came of a trial.
+#[derive(Debug)]
+pub struct Verdict {
+    /// Which.
+    pub seed: u64,
+    /// What was promised and not held; none if all is well.
+    pub broken: Vec<String>,
+    /// What happened on the wire.
+    pub told: Told,
+    /// A number that is the same where everything that was ever said is the same, and when.
+    pub digest: u64,
+    /// How many daemons, agents, goals and faults there were.
+    pub size: [usize; 4],
+    /// How long it lasted, in its own time.
+    pub lasted: Duration,
+    /// What people heard, for those who ask why.
+    pub story: Vec<String>,
+}
+
+/// Why a trial cannot be played. Completes “failed to …”.
+#[derive(Debug)]
+pub struct TrialError(String);
+
+/// Plays a seed; `without` leaves one guard out.
+///
+/// # Errors
+///
+/// If it cannot be set up: there is no place for its files, or what was drawn is no building.
+pub fn play(seed: u64, without: Option<Guard>) -> Result<Verdict, TrialError> {
+    let runtime =
+        tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build()?;
+    let folder = folder()?;
+    runtime.block_on(async {
+        let plan = Plan::draw(seed)?;
+        let city = City::new(plan, without, folder.path())?;
+        Ok(Trial::new(city).play().await)
+    })
+}
+
+/// A folder in memory where there is one: nothing here has to outlive this process.
+fn folder() -> std::io::Result<tempfile::TempDir> {
+    tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir())
+}
+
+struct Trial {
+    city: City,
+    digest: Arc<Mutex<DefaultHasher>>,
+    broken: Vec<String>,
+    since: Instant,
+}
+
+impl Trial {
+    fn new(city: City) -> Trial {
+        let digest = Arc::new(Mutex::new(DefaultHasher::new()));
+        let (heard, since) = (Arc::clone(&digest), Instant::now());
+        let said = Arc::clone(&city.said);
+        city.world.network.tap(move |from, addressed, payload| {
+            let mut digest = heard.lock().unwrap_or_else(PoisonError::into_inner);
+            (since.elapsed(), from.as_str(), format!("{addressed:?}")).hash(&mut *digest);
+            payload.hash(&mut *digest);
+            said.note(addressed, payload);
+            tracing::trace!(
+                from = from.as_str(),
+                ?addressed,
+                "{}",
+                String::from_utf8_lossy(payload)
+            );
+        });
+        Trial { city, digest, broken: Vec::new(), since }
+    }
+
+    async fn play(mut self) -> Verdict {
+        for number in 0..self.city.posts.len() {
+            self.city.start(number);
+        }
+        self.suffer().await;
+        self.city.recover_all();
+        let settled = self.settle().await;
+        for number in 0..self.city.posts.len() {
+            self.city.read_begun(number);
+        }
+        self.broken.extend(checks::all(&self.city, &self.city.goals().await, settled));
+        self.verdict()
+    }
+
+    /// Lets people wish and things go wrong, until that is over.
+    async fn suffer(&mut self) {
+        let mut wishes = self.city.world.plan.wishes.clone().into_iter().enumerate().peekable();
+        let mut faults = self.city.world.plan.faults.clone().into_iter().peekable();
+        while self.city.now() < FAULTS_UNTIL {
+            let next_wish = wishes.peek().map(|(_, wish)| wish.at);
+            let next_fault = faults.peek().map(|(at, _)| *at);
+            let next = [next_wish, next_fault, self.city.next_end(), Some(FAULTS_UNTIL)];
+            let next = next.into_iter().flatten().min().unwrap_or(FAULTS_UNTIL);
+            self.wait_until(next).await;
+            let now = self.city.now();
+            self.city.recover();
+            while let Some((_, fault)) = faults.next_if(|(at, _)| *at <= now) {
+                tracing::info!(?fault, "goes wrong");
+                self.city.suffer(&fault);
+            }
+            while let Some((number, wish)) = wishes.next_if(|(_, wish)| wish.at <= now) {
+                let by = wish.by;
+                tracing::info!(goal = wish.goal, by, "is wished for");
+                if !self.city.people[by].wish(number, &wish) {
+                    self.city.people[0].wish(number, &wish);
+                }
+            }
+        }
+    }
+
+    /// Waits until everybody has heard how it ended; whether that was so in time.
+    async fn settle(&mut self) -> bool {
+        let until = self.city.now() + SETTLES_WITHIN;
+        while self.city.now() < until {
+            self.wait_until(self.city.now() + Duration::from_millis(500)).await;
+            let mut stories = self.city.people.iter().flat_map(|person| person.stories.values());
+            if stories.all(|story| story.is_settled() || !story.is_listening)
+                && checks::is_at_rest(&self.city.goals().await)
+            {
+                self.wait_until(self.city.now() + QUIET).await;
+                return true;
+            }
+        }
+        false
+    }
+
+    async fn wait_until(&mut self, at: Duration) {
+        while self.city.now() < at {
+            let look = (self.city.now() + LOOKS_EVERY).min(at);
+            sleep_until(self.since + look).await;
+            self.look();
+        }
+    }
+
+    /// People look at their terminals; what they are told is done must be so.
+    fn look(&mut self) {
+        let truth = self.city.truth();
+        for person in &mut self.city.people {
+            let before: Vec<_> = person.stories.values().map(|story| story.end).collect();
+            person.hear();
+            for (story, before) in person.stories.values().zip(before) {
+                let is_told = before != story.end
+                    && matches!(story.end, Some(Outcome::Done | Outcome::Holds));
+                let unread = story.wish.rooms.iter().find(|room| !truth.was_read(room));
+                if is_told && let Some(room) = unread {
+                    let goal = &story.wish.goal;
+                    self.broken.push(format!("{goal} is said to hold, and {room} was never read"));
+                }
+            }
+        }
+    }
+
+    fn verdict(self) -> Verdict {
+        let Trial { city, digest, broken, .. } = self;
+        let mut story = Vec::new();
+        for person in &city.people {
+            for known in person.stories.values() {
+                let (wish, who) = (&known.wish, &person.name);
+                let listens = if known.is_listening { "" } else { ", whose terminal died" };
+                story.push(format!(
+                    "{who}{listens}: {} ({:?}, {:?}), {:?}",
+                    wish.goal, wish.keep, wish.partition, known.conversation
+                ));
+                story.extend(known.heard.iter().map(|(at, line)| format!("  {at:>10.3?} {line}")));
+            }
+        }
+        let plan = &city.world.plan;
+        let agents: usize = plan.agents.iter().map(|agent| agent.daemons.len()).sum();
+        Verdict {
+            seed: plan.seed,
+            broken,
+            told: city.world.network.told(),
+            digest: digest.lock().unwrap_or_else(PoisonError::into_inner).finish(),
+            size: [
+                plan.daemons.len(),
+                agents + city.people.len(),
+                plan.wishes.len(),
+                plan.faults.len(),
+            ],
+            lasted: city.now(),
+            story,
+        }
+    }
+}
+
+// === impl TrialError ===
+
+impl TrialError {
+    /// Words that cannot be read.
+    pub(crate) fn words(mistakes: Vec<pddl::Diagnostic>) -> TrialError {
+        let mistakes: Vec<_> = mistakes.iter().map(ToString::to_string).collect();
+        TrialError(format!("read the words of the trial: {}", mistakes.join("; ")))
+    }
+}
+
+impl From<std::io::Error> for TrialError {
+    fn from(error: std::io::Error) -> TrialError {
+        TrialError(format!("set the trial up: {error}"))
+    }
+}
+
+impl From<building::LayoutError> for TrialError {
+    fn from(error: building::LayoutError) -> TrialError {
+        TrialError(format!("draw the building: {error}"))
+    }
+}
+
+impl std::fmt::Display for TrialError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for TrialError {}
