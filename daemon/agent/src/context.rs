@@ -435,6 +435,15 @@ impl<A: Agent> Context<A> {
         None
     }
 
+    /// Says once more what opened an exchange, to who acts now under the name it was opened with:
+    /// whoever answered is gone, and may have told nobody.
+    pub fn open_again(&mut self, token: &ReplyToken) {
+        if let Some(open) = self.exchanges.get_mut(token) {
+            (open.participants, open.declined) = (BTreeMap::new(), 0);
+            self.ask_again(token);
+        }
+    }
+
     /// Says once more what opened an exchange, to who acts now under the name.
     fn ask_again(&mut self, token: &ReplyToken) {
         // Who acts may have been asked, and have answered, as soon as it was seen.

@@ -23,10 +23,11 @@ use acl::content::{
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{
     Agent, Answer, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Opening,
-    PluginEntry, Resource, Work,
+    PluginEntry, Presence, Resource, Work,
 };
 use serde::Deserialize;
 use tokio::sync::mpsc;
+use tokio::time::Instant;
 
 use crate::questions::Questions;
 pub use crate::terminal::{Draft, Heard, Said, Terminal, Wish};
@@ -36,6 +37,10 @@ const TERMINAL_MAX: usize = 1_024;
 
 /// How long a goal may go without any word. A maintained goal may hold for a year.
 const PATIENCE: Duration = Duration::from_secs(365 * 24 * 3_600);
+
+/// How long a Plan Requester that has just come to act may take to say which goals it has taken over,
+/// before it is asked for them: it reads what Journals keep first.
+const TAKEN_OVER_WITHIN: Duration = Duration::from_secs(5);
 
 /// How long a question waits that names no deadline: a person who is there has seen it by then.
 const QUESTION_PATIENCE: Duration = Duration::from_secs(60);
@@ -61,6 +66,13 @@ struct Config {
     goals: Vec<Wish>,
 }
 
+/// A goal that was asked for.
+struct Asked {
+    exchange: ReplyToken,
+    /// When something was heard of it last.
+    heard: Instant,
+}
+
 /// The agent.
 pub struct Keyboard {
     plan_requester: AgentId,
@@ -70,6 +82,8 @@ pub struct Keyboard {
     questions: Questions,
     /// Actions that are prepared: the domain is asked for.
     preparing: BTreeMap<ConversationId, Work>,
+    /// Goals that were asked for and have not ended.
+    goals: BTreeMap<ConversationId, Asked>,
     /// Actions under way, by their conversations.
     acting: BTreeMap<ConversationId, ReplyToken>,
     said: Option<mpsc::Receiver<Said>>,
@@ -100,6 +114,7 @@ impl Keyboard {
             wishes: Vec::new(),
             questions: Questions::default(),
             preparing: BTreeMap::new(),
+            goals: BTreeMap::new(),
             acting: BTreeMap::new(),
             said: None,
             listening: None,
@@ -123,6 +138,18 @@ impl Agent for Keyboard {
             self.wish(wish, ctx);
         }
         self.listen(ctx);
+    }
+
+    fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
+        if let Presence::Joined(resident) = presence
+            && resident.agent == self.plan_requester
+            && !self.goals.is_empty()
+        {
+            let came = ctx.now();
+            ctx.after(TAKEN_OVER_WITHIN, move |keyboard: &mut Self, ctx| {
+                keyboard.ask_again(came, ctx);
+            });
+        }
     }
 
     fn asked(&mut self, resource: Resource, ctx: &mut Context<Self>) -> Option<String> {
@@ -178,7 +205,16 @@ impl Keyboard {
         let Wish { goal, keep, priority, partition } = wish;
         let request = Request::Achieve(Achieve { goal, keep, priority, partition });
         let to = self.plan_requester.clone();
-        self.request(to, Protocol::Goal, &request, PATIENCE, ctx);
+        let (conversation, exchange) = self.request(to, Protocol::Goal, &request, PATIENCE, ctx);
+        self.goals.insert(conversation, Asked { exchange, heard: ctx.now() });
+    }
+
+    /// Another Plan Requester acts since `came`. Of whose goals it has said nothing, it knows nothing:
+    /// no Journal had them.
+    fn ask_again(&mut self, came: Instant, ctx: &mut Context<Self>) {
+        for asked in self.goals.values().filter(|asked| asked.heard < came) {
+            ctx.open_again(&asked.exchange);
+        }
     }
 
     fn set(&mut self, change: ChangeState, ctx: &mut Context<Self>) {
@@ -199,13 +235,14 @@ impl Keyboard {
         request: &Request,
         patience: Duration,
         ctx: &mut Context<Self>,
-    ) {
+    ) -> (ConversationId, ReplyToken) {
         let conversation = ctx.new_conversation();
         self.pass(Heard::Asked(conversation.clone()));
+        let about = conversation.clone();
         let performative = Performative::Request;
         let content = value(request);
         let opening = Opening { to: Some(to), performative, protocol, conversation, content };
-        self.open(opening, patience, ctx);
+        (about, self.open(opening, patience, ctx))
     }
 
     fn cancel(&mut self, conversation: ConversationId, ctx: &mut Context<Self>) {
@@ -330,10 +367,13 @@ impl Keyboard {
                 Heard::Unanswered(about, format!("`{who}` could not be reached: {why}"))
             }
         };
-        if heard.is_final()
-            && let Some(about) = heard.conversation()
-        {
-            self.acting.remove(about);
+        if let Some(about) = heard.conversation() {
+            if heard.is_final() {
+                self.acting.remove(about);
+                self.goals.remove(about);
+            } else if let Some(asked) = self.goals.get_mut(about) {
+                asked.heard = ctx.now();
+            }
         }
         self.pass(heard);
     }
@@ -417,7 +457,8 @@ impl Keyboard {
         if keyboard != *ctx.id() {
             let patience = ctx.settings().answer_deadline * 2;
             let request = Request::AnswerQuestion(answer);
-            return self.request(keyboard, Protocol::StateChange, &request, patience, ctx);
+            self.request(keyboard, Protocol::StateChange, &request, patience, ctx);
+            return;
         }
         let conversation = ctx.new_conversation();
         self.pass(Heard::Asked(conversation.clone()));

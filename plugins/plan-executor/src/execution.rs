@@ -207,6 +207,11 @@ impl Execution {
         left.into_iter().any(|step| acting_agent(&self.steps[step]).as_ref() == Some(agent))
     }
 
+    /// The agents that act in steps that are not done.
+    pub(crate) fn needed(&self) -> impl Iterator<Item = AgentId> + '_ {
+        self.left().into_iter().filter_map(|step| acting_agent(&self.steps[step]))
+    }
+
     /// A step, for a person: under its agent's name for it.
     pub(crate) fn step_text(&self, step: usize) -> String {
         format!("`{}`", self.outside(step))

@@ -61,7 +61,7 @@ impl Default for Config {
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let Config { domain_maintainer } = blueprint.config_as()?;
     let (words, running, ended) = (Words::default(), BTreeMap::new(), Ended::default());
-    Ok(Box::new(PlanExecutor { domain_maintainer, words, running, ended }))
+    Ok(Box::new(PlanExecutor { domain_maintainer, words, running, ended, left: None }))
 }
 
 struct PlanExecutor {
@@ -70,6 +70,8 @@ struct PlanExecutor {
     /// By the exchange in which each was asked for first.
     running: BTreeMap<ReplyToken, Running>,
     ended: Ended,
+    /// Runs while somebody has left less than the grace ago.
+    left: Option<TimerId>,
 }
 
 /// One plan under way.
@@ -88,6 +90,8 @@ struct Running {
     check: Option<TimerId>,
     /// Ends the grace of an agent that the plan needs and that is not here.
     grace: Option<TimerId>,
+    /// Whether somebody's absence was borne since the plan was seen to reach its goal last.
+    has_borne: bool,
     asking: Option<Work>,
     /// A check that failed once is made again before the plan is given up: news may have crossed.
     retries: u32,
@@ -120,8 +124,11 @@ impl Agent for PlanExecutor {
         }
     }
 
-    fn presence(&mut self, presence: &Presence, _ctx: &mut Context<Self>) {
+    fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         if let Presence::Left(resident) = presence {
+            let grace = ctx.settings().grace;
+            let borne = ctx.after(grace, |executor: &mut Self, _| executor.left = None);
+            self.left.replace(borne).into_iter().for_each(|former| ctx.forget(former));
             self.words.forget(&resident.agent);
         }
     }
@@ -179,6 +186,7 @@ impl PlanExecutor {
             untold: 0,
             check: None,
             grace: None,
+            has_borne: false,
             asking: None,
             retries: 0,
             doubts: BTreeMap::new(),

@@ -93,7 +93,7 @@ impl PlanExecutor {
         let check = ctx.after(wait, move |executor: &mut Self, ctx| {
             if is_gone && let Some(running) = executor.running.get_mut(&checked) {
                 // No news cross after that long.
-                running.retries = 1;
+                (running.retries, running.has_borne) = (1, true);
             }
             executor.check(&checked, ctx);
         });
@@ -124,11 +124,22 @@ impl PlanExecutor {
 
     fn checked(&mut self, token: &ReplyToken, snapshot: &Snapshot, ctx: &mut Context<Self>) {
         let Some(running) = self.running.get_mut(token) else { return };
+        let is_needed_away = running.execution.needed().any(|agent| ctx.find(&agent).is_none());
+        let is_somebody_away = self.left.is_some() || is_needed_away;
         // A step that was confirmed while we asked makes the answer older than what we know.
         let is_stale = running.untold > 0;
         let renewed = if is_stale { Ok(()) } else { running.execution.renew(snapshot) };
         match renewed {
-            Ok(()) if !is_stale => running.retries = 0,
+            Ok(()) if !is_stale => (running.retries, running.has_borne) = (0, false),
+            // Who took the plan over has not seen it leave; of others that left, what they knew is
+            // missed.
+            Err(_) if running.retries > 0 && !running.has_borne && is_somebody_away => {
+                running.has_borne = true;
+                let again = token.clone();
+                let bear =
+                    move |executor: &mut Self, ctx: &mut Context<Self>| executor.check(&again, ctx);
+                running.grace = Some(ctx.after(ctx.settings().grace, bear));
+            }
             Err(problem) if running.retries > 0 => {
                 let problem = format!("the rest of the plan does not reach the goal: {problem}");
                 self.give_up(token, failure(problem), ctx);

@@ -63,6 +63,14 @@ impl Ended {
         self.told.push_back((engagement, report));
     }
 
+    /// How the goal ended that is asked for once more, by who has not heard it.
+    pub(crate) fn of(&self, engagement: &Engagement) -> Option<&Report> {
+        let is_it = |other: &Engagement| {
+            other.conversation == engagement.conversation && other.initiator == engagement.initiator
+        };
+        self.told.iter().find(|(other, _)| is_it(other)).map(|(_, report)| report)
+    }
+
     /// What an asker that has come, or come back, may not have heard.
     pub(crate) fn of_asker(&self, asker: &Resident) -> Vec<(Engagement, Report)> {
         let is_its = |engagement: &Engagement| {

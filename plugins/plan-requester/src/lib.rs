@@ -176,8 +176,14 @@ impl PlanRequester {
             && goal.is_asked_again(&engagement, &asked)
         {
             goal.engagement = engagement;
-            let report = Report::new(Outcome::Progress, "accepted before; it goes on");
+            let report = match goal.phase {
+                Phase::Holding => resuming::holding(),
+                _ => Report::new(Outcome::Progress, "accepted before; it goes on"),
+            };
             return ctx.answer(&goal.engagement, Performative::Confirm, &report);
+        }
+        if let Some(report) = self.ended.of(&engagement) {
+            return ctx.answer(&engagement, Performative::Confirm, report);
         }
         match self.admissible(&asked, &engagement) {
             Ok(condition) => {
@@ -348,11 +354,7 @@ impl PlanRequester {
                 goal.no_plan_because.clear();
                 let news = !std::mem::replace(&mut goal.is_told, true);
                 if news {
-                    self.tell(
-                        id,
-                        Report::new(Outcome::Holds, "the goal holds; it is watched"),
-                        ctx,
-                    );
+                    self.tell(id, resuming::holding(), ctx);
                 }
                 self.settle_within(id, LOOK_AGAIN, ctx);
                 self.next(ctx);
@@ -480,6 +482,7 @@ impl PlanRequester {
             if agents_changed {
                 goal.blocked_under = None;
                 goal.is_overtaken = goal.phase.is_planning();
+                goal.looked_twice = false;
             }
             let is_concerned = match goal.phase {
                 Phase::Queued | Phase::Waiting(_) | Phase::Holding => true,

@@ -18,9 +18,9 @@ use agent::{Context, Engagement, Resident};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::PlanRequester;
 use crate::ended::Ended;
 use crate::goal::{Goal, Phase};
+use crate::{PlanRequester, SETTLING};
 
 const GOAL: &str = "goal/";
 const PLAN: &str = "plan/";
@@ -132,6 +132,12 @@ impl PlanRequester {
     pub(crate) fn tell_ends(&mut self, asker: &Resident, ctx: &mut Context<Self>) {
         for (engagement, report) in self.ended.of_asker(asker) {
             ctx.answer(&engagement, Performative::Confirm, &report);
+        }
+        let holds = self.goals.values().filter(|goal| {
+            goal.engagement.initiator == asker.agent && matches!(goal.phase, Phase::Holding)
+        });
+        for goal in holds {
+            ctx.answer(&goal.engagement, Performative::Confirm, &holding());
         }
     }
 
@@ -285,7 +291,13 @@ impl PlanRequester {
     }
 
     /// Another Plan Executor acts, or the same in a new life: what runs is asked for again.
+    ///
+    /// A moment later: whoever asks then still acts itself, also where both have changed at once.
     pub(crate) fn executor_came(&mut self, ctx: &mut Context<Self>) {
+        ctx.after(SETTLING, |requester: &mut Self, ctx| requester.ask_for_what_runs(ctx));
+    }
+
+    fn ask_for_what_runs(&mut self, ctx: &mut Context<Self>) {
         let is_executing = |goal: &Goal| matches!(goal.phase, Phase::Executing(_));
         let running = self.goals.iter().filter(|(_, goal)| is_executing(goal));
         let running: Vec<_> = running.map(|(id, _)| id.clone()).collect();
@@ -347,6 +359,11 @@ impl PlanRequester {
 /// The conversation of the goal that a record is about.
 pub(crate) fn conversation_of(key: &str) -> Option<ConversationId> {
     key.strip_prefix(GOAL).map(ConversationId::new)
+}
+
+/// What the asker of a goal that is kept hears when it holds.
+pub(crate) fn holding() -> Report {
+    Report::new(Outcome::Holds, "the goal holds; it is watched")
 }
 
 fn progress(detail: &str) -> Report {

@@ -63,11 +63,14 @@ fn unrecorded(city: &City, truth: &Truth) -> Vec<String> {
         .collect()
 }
 
-/// A blink tears no plan.
+/// A blink tears no plan. What is declined is another matter: two may have taken one goal in that
+/// instant, and then the actuator decides.
 fn torn(story: &Story) -> Option<String> {
     let torn = story.heard.iter().find(|(at, line)| {
         let is_torn = line.contains("planning anew") || line.contains("failed");
-        *at < BLINKS_UNTIL && is_torn && !line.contains("cheaper plan")
+        *at < BLINKS_UNTIL
+            && is_torn
+            && !["cheaper plan", "declined"].iter().any(|other| line.contains(other))
     });
     torn.map(|(at, line)| format!("{}: torn by a blink at {at:.3?}: {line}", story.wish.goal))
 }

@@ -257,14 +257,14 @@ fn faults(daemons: usize, robots: &[usize], rng: &mut Rng) -> Vec<(Duration, Fau
         faults.push((millis(rng, from..until), fault(daemons, rng)));
     }
     faults.sort_by_key(|(at, _)| *at);
-    // Two blinks of one daemon in a row are no blink.
+    // Two blinks within a grace are no blink.
     let mut clear = Duration::ZERO;
     for (at, fault) in &mut faults {
         if *at < BLINKS_UNTIL
             && let Fault::Cut(_, _, lasts) = fault
         {
             *at = (*at).max(clear);
-            clear = *at + *lasts + Duration::from_millis(300);
+            clear = *at + *lasts + Duration::from_millis(700);
         }
     }
     faults.sort_by_key(|(at, _)| *at);
