@@ -3,6 +3,8 @@
 
 #![allow(dead_code, reason = "each test file uses its part")]
 
+pub(crate) mod network;
+
 use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -18,7 +20,7 @@ pub(crate) const PATIENCE: Duration = Duration::from_secs(90);
 
 /// The paper's office, or another building, in a folder of its own, with daemons that end with it.
 pub(crate) struct Office {
-    file: PathBuf,
+    pub(crate) file: PathBuf,
     folder: TempDir,
     daemons: Vec<Daemon>,
 }
@@ -47,12 +49,8 @@ impl Office {
         let file = self.file.display().to_string();
         let arguments = [&["up", &file, "--daemon", name], options].concat();
         let mut command = self.command(&arguments);
-        command.env("ALTHING_RUNTIME_DIR", runtime).stdout(Stdio::piped());
-        let mut child = command.spawn().expect("the binary is built");
-        let lines = lines(&mut child);
-        let daemon = Daemon { name: name.to_owned(), child, lines };
-        daemon.await_line("is ready");
-        self.daemons.push(daemon);
+        command.env("ALTHING_RUNTIME_DIR", runtime);
+        self.begin_as(name, command);
     }
 
     /// Another ecosystem, as fast.
@@ -79,13 +77,18 @@ impl Office {
     /// Any program, in this office's folder and environment.
     pub(crate) fn program(&self, program: &str) -> Command {
         let mut command = Command::new(program);
+        self.furnish(&mut command);
+        command
+    }
+
+    /// Gives a program this office's folder and environment.
+    fn furnish(&self, command: &mut Command) {
         command
             .current_dir(self.folder.path())
             .env("ALTHING_RUNTIME_DIR", self.runtime_folder())
             .env("ALTHING_STATE_DIR", self.folder.path().join("state"))
             .env("ALTHING_BUILDING__SOCKET", self.folder.path().join("building.sock"))
             .env("ALTHING_BUILDING__TIME_SCALE", "0.02");
-        command
     }
 
     /// Writes a file into this office's folder; where it is.
@@ -97,29 +100,7 @@ impl Office {
 
     /// Runs a command to its end.
     pub(crate) fn run(&self, arguments: &[&str]) -> Output {
-        let mut child = self
-            .command(arguments)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .expect("the binary is built");
-        // A watchdog of our own: a command that hangs is ended and then fails its test.
-        let id = child.id();
-        let (done, is_done) = mpsc::channel::<()>();
-        let watchdog = std::thread::spawn(move || {
-            if is_done.recv_timeout(PATIENCE) == Err(mpsc::RecvTimeoutError::Timeout) {
-                let _ = Command::new("kill").args(["-KILL", &id.to_string()]).status();
-            }
-        });
-        let stdout = child.stdout.take().map(drain);
-        let stderr = child.stderr.take().map(drain);
-        let status = child.wait().expect("our child");
-        drop(done);
-        let _ = watchdog.join();
-        let read = |pipe: Option<std::thread::JoinHandle<Vec<u8>>>| {
-            pipe.and_then(|pipe| pipe.join().ok()).unwrap_or_default()
-        };
-        Output { status, stdout: read(stdout), stderr: read(stderr) }
+        finish(&mut self.command(arguments))
     }
 
     /// Asks the running ecosystem; the exit code, and all that was said.
@@ -205,11 +186,14 @@ impl Office {
 
     fn begin(&self, file: &Path, name: &str, options: &[&str]) -> Daemon {
         let file = file.display().to_string();
-        let arguments = [&["up", &file], options].concat();
-        let mut child =
-            self.command(&arguments).stdout(Stdio::piped()).spawn().expect("the binary is built");
-        let lines = lines(&mut child);
-        Daemon { name: name.to_owned(), child, lines }
+        Daemon::start(name, self.command(&[&["up", &file], options].concat()))
+    }
+
+    /// Starts a daemon by a command of the caller's.
+    pub(crate) fn begin_as(&mut self, name: &str, command: Command) {
+        let daemon = Daemon::start(name, command);
+        daemon.await_line("is ready");
+        self.daemons.push(daemon);
     }
 
     /// Sends a signal to a daemon's process, by its id.
@@ -256,7 +240,35 @@ impl Drop for Office {
     }
 }
 
+/// Runs a command to its end. One that hangs is ended, and then fails its test.
+pub(crate) fn finish(command: &mut Command) -> Output {
+    let mut child =
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the binary is built");
+    let id = child.id();
+    let (done, is_done) = mpsc::channel::<()>();
+    let watchdog = std::thread::spawn(move || {
+        if is_done.recv_timeout(PATIENCE) == Err(mpsc::RecvTimeoutError::Timeout) {
+            let _ = Command::new("kill").args(["-KILL", &id.to_string()]).status();
+        }
+    });
+    let stdout = child.stdout.take().map(drain);
+    let stderr = child.stderr.take().map(drain);
+    let status = child.wait().expect("our child");
+    drop(done);
+    let _ = watchdog.join();
+    let read = |pipe: Option<std::thread::JoinHandle<Vec<u8>>>| {
+        pipe.and_then(|pipe| pipe.join().ok()).unwrap_or_default()
+    };
+    Output { status, stdout: read(stdout), stderr: read(stderr) }
+}
+
 impl Daemon {
+    fn start(name: &str, mut command: Command) -> Daemon {
+        let mut child = command.stdout(Stdio::piped()).spawn().expect("the binary is built");
+        let lines = lines(&mut child);
+        Daemon { name: name.to_owned(), child, lines }
+    }
+
     /// Waits for a line that contains `text`.
     pub(crate) fn await_line(&self, text: &str) -> String {
         loop {

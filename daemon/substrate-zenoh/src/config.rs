@@ -12,6 +12,7 @@ use serde_json::{Value, json};
 use substrate::Inbound;
 
 use crate::endpoint::{self, EndpointError};
+use crate::scouting;
 use crate::sealing::Security;
 use crate::session::ZenohSubstrate;
 
@@ -76,7 +77,8 @@ pub struct Config {
     /// its certificate, and every message is signed.
     pub security: Option<Security>,
     /// Zenoh's own settings, as it documents them; they win over everything but the fields above.
-    /// Its `listen.endpoints` and `connect.endpoints` are added to those above.
+    /// Its `listen.endpoints` and `connect.endpoints` are added to those above, and `scouting`
+    /// may also be just `true` or `false`.
     pub zenoh: Value,
 }
 
@@ -109,6 +111,12 @@ pub enum OpenError {
     /// The settings are no table.
     #[error("read `[zenoh]`: write a table of Zenoh's settings, like `connect.endpoints = [...]`")]
     NotATable,
+    /// Others could be found, and not spoken to.
+    #[error(
+        "scout (`scouting = true` in `[zenoh]`): plain text stays on this machine, so nobody \
+         elsewhere could be spoken to; secure the ecosystem (`althing help cert`)"
+    )]
+    ScoutingUnsecured,
     /// Zenoh does not read the settings.
     #[error("read `{at}` of `[zenoh]`; Zenoh's DEFAULT_CONFIG.json5 says what there is")]
     Settings {
@@ -143,6 +151,8 @@ pub(crate) struct Settings {
     pub(crate) zenoh: zenoh::Config,
     pub(crate) listen: Vec<String>,
     pub(crate) connect: Vec<String>,
+    /// Where others of the ecosystem are looked for, if they are.
+    pub(crate) scouts_at: Option<String>,
     pub(crate) security: Option<Security>,
 }
 
@@ -184,18 +194,25 @@ impl Config {
             let tls = json!({ "tls": { "verify_name_on_connect": false } });
             merge(&mut merged, &json!({ "transport": { "link": tls } }));
         }
-        match &self.zenoh {
-            Value::Null => (),
+        let mut said = match &self.zenoh {
+            Value::Null => json!({}),
             Value::Object(raw) if raw.contains_key("mode") => {
                 return Err(OpenError::ModeInSettings);
             }
-            Value::Object(_) => merge(&mut merged, &self.zenoh),
+            Value::Object(_) => self.zenoh.clone(),
             _ => return Err(OpenError::NotATable),
+        };
+        let mut listen = self.listen.clone();
+        if self.mode == Mode::Router {
+            let told = [&listen[..], &endpoints(&said["listen"]["endpoints"])].concat();
+            let secured = self.security.is_some();
+            listen.extend(scouting::settle(&self.ecosystem, secured, &told, &mut said)?);
         }
+        merge(&mut merged, &said);
         if let Some(zid) = &self.zid {
             merged["id"] = json!(zid);
         }
-        add_endpoints(&mut merged["listen"]["endpoints"], &self.listen);
+        add_endpoints(&mut merged["listen"]["endpoints"], &listen);
         add_endpoints(&mut merged["connect"]["endpoints"], &self.connect);
         let listen = endpoints(&merged["listen"]["endpoints"]);
         let connect = endpoints(&merged["connect"]["endpoints"]);
@@ -211,7 +228,9 @@ impl Config {
         }
         let zenoh = read(&merged)
             .map_err(|source| OpenError::Settings { at: culprit(&merged).join("."), source })?;
-        Ok(Settings { zenoh, listen, connect, security: self.security.clone() })
+        let scouts_at =
+            scouts(&merged).then(|| merged["scouting"]["multicast"]["address"].to_string());
+        Ok(Settings { zenoh, listen, connect, scouts_at, security: self.security.clone() })
     }
 
     /// What is different from Zenoh's defaults, and why.
@@ -280,7 +299,7 @@ fn secured(security: &Security) -> Value {
 }
 
 /// Lays `over` upon `base`: tables are merged, all else is replaced.
-fn merge(base: &mut Value, over: &Value) {
+pub(crate) fn merge(base: &mut Value, over: &Value) {
     match (base, over) {
         (Value::Object(base), Value::Object(over)) => {
             for (key, value) in over {

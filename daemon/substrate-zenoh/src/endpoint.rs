@@ -74,6 +74,12 @@ pub(crate) fn check_secured(endpoint: &str) -> Result<(), EndpointError> {
     Err(EndpointError::Unsecured { endpoint: endpoint.to_owned(), address: address.to_owned() })
 }
 
+/// Whether others than this machine can reach an endpoint that is listened on.
+pub(crate) fn leaves_machine(endpoint: &str) -> bool {
+    let beyond = |(protocol, address)| protocol != "unixsock-stream" && !is_loopback(address);
+    split(endpoint).is_ok_and(beyond)
+}
+
 /// Protocol and address, without Zenoh's metadata (`?…`) and configuration (`#…`).
 fn split(endpoint: &str) -> Result<(&str, &str), EndpointError> {
     let malformed = || EndpointError::Malformed(endpoint.to_owned());

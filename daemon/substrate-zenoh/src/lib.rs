@@ -22,6 +22,7 @@ mod presence;
 mod publishers;
 mod questions;
 mod revocations;
+mod scouting;
 mod sealing;
 mod session;
 mod tap;

@@ -17,7 +17,7 @@ use crate::key_expr::Keys;
 use crate::publishers::{Cache, PUBLISHERS_MAX};
 use crate::questions::{self, Asking, Residents};
 use crate::sealing::Security;
-use crate::{inbound, presence, revocations};
+use crate::{inbound, presence, revocations, scouting};
 
 /// Of the longest message, what is left for its seal, its key and Zenoh's own words.
 const SEAL_BYTES_MAX: usize = 16 << 10;
@@ -53,12 +53,12 @@ impl ZenohSubstrate {
         settings: Settings,
         inbound: Arc<dyn Inbound>,
     ) -> Result<Arc<ZenohSubstrate>, OpenError> {
-        let Settings { zenoh, listen, connect, security } = settings;
-        let session = zenoh::open(zenoh).await.map_err(|source| OpenError::Session {
-            listen,
-            connect,
-            source,
-        })?;
+        let Settings { zenoh, listen, connect, scouts_at, security } = settings;
+        let opened = match scouts_at {
+            Some(at) => scouting::open(zenoh, &at).await,
+            None => zenoh::open(zenoh).await,
+        };
+        let session = opened.map_err(|source| OpenError::Session { listen, connect, source })?;
         let session = Arc::new(session);
         let keys = Keys::new(ecosystem, daemon);
         let residents = Residents::default();

@@ -1,0 +1,25 @@
+//! A plain Zenoh router that knows nothing of Althing: what `zenohd -c FILE` is, without its
+//! plugins. It can stand between daemons that cannot call each other.
+//!
+//! ```text
+//! cargo run --release -p substrate-zenoh --example router -- FILE.json5
+//! ```
+//!
+//! Prints where it listens, and runs until its standard input ends.
+
+use std::error::Error;
+
+use zenoh::{Config, Wait as _};
+
+#[tokio::main]
+async fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
+    let file = std::env::args().nth(1).ok_or("name a file with Zenoh's settings")?;
+    let mut config = Config::from_file(file)?;
+    config.insert_json5("mode", "\"router\"")?;
+    let session = zenoh::open(config).await?;
+    let locators = session.info().locators().wait();
+    let locators: Vec<_> = locators.iter().map(ToString::to_string).collect();
+    println!("router {} listens on {}", session.zid(), locators.join(" "));
+    tokio::io::copy(&mut tokio::io::stdin(), &mut tokio::io::sink()).await?;
+    session.close().await
+}

@@ -1,0 +1,166 @@
+//! How daemons of one network find each other without being told where: by multicast, and by what
+//! those they know tell of others.
+//!
+//! `[zenoh]` may say `scouting = true` or `false`, or lay Zenoh's own settings over ours. Where it
+//! says nothing, a secured ecosystem that listens beyond its machine scouts: it is the ecosystem
+//! that takes part in a network at all. In plain text nobody listens there, so nobody can be found.
+//!
+//! Each ecosystem calls at a port of its own, made from its name, so that two on one network do
+//! not even hear each other. That is for peace; what keeps them apart are the authorities that
+//! their certificates come from, and the names that all their key expressions begin with.
+
+use acl::EcosystemId;
+use serde_json::{Value, json};
+
+use crate::config::{OpenError, merge};
+use crate::endpoint;
+
+/// Zenoh's own group. Of the block 224.0.0.0/24, which never leaves a network, and which cheap
+/// switches pass on to everybody without being asked to.
+const GROUP: &str = "224.0.0.224";
+
+/// The ports of ecosystems: below those that Linux hands out (32768), and not Zenoh's (7446), where
+/// routers of others would be asked each time.
+const PORT_FIRST: u16 = 20_000;
+const PORTS: u16 = 10_000;
+const _: () = assert!(PORT_FIRST + PORTS < 32_768);
+
+/// Where a daemon listens that scouts and is told nothing: any address, and a port of the
+/// kernel's choice, which whoever finds it learns. Multicast is IPv4 here, so this is too.
+const ANYWHERE: &str = "tls/0.0.0.0:0";
+
+/// Lays our settings under what the file says of scouting; where the daemon has to listen for it
+/// besides `listen`.
+///
+/// # Errors
+///
+/// If the file asks for it in an ecosystem that is not secured.
+pub(crate) fn settle(
+    ecosystem: &EcosystemId,
+    is_secured: bool,
+    listen: &[String],
+    said: &mut Value,
+) -> Result<Option<String>, OpenError> {
+    let asked = said.get("scouting").and_then(Value::as_bool);
+    let table = said.as_object_mut();
+    let own = table.and_then(|table| table.remove("scouting")).filter(Value::is_object);
+    if asked == Some(true) && !is_secured {
+        return Err(OpenError::ScoutingUnsecured);
+    }
+    let listens_beyond = listen.iter().any(|each| endpoint::leaves_machine(each));
+    let scouts = asked.unwrap_or(is_secured && listens_beyond);
+    let mut settings = if scouts { ours(ecosystem) } else { json!({}) };
+    own.into_iter().for_each(|own| merge(&mut settings, &own));
+    said["scouting"] = settings;
+    Ok((scouts && !listens_beyond).then(|| ANYWHERE.to_owned()))
+}
+
+/// Of two that find each other, the one with the greater id calls: if both did at once, Zenoh
+/// could close both links. Gossip goes one step: who has lost the hub through which it heard of
+/// another calls that one itself, and has done so before.
+fn ours(ecosystem: &EcosystemId) -> Value {
+    let found = json!({
+        "enabled": true,
+        "autoconnect": { "router": ["router"] },
+        "autoconnect_strategy": { "router": { "to_router": "greater-zid" } },
+    });
+    let mut multicast = found.clone();
+    multicast["address"] = json!(format!("{GROUP}:{}", port(ecosystem)));
+    json!({ "multicast": multicast, "gossip": found })
+}
+
+/// Opens a session that looks for others `at` a multicast address. Where it cannot listen to that,
+/// a daemon that is not found is worth more than none.
+pub(crate) async fn open(settings: zenoh::Config, at: &str) -> zenoh::Result<zenoh::Session> {
+    let mut without = settings.clone();
+    let problem = match zenoh::open(settings).await {
+        Ok(session) => {
+            tracing::info!(at, "looks for the ecosystem's daemons on this network");
+            return Ok(session);
+        }
+        Err(problem) => problem,
+    };
+    without.insert_json5("scouting/multicast/enabled", "false")?;
+    let session = zenoh::open(without).await?;
+    tracing::warn!(at, %problem, "failed to look for daemons on this network; none is found there");
+    Ok(session)
+}
+
+/// FNV-1a, because every version on every machine must come to the same.
+fn port(ecosystem: &EcosystemId) -> u16 {
+    let fold = |hash: u32, byte: &u8| (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193);
+    let hash = ecosystem.as_str().as_bytes().iter().fold(0x811c_9dc5, fold);
+    let offset = hash % u32::from(PORTS);
+    PORT_FIRST + u16::try_from(offset).expect("invariant: less than PORTS")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ecosystem(name: &str) -> EcosystemId {
+        EcosystemId::new(name).expect("a name")
+    }
+
+    /// What comes of `[zenoh]`: the settings, and where else it listens.
+    fn settled(secured: bool, listen: &str, said: &Value) -> (Value, Option<String>) {
+        let mut said = said.clone();
+        let listen = [listen.to_owned()];
+        let besides = settle(&ecosystem("office"), secured, &listen, &mut said).expect("it may");
+        (said["scouting"].clone(), besides)
+    }
+
+    #[test]
+    fn who_listens_beyond_its_machine_scouts_unless_the_file_says_otherwise() {
+        let (here, beyond) = ("tls/127.0.0.1:0", "tls/[::]:7447");
+        let socket = "unixsock-stream//run/office.sock";
+        for (secured, listen, said, expected) in [
+            (true, beyond, json!({}), true),
+            (true, here, json!({}), false),
+            (true, socket, json!({}), false),
+            (false, socket, json!({}), false),
+            (true, beyond, json!({ "scouting": false }), false),
+            (false, socket, json!({ "scouting": false }), false),
+            (true, here, json!({ "scouting": true }), true),
+        ] {
+            let (settings, _) = settled(secured, listen, &said);
+            let multicast = &settings["multicast"]["enabled"];
+            assert_eq!(*multicast == json!(true), expected, "{secured} {listen} {said}");
+        }
+    }
+
+    #[test]
+    fn who_is_to_be_found_listens_where_it_can_be() {
+        let asked = json!({ "scouting": true });
+        assert_eq!(settled(true, "tls/127.0.0.1:0", &asked).1.as_deref(), Some(ANYWHERE));
+        assert_eq!(settled(true, "tls/[::]:7447", &asked).1, None);
+        assert_eq!(settled(true, "tls/127.0.0.1:0", &json!({})).1, None);
+    }
+
+    #[test]
+    fn plain_text_is_not_found() {
+        let mut said = json!({ "scouting": true });
+        let refused = settle(&ecosystem("office"), false, &[], &mut said);
+        assert!(matches!(refused, Err(OpenError::ScoutingUnsecured)));
+    }
+
+    #[test]
+    fn zenohs_own_settings_lie_over_ours() {
+        let own = json!({ "multicast": { "address": "239.0.0.1:7446" } });
+        let said = json!({ "scouting": own });
+        let (settings, _) = settled(true, "tls/[::]:7447", &said);
+        assert_eq!(settings["multicast"]["address"], json!("239.0.0.1:7446"));
+        assert_eq!(settings["multicast"]["enabled"], json!(true));
+        assert_eq!(settled(false, "tcp/127.0.0.1:0", &said).0, own, "handed on as it is");
+    }
+
+    #[test]
+    fn each_ecosystem_calls_at_a_port_of_its_own() {
+        assert_eq!(port(&ecosystem("smart-office")), port(&ecosystem("smart-office")));
+        let ports = ["smart-office", "ward", "campus", "house", "firm", "office"]
+            .map(|name| port(&ecosystem(name)));
+        let different: std::collections::BTreeSet<_> = ports.iter().collect();
+        assert_eq!(different.len(), ports.len(), "{ports:?}");
+        assert!(ports.iter().all(|port| (PORT_FIRST..PORT_FIRST + PORTS).contains(port)));
+    }
+}
