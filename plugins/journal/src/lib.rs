@@ -52,6 +52,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         waiting: Vec::new(),
         work: None,
         fetching: Vec::new(),
+        is_behind: false,
     }))
 }
 
@@ -72,6 +73,8 @@ struct Journal {
     /// The write that is under way, or the opening.
     work: Option<Work>,
     fetching: Vec<(AgentId, Work)>,
+    /// Whether something was not written that others may have.
+    is_behind: bool,
 }
 
 enum Disk {
@@ -214,6 +217,10 @@ impl Journal {
         }
         if let Err(error) = &outcome {
             tracing::error!(agent = %ctx.id(), %error, "records are not kept");
+        }
+        let was_behind = std::mem::replace(&mut self.is_behind, outcome.is_err());
+        if was_behind && outcome.is_ok() {
+            self.others.clone().into_iter().for_each(|other| self.fetch(other, ctx));
         }
         for asker in waiting.into_iter().filter_map(|(asker, _)| asker) {
             match &outcome {

@@ -33,8 +33,16 @@ impl Shelf {
 
 /// Where records are kept.
 pub(crate) enum Store {
-    File(Database),
+    File(Filed),
     Shelf(std::sync::Arc<Shelf>),
+}
+
+/// A file of the embedded store. Once a write has failed, the store takes no more until it is
+/// opened again: a disk that was full for a moment must not end the journal.
+pub(crate) struct Filed {
+    path: PathBuf,
+    /// None after a write that failed.
+    database: Mutex<Option<Database>>,
 }
 
 /// Why records are not kept. Completes “failed to …”.
@@ -117,26 +125,45 @@ impl Store {
                 }
                 Ok(())
             }
-            Store::File(database) => {
-                let write = || -> Result<(), redb::Error> {
-                    let writing = database.begin_write()?;
-                    {
-                        let mut table = writing.open_table(RECORDS)?;
-                        for key in gone {
-                            table.remove(key.as_str())?;
-                        }
-                        for record in records {
-                            // Plain data: it was read from such text.
-                            let bytes = serde_json::to_vec(record).unwrap_or_default();
-                            table.insert(record.key.as_str(), bytes.as_slice())?;
-                        }
-                    }
-                    Ok(writing.commit()?)
-                };
-                write().map_err(|error| StoreError::Write(error.to_string()))
-            }
+            Store::File(file) => file.write(records, gone),
         }
     }
+}
+
+// === impl Filed ===
+
+impl Filed {
+    fn new(path: &Path, database: Database) -> Filed {
+        Filed { path: path.to_owned(), database: Mutex::new(Some(database)) }
+    }
+
+    fn write(&self, records: &[Record], gone: &[String]) -> Result<(), StoreError> {
+        let mut open = self.database.lock().unwrap_or_else(PoisonError::into_inner);
+        let database = match open.take() {
+            Some(database) => database,
+            None => Database::create(&self.path)
+                .map_err(|error| StoreError::Write(error.to_string()))?,
+        };
+        write(&database, records, gone).map_err(|error| StoreError::Write(error.to_string()))?;
+        *open = Some(database);
+        Ok(())
+    }
+}
+
+fn write(database: &Database, records: &[Record], gone: &[String]) -> Result<(), redb::Error> {
+    let writing = database.begin_write()?;
+    {
+        let mut table = writing.open_table(RECORDS)?;
+        for key in gone {
+            table.remove(key.as_str())?;
+        }
+        for record in records {
+            // Plain data: it was read from such text.
+            let bytes = serde_json::to_vec(record).unwrap_or_default();
+            table.insert(record.key.as_str(), bytes.as_slice())?;
+        }
+    }
+    Ok(writing.commit()?)
 }
 
 /// What went wrong with a file.
@@ -181,7 +208,7 @@ fn read(path: &Path) -> Result<(Store, Vec<Record>), Trouble> {
         Unread::Store(redb::Error::Io(error)) => Trouble::Other(error.to_string()),
         Unread::Store(broken) => Trouble::Broken(broken.to_string()),
     })?;
-    Ok((Store::File(database), records))
+    Ok((Store::File(Filed::new(path, database)), records))
 }
 
 enum Unread {
@@ -248,11 +275,26 @@ mod tests {
     }
 
     #[test]
+    fn after_a_write_that_failed_the_file_is_opened_again() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("journal.redb");
+        let (store, _) = Store::open(&path).expect("made");
+        store.write(&[record("goal/a", 1)], &[]).expect("written");
+        let Store::File(file) = &store else { panic!("a file") };
+        *file.database.lock().expect("nobody else") = None;
+        store.write(&[record("goal/b", 1)], &[]).expect("written");
+        drop(store);
+        let (_, records) = Store::open(&path).expect("opened");
+        assert_eq!(records, [record("goal/a", 1), record("goal/b", 1)]);
+    }
+
+    #[test]
     fn a_newer_format_is_refused_and_left_as_it_is() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("journal.redb");
         let (store, _) = Store::open(&path).expect("made");
-        let Store::File(database) = store else { panic!("a file") };
+        let Store::File(file) = store else { panic!("a file") };
+        let database = file.database.lock().expect("nobody else").take().expect("it is open");
         let writing = database.begin_write().expect("begun");
         writing.open_table(ABOUT).expect("there").insert(FORMAT_KEY, FORMAT + 1).expect("put");
         writing.commit().expect("written");
