@@ -117,9 +117,13 @@ impl<D: Device> Agent for Actuator<D> {
     fn activated(&mut self, ctx: &mut Context<Self>) {
         // Before it says anything itself: its own word belongs to what it hears.
         ctx.switchboard().commons(&self.host);
-        self.announce(ctx);
-        self.beat_later(ctx);
-        self.watch(ctx);
+        match self.device.look() {
+            Some(looking) => {
+                let looked = ctx.run(looking, |actuator: &mut Self, (), ctx| actuator.appear(ctx));
+                self.looks(looked);
+            }
+            None => self.appear(ctx),
+        }
     }
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
@@ -152,6 +156,12 @@ impl<D: Device> Actuator<D> {
     }
 
     // === announcing ===
+
+    fn appear(&mut self, ctx: &mut Context<Self>) {
+        self.announce(ctx);
+        self.beat_later(ctx);
+        self.watch(ctx);
+    }
 
     /// Says everything: on activation, and whenever what it can do has changed.
     fn announce(&mut self, ctx: &mut Context<Self>) {

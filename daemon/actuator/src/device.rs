@@ -24,6 +24,12 @@ pub trait Device: Sized + Send + 'static {
     /// All facts it knows now and answers for: what it does not say is false.
     fn facts(&self) -> Vec<OwnFact>;
 
+    /// Looks how things stand before it says anything of itself: a former life may have left it
+    /// elsewhere than its config says. Nothing is announced until this is over, so it is bounded.
+    fn look(&self) -> Option<BoxFuture<()>> {
+        None
+    }
+
     /// Why it declines to run a method that it offers, before it agrees to.
     fn objection(&mut self, _call: &Call) -> Option<Refusal> {
         None

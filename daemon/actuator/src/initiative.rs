@@ -143,6 +143,11 @@ fn plan_requester() -> AgentId {
 impl<D: Device> Actuator<D> {
     // === watching ===
 
+    /// Keeps what looks how the device stands; it watches after that.
+    pub(crate) fn looks(&mut self, work: Work) {
+        self.initiatives.watching = Some(work);
+    }
+
     pub(crate) fn watch(&mut self, ctx: &mut Context<Self>) {
         let Some(next) = self.device.watch() else { return };
         let work = ctx.run(next, |actuator: &mut Self, stir, ctx| {

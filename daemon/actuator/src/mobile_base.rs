@@ -40,6 +40,10 @@ const CHARGING_PRIORITY: i32 = 10;
 /// How long finding the dock's contacts may take, beside the charging itself.
 const DOCKING: Duration = Duration::from_secs(60);
 
+/// How long a driver may take to say where the robot stands when its life begins: longer than a
+/// localization that is up needs, and short enough that nobody misses the robot.
+const LOOKED_WITHIN: Duration = Duration::from_secs(1);
+
 /// What a plan pays for charging, in meters: more than a detour past the dock is worth.
 const RECHARGE_COST: u32 = 10;
 
@@ -199,6 +203,24 @@ impl MobileBase {
 
     fn known(&self) -> State {
         self.state.borrow().clone()
+    }
+
+    /// Looks where it truly stands and what is left, at the beginning of a life. A driver that
+    /// does not say in time leaves it with what its config says.
+    pub fn look(&self) -> BoxFuture<()> {
+        let (body, id) = (self.body(), self.id.clone());
+        Box::pin(async move {
+            let problem = match tokio::time::timeout(LOOKED_WITHIN, body.look()).await {
+                Ok(Ok(_)) => return,
+                Ok(Err(failure)) => failure.to_string(),
+                Err(_) => "the driver does not say in time".to_owned(),
+            };
+            tracing::warn!(%id, problem, "failed to look where it stands; its config says it");
+        })
+    }
+
+    fn body(&self) -> Body {
+        Body { driver: Arc::clone(&self.driver), state: Arc::clone(&self.state) }
     }
 
     fn is_empty(&self) -> bool {
@@ -400,7 +422,7 @@ fn push(text: &mut String, piece: std::fmt::Arguments<'_>) {
 impl MobileBase {
     /// Runs a method of the base; one that is another's yields [`Failure::UnknownMethod`].
     pub fn perform(&self, call: &Call) -> BoxFuture<Result<Moved, Failure>> {
-        let body = Body { driver: Arc::clone(&self.driver), state: Arc::clone(&self.state) };
+        let body = self.body();
         match (call.method.as_str(), call.argument("place")) {
             ("navigate_to", Ok(place)) => {
                 let place = place.to_owned();

@@ -193,6 +193,10 @@ impl Device for CleaningRobot {
         Performed { detail, observations }
     }
 
+    fn look(&self) -> Option<BoxFuture<()>> {
+        Some(self.base.look())
+    }
+
     fn watch(&mut self) -> Option<BoxFuture<Stir<CleaningRobot>>> {
         let wish = self.base.next_wish();
         Some(Box::pin(async move {

@@ -192,6 +192,10 @@ impl Device for TurtleBot {
         }
     }
 
+    fn look(&self) -> Option<BoxFuture<()>> {
+        Some(self.base.look())
+    }
+
     fn watch(&mut self) -> Option<BoxFuture<Stir<TurtleBot>>> {
         if let Some(wish) = self.patrol.as_mut().and_then(Patrol::first_wish) {
             return Some(Box::pin(std::future::ready(wish)));

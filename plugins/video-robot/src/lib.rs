@@ -179,6 +179,10 @@ impl Device for VideoRobot {
         Performed { detail: format!("shows {medium} at {place}"), observations }
     }
 
+    fn look(&self) -> Option<BoxFuture<()>> {
+        Some(self.base.look())
+    }
+
     fn watch(&mut self) -> Option<BoxFuture<Stir<VideoRobot>>> {
         let wish = self.base.next_wish();
         Some(Box::pin(async move {
