@@ -121,6 +121,22 @@ fn who_was_cut_off_is_found_again() {
     reaches(&site, "reasoning", "(known-temperature office2)");
 }
 
+/// A process is stopped for longer than the lease, as by a laptop's lid, and goes on.
+#[test]
+fn who_stood_still_is_seen_by_all_again() {
+    let office = secured(&smart_office(SCOUTING), &BOARDS);
+    let Some(mut site) = Site::on_lan(office, &BOARDS) else { return };
+    BOARDS.iter().for_each(|board| site.up(board, &[]));
+    site.await_all(&BOARDS, &AGENTS);
+    site.office.signal("office2-pi", "STOP");
+    for board in ["reasoning", "turtlebot-laptop"] {
+        site.await_seen(board, |seen| !has(seen, "thermometer-office2"));
+    }
+    site.office.signal("office2-pi", "CONT");
+    site.await_all(&BOARDS, &AGENTS);
+    reaches(&site, "reasoning", "(known-temperature office2)");
+}
+
 /// Two ecosystems with the same daemons and agents, and even the same authority, hang on one
 /// router: each finds the daemons of its own, and never the other's.
 #[test]

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::time::Duration;
 
 use ::building::{BuildingHandle, ServeError, Server};
 use acl::{AgentId, DaemonId};
@@ -217,6 +218,9 @@ async fn up(ecosystem: Arc<Ecosystem>, place: Place, others: Others, manner: Man
     let interrupted = super::interrupted();
     tokio::pin!(interrupted);
     announce(&ecosystem, &place, &node);
+    if !manner.has_prompt {
+        hosting::watch_standstill(lease(&ecosystem.zenoh));
+    }
     if manner.has_prompt {
         match prompt(ecosystem, &node, manner.goals).await {
             Ok(guest) => {
@@ -415,6 +419,12 @@ async fn wire(ecosystem: &Ecosystem, daemon: &DaemonId) -> Result<(Wire, Stay), 
     }
     config.security = secured;
     Ok((Wire::Zenoh(Box::new(config)), stay))
+}
+
+/// How long a silent daemon counts as alive.
+fn lease(said: &Value) -> Duration {
+    let millis = said.pointer("/transport/link/tx/lease").and_then(Value::as_u64);
+    millis.map_or(substrate_zenoh::LEASE, Duration::from_millis)
 }
 
 fn zenoh_settings(said: &Value) -> Value {

@@ -7,6 +7,7 @@ mod credentials;
 mod entrance;
 mod folders;
 mod rehearsal;
+mod standstill;
 mod supervisor;
 mod unreliable;
 
@@ -27,6 +28,7 @@ pub(crate) use credentials::{GuestKeys, announce_end, forget_keys, secure, tell_
 pub(crate) use entrance::{Stay, enter};
 pub(crate) use folders::{running_ecosystems, runtime_folder, socket_in, state_folder};
 pub(crate) use rehearsal::{models, rehearse};
+pub(crate) use standstill::watch_standstill;
 use supervisor::Supervised;
 pub(crate) use unreliable::Mishaps;
 

@@ -1,0 +1,74 @@
+//! What becomes of a process that stood still: stopped, or its machine asleep.
+//!
+//! After a lease the others count it as gone, go on without it, and call it again. When it wakes,
+//! its links close and open at once, and Zenoh does not get over that: a router whose link is back
+//! before the routes were computed anew does not tell again who is there, and some never see it
+//! any more. As a process that has just begun it is seen by all; what it was at is known from disk
+//! and from the Journals, as after any death. So it begins anew, under its process id.
+
+use std::os::unix::process::CommandExt as _;
+use std::process::Command;
+use std::thread;
+use std::time::Duration;
+
+/// How often it looks at the clock.
+const PERIOD: Duration = Duration::from_millis(250);
+
+/// Begins anew whenever this process has stood still for as long as others may have taken it for
+/// gone: their lease counts from its last sign of life, of which there are four per lease.
+pub(crate) fn watch_standstill(lease: Duration) {
+    let missed = lease * 3 / 4;
+    // A thread of its own: one that waits for others would take a busy runtime for a standstill.
+    thread::spawn(move || {
+        let Some(mut last) = uptime() else { return };
+        loop {
+            thread::sleep(PERIOD);
+            let Some(now) = uptime() else { return };
+            let stood_still = now.saturating_sub(last).saturating_sub(PERIOD);
+            if stood_still > missed {
+                begin_anew(stood_still);
+            }
+            last = now;
+        }
+    });
+}
+
+/// Time since the machine was started, asleep or not.
+fn uptime() -> Option<Duration> {
+    let text = std::fs::read_to_string("/proc/uptime").ok()?;
+    let seconds: f64 = text.split_whitespace().next()?.parse().ok()?;
+    Duration::try_from_secs_f64(seconds).ok()
+}
+
+fn begin_anew(stood_still: Duration) {
+    tracing::warn!(?stood_still, "stood still, and was counted as gone: begins anew");
+    give_up_sockets();
+    let mut arguments = std::env::args_os();
+    let name = arguments.next().unwrap_or_default();
+    // The file that runs, also if another has been put in its place.
+    let error = Command::new("/proc/self/exe").arg0(name).args(arguments).exec();
+    tracing::error!(%error, "could not begin anew; some may not see this daemon");
+}
+
+/// Lets the next life take the sockets. Zenoh locks a file beside each, and alone of all that is
+/// open this is not closed with the program; a file of the same name is another.
+fn give_up_sockets() {
+    let Ok(open) = std::fs::read_dir("/proc/self/fd") else { return };
+    let targets = open.flatten().filter_map(|entry| std::fs::read_link(entry.path()).ok());
+    for path in targets.filter(|path| path.to_string_lossy().ends_with(".sock.lock")) {
+        // Then the next life says what it could not open.
+        let _ = std::fs::remove_file(path);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_clock_is_read() {
+        let before = uptime().expect("there is such a file");
+        thread::sleep(Duration::from_millis(30));
+        assert!(uptime().expect("still") > before);
+    }
+}
