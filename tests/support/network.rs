@@ -162,6 +162,12 @@ impl Site {
         self.machines[machine].must("mount", &["-t", "tmpfs", "-o", &size, "disk", &text(folder)]);
     }
 
+    /// A file as a machine sees it.
+    pub(crate) fn path(&self, machine: &str, path: &Path) -> PathBuf {
+        let holder = self.machines[machine].holder.id();
+        Path::new(&format!("/proc/{holder}/root")).join(path.strip_prefix("/").unwrap_or(path))
+    }
+
     /// Runs a program on a machine, which must succeed.
     pub(crate) fn must(&self, machine: &str, program: &str, arguments: &[&str]) {
         self.machines[machine].must(program, arguments);
@@ -212,6 +218,13 @@ impl Site {
         let answer = self.ask_json(file, machine, &["agents"]);
         let agents = answer["agents"].as_array().cloned().unwrap_or_default();
         agents.iter().filter_map(|each| Some(each["agent"].as_str()?.to_owned())).collect()
+    }
+
+    /// The daemons of which agents are seen from a machine.
+    pub(crate) fn hosts_seen(&self, machine: &str) -> Vec<String> {
+        let answer = self.ask_json(&self.office.file, machine, &["agents"]);
+        let agents = answer["agents"].as_array().cloned().unwrap_or_default();
+        agents.iter().filter_map(|each| Some(each["daemon"].as_str()?.to_owned())).collect()
     }
 
     /// Waits until what is seen from a machine is as it should be.

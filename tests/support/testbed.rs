@@ -1,0 +1,436 @@
+//! A testbed for faults: an ecosystem of six machines, each a network namespace with a real
+//! daemon, in a building whose truth only the test knows.
+//!
+//! - `alpha` and `beta` take goals and plan, one at a time; `gamma` and `delta` carry plans out, one
+//!   at a time; `robot` is a robot; `desk` hosts nobody, people ask there, and no fault hits it.
+//!   `alpha`, `beta` and `gamma` keep journals.
+//! - What is awaited is awaited as an event: presence, what a goal's asker is told, the truth.
+//! - The testbed asks for goals and judges; which faults there are is said in `faults.rs`.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::process::{Child, Stdio};
+use std::sync::{Arc, Condvar, Mutex, PoisonError, mpsc};
+use std::time::{Duration, Instant};
+
+use acl::content::{BelievedState, Record};
+use acl::{AgentId, DaemonId, EcosystemId};
+use building::{Building, Event, Layout, Server};
+use serde_json::Value;
+use substrate::{Ask, Delivery, Inbound, Presence, Question, Resident, Resource, Substrate as _};
+use substrate_zenoh::{Config, Mode, ZenohSubstrate};
+use tokio::runtime::Runtime;
+
+use crate::support::network::{Site, secured};
+use crate::support::{Office, lines};
+
+/// How long anything may take: ten leases.
+const PATIENCE: Duration = Duration::from_secs(40);
+
+pub(crate) const ROBOT: &str = "turtlebot-1";
+pub(crate) const MACHINES: [&str; 6] = ["alpha", "beta", "gamma", "delta", "robot", "desk"];
+
+/// A network that leads nowhere, and one for the other piece of a partition.
+pub(crate) const NOWHERE: &str = "nowhere";
+pub(crate) const ISLAND: &str = "island";
+
+/// The robot drives 6 meters in half a second: long enough for a fault to hit it under way.
+const TIME_SCALE: f64 = 0.025;
+
+/// Machines with a disk of their own, and its size: room for two journals.
+const SMALL_DISKS: [&str; 2] = ["alpha", "robot"];
+const DISK_BYTES: &str = "8m";
+
+pub(crate) struct Testbed {
+    pub(crate) site: Site,
+    pub(crate) present: Arc<Present>,
+    building: Building,
+    runtime: Runtime,
+    /// What people hear at the desk about who is here.
+    ear: Arc<ZenohSubstrate>,
+    /// Conversations of goals that were accepted.
+    accepted: BTreeSet<String>,
+    _server: Server,
+}
+
+/// A goal that was asked for, and what its asker was told so far.
+pub(crate) struct Asked {
+    child: Child,
+    lines: mpsc::Receiver<String>,
+    pub(crate) said: Vec<String>,
+    pub(crate) place: String,
+}
+
+/// How a goal ended.
+pub(crate) struct Ending {
+    pub(crate) is_achieved: bool,
+    pub(crate) said: Vec<String>,
+}
+
+/// Who is here, as the desk's router is told.
+#[derive(Default)]
+pub(crate) struct Present {
+    residents: Mutex<BTreeSet<Resident>>,
+    changed: Condvar,
+}
+
+impl Inbound for Present {
+    fn deliver(&self, _: Delivery) {}
+    fn question(&self, _: Question) {}
+    fn presence(&self, presence: Presence) {
+        let mut residents = self.residents.lock().unwrap_or_else(PoisonError::into_inner);
+        match presence {
+            Presence::Joined(resident) => residents.insert(resident),
+            Presence::Left(resident) => residents.remove(&resident),
+        };
+        self.changed.notify_all();
+    }
+}
+
+// === impl Present ===
+
+impl Present {
+    /// Waits until who is here is as it should be.
+    pub(crate) fn until(
+        &self,
+        what: &str,
+        is_right: impl Fn(&BTreeSet<Resident>) -> bool,
+    ) -> Result<(), String> {
+        let residents = self.residents.lock().unwrap_or_else(PoisonError::into_inner);
+        let waited = self.changed.wait_timeout_while(residents, PATIENCE, |now| !is_right(now));
+        let (residents, timeout) = waited.unwrap_or_else(PoisonError::into_inner);
+        if timeout.timed_out() { Err(format!("not {what}: {residents:?}")) } else { Ok(()) }
+    }
+
+    /// Waits until nobody of these daemons is seen.
+    pub(crate) fn gone(&self, daemons: &[&str]) -> Result<(), String> {
+        let is_of = |each: &Resident| daemons.contains(&each.daemon.as_str());
+        self.until(&format!("{daemons:?} gone"), |now| !now.iter().any(is_of))
+    }
+
+    /// The daemon whose agent of this name acts: that which has been here longest.
+    pub(crate) fn acting(&self, agent: &str) -> String {
+        let residents = self.residents.lock().unwrap_or_else(PoisonError::into_inner);
+        let named = residents.iter().filter(|each| each.agent.as_str() == agent);
+        let first = named.min_by_key(|each| each.incarnation);
+        first.map_or_else(String::new, |each| each.daemon.to_string())
+    }
+}
+
+// === impl Testbed ===
+
+impl Testbed {
+    /// `None` where namespaces are not permitted.
+    pub(crate) fn open(mode: &str) -> Option<Testbed> {
+        let office = secured(&ecosystem(mode), &MACHINES);
+        let mut site = Site::on_lan(office, &MACHINES)?;
+        site.network(NOWHERE);
+        site.network(ISLAND);
+        for machine in SMALL_DISKS {
+            let folder = site.office.folder().join("state/lab").join(machine);
+            site.small_disk(machine, &folder, DISK_BYTES);
+        }
+        let runtime = Runtime::new().expect("threads");
+        let (building, server) = runtime.block_on(async {
+            let building = Building::new(layout(), TIME_SCALE).expect("a sound scale");
+            let socket = site.office.folder().join("building.sock");
+            let server = building::serve(building.handle(), &socket).await.expect("a free socket");
+            (building, server)
+        });
+        MACHINES.iter().for_each(|machine| up(&mut site, machine));
+        let present = Arc::<Present>::default();
+        let ear = runtime.block_on(ear(&site, &present));
+        let accepted = BTreeSet::new();
+        Some(Testbed { site, present, building, runtime, ear, accepted, _server: server })
+    }
+
+    pub(crate) fn up(&mut self, machine: &str) {
+        up(&mut self.site, machine);
+    }
+
+    /// Waits until everybody is here.
+    pub(crate) fn whole(&self) -> Result<(), String> {
+        let mut expected = BTreeSet::new();
+        for (agent, _, daemons) in agents() {
+            expected.extend(daemons.iter().map(|daemon| (agent, *daemon)));
+        }
+        let here = |now: &BTreeSet<Resident>| {
+            let now: BTreeSet<_> =
+                now.iter().map(|each| (each.agent.as_str(), each.daemon.as_str())).collect();
+            expected.is_subset(&now)
+        };
+        self.present.until("whole", here)?;
+        self.until_known()
+    }
+
+    /// Waits until the ecosystem knows where the robot is. Whoever was cut off believes what was so
+    /// before, until the robot's next heartbeat.
+    fn until_known(&self) -> Result<(), String> {
+        let maintainer = AgentId::new("domain-maintainer").ok();
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let here = self.building.place_of(ROBOT).expect("it is somewhere");
+            let ask = Ask { daemon: None, resource: Resource::State, agent: maintainer.clone() };
+            let answers = self.runtime.block_on(self.ear.ask(ask, Duration::from_secs(2)));
+            let read = |answer| serde_json::from_slice::<BelievedState>(answer).ok();
+            let states: Vec<_> = answers.iter().filter_map(|answer| read(answer)).collect();
+            let fact = format!("(at {ROBOT} {here})");
+            let knows = |state: &BelievedState| state.facts.iter().any(|each| each.fact == fact);
+            if !states.is_empty() && states.iter().all(knows) {
+                return Ok(());
+            }
+            if Instant::now() > deadline {
+                return Err(format!("nobody knows `{fact}`: {states:?}"));
+            }
+        }
+    }
+
+    /// Asks for the robot to be elsewhere than it is.
+    pub(crate) fn ask(&self, number: usize, options: &[&str]) -> Asked {
+        let here = self.building.place_of(ROBOT).expect("it is somewhere");
+        let places = ["office1", "conf-room", "office2", "corridor"];
+        let mut others = places.into_iter().cycle().skip(number).filter(|place| *place != here);
+        let place = others.next().expect("there are more").to_owned();
+        let mut command = self.site.program("desk", env!("CARGO_BIN_EXE_althing"));
+        command.args(["goal", &format!("(at {ROBOT} {place})")]).args(options);
+        command.arg("--ecosystem").arg(&self.site.office.file);
+        let mut child = command.stdout(Stdio::piped()).spawn().expect("the binary is built");
+        let lines = lines(&mut child);
+        Asked { child, lines, said: Vec::new(), place }
+    }
+
+    /// Asks for the robot to be elsewhere, and waits until it is on its way.
+    pub(crate) fn under_way(&self, number: usize) -> Result<Asked, String> {
+        let mark = self.mark();
+        let mut asked = self.ask(number, &[]);
+        self.until_departed(mark, &mut asked)?;
+        Ok(asked)
+    }
+
+    /// Follows a goal to its end, which must be what is true.
+    pub(crate) fn ended(&mut self, mut asked: Asked) -> Result<Ending, String> {
+        while !asked.has_ended() {
+            asked.next()?;
+        }
+        let end = asked.said.last().cloned().unwrap_or_default();
+        let is_achieved = end.starts_with("done");
+        let conversation = asked.said.iter().find_map(|line| line.strip_prefix("asked"));
+        let is_accepted = asked.said.iter().any(|line| line.contains("accepted; kept by"));
+        if let Some(conversation) = conversation.filter(|_| is_accepted) {
+            self.accepted.insert(conversation.trim().to_owned());
+        }
+        let is_there = self.building.place_of(ROBOT).is_ok_and(|place| place == asked.place);
+        if is_achieved && !is_there {
+            return Err(format!("the robot is not in {}: {:#?}", asked.place, asked.said));
+        }
+        if end.split_whitespace().count() < 2 {
+            return Err(format!("an end without a reason: {:#?}", asked.said));
+        }
+        Ok(Ending { is_achieved, said: std::mem::take(&mut asked.said) })
+    }
+
+    /// What each machine sees, for whoever looks into a failure.
+    pub(crate) fn dump(&self) -> String {
+        let views = MACHINES.map(|machine| {
+            let (_, agents) = self.site.ask(machine, &["agents"]);
+            format!("from {machine}:\n{agents}")
+        });
+        let (_, goals) = self.site.ask("desk", &["goals"]);
+        format!("{}goals:\n{goals}", views.concat())
+    }
+
+    /// Waits until these, which were cut off, and the rest do not see each other any more.
+    pub(crate) fn cut_off(&self, hosts: &[&str]) -> Result<(), String> {
+        self.present.gone(hosts)?;
+        let deadline = Instant::now() + PATIENCE;
+        for host in hosts {
+            while self.site.hosts_seen(host).iter().any(|seen| !hosts.contains(&seen.as_str())) {
+                if Instant::now() > deadline {
+                    return Err(format!("`{host}` still sees {:?}", self.site.hosts_seen(host)));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    // === the truth ===
+
+    /// Where the building's log is now.
+    pub(crate) fn mark(&self) -> u64 {
+        self.building.truth().next_sequence()
+    }
+
+    /// How often the robot has set off since then.
+    pub(crate) fn departures(&self, since: u64) -> usize {
+        let truth = self.building.truth();
+        let since = truth.occurrences().filter(|each| each.sequence >= since);
+        since.filter(|each| matches!(each.event, Event::Departed { .. })).count()
+    }
+
+    /// Waits until the robot has set off since then; fails if the goal ends before.
+    fn until_departed(&self, since: u64, asked: &mut Asked) -> Result<(), String> {
+        let deadline = Instant::now() + PATIENCE;
+        while self.departures(since) == 0 {
+            // Whatever is said is said before or after it sets off, and somebody says something.
+            let line = asked.lines.recv_timeout(Duration::from_millis(20));
+            asked.said.extend(line);
+            if asked.has_ended() || Instant::now() > deadline {
+                return Err(format!("never set off to {}: {:#?}", asked.place, asked.said));
+            }
+        }
+        Ok(())
+    }
+
+    /// How many commands the robot has ever begun, by its own ledger.
+    pub(crate) fn commands(&self) -> usize {
+        let ledger = self.kept("robot", &format!("{ROBOT}.tokens"));
+        let ledger = std::fs::read_to_string(ledger).unwrap_or_default();
+        let begun = |line: &str| {
+            let line: Value = serde_json::from_str(line).ok()?;
+            let token = line.get("begun").or_else(|| line.get("ended")?.get("token"))?;
+            Some(token.to_string())
+        };
+        ledger.lines().filter_map(begun).collect::<BTreeSet<_>>().len()
+    }
+
+    /// A file in the state folder of a daemon.
+    pub(crate) fn kept(&self, daemon: &str, file: &str) -> PathBuf {
+        let folder = self.site.office.folder().join("state/lab").join(daemon);
+        self.site.path(daemon, &folder).join(file)
+    }
+
+    // === the journals ===
+
+    /// Every goal that was accepted is in every journal, and has ended; after a death of all.
+    pub(crate) fn check_journals(&mut self) -> Result<usize, String> {
+        let hosts = &MACHINES[..5];
+        hosts.iter().for_each(|host| self.site.office.kill(host));
+        self.present.gone(hosts)?;
+        hosts.iter().for_each(|host| up(&mut self.site, host));
+        self.whole()?;
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let journals = self.journals();
+            let missing = self.accepted.iter().find(|conversation| {
+                let key = format!("goal/{conversation}");
+                let has_ended = |journal: &Vec<Record>| {
+                    let record = journal.iter().find(|record| record.key == key);
+                    record.is_some_and(|record| record.body["ended"].is_object())
+                };
+                !journals.iter().all(has_ended)
+            });
+            match missing {
+                None if journals.len() == 3 => return Ok(self.accepted.len()),
+                _ if Instant::now() < deadline => (),
+                None => return Err(format!("only {} journals answer", journals.len())),
+                Some(conversation) => return Err(format!("{conversation} is lost, or open")),
+            }
+        }
+    }
+
+    fn journals(&self) -> Vec<Vec<Record>> {
+        let ask = Ask { daemon: None, resource: Resource::Journal, agent: None };
+        let asked = self.ear.ask(ask, Duration::from_secs(2));
+        let answers = self.runtime.block_on(asked);
+        answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok()).collect()
+    }
+}
+
+// === impl Asked ===
+
+impl Asked {
+    /// Waits until its asker is told something with these words.
+    pub(crate) fn until(&mut self, words: &str) -> Result<(), String> {
+        while !self.said.iter().any(|line| line.contains(words)) {
+            self.next().map_err(|problem| format!("never said `{words}`: {problem}"))?;
+        }
+        Ok(())
+    }
+
+    fn has_ended(&self) -> bool {
+        let ends = ["done", "failed", "refused", "nobody", "cancelled"];
+        self.said.last().is_some_and(|last| ends.iter().any(|end| last.starts_with(end)))
+    }
+
+    fn next(&mut self) -> Result<(), String> {
+        match self.lines.recv_timeout(PATIENCE) {
+            Ok(line) => self.said.push(line),
+            Err(_) => return Err(format!("nothing more is said: {:#?}", self.said)),
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Asked {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+// === the ecosystem ===
+
+/// Starts a daemon, which calls all before it: whoever comes back is linked at once.
+fn up(site: &mut Site, machine: &str) {
+    let before = (1..).zip(MACHINES).take_while(|(_, each)| *each != machine);
+    let endpoints: Vec<_> = before.map(|(n, _)| format!("tls/10.0.0.{n}:7447")).collect();
+    let options: Vec<_> = endpoints.iter().flat_map(|each| ["--connect", each]).collect();
+    site.up(machine, &options);
+}
+
+async fn ear(site: &Site, present: &Arc<Present>) -> Arc<ZenohSubstrate> {
+    let socket = site.office.runtime_folder().join("lab/desk.sock");
+    let socket = site.path("desk", &socket);
+    let ecosystem = EcosystemId::new("lab").expect("a name");
+    let mut config = Config::new(ecosystem, DaemonId::new("ear").expect("a name"));
+    config.mode = Mode::Client;
+    config.connect = vec![format!("unixsock-stream/{}", socket.display())];
+    config.open(Arc::<Present>::clone(present)).await.expect("the desk's daemon runs")
+}
+
+/// Name, plugin and hosts of every agent.
+fn agents() -> [(&'static str, &'static str, &'static [&'static str]); 8] {
+    let planning: &[&str] = &["alpha", "beta"];
+    [
+        ("domain-maintainer", "domain-maintainer", planning),
+        ("plan-requester", "plan-requester", planning),
+        ("planning-agent", "planning-agent", planning),
+        ("plan-executor", "plan-executor", &["gamma", "delta"]),
+        ("journal-alpha", "journal", &["alpha"]),
+        ("journal-beta", "journal", &["beta"]),
+        ("journal-gamma", "journal", &["gamma"]),
+        (ROBOT, "turtlebot", &["robot"]),
+    ]
+}
+
+fn ecosystem(mode: &str) -> String {
+    let office = Office::file().canonicalize().expect("it is there");
+    let domain = office.ancestors().nth(2).expect("a folder").join("domains/smart-office");
+    let domain = domain.display();
+    // A short wait until who is back is called again, so that two hundred faults fit into a break.
+    let mut text = format!(
+        "[ecosystem]\nname = \"lab\"\ndomain = \"{domain}/domain.pddl\"\n\
+         problem = \"{domain}/map.pddl\"\nmode = \"{mode}\"\ndaemons = [\"desk\"]\n\n\
+         [zenoh]\nlisten.endpoints = [\"tls/0.0.0.0:7447\"]\n\
+         connect.retry.period_max_ms = 500\n\n"
+    );
+    for (agent, plugin, daemons) in agents() {
+        let start = if agent == ROBOT { "config = { start = \"corridor\" }\n" } else { "" };
+        text += &format!(
+            "[[agent]]\nname = \"{agent}\"\nplugin = \"{plugin}\"\ndaemon = {daemons:?}\n{start}\n"
+        );
+    }
+    text
+}
+
+/// The building of the office's map.
+fn layout() -> Layout {
+    let mut layout = Layout::new();
+    layout.add_corridor("corridor", 19.0).expect("a corridor");
+    for (room, meters) in [("office1", 4.0), ("office2", 6.0), ("conf-room", 8.0)] {
+        layout.add_room(room, 20.0).expect("a room");
+        layout.connect("corridor", room, meters).expect("a door");
+    }
+    layout.add_robot(ROBOT, "corridor", 0.3).expect("a robot");
+    layout
+}
