@@ -83,6 +83,10 @@ pub(crate) struct Beliefs {
     holding: BTreeMap<FactKey, Holding>,
     /// What may no longer be as `holding` says.
     touched: BTreeSet<FactKey>,
+    /// Whether what holds is kept, or judged whenever somebody looks.
+    settles: bool,
+    /// Whether something may hold that did not, or the reverse, since that was asked last.
+    is_moved: bool,
     stamps: u64,
 }
 
@@ -152,6 +156,23 @@ impl Owners {
 // === impl Beliefs ===
 
 impl Beliefs {
+    /// Believes nobody yet; `settles` tells whether [`Beliefs::settle`] will be called.
+    pub(crate) fn new(settles: bool) -> Beliefs {
+        Beliefs { settles, ..Beliefs::default() }
+    }
+
+    fn touch(&mut self, fact: FactKey) {
+        self.is_moved = true;
+        if self.settles {
+            self.touched.insert(fact);
+        }
+    }
+
+    /// Whether something may have changed since this was asked last, for who does not settle.
+    pub(crate) fn take_moved(&mut self) -> bool {
+        std::mem::take(&mut self.is_moved) && !self.settles
+    }
+
     /// Whether `owner` may claim `more` facts beside those it claims.
     pub(crate) fn has_room(&self, owner: &Owner, more: usize) -> Result<(), Declined> {
         let claimed = self.by_owner.get(owner);
@@ -176,9 +197,13 @@ impl Beliefs {
         let before = self.known(&fact, owner).filter(|known| known.claim.value == claim.value);
         let since = before.map_or(stamp, |known| known.since);
         // Most of what a heartbeat says is what the one before said.
+        let is_contested = self.claims.get(&fact).is_some_and(|owners| owners.0.len() > 1);
         if let Some(known) = self.known(&fact, owner).filter(|k| k.claim.until == claim.until) {
+            let is_repeated = known.claim.value == claim.value && !is_contested;
             *known = Stamped { stamp, since, claim };
-            self.touched.insert(fact);
+            if !is_repeated {
+                self.touch(fact);
+            }
             return;
         }
         self.withdraw(&fact, owner);
@@ -193,7 +218,7 @@ impl Beliefs {
                 self.claims.insert(fact.clone(), Owners(vec![(owner.clone(), stamped)]));
             }
         }
-        self.touched.insert(fact);
+        self.touch(fact);
     }
 
     fn known(&mut self, fact: &FactKey, owner: &Owner) -> Option<&mut Stamped> {
@@ -216,7 +241,7 @@ impl Beliefs {
                 self.by_owner.remove(owner);
             }
         }
-        self.touched.insert(fact.clone());
+        self.touch(fact.clone());
     }
 
     /// Believes nobody about this fact.
@@ -369,9 +394,18 @@ impl Beliefs {
         })
     }
 
-    /// What holds of a term, as last settled.
-    pub(crate) fn value_of(&self, fact: &FactKey) -> Option<Value> {
-        self.holding.get(fact).map(|holding| holding.value)
+    /// What holds of a term, as last settled, or as it is judged.
+    pub(crate) fn value_of(
+        &self,
+        fact: &FactKey,
+        composite: &Composite,
+        now: Moment,
+    ) -> Option<Value> {
+        let holding = match self.settles {
+            true => self.holding.get(fact).copied(),
+            false => self.judge(fact, composite, now),
+        };
+        holding.map(|holding| holding.value)
     }
 
     /// Every claim of one fact.

@@ -3,19 +3,21 @@
 //! Pure and from the start each time: the result depends on who is here, on who was here first
 //! where two disagree, and on names given before; on nothing else. Linear in the text of the
 //! models. Three steps, each a file: which declarations stand, which actions, and the domain
-//! that is written from both.
+//! that is written from both. Where nobody looks yet, only [whose declaration stands](incumbents)
+//! is kept.
 
 mod actions;
 mod assemble;
 mod declarations;
+mod incumbents;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use acl::AgentId;
 use pddl::{Domain, Name, Privacy, Problem};
 
-use crate::canonical::Key;
+use self::incumbents::Incumbents;
 use crate::composite::{Composite, Secrets};
 use crate::conflict::{Conflict, Kind, Subject};
 use crate::manifest::{Declaration, Manifest};
@@ -44,7 +46,7 @@ pub(crate) struct Party<'a> {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Memory {
     /// Whose declaration stood: it goes on standing while anyone makes it.
-    incumbents: BTreeMap<Subject, (Key, Vec<Key>)>,
+    incumbents: Incumbents,
     names: ActionNames,
 }
 
@@ -69,6 +71,19 @@ pub(crate) fn compose(
     let secrets = secrets(shared, parties, everything);
     let composite = assemble::assemble(shared, parties, standing, &schemas, &inside, secrets);
     (composite, report.conflicts.into_iter().collect())
+}
+
+impl Memory {
+    /// Remembers whose public declarations stand, without composing, now that somebody says what is
+    /// in `now` in place of what was in `former`. `parties` are all who are here now.
+    pub(crate) fn keep_standing<'a, P: Iterator<Item = Party<'a>>>(
+        &mut self,
+        former: Option<&Manifest>,
+        now: Option<&Manifest>,
+        parties: impl Fn() -> P,
+    ) {
+        incumbents::keep(&mut self.incumbents, former, now, parties);
+    }
 }
 
 fn secrets(shared: &Shared, parties: &[Party<'_>], everything: bool) -> Secrets {

@@ -38,6 +38,10 @@ pub enum Scope {
     /// The ontology, the map, public facts and objects; nobody's actions, and nothing private.
     /// What actuators share, each of whom sees more [with its own
     /// eyes](Maintainer::snapshot_for).
+    ///
+    /// Composed whenever somebody looks, and not before: a thousand models that come at once cost no
+    /// more than to read them. What changes is therefore told of agents only, and what counts
+    /// changes may count some that nobody can see.
     Public,
 }
 
@@ -64,6 +68,7 @@ pub struct Maintainer {
     roster: Roster,
     remembered: Remembered,
     memory: Memory,
+    /// Of a public scope, what was composed of nobody's model.
     composite: Arc<Composite>,
     conflicts: Vec<Conflict>,
     beliefs: Beliefs,
@@ -108,7 +113,7 @@ impl Maintainer {
             memory,
             composite: Arc::new(composite),
             conflicts,
-            beliefs: Beliefs::default(),
+            beliefs: Beliefs::new(everything),
             withheld: BTreeSet::new(),
             metric: None,
             announced: BTreeSet::new(),
@@ -140,6 +145,7 @@ impl Maintainer {
         if self.scope == Scope::Everything {
             self.remembered.note(&described.frame, &described.manifest);
         }
+        let former = self.manifest_of(&agent);
         let member = match known.cloned() {
             Some(known) => {
                 self.is_changed |= known.described.methods != described.methods;
@@ -149,7 +155,7 @@ impl Maintainer {
         };
         self.seat(&agent, member, now);
         let before: BTreeSet<Conflict> = self.conflicts.drain(..).collect();
-        self.recompose();
+        self.remodel(&agent, former.as_deref());
         let conflicts = { self.conflicts.iter() }
             .filter(|conflict| !before.contains(conflict))
             .cloned()
@@ -217,8 +223,8 @@ impl Maintainer {
             return self.conclude(now);
         }
         self.beliefs.withdraw_where(&Owner::Agent(agent.clone()), |_, _| true);
-        if self.roster.release(agent).is_some() {
-            self.recompose();
+        if let Some(former) = self.roster.release(agent) {
+            self.remodel(agent, Some(&former.described.manifest));
         }
         self.conclude(now)
     }
@@ -247,10 +253,26 @@ impl Maintainer {
         self.roster.seat(agent, member);
     }
 
+    fn manifest_of(&self, agent: &AgentId) -> Option<Arc<Manifest>> {
+        self.roster.get(agent).map(|member| Arc::clone(&member.described.manifest))
+    }
+
+    /// Takes account of what an agent describes of itself now, in place of what it described before.
+    fn remodel(&mut self, agent: &AgentId, former: Option<&Manifest>) {
+        match self.scope {
+            Scope::Everything => self.recompose(),
+            Scope::Public => {
+                let now = self.manifest_of(agent);
+                let parties = || self.roster.parties(|_| false);
+                self.memory.keep_standing(former, now.as_deref(), parties);
+                self.is_changed = true;
+            }
+        }
+    }
+
     fn recompose(&mut self) {
         let mut memory = std::mem::take(&mut self.memory);
-        let everything = self.scope == Scope::Everything;
-        let (mut composite, conflicts) = self.compose(&|_| everything, &mut memory);
+        let (mut composite, conflicts) = self.compose(|_| true, &mut memory);
         self.memory = memory;
         self.conflicts = conflicts;
         composite.share_domain(&self.composite);
@@ -262,17 +284,10 @@ impl Maintainer {
     /// One domain of all models, of which those that `trusts` names are known whole.
     fn compose(
         &self,
-        trusts: &dyn Fn(&AgentId) -> bool,
+        trusts: impl Fn(&AgentId) -> bool,
         memory: &mut Memory,
     ) -> (Composite, Vec<Conflict>) {
-        let parties: Vec<Party<'_>> = { self.roster.iter() }
-            .map(|(agent, member)| Party {
-                agent,
-                arrival: member.arrival,
-                manifest: &member.described.manifest,
-                trusted: trusts(agent),
-            })
-            .collect();
+        let parties: Vec<Party<'_>> = self.roster.parties(trusts).collect();
         compose(&self.shared, &parties, self.scope == Scope::Everything, memory)
     }
 
@@ -286,14 +301,17 @@ impl Maintainer {
                 left.push(agent);
             }
         }
-        let (believed, retracted) = self.beliefs.settle(&self.composite, now);
+        let (believed, retracted) = match self.scope {
+            Scope::Everything => self.beliefs.settle(&self.composite, now),
+            Scope::Public => Default::default(),
+        };
         let is_changed = std::mem::take(&mut self.is_changed);
         let epoch_changed = is_changed || !joined.is_empty() || !left.is_empty();
         self.epoch += u64::from(epoch_changed);
         let (epoch, revision) = (self.epoch, self.revision);
         let mut change =
             Change { epoch, revision, epoch_changed, joined, left, believed, retracted };
-        if !change.is_empty() {
+        if !change.is_empty() || self.beliefs.take_moved() {
             self.revision += 1;
             change.revision = self.revision;
         }

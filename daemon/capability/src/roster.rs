@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use acl::{AgentId, Incarnation};
 use pddl::Name;
 
+use crate::compose::Party;
 use crate::declined::Declined;
 use crate::described::Described;
 use crate::fact::{FactKey, Space};
@@ -101,6 +102,19 @@ impl Roster {
 
     pub(crate) fn get(&self, agent: &AgentId) -> Option<&Member> {
         self.members.get(agent)
+    }
+
+    /// All of them as they are composed, in the order of their names.
+    pub(crate) fn parties(
+        &self,
+        trusts: impl Fn(&AgentId) -> bool,
+    ) -> impl Iterator<Item = Party<'_>> {
+        self.members.iter().map(move |(agent, member)| Party {
+            agent,
+            arrival: member.arrival,
+            manifest: &member.described.manifest,
+            trusted: trusts(agent),
+        })
     }
 
     /// Whose presence may have changed since this was asked last, and whether their capabilities

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use pddl::{Domain, Name, TypeExpr, Typed, Types};
 
+use super::incumbents::Incumbents;
 use super::{Party, Report, Shared};
 use crate::canonical::Key;
 use crate::conflict::{Kind, Subject};
@@ -32,12 +33,13 @@ pub(super) struct Kept<'a> {
 }
 
 type Word<'a> = (Party<'a>, &'a Declaration);
-type Variant = (Key, Vec<Key>);
+/// What is declared, and what derives it.
+pub(super) type Variant = (Key, Vec<Key>);
 
 pub(super) fn settle<'a>(
     shared: &'a Shared,
     parties: &[Party<'a>],
-    incumbents: &mut BTreeMap<Subject, Variant>,
+    incumbents: &mut Incumbents,
     report: &mut Report<'a>,
 ) -> Standing<'a> {
     let ours = index(&shared.manifest.declarations);
@@ -72,7 +74,7 @@ fn words_of<'a>(parties: &[Party<'a>]) -> BTreeMap<&'a Subject, Vec<Word<'a>>> {
     words
 }
 
-fn variant_of(declaration: &Declaration) -> Variant {
+pub(super) fn variant_of(declaration: &Declaration) -> Variant {
     let axioms = declaration.axioms.iter().map(|axiom| axiom.key.clone()).collect();
     (declaration.signature.clone(), axioms)
 }

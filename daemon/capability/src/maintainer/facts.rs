@@ -211,5 +211,6 @@ impl Maintainer {
         }
         // The state a maintainer begins with is no change.
         self.beliefs.settle(&self.composite, start);
+        self.beliefs.take_moved();
     }
 }

@@ -85,8 +85,8 @@ impl Maintainer {
     }
 
     fn is_offered(&self, (action, agent): &Of) -> bool {
-        let offers = self.composite.offers.iter();
-        { offers }
+        let composite = self.composed();
+        { composite.offers.iter() }
             .filter(|(offerer, _)| agent.as_ref().is_none_or(|agent| agent == *offerer))
             .any(|(_, offered)| offered.iter().any(|offered| offered.outside == *action))
     }
@@ -109,13 +109,14 @@ impl Maintainer {
     /// If it means nothing in the composite domain.
     pub fn measure(&mut self, metric: Option<Metric>, now: Moment) -> Result<Change, Declined> {
         if let Some(metric) = &metric {
+            let composite = self.composed();
             let problem = Problem {
-                objects: self.composite.objects.clone(),
+                objects: composite.objects.clone(),
                 goal: Condition::always(),
                 metric: Some(metric.clone()),
                 ..self.frame()
             };
-            let mistakes = pddl::check_problem(&self.composite.domain, &problem);
+            let mistakes = pddl::check_problem(&composite.domain, &problem);
             if let Some(mistake) = mistakes.into_iter().find(pddl::Diagnostic::is_error) {
                 return Err(Declined::Meaningless { detail: mistake.to_string() });
             }

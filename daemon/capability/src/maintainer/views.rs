@@ -75,9 +75,21 @@ const TOTAL_COST: &str = "total-cost";
 impl Maintainer {
     /// The domain and the problem as known at `now`, to plan in.
     pub fn snapshot(&self, now: Moment) -> Snapshot {
-        let believed = self.beliefs.holding(&self.composite, now);
-        let everything = self.scope == Scope::Everything;
-        self.shown(&self.composite, &|_| everything, believed)
+        match self.scope {
+            Scope::Everything => {
+                let believed = self.beliefs.holding(&self.composite, now);
+                self.shown(&self.composite, &|_| true, believed)
+            }
+            Scope::Public => self.snapshot_for(&BTreeSet::new(), now),
+        }
+    }
+
+    /// The composite as it is now.
+    pub(super) fn composed(&self) -> Arc<Composite> {
+        match self.scope {
+            Scope::Everything => Arc::clone(&self.composite),
+            Scope::Public => Arc::new(self.compose(|_| false, &mut self.memory.clone()).0),
+        }
     }
 
     /// The same as an actuator sees it that acts for the agents of `whole`: itself, and those it
@@ -86,7 +98,7 @@ impl Maintainer {
     /// Made when asked for: one maintainer serves all actuators that hear the same.
     pub fn snapshot_for(&self, whole: &BTreeSet<AgentId>, now: Moment) -> Snapshot {
         let is_whole = |agent: &AgentId| whole.contains(agent);
-        let (composite, _) = self.compose(&is_whole, &mut self.memory.clone());
+        let (composite, _) = self.compose(is_whole, &mut self.memory.clone());
         let composite = Arc::new(composite);
         self.shown(&composite, &is_whole, self.beliefs.judged(&composite, now))
     }
@@ -173,18 +185,19 @@ impl Maintainer {
 
     /// Every fact that somebody claims and that may be known here, in a fixed order.
     pub fn provenance(&self, now: Moment) -> Vec<Provenance> {
+        let composite = self.composed();
         { self.beliefs.claims() }
             .filter_map(|(fact, claims)| {
                 let seen = claims.into_iter().filter(|(owner, claim)| {
-                    self.composite.secrets.sees(owner, fact)
+                    composite.secrets.sees(owner, fact)
                         && claim.until.is_none_or(|until| until > now)
                 });
                 let claims: Vec<(&Owner, &Claim)> = seen.collect();
                 let (_, first) = claims.first()?;
-                let value = self.beliefs.value_of(fact).unwrap_or(first.value);
+                let value = self.beliefs.value_of(fact, &composite, now).unwrap_or(first.value);
                 Some(Provenance {
                     fact: fact.element(value),
-                    left_out: self.composite.vocabulary.fact_misfit(fact),
+                    left_out: composite.vocabulary.fact_misfit(fact),
                     claims: { claims.into_iter() }
                         .map(|claim| ClaimedBy::new(fact, claim, now))
                         .collect(),
@@ -197,7 +210,7 @@ impl Maintainer {
     pub fn misfit(&self, fact: &InitElement) -> Option<String> {
         match Statement::of(fact) {
             Statement::Is(key, _) | Statement::Not(key) => {
-                self.composite.vocabulary.fact_misfit(&key)
+                self.composed().vocabulary.fact_misfit(&key)
             }
             Statement::Unusable => {
                 Some("a fact has objects only, and speaks of no other time".to_owned())
@@ -221,6 +234,7 @@ impl Maintainer {
 
     /// The agents that are here, in the order of their names.
     pub fn agents(&self, now: Moment) -> Vec<AgentView> {
+        let composite = self.composed();
         { self.roster.iter() }
             .map(|(agent, member)| AgentView {
                 agent: agent.clone(),
@@ -229,7 +243,7 @@ impl Maintainer {
                 is_masked: member.is_masked,
                 is_silent: member.is_silent,
                 age: now.since(member.heard),
-                actions: { self.composite.offers.get(agent).into_iter().flatten() }
+                actions: { composite.offers.get(agent).into_iter().flatten() }
                     .map(|offered| offered.outside.clone())
                     .filter(|action| member.is_present() && !self.is_withheld(action, agent))
                     .collect(),
@@ -257,8 +271,11 @@ impl Maintainer {
     }
 
     /// Everything that is left out of the composite, in a fixed order.
-    pub fn conflicts(&self) -> &[Conflict] {
-        &self.conflicts
+    pub fn conflicts(&self) -> Vec<Conflict> {
+        match self.scope {
+            Scope::Everything => self.conflicts.clone(),
+            Scope::Public => self.compose(|_| false, &mut self.memory.clone()).1,
+        }
     }
 
     /// Counts changes of the set of capabilities.

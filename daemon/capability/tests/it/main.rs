@@ -18,3 +18,4 @@ mod following;
 mod order;
 
 mod limits;
+mod looking;

@@ -200,7 +200,7 @@ impl Office {
     }
 
     pub(crate) fn conflicts(&self) -> String {
-        let lines = self.maintainer.conflicts().iter().map(|conflict| format!("{conflict}\n"));
+        let lines = self.maintainer.conflicts().into_iter().map(|conflict| format!("{conflict}\n"));
         lines.collect()
     }
 }

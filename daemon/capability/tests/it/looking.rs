@@ -1,0 +1,88 @@
+//! Composed when somebody looks, or whenever something comes: it is the same.
+
+use proptest::prelude::*;
+
+use crate::office::{Office, model, office, office_of};
+
+/// What one agent may say of what another says otherwise; nothing of it is private, so that who
+/// composes everything at once sees the same.
+const WORDS: [&str; 9] = [
+    "",
+    "(:types drone - mobile-base) (:predicates (aloft ?d - drone))",
+    "(:types drone - sensor) (:predicates (aloft ?d - drone) (ready))",
+    "(:predicates (aloft)) (:functions (height))",
+    "(:functions (height ?s - sensor)) (:objects pole - location)",
+    "(:objects pole - sensor) (:predicates (ready ?s - sensor)) (:init (ready pole))",
+    "(:objects pole - sensor) (:predicates (ready)) (:init (ready))",
+    "(:types drone - bird) (:objects pole - drone)",
+    "(:objects pole - location)",
+];
+
+/// One of four agents says one of these things, or goes.
+#[derive(Clone, Debug)]
+enum Event {
+    Says(usize, usize),
+    Goes(usize),
+    Looks,
+}
+
+fn event() -> impl Strategy<Value = Event> {
+    prop_oneof![
+        6 => (0_usize..4, 0..WORDS.len()).prop_map(|(agent, words)| Event::Says(agent, words)),
+        2 => (0_usize..4).prop_map(Event::Goes),
+        1 => Just(Event::Looks),
+    ]
+}
+
+fn tell(office: &mut Office, event: &Event) {
+    let name = |agent: &usize| format!("agent-{agent}");
+    match event {
+        Event::Says(agent, words) => {
+            office.admit(&model(&name(agent), WORDS[*words]));
+        }
+        Event::Goes(agent) => {
+            office.remove(&name(agent));
+        }
+        Event::Looks => {
+            office.snapshot();
+        }
+    }
+}
+
+/// Seeds are not kept in files: a failure prints its case, which becomes a test of its own.
+fn config() -> ProptestConfig {
+    ProptestConfig { cases: 512, failure_persistence: None, ..ProptestConfig::default() }
+}
+
+proptest! {
+    #![proptest_config(config())]
+
+    #[test]
+    fn who_composes_late_composes_the_same(events in prop::collection::vec(event(), 1..24)) {
+        let (mut at_once, mut late) = (office(), office_of("nobody"));
+        for event in &events {
+            tell(&mut at_once, event);
+            tell(&mut late, event);
+        }
+        let (one, two) = (at_once.snapshot(), late.snapshot());
+        prop_assert_eq!(one.domain.to_string(), two.domain.to_string());
+        prop_assert_eq!(one.problem, two.problem);
+        prop_assert_eq!(at_once.conflicts(), late.conflicts());
+    }
+}
+
+#[test]
+fn what_stood_stands_while_anyone_says_it_though_nobody_looked() {
+    let mut office = office_of("nobody");
+    for event in [
+        Event::Says(0, 8),
+        Event::Says(1, 5),
+        Event::Says(2, 8),
+        // Of the two who stay, the other has been here longer.
+        Event::Goes(0),
+    ] {
+        tell(&mut office, &event);
+    }
+    let shown = office.snapshot().problem.to_string();
+    assert!(shown.contains("pole - location"), "{shown}");
+}
