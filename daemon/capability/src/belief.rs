@@ -194,17 +194,23 @@ impl Beliefs {
     pub(crate) fn claim(&mut self, fact: FactKey, owner: &Owner, claim: Claim) {
         self.stamps += 1;
         let stamp = self.stamps;
-        let before = self.known(&fact, owner).filter(|known| known.claim.value == claim.value);
-        let since = before.map_or(stamp, |known| known.since);
-        // Most of what a heartbeat says is what the one before said.
-        let is_contested = self.claims.get(&fact).is_some_and(|owners| owners.0.len() > 1);
-        if let Some(known) = self.known(&fact, owner).filter(|k| k.claim.until == claim.until) {
-            let is_repeated = known.claim.value == claim.value && !is_contested;
-            *known = Stamped { stamp, since, claim };
-            if !is_repeated {
-                self.touch(fact);
+        let mut since = stamp;
+        if let Some(owners) = self.claims.get_mut(&fact) {
+            let is_contested = owners.0.len() > 1;
+            if let Some(known) = owners.get_mut(owner) {
+                let is_repeated = known.claim.value == claim.value;
+                if is_repeated {
+                    since = known.since;
+                }
+                // Most of what a heartbeat says is what the one before said.
+                if known.claim.until == claim.until {
+                    *known = Stamped { stamp, since, claim };
+                    if is_contested || !is_repeated {
+                        self.touch(fact);
+                    }
+                    return;
+                }
             }
-            return;
         }
         self.withdraw(&fact, owner);
         if let Some(until) = claim.until {
@@ -219,10 +225,6 @@ impl Beliefs {
             }
         }
         self.touch(fact);
-    }
-
-    fn known(&mut self, fact: &FactKey, owner: &Owner) -> Option<&mut Stamped> {
-        self.claims.get_mut(fact)?.get_mut(owner)
     }
 
     /// Believes `owner` no longer about this fact.
@@ -261,11 +263,10 @@ impl Beliefs {
         owner: &Owner,
         is_over: impl Fn(&FactKey, &Claim) -> bool,
     ) {
-        let over: Vec<FactKey> = self
-            .facts_of(owner)
-            .filter(|fact| self.claim_of(fact, owner).is_some_and(|claim| is_over(fact, claim)))
-            .cloned()
-            .collect();
+        let is_over =
+            |fact: &FactKey| self.claim_of(fact, owner).is_some_and(|claim| is_over(fact, claim));
+        let over: Vec<FactKey> =
+            self.facts_of(owner).filter(|fact| is_over(fact)).cloned().collect();
         for fact in over {
             self.withdraw(&fact, owner);
         }

@@ -58,6 +58,6 @@ pub use digest::{model_digest, text_digest};
 pub use fact::Owner;
 pub use follower::{Follower, Lag};
 pub use inputs::{Announcement, Beat, Effects, Known, Requests, SILENCE_HALF_PERIODS};
-pub use maintainer::{Admission, AgentView, ClaimedBy, Maintainer, Provenance, Scope};
+pub use maintainer::{Admission, AgentView, ClaimedBy, Maintainer, Provenance, Scope, Sight};
 pub use moment::Moment;
 pub use snapshot::Snapshot;

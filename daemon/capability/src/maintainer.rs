@@ -9,7 +9,7 @@ mod facts;
 mod requests;
 mod views;
 
-pub use views::{AgentView, ClaimedBy, Provenance};
+pub use views::{AgentView, ClaimedBy, Provenance, Sight};
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -68,6 +68,8 @@ pub struct Maintainer {
     roster: Roster,
     remembered: Remembered,
     memory: Memory,
+    /// Counts changes of what agents describe of themselves: all that composing depends on.
+    models: u64,
     /// Of a public scope, what was composed of nobody's model.
     composite: Arc<Composite>,
     conflicts: Vec<Conflict>,
@@ -111,6 +113,7 @@ impl Maintainer {
             roster: Roster::default(),
             remembered,
             memory,
+            models: 0,
             composite: Arc::new(composite),
             conflicts,
             beliefs: Beliefs::new(everything),
@@ -259,6 +262,7 @@ impl Maintainer {
 
     /// Takes account of what an agent describes of itself now, in place of what it described before.
     fn remodel(&mut self, agent: &AgentId, former: Option<&Manifest>) {
+        self.models += 1;
         match self.scope {
             Scope::Everything => self.recompose(),
             Scope::Public => {

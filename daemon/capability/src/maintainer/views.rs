@@ -12,6 +12,7 @@ use pddl::{
 
 use super::{Maintainer, Scope};
 use crate::belief::{Claim, Source};
+use crate::compose::Shared;
 use crate::composite::Composite;
 use crate::conflict::Conflict;
 use crate::fact::{FactKey, Owner, Statement, Value};
@@ -68,6 +69,19 @@ pub struct AgentView {
     pub actions: Vec<Name>,
 }
 
+/// What was composed when somebody looked last, so that looking again costs less: it stays as it is
+/// while nobody's model changes. Of one maintainer and its copies.
+#[derive(Clone, Debug, Default)]
+pub struct Sight(Option<Seen>);
+
+#[derive(Clone, Debug)]
+struct Seen {
+    shared: Arc<Shared>,
+    models: u64,
+    whole: BTreeSet<AgentId>,
+    composite: Arc<Composite>,
+}
+
 const TOTAL_COST: &str = "total-cost";
 
 // === impl Maintainer ===
@@ -97,9 +111,28 @@ impl Maintainer {
     ///
     /// Made when asked for: one maintainer serves all actuators that hear the same.
     pub fn snapshot_for(&self, whole: &BTreeSet<AgentId>, now: Moment) -> Snapshot {
+        self.snapshot_again(&mut Sight::default(), whole, now)
+    }
+
+    /// The same, composed only if it is another domain than was seen last.
+    pub fn snapshot_again(
+        &self,
+        sight: &mut Sight,
+        whole: &BTreeSet<AgentId>,
+        now: Moment,
+    ) -> Snapshot {
         let is_whole = |agent: &AgentId| whole.contains(agent);
-        let (composite, _) = self.compose(is_whole, &mut self.memory.clone());
-        let composite = Arc::new(composite);
+        let is_same = |seen: &&Seen| {
+            let Seen { shared, models, whole: of, composite: _ } = seen;
+            Arc::ptr_eq(shared, &self.shared) && *models == self.models && of == whole
+        };
+        let composite = match sight.0.as_ref().filter(is_same) {
+            Some(seen) => Arc::clone(&seen.composite),
+            None => Arc::new(self.compose(is_whole, &mut self.memory.clone()).0),
+        };
+        let (shared, models) = (Arc::clone(&self.shared), self.models);
+        let (whole, seen) = (whole.clone(), Arc::clone(&composite));
+        sight.0 = Some(Seen { shared, models, whole, composite: seen });
         self.shown(&composite, &is_whole, self.beliefs.judged(&composite, now))
     }
 
