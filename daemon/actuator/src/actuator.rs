@@ -13,7 +13,7 @@ use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Host, Presence, Resource,
     StateFolder, TimerId, Work,
 };
-use capability::{Snapshot, model_digest, text_of};
+use capability::{Sight, Snapshot, model_digest, text_of};
 use planner::{Cancel, Replanner};
 
 use crate::bidding::bid;
@@ -41,9 +41,16 @@ pub struct Actuator<D: Device> {
     telling: BTreeMap<ActionToken, Work>,
     bidding: BTreeMap<ReplyToken, (Cancel, Work)>,
     /// Its own planner: of one bid at a time; those beside it begin with nothing, rather than wait.
-    replanner: Arc<Mutex<Replanner>>,
-    /// When it lets go of what it has ground.
+    planner: Arc<Mutex<Planner>>,
+    /// When it lets go of what it has composed and ground.
     letting_go: Option<TimerId>,
+}
+
+/// What a bid leaves to the next.
+#[derive(Default)]
+struct Planner {
+    sight: Sight,
+    replanner: Replanner,
 }
 
 /// What others were told last.
@@ -91,7 +98,7 @@ impl<D: Device> Actuator<D> {
             acting: None,
             telling: BTreeMap::new(),
             bidding: BTreeMap::new(),
-            replanner: Arc::default(),
+            planner: Arc::default(),
             letting_go: None,
         })
     }
@@ -132,7 +139,10 @@ impl<D: Device> Agent for Actuator<D> {
 
     fn asked(&mut self, resource: Resource, ctx: &mut Context<Self>) -> Option<String> {
         match resource {
-            Resource::Domain => serde_json::to_string(&self.local(ctx)().to_content()).ok(),
+            Resource::Domain => {
+                let local = self.local(ctx)(&mut Sight::default());
+                serde_json::to_string(&local.to_content()).ok()
+            }
             _ => None,
         }
     }
@@ -147,12 +157,12 @@ impl<D: Device> Agent for Actuator<D> {
 impl<D: Device> Actuator<D> {
     /// Its local domain, as of now: all that is public, and whole what itself and those it
     /// carries can do. Made only where it is wanted, because that takes a millisecond.
-    fn local(&self, ctx: &Context<Self>) -> impl FnOnce() -> Snapshot + Send + 'static {
+    fn local(&self, ctx: &Context<Self>) -> impl FnOnce(&mut Sight) -> Snapshot + Send + 'static {
         let (known, now) = ctx.switchboard().commons(&self.host).look();
         let carried = known.said().filter(|(_, facts)| self.device.carries(facts));
         let own = std::iter::once(ctx.id().clone());
         let whole: BTreeSet<_> = own.chain(carried.map(|(agent, _)| agent.clone())).collect();
-        move || known.snapshot_for(&whole, now)
+        move |sight| known.snapshot_again(sight, &whole, now)
     }
 
     // === announcing ===
@@ -188,8 +198,10 @@ impl<D: Device> Actuator<D> {
     }
 
     fn beat_later(&mut self, ctx: &mut Context<Self>) {
+        // All of one daemon at once: what they say travels together, and wakes nobody twice.
         let period = ctx.settings().heartbeat_period;
-        ctx.after(period, |actuator: &mut Self, ctx| {
+        let wait = ctx.switchboard().commons(&self.host).until_next(period);
+        ctx.after(wait, |actuator: &mut Self, ctx| {
             actuator.beat(ctx);
             actuator.beat_later(ctx);
         });
@@ -462,18 +474,20 @@ impl<D: Device> Actuator<D> {
         let local = self.local(ctx);
         let exchange = engagement.exchange.clone();
         let finished = exchange.clone();
-        let replanner = Arc::clone(&self.replanner);
+        let planner = Arc::clone(&self.planner);
         if let Some(timer) = self.letting_go.take() {
             ctx.forget(timer);
         }
         let let_go = |actuator: &mut Self, _: &mut Context<Self>| {
-            (actuator.replanner, actuator.letting_go) = (Arc::default(), None);
+            (actuator.planner, actuator.letting_go) = (Arc::default(), None);
         };
         self.letting_go = Some(ctx.after(GROUND_KEPT, let_go));
         let work = ctx.compute(
-            move || match replanner.try_lock() {
-                Ok(mut replanner) => bid(&local(), &call, &mut replanner, &flag),
-                Err(_) => bid(&local(), &call, &mut Replanner::default(), &flag),
+            move || {
+                let mut afresh = Planner::default();
+                let mut kept = planner.try_lock().ok();
+                let Planner { sight, replanner } = kept.as_deref_mut().unwrap_or(&mut afresh);
+                bid(&local(sight), &call, replanner, &flag)
             },
             move |actuator: &mut Self, bid, ctx| {
                 actuator.bidding.remove(&finished);

@@ -22,7 +22,12 @@ pub(crate) fn bid(
     replanner: &mut Replanner,
     cancel: &Cancel,
 ) -> Result<Bid, String> {
-    let conjuncts = within_reach(snapshot, readable(call)?, replanner, cancel);
+    let mut conjuncts = readable(call)?;
+    // One alone is planned for at once: that tells the same, and the proof would look at everything
+    // a second time.
+    if conjuncts.len() > 1 {
+        conjuncts = within_reach(snapshot, conjuncts, replanner, cancel);
+    }
     if conjuncts.is_empty() {
         return Err(NOTHING.to_owned());
     }
@@ -44,7 +49,7 @@ pub(crate) fn bid(
     if proposals.is_empty() {
         return Err(NOTHING.to_owned());
     }
-    let local = format!("{}{}", snapshot.domain, snapshot.problem);
+    let local = format!("{}{}", snapshot.digest(), snapshot.problem);
     Ok(Bid { proposals, domain_digest: text_digest(&local) })
 }
 

@@ -55,6 +55,13 @@ impl Commons {
         (Arc::clone(&state.maintainer), now)
     }
 
+    /// How long it is until the next of the moments, a period apart, that the actuators here have in
+    /// common.
+    pub fn until_next(&self, period: Duration) -> Duration {
+        let over = self.began.elapsed().as_nanos() % period.as_nanos().max(1);
+        period.saturating_sub(Duration::from_nanos(u64::try_from(over).unwrap_or(0)))
+    }
+
     /// What an agent announced, if it was heard and taken.
     pub(crate) fn announcement(
         &self,
