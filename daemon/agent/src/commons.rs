@@ -102,6 +102,11 @@ impl Commons {
         is_strange
     }
 
+    /// Whether this life of `agent` has told its model.
+    pub(crate) fn knows(&self, agent: &AgentId, life: Incarnation) -> bool {
+        self.state().0.maintainer.incarnation(agent) == Some(life)
+    }
+
     /// Whether nobody else is asking `agent` for its model.
     pub(crate) fn begins_to_ask(&self, agent: &AgentId) -> bool {
         self.state().0.asked.insert(agent.clone())

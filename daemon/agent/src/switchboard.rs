@@ -36,6 +36,7 @@ use crate::receipts;
 use crate::rejections::Rejections;
 use crate::rights::Rights;
 use crate::settings::Settings;
+use crate::upkeep;
 
 /// Changes of presence an agent may lag behind before it compares directories instead.
 const PRESENCE_CHANGES_MAX: usize = 1_024;
@@ -313,7 +314,7 @@ impl Switchboard {
         if let (Some(Listening { commons, .. }), Some(inform)) = (self.commons.get(), inform)
             && commons.hear(message, &inform)
         {
-            self.fetch(&message.sender);
+            self.fetch(&message.sender, Duration::ZERO);
         }
     }
 
@@ -321,24 +322,37 @@ impl Switchboard {
         if let Some(Listening { commons, .. }) = self.commons.get()
             && commons.presence(presence)
         {
-            self.fetch(&presence.resident().agent);
+            self.fetch(&presence.resident().agent, upkeep::TELLING);
         }
     }
 
-    /// Asks an agent for its model. Reasoning agents have none and do not answer.
-    fn fetch(&self, whose: &AgentId) {
+    /// Asks an agent for its model, unless it is given time to tell it by itself and does. Reasoning
+    /// agents have none and do not answer.
+    fn fetch(&self, whose: &AgentId, patience: Duration) {
         let Some(Listening { commons, runtime }) = self.commons.get() else { return };
         let Some(resident) = self.find(whose) else { return };
         if !commons.begins_to_ask(whose) {
             return;
         }
-        let ask = Ask {
-            daemon: Some(resident.daemon),
-            resource: Resource::Model,
-            agent: Some(whose.clone()),
-        };
+        let Resident { daemon, incarnation, .. } = resident;
+        let is_own = daemon == self.daemon;
+        let agent = Some(whose.clone());
+        let ask = Ask { daemon: Some(daemon), resource: Resource::Model, agent };
         let (commons, whose) = (Arc::clone(commons), whose.clone());
-        let answers = self.ask(ask, self.settings.answer_deadline);
+        let deadline = self.settings.answer_deadline;
+        let answers = match self.substrate.get().cloned().filter(|_| !is_own) {
+            None => self.ask(ask, deadline),
+            Some(substrate) => {
+                let (commons, whose) = (Arc::clone(&commons), whose.clone());
+                Box::pin(async move {
+                    tokio::time::sleep(patience).await;
+                    if !patience.is_zero() && commons.knows(&whose, incarnation) {
+                        return Vec::new();
+                    }
+                    substrate.ask(ask, deadline).await
+                })
+            }
+        };
         runtime.spawn(async move {
             for answer in answers.await {
                 match acl::decode(&answer) {

@@ -24,12 +24,24 @@ use tokio::time::Instant;
 use crate::base_agent::Agent;
 use crate::context::{Context, TimerId, Work};
 
+/// How long after models were composed the next are gathered before they are: those of a daemon that
+/// starts come within this time, and a single one that comes is composed at once. Composing a
+/// thousand takes some milliseconds.
+const COMPOSING_APART: Duration = Duration::from_millis(20);
+
+/// How long an agent that has just come is given to tell its model by itself: it does so at once, and
+/// who asked all the same would be answered with what it knows.
+pub(crate) const TELLING: Duration = Duration::from_millis(20);
+
 /// A maintainer, and what keeps it up to date.
 pub struct Upkeep {
     /// The state machine.
     pub maintainer: Maintainer,
     began: Instant,
     expiry: Option<TimerId>,
+    /// When models were composed last.
+    composed: Option<Instant>,
+    composing: Option<TimerId>,
     fetching: BTreeMap<AgentId, Work>,
 }
 
@@ -48,7 +60,9 @@ pub trait Maintains: Agent {
 impl Upkeep {
     /// Begins with what the maintainer knows already.
     pub fn new(maintainer: Maintainer) -> Upkeep {
-        Upkeep { maintainer, began: Instant::now(), expiry: None, fetching: BTreeMap::new() }
+        let (expiry, composed, composing) = (None, None, None);
+        let (began, fetching) = (Instant::now(), BTreeMap::new());
+        Upkeep { maintainer, began, expiry, composed, composing, fetching }
     }
 
     /// Now, on the maintainer's clock.
@@ -74,9 +88,7 @@ pub fn informed<A: Maintains>(agent: &mut A, message: &Message, ctx: &mut Contex
     }
     let now = agent.upkeep().moment();
     let heard = hear(&mut agent.upkeep().maintainer, message, &inform, read, now);
-    if !heard.conflicts.is_empty() {
-        agent.conflicted(&heard.conflicts, ctx);
-    }
+    compose_soon(agent, ctx);
     for change in &heard.changes {
         conclude(agent, change, ctx);
     }
@@ -88,12 +100,41 @@ pub fn informed<A: Maintains>(agent: &mut A, message: &Message, ctx: &mut Contex
     }
 }
 
+/// Composes the models that have come, or sees to it that it is done with those that come soon.
+fn compose_soon<A: Maintains>(agent: &mut A, ctx: &mut Context<A>) {
+    let upkeep = agent.upkeep();
+    if !upkeep.maintainer.is_stale() || upkeep.composing.is_some() {
+        return;
+    }
+    let over = upkeep.composed.map_or(COMPOSING_APART, |composed| composed.elapsed());
+    let wait = COMPOSING_APART.saturating_sub(over);
+    if wait.is_zero() {
+        return compose(agent, ctx);
+    }
+    agent.upkeep().composing = Some(ctx.after(wait, |agent: &mut A, ctx| compose(agent, ctx)));
+}
+
+/// Composes the models that have come, if any: to be called before anybody is shown the domain.
+pub fn compose<A: Maintains>(agent: &mut A, ctx: &mut Context<A>) {
+    let upkeep = agent.upkeep();
+    let timer = upkeep.composing.take();
+    let (is_stale, now) = (upkeep.maintainer.is_stale(), upkeep.moment());
+    if is_stale {
+        let Admission { change, conflicts } = upkeep.maintainer.compose_taken(now);
+        upkeep.composed = Some(Instant::now());
+        if !conflicts.is_empty() {
+            agent.conflicted(&conflicts, ctx);
+        }
+        conclude(agent, &change, ctx);
+    }
+    timer.into_iter().for_each(|timer| ctx.forget(timer));
+}
+
 /// What comes of an `inform` to all.
 #[derive(Default)]
 pub(crate) struct Heard {
     /// What changed.
     pub(crate) changes: Vec<Change>,
-    conflicts: Vec<Conflict>,
     /// Whether the sender's model has to be asked for first.
     pub(crate) lacks_model: bool,
     /// What the sender did not say as it should.
@@ -133,9 +174,12 @@ pub fn presence<A: Maintains>(agent: &mut A, presence: &Presence, ctx: &mut Cont
     let now = agent.upkeep().moment();
     let change = match presence {
         Presence::Joined(_) => {
-            if agent.upkeep().maintainer.needs_model(&who, "") {
-                fetch(agent, &who, ctx);
-            }
+            let whose = who.clone();
+            ctx.after(TELLING, move |agent: &mut A, ctx| {
+                if agent.upkeep().maintainer.incarnation(&whose) != Some(life) {
+                    fetch(agent, &whose, ctx);
+                }
+            });
             agent.upkeep().maintainer.unmask(&who, life, now)
         }
         Presence::Left(_) => {
@@ -200,14 +244,10 @@ impl Heard {
             diagnostics.iter().map(located).collect::<Vec<_>>().join("; ")
         });
         let admitted = admitted.and_then(|announcement| {
-            maintainer.admit(announcement, now).map_err(|declined| declined.to_string())
+            maintainer.take(announcement, now).map_err(|declined| declined.to_string())
         });
         match admitted {
-            Ok(Admission { change, conflicts }) => {
-                self.changes.push(change);
-                self.conflicts = conflicts;
-                true
-            }
+            Ok(()) => true,
             Err(mistake) => {
                 tracing::warn!(from = %sender, mistake, "an action model is not taken");
                 self.mistake = Some(mistake);

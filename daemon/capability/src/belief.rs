@@ -5,6 +5,7 @@
 //! however often the others are repeated. What is claimed but does not fit the composite domain is
 //! kept, and holds as soon as it fits.
 
+use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
@@ -462,6 +463,19 @@ fn differing<'a, V: PartialEq>(
     two: &'a BTreeMap<Name, V>,
     names: &mut BTreeSet<&'a Name>,
 ) {
-    names.extend(one.iter().filter(|(name, v)| two.get(*name) != Some(v)).map(|(name, _)| name));
-    names.extend(two.keys().filter(|name| !one.contains_key(*name)));
+    // Side by side: both are long, and nearly the same.
+    let (mut one, mut two) = (one.iter().peekable(), two.iter().peekable());
+    loop {
+        let order = match (one.peek(), two.peek()) {
+            (Some((left, _)), Some((right, _))) => left.cmp(right),
+            (Some(_), None) => Ordering::Less,
+            (None, Some(_)) => Ordering::Greater,
+            (None, None) => return,
+        };
+        let left = if order.is_le() { one.next() } else { None };
+        let right = if order.is_ge() { two.next() } else { None };
+        if left.map(|(_, value)| value) != right.map(|(_, value)| value) {
+            names.extend(left.or(right).map(|(name, _)| name));
+        }
+    }
 }

@@ -11,7 +11,7 @@ mod assemble;
 mod declarations;
 mod incumbents;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use acl::AgentId;
@@ -29,6 +29,8 @@ pub(crate) struct Shared {
     pub(crate) ontology: Arc<Domain>,
     pub(crate) map: Arc<Problem>,
     pub(crate) manifest: Manifest,
+    /// Where a subject is declared in the manifest.
+    places: BTreeMap<Subject, usize>,
 }
 
 /// One agent's part in a composition.
@@ -73,16 +75,31 @@ pub(crate) fn compose(
     (composite, report.conflicts.into_iter().collect())
 }
 
+impl Shared {
+    pub(crate) fn new(ontology: Arc<Domain>, map: Arc<Problem>) -> Shared {
+        let manifest = Manifest::of_ontology(&ontology, &map);
+        let subjects = manifest.declarations.iter().map(|declared| declared.subject.clone());
+        let places = subjects.zip(0..).collect();
+        Shared { ontology, map, manifest, places }
+    }
+
+    /// What the ontology or the map declares of a subject.
+    fn declared(&self, subject: &Subject) -> Option<&Declaration> {
+        self.places.get(subject).and_then(|place| self.manifest.declarations.get(*place))
+    }
+}
+
 impl Memory {
-    /// Remembers whose public declarations stand, without composing, now that somebody says what is
-    /// in `now` in place of what was in `former`. `parties` are all who are here now.
+    /// Remembers whose declarations stand, without composing, now that a party says what is in `now`
+    /// in place of what was in `former`. `parties` are all who are here now, and all trusted or none.
     pub(crate) fn keep_standing<'a, P: Iterator<Item = Party<'a>>>(
         &mut self,
         former: Option<&Manifest>,
         now: Option<&Manifest>,
+        trusted: bool,
         parties: impl Fn() -> P,
     ) {
-        incumbents::keep(&mut self.incumbents, former, now, parties);
+        incumbents::keep(&mut self.incumbents, former, now, trusted, parties);
     }
 }
 

@@ -81,6 +81,10 @@ pub struct Maintainer {
     announced: BTreeSet<AgentId>,
     /// Whether the set of capabilities changed since the last change was told.
     is_changed: bool,
+    /// Whether models have come that are not composed yet.
+    is_stale: bool,
+    /// What could not be composed when the first of them came.
+    known_conflicts: Option<BTreeSet<Conflict>>,
     epoch: u64,
     revision: u64,
 }
@@ -97,8 +101,7 @@ impl Maintainer {
         scope: Scope,
     ) -> Maintainer {
         let (ontology, map) = (ontology.into(), map.into());
-        let manifest = Manifest::of_ontology(&ontology, &map);
-        let shared = Arc::new(Shared { ontology, map, manifest });
+        let shared = Arc::new(Shared::new(ontology, map));
         let mut memory = Memory::default();
         let everything = scope == Scope::Everything;
         let (composite, conflicts) = compose(&shared, &[], everything, &mut memory);
@@ -121,6 +124,8 @@ impl Maintainer {
             metric: None,
             announced: BTreeSet::new(),
             is_changed: false,
+            is_stale: false,
+            known_conflicts: None,
             epoch: 0,
             revision: 0,
         };
@@ -128,7 +133,7 @@ impl Maintainer {
         maintainer
     }
 
-    /// Takes a model: new, changed, or of a new life of the agent.
+    /// Takes a model: new, changed, or of a new life of the agent; and composes.
     ///
     /// # Errors
     ///
@@ -136,6 +141,17 @@ impl Maintainer {
     /// large. Nothing of it is taken then. Single parts that cannot be used are no error: they
     /// are left out and named among the conflicts.
     pub fn admit(&mut self, announced: Announcement, now: Moment) -> Result<Admission, Declined> {
+        self.take(announced, now)?;
+        Ok(self.compose_taken(now))
+    }
+
+    /// Takes a model as [`admit`](Maintainer::admit) does, and leaves it to be composed with others
+    /// that come soon. Until then nothing changes that anyone can see.
+    ///
+    /// # Errors
+    ///
+    /// As of `admit`.
+    pub fn take(&mut self, announced: Announcement, now: Moment) -> Result<(), Declined> {
         let Announcement { agent, incarnation, described } = announced;
         self.roster.check(&agent, incarnation)?;
         self.roster.has_room(&agent)?;
@@ -143,7 +159,7 @@ impl Maintainer {
         self.speaks_for_itself(&agent, &described.frame)?;
         let known = self.roster.get(&agent).filter(|member| member.incarnation == incarnation);
         if known.is_some_and(|member| member.described.digest == described.digest) {
-            return Ok(Admission { change: self.conclude(now), conflicts: Vec::new() });
+            return Ok(());
         }
         if self.scope == Scope::Everything {
             self.remembered.note(&described.frame, &described.manifest);
@@ -157,13 +173,24 @@ impl Maintainer {
             None => Member::new(incarnation, described, now),
         };
         self.seat(&agent, member, now);
-        let before: BTreeSet<Conflict> = self.conflicts.drain(..).collect();
         self.remodel(&agent, former.as_deref());
-        let conflicts = { self.conflicts.iter() }
-            .filter(|conflict| !before.contains(conflict))
-            .cloned()
-            .collect();
-        Ok(Admission { change: self.conclude(now), conflicts })
+        Ok(())
+    }
+
+    /// Whether models have been [taken](Maintainer::take) that are not composed yet.
+    pub fn is_stale(&self) -> bool {
+        self.is_stale
+    }
+
+    /// Composes what was taken: once, however much it is.
+    pub fn compose_taken(&mut self, now: Moment) -> Admission {
+        if self.is_stale {
+            self.recompose();
+        }
+        let known = self.known_conflicts.take();
+        let is_new = |conflict: &&Conflict| known.as_ref().is_some_and(|k| !k.contains(*conflict));
+        let conflicts = self.conflicts.iter().filter(is_new).cloned().collect();
+        Admission { change: self.conclude(now), conflicts }
     }
 
     fn speaks_for_itself(&self, agent: &AgentId, frame: &ActionModel) -> Result<(), Declined> {
@@ -229,6 +256,9 @@ impl Maintainer {
         if let Some(former) = self.roster.release(agent) {
             self.remodel(agent, Some(&former.described.manifest));
         }
+        if self.is_stale {
+            self.recompose();
+        }
         self.conclude(now)
     }
 
@@ -263,18 +293,23 @@ impl Maintainer {
     /// Takes account of what an agent describes of itself now, in place of what it described before.
     fn remodel(&mut self, agent: &AgentId, former: Option<&Manifest>) {
         self.models += 1;
+        let everything = self.scope == Scope::Everything;
+        let now = self.manifest_of(agent);
+        let parties = || self.roster.parties(|_| everything);
+        self.memory.keep_standing(former, now.as_deref(), everything, parties);
         match self.scope {
-            Scope::Everything => self.recompose(),
-            Scope::Public => {
-                let now = self.manifest_of(agent);
-                let parties = || self.roster.parties(|_| false);
-                self.memory.keep_standing(former, now.as_deref(), parties);
-                self.is_changed = true;
+            Scope::Everything => {
+                self.is_stale = true;
+                let known = || self.conflicts.iter().cloned().collect();
+                self.known_conflicts.get_or_insert_with(known);
             }
+            // Nobody sees it yet.
+            Scope::Public => self.is_changed = true,
         }
     }
 
     fn recompose(&mut self) {
+        self.is_stale = false;
         let mut memory = std::mem::take(&mut self.memory);
         let (mut composite, conflicts) = self.compose(|_| true, &mut memory);
         self.memory = memory;
@@ -297,6 +332,11 @@ impl Maintainer {
 
     /// Tells what is other than at the end of the call before.
     fn conclude(&mut self, now: Moment) -> Change {
+        if self.is_stale {
+            // All of it is told when it is composed.
+            let (epoch, revision) = (self.epoch, self.revision);
+            return Change { epoch, revision, ..Change::default() };
+        }
         let (mut joined, mut left) = (Vec::new(), Vec::new());
         for (agent, is_present) in self.roster.take_stirred() {
             if is_present && self.announced.insert(agent.clone()) {

@@ -24,6 +24,7 @@ const TOLD_MAX: usize = 8;
 
 impl DomainMaintainer {
     pub(crate) fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
+        upkeep::compose(self, ctx);
         let engagement = Engagement::of(&message);
         let asker = &message.sender;
         let request = message.content_as::<Request>();

@@ -99,7 +99,10 @@ impl Agent for DomainMaintainer {
         keeping::presence(self, presence, ctx);
     }
 
-    fn asked(&mut self, resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
+    fn asked(&mut self, resource: Resource, ctx: &mut Context<Self>) -> Option<String> {
+        if matches!(resource, Resource::Domain | Resource::State) {
+            upkeep::compose(self, ctx);
+        }
         let answer = match resource {
             Resource::Domain => {
                 let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.moment());

@@ -33,6 +33,7 @@ pub(super) struct Kept<'a> {
 }
 
 type Word<'a> = (Party<'a>, &'a Declaration);
+
 /// What is declared, and what derives it.
 pub(super) type Variant = (Key, Vec<Key>);
 
@@ -42,24 +43,24 @@ pub(super) fn settle<'a>(
     incumbents: &mut Incumbents,
     report: &mut Report<'a>,
 ) -> Standing<'a> {
-    let ours = index(&shared.manifest.declarations);
     let mut kept = Vec::new();
     let mut variants = BTreeMap::new();
     for (subject, words) in words_of(parties) {
-        if let Some(declared) = ours.get(subject) {
+        if let Some(declared) = shared.declared(subject) {
             yield_to_ontology(declared, &words, report);
-        } else {
-            let winner = choose(subject, &words, incumbents.get(subject), report);
-            variants.insert(subject.clone(), variant_of(winner.declaration));
-            kept.push(winner);
+            continue;
         }
+        let stood = incumbents.remove_entry(subject);
+        let winner = choose(subject, &words, stood.as_ref().map(|(_, stood)| stood), report);
+        let stands = match stood {
+            Some((subject, stood)) if is_variant(winner.declaration, &stood) => (subject, stood),
+            _ => (subject.clone(), variant_of(winner.declaration)),
+        };
+        variants.extend([stands]);
+        kept.push(winner);
     }
     *incumbents = variants;
     stand(shared, parties, kept, report)
-}
-
-fn index(declarations: &[Declaration]) -> BTreeMap<&Subject, &Declaration> {
-    declarations.iter().map(|declaration| (&declaration.subject, declaration)).collect()
 }
 
 /// Everything that agents declare and that may be known here, by what it is about.
@@ -77,6 +78,11 @@ fn words_of<'a>(parties: &[Party<'a>]) -> BTreeMap<&'a Subject, Vec<Word<'a>>> {
 pub(super) fn variant_of(declaration: &Declaration) -> Variant {
     let axioms = declaration.axioms.iter().map(|axiom| axiom.key.clone()).collect();
     (declaration.signature.clone(), axioms)
+}
+
+fn is_variant(declaration: &Declaration, (signature, axioms): &Variant) -> bool {
+    let keys = declaration.axioms.iter().map(|axiom| &axiom.key);
+    declaration.signature == *signature && keys.eq(axioms)
 }
 
 fn yield_to_ontology(declared: &Declaration, words: &[Word<'_>], report: &mut Report<'_>) {
@@ -98,7 +104,7 @@ fn choose<'a>(
     incumbent: Option<&Variant>,
     report: &mut Report<'a>,
 ) -> Kept<'a> {
-    let stood = |word: &&Word<'a>| incumbent.is_some_and(|stood| variant_of(word.1) == *stood);
+    let stood = |word: &&Word<'a>| incumbent.is_some_and(|stood| is_variant(word.1, stood));
     let first = words.iter().min_by_key(|(party, _)| party.arrival);
     let chosen = words.iter().find(stood).or(first);
     let (_, winner) = chosen.expect("invariant: a subject has words");

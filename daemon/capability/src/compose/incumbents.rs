@@ -11,19 +11,19 @@ use super::declarations::{Variant, variant_of};
 use crate::conflict::Subject;
 use crate::manifest::{Declaration, Manifest};
 
-/// What stands where only public declarations are known.
+/// What stands, of what is known here.
 pub(crate) type Incumbents = BTreeMap<Subject, Variant>;
 
-/// Keeps what stands, now that somebody says what is in `now` in place of what was in `former`;
-/// `parties` are all who are here now.
+/// Keeps what stands, now that a party says what is in `now` in place of what was in `former`;
+/// `parties` are all who are here now, and all trusted or none.
 pub(super) fn keep<'a, P: Iterator<Item = Party<'a>>>(
     incumbents: &mut Incumbents,
     former: Option<&Manifest>,
     now: Option<&Manifest>,
+    trusted: bool,
     parties: impl Fn() -> P,
 ) {
-    let words = |manifest| BTreeMap::from_iter(public(manifest).map(|word| (&word.subject, word)));
-    let (former, now) = (words(former), words(now));
+    let (former, now) = (words_of(former, trusted), words_of(now, trusted));
     let subjects: BTreeSet<&Subject> = former.keys().chain(now.keys()).copied().collect();
     for subject in subjects {
         let said = now.get(subject).map(|word| variant_of(word));
@@ -48,7 +48,7 @@ fn choose_again<'a>(
 ) {
     let Some(stands) = incumbents.remove(subject) else { return };
     let words = parties.filter_map(|party| {
-        let word = public(Some(party.manifest)).find(|word| word.subject == *subject)?;
+        let word = known(party.manifest, party.trusted).find(|word| word.subject == *subject)?;
         Some((party.arrival, variant_of(word)))
     });
     let order = |(arrival, variant): &(u64, Variant)| (*variant != stands, *arrival);
@@ -56,7 +56,11 @@ fn choose_again<'a>(
     incumbents.extend(stands);
 }
 
-fn public(manifest: Option<&Manifest>) -> impl Iterator<Item = &Declaration> {
-    let declarations = manifest.into_iter().flat_map(|manifest| &manifest.declarations);
-    declarations.filter(|declaration| !declaration.private)
+fn words_of(manifest: Option<&Manifest>, trusted: bool) -> BTreeMap<&Subject, &Declaration> {
+    let known = manifest.into_iter().flat_map(|manifest| known(manifest, trusted));
+    known.map(|word| (&word.subject, word)).collect()
+}
+
+fn known(manifest: &Manifest, trusted: bool) -> impl Iterator<Item = &Declaration> {
+    manifest.declarations.iter().filter(move |declaration| trusted || !declaration.private)
 }

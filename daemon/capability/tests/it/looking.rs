@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use crate::office::{Office, model, office, office_of};
+use crate::office::{Office, announcement, model, office, office_of, thermometer};
 
 /// What one agent may say of what another says otherwise; nothing of it is private, so that who
 /// composes everything at once sees the same.
@@ -69,6 +69,53 @@ proptest! {
         prop_assert_eq!(one.problem, two.problem);
         prop_assert_eq!(at_once.conflicts(), late.conflicts());
     }
+
+    #[test]
+    fn models_that_are_composed_together_compose_the_same(
+        events in prop::collection::vec(event(), 1..24)
+    ) {
+        let (mut at_once, mut together) = (office(), office());
+        let mut told = Vec::new();
+        for event in &events {
+            tell(&mut at_once, event);
+            match event {
+                Event::Says(agent, words) => {
+                    let model = model(&format!("agent-{agent}"), WORDS[*words]);
+                    let taken = together.maintainer.take(announcement(&model, 1), together.now);
+                    prop_assert!(taken.is_ok());
+                }
+                Event::Goes(_) => tell(&mut together, event),
+                Event::Looks => {
+                    let composed = together.maintainer.compose_taken(together.now);
+                    told.extend(composed.conflicts);
+                }
+            }
+        }
+        told.extend(together.maintainer.compose_taken(together.now).conflicts);
+        let (one, two) = (at_once.snapshot(), together.snapshot());
+        prop_assert_eq!(one.domain.to_string(), two.domain.to_string());
+        prop_assert_eq!(one.problem, two.problem);
+        let conflicts = together.maintainer.conflicts();
+        prop_assert_eq!(&at_once.maintainer.conflicts(), &conflicts);
+        let untold: Vec<_> = conflicts.iter().filter(|one| !told.contains(one)).collect();
+        let goes = events.iter().any(|event| matches!(event, Event::Goes(_)));
+        prop_assert!(goes || untold.is_empty(), "{untold:?}");
+    }
+}
+
+#[test]
+fn what_is_taken_changes_nothing_until_it_is_composed() {
+    let mut office = office();
+    let (one, two) = (thermometer("t-1"), thermometer("t-2"));
+    office.maintainer.take(announcement(&one, 1), office.now).expect("a good model");
+    office.maintainer.take(announcement(&two, 1), office.now).expect("a good model");
+    assert!(office.maintainer.is_stale());
+    let change = office.beat("t-1", (1, 1), "(located t-1 office2)", "").expect("a heartbeat");
+    assert!(change.is_empty() && change.joined.is_empty(), "{change:?}");
+    let change = office.maintainer.compose_taken(office.now).change;
+    assert_eq!((change.epoch, change.revision, change.joined.len()), (1, 1, 2), "{change:?}");
+    assert_eq!(change.believed.len(), 2, "{change:?}");
+    assert!(!office.maintainer.is_stale());
 }
 
 #[test]
