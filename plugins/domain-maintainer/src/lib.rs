@@ -24,13 +24,14 @@ use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, Launch, PluginEntry, Presence, Resource,
     TimerId,
 };
-use capability::{Change, Conflict, Maintainer, Requests, Scope};
+use capability::{Change, Conflict, Maintainer, Moment, Requests, Scope};
 use serde::Deserialize;
 
 use crate::kept::KeptRequests;
 
-/// How long changes are gathered before they are announced: the models of a daemon that starts
-/// come within this time, and one announcement serves them all.
+/// How long after an announcement changes are gathered for the next: the models of a daemon that
+/// starts come within this time, and one announcement serves them all. What changes by itself is
+/// announced at once.
 const GATHERING: Duration = Duration::from_millis(5);
 
 /// Under which key the Journals keep what requests changed.
@@ -52,6 +53,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         upkeep: Upkeep::new(maintainer),
         unannounced: None,
         announcing: None,
+        announced: None,
         spreads_requests: false,
         has_requests: false,
         keeper: Keeper::new(&blueprint.host),
@@ -65,6 +67,8 @@ struct DomainMaintainer {
     /// What changed since the last announcement.
     unannounced: Option<EpochChange>,
     announcing: Option<TimerId>,
+    /// When it announced something last.
+    announced: Option<Moment>,
     /// Whether the next announcement tells what requests changed.
     spreads_requests: bool,
     /// Whether the last one that did had something to tell.
@@ -227,15 +231,18 @@ impl DomainMaintainer {
             Some(gathered) => gather(gathered, change),
         }
         if self.announcing.is_none() {
+            let now = self.upkeep.moment();
+            let over = self.announced.map_or(GATHERING, |last| now.since(last));
             let announce =
                 |maintainer: &mut Self, ctx: &mut Context<Self>| maintainer.announce(ctx);
-            self.announcing = Some(ctx.after(GATHERING, announce));
+            self.announcing = Some(ctx.after(GATHERING.saturating_sub(over), announce));
         }
     }
 
     fn announce(&mut self, ctx: &mut Context<Self>) {
         self.announcing = None;
         let Some(mut change) = self.unannounced.take() else { return };
+        self.announced = Some(self.upkeep.moment());
         if std::mem::take(&mut self.spreads_requests) {
             let requested = self.upkeep.maintainer.requested(self.upkeep.moment());
             let is_nothing = requested == Requested::default();
