@@ -22,7 +22,7 @@ use substrate::Presence;
 use tokio::time::Instant;
 
 use crate::plugin::Host;
-use crate::upkeep;
+use crate::upkeep::{self, TELLING};
 
 /// What the actuators of one daemon have heard.
 pub struct Commons {
@@ -86,20 +86,25 @@ impl Commons {
         heard.lacks_model
     }
 
-    /// Takes a change of presence; `true` if the agent's model has to be asked for.
-    pub(crate) fn presence(&self, presence: &Presence) -> bool {
+    /// Takes a change of presence; after how long the agent's model has to be asked for, if so.
+    pub(crate) fn presence(&self, presence: &Presence) -> Option<Duration> {
         let (mut state, now) = self.state();
         let (who, life) = (&presence.resident().agent, presence.resident().incarnation);
         let maintainer = Arc::make_mut(&mut state.maintainer);
-        let (change, is_strange) = match presence {
+        let (change, asked_after) = match presence {
             Presence::Joined(_) => {
                 let is_strange = maintainer.incarnation(who) != Some(life);
-                (maintainer.unmask(who, life, now), is_strange)
+                // Who is back may have said something while it was away.
+                let asked_after = match maintainer.is_masked(who) {
+                    true => Some(Duration::ZERO),
+                    false => is_strange.then_some(TELLING),
+                };
+                (maintainer.unmask(who, life, now), asked_after)
             }
-            Presence::Left(_) => (maintainer.mask(who, life, now), false),
+            Presence::Left(_) => (maintainer.mask(who, life, now), None),
         };
         self.note(&mut state, &change, now);
-        is_strange
+        asked_after
     }
 
     /// Whether this life of `agent` has told its model.

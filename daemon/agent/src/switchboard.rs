@@ -36,7 +36,6 @@ use crate::receipts;
 use crate::rejections::Rejections;
 use crate::rights::Rights;
 use crate::settings::Settings;
-use crate::upkeep;
 
 /// Changes of presence an agent may lag behind before it compares directories instead.
 const PRESENCE_CHANGES_MAX: usize = 1_024;
@@ -320,9 +319,9 @@ impl Switchboard {
 
     fn show_commons(&self, presence: &Presence) {
         if let Some(Listening { commons, .. }) = self.commons.get()
-            && commons.presence(presence)
+            && let Some(patience) = commons.presence(presence)
         {
-            self.fetch(&presence.resident().agent, upkeep::TELLING);
+            self.fetch(&presence.resident().agent, patience);
         }
     }
 

@@ -174,6 +174,10 @@ pub fn presence<A: Maintains>(agent: &mut A, presence: &Presence, ctx: &mut Cont
     let now = agent.upkeep().moment();
     let change = match presence {
         Presence::Joined(_) => {
+            // Who is back may have said something while it was away.
+            if agent.upkeep().maintainer.is_masked(&who) {
+                fetch(agent, &who, ctx);
+            }
             let whose = who.clone();
             ctx.after(TELLING, move |agent: &mut A, ctx| {
                 if agent.upkeep().maintainer.incarnation(&whose) != Some(life) {

@@ -19,7 +19,7 @@ mod word;
 use std::collections::BTreeMap;
 
 use acl::content::{Act, ActionToken, Outcome, Reason, Refusal, Report, Request, value};
-use acl::{AgentId, Message, Performative, Protocol, ReplyToken};
+use acl::{AgentId, Incarnation, Message, Performative, Protocol, ReplyToken};
 use agent::{
     Agent, Answer, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Opening,
     PluginEntry, Presence, TimerId, Work,
@@ -106,6 +106,8 @@ struct Running {
 struct Acting {
     exchange: ReplyToken,
     agent: AgentId,
+    /// Which life of it was asked.
+    life: Option<Incarnation>,
     /// Under the name its agent knows.
     action: String,
 }
@@ -125,11 +127,14 @@ impl Agent for PlanExecutor {
     }
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
-        if let Presence::Left(resident) = presence {
-            let grace = ctx.settings().grace;
-            let borne = ctx.after(grace, |executor: &mut Self, _| executor.left = None);
-            self.left.replace(borne).into_iter().for_each(|former| ctx.forget(former));
-            self.words.forget(&resident.agent);
+        match presence {
+            Presence::Left(resident) => {
+                self.words.forget(&resident.agent);
+                let grace = ctx.settings().grace;
+                let borne = ctx.after(grace, |executor: &mut Self, _| executor.left = None);
+                self.left.replace(borne).into_iter().for_each(|former| ctx.forget(former));
+            }
+            Presence::Joined(resident) => self.ask_next_life(resident, ctx),
         }
     }
 
@@ -264,8 +269,9 @@ impl PlanExecutor {
         let exchange = ctx.open(opening, patience, move |executor: &mut Self, answer, ctx| {
             executor.answered(&plan, step, timeout, answer, ctx);
         });
+        let life = ctx.find(&order.agent).map(|resident| resident.incarnation);
         if let Some(running) = self.running.get_mut(token) {
-            running.acting.insert(step, Acting { exchange, agent: order.agent, action });
+            running.acting.insert(step, Acting { exchange, agent: order.agent, life, action });
         }
     }
 

@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 
 use acl::content::{Cancelling, Execute, Outcome, Reason, Report, value};
 use acl::{ConversationId, Performative, ReplyToken};
-use agent::{Context, Engagement};
+use agent::{Context, Engagement, Resident};
 
 use crate::{Acting, PlanExecutor};
 
@@ -105,6 +105,20 @@ impl PlanExecutor {
             let step = u32::try_from(step).ok();
             let report = Report { action: Some(action), step, ..report };
             ctx.answer(engagement, Performative::Confirm, &report);
+        }
+    }
+
+    /// An actuator has begun a new life in the middle of a step: it is asked under the same token, and
+    /// says whether the step was begun. Of its former life nothing will be heard.
+    pub(crate) fn ask_next_life(&mut self, resident: &Resident, ctx: &mut Context<Self>) {
+        for running in self.running.values_mut().filter(|running| running.ending.is_none()) {
+            for acting in running.acting.values_mut() {
+                let life = Some(resident.incarnation);
+                if acting.agent == resident.agent && acting.life.is_some() && acting.life != life {
+                    acting.life = life;
+                    ctx.open_again(&acting.exchange);
+                }
+            }
         }
     }
 

@@ -68,8 +68,8 @@ pub(crate) struct Goal {
     pub(crate) no_plan_because: String,
     /// Whether agents have come or left since it was begun to plan for it.
     pub(crate) is_overtaken: bool,
-    /// Whether it was looked for twice since there was a plan last.
-    pub(crate) looked_twice: bool,
+    /// Since when there is no plan for it, while nobody has come or left.
+    pub(crate) unsolved_since: Option<Instant>,
     /// Whether the user was told that it holds, since it last did not.
     pub(crate) is_told: bool,
     pub(crate) timer: Option<TimerId>,
@@ -177,7 +177,7 @@ impl Goal {
             blocked_under: None,
             no_plan_because: String::new(),
             is_overtaken: false,
-            looked_twice: false,
+            unsolved_since: None,
             is_told: false,
             timer: None,
             seen: None,

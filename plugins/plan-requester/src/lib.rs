@@ -408,11 +408,14 @@ impl PlanRequester {
         }
         let now = ctx.now();
         let chance = goal.next_chance(now);
-        if chance.is_none() && self.config.replanning && !goal.looked_twice {
+        if chance.is_none() && self.config.replanning {
             // News may have crossed: agents know of themselves what is not known here yet. And
             // whoever could do it may be away for a blink.
-            goal.looked_twice = true;
-            return self.wait(id, why, CROSSING.max(ctx.settings().grace), ctx);
+            let patience = CROSSING.max(ctx.settings().grace);
+            let rest = patience.saturating_sub(now - *goal.unsolved_since.get_or_insert(now));
+            if !rest.is_zero() {
+                return self.wait(id, why, rest, ctx);
+            }
         }
         match (goal.keep, chance) {
             (Keep::Achieve, None) => self.end(id, Outcome::Failed, why, ctx),
@@ -482,7 +485,7 @@ impl PlanRequester {
             if agents_changed {
                 goal.blocked_under = None;
                 goal.is_overtaken = goal.phase.is_planning();
-                goal.looked_twice = false;
+                goal.unsolved_since = None;
             }
             let is_concerned = match goal.phase {
                 Phase::Queued | Phase::Waiting(_) | Phase::Holding => true,

@@ -215,7 +215,7 @@ impl PlanRequester {
     ) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         goal.attempt = Attempt::Beside;
-        goal.looked_twice &= matches!(verdict, Verdict::Undoes(_));
+        goal.unsolved_since = goal.unsolved_since.filter(|_| matches!(verdict, Verdict::Undoes(_)));
         match verdict {
             Verdict::Go => self.execute(id, known, plan, cost, ctx),
             Verdict::After(others) => {

@@ -303,6 +303,11 @@ impl Maintainer {
         self.roster.get(agent).map(|member| member.incarnation)
     }
 
+    /// Whether an agent's token is lost.
+    pub fn is_masked(&self, agent: &AgentId) -> bool {
+        self.roster.get(agent).is_some_and(|member| member.is_masked)
+    }
+
     /// Everything that is left out of the composite, in a fixed order.
     pub fn conflicts(&self) -> Vec<Conflict> {
         match self.scope {
