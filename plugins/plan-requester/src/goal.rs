@@ -23,6 +23,10 @@ const HISTORY_LINES_MAX: usize = 64;
 const AVOIDED_FIRST: Duration = Duration::from_secs(10);
 const AVOIDED_MAX: Duration = Duration::from_secs(300);
 
+/// How long after a goal was taken over nobody is missed: daemons that start together are linked and
+/// have told their models by then.
+const MEETING: Duration = Duration::from_secs(10);
+
 /// How often an action may fail before a goal that is to be achieved does without its agent: it
 /// is asked at once, after ten seconds and after thirty, and then the user is told.
 const TRIES_MAX: u32 = 3;
@@ -53,8 +57,8 @@ pub(crate) struct Goal {
     pub(crate) plan: Option<Box<Execute>>,
     /// Which version of it the Journals keep.
     pub(crate) version: Version,
-    /// Whether another Plan Requester had it before.
-    pub(crate) is_taken_over: bool,
+    /// When it was taken over, if another Plan Requester had it before.
+    pub(crate) taken_over: Option<Instant>,
     /// The steps of the running plan that are not known to be done, as their agents name them.
     pub(crate) steps_left: Vec<PlanStep>,
     /// Those of the plan that failed, for a planner that would go on with it.
@@ -170,7 +174,7 @@ impl Goal {
             attempt: Attempt::default(),
             plan: None,
             version: Version::default(),
-            is_taken_over: false,
+            taken_over: None,
             steps_left: Vec::new(),
             given_up: Vec::new(),
             blocked_by: String::new(),
@@ -305,6 +309,12 @@ impl Goal {
             .min()
     }
 
+    /// Whether it was taken over so lately that those who could do it may not have been met yet: a
+    /// machine that was switched on with all others takes its time.
+    pub(crate) fn may_be_met_yet(&self, now: Instant) -> bool {
+        self.taken_over.is_some_and(|taken_over| now < taken_over + MEETING)
+    }
+
     /// Whether this very goal is asked for once more, because its asker does not know that it was
     /// heard.
     pub(crate) fn is_asked_again(&self, by: &Engagement, asked: &Achieve) -> bool {
@@ -316,7 +326,7 @@ impl Goal {
     /// whom it had asked is gone.
     pub(crate) fn is_asked_anew(&self, by: &AgentId, life: Incarnation, asked: &Achieve) -> bool {
         let is_same = self.text == asked.goal && self.keep == asked.keep;
-        let is_anew = self.life < life || self.is_taken_over;
+        let is_anew = self.life < life || self.taken_over.is_some();
         is_same && self.engagement.initiator == *by && is_anew
     }
 

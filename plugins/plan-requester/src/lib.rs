@@ -313,6 +313,9 @@ impl PlanRequester {
         if goal.rounds == 0
             && let Some(problem) = wrong_in(goal, &known)
         {
+            if goal.may_be_met_yet(ctx.now()) {
+                return self.wait(id, problem, ASK_AGAIN, ctx);
+            }
             return self.end(id, Outcome::Failed, problem, ctx);
         }
         match known.open_conjuncts(&goal.condition) {
@@ -413,8 +416,8 @@ impl PlanRequester {
             // whoever could do it may be away for a blink.
             let patience = CROSSING.max(ctx.settings().grace);
             let rest = patience.saturating_sub(now - *goal.unsolved_since.get_or_insert(now));
-            if !rest.is_zero() {
-                return self.wait(id, why, rest, ctx);
+            if !rest.is_zero() || goal.may_be_met_yet(now) {
+                return self.wait(id, why, rest.max(ASK_AGAIN), ctx);
             }
         }
         match (goal.keep, chance) {

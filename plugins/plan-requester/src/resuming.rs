@@ -237,7 +237,7 @@ impl PlanRequester {
         tracing::info!(conversation = %id, goal = asked.goal, rounds, "goes on with a goal");
         let mut goal = Goal::new(engagement, life, asked, condition);
         (goal.rounds, goal.failures, goal.version) = (rounds, failures, version);
-        goal.is_taken_over = true;
+        goal.taken_over = Some(ctx.now());
         goal.recall_history(history);
         let running = running.filter(|running| {
             let is_it = |plan: &Execute| plan.term == running.term && plan.round == running.round;
