@@ -294,16 +294,19 @@ impl PlanRequester {
     ///
     /// A moment later: whoever asks then still acts itself, also where both have changed at once.
     pub(crate) fn executor_came(&mut self, ctx: &mut Context<Self>) {
-        ctx.after(SETTLING, |requester: &mut Self, ctx| requester.ask_for_what_runs(ctx));
-    }
-
-    fn ask_for_what_runs(&mut self, ctx: &mut Context<Self>) {
-        let is_executing = |goal: &Goal| matches!(goal.phase, Phase::Executing(_));
-        let running = self.goals.iter().filter(|(_, goal)| is_executing(goal));
-        let running: Vec<_> = running.map(|(id, _)| id.clone()).collect();
-        for id in running {
-            self.ask_executor(&id, ctx);
-        }
+        let asked = |goal: &Goal| match &goal.phase {
+            Phase::Executing(token) => Some(token.clone()),
+            _ => None,
+        };
+        let running = self.goals.iter().filter_map(|(id, goal)| Some((id.clone(), asked(goal)?)));
+        let running: Vec<_> = running.collect();
+        ctx.after(SETTLING, move |requester: &mut Self, ctx| {
+            for (id, token) in running {
+                if requester.goals.get(&id).and_then(asked) == Some(token) {
+                    requester.ask_executor(&id, ctx);
+                }
+            }
+        });
     }
 
     // === in pieces ===
