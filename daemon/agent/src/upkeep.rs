@@ -33,6 +33,11 @@ const COMPOSING_APART: Duration = Duration::from_millis(20);
 /// who asked all the same would be answered with what it knows.
 pub(crate) const TELLING: Duration = Duration::from_millis(20);
 
+/// How long before an agent that gave no answer is asked again, and how often: that it is here is known
+/// a moment before questions find their way to it. Who has no model is asked in vain.
+const ASK_AGAIN: Duration = Duration::from_millis(100);
+const ASKED_AGAIN: u32 = 4;
+
 /// A maintainer, and what keeps it up to date.
 pub struct Upkeep {
     /// The state machine.
@@ -93,7 +98,7 @@ pub fn informed<A: Maintains>(agent: &mut A, message: &Message, ctx: &mut Contex
         conclude(agent, change, ctx);
     }
     if heard.lacks_model {
-        fetch(agent, &message.sender, ctx);
+        fetch(agent, &message.sender, ASKED_AGAIN, ctx);
     }
     if let Some(mistake) = heard.mistake {
         ctx.not_understood(message, mistake);
@@ -176,12 +181,12 @@ pub fn presence<A: Maintains>(agent: &mut A, presence: &Presence, ctx: &mut Cont
         Presence::Joined(_) => {
             // Who is back may have said something while it was away.
             if agent.upkeep().maintainer.is_masked(&who) {
-                fetch(agent, &who, ctx);
+                fetch(agent, &who, ASKED_AGAIN, ctx);
             }
             let whose = who.clone();
             ctx.after(TELLING, move |agent: &mut A, ctx| {
                 if agent.upkeep().maintainer.incarnation(&whose) != Some(life) {
-                    fetch(agent, &whose, ctx);
+                    fetch(agent, &whose, ASKED_AGAIN, ctx);
                 }
             });
             agent.upkeep().maintainer.unmask(&who, life, now)
@@ -310,7 +315,7 @@ fn joined(diagnostics: &[Diagnostic]) -> String {
 }
 
 /// Asks an agent for its model. Reasoning agents have none and do not answer.
-fn fetch<A: Maintains>(agent: &mut A, whose: &AgentId, ctx: &mut Context<A>) {
+fn fetch<A: Maintains>(agent: &mut A, whose: &AgentId, again: u32, ctx: &mut Context<A>) {
     if agent.upkeep().fetching.contains_key(whose) {
         return;
     }
@@ -324,6 +329,11 @@ fn fetch<A: Maintains>(agent: &mut A, whose: &AgentId, ctx: &mut Context<A>) {
     let name = whose.clone();
     let work = ctx.run(asked, move |agent: &mut A, answers, ctx| {
         agent.upkeep().fetching.remove(&name);
+        if answers.is_empty() && again > 0 && agent.upkeep().maintainer.incarnation(&name).is_none()
+        {
+            ctx.after(ASK_AGAIN, move |agent: &mut A, ctx| fetch(agent, &name, again - 1, ctx));
+            return;
+        }
         for answer in answers {
             match acl::decode(&answer) {
                 Ok(message) if message.sender == name => informed(agent, &message, ctx),
