@@ -23,6 +23,7 @@ mod context;
 mod directory;
 mod guard;
 pub mod keeping;
+mod last_word;
 mod machine;
 mod mailbox;
 mod outbox;

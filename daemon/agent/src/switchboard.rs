@@ -29,6 +29,7 @@ use tokio::sync::{Semaphore, broadcast};
 
 use crate::commons::Commons;
 use crate::directory::Directory;
+use crate::last_word::LastWord;
 use crate::machine::Machine;
 use crate::mailbox::{Letter, Mailbox, Slot, mailbox};
 use crate::plugin::Host;
@@ -90,35 +91,8 @@ struct Hosted {
     slot: Slot,
     incarnation: Incarnation,
     interests: BTreeSet<Performative>,
-    /// The last model this agent sent to all; answers [`Resource::Model`].
-    model: Option<Bytes>,
-    /// The last heartbeat it sent since.
-    heartbeat: Option<Bytes>,
-}
-
-impl Hosted {
-    /// Its model, brought up to its last heartbeat: who asks has missed both, and would believe what
-    /// was so when the agent began.
-    fn current_model(&mut self) -> Option<Bytes> {
-        if let Some(heartbeat) = self.heartbeat.take()
-            && let Some(renewed) = self.model.as_ref().and_then(|model| renew(model, &heartbeat))
-        {
-            self.model = Some(renewed);
-        }
-        self.model.clone()
-    }
-}
-
-/// A model with a later heartbeat in it.
-fn renew(model: &Bytes, heartbeat: &Bytes) -> Option<Bytes> {
-    let (model, heartbeat) = (acl::decode(model).ok()?, acl::decode(heartbeat).ok()?);
-    let (Inform::Model(mut announced), Inform::Heartbeat(heartbeat)) =
-        (model.content_as().ok()?, heartbeat.content_as().ok()?)
-    else {
-        return None;
-    };
-    announced.heartbeat = heartbeat;
-    Some(acl::encode(&Message { content: value(&Inform::Model(announced)), ..model }))
+    /// What it said last of itself; answers [`Resource::Model`].
+    last_word: LastWord,
 }
 
 /// Broadcasts worth keeping: each replaces its predecessor. All are `inform`s.
@@ -238,7 +212,7 @@ impl Switchboard {
         }
         state.agents.insert(
             agent.clone(),
-            Hosted { slot, incarnation, interests, model: None, heartbeat: None },
+            Hosted { slot, incarnation, interests, last_word: LastWord::default() },
         );
         mailbox
     }
@@ -386,12 +360,7 @@ impl Switchboard {
     /// Sends a model or a heartbeat to all; a model is kept to answer those who ask for it.
     pub(crate) fn beat(&self, sender: &AgentId, payload: Bytes, is_model: bool) {
         if let Some(hosted) = self.write().agents.get_mut(sender) {
-            // A copy of its own: a message is written into more room than it needs.
-            let said = Some(Bytes::copy_from_slice(&payload));
-            match is_model {
-                true => (hosted.model, hosted.heartbeat) = (said, None),
-                false => hosted.heartbeat = said,
-            }
+            hosted.last_word.told(&payload, is_model);
         }
         self.hand_over(|substrate| substrate.beat(sender, payload));
     }
@@ -530,7 +499,7 @@ impl Switchboard {
         let mut state = self.write();
         let asked = |agent: &AgentId| asked.is_none_or(|asked| asked == agent);
         let hosted = state.agents.iter_mut().filter(|(agent, _)| asked(agent));
-        hosted.filter_map(|(_, hosted)| hosted.current_model()).collect()
+        hosted.filter_map(|(_, hosted)| hosted.last_word.model()).collect()
     }
 
     fn answer_mailbox(&self, question: &Question) {

@@ -8,21 +8,23 @@
 //! - A daemon that reads slowly hears everything late, and no more than [`UNDER_WAY_MAX`] messages wait
 //!   for it.
 
-use std::collections::{BTreeMap, BTreeSet};
+mod wire;
+
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, Incarnation, Performative};
 use bytes::Bytes;
-use fastrand::Rng;
 use tokio::sync::{Notify, mpsc};
 use tokio::time::Instant;
 
+use self::wire::{Coming, Connected, Island, Target, Wire};
 use crate::memory::{ANSWERS_MAX, collect_answers};
 use crate::{
-    Address, Addressed, Ask, BoxFuture, Delivery, Inbound, Presence, PresenceToken, Question,
-    Resident, SendError, Subject, Substrate,
+    Address, Addressed, Ask, BoxFuture, Delivery, Inbound, PresenceToken, Question, SendError,
+    Subject, Substrate,
 };
 
 /// Messages under way to one daemon; more are lost, as a wire that must not wait loses them.
@@ -51,23 +53,9 @@ struct Shared {
     sooner: Notify,
 }
 
-struct Wire {
-    rng: Rng,
-    weather: Weather,
-    daemons: BTreeMap<DaemonId, Connected>,
-    lives_count: u64,
-    residents: BTreeMap<(AgentId, DaemonId), Incarnation>,
-    cuts: BTreeMap<Cut, Island>,
-    cuts_count: u64,
-    slow: BTreeMap<DaemonId, Duration>,
-    /// What will happen, in its order.
-    due: BTreeMap<(Instant, u64), (Target, Coming)>,
-    due_count: u64,
-    /// When the last message of a link comes: what is sent later comes later.
-    last: BTreeMap<(DaemonId, DaemonId), Instant>,
-    tap: Option<Tap>,
-    told: Told,
-}
+/// Names a cut.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Cut(u64);
 
 /// A stranger that hears everything that is sent, from whom.
 type Tap = Arc<dyn Fn(&DaemonId, &Addressed, &Bytes) + Send + Sync>;
@@ -81,46 +69,6 @@ pub struct Told {
     pub lost: u64,
     /// Came twice.
     pub doubled: u64,
-}
-
-/// A daemon's life on the wire.
-struct Connected {
-    inbound: Arc<dyn Inbound>,
-    life: u64,
-    /// Whom it believes to be here.
-    sees: BTreeSet<Resident>,
-    under_way: usize,
-}
-
-/// Names a cut.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Cut(u64);
-
-/// Daemons whose links to all others are broken.
-struct Island {
-    daemons: BTreeSet<DaemonId>,
-    /// When the ends of those links believe it.
-    lease: Instant,
-}
-
-/// One life of one daemon.
-#[derive(Clone, PartialEq)]
-struct Target {
-    daemon: DaemonId,
-    life: u64,
-}
-
-/// What comes to a daemon.
-enum Coming {
-    Message(Delivery),
-    Presence(Presence),
-    Question(Question),
-    /// An answer, on its way back.
-    Answer(mpsc::Sender<Bytes>, Bytes),
-    /// A question or an answer that never comes: whoever asked waits in vain until now.
-    Nothing(#[expect(dead_code, reason = "held, so that the asker waits")] mpsc::Sender<Bytes>),
-    /// A lease has passed: it looks who is here.
-    Look,
 }
 
 /// One daemon's end of the wire.
@@ -144,22 +92,7 @@ impl Network {
     /// A wire with nobody on it, in fair weather. What is on its way is delivered by a task of the
     /// runtime that this is called in.
     pub fn new(seed: u64) -> Network {
-        let wire = Wire {
-            rng: Rng::with_seed(seed),
-            weather: Weather::fair(),
-            daemons: BTreeMap::new(),
-            lives_count: 0,
-            residents: BTreeMap::new(),
-            cuts: BTreeMap::new(),
-            cuts_count: 0,
-            slow: BTreeMap::new(),
-            due: BTreeMap::new(),
-            due_count: 0,
-            last: BTreeMap::new(),
-            tap: None,
-            told: Told::default(),
-        };
-        let shared = Arc::new(Shared { wire: Mutex::new(wire), sooner: Notify::new() });
+        let shared = Arc::new(Shared { wire: Mutex::new(Wire::new(seed)), sooner: Notify::new() });
         tokio::spawn(carry(Arc::downgrade(&shared)));
         Network(shared)
     }
@@ -292,96 +225,6 @@ impl Shared {
             Coming::Question(question) => inbound.question(question),
             Coming::Answer(answers, payload) => drop(answers.try_send(payload)),
             Coming::Nothing(_) | Coming::Look => (),
-        }
-    }
-}
-
-// === impl Wire ===
-
-impl Wire {
-    /// Lets something come to a daemon at a time, after all that comes to it then already.
-    fn happens(&mut self, at: Instant, daemon: &DaemonId, coming: Coming) {
-        let Some(connected) = self.daemons.get_mut(daemon) else { return };
-        if connected.under_way >= UNDER_WAY_MAX {
-            self.told.lost += 1;
-            return;
-        }
-        connected.under_way += 1;
-        self.due_count += 1;
-        let target = Target { daemon: daemon.clone(), life: connected.life };
-        self.due.insert((at, self.due_count), (target, coming));
-    }
-
-    /// Sends one thing over a link, as far as the weather lets it; what is lost comes back.
-    fn send(&mut self, from: &DaemonId, to: &DaemonId, coming: Coming) -> Result<(), Coming> {
-        self.told.sent += 1;
-        if from == to {
-            self.happens(Instant::now(), to, coming);
-            return Ok(());
-        }
-        if self.broken(from, to).is_some() || self.once_in(self.weather.loss) {
-            self.told.lost += 1;
-            return Err(coming);
-        }
-        let at = self.arrival(from, to);
-        if self.once_in(self.weather.doubled)
-            && let Coming::Message(delivery) = &coming
-        {
-            self.told.doubled += 1;
-            let (again, copy) = (self.arrival(from, to), Coming::Message(delivery.clone()));
-            self.happens(again, to, copy);
-        }
-        self.happens(at, to, coming);
-        Ok(())
-    }
-
-    /// When what is sent now comes.
-    fn arrival(&mut self, from: &DaemonId, to: &DaemonId) -> Instant {
-        let delay = Duration::from_micros(self.rng.u64(self.weather.delay.clone()));
-        let at = Instant::now() + delay + self.slow.get(to).copied().unwrap_or_default();
-        if self.once_in(self.weather.overtaken) {
-            return at + delay * 4;
-        }
-        let last = self.last.entry((from.clone(), to.clone())).or_insert(at);
-        *last = at.max(*last);
-        *last
-    }
-
-    /// When the ends of a link believe that it is broken, if it is.
-    fn broken(&self, a: &DaemonId, b: &DaemonId) -> Option<Instant> {
-        let between =
-            self.cuts.values().filter(|cut| cut.daemons.contains(a) != cut.daemons.contains(b));
-        between.map(|cut| cut.lease).min()
-    }
-
-    fn once_in(&mut self, share: f64) -> bool {
-        share > 0.0 && self.rng.f64() < share
-    }
-
-    fn look_all(&mut self) {
-        let daemons: Vec<_> = self.daemons.keys().cloned().collect();
-        daemons.iter().for_each(|daemon| self.look(daemon));
-    }
-
-    /// Tells a daemon who has come into its sight and who has gone out of it.
-    fn look(&mut self, daemon: &DaemonId) {
-        let now = Instant::now();
-        let is_seen = |host: &DaemonId| self.broken(daemon, host).is_none_or(|lease| lease > now);
-        let mut here = BTreeSet::new();
-        for ((agent, host), incarnation) in &self.residents {
-            if is_seen(host) {
-                let (agent, daemon) = (agent.clone(), host.clone());
-                here.insert(Resident { agent, daemon, incarnation: *incarnation });
-            }
-        }
-        let Some(connected) = self.daemons.get_mut(daemon) else { return };
-        let seen = std::mem::replace(&mut connected.sees, here.clone());
-        let left = seen.difference(&here).cloned().map(Presence::Left);
-        let joined = here.difference(&seen).cloned().map(Presence::Joined);
-        for presence in left.chain(joined).collect::<Vec<_>>() {
-            let host = presence.resident().daemon.clone();
-            let at = if host == *daemon { now } else { self.arrival(&host, daemon) };
-            self.happens(at, daemon, Coming::Presence(presence));
         }
     }
 }

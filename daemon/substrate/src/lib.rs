@@ -10,6 +10,8 @@
 //! A substrate promises little: a message may be lost, late or doubled, and presence may err for
 //! the length of a lease. Receipts, retries and duplicates are the Communication Agent's.
 
+#[cfg(test)]
+mod ear;
 pub mod faulty;
 pub mod memory;
 

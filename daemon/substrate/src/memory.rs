@@ -232,80 +232,43 @@ fn withdraw(wire: &Mutex<Wire>, agent: &AgentId, daemon: &DaemonId, incarnation:
 mod tests {
     use super::*;
     use crate::Resource;
-
-    /// Writes down what it hears.
-    #[derive(Default)]
-    struct Ear(Mutex<Vec<String>>);
-
-    impl Ear {
-        fn note(&self, line: String) {
-            self.0.lock().expect("no test panics while it listens").push(line);
-        }
-
-        fn heard(&self) -> Vec<String> {
-            std::mem::take(&mut *self.0.lock().expect("as above"))
-        }
-    }
-
-    impl Inbound for Ear {
-        fn deliver(&self, delivery: Delivery) {
-            let text = String::from_utf8_lossy(&delivery.payload).into_owned();
-            self.note(format!("{:?} {text}", delivery.addressed));
-        }
-
-        fn presence(&self, presence: Presence) {
-            let word = if matches!(presence, Presence::Joined(_)) { "joined" } else { "left" };
-            self.note(format!("{word} {}", presence.resident().agent));
-        }
-
-        fn question(&self, question: Question) {
-            (question.answer)(Bytes::from_static(question.resource.as_str().as_bytes()));
-        }
-    }
-
-    fn daemon(name: &str) -> DaemonId {
-        DaemonId::new(name).expect("a name")
-    }
-
-    fn agent(name: &str) -> AgentId {
-        AgentId::new(name).expect("a name")
-    }
+    use crate::ear::{Ear, agent, daemon};
 
     #[test]
     fn a_killed_daemon_is_deaf_and_its_agents_are_gone() {
         let network = Network::new();
-        let (a, b) = (Arc::new(Ear::default()), Arc::new(Ear::default()));
+        let (a, b) = (Ear::new(), Ear::new());
         let port_a = network.open(daemon("a"), Arc::<Ear>::clone(&a) as _);
         let port_b = network.open(daemon("b"), Arc::<Ear>::clone(&b) as _);
         let _token = port_b.announce(&agent("robot"), Incarnation(1)).expect("open");
-        assert_eq!(a.heard(), ["joined robot"]);
+        assert_eq!(a.words(), ["joined robot"]);
 
         network.kill(&daemon("b"));
 
-        assert_eq!(a.heard(), ["left robot"]);
+        assert_eq!(a.words(), ["left robot"]);
         assert_eq!(port_b.beat(&agent("robot"), Bytes::new()), Err(SendError::Closed));
-        b.heard();
+        b.words();
         port_a.broadcast(&agent("x"), Performative::Cfp, Bytes::new()).expect("open");
-        assert_eq!(b.heard(), [""; 0]);
+        assert_eq!(b.words(), [""; 0]);
     }
 
     #[test]
     fn a_message_to_one_reaches_its_daemon_alone() {
         let network = Network::new();
-        let (a, b) = (Arc::new(Ear::default()), Arc::new(Ear::default()));
+        let (a, b) = (Ear::new(), Ear::new());
         let port = network.open(daemon("a"), Arc::<Ear>::clone(&a) as _);
         network.open(daemon("b"), Arc::<Ear>::clone(&b) as _);
         let to = Address { daemon: daemon("b"), agent: agent("robot") };
         port.send(&to, Subject::Receipt, Bytes::from_static(b"m1")).expect("open");
-        assert_eq!(a.heard(), [""; 0]);
-        assert_eq!(b.heard(), [r#"To("robot", Receipt) m1"#]);
+        assert_eq!(a.words(), [""; 0]);
+        assert_eq!(b.words(), ["robot Receipt m1"]);
     }
 
     #[tokio::test]
     async fn everyone_asked_may_answer() {
         let network = Network::new();
-        let port = network.open(daemon("a"), Arc::new(Ear::default()));
-        network.open(daemon("b"), Arc::new(Ear::default()));
+        let port = network.open(daemon("a"), Ear::new());
+        network.open(daemon("b"), Ear::new());
         let ask = Ask { daemon: None, resource: Resource::Domain, agent: None };
         let answers = port.ask(ask, Duration::from_secs(1)).await;
         assert_eq!(answers, [&b"domain"[..], b"domain"]);

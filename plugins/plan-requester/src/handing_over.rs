@@ -28,6 +28,11 @@ impl PlanRequester {
             // Its turn has come again.
             return self.take_over(records, ctx);
         }
+        let acts = ctx.find(ctx.id()).map(|resident| resident.incarnation);
+        if acts.is_none_or(|life| life == ctx.incarnation()) {
+            // Who it is that acts is not known here yet.
+            return tell_again(records, times, ctx);
+        }
         let opening = Opening {
             to: Some(ctx.id().clone()),
             performative: Performative::Request,
@@ -41,12 +46,7 @@ impl PlanRequester {
             let Some(records) = records.take() else { return };
             match answer {
                 Answer::Message(message) if message.performative == Performative::Confirm => (),
-                _ if times < TIMES_MAX => {
-                    ctx.after(AGAIN, move |requester: &mut Self, ctx| {
-                        requester.hand_over(records, times + 1, ctx);
-                    });
-                }
-                _ => tracing::warn!(goals = records.len(), "nobody takes over what it knew"),
+                _ => tell_again(records, times, ctx),
             }
         });
     }
@@ -79,4 +79,14 @@ impl PlanRequester {
             }
         }
     }
+}
+
+/// Says it once more, a moment later, unless that was done too often.
+fn tell_again(records: Vec<Record>, times: u32, ctx: &mut Context<PlanRequester>) {
+    if times >= TIMES_MAX {
+        return tracing::warn!(goals = records.len(), "nobody takes over what it knew");
+    }
+    ctx.after(AGAIN, move |requester: &mut PlanRequester, ctx| {
+        requester.hand_over(records, times + 1, ctx);
+    });
 }

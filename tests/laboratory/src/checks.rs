@@ -9,7 +9,7 @@ use building::{Event, Truth};
 
 use crate::city::City;
 use crate::people::Story;
-use crate::plan::BLINKS_UNTIL;
+use crate::script::BLINKS_UNTIL;
 
 /// Everything that was promised and not held.
 pub fn all(city: &City, goals: &[GoalStatus], has_settled: bool) -> Vec<String> {

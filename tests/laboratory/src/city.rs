@@ -15,7 +15,7 @@ use tokio::time::Instant;
 
 use crate::machine::{Post, World};
 use crate::people::Person;
-use crate::plan::{Entry, Fault, Guard, Plan};
+use crate::script::{Entry, Fault, Guard, Script};
 use crate::trial::TrialError;
 
 /// How slow the building is: as in real time.
@@ -86,11 +86,11 @@ impl City {
     /// # Errors
     ///
     /// If the plan is no building, or the ontology cannot be read.
-    pub fn new(plan: Plan, without: Option<Guard>, folder: &Path) -> Result<City, TrialError> {
+    pub fn new(script: Script, without: Option<Guard>, folder: &Path) -> Result<City, TrialError> {
         let since = Instant::now();
-        let building = Building::new(plan.layout.clone(), TIME_SCALE)?;
-        let network = Network::new(plan.seed);
-        let (ontology, map) = words(&plan)?;
+        let building = Building::new(script.layout.clone(), TIME_SCALE)?;
+        let network = Network::new(script.seed);
+        let (ontology, map) = words(&script)?;
         let world = Arc::new(World {
             ontology: Arc::new(ontology),
             map: Arc::new(map),
@@ -99,10 +99,10 @@ impl City {
             building: building.handle(),
             without,
             broken: Mutex::default(),
-            plan,
+            script,
         });
         let mut posts = Vec::new();
-        for (number, name) in world.plan.daemons.iter().enumerate() {
+        for (number, name) in world.script.daemons.iter().enumerate() {
             let state = folder.join(name);
             std::fs::create_dir_all(&state)?;
             posts.push(Post::new(&world, number, state));
@@ -252,7 +252,7 @@ impl City {
     fn on_disk(&self, number: usize, kind: Kind) -> BTreeMap<(String, String), u32> {
         let hosted = |entry: &&Entry| entry.daemons.contains(&number);
         let mut found = BTreeMap::new();
-        for entry in self.world.plan.agents.iter().filter(hosted) {
+        for entry in self.world.script.agents.iter().filter(hosted) {
             let (begun, ended) = self.posts[number].commands(&entry.name);
             for token in begun {
                 let key = (entry.name.clone(), token);
@@ -278,10 +278,10 @@ enum Kind {
 use Kind::{Begun, Unended};
 
 /// The words of the smart office, and this building's map.
-fn words(plan: &Plan) -> Result<(pddl::Domain, pddl::Problem), TrialError> {
+fn words(script: &Script) -> Result<(pddl::Domain, pddl::Problem), TrialError> {
     const ONTOLOGY: &str = include_str!("../../../domains/smart-office/domain.pddl");
     let ontology = pddl::parse_domain(ONTOLOGY).into_result().map_err(TrialError::words)?;
-    let map = plan.layout.map_pddl(ontology.name.as_str());
+    let map = script.layout.map_pddl(ontology.name.as_str());
     let map = pddl::parse_problem(&map).into_result().map_err(TrialError::words)?;
     Ok((ontology, map))
 }

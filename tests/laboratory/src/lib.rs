@@ -6,7 +6,7 @@
 //! (`docs/reliability.md`). To show that the laboratory sees what it looks for, a *guard* can be
 //! taken out: without it some seed fails.
 //!
-//! - [`plan`]: what a seed decides: who lives where, who asks for what, what goes wrong when.
+//! - [`script`]: what a seed decides: who lives where, who asks for what, what goes wrong when.
 //! - [`machine`]: one daemon on one machine, with a clock and a disk that outlive its processes.
 //! - [`city`]: all machines, the wire between them, the building.
 //! - [`people`]: who asks for goals, and what they hear.
@@ -17,8 +17,8 @@ pub mod checks;
 pub mod city;
 pub mod machine;
 pub mod people;
-pub mod plan;
+pub mod script;
 pub mod trial;
 
-pub use plan::Guard;
+pub use script::Guard;
 pub use trial::{Verdict, play};

@@ -24,7 +24,7 @@ use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument;
 
-use crate::plan::{Entry, Guard, Plan};
+use crate::script::{Entry, Guard, Script};
 
 /// The plugins that live here.
 const PLUGINS: [&PluginEntry; 9] = [
@@ -52,7 +52,7 @@ pub struct World {
     /// The rooms.
     pub map: Arc<Problem>,
     /// The trial.
-    pub plan: Plan,
+    pub script: Script,
     /// Times and bounds.
     pub settings: Settings,
     /// What connects the machines.
@@ -113,8 +113,8 @@ impl Simulated for Clock {
 impl Post {
     /// A machine that is switched off; what it keeps it keeps in `state`.
     pub fn new(world: &Arc<World>, number: usize, state: PathBuf) -> Post {
-        let name = &world.plan.daemons[number];
-        let seed = world.plan.seed ^ (number as u64 + 1).rotate_left(32);
+        let name = &world.script.daemons[number];
+        let seed = world.script.seed ^ (number as u64 + 1).rotate_left(32);
         let clock = Clock {
             began: Instant::now(),
             apart: Duration::from_micros(number as u64 * 997),
@@ -122,7 +122,7 @@ impl Post {
             disk: Mutex::new(Rng::with_seed(seed)),
         };
         Post {
-            daemon: DaemonId::new(name).expect("invariant: the plan gives names"),
+            daemon: DaemonId::new(name).expect("invariant: the script gives names"),
             number,
             state,
             shelf: Arc::default(),
@@ -152,7 +152,8 @@ impl Post {
         switchboard.connect(world.network.open(self.daemon.clone(), inbound));
         let host = self.host();
         let mut process = Process { switchboard, host, agents: Vec::new() };
-        for entry in world.plan.agents.iter().filter(|entry| entry.daemons.contains(&self.number)) {
+        for entry in world.script.agents.iter().filter(|entry| entry.daemons.contains(&self.number))
+        {
             process.begin(entry, &world);
         }
         self.process = Some(process);
@@ -213,17 +214,17 @@ impl Post {
     }
 
     fn host(&self) -> Arc<Host> {
-        let World { ontology, map, plan, settings, building, .. } = &*self.world;
+        let World { ontology, map, script, settings, building, .. } = &*self.world;
         let mut resources = Resources::default();
         resources.insert(building.clone());
         resources.insert(StateFolder(self.state.clone()));
         resources.share(Arc::clone(&self.shelf));
-        let journals = plan.agents.iter().filter(|entry| entry.plugin == "journal");
+        let journals = script.agents.iter().filter(|entry| entry.plugin == "journal");
         let name = |entry: &Entry| AgentId::new(&entry.name).expect("invariant: a name");
         Arc::new(Host {
             ontology: Arc::clone(ontology),
             map: Arc::clone(map),
-            mode: plan.mode,
+            mode: script.mode,
             settings: settings.clone(),
             journals: journals.map(name).collect(),
             resources,
@@ -237,7 +238,7 @@ impl Process {
     /// Lets an agent live, again and again, as a daemon's supervisor does.
     fn begin(&mut self, entry: &Entry, world: &Arc<World>) {
         let plugin = PLUGINS.into_iter().find(|plugin| plugin.name == entry.plugin);
-        let plugin = plugin.expect("invariant: the plan names plugins that live here");
+        let plugin = plugin.expect("invariant: the script names plugins that live here");
         let id = AgentId::new(&entry.name).expect("invariant: a name");
         let blueprint = Blueprint {
             id: id.clone(),

@@ -8,7 +8,7 @@ use acl::content::{Keep, Outcome};
 use keyboard::{Heard, Said, Terminal};
 use tokio::time::Instant;
 
-use crate::plan::Wish;
+use crate::script::Wish;
 
 /// A person at a terminal, who writes down what is heard.
 pub struct Person {

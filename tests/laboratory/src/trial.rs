@@ -10,7 +10,7 @@ use tokio::time::{Instant, sleep_until};
 
 use crate::checks;
 use crate::city::City;
-use crate::plan::{FAULTS_UNTIL, Guard, Plan};
+use crate::script::{FAULTS_UNTIL, Guard, Script};
 
 /// How long everything may take to come to its end once nothing goes wrong any more.
 const SETTLES_WITHIN: Duration = Duration::from_secs(400);
@@ -54,8 +54,8 @@ pub fn play(seed: u64, without: Option<Guard>) -> Result<Verdict, TrialError> {
         tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build()?;
     let folder = folder()?;
     runtime.block_on(async {
-        let plan = Plan::draw(seed)?;
-        let city = City::new(plan, without, folder.path())?;
+        let script = Script::draw(seed)?;
+        let city = City::new(script, without, folder.path())?;
         Ok(Trial::new(city).play().await)
     })
 }
@@ -108,8 +108,8 @@ impl Trial {
 
     /// Lets people wish and things go wrong, until that is over.
     async fn suffer(&mut self) {
-        let mut wishes = self.city.world.plan.wishes.clone().into_iter().enumerate().peekable();
-        let mut faults = self.city.world.plan.faults.clone().into_iter().peekable();
+        let mut wishes = self.city.world.script.wishes.clone().into_iter().enumerate().peekable();
+        let mut faults = self.city.world.script.faults.clone().into_iter().peekable();
         while self.city.now() < FAULTS_UNTIL {
             let next_wish = wishes.peek().map(|(_, wish)| wish.at);
             let next_fault = faults.peek().map(|(at, _)| *at);
@@ -188,18 +188,18 @@ impl Trial {
                 story.extend(known.heard.iter().map(|(at, line)| format!("  {at:>10.3?} {line}")));
             }
         }
-        let plan = &city.world.plan;
-        let agents: usize = plan.agents.iter().map(|agent| agent.daemons.len()).sum();
+        let script = &city.world.script;
+        let agents: usize = script.agents.iter().map(|agent| agent.daemons.len()).sum();
         Verdict {
-            seed: plan.seed,
+            seed: script.seed,
             broken,
             told: city.world.network.told(),
             digest: digest.lock().unwrap_or_else(PoisonError::into_inner).finish(),
             size: [
-                plan.daemons.len(),
+                script.daemons.len(),
                 agents + city.people.len(),
-                plan.wishes.len(),
-                plan.faults.len(),
+                script.wishes.len(),
+                script.faults.len(),
             ],
             lasted: city.now(),
             story,

@@ -1,7 +1,7 @@
 //! The laboratory at work: seeds are as big as promised, play the same again, find nothing; and each
 //! guard is missed when it is taken out.
 
-use laboratory::plan::{AGENTS_MIN, DAEMONS_MIN, FAULTS_MIN, GOALS_MIN, Plan};
+use laboratory::script::{AGENTS_MIN, DAEMONS_MIN, FAULTS_MIN, GOALS_MIN, Script};
 use laboratory::{Guard, Verdict, play};
 
 /// Seeds that are played each time the tests are. `cargo run --release -p laboratory -- --seeds N`
@@ -18,9 +18,9 @@ fn played(seed: u64, without: Option<Guard>) -> Verdict {
 #[test]
 fn a_seed_is_as_big_as_promised() {
     for seed in 0..1_000 {
-        let plan = Plan::draw(seed).unwrap_or_else(|error| panic!("{seed}: {error}"));
-        let agents: usize = plan.agents.iter().map(|agent| agent.daemons.len()).sum();
-        let size = [plan.daemons.len(), agents, plan.wishes.len(), plan.faults.len()];
+        let script = Script::draw(seed).unwrap_or_else(|error| panic!("{seed}: {error}"));
+        let agents: usize = script.agents.iter().map(|agent| agent.daemons.len()).sum();
+        let size = [script.daemons.len(), agents, script.wishes.len(), script.faults.len()];
         let least = [DAEMONS_MIN, AGENTS_MIN, GOALS_MIN, FAULTS_MIN];
         for (size, least) in size.into_iter().zip(least) {
             assert!(size >= least, "{seed}: {size} of at least {least}");

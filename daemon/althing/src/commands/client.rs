@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{Ask, Directory, Resource, Switchboard};
+use agent::{Ask, Directory, Machine, Resource, Switchboard};
 use bytes::Bytes;
 
 use crate::cli::{AskArgs, ReachArgs};
@@ -129,7 +129,7 @@ impl Target {
         let rights = ecosystem.as_ref().filter(|_| keys.is_some());
         let rights = rights.map(|ecosystem| ecosystem.rights.clone());
         let wire = Wire::Zenoh(Box::new(config));
-        let node = Node::join(name.clone(), daemon, settings, rights, wire)
+        let node = Node::join(Machine::default(), name.clone(), daemon, settings, rights, wire)
             .await
             .map_err(|error| error.to_string())?;
         let switchboard = Arc::clone(node.switchboard());

@@ -153,7 +153,7 @@ impl Node {
         let (name, settings) = (ecosystem.name.clone(), ecosystem.settings.clone());
         let rights = ecosystem.security.as_ref().map(|_| ecosystem.rights.clone());
         let machine = Machine::new(state.clone());
-        let mut node = Node::start(machine, name, daemon, settings, rights, wire).await?;
+        let mut node = Node::join(machine, name, daemon, settings, rights, wire).await?;
         let mut resources = Resources::default();
         building.into_iter().for_each(|building| resources.insert(building));
         state.into_iter().for_each(|folder| resources.insert(StateFolder(folder)));
@@ -180,16 +180,6 @@ impl Node {
     ///
     /// If the substrate does not open.
     pub(crate) async fn join(
-        ecosystem: EcosystemId,
-        daemon: DaemonId,
-        settings: Settings,
-        rights: Option<Rights>,
-        wire: Wire,
-    ) -> Result<Node, HostError> {
-        Node::start(Machine::default(), ecosystem, daemon, settings, rights, wire).await
-    }
-
-    async fn start(
         machine: Machine,
         ecosystem: EcosystemId,
         daemon: DaemonId,

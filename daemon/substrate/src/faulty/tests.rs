@@ -2,54 +2,7 @@
 
 use super::*;
 use crate::Resource;
-
-/// Writes down what it hears, and when.
-struct Ear {
-    since: Instant,
-    heard: Mutex<Vec<(u64, String)>>,
-}
-
-impl Ear {
-    fn new() -> Arc<Ear> {
-        Arc::new(Ear { since: Instant::now(), heard: Mutex::default() })
-    }
-
-    fn note(&self, line: String) {
-        let at = u64::try_from(self.since.elapsed().as_millis()).expect("short");
-        self.heard.lock().expect("no test panics while it listens").push((at, line));
-    }
-
-    fn heard(&self) -> Vec<(u64, String)> {
-        std::mem::take(&mut *self.heard.lock().expect("as above"))
-    }
-
-    fn words(&self) -> Vec<String> {
-        self.heard().into_iter().map(|(_, line)| line).collect()
-    }
-}
-
-impl Inbound for Ear {
-    fn deliver(&self, delivery: Delivery) {
-        self.note(String::from_utf8_lossy(&delivery.payload).into_owned());
-    }
-
-    fn presence(&self, presence: Presence) {
-        let word = if matches!(presence, Presence::Joined(_)) { "joined" } else { "left" };
-        self.note(format!("{word} {}", presence.resident().agent));
-    }
-
-    fn question(&self, question: Question) {
-        (question.answer)(Bytes::from_static(question.resource.as_str().as_bytes()));
-    }
-}
-
-fn daemon(name: &str) -> DaemonId {
-    DaemonId::new(name).expect("a name")
-}
-
-fn agent(name: &str) -> AgentId {
-    AgentId::new(name).expect("a name")
-}
+use crate::ear::{Ear, agent, daemon};
 
 type End = Arc<dyn Substrate>;
 
@@ -71,7 +24,8 @@ async fn hundred(seed: u64, weather: Weather) -> Vec<String> {
         port.send(&to, Subject::Receipt, Bytes::from(number.to_string())).expect("open");
     }
     tokio::time::sleep(Duration::from_secs(1)).await;
-    ear.words()
+    let words = ear.words().into_iter();
+    words.map(|word| word.trim_start_matches("robot Receipt ").to_owned()).collect()
 }
 
 #[tokio::test(start_paused = true)]

@@ -41,7 +41,7 @@ pub enum Guard {
 
 /// A trial, drawn from a seed.
 #[derive(Clone, Debug)]
-pub struct Plan {
+pub struct Script {
     /// Who names it.
     pub seed: u64,
     /// By which flow plans are made.
@@ -117,15 +117,15 @@ pub enum Fault {
     Clock(usize, i64),
 }
 
-// === impl Plan ===
+// === impl Script ===
 
-impl Plan {
+impl Script {
     /// The trial of a seed.
     ///
     /// # Errors
     ///
     /// If what was drawn is no building: a mistake of this file.
-    pub fn draw(seed: u64) -> Result<Plan, LayoutError> {
+    pub fn draw(seed: u64) -> Result<Script, LayoutError> {
         let rng = &mut Rng::with_seed(seed);
         let mode = if rng.bool() { Mode::Centralized } else { Mode::Decentralized };
         let daemons: Vec<_> = (0..rng.usize(DAEMONS_MIN..8)).map(|n| format!("d{n}")).collect();
@@ -137,7 +137,7 @@ impl Plan {
         let robots = agents.iter().filter(|entry| entry.plugin == "turtlebot");
         let robots: Vec<_> = robots.flat_map(|entry| entry.daemons.clone()).collect();
         let faults = faults(daemons.len(), &robots, rng);
-        Ok(Plan { seed, mode, daemons, agents, layout, wishes, faults })
+        Ok(Script { seed, mode, daemons, agents, layout, wishes, faults })
     }
 }
 

@@ -1,0 +1,183 @@
+//! What happens to what is sent: which links are broken, what is on its way, who sees whom.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::{AgentId, DaemonId, Incarnation};
+use bytes::Bytes;
+use fastrand::Rng;
+use tokio::sync::mpsc;
+use tokio::time::Instant;
+
+use super::{Cut, Tap, Told, UNDER_WAY_MAX, Weather};
+use crate::{Delivery, Inbound, Presence, Question, Resident};
+
+/// The state of all links and daemons.
+pub(super) struct Wire {
+    pub(super) rng: Rng,
+    pub(super) weather: Weather,
+    pub(super) daemons: BTreeMap<DaemonId, Connected>,
+    pub(super) lives_count: u64,
+    pub(super) residents: BTreeMap<(AgentId, DaemonId), Incarnation>,
+    pub(super) cuts: BTreeMap<Cut, Island>,
+    pub(super) cuts_count: u64,
+    pub(super) slow: BTreeMap<DaemonId, Duration>,
+    /// What will happen, in its order.
+    pub(super) due: BTreeMap<(Instant, u64), (Target, Coming)>,
+    pub(super) due_count: u64,
+    /// When the last message of a link comes: what is sent later comes later.
+    pub(super) last: BTreeMap<(DaemonId, DaemonId), Instant>,
+    pub(super) tap: Option<Tap>,
+    pub(super) told: Told,
+}
+
+/// A daemon's life on the wire.
+pub(super) struct Connected {
+    pub(super) inbound: Arc<dyn Inbound>,
+    pub(super) life: u64,
+    /// Whom it believes to be here.
+    pub(super) sees: BTreeSet<Resident>,
+    pub(super) under_way: usize,
+}
+
+/// Daemons whose links to all others are broken.
+pub(super) struct Island {
+    pub(super) daemons: BTreeSet<DaemonId>,
+    /// When the ends of those links believe it.
+    pub(super) lease: Instant,
+}
+
+/// One life of one daemon.
+#[derive(Clone, PartialEq)]
+pub(super) struct Target {
+    pub(super) daemon: DaemonId,
+    pub(super) life: u64,
+}
+
+/// What comes to a daemon.
+pub(super) enum Coming {
+    Message(Delivery),
+    Presence(Presence),
+    Question(Question),
+    /// An answer, on its way back.
+    Answer(mpsc::Sender<Bytes>, Bytes),
+    /// A question or an answer that never comes: whoever asked waits in vain until now.
+    Nothing(#[expect(dead_code, reason = "held, so that the asker waits")] mpsc::Sender<Bytes>),
+    /// A lease has passed: it looks who is here.
+    Look,
+}
+
+// === impl Wire ===
+
+impl Wire {
+    /// A wire with nobody on it, in fair weather.
+    pub(super) fn new(seed: u64) -> Wire {
+        Wire {
+            rng: Rng::with_seed(seed),
+            weather: Weather::fair(),
+            daemons: BTreeMap::new(),
+            lives_count: 0,
+            residents: BTreeMap::new(),
+            cuts: BTreeMap::new(),
+            cuts_count: 0,
+            slow: BTreeMap::new(),
+            due: BTreeMap::new(),
+            due_count: 0,
+            last: BTreeMap::new(),
+            tap: None,
+            told: Told::default(),
+        }
+    }
+
+    /// Lets something come to a daemon at a time, after all that comes to it then already.
+    pub(super) fn happens(&mut self, at: Instant, daemon: &DaemonId, coming: Coming) {
+        let Some(connected) = self.daemons.get_mut(daemon) else { return };
+        if connected.under_way >= UNDER_WAY_MAX {
+            self.told.lost += 1;
+            return;
+        }
+        connected.under_way += 1;
+        self.due_count += 1;
+        let target = Target { daemon: daemon.clone(), life: connected.life };
+        self.due.insert((at, self.due_count), (target, coming));
+    }
+
+    /// Sends one thing over a link, as far as the weather lets it; what is lost comes back.
+    pub(super) fn send(
+        &mut self,
+        from: &DaemonId,
+        to: &DaemonId,
+        coming: Coming,
+    ) -> Result<(), Coming> {
+        self.told.sent += 1;
+        if from == to {
+            self.happens(Instant::now(), to, coming);
+            return Ok(());
+        }
+        if self.broken(from, to).is_some() || self.once_in(self.weather.loss) {
+            self.told.lost += 1;
+            return Err(coming);
+        }
+        let at = self.arrival(from, to);
+        if self.once_in(self.weather.doubled)
+            && let Coming::Message(delivery) = &coming
+        {
+            self.told.doubled += 1;
+            let (again, copy) = (self.arrival(from, to), Coming::Message(delivery.clone()));
+            self.happens(again, to, copy);
+        }
+        self.happens(at, to, coming);
+        Ok(())
+    }
+
+    /// When what is sent now comes.
+    fn arrival(&mut self, from: &DaemonId, to: &DaemonId) -> Instant {
+        let delay = Duration::from_micros(self.rng.u64(self.weather.delay.clone()));
+        let at = Instant::now() + delay + self.slow.get(to).copied().unwrap_or_default();
+        if self.once_in(self.weather.overtaken) {
+            return at + delay * 4;
+        }
+        let last = self.last.entry((from.clone(), to.clone())).or_insert(at);
+        *last = at.max(*last);
+        *last
+    }
+
+    /// When the ends of a link believe that it is broken, if it is.
+    fn broken(&self, a: &DaemonId, b: &DaemonId) -> Option<Instant> {
+        let between =
+            self.cuts.values().filter(|cut| cut.daemons.contains(a) != cut.daemons.contains(b));
+        between.map(|cut| cut.lease).min()
+    }
+
+    fn once_in(&mut self, share: f64) -> bool {
+        share > 0.0 && self.rng.f64() < share
+    }
+
+    pub(super) fn look_all(&mut self) {
+        let daemons: Vec<_> = self.daemons.keys().cloned().collect();
+        daemons.iter().for_each(|daemon| self.look(daemon));
+    }
+
+    /// Tells a daemon who has come into its sight and who has gone out of it.
+    pub(super) fn look(&mut self, daemon: &DaemonId) {
+        let now = Instant::now();
+        let is_seen = |host: &DaemonId| self.broken(daemon, host).is_none_or(|lease| lease > now);
+        let mut here = BTreeSet::new();
+        for ((agent, host), incarnation) in &self.residents {
+            if is_seen(host) {
+                let (agent, daemon) = (agent.clone(), host.clone());
+                here.insert(Resident { agent, daemon, incarnation: *incarnation });
+            }
+        }
+        let Some(connected) = self.daemons.get_mut(daemon) else { return };
+        let seen = std::mem::replace(&mut connected.sees, here.clone());
+        let left = seen.difference(&here).cloned().map(Presence::Left);
+        let joined = here.difference(&seen).cloned().map(Presence::Joined);
+        for presence in left.chain(joined).collect::<Vec<_>>() {
+            let host = presence.resident().daemon.clone();
+            let at = if host == *daemon { now } else { self.arrival(&host, daemon) };
+            self.happens(at, daemon, Coming::Presence(presence));
+        }
+    }
+}
