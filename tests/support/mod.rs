@@ -196,6 +196,15 @@ impl Office {
         self.daemons.push(daemon);
     }
 
+    /// Which daemons should run and do not, and how each ended.
+    pub(crate) fn ended(&mut self) -> Vec<String> {
+        let ended = self.daemons.iter_mut().filter_map(|daemon| {
+            let status = daemon.child.try_wait().expect("our child")?;
+            Some(format!("`{}` ended by itself: {status}", daemon.name))
+        });
+        ended.collect()
+    }
+
     /// Sends a signal to a daemon's process, by its id.
     pub(crate) fn signal(&self, name: &str, signal: &str) {
         let daemon = self.daemons.iter().find(|daemon| daemon.name == name).expect("a daemon");

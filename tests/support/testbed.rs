@@ -230,13 +230,14 @@ impl Testbed {
     }
 
     /// What each machine sees, for whoever looks into a failure.
-    pub(crate) fn dump(&self) -> String {
+    pub(crate) fn dump(&mut self) -> String {
+        let ended = self.site.office.ended().join("\n");
         let views = MACHINES.map(|machine| {
             let (_, agents) = self.site.ask(machine, &["agents"]);
             format!("from {machine}:\n{agents}")
         });
         let (_, goals) = self.site.ask("desk", &["goals"]);
-        format!("{}goals:\n{goals}", views.concat())
+        format!("{ended}\n{}goals:\n{goals}", views.concat())
     }
 
     /// Waits until these, which were cut off, and the rest do not see each other any more.
