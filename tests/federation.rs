@@ -262,6 +262,6 @@ fn router(site: &Site, machine: &str) -> Router {
     command.arg(settings).stdin(Stdio::piped()).stdout(Stdio::piped());
     let mut child = command.spawn().expect("it is there");
     let said = lines(&mut child).recv_timeout(PATIENCE).expect("it listens");
-    assert!(said.contains("tls/"), "{said}");
+    assert!(said.contains("listens on"), "{said}");
     Router(child)
 }

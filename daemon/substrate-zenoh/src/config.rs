@@ -153,6 +153,8 @@ pub(crate) struct Settings {
     pub(crate) connect: Vec<String>,
     /// Where others of the ecosystem are looked for, if they are.
     pub(crate) scouts_at: Option<String>,
+    /// The lease, whoever has said it.
+    pub(crate) lease: Duration,
     pub(crate) security: Option<Security>,
 }
 
@@ -230,7 +232,10 @@ impl Config {
             .map_err(|source| OpenError::Settings { at: culprit(&merged).join("."), source })?;
         let scouts_at =
             scouts(&merged).then(|| merged["scouting"]["multicast"]["address"].to_string());
-        Ok(Settings { zenoh, listen, connect, scouts_at, security: self.security.clone() })
+        let lease = merged["transport"]["link"]["tx"]["lease"].as_u64();
+        let lease = lease.map_or(self.lease, Duration::from_millis);
+        let security = self.security.clone();
+        Ok(Settings { zenoh, listen, connect, scouts_at, lease, security })
     }
 
     /// What is different from Zenoh's defaults, and why.

@@ -11,6 +11,7 @@ use bytes::Bytes;
 use substrate::{Delivery, Inbound};
 use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
+use zenoh::pubsub::Subscriber;
 use zenoh::sample::{Locality, Sample, SampleKind};
 use zenoh::{Session, Wait};
 
@@ -30,23 +31,26 @@ struct Ear {
 /// Declares what a daemon hears: its inbox, the broadcasts and the models.
 ///
 /// In a secured ecosystem what it says itself is heard apart from what comes over links, which
-/// alone could be anybody's.
+/// alone could be anybody's. `telling` is how often all was told again.
 pub(crate) fn declare(
     session: &Session,
     keys: &Keys,
     inbound: &Arc<dyn Inbound>,
     security: Option<&Security>,
-) -> Result<(), OpenError> {
+    telling: u64,
+) -> Result<Vec<Subscriber<()>>, OpenError> {
     let (keys, inbound, security) = (keys.clone(), Arc::clone(inbound), security.cloned());
     let ear = Ear { keys, inbound, security };
-    let heard = [ear.keys.inbox(), ear.keys.every_broadcast(), ear.keys.every_model()];
-    heard.iter().try_for_each(|key_expr| match &ear.security {
-        None => ear.declare(session, key_expr, Locality::Any),
-        Some(_) => {
-            ear.declare(session, key_expr, Locality::SessionLocal)?;
-            ear.declare(session, key_expr, Locality::Remote)
-        }
-    })
+    let keys = &ear.keys;
+    let heard = [keys.inbox(), keys.every_broadcast(telling), keys.every_model(telling)];
+    let origins: &[Locality] = match &ear.security {
+        None => &[Locality::Any],
+        Some(_) => &[Locality::SessionLocal, Locality::Remote],
+    };
+    let declared = heard
+        .iter()
+        .flat_map(|key_expr| origins.iter().map(|&origin| ear.declare(session, key_expr, origin)));
+    declared.collect()
 }
 
 pub(crate) fn undeclared(what: &str, key_expr: &KeyExpr, source: zenoh::Error) -> OpenError {
@@ -61,12 +65,12 @@ impl Ear {
         session: &Session,
         key_expr: &KeyExpr<'static>,
         origin: Locality,
-    ) -> Result<(), OpenError> {
+    ) -> Result<Subscriber<()>, OpenError> {
         let ear = self.clone();
         let is_own = origin == Locality::SessionLocal;
         let deliver = move |sample: Sample| ear.deliver(&sample, is_own);
         let subscriber = session.declare_subscriber(key_expr).callback(deliver);
-        let subscriber = subscriber.allowed_origin(origin).background();
+        let subscriber = subscriber.allowed_origin(origin);
         subscriber.wait().map_err(|source| undeclared("subscriber", key_expr, source))
     }
 

@@ -51,9 +51,22 @@ impl Keys {
         self.under(&["all", performative.as_str(), sender.as_str()])
     }
 
-    /// `alive/{daemon}/{agent}/{incarnation}`: presence of one agent of this daemon.
-    pub(crate) fn alive(&self, agent: &AgentId, incarnation: Incarnation) -> KeyExpr<'static> {
-        self.under(&["alive", self.daemon.as_str(), agent.as_str(), &incarnation.to_string()])
+    /// `alive/{daemon}/{agent}/{incarnation}`: presence of one agent of this daemon; and, when it
+    /// is told again, one more chunk that counts how often.
+    pub(crate) fn alive(
+        &self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+        telling: u64,
+    ) -> KeyExpr<'static> {
+        let (incarnation, telling) = (incarnation.to_string(), telling.to_string());
+        let chunks = ["alive", self.daemon.as_str(), agent.as_str(), &incarnation, &telling];
+        self.under(if telling == "0" { &chunks[..4] } else { &chunks })
+    }
+
+    /// `session/{daemon}/{zid}/{telling}`: presence of one Zenoh session.
+    pub(crate) fn own_session(&self, zid: &str, telling: u64) -> KeyExpr<'static> {
+        self.under(&["session", self.daemon.as_str(), zid, &telling.to_string()])
     }
 
     /// `model/{daemon}/{agent}`: the action model of one agent of this daemon.
@@ -76,14 +89,23 @@ impl Keys {
         self.under(&["in", self.daemon.as_str(), "**"])
     }
 
-    /// Everything sent to all.
-    pub(crate) fn every_broadcast(&self) -> KeyExpr<'static> {
-        self.under(&["all", "**"])
+    /// Everything sent to all. When it is told again, in other words: see `declarations`.
+    pub(crate) fn every_broadcast(&self, telling: u64) -> KeyExpr<'static> {
+        self.all_under("all", telling)
     }
 
     /// Everybody's action models and heartbeats.
-    pub(crate) fn every_model(&self) -> KeyExpr<'static> {
-        self.under(&["model", "**"])
+    pub(crate) fn every_model(&self, telling: u64) -> KeyExpr<'static> {
+        self.all_under("model", telling)
+    }
+
+    /// Two ways to say the same of keys that have a chunk more.
+    fn all_under(&self, first: &str, telling: u64) -> KeyExpr<'static> {
+        if telling.is_multiple_of(2) {
+            self.under(&[first, "**"])
+        } else {
+            self.under(&[first, "*", "**"])
+        }
     }
 
     /// Everything that is said in the ecosystem.
@@ -94,6 +116,21 @@ impl Keys {
     /// `revoked`: the certificates that were taken back, for everybody.
     pub(crate) fn revoked(&self) -> KeyExpr<'static> {
         self.under(&["revoked"])
+    }
+
+    /// The same, to listen to: in two ways.
+    pub(crate) fn every_revocation(&self, telling: u64) -> KeyExpr<'static> {
+        if telling.is_multiple_of(2) { self.revoked() } else { self.under(&["revoked", "**"]) }
+    }
+
+    /// Everybody's sessions.
+    pub(crate) fn every_session(&self) -> KeyExpr<'static> {
+        self.under(&["session", "**"])
+    }
+
+    /// The probe of everybody.
+    pub(crate) fn everyone_reached(&self) -> KeyExpr<'static> {
+        self.under(&["at", "*", REACH])
     }
 
     /// Everybody's presence.
@@ -151,15 +188,40 @@ impl Keys {
         }
     }
 
-    /// Whose presence a liveliness token with this key says.
-    pub(crate) fn resident(&self, key: &str) -> Option<Resident> {
+    /// Whose presence a liveliness token with this key says, and how often it was told again.
+    pub(crate) fn resident(&self, key: &str) -> Option<(Resident, u64)> {
         let chunks = self.chunks(key)?;
-        let ["alive", daemon, agent, incarnation] = chunks.as_slice() else { return None };
-        Some(Resident {
+        let ["alive", daemon, agent, incarnation, telling @ ..] = chunks.as_slice() else {
+            return None;
+        };
+        let telling = match telling {
+            [] => 0,
+            [telling] => number(telling).filter(|&telling| telling > 0)?,
+            _ => return None,
+        };
+        let resident = Resident {
             agent: AgentId::new(agent).ok()?,
             daemon: DaemonId::new(daemon).ok()?,
-            incarnation: self::incarnation(incarnation)?,
-        })
+            incarnation: Incarnation(number(incarnation)?),
+        };
+        Some((resident, telling))
+    }
+
+    /// Which Zenoh session a liveliness token with this key says is here, and how often it was
+    /// told again.
+    pub(crate) fn session<'key>(&self, key: &'key str) -> Option<(&'key str, u64)> {
+        let chunks = self.chunks(key)?;
+        let ["session", daemon, zid, telling] = chunks.as_slice() else { return None };
+        DaemonId::new(daemon).ok()?;
+        Some((zid, number(telling)?))
+    }
+
+    /// The daemon that answered a probe under this key.
+    pub(crate) fn reached(&self, key: &str) -> Option<DaemonId> {
+        match self.chunks(key)?.as_slice() {
+            ["at", daemon, REACH] => DaemonId::new(daemon).ok(),
+            _ => None,
+        }
     }
 
     /// The daemon that alone may say something under this key, where there is one.
@@ -198,9 +260,9 @@ fn subject(what: &str) -> Option<Subject> {
 
 /// Reads the one spelling [`Keys::alive`] writes: were `7` and `007` the same life, the end of
 /// one token would end the other.
-fn incarnation(chunk: &str) -> Option<Incarnation> {
+fn number(chunk: &str) -> Option<u64> {
     let number: u64 = chunk.parse().ok()?;
-    (number.to_string() == chunk).then_some(Incarnation(number))
+    (number.to_string() == chunk).then_some(number)
 }
 
 #[cfg(test)]
@@ -228,7 +290,10 @@ mod tests {
             (keys.to_one(&to, request), "in/pi/robot/request"),
             (keys.to_one(&to, Subject::Receipt), "in/pi/robot/receipt"),
             (keys.to_all(&robot, Performative::Cfp), "all/cfp/robot"),
-            (keys.alive(&robot, Incarnation(7)), "alive/pi/robot/7"),
+            (keys.alive(&robot, Incarnation(7), 0), "alive/pi/robot/7"),
+            (keys.alive(&robot, Incarnation(7), 2), "alive/pi/robot/7/2"),
+            (keys.own_session("a1", 0), "session/pi/a1/0"),
+            (keys.everyone_reached(), "at/*/reach"),
             (keys.model(&robot), "model/pi/robot"),
             (keys.at(Resource::Goals), "at/pi/goals"),
             (keys.reach(&daemon("x")), "at/x/reach"),
@@ -256,7 +321,13 @@ mod tests {
         assert_eq!(keys.addressed(&keys.model(&robot)), Some(Addressed::Beat(robot.clone())));
         let incarnation = Incarnation(u64::MAX);
         let resident = Resident { agent: robot.clone(), daemon: daemon("pi"), incarnation };
-        assert_eq!(keys.resident(&keys.alive(&robot, incarnation)), Some(resident));
+        for telling in [0, 1, u64::MAX] {
+            let key = keys.alive(&robot, incarnation, telling);
+            assert_eq!(keys.resident(&key), Some((resident.clone(), telling)));
+            let key = keys.own_session("a1", telling);
+            assert_eq!(keys.session(&key), Some(("a1", telling)));
+        }
+        assert_eq!(keys.reached(&keys.reach(&daemon("x"))), Some(daemon("x")));
     }
 
     #[test]
@@ -281,9 +352,25 @@ mod tests {
         ] {
             assert_eq!(keys().addressed(garbage), None, "{garbage}");
         }
-        for garbage in ["", "-1", "+7", "007", "7.0", "*", "18446744073709551616", "7/8"] {
+        for garbage in [
+            "",
+            "-1",
+            "+7",
+            "007",
+            "7.0",
+            "*",
+            "18446744073709551616",
+            "7/",
+            "7/0",
+            "7/01",
+            "7/1/1",
+        ] {
             let key = format!("althing/office/alive/pi/robot/{garbage}");
             assert_eq!(keys().resident(&key), None, "{garbage}");
+        }
+        for garbage in ["session/pi/a1", "session/Pi/a1/0", "session/pi/a1/00", "session/pi/a1/0/0"]
+        {
+            assert_eq!(keys().session(&format!("althing/office/{garbage}")), None, "{garbage}");
         }
     }
 }

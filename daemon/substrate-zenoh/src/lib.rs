@@ -15,6 +15,7 @@
 //! therefore panics on Tokio's current-thread scheduler: use the multi-thread one.
 
 mod config;
+mod declarations;
 mod endpoint;
 mod inbound;
 mod key_expr;
@@ -22,6 +23,8 @@ mod presence;
 mod publishers;
 mod questions;
 mod revocations;
+mod roll_call;
+mod roster;
 mod scouting;
 mod sealing;
 mod session;

@@ -1,54 +1,53 @@
 //! From liveliness tokens to [`Presence`]: who is here *and can be reached*.
 //!
-//! A token may come before the route to its daemon: each Zenoh router recomputes its routes at
-//! most every 100 ms, and until then drops what it is given and answers every question with
-//! nothing. So the first `Joined` of a daemon, and with it what follows from that daemon, waits
-//! until the daemon has answered a probe.
+//! Each Zenoh router recomputes its routes at most every 100 ms, and until then drops what it is
+//! given and answers every question with nothing. So the first token of a daemon starts a probe,
+//! and nobody joins before it is answered; what it means is said in `roster`.
 
-use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Duration;
 
 use acl::DaemonId;
-use substrate::{Inbound, Presence};
+use substrate::{Inbound, Presence, Resident};
 use tokio::runtime::Handle;
-use tokio::sync::mpsc;
+use tokio::sync::{Notify, mpsc};
 use tracing::Instrument as _;
-use zenoh::key_expr::KeyExpr;
 use zenoh::qos::CongestionControl;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
 use crate::config::OpenError;
-use crate::inbound::undeclared;
+use crate::inbound::{into_bytes, undeclared};
 use crate::key_expr::Keys;
+use crate::roll_call::Reached;
+use crate::roster::Roster;
 
-/// How long a `Joined` waits for its daemon's answer; then it is passed on regardless, since a
-/// stranger with a token need not know our probe. Three times the 100 ms after which the routes
-/// are there on an idle machine.
+/// How long a daemon is probed after its first token; from then on it is called together with all
+/// others. Three times the 100 ms after which the routes are there on an idle machine.
 const REACHED_WITHIN: Duration = Duration::from_millis(300);
 
 /// Pause between two probes. A probe without a route costs a fifth of a millisecond.
 const PROBE_PERIOD: Duration = Duration::from_millis(5);
 const _: () = assert!(PROBE_PERIOD.as_millis() < REACHED_WITHIN.as_millis());
 
-/// Passes presence on, in order per daemon.
-struct Watch {
+/// Passes presence on, in the order in which it was heard.
+pub(crate) struct Watch {
     keys: Keys,
     inbound: Arc<dyn Inbound>,
     /// Weak: the session owns the callback that owns this.
     session: Weak<Session>,
     runtime: Handle,
-    /// Daemons with a token, except this one. No entry: nothing is known about its routes.
-    daemons: Mutex<BTreeMap<DaemonId, Route>>,
+    state: Mutex<State>,
+    /// Told whenever somebody else's token comes or goes.
+    pub(crate) unrest: Notify,
 }
 
-/// Whether a daemon can be reached.
-enum Route {
-    /// It answered, and none of its agents has left since.
-    Known,
-    /// It is being probed; this is to be passed on then.
-    Probed(Vec<Presence>),
+struct State {
+    roster: Roster,
+    /// What is still to be passed on, and whether somebody is at it.
+    outbox: VecDeque<Presence>,
+    is_passing: bool,
 }
 
 /// Declares the liveliness subscriber, with the history of who was here before.
@@ -60,19 +59,24 @@ pub(crate) fn declare(
     session: &Arc<Session>,
     keys: &Keys,
     inbound: &Arc<dyn Inbound>,
-) -> Result<(), OpenError> {
+    lease: Duration,
+) -> Result<Arc<Watch>, OpenError> {
+    let roster = Roster::new(keys.daemon().clone(), lease);
     let watch = Arc::new(Watch {
         keys: keys.clone(),
         inbound: Arc::clone(inbound),
         session: Arc::downgrade(session),
         runtime: Handle::current(),
-        daemons: Mutex::default(),
+        state: Mutex::new(State { roster, outbox: VecDeque::new(), is_passing: false }),
+        unrest: Notify::new(),
     });
-    let key_expr = keys.everyone_alive();
-    let hear = move |sample: Sample| Watch::hear(&watch, &sample);
+    let (key_expr, hearing) = (keys.everyone_alive(), Arc::clone(&watch));
+    let hear = move |sample: Sample| Watch::hear(&hearing, &sample);
     let liveliness = session.liveliness();
     let subscriber = liveliness.declare_subscriber(&key_expr).history(true).callback(hear);
-    subscriber.background().wait().map_err(|source| undeclared("liveliness", &key_expr, source))
+    let subscriber = subscriber.background().wait();
+    subscriber.map_err(|source| undeclared("liveliness", &key_expr, source))?;
+    Ok(watch)
 }
 
 // === impl Watch ===
@@ -80,37 +84,24 @@ pub(crate) fn declare(
 impl Watch {
     fn hear(watch: &Arc<Watch>, sample: &Sample) {
         let key = sample.key_expr().as_str();
-        let Some(resident) = watch.keys.resident(key) else {
+        let Some((resident, telling)) = watch.keys.resident(key) else {
             return tracing::debug!(key, "ignored a liveliness token that names nobody");
         };
+        let is_put = sample.kind() == SampleKind::Put;
+        if resident.daemon == *watch.keys.daemon() {
+            return watch.hear_own(resident, telling, is_put);
+        }
+        watch.unrest.notify_one();
+        if !is_put {
+            return watch.with(|roster| roster.delete(&resident, telling));
+        }
         let daemon = resident.daemon.clone();
-        match sample.kind() {
-            SampleKind::Put => Watch::joined(watch, daemon, Presence::Joined(resident)),
-            SampleKind::Delete => watch.left(&daemon, Presence::Left(resident)),
-        }
-    }
-
-    fn joined(watch: &Arc<Watch>, daemon: DaemonId, joined: Presence) {
-        if daemon == *watch.keys.daemon() {
-            return watch.inbound.presence(joined);
-        }
-        let is_unknown = {
-            let mut daemons = watch.lock();
-            match daemons.get_mut(&daemon) {
-                Some(Route::Known) => {
-                    drop(daemons);
-                    return watch.inbound.presence(joined);
-                }
-                Some(Route::Probed(waiting)) => {
-                    waiting.push(joined);
-                    false
-                }
-                None => {
-                    daemons.insert(daemon.clone(), Route::Probed(vec![joined]));
-                    true
-                }
-            }
-        };
+        let mut is_unknown = false;
+        watch.with(|roster| {
+            let follows = roster.put(resident, telling);
+            is_unknown = follows.probe;
+            follows.passed_on
+        });
         if is_unknown {
             let span = tracing::debug_span!("probe", %daemon);
             let probe = Watch::probe(Arc::clone(watch), daemon);
@@ -118,79 +109,93 @@ impl Watch {
         }
     }
 
-    /// Passes on that an agent left. Its daemon's route is unknown from then on: whether the
-    /// daemon went with it shows at the next token.
-    fn left(&self, daemon: &DaemonId, left: Presence) {
-        {
-            let mut daemons = self.lock();
-            if let Some(Route::Probed(waiting)) = daemons.get_mut(daemon) {
-                waiting.push(left);
-                return;
-            }
-            daemons.remove(daemon);
-        }
-        self.inbound.presence(left);
+    /// Whoever announces an agent has heard of it when that call returns.
+    fn hear_own(&self, resident: Resident, telling: u64, is_put: bool) {
+        let passed_on = if is_put {
+            self.lock().roster.put(resident, telling).passed_on
+        } else {
+            self.lock().roster.delete(&resident, telling)
+        };
+        passed_on.into_iter().for_each(|presence| self.inbound.presence(presence));
     }
 
-    /// Probes a daemon until it answers or [`REACHED_WITHIN`] has passed, then lets pass what
-    /// waited.
+    /// Lets a change be made, and passes on what follows from it. Not under the lock: who hears it
+    /// may announce an agent, which leads back to here. Whoever comes meanwhile leaves what is to
+    /// be passed on to who is at it, so that the order is kept.
+    fn with(&self, change: impl FnOnce(&mut Roster) -> Vec<Presence>) {
+        let mut state = self.lock();
+        let follows = change(&mut state.roster);
+        state.outbox.extend(follows);
+        if std::mem::replace(&mut state.is_passing, true) {
+            return;
+        }
+        while let Some(presence) = state.outbox.pop_front() {
+            drop(state);
+            self.inbound.presence(presence);
+            state = self.lock();
+        }
+        state.is_passing = false;
+    }
+
+    /// How many tokens have come. To be asked for when a call goes out.
+    pub(crate) fn mark(&self) -> u64 {
+        self.lock().roster.mark()
+    }
+
+    /// A daemon has answered a call that went out at `mark`.
+    pub(crate) fn answered(&self, daemon: &DaemonId, reached: &Reached, mark: u64) {
+        self.with(|roster| roster.answered(daemon, reached.hosts(), mark));
+    }
+
+    /// A call to all has ended; whether everybody's presence is beyond doubt.
+    pub(crate) fn called(
+        &self,
+        answered: &std::collections::BTreeSet<DaemonId>,
+        mark: u64,
+    ) -> bool {
+        self.with(|roster| roster.called(answered, mark, std::time::Instant::now()));
+        !self.lock().roster.is_in_doubt()
+    }
+
+    /// Probes a daemon until it answers or [`REACHED_WITHIN`] has passed.
     async fn probe(watch: Arc<Watch>, daemon: DaemonId) {
-        let key_expr = watch.keys.reach(&daemon);
         let answered = async {
-            while !watch.is_reached(&key_expr).await {
+            while !watch.is_reached(&daemon).await {
                 tokio::time::sleep(PROBE_PERIOD).await;
             }
         };
         if tokio::time::timeout(REACHED_WITHIN, answered).await.is_err() {
-            tracing::debug!("no answer; its agents are taken for present all the same");
-        }
-        while !watch.is_closed() {
-            // Not under the lock: who hears it may announce an agent, which leads back to here.
-            let waiting = watch.take_waiting(&daemon);
-            if waiting.is_empty() {
-                return;
-            }
-            waiting.into_iter().for_each(|presence| watch.inbound.presence(presence));
-        }
-    }
-
-    /// Takes what waits for a daemon; the route is known once nothing does.
-    fn take_waiting(&self, daemon: &DaemonId) -> Vec<Presence> {
-        let mut daemons = self.lock();
-        match daemons.get_mut(daemon) {
-            Some(Route::Probed(waiting)) if !waiting.is_empty() => std::mem::take(waiting),
-            Some(route) => {
-                *route = Route::Known;
-                Vec::new()
-            }
-            None => Vec::new(),
+            tracing::debug!("no answer yet; it will be called again");
+            watch.lock().roster.unreached(&daemon);
         }
     }
 
     /// Whether a daemon answers. Without a route the question ends at once; a closed session
     /// reaches everyone, so that the probe ends.
-    async fn is_reached(&self, key_expr: &KeyExpr<'static>) -> bool {
+    async fn is_reached(&self, daemon: &DaemonId) -> bool {
         let (answers, mut heard) = mpsc::channel(1);
+        let mark = self.mark();
         {
             let Some(session) = self.session.upgrade() else { return true };
-            let get = session.get(key_expr).congestion_control(CongestionControl::Drop);
+            let get = session.get(self.keys.reach(daemon));
+            let get = get.congestion_control(CongestionControl::Drop);
             let get = get.express(true).timeout(REACHED_WITHIN);
             let asked = get.callback(move |reply| {
-                // There is room for one, and one is enough.
-                let _ = answers.try_send(reply.result().is_ok());
+                if let Ok(sample) = reply.result() {
+                    // There is room for one, and one is enough.
+                    let _ = answers.try_send(into_bytes(sample.payload()));
+                }
             });
             if asked.wait().is_err() {
                 return true;
             }
         }
-        heard.recv().await.unwrap_or(false)
+        let Some(answer) = heard.recv().await else { return false };
+        self.answered(daemon, &Reached::read(&answer), mark);
+        true
     }
 
-    fn is_closed(&self) -> bool {
-        self.session.upgrade().is_none_or(|session| session.is_closed())
-    }
-
-    fn lock(&self) -> std::sync::MutexGuard<'_, BTreeMap<DaemonId, Route>> {
-        self.daemons.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

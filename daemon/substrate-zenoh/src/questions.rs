@@ -5,7 +5,7 @@
 //! is signed together with it.
 
 use std::collections::BTreeSet;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Weak};
 use std::time::Duration;
 
 use acl::{AgentId, Incarnation};
@@ -17,24 +17,25 @@ use tokio::sync::mpsc;
 use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
 use zenoh::qos::CongestionControl;
-use zenoh::query::{ConsolidationMode, Parameters, Query, QueryTarget, Reply, Selector};
+use zenoh::query::{ConsolidationMode, Parameters, Query, QueryTarget, Queryable, Reply, Selector};
 use zenoh::{Session, Wait};
 
 use crate::config::OpenError;
+use crate::declarations::Declarations;
 use crate::inbound::{into_bytes, undeclared};
 use crate::key_expr::{AGENT_PARAMETER, Keys};
+use crate::roll_call::{Reached, Told};
 use crate::sealing::{Security, seal_answer};
 
-/// The agents this daemon has announced, which are those that may have a model.
-#[derive(Clone, Default)]
-pub(crate) struct Residents(Arc<Mutex<BTreeSet<(AgentId, Incarnation)>>>);
-
 /// Answers the questions that come to one daemon.
-struct Answering {
-    keys: Keys,
-    residents: Residents,
-    inbound: Arc<dyn Inbound>,
-    security: Option<Security>,
+#[derive(Clone)]
+pub(crate) struct Answering {
+    pub(crate) keys: Keys,
+    /// Weak: they hold what answers.
+    pub(crate) declarations: Weak<Declarations>,
+    pub(crate) told: Told,
+    pub(crate) inbound: Arc<dyn Inbound>,
+    pub(crate) security: Option<Security>,
 }
 
 /// Asks in the name of one daemon.
@@ -43,32 +44,6 @@ pub(crate) struct Asking {
     pub(crate) keys: Keys,
     pub(crate) inbound: Arc<dyn Inbound>,
     pub(crate) security: Option<Security>,
-}
-
-/// Declares what a daemon can be asked.
-pub(crate) fn declare(
-    session: &Session,
-    keys: &Keys,
-    residents: &Residents,
-    inbound: &Arc<dyn Inbound>,
-    security: Option<&Security>,
-) -> Result<(), OpenError> {
-    let (residents, inbound, security) =
-        (residents.clone(), Arc::clone(inbound), security.cloned());
-    let answering = Arc::new(Answering { keys: keys.clone(), residents, inbound, security });
-    let (of_resources, of_models) = (Arc::clone(&answering), answering);
-    let resources = keys.own_resources();
-    declare_queryable(session, &resources, move |query| of_resources.resources(&query))?;
-    declare_queryable(session, &keys.own_models(), move |query| of_models.models(&query))
-}
-
-fn declare_queryable(
-    session: &Session,
-    key_expr: &KeyExpr<'static>,
-    answer: impl Fn(Query) + Send + Sync + 'static,
-) -> Result<(), OpenError> {
-    let queryable = session.declare_queryable(key_expr).callback(answer).background();
-    queryable.wait().map_err(|source| undeclared("queryable", key_expr, source))
 }
 
 /// Asks; resolves to what was answered within `timeout`.
@@ -133,10 +108,21 @@ impl Asking {
 // === impl Answering ===
 
 impl Answering {
+    /// Declares what a daemon can be asked.
+    pub(crate) fn declare(self, session: &Session) -> Result<[Queryable<()>; 2], OpenError> {
+        let of_models = self.clone();
+        let (resources, models) = (self.keys.own_resources(), self.keys.own_models());
+        Ok([
+            declare(session, &resources, move |query| self.resources(&query))?,
+            declare(session, &models, move |query| of_models.models(&query))?,
+        ])
+    }
+
     /// Passes on a query for resources; a wildcard may ask for several. A probe is answered here.
     fn resources(&self, query: &Query) {
-        if *query.key_expr() == self.keys.reach(self.keys.daemon()) {
-            return reply(query, query.key_expr(), Bytes::new(), None);
+        let probed = self.keys.reach(self.keys.daemon());
+        if *query.key_expr() == probed || *query.key_expr() == self.keys.everyone_reached() {
+            return reply(query, &probed, Reached::answer(self.residents(), &self.told), None);
         }
         let Ok(agent) = agent(query.parameters()) else {
             return tracing::debug!(selector = %query.selector(), "ignored a malformed question");
@@ -152,12 +138,17 @@ impl Answering {
     /// Passes on a query for models: one question per agent here that it asks for, so that each
     /// answer has its agent's key.
     fn models(&self, query: &Query) {
-        for agent in self.residents.agents() {
+        let agents: BTreeSet<_> = self.residents().into_iter().map(|(agent, _)| agent).collect();
+        for agent in agents {
             let key_expr = self.keys.model(&agent);
             if query.key_expr().intersects(&key_expr) {
                 self.question(query, Resource::Model, Some(agent), key_expr);
             }
         }
+    }
+
+    fn residents(&self) -> Vec<(AgentId, Incarnation)> {
+        self.declarations.upgrade().map_or_else(Vec::new, |each| each.residents())
     }
 
     fn question(
@@ -173,6 +164,15 @@ impl Answering {
     }
 }
 
+fn declare(
+    session: &Session,
+    key_expr: &KeyExpr<'static>,
+    answer: impl Fn(Query) + Send + Sync + 'static,
+) -> Result<Queryable<()>, OpenError> {
+    let queryable = session.declare_queryable(key_expr).callback(answer);
+    queryable.wait().map_err(|source| undeclared("queryable", key_expr, source))
+}
+
 fn reply(query: &Query, key_expr: &KeyExpr, payload: Bytes, security: Option<&Security>) {
     let seal = security.and_then(|Security { identity, .. }| {
         seal_answer(identity, key_expr.as_str(), &payload, query.attachment())
@@ -185,24 +185,4 @@ fn reply(query: &Query, key_expr: &KeyExpr, payload: Bytes, security: Option<&Se
 /// The agent a question is about.
 fn agent(parameters: &Parameters) -> Result<Option<AgentId>, acl::InvalidName> {
     parameters.get(AGENT_PARAMETER).map(AgentId::new).transpose()
-}
-
-// === impl Residents ===
-
-impl Residents {
-    pub(crate) fn add(&self, agent: AgentId, incarnation: Incarnation) {
-        self.with(|residents| residents.insert((agent, incarnation)));
-    }
-
-    pub(crate) fn remove(&self, agent: &AgentId, incarnation: Incarnation) {
-        self.with(|residents| residents.remove(&(agent.clone(), incarnation)));
-    }
-
-    fn agents(&self) -> BTreeSet<AgentId> {
-        self.with(|residents| residents.iter().map(|(agent, _)| agent.clone()).collect())
-    }
-
-    fn with<T>(&self, act: impl FnOnce(&mut BTreeSet<(AgentId, Incarnation)>) -> T) -> T {
-        act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
-    }
 }

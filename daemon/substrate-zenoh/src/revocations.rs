@@ -9,6 +9,7 @@ use std::time::Duration;
 use credentials::Verifier;
 use tokio::time::{Instant, MissedTickBehavior, interval};
 use tracing::Instrument as _;
+use zenoh::pubsub::Subscriber;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
@@ -24,24 +25,28 @@ const REREAD_PERIOD: Duration = Duration::from_secs(1);
 /// How often the list is told to all: whoever was cut off hears of it within this time.
 const REPEAT_PERIOD: Duration = Duration::from_secs(10);
 
-/// Declares what hears of revocations, and begins to tell of them.
+/// Declares what hears of revocations. `telling` is how often all was told again.
+pub(crate) fn declare(
+    session: &Session,
+    keys: &Keys,
+    security: &Security,
+    telling: u64,
+) -> Result<Subscriber<()>, OpenError> {
+    let key_expr = keys.every_revocation(telling);
+    let hearing = Arc::clone(&security.verifier);
+    let hear = move |sample: Sample| hear(&hearing, &sample);
+    let subscriber = session.declare_subscriber(&key_expr).callback(hear);
+    subscriber.wait().map_err(|source| undeclared("subscriber", &key_expr, source))
+}
+
+/// Begins to tell of revocations.
 ///
 /// # Panics
 ///
 /// Outside a Tokio runtime.
-pub(crate) fn declare(
-    session: &Arc<Session>,
-    keys: &Keys,
-    security: &Security,
-) -> Result<(), OpenError> {
-    let key_expr = keys.revoked();
-    let hearing = Arc::clone(&security.verifier);
-    let hear = move |sample: Sample| hear(&hearing, &sample);
-    let subscriber = session.declare_subscriber(&key_expr).callback(hear).background();
-    subscriber.wait().map_err(|source| undeclared("subscriber", &key_expr, source))?;
+pub(crate) fn spread(session: &Arc<Session>, keys: &Keys, security: &Security) {
     let told = tell(Arc::downgrade(session), keys.clone(), security.clone());
     tokio::spawn(told.instrument(tracing::debug_span!("revocations")));
-    Ok(())
 }
 
 fn hear(verifier: &Verifier, sample: &Sample) {

@@ -7,17 +7,19 @@ use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative};
 use bytes::Bytes;
 use credentials::Channel;
 use substrate::{Address, Ask, BoxFuture, Inbound, PresenceToken, SendError, Subject, Substrate};
-use zenoh::key_expr::KeyExpr;
+use tracing::Instrument as _;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Session, Wait};
 
 use crate::config::{MESSAGE_BYTES_MAX, OpenError, Settings};
+use crate::declarations::Declarations;
 use crate::key_expr::Keys;
 use crate::publishers::{Cache, PUBLISHERS_MAX};
-use crate::questions::{self, Asking, Residents};
+use crate::questions::{self, Asking};
+use crate::roll_call::{RollCall, Told};
 use crate::sealing::Security;
-use crate::{inbound, presence, revocations, scouting};
+use crate::{presence, revocations, scouting};
 
 /// Of the longest message, what is left for its seal, its key and Zenoh's own words.
 const SEAL_BYTES_MAX: usize = 16 << 10;
@@ -28,7 +30,7 @@ const SEAL_BYTES_MAX: usize = 16 << 10;
 /// as it does in memory: hold no lock that [`Inbound`] takes.
 pub struct ZenohSubstrate {
     keys: Keys,
-    residents: Residents,
+    declarations: Arc<Declarations>,
     asking: Asking,
     /// Seals what goes over links, if the ecosystem is secured.
     security: Option<Security>,
@@ -53,7 +55,7 @@ impl ZenohSubstrate {
         settings: Settings,
         inbound: Arc<dyn Inbound>,
     ) -> Result<Arc<ZenohSubstrate>, OpenError> {
-        let Settings { zenoh, listen, connect, scouts_at, security } = settings;
+        let Settings { zenoh, listen, connect, scouts_at, lease, security } = settings;
         let opened = match scouts_at {
             Some(at) => scouting::open(zenoh, &at).await,
             None => zenoh::open(zenoh).await,
@@ -61,16 +63,25 @@ impl ZenohSubstrate {
         let session = opened.map_err(|source| OpenError::Session { listen, connect, source })?;
         let session = Arc::new(session);
         let keys = Keys::new(ecosystem, daemon);
-        let residents = Residents::default();
+        let told = Told::declare(&session, &keys)?;
+        let declarations =
+            Declarations::declare(&session, &keys, &inbound, security.as_ref(), &told)?;
+        let watch = presence::declare(&session, &keys, &inbound, lease)?;
         if let Some(security) = &security {
-            revocations::declare(&session, &keys, security)?;
+            revocations::spread(&session, &keys, security);
         }
-        questions::declare(&session, &keys, &residents, &inbound, security.as_ref())?;
-        inbound::declare(&session, &keys, &inbound, security.as_ref())?;
-        presence::declare(&session, &keys, &inbound)?;
+        let roll_call = RollCall {
+            session: Arc::downgrade(&session),
+            keys: keys.clone(),
+            told,
+            watch,
+            declarations: Arc::clone(&declarations),
+            lease,
+        };
+        tokio::spawn(roll_call.run().instrument(tracing::debug_span!("roll_call")));
         let publishers = Cache::new(PUBLISHERS_MAX);
         let asking = Asking { keys: keys.clone(), inbound, security: security.clone() };
-        Ok(Arc::new(ZenohSubstrate { keys, residents, asking, security, publishers, session }))
+        Ok(Arc::new(ZenohSubstrate { keys, declarations, asking, security, publishers, session }))
     }
 
     /// Where this daemon is really listening, with the ports that the kernel chose.
@@ -153,16 +164,9 @@ impl Substrate for ZenohSubstrate {
         incarnation: Incarnation,
     ) -> Result<PresenceToken, SendError> {
         self.check_open()?;
-        let key_expr: KeyExpr = self.keys.alive(agent, incarnation);
-        self.residents.add(agent.clone(), incarnation);
-        let token = self.session.liveliness().declare_token(key_expr).wait().map_err(declined)?;
-        let (residents, agent) = (self.residents.clone(), agent.clone());
-        Ok(PresenceToken::new(move || {
-            residents.remove(&agent, incarnation);
-            if let Err(error) = token.undeclare().wait() {
-                tracing::debug!(%error, "a liveliness token ended with its session");
-            }
-        }))
+        self.declarations.announce(&self.session, agent, incarnation).map_err(declined)?;
+        let (declarations, agent) = (Arc::clone(&self.declarations), agent.clone());
+        Ok(PresenceToken::new(move || declarations.withdraw(&agent, incarnation)))
     }
 
     fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {

@@ -8,5 +8,6 @@ mod daemon;
 mod messages;
 mod opening;
 mod presence;
+mod relinking;
 mod secured;
 mod strangers;

@@ -1,7 +1,8 @@
 //! What comes from outside, and who may listen.
 
 use substrate::Resource;
-use zenoh::Session;
+use zenoh::query::Query;
+use zenoh::{Session, Wait};
 
 use crate::daemon::{DEADLINE, Daemon, ecosystem};
 
@@ -42,7 +43,9 @@ async fn garbage_neither_panics_nor_confuses() {
     let mut a = Daemon::listening("a").await;
     let stranger = stranger(&a).await;
     let mut tokens = Vec::new();
-    for garbage in ["alive/a", "alive/a/x/one", "alive/A/x/1", "alive/a/x/01", "alive/a/x/1/2"] {
+    for garbage in
+        ["alive/a", "alive/a/x/one", "alive/A/x/1", "alive/a/x/01", "alive/a/x/1/02", "session/a"]
+    {
         let key = format!("althing/office/{garbage}");
         tokens.push(stranger.liveliness().declare_token(key).await.expect("open"));
     }
@@ -58,12 +61,30 @@ async fn garbage_neither_panics_nor_confuses() {
         let reply = tokio::time::timeout(DEADLINE, replies.recv_async()).await.expect("in time");
         assert!(reply.is_err(), "{garbage}: {reply:?}");
     }
-    tokens.push(
-        stranger.liveliness().declare_token("althing/office/alive/s/x/1").await.expect("open"),
-    );
-    assert_eq!(a.hear("joined x@s").await, ["joined x@s"]);
     stranger.put("althing/office/in/a/x/inform", "sense").await.expect("open");
     assert_eq!(a.hear("to x inform: sense").await, ["to x inform: sense"]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_has_a_token_and_answers_nobody_is_not_here() {
+    let mut a = Daemon::listening("a").await;
+    let mut b = Daemon::linked("b", &a).await;
+    let stranger = stranger(&a).await;
+    let liveliness = stranger.liveliness();
+    let _ghost = liveliness.declare_token("althing/office/alive/ghost/x/1").await.expect("open");
+    let _token = liveliness.declare_token("althing/office/alive/s/x/1").await.expect("open");
+    let answer = |query: Query| query.reply(query.key_expr(), "").wait().expect("open");
+    let answering = stranger.declare_queryable("althing/office/at/s/reach").callback(answer);
+    let answering = answering.await.expect("open");
+    // What answers and does not say whom it hosts is believed.
+    for daemon in [&mut a, &mut b] {
+        assert_eq!(daemon.hear("joined x@s").await, ["joined x@s"]);
+    }
+    // For a lease (four seconds) it may be silent.
+    answering.undeclare().await.expect("open");
+    for daemon in [&mut a, &mut b] {
+        assert_eq!(daemon.hear("left x@s").await, ["left x@s"]);
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -1,0 +1,199 @@
+//! What a session declares to others: what it listens to, what it can be asked, who is here. All of
+//! it can be told again.
+//!
+//! Zenoh tells nobody of what it holds to be declared already. So what is told again goes under
+//! another key expression that says the same, where there is one: another session at the same
+//! router may hold the first.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+
+use acl::{AgentId, Incarnation};
+use substrate::Inbound;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Subscriber;
+use zenoh::query::Queryable;
+use zenoh::{Session, Wait};
+
+use crate::config::OpenError;
+use crate::inbound::{self, undeclared};
+use crate::key_expr::Keys;
+use crate::questions::Answering;
+use crate::revocations;
+use crate::roll_call::Told;
+use crate::sealing::Security;
+
+/// The declarations of one session.
+pub(crate) struct Declarations {
+    keys: Keys,
+    /// Weak: the session's callbacks lead back to here.
+    session: Weak<Session>,
+    inbound: Arc<dyn Inbound>,
+    security: Option<Security>,
+    told: Told,
+    /// How often all was told again.
+    telling: AtomicU64,
+    held: Mutex<Held>,
+}
+
+#[derive(Default)]
+struct Held {
+    entities: Vec<Entity>,
+    /// The agents this daemon has announced, which are those that may have a model. No token: it
+    /// is being declared.
+    residents: BTreeMap<(AgentId, Incarnation), Option<LivelinessToken>>,
+}
+
+/// Something declared, held for as long as it is to be.
+enum Entity {
+    Subscriber(Subscriber<()>),
+    Queryable(Queryable<()>),
+    Token(LivelinessToken),
+}
+
+// === impl Declarations ===
+
+impl Declarations {
+    /// Declares what every session declares.
+    pub(crate) fn declare(
+        session: &Arc<Session>,
+        keys: &Keys,
+        inbound: &Arc<dyn Inbound>,
+        security: Option<&Security>,
+        told: &Told,
+    ) -> Result<Arc<Declarations>, OpenError> {
+        let declarations = Arc::new(Declarations {
+            keys: keys.clone(),
+            session: Arc::downgrade(session),
+            inbound: Arc::clone(inbound),
+            security: security.cloned(),
+            told: told.clone(),
+            telling: AtomicU64::new(0),
+            held: Mutex::default(),
+        });
+        let entities = declarations.entities(session, 0)?;
+        declarations.lock().entities = entities;
+        Ok(declarations)
+    }
+
+    /// Declares everything anew. What is sent here in the instant between is lost, as on any bad
+    /// link; no agent blinks, because its new token comes before the old one goes.
+    pub(crate) fn tell_again(self: &Arc<Self>) {
+        let Some(session) = self.session.upgrade().filter(|session| !session.is_closed()) else {
+            return;
+        };
+        let telling = self.telling.fetch_add(1, Ordering::Relaxed) + 1;
+        let old = std::mem::take(&mut self.lock().entities);
+        old.into_iter().for_each(Entity::undeclare);
+        match self.entities(&session, telling) {
+            Ok(entities) => self.lock().entities = entities,
+            Err(error) => tracing::error!(%error, "failed to tell again who is here"),
+        }
+        for (agent, incarnation) in self.residents() {
+            self.declare_token(&session, agent, incarnation, telling);
+        }
+    }
+
+    /// Announces an agent until [`Declarations::withdraw`].
+    pub(crate) fn announce(
+        &self,
+        session: &Session,
+        agent: &AgentId,
+        incarnation: Incarnation,
+    ) -> zenoh::Result<()> {
+        self.lock().residents.insert((agent.clone(), incarnation), None);
+        let telling = self.telling.load(Ordering::Relaxed);
+        let key_expr = self.keys.alive(agent, incarnation, telling);
+        let token = session.liveliness().declare_token(key_expr).wait()?;
+        self.hold(agent.clone(), incarnation, token);
+        Ok(())
+    }
+
+    pub(crate) fn withdraw(&self, agent: &AgentId, incarnation: Incarnation) {
+        let token = self.lock().residents.remove(&(agent.clone(), incarnation));
+        if let Some(token) = token.flatten() {
+            Entity::Token(token).undeclare();
+        }
+    }
+
+    /// The agents this daemon has announced.
+    pub(crate) fn residents(&self) -> Vec<(AgentId, Incarnation)> {
+        self.lock().residents.keys().cloned().collect()
+    }
+
+    fn declare_token(
+        &self,
+        session: &Session,
+        agent: AgentId,
+        incarnation: Incarnation,
+        telling: u64,
+    ) {
+        let key_expr = self.keys.alive(&agent, incarnation, telling);
+        match session.liveliness().declare_token(key_expr).wait() {
+            Ok(token) => self.hold(agent, incarnation, token),
+            Err(error) => tracing::debug!(%error, "an agent was not told again"),
+        }
+    }
+
+    /// Holds a token instead of the one before. Undeclared outside the lock, as it was declared:
+    /// what is heard of it may lead back to here.
+    fn hold(&self, agent: AgentId, incarnation: Incarnation, token: LivelinessToken) {
+        let old = match self.lock().residents.get_mut(&(agent, incarnation)) {
+            Some(held) => held.replace(token),
+            // It has been withdrawn meanwhile.
+            None => Some(token),
+        };
+        if let Some(old) = old {
+            Entity::Token(old).undeclare();
+        }
+    }
+
+    fn entities(
+        self: &Arc<Self>,
+        session: &Session,
+        telling: u64,
+    ) -> Result<Vec<Entity>, OpenError> {
+        let (keys, security) = (&self.keys, self.security.as_ref());
+        let mut entities = Vec::new();
+        if let Some(security) = security {
+            let subscriber = revocations::declare(session, keys, security, telling)?;
+            entities.push(Entity::Subscriber(subscriber));
+        }
+        let answering = Answering {
+            keys: keys.clone(),
+            declarations: Arc::downgrade(self),
+            told: self.told.clone(),
+            inbound: Arc::clone(&self.inbound),
+            security: security.cloned(),
+        };
+        entities.extend(answering.declare(session)?.map(Entity::Queryable));
+        let heard = inbound::declare(session, keys, &self.inbound, security, telling)?;
+        entities.extend(heard.into_iter().map(Entity::Subscriber));
+        // Last: who sees it can ask, and send.
+        let key_expr = keys.own_session(&session.zid().to_string(), telling);
+        let token = session.liveliness().declare_token(&key_expr).wait();
+        let token = token.map_err(|source| undeclared("liveliness", &key_expr, source))?;
+        entities.push(Entity::Token(token));
+        Ok(entities)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Held> {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+// === impl Entity ===
+
+impl Entity {
+    fn undeclare(self) {
+        let undeclared = match self {
+            Entity::Subscriber(subscriber) => subscriber.undeclare().wait(),
+            Entity::Queryable(queryable) => queryable.undeclare().wait(),
+            Entity::Token(token) => token.undeclare().wait(),
+        };
+        if let Err(error) = undeclared {
+            tracing::debug!(%error, "a declaration ended with its session");
+        }
+    }
+}

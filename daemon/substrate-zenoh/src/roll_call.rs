@@ -1,0 +1,362 @@
+//! Calls everybody again and again, and tells again that this daemon is here when it shows that
+//! not everybody was told.
+//!
+//! Zenoh's routers tell each other once who listens and who is here, and never again. Between a
+//! change of the mesh and the moment the routes are computed anew (a tenth of a second) a router
+//! can miss who has come, forget who is here, or be told of somebody who is dead; and it stays so
+//! (`pubsub_tree_change` compares places in the graph, which are given away again; declarations of
+//! a router that is not in the graph are kept, and those of one that was cut off for a moment are
+//! not). What is told once must then be told again:
+//!
+//! - Each session has a token of its own, with its Zenoh id: those are *told*.
+//! - Each answers a call with whom it hosts and of whom it was told.
+//! - Whoever is missing in an answer, misses another that an answer names, or has a link to a
+//!   router of which it was not told, undeclares and declares everything anew.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::Duration;
+
+use acl::{AgentId, DaemonId, Incarnation};
+use bytes::Bytes;
+use serde::{Deserialize, Serialize};
+use tokio::sync::oneshot;
+use tokio::time::Instant;
+use zenoh::qos::CongestionControl;
+use zenoh::query::{ConsolidationMode, QueryTarget, Reply};
+use zenoh::sample::{Sample, SampleKind};
+use zenoh::{Session, Wait};
+
+use crate::config::OpenError;
+use crate::declarations::Declarations;
+use crate::inbound::{into_bytes, undeclared};
+use crate::key_expr::Keys;
+use crate::presence::Watch;
+
+/// Pause between two calls as long as anything changes or is in doubt, and how long a call is
+/// answered: far beyond the tenth of a second after which Zenoh's routes are computed anew. At
+/// rest there is a call per lease.
+const UNREST_PERIOD: Duration = Duration::from_secs(1);
+
+/// How long there is unrest after the last change.
+const UNREST: Duration = Duration::from_secs(3);
+
+/// Longest pause until what was not heard is told again.
+const PAUSE_MAX: Duration = Duration::from_secs(60);
+
+/// How often something is told again because of a session of which nothing is heard: it may be a
+/// plain router, a stranger, or a dead whose token somebody else still holds.
+const TOLD_MAX: u32 = 3;
+
+/// The longest answer that is read.
+const ANSWER_BYTES_MAX: usize = 1 << 20;
+
+/// What a daemon answers when it is called. Empty from those who answer and do not say.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Reached(Option<Said>);
+
+#[derive(Debug, Serialize, Deserialize)]
+struct Said {
+    /// Whom it hosts.
+    hosts: Vec<(AgentId, Incarnation)>,
+    /// The sessions it was told of, by their Zenoh ids.
+    told: BTreeSet<String>,
+}
+
+/// The sessions of which this one was told.
+#[derive(Clone, Default)]
+pub(crate) struct Told(Arc<Mutex<BTreeMap<String, BTreeSet<u64>>>>);
+
+/// Calls until the session is closed.
+pub(crate) struct RollCall {
+    pub(crate) session: Weak<Session>,
+    pub(crate) keys: Keys,
+    pub(crate) told: Told,
+    pub(crate) watch: Arc<Watch>,
+    pub(crate) declarations: Arc<Declarations>,
+    pub(crate) lease: Duration,
+}
+
+/// What one call to all has brought.
+#[derive(Debug, Default)]
+struct Answers {
+    answered: BTreeSet<DaemonId>,
+    /// Who was not told of this session.
+    untold: BTreeSet<DaemonId>,
+    /// Sessions of which this one was not told.
+    unknown: BTreeSet<String>,
+}
+
+/// From call to call: whether something has to be told again.
+#[derive(Debug)]
+struct Judgement {
+    /// Something was amiss in the call before: one alone may have come too early.
+    is_suspicious: bool,
+    /// How often something was told again because of a session.
+    tries: BTreeMap<String, u32>,
+    not_before: Instant,
+    pause: Duration,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Verdict {
+    AllIsWell,
+    LookAgain,
+    TellAgain,
+}
+
+// === impl Reached ===
+
+impl Reached {
+    /// What this session answers.
+    pub(crate) fn answer(hosts: Vec<(AgentId, Incarnation)>, told: &Told) -> Bytes {
+        let told = told.lock().keys().cloned().collect();
+        let said = Reached(Some(Said { hosts, told }));
+        serde_json::to_vec(&said).map_or_else(|_| Bytes::new(), Bytes::from)
+    }
+
+    /// Reads an answer. What cannot be read is an answer all the same.
+    pub(crate) fn read(answer: &[u8]) -> Reached {
+        if answer.is_empty() || answer.len() > ANSWER_BYTES_MAX {
+            return Reached::default();
+        }
+        serde_json::from_slice(answer).unwrap_or_default()
+    }
+
+    pub(crate) fn hosts(&self) -> Option<&[(AgentId, Incarnation)]> {
+        self.0.as_ref().map(|said| &said.hosts[..])
+    }
+}
+
+// === impl Told ===
+
+impl Told {
+    /// Declares what hears of sessions, with the history of those that were here before.
+    pub(crate) fn declare(session: &Session, keys: &Keys) -> Result<Told, OpenError> {
+        let (told, key_expr) = (Told::default(), keys.every_session());
+        let (hearing, reading) = (told.clone(), keys.clone());
+        let hear = move |sample: Sample| {
+            let key = sample.key_expr().as_str();
+            let Some((zid, telling)) = reading.session(key) else {
+                return tracing::debug!(key, "ignored a liveliness token that names no session");
+            };
+            hearing.hear(zid, telling, sample.kind());
+        };
+        let liveliness = session.liveliness();
+        let subscriber = liveliness.declare_subscriber(&key_expr).history(true).callback(hear);
+        let subscriber = subscriber.background().wait();
+        subscriber.map_err(|source| undeclared("liveliness", &key_expr, source))?;
+        Ok(told)
+    }
+
+    fn hear(&self, zid: &str, telling: u64, kind: SampleKind) {
+        let mut told = self.lock();
+        match kind {
+            SampleKind::Put => {
+                told.entry(zid.to_owned()).or_default().insert(telling);
+            }
+            SampleKind::Delete => {
+                if let Some(tellings) = told.get_mut(zid) {
+                    tellings.remove(&telling);
+                    if tellings.is_empty() {
+                        told.remove(zid);
+                    }
+                }
+            }
+        }
+    }
+
+    fn has(&self, zid: &str) -> bool {
+        self.lock().contains_key(zid)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<String, BTreeSet<u64>>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+// === impl RollCall ===
+
+impl RollCall {
+    /// Calls until the session is closed.
+    pub(crate) async fn run(self) {
+        let mut judgement = Judgement::new(Instant::now());
+        let mut unrest_until = Instant::now() + UNREST;
+        loop {
+            let is_restless = Instant::now() < unrest_until;
+            let pause = if is_restless { UNREST_PERIOD } else { self.lease.max(UNREST_PERIOD) };
+            tokio::select! {
+                () = tokio::time::sleep(pause) => (),
+                () = self.watch.unrest.notified(), if !is_restless => {
+                    unrest_until = Instant::now() + UNREST;
+                    continue;
+                }
+            }
+            let mark = self.watch.mark();
+            let Some(answers) = self.call(mark).await else { return };
+            let is_beyond_doubt = self.watch.called(&answers.answered, mark);
+            let verdict = judgement.judge(&answers, Instant::now());
+            if !is_beyond_doubt || verdict != Verdict::AllIsWell {
+                unrest_until = Instant::now() + UNREST;
+            }
+            if verdict == Verdict::TellAgain {
+                let Answers { untold, unknown, .. } = &answers;
+                tracing::info!(?untold, ?unknown, "tells again who is here: not everybody knows");
+                self.declarations.tell_again();
+            }
+        }
+    }
+
+    /// Calls everybody, and looks at the links; `None` when the session is closed.
+    async fn call(&self, mark: u64) -> Option<Answers> {
+        let answers = Arc::<Mutex<Answers>>::default();
+        let (ends, ended) = oneshot::channel::<()>();
+        {
+            let session = self.session.upgrade().filter(|session| !session.is_closed())?;
+            let own = session.zid().to_string();
+            let (keys, told, watch) =
+                (self.keys.clone(), self.told.clone(), Arc::clone(&self.watch));
+            let heard = Arc::clone(&answers);
+            let hear = move |reply: Reply| {
+                // Dropped with this callback, when no more answers come.
+                let _ends = &ends;
+                let Some((daemon, reached)) = read(&keys, &reply) else { return };
+                watch.answered(&daemon, &reached, mark);
+                lock(&heard).note(daemon, &reached, &own, &told);
+            };
+            let get = session.get(self.keys.everyone_reached()).target(QueryTarget::All);
+            let get = get.consolidation(ConsolidationMode::None).express(true);
+            let get = get.congestion_control(CongestionControl::Drop).timeout(UNREST_PERIOD);
+            get.callback(hear).wait().ok()?;
+        }
+        // An error: the callback is gone, as it should be.
+        let _ = ended.await;
+        let session = self.session.upgrade()?;
+        let mut answers = std::mem::take(&mut *lock(&answers));
+        let routers = session.info().routers_zid().wait().map(|zid| zid.to_string());
+        answers.unknown.extend(routers.filter(|zid| !self.told.has(zid)));
+        Some(answers)
+    }
+}
+
+fn read(keys: &Keys, reply: &Reply) -> Option<(DaemonId, Reached)> {
+    let sample = reply.result().ok()?;
+    let daemon = keys.reached(sample.key_expr().as_str())?;
+    (daemon != *keys.daemon()).then(|| (daemon, Reached::read(&into_bytes(sample.payload()))))
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+// === impl Answers ===
+
+impl Answers {
+    fn note(&mut self, daemon: DaemonId, reached: &Reached, own: &str, told: &Told) {
+        if let Some(said) = &reached.0 {
+            if !said.told.contains(own) {
+                self.untold.insert(daemon.clone());
+            }
+            self.unknown.extend(said.told.iter().filter(|zid| !told.has(zid)).cloned());
+        }
+        self.answered.insert(daemon);
+    }
+}
+
+// === impl Judgement ===
+
+impl Judgement {
+    fn new(now: Instant) -> Judgement {
+        Judgement {
+            is_suspicious: false,
+            tries: BTreeMap::new(),
+            not_before: now,
+            pause: UNREST_PERIOD,
+        }
+    }
+
+    /// What a call means. Somebody who was not told is told until it is; who is not heard of may
+    /// have nothing to say, and is given up after a few times.
+    fn judge(&mut self, answers: &Answers, now: Instant) -> Verdict {
+        self.tries.retain(|zid, _| answers.unknown.contains(zid));
+        let tries = |zid: &String| self.tries.get(zid).copied().unwrap_or_default();
+        let is_amiss =
+            !answers.untold.is_empty() || answers.unknown.iter().any(|zid| tries(zid) < TOLD_MAX);
+        let was_suspicious = std::mem::replace(&mut self.is_suspicious, is_amiss);
+        if !is_amiss {
+            self.pause = UNREST_PERIOD;
+            return Verdict::AllIsWell;
+        }
+        if !was_suspicious || now < self.not_before {
+            return Verdict::LookAgain;
+        }
+        self.is_suspicious = false;
+        self.not_before = now + self.pause;
+        self.pause = (self.pause * 2).min(PAUSE_MAX);
+        for zid in &answers.unknown {
+            *self.tries.entry(zid.clone()).or_default() += 1;
+        }
+        Verdict::TellAgain
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn amiss(untold: &[&str], unknown: &[&str]) -> Answers {
+        let untold = untold.iter().map(|name| DaemonId::new(name).expect("a name")).collect();
+        let unknown = unknown.iter().map(|&zid| zid.to_owned()).collect();
+        Answers { answered: BTreeSet::new(), untold, unknown }
+    }
+
+    #[test]
+    fn who_was_not_told_is_told_again_ever_more_rarely() {
+        let start = Instant::now();
+        let mut judgement = Judgement::new(start);
+        let untold = amiss(&["pi"], &[]);
+        let at = |seconds| start + Duration::from_secs(seconds);
+        let told: Vec<_> = (0..40)
+            .filter(|&second| judgement.judge(&untold, at(second)) == Verdict::TellAgain)
+            .collect();
+        assert_eq!(told, [1, 3, 5, 9, 17, 33], "one call may have come too early");
+        assert_eq!(judgement.judge(&amiss(&[], &[]), at(40)), Verdict::AllIsWell);
+        assert_eq!(judgement.judge(&untold, at(65)), Verdict::LookAgain);
+        assert_eq!(judgement.judge(&untold, at(66)), Verdict::TellAgain);
+    }
+
+    #[test]
+    fn who_is_not_heard_of_is_given_up_until_it_was_gone() {
+        let start = Instant::now();
+        let mut judgement = Judgement::new(start);
+        let at = |seconds| start + Duration::from_secs(seconds);
+        let mut told = |link: &Answers, from: u64| {
+            let tells = |&second: &u64| judgement.judge(link, at(second)) == Verdict::TellAgain;
+            (from..from + 100).filter(tells).count()
+        };
+        let router = amiss(&[], &["a1"]);
+        assert_eq!(told(&router, 0), 3);
+        assert_eq!(told(&router, 100), 0);
+        assert_eq!(told(&amiss(&[], &[]), 200), 0);
+        assert_eq!(told(&router, 300), 3);
+    }
+
+    #[test]
+    fn an_answer_is_read_as_it_was_given() {
+        let told = Told::default();
+        told.hear("a1", 0, SampleKind::Put);
+        told.hear("a1", 1, SampleKind::Put);
+        told.hear("a1", 0, SampleKind::Delete);
+        let robot = (AgentId::new("robot").expect("a name"), Incarnation(7));
+        let answer = Reached::answer(vec![robot.clone()], &told);
+        let read = Reached::read(&answer);
+        assert_eq!(read.hosts(), Some(&[robot][..]));
+        let mut answers = Answers::default();
+        answers.note(DaemonId::new("pi").expect("a name"), &read, "b2", &Told::default());
+        assert_eq!(answers.untold.len(), 1, "it was not told of b2");
+        assert_eq!(answers.unknown.first().map(String::as_str), Some("a1"));
+        for garbage in [&b""[..], b"{", b"[1]", b"{\"hosts\":[[\"X\",1]],\"told\":[]}"] {
+            assert_eq!(Reached::read(garbage).hosts(), None);
+        }
+    }
+}

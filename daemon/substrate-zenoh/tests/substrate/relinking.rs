@@ -1,0 +1,125 @@
+//! Links that close and open again before the routes are computed anew: Zenoh then does not tell
+//! again who is here.
+
+use std::sync::Arc;
+
+use serde_json::json;
+use substrate::Resource;
+use substrate_zenoh::Mode;
+use tokio::io::copy_bidirectional;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Notify;
+
+use crate::daemon::{Daemon, HERE};
+
+/// How often the cable is pulled.
+const CUTS: usize = 3;
+
+/// A cable between a daemon and whoever connects to `endpoint`.
+struct Cable {
+    endpoint: String,
+    cut: Arc<Notify>,
+}
+
+impl Cable {
+    async fn to(daemon: &Daemon) -> Cable {
+        let locators = daemon.substrate.locators();
+        let target = locators[0].trim_start_matches("tcp/").to_owned();
+        let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+        let endpoint = format!("tcp/{}", listener.local_addr().expect("bound"));
+        let cut = Arc::new(Notify::new());
+        let pulled = Arc::clone(&cut);
+        tokio::spawn(async move {
+            while let Ok((mut near, _)) = listener.accept().await {
+                let (target, pulled) = (target.clone(), Arc::clone(&pulled));
+                tokio::spawn(async move {
+                    let Ok(mut far) = TcpStream::connect(target).await else { return };
+                    tokio::select! {
+                        _ = copy_bidirectional(&mut near, &mut far) => (),
+                        () = pulled.notified() => (),
+                    }
+                });
+            }
+        });
+        Cable { endpoint, cut }
+    }
+
+    /// Pulls it out and puts it back.
+    fn blink(&self) {
+        self.cut.notify_waiters();
+    }
+
+    /// A router behind it, which seeks the other end again at once.
+    async fn router(&self, name: &'static str) -> Daemon {
+        Daemon::open(name, |config| {
+            config.listen = vec![HERE.to_owned()];
+            config.connect = vec![self.endpoint.clone()];
+            config.zenoh = json!({ "connect": { "retry": { "period_init_ms": 5 } } });
+        })
+        .await
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn two_whose_link_blinked_see_each_other_again() {
+    let mut a = Daemon::listening("a").await;
+    let cable = Cable::to(&a).await;
+    let mut b = cable.router("b").await;
+    let _tokens = [a.announce("x"), b.announce("y")];
+    a.hear("joined y@b").await;
+    b.hear("joined x@a").await;
+    for number in 0..CUTS {
+        cable.blink();
+        a.hear("left y@b").await;
+        b.hear("left x@a").await;
+        a.hear("joined y@b").await;
+        b.hear("joined x@a").await;
+        let text = format!("call {number}");
+        a.request("b", "y", &text);
+        b.hear(&format!("to y request: {text}")).await;
+        b.request("a", "x", &text);
+        a.hear(&format!("to x request: {text}")).await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_hangs_on_a_router_whose_link_blinked_is_seen_again_and_nobody_else_blinks() {
+    let a = Daemon::listening("a").await;
+    let cable = Cable::to(&a).await;
+    let mut b = cable.router("b").await;
+    let connect = b.substrate.locators();
+    let mut client = Daemon::open("c", |config| {
+        config.mode = Mode::Client;
+        config.connect = connect;
+    })
+    .await;
+    let mut beside = Daemon::linked("d", &b).await;
+    let _tokens = [a.announce("x"), b.announce("y"), client.announce("z"), beside.announce("w")];
+    for line in ["joined x@a", "joined y@b", "joined z@c"] {
+        beside = heard(beside, line).await;
+    }
+    while beside.heard_already().is_some() {}
+    for _ in 0..CUTS {
+        cable.blink();
+        for daemon in [&mut b, &mut client, &mut beside] {
+            daemon.hear("left x@a").await;
+            daemon.hear("joined x@a").await;
+        }
+        let answers = client.ask(None, Resource::State, None).await;
+        assert_eq!(answers, ["a state -", "b state -", "c state -", "d state -"]);
+    }
+    while let Some(line) = beside.heard_already() {
+        assert!(line.ends_with("x@a"), "{line}");
+    }
+}
+
+/// What came in whatever order.
+async fn heard(mut daemon: Daemon, line: &str) -> Daemon {
+    static SEEN: std::sync::Mutex<Vec<String>> = std::sync::Mutex::new(Vec::new());
+    let is_there = || SEEN.lock().expect("sound").iter().any(|seen| seen == line);
+    while !is_there() {
+        let more = daemon.hear_any().await;
+        SEEN.lock().expect("sound").extend(more);
+    }
+    daemon
+}
