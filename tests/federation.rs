@@ -105,23 +105,9 @@ fn a_daemon_returns_under_its_name_at_a_new_address() {
     reaches(&site, "reasoning", "(known-temperature office2)");
 }
 
-/// Where the two ends of a link notice its loss at different times, Zenoh 1.10 may leave a daemon
-/// unseen (docs/reliability.md, “What is not promised”): one time in six or more rarely. So what
-/// lasts about as long as a lease is played where faults are counted, and said where it is not.
-fn counts_faults(test: &str) -> bool {
-    let counts = std::env::var_os("ALTHING_FAULTS").is_some();
-    if !counts {
-        eprintln!("not run: {test}; ALTHING_FAULTS=1 runs it");
-    }
-    counts
-}
-
 /// A cable is pulled out for longer than the lease, and put in again.
 #[test]
 fn who_was_cut_off_is_found_again() {
-    if !counts_faults("who_was_cut_off_is_found_again") {
-        return;
-    }
     let office = secured(&smart_office(SCOUTING), &BOARDS);
     let Some(mut site) = Site::on_lan(office, &BOARDS) else { return };
     site.network("nowhere");
@@ -138,9 +124,6 @@ fn who_was_cut_off_is_found_again() {
 /// A process is stopped for longer than the lease, as by a laptop's lid, and goes on.
 #[test]
 fn who_stood_still_is_seen_by_all_again() {
-    if !counts_faults("who_stood_still_is_seen_by_all_again") {
-        return;
-    }
     let office = secured(&smart_office(SCOUTING), &BOARDS);
     let Some(mut site) = Site::on_lan(office, &BOARDS) else { return };
     BOARDS.iter().for_each(|board| site.up(board, &[]));
