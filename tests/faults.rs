@@ -11,7 +11,7 @@
 //! ```
 //!
 //! plays that many rounds of all kinds and prints a table; without the number it is one round of each
-//! of the first nine kinds.
+//! of the first nine kinds. `ALTHING_FAULTS_OF=pieces` plays only kinds with that word.
 
 mod support;
 #[path = "support/testbed.rs"]
@@ -70,6 +70,9 @@ const KINDS: &[Kind] = &[
 fn faults_on_real_processes_are_survived() {
     let asked = std::env::var("ALTHING_FAULTS").ok();
     let rounds = asked.map_or(ALWAYS, |text| text.parse().expect("ALTHING_FAULTS: a number"));
+    let of = std::env::var("ALTHING_FAULTS_OF").unwrap_or_default();
+    let kinds: Vec<_> = KINDS.iter().filter(|kind| kind.what.contains(&of)).collect();
+    assert!(!kinds.is_empty(), "ALTHING_FAULTS_OF: no kind has `{of}`");
     let mut table = Table::default();
     let mut round = 0;
     for mode in ["decentralized", "centralized"].into_iter().cycle() {
@@ -78,7 +81,7 @@ fn faults_on_real_processes_are_survived() {
         }
         let Some(bed) = Testbed::open(mode) else { return };
         let last = rounds.min(round + ROUNDS_PER_TESTBED);
-        round = campaign(bed, mode, round..last, &mut table);
+        round = campaign(bed, mode, &kinds, round..last, &mut table);
     }
     table.print();
     assert!(table.failures.is_empty(), "{:#?}", table.failures);
@@ -88,11 +91,12 @@ fn faults_on_real_processes_are_survived() {
 fn campaign(
     mut bed: Testbed,
     mode: &str,
+    kinds: &[&Kind],
     rounds: std::ops::Range<usize>,
     table: &mut Table,
 ) -> usize {
     for round in rounds.clone() {
-        let kind = &KINDS[round % KINDS.len()];
+        let kind = kinds[round % kinds.len()];
         let began = Instant::now();
         let played = play(&mut bed, kind, round);
         eprintln!(

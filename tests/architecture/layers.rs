@@ -219,6 +219,16 @@ fn only_one_crate_names_zenoh() {
     assert!(named, "`substrate-zenoh` is not on Zenoh any more, so this test looks at nothing");
 }
 
+/// Of a patch that fits no more, cargo says so in a warning and takes the crate as published.
+#[test]
+fn zenoh_is_built_with_our_crate_of_tls_links() {
+    let lock = std::fs::read_to_string(root().join("Cargo.lock")).expect("it is committed");
+    let packages: Vec<_> = lock.split("[[package]]").collect();
+    let ours = packages.iter().find(|each| each.contains("name = \"zenoh-link-tls\""));
+    let ours = ours.expect("Zenoh has TLS links");
+    assert!(!ours.contains("source = "), "daemon/substrate-zenoh/vendor is not used: see its README");
+}
+
 #[test]
 fn pure_crates_have_no_runtime_at_hand() {
     none(&impure(&edges(&metadata())), "the pure crates return values");

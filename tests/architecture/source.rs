@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Folders that hold no source of ours.
-const FOREIGN: &[&str] = &["target", "corpus", "artifacts"];
+const FOREIGN: &[&str] = &["target", "corpus", "artifacts", "vendor"];
 
 /// Folders whose Rust runs in no daemon: tests, benchmarks, examples, fuzz targets.
 const ASIDE: &[&str] = &["tests", "benches", "examples", "fuzz"];
