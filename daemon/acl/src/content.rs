@@ -483,6 +483,9 @@ pub struct Refusal {
     pub reason: Reason,
     /// Why, for a person.
     pub detail: String,
+    /// The plan for the same goal that is under way instead, where another Plan Requester made it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub under_way: Option<Box<Execute>>,
 }
 
 /// Why something was declined.
@@ -780,7 +783,7 @@ impl Report {
 impl Refusal {
     /// A refusal for a program and a person.
     pub fn new(reason: Reason, detail: impl Into<String>) -> Refusal {
-        Refusal { reason, detail: detail.into() }
+        Refusal { reason, detail: detail.into(), under_way: None }
     }
 }
 

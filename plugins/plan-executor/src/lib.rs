@@ -18,7 +18,7 @@ mod word;
 
 use std::collections::BTreeMap;
 
-use acl::content::{Act, ActionToken, Outcome, Reason, Refusal, Report, Request, value};
+use acl::content::{Act, ActionToken, Execute, Outcome, Reason, Refusal, Report, Request, value};
 use acl::{AgentId, Incarnation, Message, Performative, Protocol, ReplyToken};
 use agent::{
     Agent, Answer, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Opening,
@@ -79,6 +79,8 @@ struct Running {
     /// Who asked last.
     engagement: Engagement,
     plan: PlanId,
+    /// As it was asked for.
+    asked: Box<Execute>,
     execution: Execution,
     /// The exchanges with actuators that are acting, by step.
     acting: BTreeMap<usize, Acting>,
@@ -169,7 +171,7 @@ impl PlanExecutor {
             return;
         }
         match Execution::new(&execute) {
-            Ok(execution) => self.begin(engagement, execution, plan, ctx),
+            Ok(execution) => self.begin(engagement, execution, (plan, execute), ctx),
             Err(detail) => ctx.refuse(&engagement, Reason::BadContent, detail),
         }
     }
@@ -178,13 +180,14 @@ impl PlanExecutor {
         &mut self,
         engagement: Engagement,
         execution: Execution,
-        plan: PlanId,
+        (plan, asked): (PlanId, Box<Execute>),
         ctx: &mut Context<Self>,
     ) {
         let token = engagement.exchange.clone();
         let running = Running {
             engagement,
             plan,
+            asked,
             execution,
             acting: BTreeMap::new(),
             ending: None,

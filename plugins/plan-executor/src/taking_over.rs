@@ -8,7 +8,7 @@
 
 use std::collections::VecDeque;
 
-use acl::content::{Cancelling, Execute, Outcome, Reason, Report, value};
+use acl::content::{Cancelling, Execute, Outcome, Reason, Refusal, Report, value};
 use acl::{ConversationId, Performative, ReplyToken};
 use agent::{Context, Engagement, Resident};
 
@@ -59,7 +59,7 @@ impl Ended {
 
 impl PlanExecutor {
     /// Whether a plan is known here already, and so is dealt with. An older one for the same goal
-    /// is given up.
+    /// is given up; but what another Plan Requester has begun goes on.
     pub(crate) fn is_known(
         &mut self,
         engagement: &Engagement,
@@ -82,6 +82,10 @@ impl PlanExecutor {
                     self.attach(&token, engagement, ctx);
                     return true;
                 }
+                _ if other.term != plan.term && self.goes_on(&token) => {
+                    self.show(&token, engagement, ctx);
+                    return true;
+                }
                 std::cmp::Ordering::Greater => {
                     let detail = "a newer plan for this goal is being executed";
                     ctx.refuse(engagement, Reason::StaleToken, detail);
@@ -94,6 +98,22 @@ impl PlanExecutor {
             }
         }
         false
+    }
+
+    fn goes_on(&self, token: &ReplyToken) -> bool {
+        self.running.get(token).is_some_and(|running| running.ending.is_none())
+    }
+
+    /// Shows a running plan to who has made another because it knew nothing of this one: it was made
+    /// in the instant before it took over, or beyond a partition.
+    fn show(&mut self, token: &ReplyToken, engagement: &Engagement, ctx: &mut Context<Self>) {
+        let Some(running) = self.running.get(token) else { return };
+        let mut plan = running.asked.clone();
+        let done = running.execution.done().into_iter();
+        plan.done = done.filter_map(|(step, _)| u32::try_from(step).ok()).collect();
+        let detail = "another plan for this goal is under way";
+        let refusal = Refusal { under_way: Some(plan), ..Refusal::new(Reason::StaleToken, detail) };
+        ctx.answer(engagement, Performative::Refuse, &refusal);
     }
 
     /// Reports a running plan to who asked for it last, from its beginning.

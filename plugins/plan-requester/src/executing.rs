@@ -98,6 +98,10 @@ impl PlanRequester {
             // It did not hear of the plan, or another executor acts: the same plan is asked for.
             return self.ask_executor(id, ctx);
         }
+        let answer = match under_way(answer) {
+            Ok(plan) => return self.go_on_with(id, *plan, ctx),
+            Err(answer) => answer,
+        };
         let report = match read(answer) {
             Ok(report) if matches!(report.outcome, Outcome::Progress | Outcome::Holds) => {
                 report.action.iter().for_each(|action| goal.step_done(action, report.step));
@@ -121,6 +125,23 @@ impl PlanRequester {
             (_, Ok(report)) => self.execution_failed(id, report, ctx),
             (_, Err((why, wait))) => self.retry(id, why, wait, ctx),
         }
+    }
+
+    /// Another plan for the goal is under way, which another Plan Requester made without this one's
+    /// knowledge: it goes on.
+    fn go_on_with(&mut self, id: &ConversationId, plan: Execute, ctx: &mut Context<Self>) {
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        let is_cancelled = matches!(goal.phase, Phase::Cancelling(_));
+        goal.rounds = goal.rounds.max(plan.round);
+        let done = plan.done.clone();
+        goal.take_up(plan, done);
+        self.ask_executor(id, ctx);
+        if is_cancelled {
+            return self.cancel(id, ctx);
+        }
+        self.keep_plan(id, ctx);
+        let detail = "another plan for it is under way, and goes on";
+        self.tell(id, Report::new(Outcome::Progress, detail), ctx);
     }
 
     fn cancelled_in_execution(
@@ -165,6 +186,16 @@ impl PlanRequester {
         }
         self.retry(id, report.detail, Duration::ZERO, ctx);
     }
+}
+
+/// The plan that is under way instead, if that is the answer.
+fn under_way(answer: Answer) -> Result<Box<Execute>, Answer> {
+    let Answer::Message(message) = &answer else { return Err(answer) };
+    if message.performative != Performative::Refuse {
+        return Err(answer);
+    }
+    let refusal = message.content_as::<Refusal>().ok();
+    refusal.and_then(|refusal| refusal.under_way).ok_or(answer)
 }
 
 /// What the Plan Executor says; or why it says nothing, and how long to wait before trying again.

@@ -1,0 +1,158 @@
+//! What a Plan Executor does with a second plan for a goal: of the same Plan Requester it takes the
+//! first one's place; of another, which knew nothing of the first, it does not.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::content::{Execute, Method, Offer, Reason, Refusal, Request, value};
+use acl::{
+    AgentId, ConversationId, DaemonId, Deadline, EcosystemId, Incarnation, Message, Performative,
+    Protocol,
+};
+use agent::{
+    Agent, Answer, Berth, Blueprint, Callbacks, Context, Engagement, Host, Launch, Mode, Opening,
+    Resources, Settings, Switchboard,
+};
+use substrate::memory::Network;
+use tokio::sync::mpsc;
+use tokio::time::timeout;
+use tokio_util::sync::CancellationToken;
+
+const DOMAIN: &str = "(define (domain d) (:requirements :strips :typing)
+    (:types agent) (:predicates (idle ?a - agent) (lit ?a - agent))
+    (:action light :parameters (?a - agent) :precondition (idle ?a) :effect (lit ?a)))";
+const PROBLEM: &str = "(define (problem p) (:domain d) (:objects lamp - agent)
+    (:init (idle lamp)) (:goal (lit lamp)))";
+
+/// A plan that lights the lamp, made in this term.
+fn execute(term: u64, round: u32) -> Execute {
+    let method = Method {
+        method: "light".to_owned(),
+        arguments: [].into(),
+        timeout: Deadline(Duration::from_secs(60)),
+    };
+    let offer = Offer { inside: "light".to_owned(), guard: String::new(), method: Some(method) };
+    Execute {
+        domain: DOMAIN.to_owned(),
+        problem: PROBLEM.to_owned(),
+        plan: "(light lamp)".to_owned(),
+        epoch: 1,
+        term,
+        round,
+        done: Vec::new(),
+        offers: [(name("lamp"), [("light".to_owned(), offer)].into())].into(),
+    }
+}
+
+/// Gives its word, and never lights.
+struct Lamp;
+
+impl Agent for Lamp {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+            .on(Performative::Request, |_: &mut Lamp, message, ctx: &mut Context<Lamp>| {
+                let agreed = serde_json::json!({});
+                ctx.answer(&Engagement::of(&message), Performative::Agree, &agreed);
+            })
+            .on(Performative::Cancel, |_: &mut Lamp, message, ctx: &mut Context<Lamp>| {
+                ctx.refuse(&Engagement::of(&message), Reason::Other, "given up");
+            })
+    }
+}
+
+/// Asks for these plans, one after the other, and tells what is answered.
+struct Asker {
+    plans: Vec<Execute>,
+    told: mpsc::UnboundedSender<Message>,
+}
+
+impl Agent for Asker {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        for (n, plan) in std::mem::take(&mut self.plans).into_iter().enumerate() {
+            ctx.after(Duration::from_secs(1 + n as u64), move |_: &mut Asker, ctx| {
+                let opening = Opening {
+                    to: Some(name("plan-executor")),
+                    performative: Performative::Request,
+                    protocol: Protocol::Execution,
+                    conversation: ConversationId::new("goal"),
+                    content: value(&Request::Execute(Box::new(plan))),
+                };
+                let patience = Duration::from_secs(60);
+                ctx.open(opening, patience, |asker: &mut Asker, answer, _| {
+                    if let Answer::Message(message) = answer {
+                        asker.told.send(*message).expect("the test listens");
+                    }
+                });
+            });
+        }
+    }
+}
+
+fn name(text: &str) -> AgentId {
+    AgentId::new(text).expect("a name")
+}
+
+/// The first answer to any of these plans.
+async fn first_answer(plans: Vec<Execute>) -> Message {
+    let (network, settings) = (Network::new(), Settings::default());
+    let daemon = DaemonId::new("here").expect("a name");
+    let ecosystem = EcosystemId::new("home").expect("a name");
+    let switchboard = Switchboard::new(ecosystem, daemon.clone(), settings.clone());
+    switchboard.connect(network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _));
+    let host = Arc::new(Host {
+        ontology: Arc::new(pddl::parse_domain(DOMAIN).into_result().expect("a domain")),
+        map: Arc::new(pddl::parse_problem(PROBLEM).into_result().expect("a problem")),
+        mode: Mode::Centralized,
+        settings,
+        journals: Vec::new(),
+        resources: Resources::default(),
+    });
+    let launch = |agent: Box<dyn Launch>, id: &str| {
+        agent.launch(Berth {
+            id: name(id),
+            incarnation: Incarnation(1),
+            switchboard: Arc::clone(&switchboard),
+            ontology: Arc::from("d"),
+            stopping: CancellationToken::new(),
+            stands_by: false,
+            via: [].into(),
+        })
+    };
+    let (id, config) = (name("plan-executor"), serde_json::json!({}).into());
+    let blueprint = Blueprint { id, driver: String::new(), config, host };
+    let executor = (plan_executor::PLUGIN.build)(blueprint).expect("built");
+    let (told, mut heard) = mpsc::unbounded_channel();
+    let _lives = [
+        launch(executor, "plan-executor"),
+        launch(Box::new(Lamp), "lamp"),
+        launch(Box::new(Asker { plans, told }), "plan-requester"),
+    ];
+    let answer = timeout(Duration::from_secs(30), heard.recv()).await.expect("in time");
+    answer.expect("somebody answers")
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_another_has_begun_goes_on_and_is_shown() {
+    for (first, second) in [(5, 9), (9, 5)] {
+        let answer = first_answer(vec![execute(first, 1), execute(second, 1)]).await;
+        assert_eq!(answer.performative, Performative::Refuse, "{answer:?}");
+        let refusal: Refusal = answer.content_as().expect("a refusal");
+        assert_eq!(refusal.reason, Reason::StaleToken);
+        assert_eq!(refusal.under_way.as_deref(), Some(&execute(first, 1)));
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_later_plan_of_the_same_takes_the_place_of_the_first() {
+    let answer = first_answer(vec![execute(5, 1), execute(5, 2)]).await;
+    assert_eq!(answer.performative, Performative::Confirm, "{answer:?}");
+    let report: acl::content::Report = answer.content_as().expect("a report");
+    assert_eq!(report.outcome, acl::content::Outcome::Cancelled, "{report:?}");
+    let answer = first_answer(vec![execute(5, 2), execute(5, 1)]).await;
+    let refusal: Refusal = answer.content_as().expect("a refusal");
+    assert_eq!((refusal.reason, refusal.under_way), (Reason::StaleToken, None));
+}
