@@ -131,6 +131,8 @@ impl PlanExecutor {
         let renewed = if is_stale { Ok(()) } else { running.execution.renew(snapshot) };
         match renewed {
             Ok(()) if !is_stale => (running.retries, running.has_borne) = (0, false),
+            // News have come since it was asked for: the next check decides.
+            _ if running.check.is_some() || running.grace.is_some() => (),
             // Who took the plan over has not seen it leave; of others that left, what they knew is
             // missed.
             Err(_) if running.retries > 0 && !running.has_borne && is_somebody_away => {
