@@ -14,7 +14,7 @@ use std::time::Duration;
 use acl::content::{
     Achieve, Inform, Outcome, Question, Reason, Refusal, Report, Request, Withdrawal, value,
 };
-use acl::{AgentId, Message, Performative, Protocol, ReplyToken};
+use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{Answer, Context, Opening, Presence, Resident, Undelivered, Work};
 use serde_json::Value;
 
@@ -123,6 +123,9 @@ pub(crate) struct Initiatives {
 /// A goal that is wanted.
 struct Wanted {
     goal: Achieve,
+    /// By which name a Plan Requester knows it, whichever acts: it is one goal, however often it is
+    /// asked for. Another where it failed and is asked for anew.
+    conversation: ConversationId,
     insists: bool,
     /// How often it has failed in a row.
     failures: u32,
@@ -207,7 +210,8 @@ impl<D: Device> Actuator<D> {
         if self.initiatives.goals.len() >= OPEN_MAX {
             return self.decline(name, ctx);
         }
-        let wanted = Wanted { goal, insists, failures: 0, asked: None };
+        let conversation = ctx.new_conversation();
+        let wanted = Wanted { goal, conversation, insists, failures: 0, asked: None };
         self.initiatives.goals.insert(name.clone(), wanted);
         if let Some(requester) = ctx.find(&plan_requester()) {
             self.request(&name, requester, ctx);
@@ -222,7 +226,7 @@ impl<D: Device> Actuator<D> {
             to: Some(of.agent.clone()),
             performative: Performative::Request,
             protocol: Protocol::Goal,
-            conversation: ctx.new_conversation(),
+            conversation: wanted.conversation.clone(),
             content: value(&Request::Achieve(wanted.goal.clone())),
         };
         let about = name.to_owned();
@@ -282,10 +286,10 @@ impl<D: Device> Actuator<D> {
     ) {
         tracing::info!(initiative = name, ?wait, "the goal is asked for again");
         ctx.after(wait, move |actuator: &mut Self, ctx| {
-            let wanted = actuator.initiatives.goals.get(&name);
-            let asked = wanted.and_then(|wanted| wanted.asked.as_ref());
-            let of = asked.filter(|asked| asked.asking == asking).map(|asked| asked.of.clone());
-            if let Some(of) = of {
+            let Some(wanted) = actuator.initiatives.goals.get_mut(&name) else { return };
+            let asked = wanted.asked.as_ref().filter(|asked| asked.asking == asking);
+            if let Some(of) = asked.map(|asked| asked.of.clone()) {
+                wanted.conversation = ctx.new_conversation();
                 actuator.request(&name, of, ctx);
             }
         });

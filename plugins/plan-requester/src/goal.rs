@@ -322,12 +322,11 @@ impl Goal {
         is_same && self.engagement.initiator == by.initiator
     }
 
-    /// Whether `asked` is this goal, asked for by a later life of its asker; or by the same, because
-    /// whom it had asked is gone.
+    /// Whether `asked` is this goal, asked for by a later life of its asker. Whoever asks twice in
+    /// one life wants it twice.
     pub(crate) fn is_asked_anew(&self, by: &AgentId, life: Incarnation, asked: &Achieve) -> bool {
         let is_same = self.text == asked.goal && self.keep == asked.keep;
-        let is_anew = self.life < life || self.taken_over.is_some();
-        is_same && self.engagement.initiator == *by && is_anew
+        is_same && self.engagement.initiator == *by && self.life < life
     }
 
     pub(crate) fn status(&self) -> GoalStatus {

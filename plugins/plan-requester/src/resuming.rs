@@ -194,7 +194,7 @@ impl PlanRequester {
     /// Goes on with a goal from where it was kept.
     fn resume(
         &mut self,
-        record: GoalRecord,
+        mut record: GoalRecord,
         version: Version,
         plan: Option<Execute>,
         ctx: &mut Context<Self>,
@@ -206,7 +206,19 @@ impl PlanRequester {
         }
         if record.ended.is_none() && self.is_gone_on_with(&id, record.running.is_some()) {
             // Both sides of a partition did. Theirs stands down; what is kept from now on is later.
+            if record.running.is_some() {
+                self.follow_again(&id, ctx);
+            }
             return self.keep_plan(&id, ctx);
+        }
+        if record.ended.is_some() {
+            self.take_back(&id, ctx);
+        }
+        // Who asked here, in this life, may not listen any more where it asked before.
+        let heard_here = self.goals.get(&id).map(|goal| goal.engagement.clone());
+        let heard_here = heard_here.filter(|engagement| engagement.life == record.engagement.life);
+        if let Some(engagement) = heard_here {
+            record.engagement = engagement;
         }
         self.let_go(&id, ctx);
         let GoalRecord { engagement, life, asked, .. } = &record;
@@ -229,11 +241,23 @@ impl PlanRequester {
             let report = Report::new(Outcome::Cancelled, "its asker asked for it anew");
             return self.keep_ended(&id, GoalRecord { ended: Some(report), ..record }, ctx);
         }
+        self.go_on(record, version, plan, ctx);
+    }
+
+    /// Goes on with a goal that nobody else has.
+    fn go_on(
+        &mut self,
+        record: GoalRecord,
+        version: Version,
+        plan: Option<Execute>,
+        ctx: &mut Context<Self>,
+    ) {
+        let GoalRecord { engagement, life, asked, rounds, failures, running, history, .. } = record;
+        let id = engagement.conversation.clone();
         let condition = match pddl::parse_condition(&asked.goal).into_result() {
             Ok(condition) => condition,
             Err(_) => return tracing::warn!(conversation = %id, "a goal that cannot be read"),
         };
-        let GoalRecord { engagement, life, asked, rounds, failures, running, history, .. } = record;
         tracing::info!(conversation = %id, goal = asked.goal, rounds, "goes on with a goal");
         let mut goal = Goal::new(engagement, life, asked, condition);
         (goal.rounds, goal.failures, goal.version) = (rounds, failures, version);
@@ -259,6 +283,26 @@ impl PlanRequester {
     /// plan under way.
     fn is_gone_on_with(&self, id: &ConversationId, theirs_runs: bool) -> bool {
         self.goals.get(id).is_some_and(|goal| goal.phase.is_running() || !theirs_runs)
+    }
+
+    /// The other side may have asked the executor for the plan that runs here, and would hear of it
+    /// alone.
+    fn follow_again(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        if self.goals.get(id).is_some_and(|goal| matches!(goal.phase, Phase::Executing(_))) {
+            self.ask_executor(id, ctx);
+        }
+    }
+
+    /// A goal has ended elsewhere: nobody needs its plan any more.
+    fn take_back(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        if let Phase::Executing(token) = &goal.phase {
+            let executor = &self.config.plan_executor;
+            ctx.go_on(token, executor, Performative::Cancel, Value::Null);
+            ctx.extend(token, ctx.settings().answer_deadline * 2);
+            // The exchange stays open until the executor has heard.
+            goal.phase = Phase::Queued;
+        }
     }
 
     /// Lets go of a goal without ending it: it is for another to go on with.
