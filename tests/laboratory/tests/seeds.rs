@@ -8,6 +8,12 @@ use laboratory::{Guard, Verdict, play};
 /// plays more.
 const SEEDS: u64 = 60;
 
+/// Seeds that found something once, beyond those: plans that gave way to another Plan Requester's,
+/// a plan that outlived its goal, a check that was made twice in the middle of a blink.
+const MENDED: [u64; 14] = [
+    696, 1_314, 1_582, 1_943, 2_371, 3_137, 4_159, 4_699, 4_920, 5_196, 5_600, 5_945, 6_183, 6_349,
+];
+
 /// Within how many seeds a guard that is taken out must be missed.
 const MISSED_WITHIN: u64 = 1_000;
 
@@ -40,7 +46,7 @@ fn the_same_seed_is_the_same_trial_to_the_byte() {
 
 #[test]
 fn no_seed_breaks_a_promise() {
-    let failed: Vec<_> = (0..SEEDS).map(|seed| played(seed, None)).collect();
+    let failed: Vec<_> = (0..SEEDS).chain(MENDED).map(|seed| played(seed, None)).collect();
     let failed: Vec<_> = failed.iter().filter(|verdict| !verdict.broken.is_empty()).collect();
     let lines: Vec<_> =
         failed.iter().map(|verdict| format!("{}: {:#?}", verdict.seed, verdict.broken)).collect();
