@@ -428,7 +428,9 @@ impl<D: Device> Actuator<D> {
     /// Gives up what nobody follows: nobody asked for it beside who has stood down, or nobody of
     /// them is here, at a second look either.
     fn look_who_follows(&mut self, token: ActionToken, is_second: bool, ctx: &mut Context<Self>) {
-        ctx.after(FOLLOWED_WITHIN, move |actuator: &mut Self, ctx| {
+        // A blink at the first look is over by the second, and the next has not begun.
+        let wait = if is_second { ctx.settings().grace } else { FOLLOWED_WITHIN };
+        ctx.after(wait, move |actuator: &mut Self, ctx| {
             let Some(acting) = actuator.acting.as_ref().filter(|acting| acting.token == token)
             else {
                 return;
