@@ -29,6 +29,8 @@ const LAYERS: &[&[&str]] = &[
         "turtlebot",
         "video-robot",
     ],
+    // Above plugins: its voice is a Keyboard.
+    &["interfacing"],
     &["althing", "laboratory", "tests"],
 ];
 

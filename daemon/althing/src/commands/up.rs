@@ -17,7 +17,7 @@ use crate::commands::client::{self, View};
 use crate::commands::{READY, hearing};
 use crate::config::{self, AgentEntry, Ecosystem, InterfaceEntry, Overrides};
 use crate::hosting::{self, GuestKeys, Node, Part, Stay, Wire, socket_in};
-use crate::interfacing::{self, Other, Shore};
+use crate::interfacing::{self, Other};
 use crate::prompt::{self, Guest};
 use crate::report::Report;
 use crate::service_manager::{self, Watchdog};
@@ -182,9 +182,8 @@ async fn abroad(
         };
         let node = Node::open(part, wire).await.map_err(|error| error.to_string())?;
         if let (Some(ours), Some(theirs)) = (home.landing(), node.landing()) {
-            let ours = Shore { ecosystem, landing: &ours };
-            let theirs = Shore { ecosystem: &other, landing: &theirs };
-            interfacing::connect(&entry, ours, theirs).map_err(|error| error.to_string())?;
+            let (ours, theirs) = (ecosystem.shore(ours), other.shore(theirs));
+            interfacing::connect(&entry, &ours, &theirs).map_err(|error| error.to_string())?;
         }
         tracing::info!(ecosystem = %other.name, called = %entry.called, "joined too");
         abroad.push((node, stay));

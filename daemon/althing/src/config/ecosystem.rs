@@ -10,7 +10,7 @@ use agent::{Mode, Rights, Settings};
 use pddl::{Domain, Problem};
 use serde_json::Value;
 
-use super::interface::InterfaceEntry;
+use super::InterfaceEntry;
 use super::layer::Places;
 use crate::report::Report;
 

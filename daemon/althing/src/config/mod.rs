@@ -8,7 +8,6 @@
 //! All mistakes are found in one pass; each points into the text where it was made.
 
 mod ecosystem;
-mod interface;
 mod meaning;
 mod raw;
 
@@ -33,10 +32,10 @@ use std::sync::Arc;
 use ::config::{Config, ConfigError, Value};
 use agent::Mode;
 
+pub(crate) use ::interfacing::{InterfaceEntry, RuleEntry};
 pub(crate) use ecosystem::{AgentEntry, Ecosystem, SecuritySettings};
 pub(crate) use environment::{Variables, variables};
 pub(crate) use find::{credentials_folder, find_ecosystem_file, resolve_ecosystem};
-pub(crate) use interface::{InterfaceEntry, RuleEntry};
 
 use crate::report::{Report, Source};
 use layer::Layer;

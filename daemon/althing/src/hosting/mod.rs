@@ -16,6 +16,7 @@ use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{Host, Machine, Mode, Resources, Rights, Settings, StateFolder, Switchboard};
+use interfacing::Landing;
 use substrate::Substrate;
 use substrate::memory::Network;
 use tokio_util::sync::CancellationToken;
@@ -64,31 +65,6 @@ pub(crate) struct Node {
     _wire: Wire,
     /// Where the daemon really listens.
     pub(crate) locators: Vec<String>,
-}
-
-/// Where agents that no ecosystem file names can live: those of the interfaces.
-#[derive(Clone)]
-pub(crate) struct Landing {
-    pub(crate) switchboard: Arc<Switchboard>,
-    pub(crate) host: Arc<Host>,
-    /// Set when the daemon drains.
-    pub(crate) stopping: CancellationToken,
-    /// What the drain waits for.
-    pub(crate) tasks: TaskTracker,
-}
-
-impl Landing {
-    /// A place for a new life of an agent that comes from other ecosystems, `via` these.
-    pub(crate) fn berth(
-        &self,
-        id: &AgentId,
-        via: Vec<EcosystemId>,
-        stopping: &CancellationToken,
-    ) -> agent::Berth {
-        let ontology = self.host.ontology.name.to_string();
-        let berth = supervisor::berth(id, &self.switchboard, &ontology, stopping, false);
-        agent::Berth { via: via.into(), ..berth }
-    }
 }
 
 /// Why a node could not be opened. Completes “failed to …”.
@@ -215,6 +191,7 @@ impl Node {
             host: Arc::clone(self.host.as_ref()?),
             stopping: self.stopping.clone(),
             tasks: self.tasks.clone(),
+            tells_way: true,
         })
     }
 

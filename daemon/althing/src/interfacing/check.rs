@@ -7,9 +7,10 @@ use std::path::Path;
 use acl::AgentId;
 use pddl::{ActionModel, Diagnostic, Domain, Problem, Span};
 
-use super::export::{self, Shores};
-use super::translate::Translator;
-use super::words::{Passage, Way, Words};
+use ::interfacing::export::{self, Shores};
+use ::interfacing::translate::Translator;
+use ::interfacing::words::{Passage, Way, Words};
+
 use crate::config::{Ecosystem, InterfaceEntry, KnownPlugin, Overrides, RuleEntry};
 use crate::hosting;
 use crate::report::Report;

@@ -14,7 +14,9 @@ use substrate::memory::Network;
 use tempfile::TempDir;
 use tokio::time::timeout;
 
-use super::{Interface, Shore, connect, load};
+use ::interfacing::Interface;
+
+use super::{connect, load};
 use crate::config::{Ecosystem, Overrides, Variables};
 use crate::hosting::{Node, Part, Wire, simulate};
 use crate::plugins;
@@ -185,8 +187,7 @@ impl Street {
                 let away = open(theirs, entry.called.as_str(), wire, None).await;
                 let (here, there) =
                     (home.landing().expect("a place"), away.landing().expect("one"));
-                let home = Shore { ecosystem: ours, landing: &here };
-                let connected = connect(entry, home, Shore { ecosystem: theirs, landing: &there });
+                let connected = connect(entry, &ours.shore(here), &theirs.shore(there));
                 interfaces.push(connected.unwrap_or_else(|error| panic!("{error}")));
                 abroad.push(away);
             }

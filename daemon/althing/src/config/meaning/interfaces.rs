@@ -10,9 +10,9 @@ use pddl::Diagnostic;
 use super::Meaning;
 use super::files::Files;
 use crate::config::ecosystem::AgentEntry;
-use crate::config::interface::{InterfaceEntry, RuleEntry};
 use crate::config::raw::{RawInterface, RawRule};
 use crate::config::schema::PASSING;
+use crate::config::{InterfaceEntry, RuleEntry};
 
 /// Messages a second that pass where nothing is said: a robot that drives says two or three, and
 /// ten robots are a lot to lend.

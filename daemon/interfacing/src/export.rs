@@ -19,37 +19,40 @@ use super::words::{Passage, Words};
 
 /// Both ecosystems, as far as their files tell.
 #[derive(Clone, Copy)]
-pub(super) struct Shores<'s> {
+pub struct Shores<'s> {
     /// The ontology and the map where the agent lives.
-    pub(super) far: (&'s Domain, &'s Problem),
+    pub far: (&'s Domain, &'s Problem),
     /// The same where its mirror does.
-    pub(super) near: (&'s Domain, &'s Problem),
+    pub near: (&'s Domain, &'s Problem),
 }
 
 /// A mirror's model, and what is not in it.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Exported {
-    pub(super) model: ActionModel,
+pub struct Exported {
+    /// What it says of itself.
+    pub model: ActionModel,
     /// What is so over there whatever the agent says: the map's facts, and what is exported.
-    pub(super) standing: Vec<InitElement>,
+    pub standing: Vec<InitElement>,
     /// Of each of its actions, the longest it may take over there.
-    pub(super) timeouts: BTreeMap<String, Duration>,
-    pub(super) left_out: Vec<LeftOut>,
+    pub timeouts: BTreeMap<String, Duration>,
+    /// What cannot be said here.
+    pub left_out: Vec<LeftOut>,
 }
 
 /// An action that a rule names and that is not exported all the same.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct LeftOut {
+pub struct LeftOut {
     /// Its far name.
-    pub(super) action: String,
+    pub action: String,
     /// Its near name, which is in the rule.
-    pub(super) near: String,
-    pub(super) why: Why,
+    pub near: String,
+    /// Why.
+    pub why: Why,
 }
 
 /// Why an action is not exported.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Why {
+pub enum Why {
     /// Its agent does not offer it.
     NotOffered,
     /// A condition would be lost.
@@ -71,7 +74,7 @@ pub(super) enum Why {
 /// # Errors
 ///
 /// If the agent is of no exported type.
-pub(super) fn export(
+pub fn export(
     words: &Words,
     passage: &Passage,
     shores: Shores<'_>,
@@ -306,7 +309,7 @@ fn costing(value: Expression) -> Effect {
 
 /// A goal in the other side's words: a conjunction of facts over predicates that a rule lets
 /// through. The error is for a person.
-pub(super) fn goal(
+pub(crate) fn goal(
     text: &str,
     predicates: &BTreeSet<String>,
     translator: &Translator<'_>,
@@ -374,7 +377,7 @@ impl fmt::Display for LeftOut {
 
 impl LeftOut {
     /// What would let it through.
-    pub(super) fn help(&self) -> Option<String> {
+    pub fn help(&self) -> Option<String> {
         let LeftOut { near, why, .. } = self;
         match why {
             Why::Condition(Lost::Unexported(sort, name))

@@ -19,11 +19,11 @@ use pddl::{
 use super::words::{Passage, Words};
 
 /// What plans are measured by, in every ontology.
-pub(super) const TOTAL_COST: &str = "total-cost";
+pub(crate) const TOTAL_COST: &str = "total-cost";
 
 /// Something that an action needs and that cannot be said over there.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Lost {
+pub enum Lost {
     /// A symbol that is not in the dictionary: which sort, and which.
     Unexported(&'static str, Name),
     /// A symbol that is its agent's own secret, where it cannot be left to the agent.
@@ -35,7 +35,7 @@ pub(super) enum Lost {
 }
 
 /// What is known of the far side, and what it is called on the near one.
-pub(super) struct Translator<'t> {
+pub struct Translator<'t> {
     words: &'t Words,
     /// The agent whose words these are, and its mirror.
     who: Option<(&'t AgentId, &'t AgentId)>,
@@ -50,7 +50,7 @@ type Said<T> = Result<T, Lost>;
 
 impl<'t> Translator<'t> {
     /// A translator of what `model`'s agent says, over the far ontology.
-    pub(super) fn of_model(
+    pub fn of_model(
         words: &'t Words,
         passage: &'t Passage,
         ontology: &Domain,
@@ -69,7 +69,7 @@ impl<'t> Translator<'t> {
     }
 
     /// A translator of what anybody may say over an ontology.
-    pub(super) fn of_ontology(words: &'t Words, ontology: &Domain) -> Translator<'t> {
+    pub(crate) fn of_ontology(words: &'t Words, ontology: &Domain) -> Translator<'t> {
         let derived = ontology.derived.iter().map(|axiom| axiom.predicate.clone()).collect();
         let (types, private) = (Types::of(ontology), BTreeSet::new());
         let mut translator = Translator { words, who: None, types, private, derived };
@@ -85,13 +85,13 @@ impl<'t> Translator<'t> {
     }
 
     /// Whether a symbol is its agent's own secret.
-    pub(super) fn is_private(&self, name: &str) -> bool {
+    pub fn is_private(&self, name: &str) -> bool {
         self.private.contains(name)
     }
 
     // === symbols ===
 
-    pub(super) fn predicate(&self, name: &Name) -> Said<Name> {
+    pub(crate) fn predicate(&self, name: &Name) -> Said<Name> {
         if self.derived.contains(name) {
             return Err(Lost::Derived(name.clone()));
         }
@@ -115,14 +115,14 @@ impl<'t> Translator<'t> {
         found.ok_or_else(|| Lost::Unexported(sort, name.clone()))
     }
 
-    pub(super) fn object(&self, name: &Name) -> Said<Name> {
+    pub(crate) fn object(&self, name: &Name) -> Said<Name> {
         match self.who {
             Some((agent, mirror)) if *name == agent.as_str() => Ok(Name::new(mirror.as_str())),
             _ => self.symbol("object", &self.words.objects, name),
         }
     }
 
-    pub(super) fn term(&self, term: &Term) -> Said<Term> {
+    pub(crate) fn term(&self, term: &Term) -> Said<Term> {
         match term {
             Term::Variable(name) => Ok(Term::Variable(name.clone())),
             Term::Object(name) => self.object(name).map(Term::Object),
@@ -134,7 +134,7 @@ impl<'t> Translator<'t> {
     }
 
     /// A type exactly: another would let in what the agent does not take.
-    pub(super) fn exact_type(&self, ty: &TypeExpr) -> Said<TypeExpr> {
+    pub(crate) fn exact_type(&self, ty: &TypeExpr) -> Said<TypeExpr> {
         if ty.is_object() {
             return Ok(TypeExpr::default());
         }
@@ -147,7 +147,7 @@ impl<'t> Translator<'t> {
     }
 
     /// The narrowest exported type that a thing of this type has.
-    pub(super) fn nearest_type(&self, ty: &TypeExpr) -> Option<TypeExpr> {
+    pub(crate) fn nearest_type(&self, ty: &TypeExpr) -> Option<TypeExpr> {
         let [name] = &ty.alternatives[..] else { return None };
         match self.words.types.get(name.as_str()) {
             Some(near) => Some(TypeExpr::of(near.clone())),
@@ -156,13 +156,13 @@ impl<'t> Translator<'t> {
     }
 
     /// The narrowest exported type above this one.
-    pub(super) fn nearest_supertype(&self, name: &str) -> Option<TypeExpr> {
+    pub(crate) fn nearest_supertype(&self, name: &str) -> Option<TypeExpr> {
         // Nearest first.
         let mut above = self.types.supertypes(name);
         above.find_map(|ty| self.words.types.get(ty.as_str())).cloned().map(TypeExpr::of)
     }
 
-    pub(super) fn typed(&self, typed: &[Typed]) -> Said<Vec<Typed>> {
+    pub(crate) fn typed(&self, typed: &[Typed]) -> Said<Vec<Typed>> {
         let one =
             |typed: &Typed| Ok(Typed { name: typed.name.clone(), ty: self.exact_type(&typed.ty)? });
         typed.iter().map(one).collect()
@@ -178,7 +178,7 @@ impl<'t> Translator<'t> {
         Ok(FluentTerm { function, arguments: self.terms(&fluent.arguments)?, span: fluent.span })
     }
 
-    pub(super) fn expression(&self, expression: &Expression) -> Said<Expression> {
+    pub(crate) fn expression(&self, expression: &Expression) -> Said<Expression> {
         Ok(match expression {
             Expression::Number(number) => Expression::Number(*number),
             Expression::Fluent(fluent) => Expression::Fluent(self.fluent(fluent)?),
@@ -194,7 +194,7 @@ impl<'t> Translator<'t> {
     }
 
     /// A fact, if all of it may be said.
-    pub(super) fn fact(&self, fact: &InitElement) -> Option<InitElement> {
+    pub(crate) fn fact(&self, fact: &InitElement) -> Option<InitElement> {
         match fact {
             InitElement::Atom(atom) => self.atom(atom).ok().map(InitElement::Atom),
             InitElement::Not(atom) => self.atom(atom).ok().map(InitElement::Not),
@@ -209,7 +209,7 @@ impl<'t> Translator<'t> {
 
     /// What an action needs, as others may know it: conjunct by conjunct, without those that are
     /// the agent's own secret alone.
-    pub(super) fn precondition(&self, condition: &Condition) -> Said<Condition> {
+    pub(crate) fn precondition(&self, condition: &Condition) -> Said<Condition> {
         let mut kept = Vec::new();
         for conjunct in conjuncts(condition) {
             match self.condition(conjunct, true) {
@@ -222,7 +222,7 @@ impl<'t> Translator<'t> {
     }
 
     /// A whole condition. `holds` is false under a negation, where quantifiers are the other way.
-    pub(super) fn condition(&self, condition: &Condition, holds: bool) -> Said<Condition> {
+    pub(crate) fn condition(&self, condition: &Condition, holds: bool) -> Said<Condition> {
         let all = |parts: &[Condition]| -> Said<Vec<Condition>> {
             parts.iter().map(|part| self.condition(part, holds)).collect()
         };
@@ -270,7 +270,7 @@ impl<'t> Translator<'t> {
     // === effects ===
 
     /// What an action changes, as far as others can see it; `None` where they see nothing.
-    pub(super) fn effect(&self, effect: &Effect) -> Said<Option<Effect>> {
+    pub(crate) fn effect(&self, effect: &Effect) -> Said<Option<Effect>> {
         Ok(match effect {
             Effect::And(parts) => {
                 let parts = parts.iter().map(|part| self.effect(part)).collect::<Said<Vec<_>>>()?;
@@ -309,7 +309,7 @@ impl<'t> Translator<'t> {
     }
 
     /// What an action adds to the cost of a plan, if it says so at all.
-    pub(super) fn cost(&self, effect: &Effect) -> Said<Option<Expression>> {
+    pub(crate) fn cost(&self, effect: &Effect) -> Said<Option<Expression>> {
         match effect {
             Effect::And(parts) => {
                 for part in parts {
@@ -332,7 +332,7 @@ impl<'t> Translator<'t> {
 
 /// A ground action under the names it has on the other side: of the agent, of its action, of what
 /// it is done to. The error says what is not there.
-pub(super) fn step(
+pub(crate) fn step(
     step: &PlanStep,
     actions: &BTreeMap<String, Name>,
     who: (&AgentId, &AgentId),

@@ -17,7 +17,7 @@ const NEWS_MAX: usize = 64;
 
 /// A hold on the voice. Clones speak with the same one.
 #[derive(Clone, Debug)]
-pub(crate) struct Voice(mpsc::Sender<Order>);
+pub struct Voice(mpsc::Sender<Order>);
 
 #[derive(Debug)]
 enum Order {
@@ -26,7 +26,7 @@ enum Order {
 }
 
 /// Something that was asked for. Dropped before its end, it is taken back.
-pub(crate) struct Asked {
+pub struct Asked {
     voice: Voice,
     news: mpsc::Receiver<Heard>,
     conversation: Option<ConversationId>,
@@ -36,8 +36,10 @@ pub(crate) struct Asked {
 
 /// What became of it.
 #[derive(Clone, Debug)]
-pub(crate) enum News {
+pub enum News {
+    /// How it stands.
     Report(Report),
+    /// It was declined.
     Refused(Refusal),
     /// Nobody took it.
     Unanswered,
@@ -45,7 +47,7 @@ pub(crate) enum News {
 
 impl Voice {
     /// A voice that speaks through this terminal; the future carries what is said.
-    pub(crate) fn new(terminal: Terminal) -> (Voice, impl Future<Output = ()> + Send + 'static) {
+    pub fn new(terminal: Terminal) -> (Voice, impl Future<Output = ()> + Send + 'static) {
         let (orders, heard) = mpsc::channel(ORDERS_MAX);
         let speaker =
             Speaker { terminal, orders: heard, said: VecDeque::new(), open: BTreeMap::new() };
@@ -53,23 +55,23 @@ impl Voice {
     }
 
     /// Asks for one action.
-    pub(crate) async fn act(&self, action: String, revocable: bool) -> Asked {
+    pub async fn act(&self, action: String, revocable: bool) -> Asked {
         self.ask(Said::Act(action), revocable).await
     }
 
     /// Asks for a goal.
-    pub(crate) async fn wish(&self, wish: Wish, revocable: bool) -> Asked {
+    pub async fn wish(&self, wish: Wish, revocable: bool) -> Asked {
         self.ask(Said::Wish(wish), revocable).await
     }
 
     /// Gives something up.
-    pub(crate) async fn cancel(&self, conversation: ConversationId) {
+    pub async fn cancel(&self, conversation: ConversationId) {
         // A voice that has ended has given up everything.
         let _ = self.0.send(Order::Cancel(conversation)).await;
     }
 
     /// Says something that is answered.
-    pub(crate) async fn ask(&self, said: Said, revocable: bool) -> Asked {
+    pub async fn ask(&self, said: Said, revocable: bool) -> Asked {
         let (tell, news) = mpsc::channel(NEWS_MAX);
         // A voice that has ended drops the sender: then nothing is heard, which is an answer.
         let _ = self.0.send(Order::Ask(said, tell)).await;
@@ -79,12 +81,12 @@ impl Voice {
 
 impl Asked {
     /// Its conversation, once it has one.
-    pub(crate) fn conversation(&self) -> Option<&ConversationId> {
+    pub fn conversation(&self) -> Option<&ConversationId> {
         self.conversation.as_ref()
     }
 
     /// The next news; the last is final.
-    pub(crate) async fn next(&mut self) -> News {
+    pub async fn next(&mut self) -> News {
         loop {
             let Some(heard) = self.news.recv().await else {
                 self.revocable = false;
@@ -121,7 +123,7 @@ impl Drop for Asked {
 
 impl News {
     /// Whether nothing more follows.
-    pub(crate) fn is_final(&self) -> bool {
+    pub fn is_final(&self) -> bool {
         match self {
             News::Report(report) => report.outcome.is_final(),
             News::Refused(_) | News::Unanswered => true,
@@ -129,7 +131,7 @@ impl News {
     }
 
     /// How it stands, in words of our own: what they say over there stays over there.
-    pub(crate) fn reason(&self) -> Option<Reason> {
+    pub fn reason(&self) -> Option<Reason> {
         match self {
             News::Refused(refusal) => Some(refusal.reason),
             News::Report(report) if report.outcome == Outcome::Failed => {
@@ -165,6 +167,7 @@ impl Speaker {
     async fn run(mut self) {
         loop {
             tokio::select! {
+                biased;
                 order = self.orders.recv() => match order {
                     Some(order) => self.say(order).await,
                     None => return,

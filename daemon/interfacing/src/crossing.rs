@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use super::mirror::{Crossing, Mirror};
 use super::observer::{Sight, Sighted};
-use crate::hosting::Landing;
+use crate::landing::Landing;
 
 /// Ecosystems that an agent may come through. Whoever lends what was lent to him twice over does
 /// not know any more what he lends.
@@ -25,6 +25,7 @@ pub(super) async fn mirror(crossing: Arc<Crossing>, mut sight: Sight, near: Land
     let stopping = near.stopping.clone();
     loop {
         let sighted = tokio::select! {
+            biased;
             () = stopping.cancelled() => return,
             sighted = appeared(&mut sight) => match sighted {
                 Some(sighted) => sighted,
@@ -49,6 +50,7 @@ pub(super) async fn mirror(crossing: Arc<Crossing>, mut sight: Sight, near: Land
         let device = Mirror::new(Arc::clone(&crossing), sight.clone(), sighted, exported);
         if !live(&crossing, device, via, incarnation, &mut sight, &near).await {
             tokio::select! {
+                biased;
                 () = stopping.cancelled() => return,
                 () = tokio::time::sleep(REST) => (),
             }
@@ -83,6 +85,7 @@ async fn live(
     let mut life = agent.launch(near.berth(id, via, &stopping));
     tracing::info!(%id, of = %crossing.passage.agent, far = %crossing.far, "is mirrored");
     let ended = tokio::select! {
+        biased;
         ended = &mut life => ended,
         () = gone(sight, incarnation) => {
             tracing::info!(%id, of = %crossing.passage.agent, far = %crossing.far, "has left");

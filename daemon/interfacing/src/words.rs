@@ -6,22 +6,26 @@ use std::collections::BTreeMap;
 use acl::{AgentId, EcosystemId};
 use pddl::Name;
 
-use crate::config::{InterfaceEntry, RuleEntry};
+use crate::entry::{InterfaceEntry, RuleEntry};
 
 /// The words of the far ecosystem, as they are called in the near one.
 ///
 /// *Far* is where an agent lives, *near* where its mirror does.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Words {
-    pub(super) types: BTreeMap<String, Name>,
-    pub(super) predicates: BTreeMap<String, Name>,
-    pub(super) functions: BTreeMap<String, Name>,
-    pub(super) objects: BTreeMap<String, Name>,
+pub struct Words {
+    /// Types.
+    pub types: BTreeMap<String, Name>,
+    /// Predicates.
+    pub predicates: BTreeMap<String, Name>,
+    /// Functions.
+    pub functions: BTreeMap<String, Name>,
+    /// Objects.
+    pub objects: BTreeMap<String, Name>,
 }
 
 /// Which way a rule lets an agent through.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Way {
+pub enum Way {
     /// One of theirs is mirrored here.
     Import,
     /// One of ours is mirrored there.
@@ -30,25 +34,25 @@ pub(super) enum Way {
 
 /// What one rule lets through, read from the far side to the near one.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Passage {
+pub struct Passage {
     /// The agent, where it lives.
-    pub(super) agent: AgentId,
+    pub agent: AgentId,
     /// The same where its mirror is.
-    pub(super) mirror: AgentId,
+    pub mirror: AgentId,
     /// The predicate that holds of what is exported: over there are more rooms than here, and here
     /// more than over there.
-    pub(super) guard: Name,
+    pub guard: Name,
     /// Far = near.
-    pub(super) actions: BTreeMap<String, Name>,
+    pub actions: BTreeMap<String, Name>,
     /// What an action costs plans, under its near name.
-    pub(super) costs: BTreeMap<String, f64>,
+    pub costs: BTreeMap<String, f64>,
 }
 
 // === impl Words ===
 
 impl Words {
     /// The dictionary of an interface for what goes this way.
-    pub(super) fn of(entry: &InterfaceEntry, way: Way) -> Words {
+    pub fn of(entry: &InterfaceEntry, way: Way) -> Words {
         let turned = |table: &BTreeMap<String, String>| turned(table, way);
         Words {
             types: turned(&entry.types),
@@ -59,7 +63,7 @@ impl Words {
     }
 
     /// The same for what goes the other way.
-    pub(super) fn reversed(&self) -> Words {
+    pub fn reversed(&self) -> Words {
         let reversed = |table: &BTreeMap<String, Name>| -> BTreeMap<String, Name> {
             table.iter().map(|(far, near)| (near.as_str().to_owned(), Name::new(far))).collect()
         };
@@ -76,7 +80,7 @@ impl Words {
 
 impl Passage {
     /// What a rule about an agent of the ecosystem `far` lets through.
-    pub(super) fn of(rule: &RuleEntry, far: &EcosystemId, way: Way) -> Option<Passage> {
+    pub fn of(rule: &RuleEntry, far: &EcosystemId, way: Way) -> Option<Passage> {
         Some(Passage {
             agent: rule.agent.clone()?,
             mirror: rule.called.clone(),

@@ -47,15 +47,15 @@ pub(super) struct Crossing {
 
 /// What was let through and what was not, for the operator.
 #[derive(Debug, Default)]
-pub(crate) struct Counters {
+pub struct Counters {
     /// Requests that were passed on.
-    pub(crate) passed: AtomicU64,
+    pub passed: AtomicU64,
     /// Requests that were refused because too much passed.
-    pub(crate) over_rate: AtomicU64,
+    pub over_rate: AtomicU64,
     /// Requests that name what is not exported.
-    pub(crate) unexported: AtomicU64,
+    pub unexported: AtomicU64,
     /// Agents that would have come back to where they come from.
-    pub(crate) looped: AtomicU64,
+    pub looped: AtomicU64,
 }
 
 // === impl Crossing ===

@@ -1,0 +1,235 @@
+//! Interfacing nodes (the paper, “Interfacing Node”; design, “Between ecosystems”): a daemon that
+//! takes part in two ecosystems, and passes on exactly what its rules export.
+//!
+//! - No message crosses. What crosses is an agent: where one lives, `observer` watches it; where it
+//!   is to be known, `mirror` is an actuator of its own with what its model says in the words of
+//!   that side (`words`, `translate`, `export`); what the mirror is asked to do, `voice` asks on
+//!   the real one's side, as a person would. So tokens, receipts, incarnations and conversations
+//!   are each ecosystem's own, and no id of one is ever heard in the other.
+//! - `desk` takes goals for the other side; `crossing` lets a mirror live and leave with the real
+//!   one, and stops what comes back to where it came from; `bucket` bounds how much passes.
+//!
+//! Leaves to others: what a mirror does as an actuator (`actuator`); reading the rules, holding them
+//! against both ecosystems' words, and both wires (`althing`).
+
+mod bucket;
+mod crossing;
+mod desk;
+mod entry;
+pub mod export;
+mod landing;
+mod mirror;
+mod observer;
+pub mod translate;
+pub mod voice;
+pub mod words;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use acl::{AgentId, EcosystemId, Performative};
+use agent::Launch;
+use keyboard::Keyboard;
+use pddl::{Domain, Problem};
+
+use bucket::Bucket;
+use desk::Desk;
+pub use entry::{InterfaceEntry, RuleEntry};
+pub use landing::Landing;
+pub use mirror::Counters;
+use mirror::Crossing;
+use observer::{Observer, Sight};
+use voice::Voice;
+use words::{Passage, Way, Words};
+
+/// One ecosystem, and where in it our agents can live.
+#[derive(Clone)]
+pub struct Shore {
+    /// The ecosystem.
+    pub name: EcosystemId,
+    /// Its words.
+    pub domain: Arc<Domain>,
+    /// Its map.
+    pub problem: Arc<Problem>,
+    /// Where our agents live.
+    pub landing: Landing,
+}
+
+/// What an interface has let through so far.
+pub struct Interface {
+    /// From them to us.
+    pub imported: Arc<Counters>,
+    /// From us to them.
+    pub exported: Arc<Counters>,
+}
+
+/// Why an interface cannot work. Completes “failed to …”.
+#[derive(Debug, thiserror::Error)]
+pub enum InterfaceError {
+    /// What it would be called cannot be a name.
+    #[error("join `{far}`: {source}")]
+    Name {
+        /// The other ecosystem.
+        far: EcosystemId,
+        /// What is wrong with the name.
+        #[source]
+        source: acl::InvalidName,
+    },
+}
+
+/// Lets an interface work until its daemon drains: `home` is ours, `away` the other ecosystem.
+///
+/// # Errors
+///
+/// If a name cannot be made for what speaks or watches.
+pub fn connect(
+    entry: &InterfaceEntry,
+    home: &Shore,
+    away: &Shore,
+) -> Result<Interface, InterfaceError> {
+    let (outward, inward) = (Bucket::new(entry.rate), Bucket::new(entry.rate));
+    let (outward, inward) = (Arc::new(outward), Arc::new(inward));
+    let interface = Interface { imported: Arc::default(), exported: Arc::default() };
+    let name = |text: &str| {
+        let far = away.name.clone();
+        AgentId::new(text).map_err(|source| InterfaceError::Name { far, source })
+    };
+    let imports = Bridge {
+        entry,
+        way: Way::Import,
+        near: home.clone(),
+        far: away.clone(),
+        called: entry.called.clone(),
+        outward: Arc::clone(&outward),
+        inward: Arc::clone(&inward),
+        counters: Arc::clone(&interface.imported),
+    };
+    imports.build(&entry.imports, &name(&format!("{}-watch", entry.called))?);
+    let theirs = away.name.as_str();
+    let exports = Bridge {
+        entry,
+        way: Way::Export,
+        near: away.clone(),
+        far: home.clone(),
+        called: name(theirs)?,
+        outward: inward,
+        inward: outward,
+        counters: Arc::clone(&interface.exported),
+    };
+    exports.build(&entry.exports, &name(&format!("{theirs}-watch"))?);
+    Ok(interface)
+}
+
+/// One direction of an interface: agents of `far` are known in `near`.
+struct Bridge<'b> {
+    entry: &'b InterfaceEntry,
+    way: Way,
+    near: Shore,
+    far: Shore,
+    /// What speaks for `near` in `far`.
+    called: AgentId,
+    /// To `far`, and from it.
+    outward: Arc<Bucket>,
+    inward: Arc<Bucket>,
+    counters: Arc<Counters>,
+}
+
+impl Bridge<'_> {
+    fn build(&self, rules: &[RuleEntry], watcher: &AgentId) {
+        if rules.is_empty() {
+            return;
+        }
+        let voice = self.speak();
+        let watched = rules.iter().filter_map(|rule| rule.agent.clone());
+        let (observer, sights) = Observer::of(watched);
+        if !sights.is_empty() {
+            self.launch(&self.far.landing, watcher, observer, self.speaking_for());
+        }
+        for rule in rules {
+            match Passage::of(rule, &self.far.name, self.way) {
+                Some(passage) => self.mirror(rule, passage, &sights, &voice),
+                None => self.desk(rule, &voice),
+            }
+        }
+    }
+
+    /// What speaks for `near` comes from there.
+    fn speaking_for(&self) -> Vec<EcosystemId> {
+        vec![self.near.name.clone()]
+    }
+
+    fn speak(&self) -> Voice {
+        let (keyboard, terminal) = Keyboard::with_terminal();
+        let (voice, speaking) = Voice::new(terminal);
+        self.launch(&self.far.landing, &self.called, keyboard, self.speaking_for());
+        self.far.landing.tasks.spawn(speaking);
+        voice
+    }
+
+    fn mirror(
+        &self,
+        rule: &RuleEntry,
+        passage: Passage,
+        sights: &BTreeMap<AgentId, Sight>,
+        voice: &Voice,
+    ) {
+        let Some(sight) = sights.get(&passage.agent).cloned() else { return };
+        let files = |shore: &Shore| (Arc::clone(&shore.domain), Arc::clone(&shore.problem));
+        let crossing = Crossing {
+            passage,
+            performatives: rule.performatives.clone(),
+            words: Words::of(self.entry, self.way),
+            far: self.far.name.clone(),
+            far_files: files(&self.far),
+            near_files: files(&self.near),
+            voice: voice.clone(),
+            outward: Arc::clone(&self.outward),
+            inward: Arc::clone(&self.inward),
+            counters: Arc::clone(&self.counters),
+        };
+        let near = self.near.landing.clone();
+        self.near.landing.tasks.spawn(crossing::mirror(Arc::new(crossing), sight, near));
+    }
+
+    fn desk(&self, rule: &RuleEntry, voice: &Voice) {
+        // Goals are always named in our words; a rule of exports lets them be asked for in theirs.
+        let words = Words::of(self.entry, self.way).reversed();
+        let goals = match self.way {
+            Way::Import => rule.goals.clone(),
+            Way::Export => { rule.goals.iter() }
+                .filter_map(|goal| self.entry.predicates.get(goal).cloned())
+                .collect(),
+        };
+        let desk = Desk {
+            far: self.far.name.clone(),
+            goals,
+            words,
+            near: Arc::clone(&self.near.domain),
+            revocable: rule.performatives.contains(&Performative::Cancel),
+            voice: voice.clone(),
+            outward: Arc::clone(&self.outward),
+            counters: Arc::clone(&self.counters),
+            open: BTreeMap::new(),
+        };
+        let via = vec![self.far.name.clone()];
+        self.launch(&self.near.landing, &rule.called, desk, via);
+    }
+
+    fn launch(
+        &self,
+        landing: &Landing,
+        id: &AgentId,
+        agent: impl agent::Agent,
+        via: Vec<EcosystemId>,
+    ) {
+        let life = Box::new(agent).launch(landing.berth(id, via, &landing.stopping));
+        let id = id.clone();
+        landing.tasks.spawn(async move {
+            match life.await {
+                Ok(Ok(())) => (),
+                Ok(Err(error)) => tracing::error!(%id, "failed to {error}"),
+                Err(error) => tracing::error!(%id, %error, "the agent broke"),
+            }
+        });
+    }
+}
