@@ -8,6 +8,8 @@ use acl::content::{GoalStatus, Keep, Record};
 use building::{Event, Truth};
 
 use crate::city::City;
+use crate::gates::Gate;
+use crate::machine::Post;
 use crate::people::Story;
 use crate::script::BLINKS_UNTIL;
 
@@ -23,6 +25,7 @@ pub fn all(city: &City, goals: &[GoalStatus], has_settled: bool) -> Vec<String> 
         broken.extend(repeated(city, story));
         broken.extend(vanished(story, &kept, goals));
     }
+    broken.extend(city.posts.iter().filter_map(Post::gate).flat_map(Gate::broken));
     if !has_settled {
         let open = goals.iter().filter(|goal| !rests(goal));
         broken.extend(open.map(|goal| format!("{} never ends: {}", goal.goal, goal.phase)));

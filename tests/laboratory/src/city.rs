@@ -9,10 +9,12 @@ use acl::content::GoalStatus;
 use acl::{ConversationId, DaemonId, MessageId, Performative};
 use agent::{Ask, Resource, Settings};
 use building::{Building, Truth};
+use keyboard::Terminal;
 use substrate::faulty::{Cut, Network, Weather};
 use substrate::{Addressed, Subject};
 use tokio::time::Instant;
 
+use crate::gates;
 use crate::machine::{Post, World};
 use crate::people::Person;
 use crate::script::{Entry, Fault, Guard, Script};
@@ -35,6 +37,8 @@ pub struct City {
     pub posts: Vec<Post>,
     /// Who asks.
     pub people: Vec<Person>,
+    /// Who asks for what another ecosystem should do.
+    clerk: Option<Terminal>,
     /// How often each agent began each command.
     pub begun: BTreeMap<(String, String), u32>,
     /// What was said to people, as the wire has it.
@@ -96,6 +100,7 @@ impl City {
             map: Arc::new(map),
             settings: settings(without),
             network,
+            annex: (!script.errands.is_empty()).then(|| Network::new(script.seed)),
             building: building.handle(),
             without,
             broken: Mutex::default(),
@@ -103,14 +108,25 @@ impl City {
         });
         let mut posts = Vec::new();
         for (number, name) in world.script.daemons.iter().enumerate() {
-            let state = folder.join(name);
-            std::fs::create_dir_all(&state)?;
-            posts.push(Post::new(&world, number, state));
+            posts.push(Post::new(&world, number, folder.join(name))?);
         }
         let said = Arc::<Said>::default();
         let people = PEOPLE.map(|name| Person::new(name, since)).into();
         let (begun, carried, agenda) = (BTreeMap::new(), BTreeMap::new(), BTreeMap::new());
-        Ok(City { world, posts, people, begun, said, building, since, agenda, undone: 0, carried })
+        let (clerk, undone) = (None, 0);
+        Ok(City {
+            world,
+            posts,
+            people,
+            clerk,
+            begun,
+            said,
+            building,
+            since,
+            agenda,
+            undone,
+            carried,
+        })
     }
 
     /// How long the trial has lasted.
@@ -128,10 +144,15 @@ impl City {
         if self.posts[number].is_up() {
             return;
         }
+        // Not when it dies: in that very instant its disk may still take something.
+        self.read_begun(number);
         for (command, times) in self.on_disk(number, Unended) {
             self.carried.insert(command, times);
         }
         self.posts[number].start();
+        if number == 0 && self.world.annex.is_some() {
+            self.clerk = self.posts[0].seat("clerk");
+        }
         for (person, seat) in SEATS.into_iter().enumerate() {
             if seat == number {
                 let terminal = self.posts[number].seat(&self.people[person].name);
@@ -151,7 +172,6 @@ impl City {
                 self.people[person].lose();
             }
         }
-        self.read_begun(number);
     }
 
     /// Lets something go wrong.
@@ -230,7 +250,23 @@ impl City {
         }
     }
 
+    /// Asks the second ecosystem for what only we can do.
+    pub fn ask_annex(&self) {
+        let goal = "(known-temperature room-1)";
+        if let Some(clerk) = &self.clerk {
+            // A clerk who is not heard does not matter.
+            let _ = clerk.say.try_send(gates::errand(goal));
+        }
+    }
+
     // === looking ===
+
+    /// What has come back from the second ecosystem, and must not.
+    pub fn came_back(&mut self) -> Option<String> {
+        let clerk = self.clerk.as_mut()?;
+        while clerk.hear.try_recv().is_ok() {}
+        gates::came_back(self.posts[0].switchboard()?)
+    }
 
     /// The goals that the acting Plan Requester has, as a person asks for them.
     pub async fn goals(&self) -> Vec<GoalStatus> {
@@ -293,7 +329,7 @@ fn settings(without: Option<Guard>) -> Settings {
         Some(Guard::Fencing) => settings.tokens_max = 0,
         Some(Guard::Duplicates) => settings.heard_messages_max = 0,
         Some(Guard::Grace) => settings.grace = Duration::ZERO,
-        Some(Guard::Journal) | None => (),
+        Some(Guard::Journal | Guard::Loops) | None => (),
     }
     settings
 }

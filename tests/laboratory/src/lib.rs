@@ -9,12 +9,14 @@
 //! - [`script`]: what a seed decides: who lives where, who asks for what, what goes wrong when.
 //! - [`machine`]: one daemon on one machine, with a clock and a disk that outlive its processes.
 //! - [`city`]: all machines, the wire between them, the building.
+//! - [`gates`]: a second ecosystem, and the interfacing nodes between both.
 //! - [`people`]: who asks for goals, and what they hear.
 //! - [`checks`]: what must hold afterwards.
 //! - [`trial`]: plays a seed.
 
 pub mod checks;
 pub mod city;
+pub mod gates;
 pub mod machine;
 pub mod people;
 pub mod script;

@@ -24,6 +24,7 @@ use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument;
 
+use crate::gates::{Gate, LABORATORY};
 use crate::script::{Entry, Guard, Script};
 
 /// The plugins that live here.
@@ -57,6 +58,8 @@ pub struct World {
     pub settings: Settings,
     /// What connects the machines.
     pub network: Network,
+    /// What connects those that are in a second ecosystem too, if there is one.
+    pub annex: Option<Network>,
     /// The building.
     pub building: BuildingHandle,
     /// Which guard is out.
@@ -75,6 +78,7 @@ pub struct Post {
     clock: Arc<Clock>,
     world: Arc<World>,
     process: Option<Process>,
+    gate: Option<Gate>,
 }
 
 /// A running daemon.
@@ -112,7 +116,11 @@ impl Simulated for Clock {
 
 impl Post {
     /// A machine that is switched off; what it keeps it keeps in `state`.
-    pub fn new(world: &Arc<World>, number: usize, state: PathBuf) -> Post {
+    ///
+    /// # Errors
+    ///
+    /// If there is no room for that.
+    pub fn new(world: &Arc<World>, number: usize, state: PathBuf) -> std::io::Result<Post> {
         let name = &world.script.daemons[number];
         let seed = world.script.seed ^ (number as u64 + 1).rotate_left(32);
         let clock = Clock {
@@ -121,7 +129,9 @@ impl Post {
             jumped: AtomicI64::new(0),
             disk: Mutex::new(Rng::with_seed(seed)),
         };
-        Post {
+        std::fs::create_dir_all(&state)?;
+        let gate = world.script.way(number).map(|way| Gate::new(way, &state)).transpose()?;
+        Ok(Post {
             daemon: DaemonId::new(name).expect("invariant: the script gives names"),
             number,
             state,
@@ -129,7 +139,8 @@ impl Post {
             clock: Arc::new(clock),
             world: Arc::clone(world),
             process: None,
-        }
+            gate,
+        })
     }
 
     /// Whether its daemon runs.
@@ -143,11 +154,15 @@ impl Post {
             return;
         }
         let world = Arc::clone(&self.world);
-        let ecosystem = EcosystemId::new("laboratory").expect("invariant: a name");
-        let simulated: Arc<dyn Simulated> = Arc::<Clock>::clone(&self.clock);
-        let machine = Machine::simulated(simulated, Some(self.state.clone()));
-        let switchboard =
-            Switchboard::on(machine, ecosystem, self.daemon.clone(), world.settings.clone());
+        let ecosystem = EcosystemId::new(LABORATORY).expect("invariant: a name");
+        let clock = Arc::<Clock>::clone(&self.clock);
+        let machine = move |state| Machine::simulated(clock.clone(), Some(state));
+        let switchboard = Switchboard::on(
+            machine(self.state.clone()),
+            ecosystem,
+            self.daemon.clone(),
+            world.settings.clone(),
+        );
         let inbound = Arc::<Switchboard>::clone(&switchboard);
         switchboard.connect(world.network.open(self.daemon.clone(), inbound));
         let host = self.host();
@@ -156,6 +171,9 @@ impl Post {
         {
             process.begin(entry, &world);
         }
+        if let Some(gate) = &mut self.gate {
+            gate.open(&world, machine, (&process.switchboard, &process.host));
+        }
         self.process = Some(process);
     }
 
@@ -163,6 +181,9 @@ impl Post {
     pub fn kill(&mut self) {
         let Some(process) = self.process.take() else { return };
         self.world.network.kill(&self.daemon);
+        if let Some(gate) = &mut self.gate {
+            gate.kill(&self.world, &self.daemon);
+        }
         process.agents.iter().for_each(JoinHandle::abort);
         if self.world.without == Some(Guard::Journal) {
             self.shelf = Arc::default();
@@ -188,6 +209,11 @@ impl Post {
     /// What a person at this machine can ask the daemons for.
     pub fn switchboard(&self) -> Option<&Arc<Switchboard>> {
         self.process.as_ref().map(|process| &process.switchboard)
+    }
+
+    /// What makes it an interfacing node, if it is one.
+    pub fn gate(&self) -> Option<&Gate> {
+        self.gate.as_ref()
     }
 
     /// What its Journal has on disk.

@@ -8,11 +8,19 @@ use building::{Layout, LayoutError};
 use fastrand::Rng;
 use serde_json::{Value, json};
 
+use crate::gates::Way;
+
 /// How long only blinks disturb: nothing may come of them.
 pub const BLINKS_UNTIL: Duration = Duration::from_secs(20);
 
 /// How long things go wrong.
 pub const FAULTS_UNTIL: Duration = Duration::from_secs(75);
+
+/// Of so many seeds, one has a second ecosystem.
+const JOINED_EVERY: u64 = 4;
+
+/// The interfacing nodes.
+const GATES: [&str; 2] = ["gate-there", "gate-back"];
 
 /// What a trial has at least.
 pub const DAEMONS_MIN: usize = 5;
@@ -37,6 +45,8 @@ pub enum Guard {
     Journal,
     /// A plan bears the absence of an agent for a while.
     Grace,
+    /// Agents tell through which ecosystems they have come.
+    Loops,
 }
 
 /// A trial, drawn from a seed.
@@ -56,6 +66,9 @@ pub struct Script {
     pub wishes: Vec<Wish>,
     /// What goes wrong, in its order.
     pub faults: Vec<(Duration, Fault)>,
+    /// When goals are asked of a second ecosystem; none if there is none. The last two daemons are
+    /// interfacing nodes then.
+    pub errands: Vec<Duration>,
 }
 
 /// One agent.
@@ -137,7 +150,42 @@ impl Script {
         let robots = agents.iter().filter(|entry| entry.plugin == "turtlebot");
         let robots: Vec<_> = robots.flat_map(|entry| entry.daemons.clone()).collect();
         let faults = faults(daemons.len(), &robots, rng);
-        Ok(Script { seed, mode, daemons, agents, layout, wishes, faults })
+        let errands = Vec::new();
+        let mut script = Script { seed, mode, daemons, agents, layout, wishes, faults, errands };
+        if seed % JOINED_EVERY == JOINED_EVERY - 1 {
+            script.join(rng);
+        }
+        Ok(script)
+    }
+
+    /// Joins a second ecosystem by two interfacing nodes, which die and are cut off as others do.
+    fn join(&mut self, rng: &mut Rng) {
+        let (from, until) = (BLINKS_UNTIL.as_millis() as u64, FAULTS_UNTIL.as_millis() as u64);
+        let millis = |rng: &mut Rng, range| Duration::from_millis(rng.u64(range));
+        for gate in GATES {
+            self.daemons.push(gate.to_owned());
+            let number = self.daemons.len() - 1;
+            for _ in 0..rng.usize(1..4) {
+                let (lease, lasts) = (millis(rng, 0..2_000), millis(rng, 100..9_000));
+                let fault = match rng.bool() {
+                    true => Fault::Crash(number, lasts),
+                    false => Fault::Cut([number].into(), lease, lasts),
+                };
+                self.faults.push((millis(rng, from..until), fault));
+            }
+        }
+        self.faults.sort_by_key(|(at, _)| *at);
+        self.errands = (0..3).map(|_| millis(rng, 3_000..60_000)).collect();
+        self.errands.sort();
+    }
+
+    /// Which way this daemon lets things through between both ecosystems, if it does.
+    pub fn way(&self, number: usize) -> Option<Way> {
+        let first = self.daemons.len() - GATES.len();
+        match number.checked_sub(first).filter(|_| !self.errands.is_empty())? {
+            0 => Some(Way::There),
+            _ => Some(Way::Back),
+        }
     }
 }
 

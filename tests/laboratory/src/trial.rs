@@ -76,6 +76,14 @@ impl Trial {
     fn new(city: City) -> Trial {
         let digest = Arc::new(Mutex::new(DefaultHasher::new()));
         let (heard, since) = (Arc::clone(&digest), Instant::now());
+        if let Some(annex) = &city.world.annex {
+            let heard = Arc::clone(&digest);
+            annex.tap(move |from, addressed, payload| {
+                let mut digest = heard.lock().unwrap_or_else(PoisonError::into_inner);
+                (since.elapsed(), from.as_str(), format!("{addressed:?}")).hash(&mut *digest);
+                payload.hash(&mut *digest);
+            });
+        }
         let said = Arc::clone(&city.said);
         city.world.network.tap(move |from, addressed, payload| {
             let mut digest = heard.lock().unwrap_or_else(PoisonError::into_inner);
@@ -110,10 +118,13 @@ impl Trial {
     async fn suffer(&mut self) {
         let mut wishes = self.city.world.script.wishes.clone().into_iter().enumerate().peekable();
         let mut faults = self.city.world.script.faults.clone().into_iter().peekable();
+        let mut errands = self.city.world.script.errands.clone().into_iter().peekable();
         while self.city.now() < FAULTS_UNTIL {
             let next_wish = wishes.peek().map(|(_, wish)| wish.at);
             let next_fault = faults.peek().map(|(at, _)| *at);
-            let next = [next_wish, next_fault, self.city.next_end(), Some(FAULTS_UNTIL)];
+            let next_errand = errands.peek().copied();
+            let next =
+                [next_wish, next_fault, next_errand, self.city.next_end(), Some(FAULTS_UNTIL)];
             let next = next.into_iter().flatten().min().unwrap_or(FAULTS_UNTIL);
             self.wait_until(next).await;
             let now = self.city.now();
@@ -121,6 +132,9 @@ impl Trial {
             while let Some((_, fault)) = faults.next_if(|(at, _)| *at <= now) {
                 tracing::info!(?fault, "goes wrong");
                 self.city.suffer(&fault);
+            }
+            while errands.next_if(|at| *at <= now).is_some() {
+                self.city.ask_annex();
             }
             while let Some((number, wish)) = wishes.next_if(|(_, wish)| wish.at <= now) {
                 let by = wish.by;
@@ -159,6 +173,11 @@ impl Trial {
     /// People look at their terminals; what they are told is done must be so.
     fn look(&mut self) {
         let truth = self.city.truth();
+        if let Some(came_back) = self.city.came_back()
+            && !self.broken.contains(&came_back)
+        {
+            self.broken.push(came_back);
+        }
         for person in &mut self.city.people {
             let before: Vec<_> = person.stories.values().map(|story| story.end).collect();
             person.hear();
