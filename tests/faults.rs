@@ -10,8 +10,8 @@
 //! ALTHING_FAULTS=200 cargo test --workspace --test faults -- --nocapture
 //! ```
 //!
-//! plays that many rounds of all kinds and prints a table; without the number it is one round of each
-//! of the first nine kinds. `ALTHING_FAULTS_OF=pieces` plays only kinds with that word.
+//! plays that many rounds of all kinds and prints a table; without the number it is one round of
+//! each. `ALTHING_FAULTS_OF=pieces` plays only kinds with that word.
 
 mod support;
 #[path = "support/testbed.rs"]
@@ -42,10 +42,6 @@ const TRIED_MAX: usize = 5;
 /// What a small disk gives to a file at a time.
 const PAGE_BYTES: u64 = 4_096;
 
-/// The kinds that are always played, and the first. The others wait for leases to pass, and
-/// depend on what Zenoh makes of links that close on one side only: see `docs/reliability.md`.
-const ALWAYS: usize = 9;
-
 const KINDS: &[Kind] = &[
     Kind { what: "SIGKILL of the acting requester", play: |bed, n| kill(bed, n, "plan-requester") },
     Kind { what: "SIGKILL of the acting executor", play: |bed, n| kill(bed, n, "plan-executor") },
@@ -69,7 +65,7 @@ const KINDS: &[Kind] = &[
 #[test]
 fn faults_on_real_processes_are_survived() {
     let asked = std::env::var("ALTHING_FAULTS").ok();
-    let rounds = asked.map_or(ALWAYS, |text| text.parse().expect("ALTHING_FAULTS: a number"));
+    let rounds = asked.map_or(KINDS.len(), |text| text.parse().expect("ALTHING_FAULTS: a number"));
     let of = std::env::var("ALTHING_FAULTS_OF").unwrap_or_default();
     let kinds: Vec<_> = KINDS.iter().filter(|kind| kind.what.contains(&of)).collect();
     assert!(!kinds.is_empty(), "ALTHING_FAULTS_OF: no kind has `{of}`");

@@ -228,7 +228,10 @@ fn zenoh_is_built_with_our_crate_of_tls_links() {
     let packages: Vec<_> = lock.split("[[package]]").collect();
     let ours = packages.iter().find(|each| each.contains("name = \"zenoh-link-tls\""));
     let ours = ours.expect("Zenoh has TLS links");
-    assert!(!ours.contains("source = "), "daemon/substrate-zenoh/vendor is not used: see its README");
+    assert!(
+        !ours.contains("source = "),
+        "daemon/substrate-zenoh/vendor is not used: see its README"
+    );
 }
 
 #[test]

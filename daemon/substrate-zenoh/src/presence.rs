@@ -4,9 +4,9 @@
 //! given and answers every question with nothing. So the first token of a daemon starts a probe,
 //! and nobody joins before it is answered; what it means is said in `roster`.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use acl::DaemonId;
 use substrate::{Inbound, Presence, Resident};
@@ -147,14 +147,10 @@ impl Watch {
         self.with(|roster| roster.answered(daemon, reached.hosts(), mark));
     }
 
-    /// A call to all has ended; whether everybody's presence is beyond doubt.
-    pub(crate) fn called(
-        &self,
-        answered: &std::collections::BTreeSet<DaemonId>,
-        mark: u64,
-    ) -> bool {
-        self.with(|roster| roster.called(answered, mark, std::time::Instant::now()));
-        !self.lock().roster.is_in_doubt()
+    /// A call to all has ended; who has a token and does not answer.
+    pub(crate) fn called(&self, answered: &BTreeSet<DaemonId>, mark: u64) -> BTreeSet<DaemonId> {
+        self.with(|roster| roster.called(answered, mark, Instant::now()));
+        self.lock().roster.silent()
     }
 
     /// Probes a daemon until it answers or [`REACHED_WITHIN`] has passed.

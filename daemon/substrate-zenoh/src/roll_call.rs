@@ -9,9 +9,9 @@
 //! not). What is told once must then be told again:
 //!
 //! - Each session has a token of its own, with its Zenoh id: those are *told*.
-//! - Each answers a call with whom it hosts and of whom it was told.
-//! - Whoever is missing in an answer, misses another that an answer names, or has a link to a
-//!   router of which it was not told, undeclares and declares everything anew.
+//! - Each answers a call with whom it hosts, of whom it was told, and who of them is silent.
+//! - Whoever is missing in an answer or does not answer, misses another that an answer names, or
+//!   has a link to a router of which it was not told, undeclares and declares everything anew.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -61,11 +61,20 @@ struct Said {
     hosts: Vec<(AgentId, Incarnation)>,
     /// The sessions it was told of, by their Zenoh ids.
     told: BTreeSet<String>,
+    /// Of whom it was told and who do not answer.
+    #[serde(default)]
+    silent: BTreeSet<DaemonId>,
 }
 
-/// The sessions of which this one was told.
+/// The sessions of which this one was told, and what it says of others when it is called.
 #[derive(Clone, Default)]
-pub(crate) struct Told(Arc<Mutex<BTreeMap<String, BTreeSet<u64>>>>);
+pub(crate) struct Told(Arc<Mutex<Known>>);
+
+#[derive(Default)]
+struct Known {
+    sessions: BTreeMap<String, BTreeSet<u64>>,
+    silent: BTreeSet<DaemonId>,
+}
 
 /// Calls until the session is closed.
 pub(crate) struct RollCall {
@@ -81,7 +90,7 @@ pub(crate) struct RollCall {
 #[derive(Debug, Default)]
 struct Answers {
     answered: BTreeSet<DaemonId>,
-    /// Who was not told of this session.
+    /// Who was not told of this session, or of what it answers.
     untold: BTreeSet<DaemonId>,
     /// Sessions of which this one was not told.
     unknown: BTreeSet<String>,
@@ -110,8 +119,10 @@ enum Verdict {
 impl Reached {
     /// What this session answers.
     pub(crate) fn answer(hosts: Vec<(AgentId, Incarnation)>, told: &Told) -> Bytes {
-        let told = told.lock().keys().cloned().collect();
-        let said = Reached(Some(Said { hosts, told }));
+        let known = lock(&told.0);
+        let (told, silent) = (known.sessions.keys().cloned().collect(), known.silent.clone());
+        drop(known);
+        let said = Reached(Some(Said { hosts, told, silent }));
         serde_json::to_vec(&said).map_or_else(|_| Bytes::new(), Bytes::from)
     }
 
@@ -150,7 +161,7 @@ impl Told {
     }
 
     fn hear(&self, zid: &str, telling: u64, kind: SampleKind) {
-        let mut told = self.lock();
+        let told = &mut lock(&self.0).sessions;
         match kind {
             SampleKind::Put => {
                 told.entry(zid.to_owned()).or_default().insert(telling);
@@ -167,11 +178,7 @@ impl Told {
     }
 
     fn has(&self, zid: &str) -> bool {
-        self.lock().contains_key(zid)
-    }
-
-    fn lock(&self) -> MutexGuard<'_, BTreeMap<String, BTreeSet<u64>>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.0).sessions.contains_key(zid)
     }
 }
 
@@ -194,7 +201,9 @@ impl RollCall {
             }
             let mark = self.watch.mark();
             let Some(answers) = self.call(mark).await else { return };
-            let is_beyond_doubt = self.watch.called(&answers.answered, mark);
+            let silent = self.watch.called(&answers.answered, mark);
+            let is_beyond_doubt = silent.is_empty();
+            lock(&self.told.0).silent = silent;
             let verdict = judgement.judge(&answers, Instant::now());
             if !is_beyond_doubt || verdict != Verdict::AllIsWell {
                 unrest_until = Instant::now() + UNREST;
@@ -222,7 +231,7 @@ impl RollCall {
                 let _ends = &ends;
                 let Some((daemon, reached)) = read(&keys, &reply) else { return };
                 watch.answered(&daemon, &reached, mark);
-                lock(&heard).note(daemon, &reached, &own, &told);
+                lock(&heard).note(daemon, &reached, (&own, keys.daemon()), &told);
             };
             let get = session.get(self.keys.everyone_reached()).target(QueryTarget::All);
             let get = get.consolidation(ConsolidationMode::None).express(true);
@@ -252,9 +261,15 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 // === impl Answers ===
 
 impl Answers {
-    fn note(&mut self, daemon: DaemonId, reached: &Reached, own: &str, told: &Told) {
+    fn note(
+        &mut self,
+        daemon: DaemonId,
+        reached: &Reached,
+        (own, me): (&str, &DaemonId),
+        told: &Told,
+    ) {
         if let Some(said) = &reached.0 {
-            if !said.told.contains(own) {
+            if !said.told.contains(own) || said.silent.contains(me) {
                 self.untold.insert(daemon.clone());
             }
             self.unknown.extend(said.told.iter().filter(|zid| !told.has(zid)).cloned());
@@ -351,10 +366,18 @@ mod tests {
         let answer = Reached::answer(vec![robot.clone()], &told);
         let read = Reached::read(&answer);
         assert_eq!(read.hosts(), Some(&[robot][..]));
+        let (pi, me) = (DaemonId::new("pi").expect("a name"), DaemonId::new("me").expect("a name"));
         let mut answers = Answers::default();
-        answers.note(DaemonId::new("pi").expect("a name"), &read, "b2", &Told::default());
+        answers.note(pi.clone(), &read, ("b2", &me), &Told::default());
         assert_eq!(answers.untold.len(), 1, "it was not told of b2");
         assert_eq!(answers.unknown.first().map(String::as_str), Some("a1"));
+        let mut answers = Answers::default();
+        answers.note(pi.clone(), &read, ("a1", &me), &told);
+        assert!(answers.untold.is_empty() && answers.unknown.is_empty());
+        lock(&told.0).silent.insert(me.clone());
+        let read = Reached::read(&Reached::answer(Vec::new(), &told));
+        answers.note(pi, &read, ("a1", &me), &told);
+        assert_eq!(answers.untold.len(), 1, "it is not answered");
         for garbage in [&b""[..], b"{", b"[1]", b"{\"hosts\":[[\"X\",1]],\"told\":[]}"] {
             assert_eq!(Reached::read(garbage).hosts(), None);
         }

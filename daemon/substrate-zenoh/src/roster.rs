@@ -172,9 +172,10 @@ impl Roster {
         left
     }
 
-    /// Whether somebody's token is here who has not answered, or is not hosted where it says.
-    pub(crate) fn is_in_doubt(&self) -> bool {
-        self.daemons.values().any(|hosted| hosted.silent_since.is_some())
+    /// Who has a token here and did not answer the last call.
+    pub(crate) fn silent(&self) -> BTreeSet<DaemonId> {
+        let silent = self.daemons.iter().filter(|(_, hosted)| hosted.silent_since.is_some());
+        silent.map(|(daemon, _)| daemon.clone()).collect()
     }
 }
 
@@ -277,14 +278,14 @@ mod tests {
         roster.answered(&daemon("pi"), None, roster.mark());
         let (nobody, mark) = (BTreeSet::new(), roster.mark());
         assert_eq!(roster.called(&nobody, mark - 1, start), [], "it came after the call");
-        assert!(!roster.is_in_doubt());
+        assert!(roster.silent().is_empty());
         assert_eq!(roster.called(&nobody, mark, start), []);
-        assert!(roster.is_in_doubt());
+        assert_eq!(roster.silent().first(), Some(&daemon("pi")));
         let later = start + LEASE;
         assert_eq!(roster.called(&nobody, mark, later), [Presence::Left(robot.clone())]);
         assert_eq!(roster.called(&nobody, mark, later), [], "once is enough");
         let back = roster.answered(&daemon("pi"), None, mark);
         assert_eq!(back, [Presence::Joined(robot)]);
-        assert!(!roster.is_in_doubt());
+        assert!(roster.silent().is_empty());
     }
 }

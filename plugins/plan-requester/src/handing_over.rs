@@ -58,6 +58,10 @@ impl PlanRequester {
         records: Vec<Record>,
         ctx: &mut Context<Self>,
     ) {
+        if message.incarnation == ctx.incarnation() {
+            // While it was on its way, the name came back to who sent it. It is told again.
+            return;
+        }
         let engagement = Engagement::of(message);
         self.take_over(records, ctx);
         let report = Report::new(Outcome::Done, "taken over");
