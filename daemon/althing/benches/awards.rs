@@ -83,7 +83,12 @@ async fn main() -> Outcome<()> {
 
     let took = ask(&mut terminal, 0..BURST).await?;
     println!("{BURST} goals at once: all served within {:.1} ms", took.as_secs_f64() * 1e3);
+    let worked = || -> Outcome<f64> {
+        Ok(support::processor_time(&children)? + support::own_processor_time()?)
+    };
+    let before = worked()?;
     let took = ask(&mut terminal, BURST..BURST + goals).await?;
+    let each = (worked()? - before) / goals as f64;
     let rate = goals as f64 / took.as_secs_f64();
     let verdict = if rate >= AIM_PER_SECOND { "reached" } else { "missed" };
     println!(
@@ -91,6 +96,7 @@ async fn main() -> Outcome<()> {
          aim ≥ {AIM_PER_SECOND}: {verdict}",
         PROCESSES * BIDDERS_EACH
     );
+    println!("    processor time of all five processes: {:.1} ms per award", each * 1e3);
     Ok(())
 }
 

@@ -21,7 +21,6 @@ use acl::content::Inform;
 use acl::{AgentId, Message, Performative};
 use agent::{Agent, Callbacks, Context};
 use support::{Figures, Outcome, PATIENCE, workers};
-use tokio::process::Child;
 use tokio::sync::mpsc;
 
 /// As in the daemon.
@@ -60,10 +59,11 @@ async fn main() -> Outcome<()> {
     support::await_offers(&observer, &all.collect::<BTreeSet<_>>()).await?;
     tokio::time::sleep(if support::is_whole() { SETTLING } else { Duration::from_secs(1) }).await;
 
-    let before = processor_time(&children)?;
+    let before = support::processor_time(&children)?;
     let began = Instant::now();
     tokio::time::sleep(if support::is_whole() { MEASURED } else { Duration::from_secs(2) }).await;
-    let share = (processor_time(&children)? - before) / began.elapsed().as_secs_f64() * 100.0;
+    let share =
+        (support::processor_time(&children)? - before) / began.elapsed().as_secs_f64() * 100.0;
     let verdict = if share <= CORE_SHARE_AIM { "reached" } else { "missed" };
     println!(
         "{} agents on {DAEMONS} daemons, a heartbeat each second: {share:.1} % of a core for all, \
@@ -93,22 +93,6 @@ async fn main() -> Outcome<()> {
     figures.tell("an agent joins: activation to announced everywhere");
     support::judge("p99", figures.within(0.99), COMPOSED_AIM_MS);
     Ok(())
-}
-
-/// Processor time that processes have used so far, in seconds.
-fn processor_time(children: &[Child]) -> Outcome<f64> {
-    // The kernel tells it in ticks, of which its interface has a hundred per second.
-    const TICKS_PER_SECOND: f64 = 100.0;
-    let mut ticks = 0.0;
-    for child in children {
-        let id = child.id().ok_or("a daemon has ended")?;
-        let stat = std::fs::read_to_string(format!("/proc/{id}/stat"))?;
-        let (_, fields) = stat.rsplit_once(')').ok_or("no process status")?;
-        let fields: Vec<_> = fields.split_whitespace().collect();
-        let field = |at: usize| fields.get(at).and_then(|field| field.parse::<f64>().ok());
-        ticks += field(11).unwrap_or(0.0) + field(12).unwrap_or(0.0);
-    }
-    Ok(ticks / TICKS_PER_SECOND)
 }
 
 /// Hears who joined.

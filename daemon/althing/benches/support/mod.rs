@@ -69,6 +69,28 @@ pub(crate) fn judge(what: &str, value: f64, aim: f64) {
     println!("    {what} {value:.1} ms, aim ≤ {aim} ms: {verdict}");
 }
 
+/// Processor time that these processes have used so far, in seconds, by the kernel's account.
+pub(crate) fn processor_time(children: &[Child]) -> Outcome<f64> {
+    let ids: Option<Vec<u32>> = children.iter().map(Child::id).collect();
+    let ids = ids.ok_or("a process has ended")?;
+    ids.iter().map(|id| processor_time_of(&id.to_string())).sum()
+}
+
+/// The same of this process.
+pub(crate) fn own_processor_time() -> Outcome<f64> {
+    processor_time_of("self")
+}
+
+fn processor_time_of(process: &str) -> Outcome<f64> {
+    // The kernel tells it in ticks, of which its interface has a hundred per second.
+    const TICKS_PER_SECOND: f64 = 100.0;
+    let stat = std::fs::read_to_string(format!("/proc/{process}/stat"))?;
+    let (_, fields) = stat.rsplit_once(')').ok_or("no process status")?;
+    let fields: Vec<_> = fields.split_whitespace().collect();
+    let field = |at: usize| fields.get(at).and_then(|field| field.parse::<f64>().ok());
+    Ok((field(11).unwrap_or(0.0) + field(12).unwrap_or(0.0)) / TICKS_PER_SECOND)
+}
+
 // === an ecosystem file ===
 
 /// One agent of an ecosystem file.
