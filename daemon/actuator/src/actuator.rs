@@ -189,12 +189,19 @@ impl<D: Device> Actuator<D> {
 
     /// Says that it works, and what it knows; everything, if what it can do has changed.
     pub(crate) fn beat(&mut self, ctx: &mut Context<Self>) {
+        if let Some(heartbeat) = self.word(ctx) {
+            ctx.beat(&Inform::Heartbeat(heartbeat));
+        }
+    }
+
+    /// What it says of itself now; nothing, if what it can do has changed: then it has said all.
+    fn word(&mut self, ctx: &mut Context<Self>) -> Option<Heartbeat> {
         let Description { model, methods } = self.device.describe();
         if model_digest(&model.to_string(), &methods) != self.announced.digest {
-            return self.announce(ctx);
+            self.announce(ctx);
+            return None;
         }
-        let heartbeat = self.heartbeat(ctx);
-        ctx.beat(&Inform::Heartbeat(heartbeat));
+        Some(self.heartbeat(ctx))
     }
 
     fn beat_later(&mut self, ctx: &mut Context<Self>) {
@@ -202,7 +209,9 @@ impl<D: Device> Actuator<D> {
         let period = ctx.settings().heartbeat_period;
         let wait = ctx.switchboard().commons(&self.host).until_next(period);
         ctx.after(wait, |actuator: &mut Self, ctx| {
-            actuator.beat(ctx);
+            if let Some(heartbeat) = actuator.word(ctx) {
+                ctx.beat_together(heartbeat);
+            }
             actuator.beat_later(ctx);
         });
     }

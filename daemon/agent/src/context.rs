@@ -9,7 +9,7 @@ use std::future::Future;
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::content::{Inform, Reason, Refusal, value};
+use acl::content::{Heartbeat, Inform, Reason, Refusal, value};
 use acl::{AgentId, ConversationId, Incarnation, Message, MessageId, Performative, ReplyToken};
 use bytes::Bytes;
 use conversation::Exchange;
@@ -329,10 +329,21 @@ impl<A: Agent> Context<A> {
 
     /// Tells all this agent's model or heartbeat, as an `inform`.
     pub fn beat(&mut self, inform: &Inform) {
-        let conversation = ConversationId::new(self.id().as_str());
-        let message = self.communication.message(Performative::Inform, conversation, value(inform));
+        let message = self.beating(inform);
         let is_model = matches!(inform, Inform::Model(_));
         self.switchboard().beat(&message.sender, acl::encode(&message), is_model);
+    }
+
+    /// Tells all this agent's heartbeat a few milliseconds later, together with those of other
+    /// agents of its daemon: for what nobody waits for.
+    pub fn beat_together(&mut self, heartbeat: Heartbeat) {
+        let message = self.beating(&Inform::Heartbeat(heartbeat));
+        self.switchboard().beat_together(&message.sender, acl::encode(&message));
+    }
+
+    fn beating(&mut self, inform: &Inform) -> Message {
+        let conversation = ConversationId::new(self.id().as_str());
+        self.communication.message(Performative::Inform, conversation, value(inform))
     }
 
     // === waiting and working ===

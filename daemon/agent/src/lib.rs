@@ -21,6 +21,7 @@ mod commons;
 mod communication_agent;
 mod context;
 mod directory;
+mod gathering;
 mod guard;
 pub mod keeping;
 mod last_word;

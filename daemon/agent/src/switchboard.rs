@@ -29,6 +29,7 @@ use tokio::sync::{Semaphore, broadcast};
 
 use crate::commons::Commons;
 use crate::directory::Directory;
+use crate::gathering::{GATHERED_WITHIN, Gathering};
 use crate::last_word::LastWord;
 use crate::machine::Machine;
 use crate::mailbox::{Letter, Mailbox, Slot, mailbox};
@@ -50,6 +51,8 @@ pub struct Switchboard {
     presence: broadcast::Sender<Presence>,
     substrate: OnceLock<Arc<dyn Substrate>>,
     commons: OnceLock<Listening>,
+    /// What agents here say together.
+    gathering: Gathering,
     counters: Counters,
     turns: Arc<Semaphore>,
     machine: Machine,
@@ -125,6 +128,7 @@ impl Switchboard {
             presence,
             substrate: OnceLock::new(),
             commons: OnceLock::new(),
+            gathering: Gathering::default(),
             counters: Counters::default(),
             turns: Arc::new(Semaphore::new(machine.computations_max())),
             machine,
@@ -222,6 +226,7 @@ impl Switchboard {
         let mut state = self.write();
         if state.agents.get(agent).is_some_and(|hosted| hosted.incarnation == incarnation) {
             state.agents.remove(agent);
+            self.gathering.withdraw(agent);
         }
     }
 
@@ -359,10 +364,30 @@ impl Switchboard {
 
     /// Sends a model or a heartbeat to all; a model is kept to answer those who ask for it.
     pub(crate) fn beat(&self, sender: &AgentId, payload: Bytes, is_model: bool) {
-        if let Some(hosted) = self.write().agents.get_mut(sender) {
-            hosted.last_word.told(&payload, is_model);
-        }
+        self.keep_last_word(sender, &payload, is_model);
+        self.gathering.withdraw(sender);
         self.hand_over(|substrate| substrate.beat(sender, payload));
+    }
+
+    /// Sends a heartbeat to all, together with those of other agents here that come at the same
+    /// moment.
+    pub(crate) fn beat_together(self: &Arc<Self>, sender: &AgentId, payload: Bytes) {
+        self.keep_last_word(sender, &payload, false);
+        if !self.gathering.add(sender, payload) {
+            return;
+        }
+        let switchboard = Arc::clone(self);
+        tokio::spawn(async move {
+            tokio::time::sleep(GATHERED_WITHIN).await;
+            let beats = switchboard.gathering.take();
+            switchboard.hand_over(|substrate| substrate.beat_together(beats));
+        });
+    }
+
+    fn keep_last_word(&self, sender: &AgentId, payload: &Bytes, is_model: bool) {
+        if let Some(hosted) = self.write().agents.get_mut(sender) {
+            hosted.last_word.told(payload, is_model);
+        }
     }
 
     fn hand_over(&self, send: impl FnOnce(&dyn Substrate) -> Result<(), SendError>) {

@@ -8,7 +8,7 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use substrate::{Delivery, Inbound};
+use substrate::{Addressed, Delivery, Inbound};
 use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
 use zenoh::pubsub::Subscriber;
@@ -18,6 +18,7 @@ use zenoh::{Session, Wait};
 use crate::config::OpenError;
 use crate::key_expr::Keys;
 use crate::sealing::Security;
+use crate::together;
 
 /// Hears what comes for one daemon.
 #[derive(Clone)]
@@ -77,9 +78,10 @@ impl Ear {
     fn deliver(&self, sample: &Sample, is_own: bool) {
         let Ear { keys, inbound, security } = self;
         let key = sample.key_expr().as_str();
-        let (SampleKind::Put, Some(addressed)) = (sample.kind(), keys.addressed(key)) else {
+        let (addressed, is_together) = (keys.addressed(key), keys.is_together(key));
+        if sample.kind() != SampleKind::Put || (addressed.is_none() && !is_together) {
             return tracing::debug!(key, "ignored a message whose key says nothing to us");
-        };
+        }
         let payload = into_bytes(sample.payload());
         let origin = match security {
             None => None,
@@ -88,6 +90,13 @@ impl Ear {
                 Some(origin) => Some(origin),
                 None => return,
             },
+        };
+        let Some(addressed) = addressed else {
+            for (sender, payload) in together::unpack(&payload) {
+                let (addressed, origin) = (Addressed::Beat(sender), origin.clone());
+                inbound.deliver(Delivery { addressed, payload, origin });
+            }
+            return;
         };
         inbound.deliver(Delivery { addressed, payload, origin });
     }

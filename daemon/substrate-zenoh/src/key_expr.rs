@@ -74,6 +74,11 @@ impl Keys {
         self.under(&["model", self.daemon.as_str(), agent.as_str()])
     }
 
+    /// `model/{daemon}`: the heartbeats of several agents of this daemon, together.
+    pub(crate) fn models_together(&self) -> KeyExpr<'static> {
+        self.under(&["model", self.daemon.as_str()])
+    }
+
     /// `at/{daemon}/{what}`: a resource of this daemon.
     pub(crate) fn at(&self, resource: Resource) -> KeyExpr<'static> {
         self.under(&["at", self.daemon.as_str(), resource.as_str()])
@@ -188,6 +193,11 @@ impl Keys {
         }
     }
 
+    /// Whether a message with this key is of several agents.
+    pub(crate) fn is_together(&self, key: &str) -> bool {
+        matches!(self.chunks(key).as_deref(), Some(["model", daemon]) if DaemonId::new(daemon).is_ok())
+    }
+
     /// Whose presence a liveliness token with this key says, and how often it was told again.
     pub(crate) fn resident(&self, key: &str) -> Option<(Resident, u64)> {
         let chunks = self.chunks(key)?;
@@ -227,7 +237,7 @@ impl Keys {
     /// The daemon that alone may say something under this key, where there is one.
     pub(crate) fn speaker<'key>(&self, key: &'key str) -> Option<&'key str> {
         match self.chunks(key)?.as_slice() {
-            ["model" | "at", daemon, _] => Some(daemon),
+            ["model" | "at", daemon, _] | ["model", daemon] => Some(daemon),
             _ => None,
         }
     }
@@ -295,6 +305,7 @@ mod tests {
             (keys.own_session("a1", 0), "session/pi/a1/0"),
             (keys.everyone_reached(), "at/*/reach"),
             (keys.model(&robot), "model/pi/robot"),
+            (keys.models_together(), "model/pi"),
             (keys.at(Resource::Goals), "at/pi/goals"),
             (keys.reach(&daemon("x")), "at/x/reach"),
             (keys.inbox(), "in/pi/**"),

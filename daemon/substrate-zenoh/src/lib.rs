@@ -29,6 +29,7 @@ mod scouting;
 mod sealing;
 mod session;
 mod tap;
+mod together;
 
 pub use config::{Config, LEASE, MESSAGE_BYTES_MAX, Mode, OpenError, REST};
 pub use endpoint::EndpointError;

@@ -19,6 +19,7 @@ use crate::publishers::{Cache, PUBLISHERS_MAX};
 use crate::questions::{self, Asking};
 use crate::roll_call::{RollCall, Told};
 use crate::sealing::Security;
+use crate::together::{self, Parcel};
 use crate::{presence, revocations, scouting};
 
 /// Of the longest message, what is left for its seal, its key and Zenoh's own words.
@@ -44,6 +45,8 @@ pub struct ZenohSubstrate {
 enum Route {
     To(Address, Subject),
     All(AgentId, Performative),
+    /// What several agents of this daemon say of themselves.
+    Together,
 }
 
 // === impl ZenohSubstrate ===
@@ -101,9 +104,15 @@ impl ZenohSubstrate {
         let publisher = self.publishers.get_or_make(&route, || self.declare_publisher(&route));
         let publisher = publisher.map_err(declined)?;
         let stays = matches!(&route, Route::To(to, _) if to.daemon == *self.keys.daemon());
-        let seal = self.security.as_ref().filter(|_| !stays).map(|security| {
-            security.seal(Channel::Message, publisher.key_expr().as_str(), &payload)
-        });
+        let channel = match route {
+            Route::To(..) | Route::All(..) => Channel::Message,
+            Route::Together => Channel::Beat,
+        };
+        let seal = self
+            .security
+            .as_ref()
+            .filter(|_| !stays)
+            .map(|security| security.seal(channel, publisher.key_expr().as_str(), &payload));
         publisher.put(payload).attachment(seal).wait().map_err(declined)
     }
 
@@ -124,10 +133,18 @@ impl ZenohSubstrate {
         let key_expr = match route {
             Route::To(to, subject) => self.keys.to_one(to, *subject),
             Route::All(sender, performative) => self.keys.to_all(sender, *performative),
+            Route::Together => self.keys.models_together(),
         };
+        let priority = match route {
+            Route::To(..) | Route::All(..) => Priority::DataHigh,
+            Route::Together => Priority::DataLow,
+        };
+        // Nobody waits for a receipt, which has been late on purpose, or for a heartbeat: these may
+        // travel with what comes next.
+        let is_urgent = !matches!(route, Route::To(_, Subject::Receipt) | Route::Together);
         let publisher = self.session.declare_publisher(key_expr);
         let publisher = publisher.congestion_control(CongestionControl::Drop);
-        publisher.priority(Priority::DataHigh).express(true).wait()
+        publisher.priority(priority).express(is_urgent).wait()
     }
 }
 
@@ -156,6 +173,13 @@ impl Substrate for ZenohSubstrate {
         let put = self.session.put(key_expr, payload).attachment(seal);
         let put = put.congestion_control(CongestionControl::Drop).priority(Priority::DataLow);
         put.wait().map_err(declined)
+    }
+
+    fn beat_together(&self, beats: Vec<(AgentId, Bytes)>) -> Result<(), SendError> {
+        together::pack(beats).into_iter().try_for_each(|parcel| match parcel {
+            Parcel::One(sender, payload) => self.beat(&sender, payload),
+            Parcel::Together(bundle) => self.put(Route::Together, bundle),
+        })
     }
 
     fn announce(

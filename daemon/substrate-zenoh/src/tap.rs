@@ -7,6 +7,7 @@ use zenoh::{Session, Wait};
 use crate::config::{Config, OpenError};
 use crate::inbound::{into_bytes, undeclared};
 use crate::key_expr::Keys;
+use crate::together;
 
 /// Hears until it is dropped.
 pub struct Tap {
@@ -14,7 +15,7 @@ pub struct Tap {
 }
 
 /// Hears all messages, broadcasts and models of `config`'s ecosystem: the key and the payload, as
-/// they were sent. Called on Zenoh's threads: `heard` must not block.
+/// they were sent; what several agents say together, as if each had said it alone. Called on Zenoh's threads: `heard` must not block.
 ///
 /// # Errors
 ///
@@ -33,8 +34,12 @@ pub async fn tap(
     })?;
     let everything = keys.everything();
     let hear = move |sample: Sample| {
-        if sample.kind() == SampleKind::Put {
-            heard(sample.key_expr().as_str(), into_bytes(sample.payload()));
+        let (key, payload) = (sample.key_expr().as_str(), into_bytes(sample.payload()));
+        match sample.kind() {
+            SampleKind::Put if keys.is_together(key) => together::unpack(&payload)
+                .for_each(|(sender, payload)| heard(&format!("{key}/{sender}"), payload)),
+            SampleKind::Put => heard(key, payload),
+            SampleKind::Delete => (),
         }
     };
     session

@@ -56,6 +56,16 @@ pub trait Substrate: Send + Sync + 'static {
     /// As [`Substrate::send`].
     fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError>;
 
+    /// Sends what several agents say of themselves at one moment, to all: each as
+    /// [`Substrate::beat`] would, and all of it for the price of one message, where that is possible.
+    ///
+    /// # Errors
+    ///
+    /// As [`Substrate::send`].
+    fn beat_together(&self, beats: Vec<(AgentId, Bytes)>) -> Result<(), SendError> {
+        beats.into_iter().try_for_each(|(sender, payload)| self.beat(&sender, payload))
+    }
+
     /// Makes an agent present until the returned token is dropped or the process dies.
     ///
     /// # Errors

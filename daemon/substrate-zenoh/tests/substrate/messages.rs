@@ -45,6 +45,13 @@ async fn broadcasts_and_beats_reach_everyone_and_oneself() {
         daemon.hear("all x cfp: who can?").await;
         daemon.hear("beat x: (define)").await;
     }
+    let beats = [r#"{"sender":"x"}"#, r#"{"sender":"z"}"#, "no message"];
+    let beats = ["x", "z", "w"].into_iter().zip(beats).map(|(who, said)| (agent(who), text(said)));
+    a.substrate.beat_together(beats.collect()).expect("open");
+    for daemon in [&mut a, &mut b] {
+        let heard = daemon.hear(r#"beat z: {"sender":"z"}"#).await;
+        assert_eq!(heard, [r#"beat x: {"sender":"x"}"#, r#"beat z: {"sender":"z"}"#]);
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -151,6 +151,10 @@ async fn daemons_with_certificates_speak_as_without() {
     b.hear("all y cfp: all <b>").await;
     b.substrate.beat(&agent("y"), "works".into()).expect("open");
     a.hear("beat y: works <b>").await;
+    let together = ["y", "z"].map(|who| (agent(who), format!(r#"{{"sender":"{who}"}}"#).into()));
+    b.substrate.beat_together(together.into()).expect("open");
+    a.hear(r#"beat z: {"sender":"z"} <b>"#).await;
+    b.hear(r#"beat z: {"sender":"z"} <b>"#).await;
     b.request("b", "y", "itself");
     b.hear("to y request: itself <b>").await;
     assert_eq!(b.ask(None, Resource::State, None).await, ["a state -", "b state -"]);
@@ -252,6 +256,10 @@ async fn what_is_not_signed_rightly_is_dropped_and_said() {
     let beat = "althing/office/model/b/robot";
     let seal = identity.seal(Channel::Beat, beat, b"x");
     rogue.put(beat, "x").attachment(seal).await.expect("open");
+    assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
+    let beats = "althing/office/model/b";
+    let seal = identity.seal(Channel::Beat, beats, br#"{"sender":"robot"}"#);
+    rogue.put(beats, r#"{"sender":"robot"}"#).attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
     // With a certificate of another authority.
     let foreign = House::new().identity("b").seal(Channel::Message, TO_A, b"x");

@@ -1,0 +1,130 @@
+//! What several agents of one daemon say of themselves at one moment, as one message: a line of
+//! JSON each.
+//!
+//! A message costs its way through every router, a place in every queue and, in a secured
+//! ecosystem, a signature at one end and its proof at the other; a hundred agents that beat together
+//! pay that once.
+
+use acl::AgentId;
+use bytes::Bytes;
+use serde::Deserialize;
+
+/// How long a bundle may become: with its key and its seal it fits into one batch of Zenoh's
+/// (65,535 bytes), so that nothing of it has to be put together again.
+const BUNDLE_BYTES_MAX: usize = 60 << 10;
+
+/// What goes out at once.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum Parcel {
+    /// One agent's word, under its own key.
+    One(AgentId, Bytes),
+    /// The words of several, under their daemon's.
+    Together(Bytes),
+}
+
+/// The words of several agents in as few parcels as may be, in their order.
+pub(crate) fn pack(beats: Vec<(AgentId, Bytes)>) -> Vec<Parcel> {
+    let mut parcels = Vec::new();
+    let mut gathered = Vec::new();
+    let mut bytes = 0;
+    for (sender, payload) in beats {
+        let is_line = !payload.is_empty() && !payload.contains(&b'\n');
+        if !is_line || payload.len() >= BUNDLE_BYTES_MAX {
+            // Nobody could tell where it ends.
+            parcels.push(Parcel::One(sender, payload));
+            continue;
+        }
+        if bytes + payload.len() + 1 > BUNDLE_BYTES_MAX {
+            parcels.extend(closed(&mut gathered));
+            bytes = 0;
+        }
+        bytes += payload.len() + 1;
+        gathered.push((sender, payload));
+    }
+    parcels.extend(closed(&mut gathered));
+    parcels
+}
+
+fn closed(gathered: &mut Vec<(AgentId, Bytes)>) -> Option<Parcel> {
+    if gathered.len() == 1 {
+        return gathered.pop().map(|(sender, payload)| Parcel::One(sender, payload));
+    }
+    let lines: Vec<Bytes> = gathered.drain(..).map(|(_, payload)| payload).collect();
+    (!lines.is_empty()).then(|| Parcel::Together(Bytes::from(lines.join(&b'\n'))))
+}
+
+/// The words in a bundle, and whose each says it is. What is none is left out: it comes from outside.
+pub(crate) fn unpack(bundle: &Bytes) -> impl Iterator<Item = (AgentId, Bytes)> + '_ {
+    let lines = bundle.split(|byte| *byte == b'\n').filter(|line| !line.is_empty());
+    lines.filter_map(|line| {
+        let spoken: Spoken = serde_json::from_slice(line).ok()?;
+        // A copy of its own: one that is kept for long would keep them all.
+        Some((spoken.sender, Bytes::copy_from_slice(line)))
+    })
+}
+
+/// All that has to be known of a message here.
+#[derive(Deserialize)]
+struct Spoken {
+    sender: AgentId,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn beat(sender: &str, length: usize) -> (AgentId, Bytes) {
+        let text = format!(r#"{{"sender":"{sender}","x":"{}"}}"#, "x".repeat(length));
+        (AgentId::new(sender).expect("a name"), Bytes::from(text))
+    }
+
+    /// What is heard of what was packed, and in how many parcels it went.
+    fn carried(beats: Vec<(AgentId, Bytes)>) -> (Vec<(AgentId, Bytes)>, usize) {
+        let parcels = pack(beats);
+        let count = parcels.len();
+        let heard = parcels.into_iter().flat_map(|parcel| match parcel {
+            Parcel::One(sender, payload) => vec![(sender, payload)],
+            Parcel::Together(bundle) => {
+                assert!(bundle.len() <= BUNDLE_BYTES_MAX);
+                unpack(&bundle).collect()
+            }
+        });
+        (heard.collect(), count)
+    }
+
+    #[test]
+    fn what_goes_together_comes_apart() {
+        let hundred: Vec<_> = (0..100).map(|agent| beat(&format!("a-{agent}"), 400)).collect();
+        assert_eq!(carried(hundred.clone()), (hundred, 1));
+        let long: Vec<_> = (0..10).map(|agent| beat(&format!("a-{agent}"), 20 << 10)).collect();
+        assert_eq!(carried(long.clone()), (long, 5));
+        assert_eq!(carried(Vec::new()), (Vec::new(), 0));
+    }
+
+    #[test]
+    fn one_alone_goes_under_its_own_key() {
+        let (sender, payload) = beat("a", 1);
+        let parcels = pack(vec![(sender.clone(), payload.clone())]);
+        assert_eq!(parcels, [Parcel::One(sender, payload)]);
+    }
+
+    #[test]
+    fn what_is_no_line_goes_alone() {
+        let odd = |text: &str| (AgentId::new("odd").expect("a name"), Bytes::from(text.to_owned()));
+        let beats = vec![beat("a", 1), odd("(define\n)"), odd(""), beat("b", 1)];
+        let (mut heard, count) = carried(beats.clone());
+        let mut said = beats;
+        heard.sort();
+        said.sort();
+        assert_eq!((heard, count), (said, 3));
+    }
+
+    #[test]
+    fn garbage_says_nothing() {
+        for garbage in ["", "\n\n", "x", "{}", r#"{"sender":"A/b"}"#, "\u{0}"] {
+            assert_eq!(unpack(&Bytes::from(garbage.to_owned())).count(), 0, "{garbage:?}");
+        }
+        let mixed = Bytes::from("x\n{\"sender\":\"a\"}\n{");
+        assert_eq!(unpack(&mixed).count(), 1);
+    }
+}
