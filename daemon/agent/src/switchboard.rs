@@ -20,12 +20,13 @@ use acl::{
 use bytes::Bytes;
 use capability::Announcement;
 use serde_json::Map;
+use substrate::memory::{ANSWERS_MAX, collect_answers};
 use substrate::{
     Address, Addressed, Answer, Ask, BoxFuture, Breach, Delivery, Inbound, Origin, Presence,
     PresenceToken, Question, Rejected, Resident, Resource, SendError, Subject, Substrate,
 };
 use tokio::runtime::Handle;
-use tokio::sync::{Semaphore, broadcast};
+use tokio::sync::{Semaphore, broadcast, mpsc};
 
 use crate::commons::Commons;
 use crate::directory::Directory;
@@ -186,14 +187,21 @@ impl Switchboard {
 
     /// Asks daemons for a resource.
     pub fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
-        if ask.resource == Resource::Model && ask.daemon.as_ref() == Some(&self.daemon) {
-            // It has them at hand.
-            return Box::pin(std::future::ready(self.models(ask.agent.as_ref())));
+        if ask.daemon.as_ref() == Some(&self.daemon) {
+            return self.ask_itself(ask, timeout);
         }
         match self.substrate.get() {
             Some(substrate) => substrate.ask(ask, timeout),
             None => Box::pin(std::future::ready(Vec::new())),
         }
+    }
+
+    /// What its own agents have to give, it need not ask the substrate for.
+    fn ask_itself(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
+        let (answers, heard) = mpsc::channel(ANSWERS_MAX);
+        let answer = Arc::new(move |payload| drop(answers.try_send(payload)));
+        self.question(Question { resource: ask.resource, agent: ask.agent, answer });
+        Box::pin(collect_answers(heard, timeout))
     }
 
     // === agents of this daemon ===
