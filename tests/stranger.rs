@@ -88,7 +88,7 @@ fn disorder(messages: &[Message]) -> Vec<String> {
             let ours: Vec<_> = turns
                 .iter()
                 .filter(of)
-                .filter(|turn| turn.receiver.first().is_none_or(|to| to == participant))
+                .filter(|turn| turn.receiver.is_empty() || turn.receiver.contains(participant))
                 .collect();
             let theirs: Vec<_> = turns.iter().filter(|turn| turn.sender == *participant).collect();
             let exchange = Exchange::new(protocol, initiator.clone(), opening.incarnation);

@@ -115,6 +115,7 @@ impl<D: Device> Agent for Actuator<D> {
             .on(Performative::Refuse, Self::declined)
             .on(Performative::NotUnderstood, Self::declined)
             .on_broadcast(Performative::Cfp, Self::called)
+            .on_broadcast(Performative::RejectProposal, Self::judged)
     }
 
     fn model(&self) -> Option<String> {

@@ -334,6 +334,9 @@ impl<A: Agent> Life<A> {
 
     fn open_broadcast(&mut self, message: Message) {
         let Some(callback) = self.callbacks.broadcast(message.performative) else { return };
+        if !self.ctx.communication.concerns_me(&message) {
+            return;
+        }
         if message.in_reply_to.is_some() {
             return self.turn(message);
         }

@@ -25,7 +25,7 @@ use substrate::{Address, Presence, Resident, Subject};
 use tokio::time::Instant;
 
 use crate::outbox::{Due, Life, Outbox, Parcel};
-use crate::receipts::Receipts;
+use crate::receipts::{Receipts, Until};
 use crate::switchboard::Switchboard;
 
 /// Exchanges of others that are followed at a time; beyond it the oldest is forgotten, and a
@@ -266,7 +266,7 @@ impl CommunicationAgent {
             return Ok(());
         };
         if let Some(exchange) = &message.in_reply_to {
-            self.receipts.answered(to, exchange);
+            self.receipts.replied(to, exchange, message.performative);
         }
         let directory = self.switchboard.directory();
         // Who names no life of itself is a stranger's tool: whoever holds its name is meant.
@@ -295,6 +295,19 @@ impl CommunicationAgent {
             self.switchboard.send_to(&address(resident), subject, payload);
         }
         Ok(())
+    }
+
+    /// Says a turn of an exchange to several of its participants at once: to all, who are not
+    /// concerned if they are not named. There are no receipts for it.
+    pub(crate) fn say_to_several(&mut self, message: &Message) {
+        tracing::debug!(agent = %self.id, conversation = %message.conversation_id,
+            performative = %message.performative, to = ?message.receiver, id = %message.id, "says");
+        if let Some(exchange) = &message.in_reply_to {
+            for to in &message.receiver {
+                self.receipts.replied(to, exchange, message.performative);
+            }
+        }
+        self.switchboard.broadcast(&self.id, message.performative, acl::encode(message));
     }
 
     /// Sends a message once more, as it was.
@@ -356,6 +369,15 @@ impl CommunicationAgent {
         message.reply_with.is_none() || self.seen.note(&message.id)
     }
 
+    /// A turn to several has come, and its receiver is one of them.
+    pub(crate) fn concerns_me(&mut self, message: &Message) -> bool {
+        let is_concerned = message.receiver.is_empty() || message.receiver.contains(&self.id);
+        if let Some(exchange) = message.in_reply_to.as_ref().filter(|_| is_concerned) {
+            self.outbox.replied(exchange, &message.sender, message.performative);
+        }
+        is_concerned
+    }
+
     /// Opens a letter: what is in it is new and readable, or it is dealt with here.
     pub(crate) fn read(&mut self, payload: &[u8]) -> Opened {
         let message = match acl::decode(payload) {
@@ -366,10 +388,9 @@ impl CommunicationAgent {
             }
         };
         if message.performative.is_retried() {
-            let opened = message.in_reply_to.is_none().then(|| message.reply_with.clone());
             let sender = (message.sender.clone(), message.incarnation);
-            let id = message.id.clone();
-            self.receipts.owe(sender, id, opened.flatten(), Instant::now());
+            let (id, until) = (message.id.clone(), Until::of(&message));
+            self.receipts.owe(sender, id, until, Instant::now());
         }
         if !self.seen.note(&message.id) {
             tracing::debug!(agent = %self.id, id = %message.id, "heard before");
@@ -379,7 +400,7 @@ impl CommunicationAgent {
             performative = %message.performative, from = %message.sender, id = %message.id, "hears");
         match message.in_reply_to.clone() {
             Some(exchange) => {
-                self.outbox.answered(&exchange, &message.sender);
+                self.outbox.replied(&exchange, &message.sender, message.performative);
                 Opened::Continues(exchange, Box::new(message))
             }
             None => Opened::Opens(Box::new(message)),

@@ -241,6 +241,36 @@ impl<A: Agent> Context<A> {
         }
     }
 
+    /// Goes on with several participants of an exchange in one message to all, which costs a daemon
+    /// as much as one to a single agent. Nobody gives a receipt for it, and it is not said again:
+    /// only for what changes nothing where it is not heard.
+    pub fn go_on_with(
+        &mut self,
+        token: &ReplyToken,
+        to: impl IntoIterator<Item = AgentId>,
+        performative: Performative,
+        content: Value,
+    ) {
+        let Some(open) = self.exchanges.get_mut(token) else { return };
+        let (protocol, conversation) = (open.protocol, open.conversation.clone());
+        let mut message = self.communication.message(performative, conversation, content);
+        message.protocol = Some(protocol);
+        message.in_reply_to = Some(token.clone());
+        for participant in to {
+            let begun = &open.begun;
+            let exchange = open.participants.entry(participant.clone());
+            match exchange.or_insert_with(|| begun.clone()).advance(&message) {
+                Ok(_) => message.receiver.push(participant),
+                Err(violation) => {
+                    tracing::debug!(agent = %self.communication.id, %violation, "not said: out of turn");
+                }
+            }
+        }
+        if !message.receiver.is_empty() {
+            self.communication.say_to_several(&message);
+        }
+    }
+
     /// Stops waiting in an exchange, and tells those whom it was opened with that they need not
     /// answer any more.
     pub fn withdraw(&mut self, token: &ReplyToken, why: &impl serde::Serialize) {

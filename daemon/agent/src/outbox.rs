@@ -14,6 +14,7 @@ use tokio::time::Instant;
 
 use crate::communication_agent::Undelivered;
 use crate::directory::Directory;
+use crate::receipts;
 
 /// One message under way.
 #[derive(Clone, Debug)]
@@ -118,11 +119,17 @@ impl Outbox {
         self.parcels.remove(id);
     }
 
-    /// An answer has come: it replaces the receipt of the message that opened the exchange, and
-    /// of no other: it may have crossed a `cancel`.
-    pub(crate) fn answered(&mut self, exchange: &ReplyToken, by: &AgentId) {
+    /// A turn of an exchange has come: it replaces the receipts of what can only come before it. An
+    /// answer that of the message that opened the exchange, a judgment that of the proposal; neither
+    /// that of a `cancel`, which it may have crossed.
+    pub(crate) fn replied(&mut self, exchange: &ReplyToken, by: &AgentId, with: Performative) {
+        let is_before = |parcel: &Parcel| {
+            let proposes =
+                matches!(parcel.performative, Performative::Agree | Performative::Propose);
+            parcel.opens || (proposes && receipts::is_judgment(with))
+        };
         self.parcels.retain(|_, UnderWay { parcel, .. }| {
-            !parcel.opens || parcel.exchange.as_ref() != Some(exchange) || parcel.to != *by
+            !is_before(parcel) || parcel.exchange.as_ref() != Some(exchange) || parcel.to != *by
         });
     }
 
@@ -312,6 +319,21 @@ mod tests {
         }
         assert_eq!(waits, [100, 300, 700, 1500, 2500, 3500]);
         outbox.received(&MessageId::new("m"));
+        assert_eq!(outbox.next_due(), None);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_judgment_is_a_receipt_for_the_proposal() {
+        let now = Instant::now();
+        let mut outbox = Outbox::new(&crate::Settings::default());
+        let proposal =
+            Parcel { performative: Performative::Agree, opens: false, ..parcel(now + PATIENCE) };
+        let life = Some(Life::from(&resident("a", 1)));
+        assert!(outbox.put(MessageId::new("m"), proposal, life, now));
+        let exchange = ReplyToken::new("t");
+        outbox.replied(&exchange, &robot(), Performative::Cancel);
+        assert!(outbox.next_due().is_some(), "it may have crossed");
+        outbox.replied(&exchange, &robot(), Performative::AcceptProposal);
         assert_eq!(outbox.next_due(), None);
     }
 

@@ -2,11 +2,12 @@
 //!
 //! A receipt stops the sender's retries, and nothing waits for it otherwise. So it may come as
 //! late as well before the first retry, and one message carries all that are owed to a sender.
+//! What can only be said by who has heard a message says so too.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::{AgentId, Incarnation, MessageId, ReplyToken};
+use acl::{AgentId, Incarnation, Message, MessageId, Performative, Protocol, ReplyToken};
 use bytes::Bytes;
 use tokio::time::Instant;
 
@@ -28,8 +29,44 @@ struct Owed {
     /// Which life of it: another of that name does not know the message.
     life: Incarnation,
     message: MessageId,
-    /// The exchange that the message opened: its answer replaces the receipt.
-    opened: Option<ReplyToken>,
+    /// What says that the message was heard, before a receipt does.
+    until: Option<Until>,
+}
+
+/// What replaces a receipt: it cannot be said by who has not heard the message.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Until {
+    /// The message opened this exchange: its answer.
+    Answered(ReplyToken),
+    /// The message is a proposal in this exchange: the word that it is accepted, or is not.
+    Judged(ReplyToken),
+}
+
+impl Until {
+    /// What replaces the receipt of a message, if anything does.
+    pub(crate) fn of(message: &Message) -> Option<Until> {
+        match (&message.in_reply_to, message.performative, message.protocol) {
+            (None, ..) => message.reply_with.clone().map(Until::Answered),
+            (Some(exchange), Performative::Agree, Some(Protocol::ContractNet))
+            | (Some(exchange), Performative::Propose, _) => Some(Until::Judged(exchange.clone())),
+            _ => None,
+        }
+    }
+
+    /// Whether a turn with this performative, of who heard the message, replaces its receipt.
+    ///
+    /// Not that of a `cancel`: the answer may have crossed it.
+    pub(crate) fn is_over(&self, exchange: &ReplyToken, performative: Performative) -> bool {
+        match self {
+            Until::Answered(opened) => opened == exchange,
+            Until::Judged(proposed) => proposed == exchange && is_judgment(performative),
+        }
+    }
+}
+
+/// Whether this is said of a proposal only.
+pub(crate) fn is_judgment(performative: Performative) -> bool {
+    matches!(performative, Performative::AcceptProposal | Performative::RejectProposal)
 }
 
 impl Receipts {
@@ -43,18 +80,18 @@ impl Receipts {
         &mut self,
         (to, life): (AgentId, Incarnation),
         message: MessageId,
-        opened: Option<ReplyToken>,
+        until: Option<Until>,
         now: Instant,
     ) {
         let latest = if self.owed.len() >= OWED_MAX { now } else { now + self.delay };
         self.due = Some(self.due.map_or(latest, |due| due.min(latest)));
-        self.owed.push(Owed { to, life, message, opened });
+        self.owed.push(Owed { to, life, message, until });
     }
 
-    /// An answer goes out, which replaces the receipt of what it answers. It does not replace
-    /// that of a `cancel`: the answer may have crossed it.
-    pub(crate) fn answered(&mut self, to: &AgentId, exchange: &ReplyToken) {
-        self.owed.retain(|owed| owed.to != *to || owed.opened.as_ref() != Some(exchange));
+    /// A turn of an exchange goes out, which replaces the receipts of what can only come before it.
+    pub(crate) fn replied(&mut self, to: &AgentId, exchange: &ReplyToken, with: Performative) {
+        let is_over = |until: &Until| until.is_over(exchange, with);
+        self.owed.retain(|owed| owed.to != *to || !owed.until.as_ref().is_some_and(is_over));
         if self.owed.is_empty() {
             self.due = None;
         }
@@ -124,11 +161,25 @@ mod tests {
     async fn an_answer_replaces_the_receipt_of_what_it_answers_only() {
         let mut receipts = Receipts::new(RETRY);
         let (exchange, now) = (ReplyToken::new("e"), Instant::now());
-        receipts.owe(life("a"), MessageId::new("request"), Some(exchange.clone()), now);
+        let opened = Some(Until::Answered(exchange.clone()));
+        receipts.owe(life("a"), MessageId::new("request"), opened, now);
         receipts.owe(life("a"), MessageId::new("cancel"), None, now);
-        receipts.answered(&name("b"), &exchange);
-        receipts.answered(&name("a"), &exchange);
+        receipts.replied(&name("b"), &exchange, Performative::Confirm);
+        receipts.replied(&name("a"), &exchange, Performative::Confirm);
         assert_eq!(read(&receipts.take()[&life("a")]), [MessageId::new("cancel")]);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_judgment_replaces_the_receipt_of_the_proposal_and_no_other_turn_does() {
+        let mut receipts = Receipts::new(RETRY);
+        let (exchange, now) = (ReplyToken::new("e"), Instant::now());
+        let proposed = Some(Until::Judged(exchange.clone()));
+        receipts.owe(life("a"), MessageId::new("proposal"), proposed, now);
+        receipts.replied(&name("a"), &exchange, Performative::Cancel);
+        receipts.replied(&name("a"), &ReplyToken::new("f"), Performative::AcceptProposal);
+        assert!(receipts.due().is_some());
+        receipts.replied(&name("a"), &exchange, Performative::RejectProposal);
+        assert_eq!(receipts.due(), None);
     }
 
     #[tokio::test(start_paused = true)]

@@ -50,14 +50,18 @@ impl Transcript {
         if message.opens_exchange() {
             return self.open(token, protocol, message).map(Some);
         }
-        let Some(participant) = self.participant(token, message) else { return Ok(None) };
-        let key = (token.clone(), Some(participant));
-        let Some(exchange) = self.exchange(&key) else { return Ok(None) };
-        let phase = exchange.advance(message)?;
-        if phase == Phase::Closed {
-            self.exchanges.remove(&key);
+        // A turn may go to several participants of a broadcast: each has an exchange of its own.
+        let mut heard = Ok(None);
+        for participant in self.participants(token, message) {
+            let key = (token.clone(), Some(participant));
+            let Some(exchange) = self.exchange(&key) else { continue };
+            let advanced = exchange.advance(message);
+            if advanced == Ok(Phase::Closed) {
+                self.exchanges.remove(&key);
+            }
+            heard = heard.and(advanced.map(Some));
         }
-        Ok(Some(phase))
+        heard
     }
 
     fn open(
@@ -75,12 +79,13 @@ impl Transcript {
         Ok(phase)
     }
 
-    /// The participant of the exchange a message continues: its sender, or whom the initiator
+    /// The participants of the exchange a message continues: its sender, or whom the initiator
     /// addresses.
-    fn participant(&self, token: &ReplyToken, message: &Message) -> Option<AgentId> {
-        match self.role(token, &message.sender)? {
-            Role::Initiator => message.receiver.first().cloned(),
-            Role::Participant => Some(message.sender.clone()),
+    fn participants(&self, token: &ReplyToken, message: &Message) -> Vec<AgentId> {
+        match self.role(token, &message.sender) {
+            Some(Role::Initiator) => message.receiver.clone(),
+            Some(Role::Participant) => vec![message.sender.clone()],
+            None => Vec::new(),
         }
     }
 
@@ -130,7 +135,7 @@ mod tests {
             performative,
             sender: name(sender),
             incarnation: Incarnation(1),
-            receiver: if receiver == "*" { vec![] } else { vec![name(receiver)] },
+            receiver: receiver.split(',').filter(|to| *to != "*").map(name).collect(),
             content: value(&Report::new(outcome, "")),
             language: None,
             ontology: None,
@@ -180,6 +185,10 @@ mod tests {
             "r>c reject-proposal",
         ];
         check(Protocol::ContractNet, &lines, None);
+        let together = ["r>* cfp", "a>r agree", "c>r agree", "r>a,c reject-proposal"];
+        check(Protocol::ContractNet, &together, None);
+        let some = ["r>* cfp", "a>r agree", "r>a,c reject-proposal"];
+        check(Protocol::ContractNet, &some, Some(2));
         check(Protocol::ContractNet, &["r>* cfp", "a>r agree", "r>b accept-proposal"], Some(2));
         check(Protocol::ContractNet, &["r>* cfp", "r>a accept-proposal"], Some(1));
         check(Protocol::ContractNet, &["r>* cfp", "a>r agree", "a>r agree"], Some(2));

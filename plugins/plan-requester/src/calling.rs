@@ -69,10 +69,18 @@ impl Call {
                 judged.insert((agent.clone(), token.clone()));
             }
         }
+        let mut rejected: BTreeMap<&ReplyToken, Vec<AgentId>> = BTreeMap::new();
         for (agent, _, token) in &self.made_in {
             if judged.insert((agent.clone(), token.clone())) {
-                let choice = value(&Choice { covers: Vec::new(), detail: why.to_owned() });
-                ctx.go_on(token, agent, Performative::RejectProposal, choice);
+                rejected.entry(token).or_default().push(agent.clone());
+            }
+        }
+        for (token, agents) in rejected {
+            let choice = value(&Choice { covers: Vec::new(), detail: why.to_owned() });
+            match agents.as_slice() {
+                [agent] => ctx.go_on(token, agent, Performative::RejectProposal, choice),
+                // Nobody does anything about it: one word for all will do.
+                _ => ctx.go_on_with(token, agents, Performative::RejectProposal, choice),
             }
         }
         for token in &self.tokens {

@@ -160,8 +160,12 @@ fn discreet(message: &Message) -> Message {
     shown
 }
 
-fn receiver(message: &Message) -> &str {
-    message.receiver.first().map_or("all", |receiver| receiver.as_str())
+fn receiver(message: &Message) -> String {
+    match message.receiver.as_slice() {
+        [] => "all".to_owned(),
+        [receiver] => receiver.to_string(),
+        [first, others @ ..] => format!("{first} +{}", others.len()),
+    }
 }
 
 /// A message among all others: one line.
@@ -176,7 +180,7 @@ fn line(at: Duration, message: &Message) -> String {
 /// A message of one conversation: an arrow from one agent to another, and what it says below.
 fn step(at: Duration, message: &Message) -> String {
     let from = cut(message.sender.as_str(), NAME_COLUMNS);
-    let to = cut(receiver(message), NAME_COLUMNS);
+    let to = cut(&receiver(message), NAME_COLUMNS);
     let act = format!("─ {} ", message.performative);
     let arrow = format!("{act:─<width$}▶", width = ARROW_COLUMNS - 1);
     let mut text = format!("{:>8.3} {from:<NAME_COLUMNS$} {arrow} {to}\n", at.as_secs_f64());

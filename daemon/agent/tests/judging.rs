@@ -1,0 +1,140 @@
+//! A call for proposals, the proposals, and the word about them: who hears what, and how many
+//! messages that takes.
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use acl::{
+    AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message, Performative, Protocol,
+};
+use agent::{
+    Agent, Answer, Berth, Callbacks, Context, Engagement, Launch, Opening, Settings, Switchboard,
+};
+use serde_json::Value;
+use substrate::memory::Network;
+use substrate::{Addressed, Subject};
+use tokio::sync::mpsc;
+use tokio_util::sync::CancellationToken;
+
+fn name(text: &str) -> AgentId {
+    AgentId::new(text).expect("a name")
+}
+
+/// Calls as soon as so many bidders are here; accepts the first proposal of all, and rejects the rest.
+struct Caller {
+    bidders: usize,
+    proposed: Vec<AgentId>,
+}
+
+impl Agent for Caller {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        let opening = Opening {
+            to: None,
+            performative: Performative::Cfp,
+            protocol: Protocol::ContractNet,
+            conversation: ConversationId::new("c"),
+            content: Value::Null,
+        };
+        let token = Arc::new(Mutex::new(None));
+        let called = Arc::clone(&token);
+        let opened =
+            ctx.open(opening, Duration::from_secs(10), move |caller: &mut Self, answer, ctx| {
+                let Answer::Message(message) = answer else { return };
+                caller.proposed.push(message.sender.clone());
+                let token = called.lock().expect("unbroken").clone();
+                if let Some(token) = token.filter(|_| caller.proposed.len() == caller.bidders) {
+                    caller.proposed.sort();
+                    let rejected = caller.proposed.split_off(1);
+                    let first = &caller.proposed[0];
+                    ctx.go_on(&token, first, Performative::AcceptProposal, Value::Null);
+                    ctx.go_on_with(&token, rejected, Performative::RejectProposal, Value::Null);
+                    ctx.close(&token);
+                }
+            });
+        *token.lock().expect("unbroken") = Some(opened);
+    }
+}
+
+/// Proposes; tells what it hears of that.
+struct Bidder(mpsc::UnboundedSender<String>);
+
+impl Agent for Bidder {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+            .on_broadcast(Performative::Cfp, Self::called)
+            .on_broadcast(Performative::RejectProposal, Self::judged)
+            .on(Performative::AcceptProposal, Self::judged)
+            .on(Performative::RejectProposal, Self::judged)
+    }
+}
+
+impl Bidder {
+    fn called(&mut self, message: Message, ctx: &mut Context<Self>) {
+        ctx.answer(&Engagement::of(&message), Performative::Agree, &());
+    }
+
+    fn judged(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let _ = self.0.send(format!("{} {}", ctx.id(), message.performative));
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn all_who_are_rejected_hear_it_in_one_message_and_nobody_sends_receipts_for_proposals() {
+    let network = Network::default();
+    let said = Arc::new(Mutex::new(Vec::new()));
+    let taps = Arc::clone(&said);
+    network.tap(move |addressed, _| {
+        let what = match addressed {
+            Addressed::To(_, Subject::Receipt) => "receipt".to_owned(),
+            Addressed::To(_, Subject::Message(performative)) => performative.to_string(),
+            Addressed::All(_, performative) => format!("{performative} to all"),
+            Addressed::Beat(_) => "beat".to_owned(),
+        };
+        taps.lock().expect("unbroken").push(what);
+    });
+    let (tell, mut heard) = mpsc::unbounded_channel();
+    let launch = |agent: Box<dyn Launch>, id: &str, switchboard: &Arc<Switchboard>| {
+        agent.launch(Berth {
+            id: name(id),
+            incarnation: Incarnation(1),
+            switchboard: Arc::clone(switchboard),
+            ontology: Arc::from("test"),
+            stopping: CancellationToken::new(),
+            stands_by: false,
+            via: [].into(),
+        })
+    };
+    let open = |daemon: &str| {
+        let daemon = DaemonId::new(daemon).expect("a name");
+        let ecosystem = EcosystemId::new("test").expect("a name");
+        let switchboard = Switchboard::new(ecosystem, daemon.clone(), Settings::default());
+        switchboard.connect(network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _));
+        switchboard
+    };
+    let (here, there) = (open("here"), open("there"));
+    for (id, daemon) in [("a", &here), ("b", &here), ("c", &there), ("d", &there)] {
+        launch(Box::new(Bidder(tell.clone())), id, daemon);
+    }
+    tokio::time::sleep(Duration::from_millis(1)).await;
+    launch(Box::new(Caller { bidders: 4, proposed: Vec::new() }), "caller", &here);
+    let mut judged = Vec::new();
+    for _ in 0..4 {
+        judged.push(heard.recv().await.expect("a judgment"));
+    }
+    judged.sort();
+    let rejected = ["b", "c", "d"].map(|who| format!("{who} reject-proposal"));
+    assert_eq!(judged[0], "a accept-proposal");
+    assert_eq!(judged[1..], rejected);
+    // Long enough for every receipt and every retry.
+    tokio::time::sleep(Duration::from_secs(5)).await;
+    let mut said = said.lock().expect("unbroken").clone();
+    said.sort();
+    let agrees = ["agree"; 4];
+    let expected =
+        [&["accept-proposal"][..], &agrees, &["cfp to all", "receipt", "reject-proposal to all"]];
+    assert_eq!(said, expected.concat(), "one receipt: for what is to be done");
+}
