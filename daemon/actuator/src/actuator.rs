@@ -499,7 +499,7 @@ impl<D: Device> Actuator<D> {
                 let mut afresh = Planner::default();
                 let mut kept = planner.try_lock().ok();
                 let Planner { sight, replanner } = kept.as_deref_mut().unwrap_or(&mut afresh);
-                bid(&local(sight), &call, replanner, &flag)
+                bid(local(sight), &call, replanner, &flag)
             },
             move |actuator: &mut Self, bid, ctx| {
                 actuator.bidding.remove(&finished);

@@ -5,7 +5,7 @@
 //! accepted at once, because each starts from the state as it is.
 
 use acl::content::{Bid, CallForProposals, Proposal};
-use capability::{Snapshot, text_digest};
+use capability::{Snapshot, problem_digest};
 use pddl::{Atom, Condition, InitElement, Plan, Problem};
 use planner::{Cancel, Options, Replanner};
 
@@ -17,7 +17,7 @@ const NOTHING: &str = "nothing that is called for is within my reach";
 ///
 /// Why there is nothing to propose, for a person.
 pub(crate) fn bid(
-    snapshot: &Snapshot,
+    mut snapshot: Snapshot,
     call: &CallForProposals,
     replanner: &mut Replanner,
     cancel: &Cancel,
@@ -26,15 +26,26 @@ pub(crate) fn bid(
     // One alone is planned for at once: that tells the same, and the proof would look at everything
     // a second time.
     if conjuncts.len() > 1 {
-        conjuncts = within_reach(snapshot, conjuncts, replanner, cancel);
+        conjuncts = within_reach(&snapshot, conjuncts, replanner, cancel);
     }
     if conjuncts.is_empty() {
         return Err(NOTHING.to_owned());
     }
+    if let [conjunct] = conjuncts.as_slice() {
+        // Nothing else is planned with it, so it need not be copied.
+        let mut problem = taken(&mut snapshot.problem);
+        let proposal = propose(&snapshot, &mut problem, &[conjunct], replanner, cancel);
+        let proposals = vec![proposal.ok_or_else(|| NOTHING.to_owned())?];
+        let domain_digest = problem_digest(snapshot.digest(), &problem);
+        return Ok(Bid { proposals, domain_digest });
+    }
+    let mut propose = |conjuncts: &[&(String, Condition)]| {
+        propose(&snapshot, &mut snapshot.problem.clone(), conjuncts, replanner, cancel)
+    };
     let mut proposals = Vec::new();
     if !call.together {
         for conjunct in &conjuncts {
-            proposals.extend(propose(snapshot, &[conjunct], replanner, cancel));
+            proposals.extend(propose(&[conjunct]));
         }
     }
     let reachable: Vec<_> = conjuncts
@@ -44,13 +55,19 @@ pub(crate) fn bid(
         })
         .collect();
     if call.together || reachable.len() > 1 {
-        proposals.extend(propose(snapshot, &reachable, replanner, cancel));
+        proposals.extend(propose(&reachable));
     }
     if proposals.is_empty() {
         return Err(NOTHING.to_owned());
     }
-    let local = format!("{}{}", snapshot.digest(), snapshot.problem);
-    Ok(Bid { proposals, domain_digest: text_digest(&local) })
+    let domain_digest = problem_digest(snapshot.digest(), &snapshot.problem);
+    Ok(Bid { proposals, domain_digest })
+}
+
+/// A problem without its objects and facts, which are in the one that is returned.
+fn taken(problem: &mut Problem) -> Problem {
+    let (objects, init) = (std::mem::take(&mut problem.objects), std::mem::take(&mut problem.init));
+    Problem { objects, init, ..problem.clone() }
 }
 
 fn readable(call: &CallForProposals) -> Result<Vec<(String, Condition)>, String> {
@@ -88,14 +105,15 @@ fn within_reach(
 /// One plan that covers these conjuncts together, if there is one.
 fn propose(
     snapshot: &Snapshot,
+    problem: &mut Problem,
     conjuncts: &[&(String, Condition)],
     replanner: &mut Replanner,
     cancel: &Cancel,
 ) -> Option<Proposal> {
-    let goal = Condition::And(conjuncts.iter().map(|(_, condition)| condition.clone()).collect());
-    let mut problem = snapshot.with_goal(goal, None);
-    forget(&mut problem, conjuncts.iter().copied());
-    let planned = replanner.plan(&snapshot.domain, &problem, &[], &Options::default(), cancel);
+    let conditions = conjuncts.iter().map(|(_, condition)| condition.clone());
+    problem.goal = Condition::And(conditions.collect());
+    forget(problem, conjuncts.iter().copied());
+    let planned = replanner.plan(&snapshot.domain, problem, &[], &Options::default(), cancel);
     let plan = match planned {
         Ok(planned) => planned.outcome.plan?,
         Err(error) => {

@@ -54,7 +54,7 @@ pub use belief::Source;
 pub use change::{Change, text_of};
 pub use conflict::{Conflict, Kind, Subject};
 pub use declined::Declined;
-pub use digest::{model_digest, text_digest};
+pub use digest::{model_digest, problem_digest, text_digest};
 pub use fact::Owner;
 pub use follower::{Follower, Lag};
 pub use inputs::{Announcement, Beat, Effects, Known, Requests, SILENCE_HALF_PERIODS};

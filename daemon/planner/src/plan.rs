@@ -142,6 +142,11 @@ pub(crate) fn refuse_mistakes_of_problem(
     refuse(pddl::check_problem(domain, problem))
 }
 
+/// The same, where only the goal is another than in a problem that has been looked at before.
+pub(crate) fn refuse_mistakes_of_goal(domain: &Domain, problem: &Problem) -> Result<(), PlanError> {
+    refuse(pddl::check::check_condition(domain, problem, &problem.goal))
+}
+
 fn refuse(mut mistakes: Vec<Diagnostic>) -> Result<(), PlanError> {
     mistakes.retain(Diagnostic::is_error);
     if mistakes.is_empty() { Ok(()) } else { Err(PlanError::BadInput(mistakes)) }

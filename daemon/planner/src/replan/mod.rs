@@ -18,7 +18,7 @@ use crate::ground::{GroundError, Outgrown, Present, Standing};
 use crate::limits::{Cancel, Options};
 use crate::normalize::{Initial, normalize_named, refuse_time};
 use crate::outcome::{Outcome, PlanError, Statistics, StopReason};
-use crate::plan::{Judge, refuse_mistakes, refuse_mistakes_of_problem};
+use crate::plan::{Judge, refuse_mistakes, refuse_mistakes_of_goal, refuse_mistakes_of_problem};
 use crate::search::Told;
 use crate::solve::Solver;
 use crate::task::Task;
@@ -238,13 +238,16 @@ impl Replanner {
         let has_domain = checked.is_some_and(|(_, then)| {
             then.schemas == present.schemas && then.predicates == present.predicates
         });
-        let has_problem = checked
-            .is_some_and(|(goal, then)| *goal == problem.goal && then == present)
+        let has_state = checked.is_some_and(|(_, then)| then == present)
             && now.as_ref().is_some_and(|now| held.standing.knows_values(now));
+        let has_goal = checked.is_some_and(|(goal, _)| *goal == problem.goal);
+        let has_problem = has_state && has_goal;
         if !has_domain || !additions.are_objects_only() {
             refuse_mistakes(domain, problem)?;
-        } else if !has_problem {
+        } else if !has_state {
             refuse_mistakes_of_problem(domain, problem)?;
+        } else if !has_goal {
+            refuse_mistakes_of_goal(domain, problem)?;
         }
         if !has_problem {
             let is_all = additions.is_empty();
