@@ -10,18 +10,23 @@
 //! - Called on the substrate's threads: nothing here waits. Time is caught up with whenever
 //!   something is heard or looked at. Who looks keeps what was known then; what comes meanwhile is
 //!   written into a copy.
+//! - What was said before the first actuator came is read when its sender speaks again, or when
+//!   somebody looks: a thousand models at once would keep that actuator waiting for a tenth of a
+//!   second, and their senders all speak within a heartbeat.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use acl::content::Inform;
 use acl::{AgentId, Incarnation, Message};
+use bytes::Bytes;
 use capability::{Announcement, Change, Maintainer, Moment, Scope};
 use substrate::Presence;
 use tokio::time::Instant;
 
 use crate::plugin::Host;
+use crate::switchboard::inform_of;
 use crate::upkeep::{self, TELLING};
 
 /// What the actuators of one daemon have heard.
@@ -38,6 +43,8 @@ struct State {
     leaving: BTreeSet<(Moment, AgentId, Incarnation)>,
     /// Those who are being asked for their models.
     asked: BTreeSet<AgentId>,
+    /// What was said before, by whom: not read yet.
+    unread: BTreeMap<AgentId, Vec<Bytes>>,
 }
 
 impl Commons {
@@ -45,13 +52,22 @@ impl Commons {
     pub(crate) fn new(host: &Host) -> Commons {
         let (ontology, map) = (Arc::clone(&host.ontology), Arc::clone(&host.map));
         let maintainer = Arc::new(Maintainer::new(ontology, map, Scope::Public));
-        let state = State { maintainer, leaving: BTreeSet::new(), asked: BTreeSet::new() };
+        let (leaving, asked) = (BTreeSet::new(), BTreeSet::new());
+        let state = State { maintainer, leaving, asked, unread: BTreeMap::new() };
         Commons { began: Instant::now(), removal: host.settings.removal, state: Mutex::new(state) }
+    }
+
+    /// Takes what was said before, by whom: the newest of each kind.
+    pub(crate) fn was_said(&self, before: BTreeMap<AgentId, Vec<Bytes>>) {
+        self.state().0.unread = before;
     }
 
     /// What is known now, and which moment this is.
     pub fn look(&self) -> (Arc<Maintainer>, Moment) {
-        let (state, now) = self.state();
+        let (mut state, now) = self.state();
+        while let Some((_, said)) = state.unread.pop_first() {
+            self.read(&mut state, said, now);
+        }
         (Arc::clone(&state.maintainer), now)
     }
 
@@ -69,15 +85,37 @@ impl Commons {
         incarnation: Incarnation,
         digest: &str,
     ) -> Option<Announcement> {
-        self.state().0.maintainer.announcement(agent, incarnation, digest)
+        let (mut state, now) = self.state();
+        self.read_of(&mut state, agent, now);
+        state.maintainer.announcement(agent, incarnation, digest)
     }
 
     /// Hears an `inform` to all; `true` if its sender's model has to be asked for first.
     pub(crate) fn hear(&self, message: &Message, inform: &Inform) -> bool {
         let (mut state, now) = self.state();
+        self.read_of(&mut state, &message.sender, now);
+        self.take(&mut state, message, inform, now)
+    }
+
+    /// Reads what an agent said before, if that is still to be done.
+    fn read_of(&self, state: &mut State, agent: &AgentId, now: Moment) {
+        let said = state.unread.remove(agent);
+        self.read(state, said.unwrap_or_default(), now);
+    }
+
+    /// Who lacks a model then is asked for it when it speaks again.
+    fn read(&self, state: &mut State, said: Vec<Bytes>, now: Moment) {
+        for message in said.iter().filter_map(|payload| acl::decode(payload).ok()) {
+            if let Some(inform) = inform_of(&message) {
+                self.take(state, &message, &inform, now);
+            }
+        }
+    }
+
+    fn take(&self, state: &mut State, message: &Message, inform: &Inform, now: Moment) -> bool {
         let heard = upkeep::hear(Arc::make_mut(&mut state.maintainer), message, inform, None, now);
         for change in &heard.changes {
-            self.note(&mut state, change, now);
+            self.note(state, change, now);
         }
         if let Some(mistake) = heard.mistake {
             // The central Domain Maintainer tells the sender.
@@ -90,8 +128,14 @@ impl Commons {
     pub(crate) fn presence(&self, presence: &Presence) -> Option<Duration> {
         let (mut state, now) = self.state();
         let (who, life) = (&presence.resident().agent, presence.resident().incarnation);
+        if let Presence::Left(_) = presence {
+            self.read_of(&mut state, who, now);
+        }
+        let is_unread = state.unread.contains_key(who);
         let maintainer = Arc::make_mut(&mut state.maintainer);
         let (change, asked_after) = match presence {
+            // It has told its model, which is read when it speaks again.
+            Presence::Joined(_) if is_unread => return None,
             Presence::Joined(_) => {
                 let is_strange = maintainer.incarnation(who) != Some(life);
                 // Who is back may have said something while it was away.
@@ -109,7 +153,9 @@ impl Commons {
 
     /// Whether this life of `agent` has told its model.
     pub(crate) fn knows(&self, agent: &AgentId, life: Incarnation) -> bool {
-        self.state().0.maintainer.incarnation(agent) == Some(life)
+        let (mut state, now) = self.state();
+        self.read_of(&mut state, agent, now);
+        state.maintainer.incarnation(agent) == Some(life)
     }
 
     /// Whether nobody else is asking `agent` for its model.

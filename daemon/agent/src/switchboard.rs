@@ -274,12 +274,15 @@ impl Switchboard {
         let commons = Arc::clone(&self.commons.get_or_init(begin).commons);
         if is_new {
             // From here on they hear by themselves. What comes twice is no news.
-            let (directory, heard) = {
+            let mut said: BTreeMap<AgentId, Vec<Bytes>> = BTreeMap::new();
+            let directory = {
                 let state = self.read();
-                (Arc::clone(&state.directory), state.heard.values().cloned().collect::<Vec<_>>())
+                for ((sender, _), payload) in &state.heard {
+                    said.entry(sender.clone()).or_default().push(payload.clone());
+                }
+                Arc::clone(&state.directory)
             };
-            let heard = heard.iter().filter_map(|payload| acl::decode(payload).ok());
-            heard.for_each(|message| self.tell_commons(&message, inform_of(&message)));
+            commons.was_said(said);
             let residents = directory.iter().cloned();
             residents.for_each(|resident| self.show_commons(&Presence::Joined(resident)));
         }
