@@ -295,7 +295,7 @@ impl Heard {
     ) {
         let Some(requested) = &change.requested else { return };
         // Who has an action model is no Domain Maintainer, whatever it says of others.
-        if maintainer.incarnation(&message.sender).is_some() {
+        if !maintainer.follows() || maintainer.incarnation(&message.sender).is_some() {
             return;
         }
         match Requests::read(requested, now) {

@@ -273,6 +273,16 @@ impl Beliefs {
         }
     }
 
+    /// The same, where the fact alone tells: what a heartbeat does not say any more, of a thousand
+    /// agents each second.
+    pub(crate) fn withdraw_facts(&mut self, owner: &Owner, is_over: impl Fn(&FactKey) -> bool) {
+        let over: Vec<FactKey> =
+            self.facts_of(owner).filter(|fact| is_over(fact)).cloned().collect();
+        for fact in over {
+            self.withdraw(&fact, owner);
+        }
+    }
+
     /// Believes nobody any longer about what was told, but for what `stays`.
     pub(crate) fn withdraw_told(&mut self, stays: impl Fn(&FactKey, &Owner) -> bool) {
         let over: Vec<(FactKey, Owner)> = { self.claims() }

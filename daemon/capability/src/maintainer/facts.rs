@@ -57,7 +57,7 @@ impl Maintainer {
             }
         }
         let owner = Owner::Agent(agent);
-        self.beliefs.withdraw_where(&owner, |fact, _| !said.contains(fact) && member.owns(fact));
+        self.beliefs.withdraw_facts(&owner, |fact| !said.contains(fact) && member.owns(fact));
         for (key, claim) in claims {
             self.beliefs.claim(key, &owner, Claim { incarnation, sequence, ..claim });
         }

@@ -168,6 +168,11 @@ impl Maintainer {
         }
     }
 
+    /// Whether it believes what another tells of requests: who does not need not read it.
+    pub fn follows(&self) -> bool {
+        self.follows
+    }
+
     /// Believes what the central maintainer tells of requests: all of it, and nothing that it told
     /// before. The word of owners who are heard here themselves goes before it. The central
     /// maintainer that acts knows better than any other.
