@@ -106,3 +106,20 @@ fn a_model_comes_with_its_methods_and_leaves_with_the_snapshot() {
     let unreadable = ModelAnnouncement { model: "(define".to_owned(), ..announced };
     assert!(Announcement::read(id("t-1"), Incarnation(2), &unreadable).is_err());
 }
+
+#[test]
+fn the_digest_of_a_problem_is_of_its_objects_and_facts_and_not_of_its_goal() {
+    let read = |objects: &str, facts: &str, goal: &str| {
+        let text = format!(
+            "(define (problem p) (:domain d) (:objects {objects}) (:init {facts}) (:goal {goal}))"
+        );
+        pddl::parse_problem(&text).into_result().expect("a problem")
+    };
+    let digest = |problem| capability::problem_digest("d", &problem);
+    let one = digest(read("a b", "(p a)", "(p b)"));
+    assert_eq!(one, digest(read("a  b", "(p a)", "(q b)")));
+    for other in [("a b", "(p b)"), ("a b", "(p a) (p b)"), ("a b c", "(p a)"), ("b a", "(p a)")] {
+        assert_ne!(one, digest(read(other.0, other.1, "(p b)")), "{other:?}");
+    }
+    assert_ne!(one, capability::problem_digest("e", &read("a b", "(p a)", "(p b)")));
+}
