@@ -32,6 +32,10 @@ use crate::switchboard::Switchboard;
 /// later `cancel` of it is not understood.
 const ENGAGEMENTS_MAX: usize = 4_096;
 
+/// Exchanges that are over and are still in the order of those that are followed, beside as many as
+/// are followed: more are sorted out.
+const OVER_MAX: usize = 64;
+
 /// Turns that came before what opens their exchange: a `cancel` that overtook a lost `request`.
 const EARLY_TURNS_MAX: usize = 64;
 
@@ -432,6 +436,10 @@ impl CommunicationAgent {
             && let Some(oldest) = self.engagements_order.pop_front()
         {
             self.engagements.remove(&oldest);
+        }
+        if self.engagements_order.len() > self.engagements.len() * 2 + OVER_MAX {
+            let followed = &self.engagements;
+            self.engagements_order.retain(|key| followed.contains_key(key));
         }
         self.engagements_order.push_back(key.clone());
         self.engagements.insert(key, exchange);
