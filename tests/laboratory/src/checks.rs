@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::PoisonError;
 
-use acl::content::{GoalStatus, Keep, Record};
+use acl::content::{GoalStatus, Keep, Mailboxes, Record};
 use building::{Event, Truth};
 
 use crate::city::City;
@@ -13,12 +13,22 @@ use crate::machine::Post;
 use crate::people::Story;
 use crate::script::BLINKS_UNTIL;
 
+/// Letters that may lie in a mailbox when nobody does anything: heartbeats of this instant.
+const UNREAD_MAX: u64 = 16;
+
 /// Everything that was promised and not held.
-pub fn all(city: &City, goals: &[GoalStatus], has_settled: bool) -> Vec<String> {
+pub fn all(
+    city: &City,
+    goals: &[GoalStatus],
+    mailboxes: &[Mailboxes],
+    has_settled: bool,
+) -> Vec<String> {
     let mut broken = city.world.broken.lock().unwrap_or_else(PoisonError::into_inner).clone();
     broken.extend(twice(city));
     broken.extend(unrecorded(city, &city.truth()));
     let kept = kept(city);
+    broken.extend(unread(mailboxes));
+    broken.extend(outlived(&kept));
     for story in city.people.iter().flat_map(|person| person.stories.values()) {
         broken.extend(torn(story));
         broken.extend(unheard(story));
@@ -108,6 +118,26 @@ fn vanished(
         let record = record.map(|record| record.body.to_string());
         format!("{} ({conversation}) was accepted and is gone; kept: {record:?}", story.wish.goal)
     })
+}
+
+/// Nothing piles up: where all is quiet, what came has been read.
+fn unread(mailboxes: &[Mailboxes]) -> Vec<String> {
+    let all = mailboxes.iter().flat_map(|of_daemon| &of_daemon.mailboxes);
+    let full = all.filter(|mailbox| mailbox.waiting > UNREAD_MAX);
+    full.map(|mailbox| format!("`{}` has {} letters unread", mailbox.agent, mailbox.waiting))
+        .collect()
+}
+
+/// No Journal keeps the plan of a goal that has ended: plans are what is large.
+fn outlived(kept: &BTreeMap<String, Record>) -> Vec<String> {
+    let has_ended = |goal: &str| {
+        let record = kept.get(&format!("goal/{goal}"));
+        record.is_none_or(|record| record.body.is_null() || !record.body["ended"].is_null())
+    };
+    let plans = kept.iter().filter(|(_, record)| !record.body.is_null());
+    let plans = plans.filter_map(|(key, _)| key.strip_prefix("plan/"));
+    let outlived = plans.filter(|goal| has_ended(goal));
+    outlived.map(|goal| format!("the plan of {goal} is kept, which has ended")).collect()
 }
 
 /// The newest of all that Journals have on disk.

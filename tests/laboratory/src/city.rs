@@ -5,11 +5,12 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use acl::content::GoalStatus;
+use acl::content::{GoalStatus, Mailboxes};
 use acl::{ConversationId, DaemonId, MessageId, Performative};
 use agent::{Ask, Resource, Settings};
 use building::{Building, Truth};
 use keyboard::Terminal;
+use serde::de::DeserializeOwned;
 use substrate::faulty::{Cut, Network, Weather};
 use substrate::{Addressed, Subject};
 use tokio::time::Instant;
@@ -91,6 +92,28 @@ impl City {
     ///
     /// If the plan is no building, or the ontology cannot be read.
     pub fn new(script: Script, without: Option<Guard>, folder: &Path) -> Result<City, TrialError> {
+        City::with(script, without, settings(without), folder)
+    }
+
+    /// The same, where agents remember so many messages.
+    ///
+    /// # Errors
+    ///
+    /// As above.
+    pub fn enduring(
+        script: Script,
+        heard_messages_max: usize,
+        folder: &Path,
+    ) -> Result<City, TrialError> {
+        City::with(script, None, Settings { heard_messages_max, ..settings(None) }, folder)
+    }
+
+    fn with(
+        script: Script,
+        without: Option<Guard>,
+        settings: Settings,
+        folder: &Path,
+    ) -> Result<City, TrialError> {
         let since = Instant::now();
         let building = Building::new(script.layout.clone(), TIME_SCALE)?;
         let network = Network::new(script.seed);
@@ -98,7 +121,7 @@ impl City {
         let world = Arc::new(World {
             ontology: Arc::new(ontology),
             map: Arc::new(map),
-            settings: settings(without),
+            settings,
             network,
             annex: (!script.errands.is_empty()).then(|| Network::new(script.seed)),
             building: building.handle(),
@@ -270,11 +293,19 @@ impl City {
 
     /// The goals that the acting Plan Requester has, as a person asks for them.
     pub async fn goals(&self) -> Vec<GoalStatus> {
+        self.ask::<Vec<GoalStatus>>(Resource::Goals).await.into_iter().flatten().collect()
+    }
+
+    /// How full all mailboxes are.
+    pub async fn mailboxes(&self) -> Vec<Mailboxes> {
+        self.ask(Resource::Mailbox).await
+    }
+
+    async fn ask<T: DeserializeOwned>(&self, resource: Resource) -> Vec<T> {
         let Some(switchboard) = self.posts[0].switchboard() else { return Vec::new() };
-        let ask = Ask { daemon: None, resource: Resource::Goals, agent: None };
+        let ask = Ask { daemon: None, resource, agent: None };
         let answers = switchboard.ask(ask, Duration::from_secs(2)).await;
-        let goals = answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok());
-        goals.flat_map(|goals: Vec<GoalStatus>| goals).collect()
+        answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok()).collect()
     }
 
     /// Counts the commands that were begun in the life of a daemon that is over.

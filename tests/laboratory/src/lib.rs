@@ -10,12 +10,14 @@
 //! - [`machine`]: one daemon on one machine, with a clock and a disk that outlive its processes.
 //! - [`city`]: all machines, the wire between them, the building.
 //! - [`gates`]: a second ecosystem, and the interfacing nodes between both.
+//! - [`endurance`]: a long day, to see what is held.
 //! - [`people`]: who asks for goals, and what they hear.
 //! - [`checks`]: what must hold afterwards.
 //! - [`trial`]: plays a seed.
 
 pub mod checks;
 pub mod city;
+pub mod endurance;
 pub mod gates;
 pub mod machine;
 pub mod people;

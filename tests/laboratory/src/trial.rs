@@ -50,9 +50,7 @@ pub struct TrialError(String);
 ///
 /// If it cannot be set up: there is no place for its files, or what was drawn is no building.
 pub fn play(seed: u64, without: Option<Guard>) -> Result<Verdict, TrialError> {
-    let runtime =
-        tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build()?;
-    let folder = folder()?;
+    let (runtime, folder) = (runtime()?, folder()?);
     runtime.block_on(async {
         let script = Script::draw(seed)?;
         let city = City::new(script, without, folder.path())?;
@@ -60,8 +58,13 @@ pub fn play(seed: u64, without: Option<Guard>) -> Result<Verdict, TrialError> {
     })
 }
 
+/// What plays a trial: one thread, and time that passes as soon as everybody waits for it.
+pub(crate) fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
+    tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build()
+}
+
 /// A folder in memory where there is one: nothing here has to outlive this process.
-fn folder() -> std::io::Result<tempfile::TempDir> {
+pub(crate) fn folder() -> std::io::Result<tempfile::TempDir> {
     tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir())
 }
 
@@ -110,7 +113,8 @@ impl Trial {
         for number in 0..self.city.posts.len() {
             self.city.read_begun(number);
         }
-        self.broken.extend(checks::all(&self.city, &self.city.goals().await, settled));
+        let (goals, mailboxes) = (self.city.goals().await, self.city.mailboxes().await);
+        self.broken.extend(checks::all(&self.city, &goals, &mailboxes, settled));
         self.verdict()
     }
 
