@@ -6,10 +6,12 @@
 //! any more. As a process that has just begun it is seen by all; what it was at is known from disk
 //! and from the Journals, as after any death. So it begins anew, under its process id.
 
-use std::os::unix::process::CommandExt as _;
-use std::process::Command;
+use std::ffi::CString;
+use std::os::unix::ffi::OsStringExt as _;
 use std::thread;
 use std::time::Duration;
+
+use nix::unistd::execv;
 
 /// How often it looks at the clock.
 const PERIOD: Duration = Duration::from_millis(250);
@@ -43,10 +45,13 @@ fn uptime() -> Option<Duration> {
 fn begin_anew(stood_still: Duration) {
     tracing::warn!(?stood_still, "stood still, and was counted as gone: begins anew");
     give_up_sockets();
-    let mut arguments = std::env::args_os();
-    let name = arguments.next().unwrap_or_default();
-    // The file that runs, also if another has been put in its place.
-    let error = Command::new("/proc/self/exe").arg0(name).args(arguments).exec();
+    // An argument came from a string of C's, and so it has no zero within.
+    let arguments: Vec<_> =
+        std::env::args_os().filter_map(|each| CString::new(each.into_vec()).ok()).collect();
+    // The file that runs, also if another has been put in its place. Not by `std::process`, which
+    // first gives up ignoring SIGPIPE, of which this process then dies: others have closed the
+    // links that its other threads write to.
+    let Err(error) = execv(c"/proc/self/exe", &arguments);
     tracing::error!(%error, "could not begin anew; some may not see this daemon");
 }
 
