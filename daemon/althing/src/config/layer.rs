@@ -57,6 +57,8 @@ pub(super) struct Layer {
     pub(super) places: BTreeMap<String, Place>,
     /// What `config` merges.
     pub(super) values: Map<String, Value>,
+    /// All of the text could be read.
+    pub(super) is_whole: bool,
 }
 
 // === impl Layer ===
@@ -64,7 +66,7 @@ pub(super) struct Layer {
 impl Layer {
     /// A layer that says nothing.
     pub(super) fn new(source: Arc<Source>) -> Layer {
-        Layer { source, places: BTreeMap::new(), values: Map::new() }
+        Layer { source, places: BTreeMap::new(), values: Map::new(), is_whole: true }
     }
 }
 

@@ -129,6 +129,11 @@ impl Ecosystem {
             LoadError(report.clone())
         })?;
         let layers = read_layers(&source, variables, &mut report);
+        let [_, file_layer, _] = &layers;
+        if !file_layer.is_whole && !file_layer.places.contains_key("ecosystem") {
+            // What seems to be missing may stand where nothing could be read.
+            return Err(LoadError(report));
+        }
         let raw = merge(&layers, overrides).map_err(|err| {
             report.add_failure(format_args!("merge the configuration: {err}"));
             LoadError(report.clone())

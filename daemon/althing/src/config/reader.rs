@@ -32,6 +32,7 @@ pub(super) fn read(source: &Arc<Source>) -> (Layer, Vec<Diagnostic>) {
         Shape::Table(keys) => *keys,
         _ => &[],
     };
+    reader.layer.is_whole = errors.is_empty();
     reader.layer.values = reader.table("", keys, tree.get_ref());
     reader.diagnostics.sort_by_key(|found| (found.span.start, found.span.end));
     (reader.layer, reader.diagnostics)

@@ -180,3 +180,12 @@ fn nothing_that_is_written_panics() {
         }
     }
 }
+
+#[test]
+fn of_what_is_no_toml_nothing_else_is_said() {
+    let house = House::new("this is = = no table\n");
+    let loaded = Ecosystem::load_with(&house.file(), &house.variables, &house.overrides, PLUGINS);
+    let report = loaded.expect_err("it is none").into_report();
+    let findings = format!("{:?}", report.findings());
+    assert!(findings.contains("not TOML") && !findings.contains("is missing"), "{findings}");
+}
