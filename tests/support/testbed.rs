@@ -309,10 +309,16 @@ impl Testbed {
         self.present.gone(hosts)?;
         hosts.iter().for_each(|host| up(&mut self.site, host));
         self.whole()?;
+        self.until_kept(&self.accepted)?;
+        Ok(self.accepted.len())
+    }
+
+    /// Waits until every Journal has these goals, and how they ended.
+    fn until_kept(&self, goals: &BTreeSet<String>) -> Result<(), String> {
         let deadline = Instant::now() + PATIENCE;
         loop {
             let journals = self.journals();
-            let missing = self.accepted.iter().find(|conversation| {
+            let missing = goals.iter().find(|conversation| {
                 let key = format!("goal/{conversation}");
                 let has_ended = |journal: &Vec<Record>| {
                     let record = journal.iter().find(|record| record.key == key);
@@ -321,12 +327,19 @@ impl Testbed {
                 !journals.iter().all(has_ended)
             });
             match missing {
-                None if journals.len() == 3 => return Ok(self.accepted.len()),
+                None if journals.len() == 3 => return Ok(()),
                 _ if Instant::now() < deadline => (),
                 None => return Err(format!("only {} journals answer", journals.len())),
                 Some(conversation) => return Err(format!("{conversation} is lost, or open")),
             }
         }
+    }
+
+    /// Waits until every Journal has the goal that ended so.
+    pub(crate) fn until_kept_by_all(&self, ending: &Ending) -> Result<(), String> {
+        let asked = ending.said.iter().find_map(|line| line.strip_prefix("asked"));
+        let conversation = asked.ok_or("it was not asked for")?.trim().to_owned();
+        self.until_kept(&BTreeSet::from([conversation]))
     }
 
     fn journals(&self) -> Vec<Vec<Record>> {

@@ -76,6 +76,8 @@ impl Keeps for PlanRequester {
                 Err(error) => tracing::warn!(key, %error, "a goal that cannot be read"),
             }
         }
+        // Of goals that are forgotten.
+        plans.keys().for_each(|id| self.forget_plan(&ConversationId::new(id), ctx));
         self.next(ctx);
     }
 }
@@ -161,6 +163,13 @@ impl PlanRequester {
         self.send(records, ctx);
     }
 
+    /// Has the Journals forget the plan of a goal that has ended: whoever ended it may not have known
+    /// of this one, which was made on the other side of a partition.
+    fn forget_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let forgotten = self.keeper.write(format!("{PLAN}{id}"), Value::Null);
+        self.send(vec![forgotten], ctx);
+    }
+
     fn record(&mut self, id: &ConversationId) -> Option<Record> {
         if self.keeper.journals().is_empty() {
             return None;
@@ -201,6 +210,11 @@ impl PlanRequester {
     ) {
         let id = record.engagement.conversation.clone();
         let is_known = self.goals.get(&id).is_some_and(|goal| goal.version >= version);
+        let has_plan = |goal: &Goal| goal.plan.is_some();
+        let has_plan = plan.is_some() || self.goals.get(&id).is_some_and(has_plan);
+        if has_plan && (record.ended.is_some() || self.ended.has(&id, version)) {
+            self.forget_plan(&id, ctx);
+        }
         if is_known || self.ended.has(&id, version) {
             return;
         }
