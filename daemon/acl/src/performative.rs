@@ -59,7 +59,7 @@ impl Performative {
     ];
 
     /// The FIPA spelling, as on the wire.
-    pub fn as_str(self) -> &'static str {
+    pub const fn as_str(self) -> &'static str {
         match self {
             Performative::Agree => "agree",
             Performative::Cancel => "cancel",

@@ -221,20 +221,8 @@ impl<A: Agent> Context<A> {
         performative: Performative,
         content: Value,
     ) {
-        let Some(open) = self.exchanges.get(token) else { return };
-        let (protocol, conversation) = (open.protocol, open.conversation.clone());
-        let mut message = self.communication.message(performative, conversation, content);
-        message.protocol = Some(protocol);
-        message.in_reply_to = Some(token.clone());
-        message.receiver.push(to.clone());
-        if let Some(open) = self.exchanges.get_mut(token) {
-            let begun = &open.begun;
-            let exchange = open.participants.entry(to.clone()).or_insert_with(|| begun.clone());
-            if let Err(violation) = exchange.advance(&message) {
-                tracing::debug!(agent = %self.communication.id, %violation, "not said: out of turn");
-                return;
-            }
-        }
+        let to = std::iter::once(to.clone());
+        let Some(message) = self.turn(token, to, performative, content) else { return };
         let patience = self.settings().answer_deadline;
         if let Err(why) = self.communication.post(&message, patience) {
             tracing::warn!(agent = %self.id(), %why, "a turn could not be sent");
@@ -251,10 +239,24 @@ impl<A: Agent> Context<A> {
         performative: Performative,
         content: Value,
     ) {
-        let Some(open) = self.exchanges.get_mut(token) else { return };
-        let (protocol, conversation) = (open.protocol, open.conversation.clone());
+        if let Some(message) = self.turn(token, to, performative, content) {
+            self.communication.say_to_several(&message);
+        }
+    }
+
+    /// The initiator's next turn in an exchange, to those of whom the protocol allows it; `None` if
+    /// that is nobody.
+    fn turn(
+        &mut self,
+        token: &ReplyToken,
+        to: impl IntoIterator<Item = AgentId>,
+        performative: Performative,
+        content: Value,
+    ) -> Option<Message> {
+        let open = self.exchanges.get_mut(token)?;
+        let conversation = open.conversation.clone();
         let mut message = self.communication.message(performative, conversation, content);
-        message.protocol = Some(protocol);
+        message.protocol = Some(open.protocol);
         message.in_reply_to = Some(token.clone());
         for participant in to {
             let begun = &open.begun;
@@ -266,9 +268,7 @@ impl<A: Agent> Context<A> {
                 }
             }
         }
-        if !message.receiver.is_empty() {
-            self.communication.say_to_several(&message);
-        }
+        (!message.receiver.is_empty()).then_some(message)
     }
 
     /// Stops waiting in an exchange, and tells those whom it was opened with that they need not

@@ -6,6 +6,11 @@ use std::path::PathBuf;
 
 use acl::{AgentId, DaemonId, Performative};
 
+/// What can be let through: news, calls for proposals, requests, and taking them back. An answer
+/// passes where what it answers did.
+pub const PASSING: [Performative; 4] =
+    [Performative::Inform, Performative::Cfp, Performative::Request, Performative::Cancel];
+
 /// One `[[interface]]`.
 #[derive(Clone, Debug)]
 pub struct InterfaceEntry {

@@ -34,7 +34,7 @@ use pddl::{Domain, Problem};
 
 use bucket::Bucket;
 use desk::Desk;
-pub use entry::{InterfaceEntry, RuleEntry};
+pub use entry::{InterfaceEntry, PASSING, RuleEntry};
 pub use landing::Landing;
 pub use mirror::Counters;
 use mirror::Crossing;

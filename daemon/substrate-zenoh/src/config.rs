@@ -232,8 +232,7 @@ impl Config {
             .map_err(|source| OpenError::Settings { at: culprit(&merged).join("."), source })?;
         let scouts_at =
             scouts(&merged).then(|| merged["scouting"]["multicast"]["address"].to_string());
-        let lease = merged["transport"]["link"]["tx"]["lease"].as_u64();
-        let lease = lease.map_or(self.lease, Duration::from_millis);
+        let lease = lease(&merged).unwrap_or(self.lease);
         let security = self.security.clone();
         Ok(Settings { zenoh, listen, connect, scouts_at, lease, security })
     }
@@ -282,6 +281,12 @@ impl Config {
             } },
         })
     }
+}
+
+/// How long a silent daemon counts as alive by Zenoh's settings, if they say.
+pub fn lease(zenoh: &Value) -> Option<Duration> {
+    let millis = zenoh.pointer("/transport/link/tx/lease").and_then(Value::as_u64);
+    millis.map(Duration::from_millis)
 }
 
 /// TLS both ways, with the certificates of this ecosystem.

@@ -31,7 +31,7 @@ mod session;
 mod tap;
 mod together;
 
-pub use config::{Config, LEASE, MESSAGE_BYTES_MAX, Mode, OpenError, REST};
+pub use config::{Config, LEASE, MESSAGE_BYTES_MAX, Mode, OpenError, REST, lease};
 pub use endpoint::EndpointError;
 pub use sealing::Security;
 pub use session::ZenohSubstrate;

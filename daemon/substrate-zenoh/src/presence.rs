@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 use acl::DaemonId;
-use substrate::{Inbound, Presence, Resident};
+use substrate::{Inbound, Presence};
 use tokio::runtime::Handle;
 use tokio::sync::{Notify, mpsc};
 use tracing::Instrument as _;
@@ -20,8 +20,8 @@ use zenoh::{Session, Wait};
 use crate::config::OpenError;
 use crate::inbound::{into_bytes, undeclared};
 use crate::key_expr::Keys;
-use crate::roll_call::Reached;
-use crate::roster::Roster;
+use crate::roll_call::Roll;
+use crate::roster::{Follows, Roster};
 
 /// How long a daemon is probed after its first token; from then on it is called together with all
 /// others. Three times the 100 ms after which the routes are there on an idle machine.
@@ -87,36 +87,28 @@ impl Watch {
         let Some((resident, telling)) = watch.keys.resident(key) else {
             return tracing::debug!(key, "ignored a liveliness token that names nobody");
         };
-        let is_put = sample.kind() == SampleKind::Put;
-        if resident.daemon == *watch.keys.daemon() {
-            return watch.hear_own(resident, telling, is_put);
-        }
-        watch.unrest.notify_one();
-        if !is_put {
-            return watch.with(|roster| roster.delete(&resident, telling));
-        }
         let daemon = resident.daemon.clone();
         let mut is_unknown = false;
-        watch.with(|roster| {
-            let follows = roster.put(resident, telling);
-            is_unknown = follows.probe;
-            follows.passed_on
-        });
+        let take = |roster: &mut Roster| match sample.kind() {
+            SampleKind::Put => {
+                let Follows { passed_on, probe } = roster.put(resident, telling);
+                is_unknown = probe;
+                passed_on
+            }
+            SampleKind::Delete => roster.delete(&resident, telling),
+        };
+        if daemon == *watch.keys.daemon() {
+            // At once: whoever announces an agent has heard of it when that call returns.
+            let passed_on = take(&mut watch.lock().roster);
+            return passed_on.into_iter().for_each(|presence| watch.inbound.presence(presence));
+        }
+        watch.with(take);
+        watch.unrest.notify_one();
         if is_unknown {
             let span = tracing::debug_span!("probe", %daemon);
             let probe = Watch::probe(Arc::clone(watch), daemon);
             watch.runtime.spawn(probe.instrument(span));
         }
-    }
-
-    /// Whoever announces an agent has heard of it when that call returns.
-    fn hear_own(&self, resident: Resident, telling: u64, is_put: bool) {
-        let passed_on = if is_put {
-            self.lock().roster.put(resident, telling).passed_on
-        } else {
-            self.lock().roster.delete(&resident, telling)
-        };
-        passed_on.into_iter().for_each(|presence| self.inbound.presence(presence));
     }
 
     /// Lets a change be made, and passes on what follows from it. Not under the lock: who hears it
@@ -143,8 +135,9 @@ impl Watch {
     }
 
     /// A daemon has answered a call that went out at `mark`.
-    pub(crate) fn answered(&self, daemon: &DaemonId, reached: &Reached, mark: u64) {
-        self.with(|roster| roster.answered(daemon, reached.hosts(), mark));
+    pub(crate) fn answered(&self, daemon: &DaemonId, roll: Option<&Roll>, mark: u64) {
+        let hosts = roll.map(|roll| &roll.hosts[..]);
+        self.with(|roster| roster.answered(daemon, hosts, mark));
     }
 
     /// A call to all has ended; who has a token and does not answer.
@@ -187,7 +180,7 @@ impl Watch {
             }
         }
         let Some(answer) = heard.recv().await else { return false };
-        self.answered(daemon, &Reached::read(&answer), mark);
+        self.answered(daemon, Roll::read(&answer).as_ref(), mark);
         true
     }
 

@@ -24,7 +24,7 @@ use crate::config::OpenError;
 use crate::declarations::Declarations;
 use crate::inbound::{into_bytes, undeclared};
 use crate::key_expr::{AGENT_PARAMETER, Keys};
-use crate::roll_call::{Reached, Told};
+use crate::roll_call::{Roll, Told};
 use crate::sealing::{Security, seal_answer};
 
 /// Answers the questions that come to one daemon.
@@ -122,7 +122,7 @@ impl Answering {
     fn resources(&self, query: &Query) {
         let probed = self.keys.reach(self.keys.daemon());
         if *query.key_expr() == probed || *query.key_expr() == self.keys.everyone_reached() {
-            return reply(query, &probed, Reached::answer(self.residents(), &self.told), None);
+            return reply(query, &probed, Roll::answer(self.residents(), &self.told), None);
         }
         let Ok(agent) = agent(query.parameters()) else {
             return tracing::debug!(selector = %query.selector(), "ignored a malformed question");

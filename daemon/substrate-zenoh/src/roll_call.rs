@@ -51,14 +51,11 @@ const TOLD_MAX: u32 = 3;
 /// The longest answer that is read.
 const ANSWER_BYTES_MAX: usize = 1 << 20;
 
-/// What a daemon answers when it is called. Empty from those who answer and do not say.
-#[derive(Debug, Default, Serialize, Deserialize)]
-pub(crate) struct Reached(Option<Said>);
-
+/// What a daemon answers when it is called.
 #[derive(Debug, Serialize, Deserialize)]
-struct Said {
+pub(crate) struct Roll {
     /// Whom it hosts.
-    hosts: Vec<(AgentId, Incarnation)>,
+    pub(crate) hosts: Vec<(AgentId, Incarnation)>,
     /// The sessions it was told of, by their Zenoh ids.
     told: BTreeSet<String>,
     /// Of whom it was told and who do not answer.
@@ -114,28 +111,22 @@ enum Verdict {
     TellAgain,
 }
 
-// === impl Reached ===
+// === impl Roll ===
 
-impl Reached {
+impl Roll {
     /// What this session answers.
     pub(crate) fn answer(hosts: Vec<(AgentId, Incarnation)>, told: &Told) -> Bytes {
         let known = lock(&told.0);
         let (told, silent) = (known.sessions.keys().cloned().collect(), known.silent.clone());
         drop(known);
-        let said = Reached(Some(Said { hosts, told, silent }));
-        serde_json::to_vec(&said).map_or_else(|_| Bytes::new(), Bytes::from)
+        let roll = Roll { hosts, told, silent };
+        serde_json::to_vec(&roll).map_or_else(|_| Bytes::new(), Bytes::from)
     }
 
-    /// Reads an answer. What cannot be read is an answer all the same.
-    pub(crate) fn read(answer: &[u8]) -> Reached {
-        if answer.is_empty() || answer.len() > ANSWER_BYTES_MAX {
-            return Reached::default();
-        }
-        serde_json::from_slice(answer).unwrap_or_default()
-    }
-
-    pub(crate) fn hosts(&self) -> Option<&[(AgentId, Incarnation)]> {
-        self.0.as_ref().map(|said| &said.hosts[..])
+    /// Reads an answer. `None` is one all the same, from who does not say.
+    pub(crate) fn read(answer: &[u8]) -> Option<Roll> {
+        let is_read = answer.len() <= ANSWER_BYTES_MAX;
+        is_read.then(|| serde_json::from_slice(answer).ok()).flatten()
     }
 }
 
@@ -229,9 +220,9 @@ impl RollCall {
             let hear = move |reply: Reply| {
                 // Dropped with this callback, when no more answers come.
                 let _ends = &ends;
-                let Some((daemon, reached)) = read(&keys, &reply) else { return };
-                watch.answered(&daemon, &reached, mark);
-                lock(&heard).note(daemon, &reached, (&own, keys.daemon()), &told);
+                let Some((daemon, roll)) = read(&keys, &reply) else { return };
+                watch.answered(&daemon, roll.as_ref(), mark);
+                lock(&heard).note(daemon, roll.as_ref(), (&own, keys.daemon()), &told);
             };
             let get = session.get(self.keys.everyone_reached()).target(QueryTarget::All);
             let get = get.consolidation(ConsolidationMode::None).express(true);
@@ -248,10 +239,10 @@ impl RollCall {
     }
 }
 
-fn read(keys: &Keys, reply: &Reply) -> Option<(DaemonId, Reached)> {
+fn read(keys: &Keys, reply: &Reply) -> Option<(DaemonId, Option<Roll>)> {
     let sample = reply.result().ok()?;
     let daemon = keys.reached(sample.key_expr().as_str())?;
-    (daemon != *keys.daemon()).then(|| (daemon, Reached::read(&into_bytes(sample.payload()))))
+    (daemon != *keys.daemon()).then(|| (daemon, Roll::read(&into_bytes(sample.payload()))))
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -264,15 +255,15 @@ impl Answers {
     fn note(
         &mut self,
         daemon: DaemonId,
-        reached: &Reached,
+        roll: Option<&Roll>,
         (own, me): (&str, &DaemonId),
         told: &Told,
     ) {
-        if let Some(said) = &reached.0 {
-            if !said.told.contains(own) || said.silent.contains(me) {
+        if let Some(roll) = roll {
+            if !roll.told.contains(own) || roll.silent.contains(me) {
                 self.untold.insert(daemon.clone());
             }
-            self.unknown.extend(said.told.iter().filter(|zid| !told.has(zid)).cloned());
+            self.unknown.extend(roll.told.iter().filter(|zid| !told.has(zid)).cloned());
         }
         self.answered.insert(daemon);
     }
@@ -363,23 +354,23 @@ mod tests {
         told.hear("a1", 1, SampleKind::Put);
         told.hear("a1", 0, SampleKind::Delete);
         let robot = (AgentId::new("robot").expect("a name"), Incarnation(7));
-        let answer = Reached::answer(vec![robot.clone()], &told);
-        let read = Reached::read(&answer);
-        assert_eq!(read.hosts(), Some(&[robot][..]));
+        let answer = Roll::answer(vec![robot.clone()], &told);
+        let read = Roll::read(&answer);
+        assert_eq!(read.as_ref().map(|roll| &roll.hosts[..]), Some(&[robot][..]));
         let (pi, me) = (DaemonId::new("pi").expect("a name"), DaemonId::new("me").expect("a name"));
         let mut answers = Answers::default();
-        answers.note(pi.clone(), &read, ("b2", &me), &Told::default());
+        answers.note(pi.clone(), read.as_ref(), ("b2", &me), &Told::default());
         assert_eq!(answers.untold.len(), 1, "it was not told of b2");
         assert_eq!(answers.unknown.first().map(String::as_str), Some("a1"));
         let mut answers = Answers::default();
-        answers.note(pi.clone(), &read, ("a1", &me), &told);
+        answers.note(pi.clone(), read.as_ref(), ("a1", &me), &told);
         assert!(answers.untold.is_empty() && answers.unknown.is_empty());
         lock(&told.0).silent.insert(me.clone());
-        let read = Reached::read(&Reached::answer(Vec::new(), &told));
-        answers.note(pi, &read, ("a1", &me), &told);
+        let read = Roll::read(&Roll::answer(Vec::new(), &told));
+        answers.note(pi, read.as_ref(), ("a1", &me), &told);
         assert_eq!(answers.untold.len(), 1, "it is not answered");
         for garbage in [&b""[..], b"{", b"[1]", b"{\"hosts\":[[\"X\",1]],\"told\":[]}"] {
-            assert_eq!(Reached::read(garbage).hosts(), None);
+            assert!(Roll::read(garbage).is_none());
         }
     }
 }

@@ -11,7 +11,9 @@ use std::time::Duration;
 use acl::content::{Achieve, Keep, Request, value};
 use acl::{AgentId, DaemonId, EcosystemId, Performative, Protocol};
 use agent::{Host, Machine, Resources, StateFolder, Switchboard};
-use interfacing::{Counters, Interface, InterfaceEntry, Landing, RuleEntry, Shore, connect};
+use interfacing::{
+    Counters, Interface, InterfaceEntry, Landing, PASSING, RuleEntry, Shore, connect,
+};
 use keyboard::{Draft, Said};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -197,10 +199,6 @@ fn entry(way: Way, world: &World) -> InterfaceEntry {
         exports: vec![exports],
     }
 }
-
-/// All there is.
-const PASSING: [Performative; 4] =
-    [Performative::Inform, Performative::Cfp, Performative::Request, Performative::Cancel];
 
 fn id(name: &str) -> AgentId {
     AgentId::new(name).expect("invariant: a literal that is a name")

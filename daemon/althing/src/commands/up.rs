@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::time::Duration;
 
 use ::building::{BuildingHandle, ServeError, Server};
 use acl::{AgentId, DaemonId};
@@ -218,7 +217,8 @@ async fn up(ecosystem: Arc<Ecosystem>, place: Place, others: Others, manner: Man
     tokio::pin!(interrupted);
     announce(&ecosystem, &place, &node);
     if !manner.has_prompt {
-        hosting::watch_standstill(lease(&ecosystem.zenoh));
+        let lease = substrate_zenoh::lease(&ecosystem.zenoh);
+        hosting::watch_standstill(lease.unwrap_or(substrate_zenoh::LEASE));
     }
     if manner.has_prompt {
         match prompt(ecosystem, &node, manner.goals).await {
@@ -418,12 +418,6 @@ async fn wire(ecosystem: &Ecosystem, daemon: &DaemonId) -> Result<(Wire, Stay), 
     }
     config.security = secured;
     Ok((Wire::Zenoh(Box::new(config)), stay))
-}
-
-/// How long a silent daemon counts as alive.
-fn lease(said: &Value) -> Duration {
-    let millis = said.pointer("/transport/link/tx/lease").and_then(Value::as_u64);
-    millis.map_or(substrate_zenoh::LEASE, Duration::from_millis)
 }
 
 fn zenoh_settings(said: &Value) -> Value {

@@ -101,9 +101,16 @@ const RULE: &[Key] = &[
     key("goals", Shape::List(&Shape::Text), "our predicates that goals may be made of"),
 ];
 
-/// What can be let through: news, calls for proposals, requests, and taking them back. An answer
-/// passes where what it answers did.
-pub(super) const PASSING: &[&str] = &["inform", "cfp", "request", "cancel"];
+/// The names of what can be let through.
+const PASSING: &[&str] = &{
+    let mut names = [""; interfacing::PASSING.len()];
+    let mut at = 0;
+    while at < names.len() {
+        names[at] = interfacing::PASSING[at].as_str();
+        at += 1;
+    }
+    names
+};
 
 const TIMING: &[Key] = &[
     key("heartbeat-period", Shape::Duration, "how often an actuator says that it works"),

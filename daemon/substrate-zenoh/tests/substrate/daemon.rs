@@ -146,6 +146,15 @@ impl Daemon {
         }
     }
 
+    /// Waits for lines in whatever order they come.
+    pub(crate) async fn hear_all(&mut self, lines: &[&str]) {
+        let mut missing: Vec<_> = lines.to_vec();
+        while !missing.is_empty() {
+            let heard = self.hear_any().await;
+            missing.retain(|line| !heard.iter().any(|heard| heard == line));
+        }
+    }
+
     /// Waits for the next line.
     pub(crate) async fn hear_any(&mut self) -> Vec<String> {
         let line = tokio::time::timeout(DEADLINE, self.heard.recv()).await.expect("in time");

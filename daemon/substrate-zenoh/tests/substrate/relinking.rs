@@ -95,10 +95,7 @@ async fn who_hangs_on_a_router_whose_link_blinked_is_seen_again_and_nobody_else_
     .await;
     let mut beside = Daemon::linked("d", &b).await;
     let _tokens = [a.announce("x"), b.announce("y"), client.announce("z"), beside.announce("w")];
-    for line in ["joined x@a", "joined y@b", "joined z@c"] {
-        beside = heard(beside, line).await;
-    }
-    while beside.heard_already().is_some() {}
+    beside.hear_all(&["joined x@a", "joined y@b", "joined z@c", "joined w@d"]).await;
     for _ in 0..CUTS {
         cable.blink();
         for daemon in [&mut b, &mut client, &mut beside] {
@@ -111,15 +108,4 @@ async fn who_hangs_on_a_router_whose_link_blinked_is_seen_again_and_nobody_else_
     while let Some(line) = beside.heard_already() {
         assert!(line.ends_with("x@a"), "{line}");
     }
-}
-
-/// What came in whatever order.
-async fn heard(mut daemon: Daemon, line: &str) -> Daemon {
-    static SEEN: std::sync::Mutex<Vec<String>> = std::sync::Mutex::new(Vec::new());
-    let is_there = || SEEN.lock().expect("sound").iter().any(|seen| seen == line);
-    while !is_there() {
-        let more = daemon.hear_any().await;
-        SEEN.lock().expect("sound").extend(more);
-    }
-    daemon
 }

@@ -2,16 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::str::FromStr as _;
 
-use acl::{AgentId, DaemonId, Performative};
+use acl::{AgentId, DaemonId};
 use pddl::Diagnostic;
 
 use super::Meaning;
 use super::files::Files;
 use crate::config::ecosystem::AgentEntry;
 use crate::config::raw::{RawInterface, RawRule};
-use crate::config::schema::PASSING;
 use crate::config::{InterfaceEntry, RuleEntry};
 
 /// Messages a second that pass where nothing is said: a robot that drives says two or three, and
@@ -151,15 +149,14 @@ impl Meaning<'_> {
             Side::Theirs => self.is_free(&called_path, &called, agents, files),
             Side::Ours => agent.iter().for_each(|agent| self.is_ours(&agent_path, agent, agents)),
         }
-        let passing: Vec<&str> = match &performatives {
-            Some(names) => names.iter().map(String::as_str).collect(),
-            None => PASSING.to_vec(),
+        let performatives = match performatives {
+            Some(names) => names.iter().filter_map(|name| name.parse().ok()).collect(),
+            None => interfacing::PASSING.into(),
         };
-        let passing = passing.into_iter().filter_map(|name| Performative::from_str(name).ok());
         Some(RuleEntry {
             agent,
             called,
-            performatives: passing.collect(),
+            performatives,
             actions: lowered(actions),
             costs: costs.into_iter().map(|(name, cost)| (name.to_lowercase(), cost)).collect(),
             goals: goals.into_iter().map(|goal| goal.to_lowercase()).collect(),
