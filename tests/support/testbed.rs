@@ -16,9 +16,10 @@ use std::time::{Duration, Instant};
 use acl::content::{BelievedState, Record};
 use acl::{AgentId, DaemonId, EcosystemId};
 use building::{Building, Event, Layout, Server};
+use credentials::{Folder, Identity, Trust, Verifier};
 use serde_json::Value;
 use substrate::{Ask, Delivery, Inbound, Presence, Question, Resident, Resource, Substrate as _};
-use substrate_zenoh::{Config, Mode, ZenohSubstrate};
+use substrate_zenoh::{Config, Mode, Security, ZenohSubstrate};
 use tokio::runtime::Runtime;
 
 use crate::support::network::{Site, secured};
@@ -36,6 +37,9 @@ pub(crate) const ISLAND: &str = "island";
 
 /// The robot drives 6 meters in half a second: long enough for a fault to hit it under way.
 const TIME_SCALE: f64 = 0.025;
+
+/// Answers that the ear hears from one machine: more than there are.
+const EAR_PER_SECOND: u32 = 100_000;
 
 /// Machines with a disk of their own, and its size: room for two journals.
 const SMALL_DISKS: [&str; 2] = ["alpha", "robot"];
@@ -396,7 +400,16 @@ async fn ear(site: &Site, present: &Arc<Present>) -> Arc<ZenohSubstrate> {
     let socket = site.office.runtime_folder().join("lab/desk.sock");
     let socket = site.path("desk", &socket);
     let ecosystem = EcosystemId::new("lab").expect("a name");
-    let mut config = Config::new(ecosystem, DaemonId::new("ear").expect("a name"));
+    // It hangs on the desk, as a command does, and speaks with the desk's key.
+    let keys = Folder::new(site.office.folder().join("keys"));
+    let desk = DaemonId::new("desk").expect("a name");
+    let guest = desk.guest("ear").expect("short");
+    let trust = Trust::read(&keys).expect("made for the site");
+    let identity = Identity::read(&keys, &desk, &trust).expect("made for the site");
+    let identity = Arc::new(identity.for_guest(guest.clone()));
+    let verifier = Arc::new(Verifier::new(trust, EAR_PER_SECOND));
+    let mut config = Config::new(ecosystem, guest);
+    config.security = Some(Security { identity, verifier });
     config.mode = Mode::Client;
     config.connect = vec![format!("unixsock-stream/{}", socket.display())];
     config.open(Arc::<Present>::clone(present)).await.expect("the desk's daemon runs")

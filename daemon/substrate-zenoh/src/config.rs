@@ -12,6 +12,7 @@ use serde_json::{Value, json};
 use substrate::Inbound;
 
 use crate::endpoint::{self, EndpointError};
+use crate::key_expr::Keys;
 use crate::scouting;
 use crate::sealing::Security;
 use crate::session::ZenohSubstrate;
@@ -195,6 +196,8 @@ impl Config {
             // something shows from its signature. A file may want more.
             let tls = json!({ "tls": { "verify_name_on_connect": false } });
             merge(&mut merged, &json!({ "transport": { "link": tls } }));
+            let keys = Keys::new(&self.ecosystem, self.daemon.clone());
+            merged["access_control"] = access_control(keys.everything().as_str());
         }
         let mut said = match &self.zenoh {
             Value::Null => json!({}),
@@ -204,6 +207,10 @@ impl Config {
             Value::Object(_) => self.zenoh.clone(),
             _ => return Err(OpenError::NotATable),
         };
+        if said.get("access_control").is_some() {
+            // Who writes one has said everything: half of each would be neither.
+            merged["access_control"] = Value::Null;
+        }
         let mut listen = self.listen.clone();
         if self.mode == Mode::Router {
             let told = [&listen[..], &endpoints(&said["listen"]["endpoints"])].concat();
@@ -305,6 +312,30 @@ fn secured(security: &Security) -> Value {
                 "close_link_on_expiration": true,
             },
         } },
+    })
+}
+
+/// Links carry what is said in this ecosystem, and nothing else: no other keys, and no questions to
+/// routers about themselves. A rule by the name in a link's certificate would bind whoever relayed
+/// last, so who may say what is decided where messages are read.
+fn access_control(everything: &str) -> Value {
+    json!({
+        "enabled": true,
+        "default_permission": "deny",
+        "rules": [{
+            "id": "ecosystem",
+            "permission": "allow",
+            "flows": ["ingress", "egress"],
+            "messages": [
+                "put", "delete", "declare_subscriber",
+                "query", "reply", "declare_queryable",
+                "liveliness_token", "liveliness_query", "declare_liveliness_subscriber",
+            ],
+            "key_exprs": [everything],
+        }],
+        // One subject, for every link: where a link matches two, the one that allows wins.
+        "subjects": [{ "id": "links" }],
+        "policies": [{ "rules": ["ecosystem"], "subjects": ["links"] }],
     })
 }
 

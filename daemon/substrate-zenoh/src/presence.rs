@@ -9,17 +9,18 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 use acl::DaemonId;
-use substrate::{Inbound, Presence};
+use substrate::Presence;
 use tokio::runtime::Handle;
 use tokio::sync::{Notify, mpsc};
 use tracing::Instrument as _;
+use zenoh::bytes::ZBytes;
 use zenoh::qos::CongestionControl;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
 use crate::config::OpenError;
-use crate::inbound::{into_bytes, undeclared};
-use crate::key_expr::Keys;
+use crate::inbound::undeclared;
+use crate::questions::Asking;
 use crate::roll_call::Roll;
 use crate::roster::{Follows, Roster};
 
@@ -33,8 +34,7 @@ const _: () = assert!(PROBE_PERIOD.as_millis() < REACHED_WITHIN.as_millis());
 
 /// Passes presence on, in the order in which it was heard.
 pub(crate) struct Watch {
-    keys: Keys,
-    inbound: Arc<dyn Inbound>,
+    asking: Asking,
     /// Weak: the session owns the callback that owns this.
     session: Weak<Session>,
     runtime: Handle,
@@ -57,20 +57,18 @@ struct State {
 /// Outside a Tokio runtime.
 pub(crate) fn declare(
     session: &Arc<Session>,
-    keys: &Keys,
-    inbound: &Arc<dyn Inbound>,
+    asking: &Asking,
     lease: Duration,
 ) -> Result<Arc<Watch>, OpenError> {
-    let roster = Roster::new(keys.daemon().clone(), lease);
+    let roster = Roster::new(asking.keys.daemon().clone(), lease);
     let watch = Arc::new(Watch {
-        keys: keys.clone(),
-        inbound: Arc::clone(inbound),
+        asking: asking.clone(),
         session: Arc::downgrade(session),
         runtime: Handle::current(),
         state: Mutex::new(State { roster, outbox: VecDeque::new(), is_passing: false }),
         unrest: Notify::new(),
     });
-    let (key_expr, hearing) = (keys.everyone_alive(), Arc::clone(&watch));
+    let (key_expr, hearing) = (asking.keys.everyone_alive(), Arc::clone(&watch));
     let hear = move |sample: Sample| Watch::hear(&hearing, &sample);
     let liveliness = session.liveliness();
     let subscriber = liveliness.declare_subscriber(&key_expr).history(true).callback(hear);
@@ -84,7 +82,7 @@ pub(crate) fn declare(
 impl Watch {
     fn hear(watch: &Arc<Watch>, sample: &Sample) {
         let key = sample.key_expr().as_str();
-        let Some((resident, telling)) = watch.keys.resident(key) else {
+        let Some((resident, telling)) = watch.asking.keys.resident(key) else {
             return tracing::debug!(key, "ignored a liveliness token that names nobody");
         };
         let daemon = resident.daemon.clone();
@@ -97,10 +95,12 @@ impl Watch {
             }
             SampleKind::Delete => roster.delete(&resident, telling),
         };
-        if daemon == *watch.keys.daemon() {
+        if daemon == *watch.asking.keys.daemon() {
             // At once: whoever announces an agent has heard of it when that call returns.
             let passed_on = take(&mut watch.lock().roster);
-            return passed_on.into_iter().for_each(|presence| watch.inbound.presence(presence));
+            return passed_on
+                .into_iter()
+                .for_each(|presence| watch.asking.inbound.presence(presence));
         }
         watch.with(take);
         watch.unrest.notify_one();
@@ -123,7 +123,7 @@ impl Watch {
         }
         while let Some(presence) = state.outbox.pop_front() {
             drop(state);
-            self.inbound.presence(presence);
+            self.asking.inbound.presence(presence);
             state = self.lock();
         }
         state.is_passing = false;
@@ -163,24 +163,25 @@ impl Watch {
     /// reaches everyone, so that the probe ends.
     async fn is_reached(&self, daemon: &DaemonId) -> bool {
         let (answers, mut heard) = mpsc::channel(1);
-        let mark = self.mark();
+        let (mark, nonce, asking) = (self.mark(), self.asking.nonce(), self.asking.clone());
         {
             let Some(session) = self.session.upgrade() else { return true };
-            let get = session.get(self.keys.reach(daemon));
+            let get =
+                session.get(self.asking.keys.reach(daemon)).attachment(nonce.map(ZBytes::from));
             let get = get.congestion_control(CongestionControl::Drop);
             let get = get.express(true).timeout(REACHED_WITHIN);
             let asked = get.callback(move |reply| {
-                if let Ok(sample) = reply.result() {
+                if let Some((_, roll)) = asking.roll(&reply, nonce.as_ref()) {
                     // There is room for one, and one is enough.
-                    let _ = answers.try_send(into_bytes(sample.payload()));
+                    let _ = answers.try_send(roll);
                 }
             });
             if asked.wait().is_err() {
                 return true;
             }
         }
-        let Some(answer) = heard.recv().await else { return false };
-        self.answered(daemon, Roll::read(&answer).as_ref(), mark);
+        let Some(roll) = heard.recv().await else { return false };
+        self.answered(daemon, roll.as_ref(), mark);
         true
     }
 

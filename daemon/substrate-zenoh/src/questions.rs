@@ -1,14 +1,14 @@
 //! Asking and being asked, by Zenoh's queries.
 //!
 //! Everyone answers under a key of their own and nothing is consolidated: under one key, all
-//! answers but one would be lost. In a secured ecosystem a question carries a nonce, and an answer
-//! is signed together with it.
+//! answers but one would be lost. In a secured ecosystem a question or a call carries a nonce, and
+//! an answer is signed together with it.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Weak};
 use std::time::Duration;
 
-use acl::{AgentId, Incarnation};
+use acl::{AgentId, DaemonId, Incarnation};
 use bytes::Bytes;
 use credentials::Nonce;
 use substrate::memory::{ANSWERS_MAX, collect_answers};
@@ -18,6 +18,7 @@ use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
 use zenoh::qos::CongestionControl;
 use zenoh::query::{ConsolidationMode, Parameters, Query, QueryTarget, Queryable, Reply, Selector};
+use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
 use crate::config::OpenError;
@@ -61,9 +62,7 @@ pub(crate) fn ask(
         (Resource::Model, _) | (_, None) => Parameters::empty(),
         (_, Some(agent)) => Parameters::from(&[(AGENT_PARAMETER, agent.as_str())][..]),
     };
-    // Without one no answer would be believed: it would be the same as none.
-    let nonce = asking.security.as_ref().and_then(|_| credentials::nonce());
-    let attachment = nonce.map(ZBytes::from);
+    let nonce = asking.nonce();
     let (answers, heard) = mpsc::channel(ANSWERS_MAX);
     let asking = asking.clone();
     let sent = session
@@ -74,7 +73,7 @@ pub(crate) fn ask(
         .congestion_control(CongestionControl::Drop)
         .express(true)
         .timeout(timeout)
-        .attachment(attachment)
+        .attachment(nonce.map(ZBytes::from))
         .callback(move |reply| asking.hear(&answers, &reply, nonce.as_ref()))
         .wait();
     if let Err(error) = sent {
@@ -86,19 +85,49 @@ pub(crate) fn ask(
 // === impl Asking ===
 
 impl Asking {
+    /// What the answers to one question are bound to, where the ecosystem is secured. Without it
+    /// none would be believed: it would be the same as none.
+    pub(crate) fn nonce(&self) -> Option<Nonce> {
+        self.security.as_ref().and_then(|_| credentials::nonce())
+    }
+
+    /// Which daemon has answered a call, and what, if it has said it itself.
+    pub(crate) fn roll(
+        &self,
+        reply: &Reply,
+        nonce: Option<&Nonce>,
+    ) -> Option<(DaemonId, Option<Roll>)> {
+        let sample = reply.result().ok()?;
+        let daemon = self.keys.reached(sample.key_expr().as_str())?;
+        let payload = into_bytes(sample.payload());
+        let is_own_word = self.is_signed(sample, &payload, nonce, Security::has_said);
+        is_own_word.then(|| (daemon, Roll::read(&payload)))
+    }
+
+    /// Whether an answer passes what it has to, if it has to pass anything.
+    fn is_signed(
+        &self,
+        sample: &Sample,
+        payload: &Bytes,
+        nonce: Option<&Nonce>,
+        passes: impl Fn(&Security, &Keys, &dyn Inbound, &Sample, &Bytes, &Nonce) -> bool,
+    ) -> bool {
+        match (&self.security, nonce) {
+            (None, _) => true,
+            (Some(security), Some(nonce)) => {
+                passes(security, &self.keys, &*self.inbound, sample, payload, nonce)
+            }
+            (Some(_), None) => false,
+        }
+    }
+
     fn hear(&self, answers: &mpsc::Sender<Bytes>, reply: &Reply, nonce: Option<&Nonce>) {
         let sample = match reply.result() {
             Ok(sample) => sample,
             Err(error) => return tracing::debug!(?error, "a question ended with an error"),
         };
         let payload = into_bytes(sample.payload());
-        let is_admitted = match (&self.security, nonce) {
-            (None, _) => true,
-            (Some(security), Some(nonce)) => {
-                security.admits(&self.keys, &*self.inbound, sample, &payload, nonce)
-            }
-            (Some(_), None) => false,
-        };
+        let is_admitted = self.is_signed(sample, &payload, nonce, Security::admits);
         if is_admitted && answers.try_send(payload).is_err() {
             tracing::debug!(key = sample.key_expr().as_str(), "an answer came too late");
         }
@@ -122,7 +151,8 @@ impl Answering {
     fn resources(&self, query: &Query) {
         let probed = self.keys.reach(self.keys.daemon());
         if *query.key_expr() == probed || *query.key_expr() == self.keys.everyone_reached() {
-            return reply(query, &probed, Roll::answer(self.residents(), &self.told), None);
+            let roll = Roll::answer(self.residents(), &self.told);
+            return reply(query, &probed, roll, self.security.as_ref());
         }
         let Ok(agent) = agent(query.parameters()) else {
             return tracing::debug!(selector = %query.selector(), "ignored a malformed question");

@@ -22,6 +22,7 @@ use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 use tokio::sync::oneshot;
 use tokio::time::Instant;
+use zenoh::bytes::ZBytes;
 use zenoh::qos::CongestionControl;
 use zenoh::query::{ConsolidationMode, QueryTarget, Reply};
 use zenoh::sample::{Sample, SampleKind};
@@ -29,9 +30,10 @@ use zenoh::{Session, Wait};
 
 use crate::config::OpenError;
 use crate::declarations::Declarations;
-use crate::inbound::{into_bytes, undeclared};
+use crate::inbound::undeclared;
 use crate::key_expr::Keys;
 use crate::presence::Watch;
+use crate::questions::Asking;
 
 /// Pause between two calls as long as anything changes or is in doubt, and how long a call is
 /// answered: far beyond the tenth of a second after which Zenoh's routes are computed anew. At
@@ -76,7 +78,7 @@ struct Known {
 /// Calls until the session is closed.
 pub(crate) struct RollCall {
     pub(crate) session: Weak<Session>,
-    pub(crate) keys: Keys,
+    pub(crate) asking: Asking,
     pub(crate) told: Told,
     pub(crate) watch: Arc<Watch>,
     pub(crate) declarations: Arc<Declarations>,
@@ -214,17 +216,23 @@ impl RollCall {
         {
             let session = self.session.upgrade().filter(|session| !session.is_closed())?;
             let own = session.zid().to_string();
-            let (keys, told, watch) =
-                (self.keys.clone(), self.told.clone(), Arc::clone(&self.watch));
+            let (asking, nonce) = (self.asking.clone(), self.asking.nonce());
+            let (told, watch) = (self.told.clone(), Arc::clone(&self.watch));
             let heard = Arc::clone(&answers);
             let hear = move |reply: Reply| {
                 // Dropped with this callback, when no more answers come.
                 let _ends = &ends;
-                let Some((daemon, roll)) = read(&keys, &reply) else { return };
+                let me = asking.keys.daemon();
+                let answer = asking.roll(&reply, nonce.as_ref());
+                let Some((daemon, roll)) = answer.filter(|(daemon, _)| daemon != me) else {
+                    return;
+                };
                 watch.answered(&daemon, roll.as_ref(), mark);
-                lock(&heard).note(daemon, roll.as_ref(), (&own, keys.daemon()), &told);
+                lock(&heard).note(daemon, roll.as_ref(), (&own, me), &told);
             };
-            let get = session.get(self.keys.everyone_reached()).target(QueryTarget::All);
+            let everyone = self.asking.keys.everyone_reached();
+            let get = session.get(everyone).target(QueryTarget::All);
+            let get = get.attachment(nonce.map(ZBytes::from));
             let get = get.consolidation(ConsolidationMode::None).express(true);
             let get = get.congestion_control(CongestionControl::Drop).timeout(UNREST_PERIOD);
             get.callback(hear).wait().ok()?;
@@ -237,12 +245,6 @@ impl RollCall {
         answers.unknown.extend(routers.filter(|zid| !self.told.has(zid)));
         Some(answers)
     }
-}
-
-fn read(keys: &Keys, reply: &Reply) -> Option<(DaemonId, Option<Roll>)> {
-    let sample = reply.result().ok()?;
-    let daemon = keys.reached(sample.key_expr().as_str())?;
-    (daemon != *keys.daemon()).then(|| (daemon, Roll::read(&into_bytes(sample.payload()))))
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

@@ -56,15 +56,37 @@ impl Security {
         payload: &Bytes,
         nonce: &Nonce,
     ) -> bool {
-        let key = sample.key_expr().as_str();
-        let attachment = sample.attachment();
-        let channel = Channel::Answer;
-        let origin = self.open(keys, inbound, channel, key, payload, attachment, Some(nonce));
-        let (Some(origin), Some((resource, agent))) = (origin, keys.answered(key)) else {
+        let origin = self.answerer(keys, inbound, sample, payload, nonce);
+        let answered = keys.answered(sample.key_expr().as_str());
+        let (Some(origin), Some((resource, agent))) = (origin, answered) else {
             return false;
         };
         let answer = Answer { origin: &origin, resource, agent: agent.as_ref(), payload };
         inbound.admits(&answer)
+    }
+
+    /// Whether the daemon whose answer to a call this is has said it, to this call.
+    pub(crate) fn has_said(
+        &self,
+        keys: &Keys,
+        inbound: &dyn Inbound,
+        sample: &Sample,
+        payload: &Bytes,
+        nonce: &Nonce,
+    ) -> bool {
+        self.answerer(keys, inbound, sample, payload, nonce).is_some()
+    }
+
+    fn answerer(
+        &self,
+        keys: &Keys,
+        inbound: &dyn Inbound,
+        sample: &Sample,
+        payload: &Bytes,
+        nonce: &Nonce,
+    ) -> Option<Origin> {
+        let (key, seal) = (sample.key_expr().as_str(), sample.attachment());
+        self.open(keys, inbound, Channel::Answer, key, payload, seal, Some(nonce))
     }
 
     #[expect(clippy::too_many_arguments, reason = "what was heard, and where it is told")]

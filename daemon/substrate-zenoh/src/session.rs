@@ -69,13 +69,14 @@ impl ZenohSubstrate {
         let told = Told::declare(&session, &keys)?;
         let declarations =
             Declarations::declare(&session, &keys, &inbound, security.as_ref(), &told)?;
-        let watch = presence::declare(&session, &keys, &inbound, lease)?;
+        let asking = Asking { keys: keys.clone(), inbound, security: security.clone() };
+        let watch = presence::declare(&session, &asking, lease)?;
         if let Some(security) = &security {
             revocations::spread(&session, &keys, security);
         }
         let roll_call = RollCall {
             session: Arc::downgrade(&session),
-            keys: keys.clone(),
+            asking: asking.clone(),
             told,
             watch,
             declarations: Arc::clone(&declarations),
@@ -83,7 +84,6 @@ impl ZenohSubstrate {
         };
         tokio::spawn(roll_call.run().instrument(tracing::debug_span!("roll_call")));
         let publishers = Cache::new(PUBLISHERS_MAX);
-        let asking = Asking { keys: keys.clone(), inbound, security: security.clone() };
         Ok(Arc::new(ZenohSubstrate { keys, declarations, asking, security, publishers, session }))
     }
 

@@ -7,14 +7,15 @@ use std::sync::Arc;
 use acl::{DaemonId, EcosystemId, Performative};
 use bytes::Bytes;
 use credentials::{
-    AUTHORITY_DAYS, Authority, Channel, DAEMON_DAYS, Folder, Identity, Trust, Verifier,
+    AUTHORITY_DAYS, Authority, Channel, DAEMON_DAYS, Folder, Identity, Nonce, Trust, Verifier,
 };
 use substrate::{Address, Resource, SendError, Subject, Substrate};
 use substrate_zenoh::{MESSAGE_BYTES_MAX, Mode, Security};
 use tempfile::TempDir;
-use zenoh::Session;
 use zenoh::qos::CongestionControl;
+use zenoh::query::Query;
 use zenoh::sample::Sample;
+use zenoh::{Session, Wait};
 
 use crate::daemon::{DEADLINE, Daemon, agent, config, ear};
 
@@ -340,6 +341,52 @@ async fn an_answer_is_signed_by_whom_was_asked() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn nobody_is_here_by_anothers_word() {
+    let house = House::new();
+    let mut a = house.open("a", &[]).await;
+    let rogue = house.rogue("rogue", &a).await;
+    let identity = Arc::new(house.identity("rogue"));
+    let (mut answering, mut tokens) = (Vec::new(), Vec::new());
+    for daemon in ["b", "rogue"] {
+        let identity = Arc::clone(&identity);
+        let key = format!("althing/office/at/{daemon}/reach");
+        let answer = move |query: Query| {
+            let nonce =
+                query.attachment().expect("it is called by who wants to be sure").to_bytes();
+            let nonce = Nonce::try_from(&*nonce).expect("a nonce");
+            let key = query.key_expr().as_str().replace('*', daemon);
+            let seal = identity.seal_answer(&key, b"", &nonce);
+            query.reply(key, "").attachment(seal).wait().expect("open");
+        };
+        answering.push(rogue.declare_queryable(key).callback(answer).await.expect("open"));
+        let token = format!("althing/office/alive/{daemon}/robot/1");
+        tokens.push(rogue.liveliness().declare_token(token).await.expect("open"));
+        if daemon == "b" {
+            assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
+        }
+    }
+    let heard = a.hear("joined robot@rogue").await;
+    let others = heard.iter().filter(|line| *line != "rejected forged rogue");
+    assert_eq!(others.collect::<Vec<_>>(), ["joined robot@rogue"], "in its own name");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn links_carry_nothing_but_the_ecosystem() {
+    let house = House::new();
+    let a = house.open("a", &[]).await;
+    let (listener, speaker) = (house.rogue("one", &a).await, house.rogue("two", &a).await);
+    let elsewhere = listener.declare_subscriber("elsewhere/**").await.expect("open");
+    let here = listener.declare_subscriber("althing/office/in/one/**").await.expect("open");
+    // Declared last, so that the other would be known by then.
+    reach(&speaker, "althing/office/in/one/x/inform").await;
+    speaker.put("elsewhere/x", "smuggled").await.expect("open");
+    speaker.put("althing/office/in/one/x/inform", "said").await.expect("open");
+    let said = tokio::time::timeout(DEADLINE, here.recv_async()).await.expect("in time");
+    assert_eq!(&*said.expect("open").payload().to_bytes(), b"said");
+    assert!(elsewhere.try_recv().expect("open").is_none());
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_flood_drowns_itself_alone() {
     let house = House::new();
     let mut a = house.open_with("a", &[], 20).await;
@@ -433,4 +480,8 @@ async fn a_revocation_reaches_all_while_they_run() {
     assert_eq!(a.ask(Some("b"), Resource::State, None).await, [""; 0]);
     a.request("c", "x", "we remain");
     c.hear("to x request: we remain <a>").await;
+    // It has a token still, and a lease in which it may be silent.
+    for daemon in [&mut a, &mut c] {
+        daemon.hear("left y@b").await;
+    }
 }
