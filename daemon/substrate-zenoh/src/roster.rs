@@ -124,9 +124,11 @@ impl Roster {
         };
         hosted.route = Route::Known;
         hosted.silent_since = None;
+        let hosts: Option<BTreeSet<_>> =
+            hosts.map(|hosts| hosts.iter().map(|(agent, life)| (agent, *life)).collect());
         let is_hosted = |resident: &Resident| {
             let life = (&resident.agent, resident.incarnation);
-            hosts.is_none_or(|hosts| hosts.iter().any(|(agent, number)| (agent, *number) == life))
+            hosts.as_ref().is_none_or(|hosts| hosts.contains(&life))
         };
         let (mut here, mut ghosts) = (Vec::new(), Vec::new());
         for (resident, token) in &hosted.tokens {
@@ -184,10 +186,10 @@ impl Roster {
 impl Hosted {
     /// Of two lives of one agent here, the older is what is left of its death.
     fn join(&mut self, resident: Resident) -> Vec<Presence> {
-        let is_newer = |other: &Resident| {
-            other.agent == resident.agent && other.incarnation > resident.incarnation
-        };
-        if self.joined.iter().any(is_newer) || !self.joined.insert(resident.clone()) {
+        // Lives of one agent stand side by side, the newest last.
+        let after = self.joined.range(&resident..).find(|other| **other != resident);
+        let is_overtaken = after.is_some_and(|other| other.agent == resident.agent);
+        if is_overtaken || !self.joined.insert(resident.clone()) {
             return Vec::new();
         }
         vec![Presence::Joined(resident)]
