@@ -10,7 +10,15 @@ use crate::{none, root};
 /// never know each other.
 const LAYERS: &[&[&str]] = &[
     &["acl", "pddl"],
-    &["building", "capability", "conversation", "credentials", "planner", "substrate"],
+    &[
+        "building",
+        "capability",
+        "conversation",
+        "credentials",
+        "linux-sensors",
+        "planner",
+        "substrate",
+    ],
     // `engines` knows `planner` for its validator: no engine's plan is believed.
     &["agent", "engines", "substrate-zenoh"],
     &["actuator"],
@@ -51,6 +59,7 @@ const EXCEPTIONS: &[Exception] = &[
     exception("ptz-camera", "building", "its simulated driver looks there"),
     exception("screen", "building", "its simulated driver shows there"),
     exception("sensor", "building", "its simulated driver measures there"),
+    exception("sensor", "linux-sensors", "its Linux driver measures there"),
     exception("turtlebot", "building", "its simulated driver moves there"),
     exception("video-robot", "building", "its simulated driver moves and shows there"),
 ];

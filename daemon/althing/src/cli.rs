@@ -33,8 +33,8 @@ Look  agents    who is here            domain   what all can do, as PDDL
       watch     the messages           mailbox  how full agents' mailboxes are
 Plan  plan      without an ecosystem   validate a plan, to the step that fails
       check     show what is wrong in ecosystem files, PDDL, action models
-      replay    what `watch --record` has written, into a fresh ecosystem
-More  cert      keys to the door       send a message    completions of shells
+      replay    what was recorded      send     one message as it is written
+More  cert      keys to the door   sensors  plugged in   completions of shells
 
 Options: -v, -vv (log more), --json (where something is printed), -h, -V
 ";
@@ -111,6 +111,9 @@ pub(crate) enum Command {
     /// Make keys and certificates for daemons, show them, take them back
     #[command(after_help = CERT_HELP)]
     Cert(CertArgs),
+    /// Show which sensors the kernel of this machine knows, and how to bring them in
+    #[command(after_help = SENSORS_HELP)]
+    Sensors(SensorsArgs),
     /// Send one message as it is written, and print the answers
     #[command(after_help = SEND_HELP)]
     Send(SendArgs),
@@ -127,6 +130,14 @@ pub(crate) enum Command {
     #[command(after_help = COMPLETIONS_HELP)]
     Completions(CompletionsArgs),
 }
+
+const SENSORS_HELP: &str = "\
+Looks at Industrial I/O, hardware monitoring and 1-wire below /sys; needs no
+rights. A sensor that is not listed has no driver: `dtoverlay=...` on a Raspberry
+Pi, `modprobe` and `new_device` elsewhere. Names and places stay as they are when
+sensors are plugged in in another order.
+
+  althing sensors --toml >> office.toml    then say in which room each stands";
 
 const PLAN_HELP: &str = "\
 The plan goes to stdout in the format of the planning competitions, a summary to
@@ -527,6 +538,19 @@ fn days() -> clap::builder::RangedI64ValueParser<u32> {
 pub(crate) struct CompletionsArgs {
     /// For which shell
     pub(crate) shell: ShellArg,
+}
+
+/// `althing sensors`
+#[derive(Debug, Args)]
+pub(crate) struct SensorsArgs {
+    /// Print lines for an ecosystem file instead: an agent for each sensor
+    #[arg(long, conflicts_with = "json")]
+    pub(crate) toml: bool,
+    /// Where the kernel shows its devices
+    #[arg(long, value_name = "FOLDER", default_value = "/sys")]
+    pub(crate) sysfs: PathBuf,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
 }
 
 /// `althing agents`, `domain`, `state`

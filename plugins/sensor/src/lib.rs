@@ -3,11 +3,13 @@
 //! there.
 //!
 //! - `quantity` is the table of what can be measured; everything else is the same for all.
-//! - [`Probe`] is what a driver does; `simulated` measures in the simulated building.
+//! - [`Probe`] is what a driver does: `simulated` measures in the simulated building, `linux` with
+//!   what this machine's kernel knows.
 //! - What is yes or no (motion) is noticed: announced at once, without being asked.
 //! - After a failed measurement a sensor offers nothing for a while: “re-evaluate and update
 //!   self-capabilities” (the paper, “Semantic Plug & Play”).
 
+mod linux;
 mod quantity;
 mod simulated;
 
@@ -15,6 +17,7 @@ mod simulated;
 mod tests;
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -28,6 +31,7 @@ use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use serde::Deserialize;
 use tokio::time::Instant;
 
+use crate::linux::Hardware;
 use crate::quantity::Quantity;
 
 /// How long a sensor that failed offers nothing. A loose wire comes back within seconds.
@@ -36,11 +40,15 @@ const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 /// The longest a measurement may take: slow bus sensors need below a second.
 const MEASURING: Duration = Duration::from_secs(2);
 
+const SIMULATED: &str = "simulated";
+const LINUX: &str = "linux";
+const DRIVERS: &[&str] = &[SIMULATED, LINUX];
+
 /// The line in the daemon's table of plugins: a sensor of any quantity.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "sensor",
     about: "reports the CO2, humidity, light, motion … of the room it stands in",
-    drivers: &["simulated"],
+    drivers: DRIVERS,
     stands_by: false,
     build,
 };
@@ -49,7 +57,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 pub const TEMPERATURE_SENSOR: PluginEntry = PluginEntry {
     name: "temperature-sensor",
     about: "reports the temperature, and if asked to the humidity, of the room it stands in",
-    drivers: &["simulated"],
+    drivers: DRIVERS,
     stands_by: false,
     build: build_temperature_sensor,
 };
@@ -65,6 +73,13 @@ struct Config {
     /// How long a measurement counts as known, such as `"10m"`; without it, until it dies.
     #[serde(default)]
     valid_for: Option<String>,
+    /// Of the hardware, which only some drivers have.
+    #[serde(default)]
+    device: Option<String>,
+    #[serde(default)]
+    channel: Option<String>,
+    #[serde(default)]
+    sysfs: Option<PathBuf>,
 }
 
 /// The entry's `config` of a temperature sensor.
@@ -79,6 +94,13 @@ struct TemperatureConfig {
     /// Whether it measures the humidity too.
     #[serde(default)]
     humidity: bool,
+    /// As above.
+    #[serde(default)]
+    device: Option<String>,
+    #[serde(default)]
+    channel: Option<String>,
+    #[serde(default)]
+    sysfs: Option<PathBuf>,
 }
 
 /// What a sensor's driver does. Errors complete “failed to …”.
@@ -89,6 +111,21 @@ pub trait Probe: Send + Sync + 'static {
     /// Waits until a quantity that is yes or no is not `known` any more, and measures it. May wait
     /// for as long as nothing changes.
     fn notice(&self, quantity: &'static str, known: f64) -> BoxFuture<Result<Measurement, String>>;
+
+    /// Whether it is plugged in, as far as was looked.
+    fn is_here(&self) -> bool {
+        true
+    }
+
+    /// Looks whether it is plugged in; `None` if it cannot be unplugged.
+    fn look(&self) -> Option<BoxFuture<()>> {
+        None
+    }
+
+    /// Waits until it is unplugged, or plugged in; `None` if it cannot be.
+    fn until_plugged(&self) -> Option<BoxFuture<()>> {
+        None
+    }
 }
 
 /// What was measured.
@@ -109,14 +146,17 @@ fn build_temperature_sensor(blueprint: Blueprint) -> Result<Box<dyn Launch>, Bui
 }
 
 fn sensor(blueprint: &Blueprint) -> Result<Sensor, BuildError> {
-    let Config { quantity, location, valid_for } = blueprint.config_as()?;
-    Sensor::new(blueprint, &[&quantity], location, valid_for.as_deref())
+    let Config { quantity, location, valid_for, device, channel, sysfs } = blueprint.config_as()?;
+    let hardware = Hardware { device, channel, sysfs };
+    Sensor::new(blueprint, &[&quantity], location, valid_for.as_deref(), hardware)
 }
 
 fn temperature_sensor(blueprint: &Blueprint) -> Result<Sensor, BuildError> {
-    let TemperatureConfig { location, valid_for, humidity } = blueprint.config_as()?;
+    let TemperatureConfig { location, valid_for, humidity, device, channel, sysfs } =
+        blueprint.config_as()?;
     let quantities: &[_] = if humidity { &["temperature", "humidity"] } else { &["temperature"] };
-    Sensor::new(blueprint, quantities, location, valid_for.as_deref())
+    let hardware = Hardware { device, channel, sysfs };
+    Sensor::new(blueprint, quantities, location, valid_for.as_deref(), hardware)
 }
 
 struct Sensor {
@@ -138,6 +178,7 @@ impl Sensor {
         quantities: &[&str],
         location: Place,
         valid_for: Option<&str>,
+        hardware: Hardware,
     ) -> Result<Sensor, BuildError> {
         let named =
             |name: &&str| Quantity::named(name).map_err(|problem| blueprint.problem(problem));
@@ -145,20 +186,27 @@ impl Sensor {
             humantime::parse_duration(text)
                 .map_err(|error| blueprint.problem(format!("valid-for `{text}`: {error}")))
         };
+        let quantities = quantities.iter().map(named).collect::<Result<Vec<_>, _>>()?;
+        let probe = if blueprint.driver == LINUX {
+            linux::probe(blueprint, hardware, &quantities)?
+        } else {
+            linux::refuse(blueprint, &hardware)?;
+            simulated::probe(blueprint)?
+        };
         Ok(Sensor {
             id: blueprint.id.to_string(),
             ontology: blueprint.host.ontology.name.to_string(),
             location,
-            quantities: quantities.iter().map(named).collect::<Result<_, _>>()?,
+            quantities,
             valid_for: valid_for.map(duration).transpose()?,
-            probe: simulated::probe(blueprint)?,
+            probe,
             measured: BTreeMap::new(),
             rests_until: None,
         })
     }
 
     fn works(&self) -> bool {
-        self.rests_until.is_none_or(|until| until <= Instant::now())
+        self.probe.is_here() && self.rests_until.is_none_or(|until| until <= Instant::now())
     }
 
     /// The quantity that a method reads.
@@ -238,6 +286,10 @@ impl Device for Sensor {
         facts_of(&located).into_iter().chain(known).collect()
     }
 
+    fn look(&self) -> Option<BoxFuture<()>> {
+        self.probe.look()
+    }
+
     fn perform(&mut self, call: &Call) -> BoxFuture<Result<Measurement, Failure>> {
         let Some(quantity) = self.read_by(&call.method) else {
             let unknown = Failure::UnknownMethod(call.method.clone());
@@ -262,7 +314,8 @@ impl Device for Sensor {
     }
 
     fn watch(&mut self) -> Option<BoxFuture<Stir<Sensor>>> {
-        let quantity = self.quantities.iter().copied().find(|quantity| quantity.is_noticed())?;
+        let noticed = self.quantities.iter().copied().find(|quantity| quantity.is_noticed());
+        let Some(quantity) = noticed else { return self.watch_whether_plugged() };
         // What was never measured is not known; but nothing to speak of happens until it is yes.
         let known = self.measured.get(quantity.name).map_or(0.0, |measured| measured.value);
         let (probe, rests_until) = (Arc::clone(&self.probe), self.rests_until);
@@ -281,6 +334,19 @@ impl Device for Sensor {
 }
 
 impl Sensor {
+    /// What is unplugged offers nothing, and what is plugged in again has not failed.
+    fn watch_whether_plugged(&self) -> Option<BoxFuture<Stir<Sensor>>> {
+        let until_plugged = self.probe.until_plugged()?;
+        Some(Box::pin(async move {
+            until_plugged.await;
+            let stir: Stir<Sensor> = Box::new(|sensor| {
+                sensor.rests_until = None;
+                Vec::new()
+            });
+            stir
+        }))
+    }
+
     fn noticed(&mut self, quantity: &'static Quantity, noticed: Result<Measurement, String>) {
         match noticed {
             Ok(measured) => {

@@ -34,6 +34,15 @@ fn set(lab: &Building, quantity: &str, value: f64) {
 fn blueprint(lab: &Building, config: serde_json::Value) -> Blueprint {
     let mut resources = Resources::default();
     resources.insert(lab.handle());
+    blueprint_of("simulated", config, resources)
+}
+
+/// A sensor that no simulated building has.
+pub(crate) fn blueprint_with(driver: &str, config: serde_json::Value) -> Blueprint {
+    blueprint_of(driver, config, Resources::default())
+}
+
+fn blueprint_of(driver: &str, config: serde_json::Value, resources: Resources) -> Blueprint {
     let map = "(define (problem map) (:domain smart-office) (:init) (:goal (and)))";
     let host = Host {
         ontology: Arc::new(pddl::parse_domain(ONTOLOGY).value.expect("a domain")),
@@ -44,7 +53,7 @@ fn blueprint(lab: &Building, config: serde_json::Value) -> Blueprint {
         resources,
     };
     let id = acl::AgentId::new("s").expect("a name");
-    Blueprint { id, driver: "simulated".to_owned(), config: config.into(), host: Arc::new(host) }
+    Blueprint { id, driver: driver.to_owned(), config: config.into(), host: Arc::new(host) }
 }
 
 /// The sensor of this quantity in the lab.
@@ -58,7 +67,7 @@ fn call(quantity: &str) -> Call {
     Call { action, method, arguments: BTreeMap::new() }
 }
 
-async fn measure(sensor: &mut Sensor, quantity: &str) -> Result<Performed, Failure> {
+pub(crate) async fn measure(sensor: &mut Sensor, quantity: &str) -> Result<Performed, Failure> {
     let call = call(quantity);
     match sensor.perform(&call).await {
         Ok(measured) => Ok(sensor.performed(&call, measured)),
@@ -69,7 +78,7 @@ async fn measure(sensor: &mut Sensor, quantity: &str) -> Result<Performed, Failu
     }
 }
 
-fn facts(sensor: &Sensor) -> String {
+pub(crate) fn facts(sensor: &Sensor) -> String {
     let facts: Vec<_> = sensor.facts().iter().map(|fact| fact.fact.to_string()).collect();
     facts.join(" ")
 }

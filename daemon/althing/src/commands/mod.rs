@@ -19,6 +19,7 @@ mod plan;
 mod replay;
 mod scenario;
 mod send;
+mod sensors;
 pub(crate) mod set;
 pub(crate) mod state;
 mod up;
@@ -64,6 +65,7 @@ pub(crate) fn run(command: Command) -> ExitCode {
         Command::Replay(args) => replay::run(&args),
         Command::Mailbox(args) => mailbox::run(&args),
         Command::Cert(args) => cert::run(&args),
+        Command::Sensors(args) => sensors::run(&args),
         Command::Send(args) => send::run(&args),
         Command::Completions(args) => completions::run(&args),
     }

@@ -1,0 +1,117 @@
+//! `althing sensors`: what is plugged into this machine, and the lines that bring it in.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::process::ExitCode;
+
+use linux_sensors::{Channel, Identity, Quantity, Sysfs};
+use serde_json::json;
+
+use crate::cli::SensorsArgs;
+use crate::{exit, output};
+
+/// Shows the sensors of this machine.
+pub(crate) fn run(args: &SensorsArgs) -> ExitCode {
+    let channels = Sysfs::new(&args.sysfs).channels();
+    if args.print.json {
+        return output::print_json(
+            &json!(channels.iter().map(told).collect::<Vec<_>>()),
+            exit::DONE,
+        );
+    }
+    if args.toml {
+        return output::print(lines(&channels), exit::DONE);
+    }
+    if channels.is_empty() {
+        let sysfs = args.sysfs.display();
+        let none = format!(
+            "the kernel of this machine knows no sensor ({sysfs})\nalthing help sensors says more\n"
+        );
+        return output::print(none, exit::DONE);
+    }
+    output::print(table(&channels), exit::DONE)
+}
+
+fn told(channel: &Channel) -> serde_json::Value {
+    let mut told = json!(channel);
+    told["unit"] = json!(channel.quantity.unit());
+    match channel.read() {
+        Ok(value) => told["value"] = json!(value),
+        Err(error) => told["problem"] = json!(problem(&error)),
+    }
+    told
+}
+
+fn problem(error: &linux_sensors::ReadError) -> String {
+    match std::error::Error::source(error) {
+        Some(source) => format!("failed to {error}: {source}"),
+        None => format!("failed to {error}"),
+    }
+}
+
+fn table(channels: &[Channel]) -> String {
+    let width = channels.iter().map(|each| each.device.to_string().len()).max().unwrap_or(0);
+    let mut text = String::new();
+    for channel in channels {
+        let Channel { device, quantity, is_ambient, .. } = channel;
+        let now = match channel.read() {
+            Ok(value) => format!("{value:.1} {}", quantity.unit()),
+            // Where its file is, --json says.
+            Err(error) => match std::error::Error::source(&error) {
+                Some(source) => format!("fails: {source}"),
+                None => problem(&error),
+            },
+        };
+        let inside = if *is_ambient { "" } else { " (of the machine itself)" };
+        let device = device.to_string();
+        let _ = writeln!(text, "{device:<width$}  {quantity:<11}  {now}{inside}");
+    }
+    text + "\nalthing sensors --toml prints the lines that bring them into an ecosystem\n"
+}
+
+/// An agent for each device and what it measures, those of the machine itself left out.
+fn lines(channels: &[Channel]) -> String {
+    let ambient = channels.iter().filter(|channel| channel.is_ambient);
+    let mut devices: BTreeMap<&Identity, Vec<&Channel>> = BTreeMap::new();
+    for channel in ambient {
+        devices.entry(&channel.device).or_default().push(channel);
+    }
+    let mut counts = BTreeMap::new();
+    let mut text = String::new();
+    for of_device in devices.values() {
+        let measures = |wanted| of_device.iter().any(|channel| channel.quantity == wanted);
+        let has_both = measures(Quantity::Temperature) && measures(Quantity::Humidity);
+        for channel in of_device {
+            // A thermometer that measures the humidity too is one agent.
+            if has_both && channel.quantity == Quantity::Humidity {
+                continue;
+            }
+            let count: &mut u32 = counts.entry(channel.quantity).or_default();
+            *count += 1;
+            let siblings =
+                of_device.iter().filter(|other| other.quantity == channel.quantity).count();
+            text += &entry(channel, *count, has_both, siblings > 1);
+        }
+    }
+    text
+}
+
+fn entry(channel: &Channel, number: u32, has_humidity: bool, has_siblings: bool) -> String {
+    let Channel { device, name, quantity, .. } = channel;
+    let is_thermometer = *quantity == Quantity::Temperature;
+    let plugin = if is_thermometer { "temperature-sensor" } else { "sensor" };
+    let mut text = format!(
+        "[[agent]]\nname = \"{quantity}-{number}\"\nplugin = \"{plugin}\"\ndriver = \"linux\"\n\n\
+         [agent.config]\nlocation = \"\"        # the room it stands in\n\
+         device = \"{device}\"\n"
+    );
+    if has_siblings {
+        let _ = writeln!(text, "channel = \"{name}\"");
+    }
+    if !is_thermometer {
+        let _ = writeln!(text, "quantity = \"{quantity}\"");
+    } else if has_humidity {
+        let _ = writeln!(text, "humidity = true");
+    }
+    text + "\n"
+}

@@ -1,0 +1,58 @@
+//! Hardware monitoring (the kernel's `Documentation/hwmon/sysfs-interface`): chips that are read
+//! for their temperature. Most of them look after the machine itself.
+
+use std::path::Path;
+
+use crate::channel::{Channel, Reading};
+use crate::identity::Identity;
+use crate::quantity::Quantity;
+use crate::{Sysfs, file_name, line, list};
+
+/// Both are said in thousandths.
+const FACTOR: f64 = 1e-3;
+
+/// How the names of chips begin that people put into rooms. All others measure processors, disks
+/// and boards.
+const AMBIENT: &[&str] = &[
+    "adt7410", "adt7420", "adt75", "ds1621", "ds1775", "ds620", "hih6130", "hs3001", "lm75",
+    "lm92", "mcp980", "pct2075", "sht15", "sht21", "sht3", "sht4", "shtc", "shtw", "stds75",
+    "sts3", "tc74", "tmp1", "tmp4", "tmp75",
+];
+
+/// What is measured through hardware monitoring.
+pub(crate) fn channels(sysfs: &Sysfs) -> Vec<Channel> {
+    let mut channels = Vec::new();
+    for folder in sysfs.list("class/hwmon") {
+        let name = line(&folder.join("name"));
+        // It is told as what it is: a 1-wire thermometer.
+        if name.as_deref() == Some("w1_slave_temp") {
+            continue;
+        }
+        // Without a device behind it, it is the machine's own.
+        let there = folder.join("device");
+        let place = if there.exists() { &there } else { &folder };
+        if let Some(device) = Identity::of(sysfs, place, name) {
+            let files = list(&folder);
+            channels.extend(files.iter().filter_map(|file| channel(&device, file)));
+        }
+    }
+    channels
+}
+
+fn channel(device: &Identity, file: &Path) -> Option<Channel> {
+    let name = file_name(file)?.strip_suffix("_input")?;
+    let is_of = |kind| {
+        let number = name.strip_prefix(kind)?;
+        number.parse::<u32>().ok()
+    };
+    let quantity = match (is_of("temp"), is_of("humidity")) {
+        (Some(_), _) => Quantity::Temperature,
+        (_, Some(_)) => Quantity::Humidity,
+        _ => return None,
+    };
+    let is_ambient = AMBIENT.iter().any(|chip| device.name.starts_with(chip));
+    let (offset, scale, at_power_up) = (None, None, None);
+    let reading = Reading { file: file.to_owned(), offset, scale, at_power_up, factor: FACTOR };
+    let (device, name) = (device.clone(), name.to_owned());
+    Some(Channel { device, name, quantity, is_ambient, reading })
+}

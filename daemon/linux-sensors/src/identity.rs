@@ -1,0 +1,78 @@
+//! Which device something is, whatever number the kernel gave it.
+
+use std::fmt;
+use std::path::{Component, Path};
+
+use serde::{Serialize, Serializer};
+
+use crate::{Sysfs, line};
+
+/// Buses after which a place is told from the bus on: what they hang on differs between kernels.
+const BUSES: [&str; 2] = ["i2c-", "spi"];
+
+/// A device: what it is called, and where it hangs. Written `NAME@PLACE`, such as
+/// `bme280@i2c-1/1-0076`.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Identity {
+    /// What its driver calls it.
+    pub name: String,
+    /// Where it hangs: its folder among the kernel's devices, from its bus on.
+    pub place: String,
+}
+
+impl Identity {
+    /// The device whose folder this is, or a link to it; `called` where the folder does not say.
+    pub(crate) fn of(sysfs: &Sysfs, folder: &Path, called: Option<String>) -> Option<Identity> {
+        let folder = folder.canonicalize().ok()?;
+        let devices = sysfs.root.canonicalize().ok()?.join("devices");
+        let place = place(folder.strip_prefix(devices).ok()?);
+        let name = line(&folder.join("name")).or(called)?;
+        Some(Identity { name, place })
+    }
+}
+
+/// The part of a path that says where a device hangs.
+fn place(path: &Path) -> String {
+    let normal = path.components().filter_map(|part| match part {
+        Component::Normal(part) => part.to_str(),
+        _ => None,
+    });
+    let parts: Vec<_> = normal.collect();
+    let is_bus = |part: &&str| {
+        BUSES
+            .iter()
+            .any(|bus| part.strip_prefix(bus).is_some_and(|number| number.parse::<u32>().is_ok()))
+    };
+    let from = parts.iter().position(is_bus).unwrap_or(0);
+    parts[from..].join("/")
+}
+
+impl fmt::Display for Identity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(&format!("{}@{}", self.name, self.place))
+    }
+}
+
+impl Serialize for Identity {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_place_begins_with_its_bus() {
+        for (path, expected) in [
+            ("i2c-0/0-0040", "i2c-0/0-0040"),
+            ("platform/soc/fe804000.i2c/i2c-1/1-0076", "i2c-1/1-0076"),
+            ("platform/soc/fe204000.spi/spi_master/spi0/spi0.0", "spi0/spi0.0"),
+            ("platform/dht11@4", "platform/dht11@4"),
+            ("w1_bus_master1/28-0316a2791234", "w1_bus_master1/28-0316a2791234"),
+        ] {
+            assert_eq!(place(Path::new(path)), expected);
+        }
+    }
+}

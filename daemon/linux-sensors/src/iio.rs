@@ -1,0 +1,65 @@
+//! Industrial I/O: most sensors that boards carry (the kernel's `Documentation/ABI/testing/sysfs-bus-iio`).
+
+use std::path::Path;
+
+use crate::channel::{Channel, Reading};
+use crate::identity::Identity;
+use crate::quantity::Quantity;
+use crate::{Sysfs, file_name, line, list};
+
+/// What the kernel calls what, and what makes its unit ours.
+const KINDS: &[(&str, Quantity, f64)] = &[
+    // Milli-degrees, thousandths of per cent, per cent.
+    ("temp", Quantity::Temperature, 1e-3),
+    ("humidityrelative", Quantity::Humidity, 1e-3),
+    ("concentration_co2", Quantity::Co2, 1e4),
+    ("illuminance", Quantity::Light, 1.0),
+    ("distance", Quantity::Distance, 1.0),
+];
+
+/// What is measured through Industrial I/O.
+pub(crate) fn channels(sysfs: &Sysfs) -> Vec<Channel> {
+    let mut channels = Vec::new();
+    for folder in sysfs.list("bus/iio/devices") {
+        if let Some(device) = device(sysfs, &folder) {
+            let files = list(&folder);
+            channels.extend(files.iter().filter_map(|file| channel(&device, file)));
+        }
+    }
+    channels
+}
+
+/// The device that an `iio:deviceN` belongs to: the folder that it is in.
+fn device(sysfs: &Sysfs, folder: &Path) -> Option<Identity> {
+    file_name(folder).filter(|name| name.starts_with("iio:device"))?;
+    let own = folder.canonicalize().ok()?;
+    Identity::of(sysfs, own.parent()?, line(&folder.join("name")))
+}
+
+/// The channel that this file has a value of, if it has: `in_KIND[N][_MODIFIER]_raw` or `_input`.
+fn channel(device: &Identity, file: &Path) -> Option<Channel> {
+    let name = file_name(file)?.strip_prefix("in_")?;
+    let (name, is_raw) = match name.strip_suffix("_input") {
+        Some(name) => (name, false),
+        None => (name.strip_suffix("_raw")?, true),
+    };
+    let is_of = |kind: &str| {
+        let rest =
+            name.strip_prefix(kind)?.trim_start_matches(|digit: char| digit.is_ascii_digit());
+        (rest.is_empty() || rest.starts_with('_')).then_some(())
+    };
+    let (kind, quantity, factor) = KINDS.iter().find(|(kind, ..)| is_of(kind).is_some())?;
+    // What is there in both ways is told once, as it is.
+    if is_raw && file.with_file_name(format!("in_{name}_input")).exists() {
+        return None;
+    }
+    let beside = |what: &str| {
+        let of = |whose: &str| file.with_file_name(format!("in_{whose}_{what}"));
+        [of(name), of(kind)].into_iter().find(|path| is_raw && path.exists())
+    };
+    let (offset, scale) = (beside("offset"), beside("scale"));
+    let file = file.to_owned();
+    let reading = Reading { file, offset, scale, at_power_up: None, factor: *factor };
+    let (device, name) = (device.clone(), name.to_owned());
+    Some(Channel { device, name, quantity: *quantity, is_ambient: true, reading })
+}

@@ -1,0 +1,39 @@
+//! Thermometers on a 1-wire bus (the kernel's `Documentation/w1/slaves/w1_therm`).
+
+use std::path::Path;
+
+use crate::channel::{Channel, Reading};
+use crate::identity::Identity;
+use crate::quantity::Quantity;
+use crate::{Sysfs, file_name};
+
+/// The families that are thermometers, by the number that their serials begin with.
+const FAMILIES: &[(&str, &str)] =
+    &[("10", "ds18s20"), ("22", "ds1822"), ("28", "ds18b20"), ("3b", "ds1825"), ("42", "ds28ea00")];
+
+/// In thousandths of degrees.
+const FACTOR: f64 = 1e-3;
+
+/// What it says until it has measured for the first time.
+const AT_POWER_UP: f64 = 85_000.0;
+
+/// What is measured on 1-wire buses.
+pub(crate) fn channels(sysfs: &Sysfs) -> Vec<Channel> {
+    let devices = sysfs.list("bus/w1/devices");
+    devices.iter().filter_map(|folder| channel(folder)).collect()
+}
+
+fn channel(folder: &Path) -> Option<Channel> {
+    let (family, serial) = file_name(folder)?.split_once('-')?;
+    let (_, called) = FAMILIES.iter().find(|(number, _)| *number == family)?;
+    let file = folder.join("temperature");
+    if !file.exists() {
+        return None;
+    }
+    // Its serial is its own, wherever it hangs.
+    let device = Identity { name: (*called).to_owned(), place: format!("{family}-{serial}") };
+    let reading =
+        Reading { file, offset: None, scale: None, at_power_up: Some(AT_POWER_UP), factor: FACTOR };
+    let (name, quantity) = ("temperature".to_owned(), Quantity::Temperature);
+    Some(Channel { device, name, quantity, is_ambient: true, reading })
+}

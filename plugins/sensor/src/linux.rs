@@ -1,0 +1,328 @@
+//! The Linux driver: measures with a device that this machine's kernel knows (Industrial I/O,
+//! hardware monitoring, 1-wire).
+//!
+//! - The device is found anew for each measurement, by its name and place: it may have been unplugged
+//!   meanwhile, and be back under another number.
+//! - What is not read is tried again as long as a measurement may take: a DHT22 fails one time in
+//!   five and is no dead sensor. One that stays silent is.
+//! - Whether it is plugged in is looked at again and again: the kernel tells nobody who has no more
+//!   rights than to read.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use actuator::BoxFuture;
+use agent::{Blueprint, BuildError};
+use linux_sensors::Sysfs;
+use tokio::time::Instant;
+
+use crate::quantity::Quantity;
+use crate::{MEASURING, Measurement, Probe};
+
+/// How long a measurement is tried: what begins within it ends before the method's time is over.
+const TRYING: Duration = Duration::from_millis(1_200);
+const _: () = assert!(TRYING.as_millis() + SLOWEST.as_millis() < MEASURING.as_millis());
+
+/// The longest that one reading takes: a thermometer on one wire.
+const SLOWEST: Duration = Duration::from_millis(750);
+
+/// Pause between two tries. A bus that was disturbed is quiet again by then.
+const PAUSE: Duration = Duration::from_millis(100);
+
+/// Pause between two looks whether it is plugged in: a person has just let go of it.
+const LOOK_AGAIN: Duration = Duration::from_secs(1);
+
+/// What an entry's `config` says of the hardware.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Hardware {
+    /// Which device, as `althing sensors` lists it.
+    pub(crate) device: Option<String>,
+    /// Which of its channels, where several measure the same.
+    pub(crate) channel: Option<String>,
+    /// Where the kernel shows its devices, if not at `/sys`.
+    pub(crate) sysfs: Option<PathBuf>,
+}
+
+#[derive(Clone)]
+struct Linux {
+    sysfs: Sysfs,
+    device: String,
+    channel: Option<String>,
+    measures: Vec<linux_sensors::Quantity>,
+    is_here: Arc<AtomicBool>,
+}
+
+pub(crate) fn probe(
+    blueprint: &Blueprint,
+    hardware: Hardware,
+    quantities: &[&'static Quantity],
+) -> Result<Arc<dyn Probe>, BuildError> {
+    let Hardware { device, channel, sysfs } = hardware;
+    let device = device.ok_or_else(|| {
+        let problem = "driver `linux` needs a `device`; `althing sensors` lists those of a machine";
+        blueprint.problem(problem)
+    })?;
+    let measures = quantities.iter().map(|quantity| {
+        linux_sensors::Quantity::named(quantity.name).ok_or_else(|| {
+            let known = linux_sensors::Quantity::ALL.map(|known| known.name()).join(", ");
+            let name = quantity.name;
+            blueprint.problem(format!("driver `linux` measures {known}, and no {name}"))
+        })
+    });
+    let measures = measures.collect::<Result<_, _>>()?;
+    let (sysfs, is_here) = (sysfs.map_or_else(Sysfs::default, Sysfs::new), Arc::default());
+    Ok(Arc::new(Linux { sysfs, device, channel, measures, is_here }))
+}
+
+impl Linux {
+    /// Measures once. On a thread that may wait.
+    fn measure_once(&self, quantity: linux_sensors::Quantity) -> Result<f64, String> {
+        let channel = self.sysfs.find(&self.device, quantity, self.channel.as_deref());
+        let channel = channel.map_err(|error| error.to_string())?;
+        channel.read().map_err(|error| match std::error::Error::source(&error) {
+            Some(source) => format!("{error}: {source}"),
+            None => error.to_string(),
+        })
+    }
+
+    /// Looks whether it is plugged in.
+    fn is_found(&self) -> bool {
+        let find = |quantity: &linux_sensors::Quantity| {
+            let found = self.sysfs.find(&self.device, *quantity, self.channel.as_deref());
+            // Which of several is asked for is said when it is read.
+            !matches!(found, Err(linux_sensors::FindError::Unknown { .. }))
+        };
+        self.measures.iter().all(find)
+    }
+}
+
+impl Probe for Linux {
+    fn measure(&self, quantity: &'static str) -> BoxFuture<Result<Measurement, String>> {
+        let linux = self.clone();
+        Box::pin(async move {
+            let known = linux_sensors::Quantity::named(quantity);
+            let known = known.ok_or_else(|| format!("measure {quantity} with this driver"))?;
+            let began = Instant::now();
+            loop {
+                let trying = linux.clone();
+                let value = aside(move || trying.measure_once(known)).await?;
+                match value {
+                    Ok(value) => return Ok(Measurement { value, at: Instant::now() }),
+                    Err(_) if began.elapsed() + PAUSE < TRYING => tokio::time::sleep(PAUSE).await,
+                    Err(problem) => return Err(problem),
+                }
+            }
+        })
+    }
+
+    /// Nothing that this driver measures is yes or no.
+    fn notice(
+        &self,
+        quantity: &'static str,
+        _known: f64,
+    ) -> BoxFuture<Result<Measurement, String>> {
+        let problem = format!("notice {quantity} with this driver");
+        Box::pin(std::future::ready(Err(problem)))
+    }
+
+    fn is_here(&self) -> bool {
+        self.is_here.load(Ordering::Relaxed)
+    }
+
+    fn look(&self) -> Option<BoxFuture<()>> {
+        let linux = self.clone();
+        Some(Box::pin(async move {
+            let looking = linux.clone();
+            if let Ok(is_here) = aside(move || looking.is_found()).await {
+                linux.is_here.store(is_here, Ordering::Relaxed);
+            }
+        }))
+    }
+
+    fn until_plugged(&self) -> Option<BoxFuture<()>> {
+        let linux = self.clone();
+        Some(Box::pin(async move {
+            let before = linux.is_here();
+            while linux.is_here() == before {
+                tokio::time::sleep(LOOK_AGAIN).await;
+                if let Some(look) = linux.look() {
+                    look.await;
+                }
+            }
+            let what = if before { "unplugged" } else { "plugged in" };
+            tracing::info!(device = linux.device, "{what}");
+        }))
+    }
+}
+
+/// Does what may wait for a device on a thread that may.
+async fn aside<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, String> {
+    tokio::task::spawn_blocking(work).await.map_err(|error| error.to_string())
+}
+
+/// An entry's words about hardware, for those who have none.
+pub(crate) fn refuse(blueprint: &Blueprint, hardware: &Hardware) -> Result<(), BuildError> {
+    let Hardware { device, channel, sysfs } = hardware;
+    let said =
+        [("device", device.is_some()), ("channel", channel.is_some()), ("sysfs", sysfs.is_some())];
+    match said.iter().find(|(_, is_said)| *is_said) {
+        None => Ok(()),
+        Some((key, _)) => Err(blueprint.problem(format!(
+            "`{key}` is for `driver = \"linux\"`, and this driver is `{}`",
+            blueprint.driver
+        ))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use serde_json::json;
+    use tempfile::TempDir;
+
+    use super::*;
+    use crate::tests::{blueprint_with, facts, measure};
+    use crate::{REST_AFTER_FAILURE, Sensor, sensor, temperature_sensor};
+
+    const DEVICE: &str = "bme280@i2c-1/1-0076";
+
+    /// A machine with a thermometer that measures the humidity too, as its kernel shows it.
+    struct Machine(TempDir);
+
+    impl Machine {
+        fn new() -> Machine {
+            let machine = Machine(tempfile::tempdir().expect("a folder"));
+            machine.plug(0);
+            machine
+        }
+
+        fn file(&self, number: u8, name: &str) -> PathBuf {
+            let device = self.0.path().join("devices/i2c-1/1-0076");
+            device.join(format!("iio:device{number}/{name}"))
+        }
+
+        /// Plugs it in, as the kernel's device of this number.
+        fn plug(&self, number: u8) {
+            let iio = self.file(number, "in_temp_input");
+            let iio = iio.parent().expect("a folder");
+            fs::create_dir_all(iio).expect("a folder");
+            fs::write(iio.with_file_name("name"), "bme280\n").expect("a file");
+            fs::write(self.file(number, "in_temp_input"), "21500\n").expect("a file");
+            fs::write(self.file(number, "in_humidityrelative_input"), "40000\n").expect("a file");
+            let all = self.0.path().join("bus/iio/devices");
+            fs::create_dir_all(&all).expect("a folder");
+            let link = all.join(format!("iio:device{number}"));
+            std::os::unix::fs::symlink(iio, link).expect("a link");
+        }
+
+        fn unplug(&self, number: u8) {
+            fs::remove_dir_all(self.0.path().join("devices/i2c-1")).expect("it was there");
+            let link = self.0.path().join(format!("bus/iio/devices/iio:device{number}"));
+            fs::remove_file(link).expect("it was there");
+        }
+
+        fn blueprint(&self, mut config: serde_json::Value) -> Blueprint {
+            config["location"] = json!("lab");
+            config["sysfs"] = json!(self.0.path());
+            blueprint_with("linux", config)
+        }
+
+        async fn sensor(&self) -> Sensor {
+            let config = json!({ "device": DEVICE, "humidity": true });
+            let sensor = temperature_sensor(&self.blueprint(config)).expect("a sensor");
+            self::look(&sensor).await;
+            sensor
+        }
+    }
+
+    async fn look(sensor: &Sensor) {
+        actuator::Device::look(sensor).expect("it can be unplugged").await;
+    }
+
+    fn offers(sensor: &Sensor) -> usize {
+        actuator::Device::describe(sensor).model.actions.len()
+    }
+
+    async fn stir(sensor: &mut Sensor) {
+        let stir = actuator::Device::watch(sensor).expect("it can be unplugged").await;
+        stir(sensor);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn what_the_kernel_says_is_known() {
+        let machine = Machine::new();
+        let mut sensor = machine.sensor().await;
+        assert_eq!(offers(&sensor), 2);
+        let performed = measure(&mut sensor, "temperature").await.expect("it is plugged in");
+        assert_eq!(performed.detail, "21.5 °C at lab");
+        assert!(measure(&mut sensor, "humidity").await.is_ok());
+        let known = facts(&sensor);
+        assert!(known.contains("(= (temperature lab) 21.5)"), "{known}");
+        assert!(known.contains("(= (humidity lab) 40)"), "{known}");
+    }
+
+    #[tokio::test]
+    async fn a_read_that_fails_now_and_then_is_no_failure_and_silence_is() {
+        let machine = Machine::new();
+        let mut sensor = machine.sensor().await;
+        let file = machine.file(0, "in_temp_input");
+        fs::write(&file, "").expect("a file");
+        let recovers = async {
+            tokio::time::sleep(3 * PAUSE).await;
+            fs::write(&file, "19000\n").expect("a file");
+        };
+        let (performed, ()) = tokio::join!(measure(&mut sensor, "temperature"), recovers);
+        assert_eq!(performed.expect("it recovered").detail, "19.0 °C at lab");
+
+        fs::write(&file, "").expect("a file");
+        let failure = measure(&mut sensor, "temperature").await.expect_err("it says nothing");
+        assert!(failure.to_string().contains("is no number"), "{failure}");
+        assert_eq!(offers(&sensor), 0, "it rests");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn who_is_unplugged_offers_nothing_and_who_is_back_under_another_number_does() {
+        let machine = Machine::new();
+        let mut sensor = machine.sensor().await;
+        machine.unplug(0);
+        assert!(measure(&mut sensor, "temperature").await.is_err());
+        stir(&mut sensor).await;
+        tokio::time::advance(REST_AFTER_FAILURE).await;
+        assert_eq!(offers(&sensor), 0);
+        machine.plug(7);
+        stir(&mut sensor).await;
+        assert_eq!(offers(&sensor), 2, "at once");
+        assert!(measure(&mut sensor, "temperature").await.is_ok());
+
+        machine.unplug(7);
+        let late = machine.sensor().await;
+        assert_eq!(offers(&late), 0, "it was never here");
+    }
+
+    #[test]
+    fn mistakes_say_what_would_be_right() {
+        let machine = Machine::new();
+        for (config, expected) in [
+            (
+                json!({ "quantity": "co2" }),
+                "build `s`: driver `linux` needs a `device`; `althing sensors` lists those of a machine",
+            ),
+            (
+                json!({ "quantity": "motion", "device": DEVICE }),
+                "build `s`: driver `linux` measures temperature, humidity, co2, light, distance, \
+                 and no motion",
+            ),
+        ] {
+            let built = sensor(&machine.blueprint(config));
+            assert_eq!(built.err().map(|error| error.to_string()).as_deref(), Some(expected));
+        }
+        let config = json!({ "quantity": "co2", "location": "lab", "device": DEVICE });
+        let built = sensor(&blueprint_with("simulated", config));
+        let expected =
+            "build `s`: `device` is for `driver = \"linux\"`, and this driver is `simulated`";
+        assert_eq!(built.err().map(|error| error.to_string()).as_deref(), Some(expected));
+    }
+}
