@@ -4,11 +4,13 @@
 //!
 //! - `quantity` is the table of what can be measured; everything else is the same for all.
 //! - [`Probe`] is what a driver does: `simulated` measures in the simulated building, `linux` with
-//!   what this machine's kernel knows.
+//!   what this machine's kernel knows, `command` by running a program.
 //! - What is yes or no (motion) is noticed: announced at once, without being asked.
 //! - After a failed measurement a sensor offers nothing for a while: “re-evaluate and update
 //!   self-capabilities” (the paper, “Semantic Plug & Play”).
 
+mod command;
+mod config;
 mod linux;
 mod quantity;
 mod simulated;
@@ -17,7 +19,6 @@ mod simulated;
 mod tests;
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -28,11 +29,10 @@ use actuator::{
     facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
-use serde::Deserialize;
 use tokio::time::Instant;
 
-use crate::linux::Hardware;
-use crate::quantity::Quantity;
+use crate::config::Config;
+use crate::quantity::{QUANTITIES, Quantity};
 
 /// How long a sensor that failed offers nothing. A loose wire comes back within seconds.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
@@ -42,7 +42,8 @@ const MEASURING: Duration = Duration::from_secs(2);
 
 const SIMULATED: &str = "simulated";
 const LINUX: &str = "linux";
-const DRIVERS: &[&str] = &[SIMULATED, LINUX];
+const COMMAND: &str = "command";
+const DRIVERS: &[&str] = &[SIMULATED, LINUX, COMMAND];
 
 /// The line in the daemon's table of plugins: a sensor of any quantity.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -61,47 +62,6 @@ pub const TEMPERATURE_SENSOR: PluginEntry = PluginEntry {
     stands_by: false,
     build: build_temperature_sensor,
 };
-
-/// The entry's `config`.
-#[derive(Debug, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct Config {
-    /// What it measures, such as `"co2"`.
-    quantity: String,
-    /// The room it stands in.
-    location: Place,
-    /// How long a measurement counts as known, such as `"10m"`; without it, until it dies.
-    #[serde(default)]
-    valid_for: Option<String>,
-    /// Of the hardware, which only some drivers have.
-    #[serde(default)]
-    device: Option<String>,
-    #[serde(default)]
-    channel: Option<String>,
-    #[serde(default)]
-    sysfs: Option<PathBuf>,
-}
-
-/// The entry's `config` of a temperature sensor.
-#[derive(Debug, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct TemperatureConfig {
-    /// The room it stands in.
-    location: Place,
-    /// As above.
-    #[serde(default)]
-    valid_for: Option<String>,
-    /// Whether it measures the humidity too.
-    #[serde(default)]
-    humidity: bool,
-    /// As above.
-    #[serde(default)]
-    device: Option<String>,
-    #[serde(default)]
-    channel: Option<String>,
-    #[serde(default)]
-    sysfs: Option<PathBuf>,
-}
 
 /// What a sensor's driver does. Errors complete “failed to …”.
 pub trait Probe: Send + Sync + 'static {
@@ -146,17 +106,27 @@ fn build_temperature_sensor(blueprint: Blueprint) -> Result<Box<dyn Launch>, Bui
 }
 
 fn sensor(blueprint: &Blueprint) -> Result<Sensor, BuildError> {
-    let Config { quantity, location, valid_for, device, channel, sysfs } = blueprint.config_as()?;
-    let hardware = Hardware { device, channel, sysfs };
-    Sensor::new(blueprint, &[&quantity], location, valid_for.as_deref(), hardware)
+    let config: Config = blueprint.config_as()?;
+    if config.humidity.is_some() {
+        let problem = "`humidity` is for `plugin = \"temperature-sensor\"`; write `quantity`";
+        return Err(blueprint.problem(problem));
+    }
+    let quantity = config.quantity.clone().ok_or_else(|| {
+        let known: Vec<_> = QUANTITIES.iter().map(|quantity| quantity.name).collect();
+        blueprint.problem(format!("it needs a `quantity`: {}", known.join(", ")))
+    })?;
+    Sensor::new(blueprint, &[&quantity], config)
 }
 
 fn temperature_sensor(blueprint: &Blueprint) -> Result<Sensor, BuildError> {
-    let TemperatureConfig { location, valid_for, humidity, device, channel, sysfs } =
-        blueprint.config_as()?;
+    let config: Config = blueprint.config_as()?;
+    if config.quantity.is_some() {
+        let problem = "`quantity` is for `plugin = \"sensor\"`; this one measures the temperature";
+        return Err(blueprint.problem(problem));
+    }
+    let humidity = config.humidity.unwrap_or(false);
     let quantities: &[_] = if humidity { &["temperature", "humidity"] } else { &["temperature"] };
-    let hardware = Hardware { device, channel, sysfs };
-    Sensor::new(blueprint, quantities, location, valid_for.as_deref(), hardware)
+    Sensor::new(blueprint, quantities, config)
 }
 
 struct Sensor {
@@ -176,9 +146,7 @@ impl Sensor {
     fn new(
         blueprint: &Blueprint,
         quantities: &[&str],
-        location: Place,
-        valid_for: Option<&str>,
-        hardware: Hardware,
+        mut config: Config,
     ) -> Result<Sensor, BuildError> {
         let named =
             |name: &&str| Quantity::named(name).map_err(|problem| blueprint.problem(problem));
@@ -187,18 +155,19 @@ impl Sensor {
                 .map_err(|error| blueprint.problem(format!("valid-for `{text}`: {error}")))
         };
         let quantities = quantities.iter().map(named).collect::<Result<Vec<_>, _>>()?;
-        let probe = if blueprint.driver == LINUX {
-            linux::probe(blueprint, hardware, &quantities)?
-        } else {
-            linux::refuse(blueprint, &hardware)?;
-            simulated::probe(blueprint)?
+        let hardware = config.hardware(blueprint)?;
+        let probe = match blueprint.driver.as_str() {
+            LINUX => linux::probe(blueprint, hardware, &quantities)?,
+            COMMAND => command::probe(blueprint, hardware)?,
+            _ => simulated::probe(blueprint)?,
         };
+        let Config { location, valid_for, .. } = config;
         Ok(Sensor {
             id: blueprint.id.to_string(),
             ontology: blueprint.host.ontology.name.to_string(),
             location,
             quantities,
-            valid_for: valid_for.map(duration).transpose()?,
+            valid_for: valid_for.as_deref().map(duration).transpose()?,
             probe,
             measured: BTreeMap::new(),
             rests_until: None,

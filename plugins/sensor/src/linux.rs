@@ -8,7 +8,6 @@
 //! - Whether it is plugged in is looked at again and again: the kernel tells nobody who has no more
 //!   rights than to read.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -18,6 +17,7 @@ use agent::{Blueprint, BuildError};
 use linux_sensors::Sysfs;
 use tokio::time::Instant;
 
+use crate::config::Hardware;
 use crate::quantity::Quantity;
 use crate::{MEASURING, Measurement, Probe};
 
@@ -34,17 +34,6 @@ const PAUSE: Duration = Duration::from_millis(100);
 /// Pause between two looks whether it is plugged in: a person has just let go of it.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
-/// What an entry's `config` says of the hardware.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Hardware {
-    /// Which device, as `althing sensors` lists it.
-    pub(crate) device: Option<String>,
-    /// Which of its channels, where several measure the same.
-    pub(crate) channel: Option<String>,
-    /// Where the kernel shows its devices, if not at `/sys`.
-    pub(crate) sysfs: Option<PathBuf>,
-}
-
 #[derive(Clone)]
 struct Linux {
     sysfs: Sysfs,
@@ -59,7 +48,7 @@ pub(crate) fn probe(
     hardware: Hardware,
     quantities: &[&'static Quantity],
 ) -> Result<Arc<dyn Probe>, BuildError> {
-    let Hardware { device, channel, sysfs } = hardware;
+    let Hardware { device, channel, sysfs, .. } = hardware;
     let device = device.ok_or_else(|| {
         let problem = "driver `linux` needs a `device`; `althing sensors` lists those of a machine";
         blueprint.problem(problem)
@@ -162,23 +151,10 @@ async fn aside<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> 
     tokio::task::spawn_blocking(work).await.map_err(|error| error.to_string())
 }
 
-/// An entry's words about hardware, for those who have none.
-pub(crate) fn refuse(blueprint: &Blueprint, hardware: &Hardware) -> Result<(), BuildError> {
-    let Hardware { device, channel, sysfs } = hardware;
-    let said =
-        [("device", device.is_some()), ("channel", channel.is_some()), ("sysfs", sysfs.is_some())];
-    match said.iter().find(|(_, is_said)| *is_said) {
-        None => Ok(()),
-        Some((key, _)) => Err(blueprint.problem(format!(
-            "`{key}` is for `driver = \"linux\"`, and this driver is `{}`",
-            blueprint.driver
-        ))),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::fs;
+    use std::path::PathBuf;
 
     use serde_json::json;
     use tempfile::TempDir;

@@ -1,0 +1,83 @@
+//! The entry's `config`: of all sensors, and of each driver's hardware.
+
+use std::path::PathBuf;
+
+use actuator::Place;
+use agent::{Blueprint, BuildError};
+use serde::Deserialize;
+
+/// What an entry says.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub(crate) struct Config {
+    /// The room it stands in.
+    pub(crate) location: Place,
+    /// What a `sensor` measures, such as `"co2"`.
+    pub(crate) quantity: Option<String>,
+    /// Whether a `temperature-sensor` measures the humidity too.
+    pub(crate) humidity: Option<bool>,
+    /// How long a measurement counts as known, such as `"10m"`; without it, until it dies.
+    pub(crate) valid_for: Option<String>,
+    /// Driver `linux`: which device, as `althing sensors` lists it.
+    device: Option<String>,
+    /// Driver `linux`: which of its channels, where several measure the same.
+    channel: Option<String>,
+    /// Driver `linux`: where the kernel shows its devices, if not at `/sys`.
+    sysfs: Option<PathBuf>,
+    /// Driver `command`: a program and its arguments.
+    command: Option<Vec<String>>,
+    /// Driver `command`: where in a JSON text the value is, such as `"/main/temp"`.
+    json: Option<String>,
+    /// Driver `command`: what makes the number one in the quantity's unit.
+    factor: Option<f64>,
+    /// Driver `command`: how often a sensor that notices by itself looks, such as `"5s"`.
+    every: Option<String>,
+}
+
+/// What it says of the hardware.
+#[derive(Debug, Default)]
+pub(crate) struct Hardware {
+    pub(crate) device: Option<String>,
+    pub(crate) channel: Option<String>,
+    pub(crate) sysfs: Option<PathBuf>,
+    pub(crate) command: Option<Vec<String>>,
+    pub(crate) json: Option<String>,
+    pub(crate) factor: Option<f64>,
+    pub(crate) every: Option<String>,
+}
+
+impl Config {
+    /// Takes what is said of the hardware.
+    ///
+    /// # Errors
+    ///
+    /// If that is for another driver than this entry's.
+    pub(crate) fn hardware(&mut self, blueprint: &Blueprint) -> Result<Hardware, BuildError> {
+        let said = [
+            ("device", crate::LINUX, self.device.is_some()),
+            ("channel", crate::LINUX, self.channel.is_some()),
+            ("sysfs", crate::LINUX, self.sysfs.is_some()),
+            ("command", crate::COMMAND, self.command.is_some()),
+            ("json", crate::COMMAND, self.json.is_some()),
+            ("factor", crate::COMMAND, self.factor.is_some()),
+            ("every", crate::COMMAND, self.every.is_some()),
+        ];
+        let is_of_another =
+            |(_, driver, is_said): &&(&str, &str, bool)| *is_said && *driver != blueprint.driver;
+        if let Some((key, driver, _)) = said.iter().find(is_of_another) {
+            let this = &blueprint.driver;
+            let problem =
+                format!("`{key}` is for `driver = \"{driver}\"`, and this driver is `{this}`");
+            return Err(blueprint.problem(problem));
+        }
+        Ok(Hardware {
+            device: self.device.take(),
+            channel: self.channel.take(),
+            sysfs: self.sysfs.take(),
+            command: self.command.take(),
+            json: self.json.take(),
+            factor: self.factor.take(),
+            every: self.every.take(),
+        })
+    }
+}
