@@ -1,0 +1,101 @@
+//! An agent in another language: the Python thermometer of `plugins/python`, a process of its own
+//! that knows nothing but the protocol.
+
+mod support;
+
+use std::io::{BufRead as _, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+use support::Office;
+
+/// A Python that has Zenoh; `None`, loudly, where there is none.
+fn python() -> Option<&'static str> {
+    let has_zenoh = Command::new("python3").args(["-c", "import zenoh"]).output();
+    if has_zenoh.is_ok_and(|output| output.status.success()) {
+        return Some("python3");
+    }
+    assert!(std::env::var_os("CI").is_none(), "python3 has no zenoh");
+    eprintln!("NOT TESTED: python3 has no zenoh: pip install eclipse-zenoh");
+    None
+}
+
+/// The Python agent; it is killed with the test.
+struct Thermometer(Child);
+
+impl Thermometer {
+    fn start(office: &Office, python: &str, name: &str, room: &str) -> Thermometer {
+        let script = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let script = script.join("../../plugins/python/thermometer.py");
+        let socket = office.runtime_folder().join("lab/daemon.sock");
+        let endpoint = format!("unixsock-stream/{}", socket.display());
+        let mut command = office.program(python);
+        command.arg(script).args(["lab", &endpoint, name, room]);
+        let mut child = command.stdout(Stdio::piped()).spawn().expect("it is installed");
+        let mut line = String::new();
+        let stdout = child.stdout.take().expect("piped");
+        BufReader::new(stdout).read_line(&mut line).expect("it says so");
+        assert_eq!(line, format!("{name} is here\n"));
+        Thermometer(child)
+    }
+
+    /// By SIGKILL.
+    fn die(&mut self) {
+        self.0.kill().expect("our own child");
+        self.0.wait().expect("our own child");
+    }
+}
+
+impl Drop for Thermometer {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn office(mode: &str) -> Office {
+    let smart_office = Office::file().canonicalize().expect("it is there");
+    let domain = smart_office.ancestors().nth(2).expect("a folder").join("domains/smart-office");
+    let domain = domain.display();
+    let mut text = format!(
+        "[ecosystem]\nname = \"lab\"\ndomain = \"{domain}/domain.pddl\"\n\
+         problem = \"{domain}/map.pddl\"\nmode = \"{mode}\"\n"
+    );
+    for plugin in ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"] {
+        text += &format!(
+            "\n[[agent]]\nname = \"{plugin}\"\nplugin = \"{plugin}\"\ndaemon = \"daemon\"\n"
+        );
+    }
+    let office = Office::new();
+    let file = office.write("lab.toml", &text);
+    let mut office = office.with_file(file);
+    office.up(&["daemon"], &[]);
+    office
+}
+
+#[test]
+fn an_agent_in_python_joins_is_planned_with_acts_and_dies() {
+    let Some(python) = python() else { return };
+    for mode in ["decentralized", "centralized"] {
+        let office = office(mode);
+        let mut thermometer = Thermometer::start(&office, python, "py-1", "office2");
+        office.await_devices(1);
+        let goal = ["goal", "(known-temperature office2)"];
+        let (code, said) = office.ask(&goal);
+        assert_eq!(code, Some(0), "{mode}: {said}");
+        assert!(said.contains("22.5 °C at office2"), "{mode}: {said}");
+        let state = office.ask_json(&["state"]).to_string();
+        assert!(state.contains("(= (temperature office2) 22.5)"), "{mode}: {state}");
+
+        let elsewhere = ["goal", "(known-temperature office1)"];
+        let (code, said) = office.ask(&elsewhere);
+        assert_eq!(code, Some(1), "{mode}: it does not stand there: {said}");
+
+        thermometer.die();
+        office.await_devices(0);
+        let _again = Thermometer::start(&office, python, "py-1", "office1");
+        office.await_devices(1);
+        let (code, said) = office.ask(&elsewhere);
+        assert_eq!(code, Some(0), "{mode}: it stands there in its next life: {said}");
+    }
+}
