@@ -16,13 +16,11 @@ use tokio::process::Command;
 use tokio::time::Instant;
 
 use crate::config::Hardware;
+use crate::text;
 use crate::{MEASURING, Measurement, Probe};
 
 /// So much of what a program prints is read.
 const OUTPUT_BYTES_MAX: u64 = 64 << 10;
-
-/// So much of what it prints is told where it is no measurement.
-const TOLD_CHARS: usize = 60;
 
 /// Pause between two looks of a sensor that notices by itself, where its entry does not say.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
@@ -30,10 +28,6 @@ const LOOK_AGAIN: Duration = Duration::from_secs(1);
 /// How long a program may run: so that what it says is heard before the method's time is over.
 const RUNNING: Duration = Duration::from_millis(1_900);
 const _: () = assert!(RUNNING.as_millis() < MEASURING.as_millis());
-
-/// Words for yes and no.
-const YES: [&str; 4] = ["true", "yes", "on", "open"];
-const NO: [&str; 4] = ["false", "no", "off", "closed"];
 
 #[derive(Clone)]
 struct Program {
@@ -81,15 +75,15 @@ impl Program {
         let printed = running.await.map_err(|_| {
             format!("hear from `{}` within {RUNNING:?}: it was ended", self.program)
         })??;
-        let text = printed.trim();
+        let printed = printed.trim();
         let said = match &self.pointer {
-            None => text.to_owned(),
-            Some(pointer) => at(text, pointer).ok_or_else(|| {
-                format!("find {pointer} in what `{}` prints: {}", self.program, told(text))
+            None => printed.to_owned(),
+            Some(pointer) => text::at(printed, pointer).ok_or_else(|| {
+                format!("find {pointer} in what `{}` prints: {}", self.program, text::told(printed))
             })?,
         };
-        let value = value(&said).ok_or_else(|| {
-            format!("take what `{}` prints for a measurement: {}", self.program, told(&said))
+        let value = text::value(&said).ok_or_else(|| {
+            format!("take what `{}` prints for a measurement: {}", self.program, text::told(&said))
         })?;
         Ok(value * self.factor)
     }
@@ -129,7 +123,7 @@ impl Program {
             return Err(format!(
                 "run `{}`: {status}{said}{}",
                 self.program,
-                told(complaint.trim())
+                text::told(complaint.trim())
             ));
         }
         Ok(String::from_utf8_lossy(&text).into_owned())
@@ -173,34 +167,6 @@ impl Probe for Program {
             }
         })
     }
-}
-
-/// What stands at a place of a JSON text (RFC 6901), as text.
-fn at(text: &str, pointer: &str) -> Option<String> {
-    let json: serde_json::Value = serde_json::from_str(text).ok()?;
-    match json.pointer(pointer)? {
-        serde_json::Value::String(text) => Some(text.clone()),
-        other => Some(other.to_string()),
-    }
-}
-
-/// A number, or a word for yes or no.
-fn value(said: &str) -> Option<f64> {
-    let word = said.trim().to_ascii_lowercase();
-    match word.as_str() {
-        yes if YES.contains(&yes) => Some(1.0),
-        no if NO.contains(&no) => Some(0.0),
-        number => number.parse().ok().filter(|number: &f64| number.is_finite()),
-    }
-}
-
-fn told(text: &str) -> String {
-    let line = text.lines().next().unwrap_or_default();
-    let mut told: String = line.chars().take(TOLD_CHARS).collect();
-    if told.len() < text.len() {
-        told.push('…');
-    }
-    told
 }
 
 #[cfg(test)]

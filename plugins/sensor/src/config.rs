@@ -6,6 +6,8 @@ use actuator::Place;
 use agent::{Blueprint, BuildError};
 use serde::Deserialize;
 
+use crate::{COMMAND, LINUX, MQTT};
+
 /// What an entry says.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
@@ -26,12 +28,18 @@ pub(crate) struct Config {
     sysfs: Option<PathBuf>,
     /// Driver `command`: a program and its arguments.
     command: Option<Vec<String>>,
-    /// Driver `command`: where in a JSON text the value is, such as `"/main/temp"`.
+    /// Drivers `command` and `mqtt`: where in a JSON text the value is, such as `"/main/temp"`.
     json: Option<String>,
     /// Driver `command`: what makes the number one in the quantity's unit.
     factor: Option<f64>,
     /// Driver `command`: how often a sensor that notices by itself looks, such as `"5s"`.
     every: Option<String>,
+    /// Driver `mqtt`: whom it speaks to, as `HOST:PORT`.
+    broker: Option<String>,
+    /// Driver `mqtt`: under which topic the device speaks.
+    topic: Option<String>,
+    /// Driver `mqtt`: under which topic it is said whether the device is online.
+    availability: Option<String>,
 }
 
 /// What it says of the hardware.
@@ -44,6 +52,9 @@ pub(crate) struct Hardware {
     pub(crate) json: Option<String>,
     pub(crate) factor: Option<f64>,
     pub(crate) every: Option<String>,
+    pub(crate) broker: Option<String>,
+    pub(crate) topic: Option<String>,
+    pub(crate) availability: Option<String>,
 }
 
 impl Config {
@@ -54,18 +65,22 @@ impl Config {
     /// If that is for another driver than this entry's.
     pub(crate) fn hardware(&mut self, blueprint: &Blueprint) -> Result<Hardware, BuildError> {
         let said = [
-            ("device", crate::LINUX, self.device.is_some()),
-            ("channel", crate::LINUX, self.channel.is_some()),
-            ("sysfs", crate::LINUX, self.sysfs.is_some()),
-            ("command", crate::COMMAND, self.command.is_some()),
-            ("json", crate::COMMAND, self.json.is_some()),
-            ("factor", crate::COMMAND, self.factor.is_some()),
-            ("every", crate::COMMAND, self.every.is_some()),
+            ("device", &[LINUX][..], self.device.is_some()),
+            ("channel", &[LINUX], self.channel.is_some()),
+            ("sysfs", &[LINUX], self.sysfs.is_some()),
+            ("command", &[COMMAND], self.command.is_some()),
+            ("json", &[COMMAND, MQTT], self.json.is_some()),
+            ("factor", &[COMMAND], self.factor.is_some()),
+            ("every", &[COMMAND], self.every.is_some()),
+            ("broker", &[MQTT], self.broker.is_some()),
+            ("topic", &[MQTT], self.topic.is_some()),
+            ("availability", &[MQTT], self.availability.is_some()),
         ];
+        let this = blueprint.driver.as_str();
         let is_of_another =
-            |(_, driver, is_said): &&(&str, &str, bool)| *is_said && *driver != blueprint.driver;
-        if let Some((key, driver, _)) = said.iter().find(is_of_another) {
-            let this = &blueprint.driver;
+            |(_, drivers, is_said): &&(&str, &[&str], bool)| *is_said && !drivers.contains(&this);
+        if let Some((key, drivers, _)) = said.iter().find(is_of_another) {
+            let driver = drivers.first().copied().unwrap_or_default();
             let problem =
                 format!("`{key}` is for `driver = \"{driver}\"`, and this driver is `{this}`");
             return Err(blueprint.problem(problem));
@@ -78,6 +93,9 @@ impl Config {
             json: self.json.take(),
             factor: self.factor.take(),
             every: self.every.take(),
+            broker: self.broker.take(),
+            topic: self.topic.take(),
+            availability: self.availability.take(),
         })
     }
 }

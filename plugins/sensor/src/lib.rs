@@ -4,7 +4,7 @@
 //!
 //! - `quantity` is the table of what can be measured; everything else is the same for all.
 //! - [`Probe`] is what a driver does: `simulated` measures in the simulated building, `linux` with
-//!   what this machine's kernel knows, `command` by running a program.
+//!   what this machine's kernel knows, `command` by running a program, `mqtt` hears it of a broker.
 //! - What is yes or no (motion) is noticed: announced at once, without being asked.
 //! - After a failed measurement a sensor offers nothing for a while: “re-evaluate and update
 //!   self-capabilities” (the paper, “Semantic Plug & Play”).
@@ -12,8 +12,10 @@
 mod command;
 mod config;
 mod linux;
+mod mqtt;
 mod quantity;
 mod simulated;
+mod text;
 
 #[cfg(test)]
 mod tests;
@@ -43,7 +45,8 @@ const MEASURING: Duration = Duration::from_secs(2);
 const SIMULATED: &str = "simulated";
 const LINUX: &str = "linux";
 const COMMAND: &str = "command";
-const DRIVERS: &[&str] = &[SIMULATED, LINUX, COMMAND];
+const MQTT: &str = "mqtt";
+const DRIVERS: &[&str] = &[SIMULATED, LINUX, COMMAND, MQTT];
 
 /// The line in the daemon's table of plugins: a sensor of any quantity.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -82,8 +85,14 @@ pub trait Probe: Send + Sync + 'static {
         None
     }
 
-    /// Waits until it is unplugged, or plugged in; `None` if it cannot be.
-    fn until_plugged(&self) -> Option<BoxFuture<()>> {
+    /// Waits until it is unplugged, plugged in, or says something by itself; `None` if it never
+    /// is and never does.
+    fn until_news(&self) -> Option<BoxFuture<()>> {
+        None
+    }
+
+    /// What it said last of a quantity by itself.
+    fn last_word(&self, _quantity: &'static str) -> Option<Result<Measurement, String>> {
         None
     }
 }
@@ -159,6 +168,7 @@ impl Sensor {
         let probe = match blueprint.driver.as_str() {
             LINUX => linux::probe(blueprint, hardware, &quantities)?,
             COMMAND => command::probe(blueprint, hardware)?,
+            MQTT => mqtt::probe(blueprint, hardware)?,
             _ => simulated::probe(blueprint)?,
         };
         let Config { location, valid_for, .. } = config;
@@ -284,7 +294,7 @@ impl Device for Sensor {
 
     fn watch(&mut self) -> Option<BoxFuture<Stir<Sensor>>> {
         let noticed = self.quantities.iter().copied().find(|quantity| quantity.is_noticed());
-        let Some(quantity) = noticed else { return self.watch_whether_plugged() };
+        let Some(quantity) = noticed else { return self.watch_for_news() };
         // What was never measured is not known; but nothing to speak of happens until it is yes.
         let known = self.measured.get(quantity.name).map_or(0.0, |measured| measured.value);
         let (probe, rests_until) = (Arc::clone(&self.probe), self.rests_until);
@@ -303,17 +313,29 @@ impl Device for Sensor {
 }
 
 impl Sensor {
-    /// What is unplugged offers nothing, and what is plugged in again has not failed.
-    fn watch_whether_plugged(&self) -> Option<BoxFuture<Stir<Sensor>>> {
-        let until_plugged = self.probe.until_plugged()?;
+    /// What is unplugged offers nothing; what is plugged in again, or speaks, has not failed.
+    fn watch_for_news(&self) -> Option<BoxFuture<Stir<Sensor>>> {
+        let until_news = self.probe.until_news()?;
         Some(Box::pin(async move {
-            until_plugged.await;
+            until_news.await;
             let stir: Stir<Sensor> = Box::new(|sensor| {
                 sensor.rests_until = None;
+                sensor.take_news();
                 Vec::new()
             });
             stir
         }))
+    }
+
+    fn take_news(&mut self) {
+        for quantity in &self.quantities {
+            let said = self.probe.last_word(quantity.name);
+            match said.map(believable) {
+                Some(Ok(measured)) => drop(self.measured.insert(quantity.name, measured)),
+                Some(Err(problem)) => tracing::info!("failed to {problem}"),
+                None => (),
+            }
+        }
     }
 
     fn noticed(&mut self, quantity: &'static Quantity, noticed: Result<Measurement, String>) {

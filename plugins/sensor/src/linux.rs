@@ -61,7 +61,8 @@ pub(crate) fn probe(
         })
     });
     let measures = measures.collect::<Result<_, _>>()?;
-    let (sysfs, is_here) = (sysfs.map_or_else(Sysfs::default, Sysfs::new), Arc::default());
+    let (sysfs, is_here) =
+        (sysfs.map_or_else(Sysfs::default, Sysfs::new), Arc::new(AtomicBool::new(true)));
     Ok(Arc::new(Linux { sysfs, device, channel, measures, is_here }))
 }
 
@@ -130,7 +131,7 @@ impl Probe for Linux {
         }))
     }
 
-    fn until_plugged(&self) -> Option<BoxFuture<()>> {
+    fn until_news(&self) -> Option<BoxFuture<()>> {
         let linux = self.clone();
         Some(Box::pin(async move {
             let before = linux.is_here();

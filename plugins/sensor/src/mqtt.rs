@@ -1,0 +1,549 @@
+//! The MQTT driver: knows what a device says to a broker, as Zigbee2MQTT, Tasmota, ESPHome and
+//! others let devices speak.
+//!
+//! - One connection per broker and process, whoever needs it; after each loss it subscribes anew,
+//!   which brokers forget.
+//! - What a device says is announced at once; who is asked tells the last word, with its age.
+//! - A device that its `availability` topic calls offline, or whose broker cannot be reached, is not
+//!   here and offers nothing.
+
+use std::collections::{BTreeMap, HashMap};
+use std::net::IpAddr;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::Duration;
+
+use actuator::BoxFuture;
+use agent::{Blueprint, BuildError};
+use rumqttc::{AsyncClient, Event, EventLoop, MqttOptions, Packet, Publish, QoS, SubscribeFilter};
+use tokio::sync::watch;
+use tokio::time::Instant;
+
+use crate::config::Hardware;
+use crate::text;
+use crate::{MEASURING, Measurement, Probe};
+
+/// Where brokers listen, if nothing is said.
+const BROKER: &str = "localhost:1883";
+
+/// How long a silent broker counts as alive.
+const KEEP_ALIVE: Duration = Duration::from_secs(5);
+
+/// Pause until a broker is called again: a restart takes a second.
+const CALL_AGAIN: Duration = Duration::from_millis(250);
+
+/// How long is waited at first for the broker, and when asked for the first word of a device.
+const FIRST_WORD: Duration = Duration::from_millis(1_500);
+const _: () = assert!(FIRST_WORD.as_millis() < MEASURING.as_millis());
+
+/// The longest message that is read: a device's is below a kilobyte, and a longer one would end
+/// the connection.
+const PACKET_BYTES_MAX: usize = 1 << 20;
+
+/// Requests to a broker that wait: each subscription is one, and all of a new connection are one.
+const REQUESTS_MAX: usize = 1_024;
+
+/// All connections of this process, by broker.
+static CONNECTIONS: Mutex<BTreeMap<String, Weak<Connection>>> = Mutex::new(BTreeMap::new());
+
+/// Makes clients' names unique: a broker ends the first of two of one name.
+static CLIENTS: AtomicU64 = AtomicU64::new(0);
+
+/// A connection to a broker, for as long as somebody holds it.
+struct Connection {
+    client: AsyncClient,
+    /// The last word under each topic that somebody listens to.
+    topics: Mutex<HashMap<String, watch::Sender<Option<Word>>>>,
+    /// Why it is not connected; `None` if it is.
+    trouble: watch::Sender<Option<String>>,
+}
+
+/// What was said under a topic.
+#[derive(Clone, Debug)]
+struct Word {
+    text: String,
+    at: Instant,
+    /// Counts the words of a topic, from 1.
+    number: u64,
+}
+
+#[derive(Clone)]
+struct Mqtt {
+    broker: String,
+    topic: String,
+    availability: Option<String>,
+    /// Where in a JSON text the value is.
+    pointer: Option<String>,
+    /// Made when it is first needed: nothing is opened before the agent is active.
+    link: Arc<Mutex<Option<Link>>>,
+    /// The last word that was told of.
+    told: Arc<AtomicU64>,
+}
+
+/// What one device hears of its broker.
+#[derive(Clone)]
+struct Link {
+    trouble: watch::Receiver<Option<String>>,
+    said: watch::Receiver<Option<Word>>,
+    availability: Option<watch::Receiver<Option<Word>>>,
+    _connection: Arc<Connection>,
+}
+
+pub(crate) fn probe(
+    blueprint: &Blueprint,
+    hardware: Hardware,
+) -> Result<Arc<dyn Probe>, BuildError> {
+    let Hardware { broker, topic, availability, json, .. } = hardware;
+    let topic = topic.ok_or_else(|| {
+        let problem = "driver `mqtt` needs a `topic`, such as \"zigbee2mqtt/thermometer\"";
+        blueprint.problem(problem)
+    })?;
+    for topic in [Some(&topic), availability.as_ref()].into_iter().flatten() {
+        if topic.is_empty() || topic.contains(['+', '#', '\0']) {
+            let problem = format!("topic `{topic}`: write that of one device, without + and #");
+            return Err(blueprint.problem(problem));
+        }
+    }
+    let broker = broker.unwrap_or_else(|| BROKER.to_owned());
+    address(&broker)
+        .map_err(|problem| blueprint.problem(format!("broker `{broker}`: {problem}")))?;
+    let (link, told) = (Arc::default(), Arc::default());
+    Ok(Arc::new(Mqtt { broker, topic, availability, pointer: json, link, told }))
+}
+
+/// The host and the port of a broker.
+fn address(broker: &str) -> Result<(&str, u16), &'static str> {
+    let broker = broker.strip_prefix("mqtt://").unwrap_or(broker);
+    if broker.contains("://") {
+        return Err("TLS, websockets and passwords are not built yet; write HOST:PORT");
+    }
+    let (host, port) = broker.rsplit_once(':').unwrap_or((broker, "1883"));
+    let port = port.parse().map_err(|_| "its port is no number; write HOST:PORT")?;
+    if host.is_empty() { Err("it has no host; write HOST:PORT") } else { Ok((host, port)) }
+}
+
+impl Connection {
+    /// The connection of this process to a broker.
+    fn to(broker: &str) -> Arc<Connection> {
+        let mut connections = lock(&CONNECTIONS);
+        if let Some(connection) = connections.get(broker).and_then(Weak::upgrade) {
+            return connection;
+        }
+        let (host, port) = address(broker).unwrap_or((broker, 1883));
+        let is_here = host == "localhost" || host.parse().is_ok_and(|ip: IpAddr| ip.is_loopback());
+        if !is_here {
+            tracing::warn!(broker, "what a broker elsewhere says is plain text and anybody's");
+        }
+        let count = CLIENTS.fetch_add(1, Ordering::Relaxed);
+        let name = format!("althing-{}-{count}", std::process::id());
+        let mut options = MqttOptions::new(name, host, port);
+        options.set_keep_alive(KEEP_ALIVE);
+        options.set_max_packet_size(PACKET_BYTES_MAX, PACKET_BYTES_MAX);
+        let (client, events) = AsyncClient::new(options, REQUESTS_MAX);
+        let trouble = watch::Sender::new(Some("it has not answered yet".to_owned()));
+        let connection = Arc::new(Connection { client, topics: Mutex::default(), trouble });
+        connections.retain(|_, known| known.strong_count() > 0);
+        connections.insert(broker.to_owned(), Arc::downgrade(&connection));
+        tokio::spawn(run(Arc::downgrade(&connection), events, broker.to_owned()));
+        connection
+    }
+
+    /// The last word under a topic, and every further one.
+    fn listen(&self, topic: &str) -> watch::Receiver<Option<Word>> {
+        let mut topics = lock(&self.topics);
+        topics.retain(|_, said| said.receiver_count() > 0);
+        if let Some(said) = topics.get(topic) {
+            return said.subscribe();
+        }
+        let (said, hears) = watch::channel(None);
+        topics.insert(topic.to_owned(), said);
+        if self.trouble.borrow().is_none() {
+            // Where there is no connection yet, it subscribes when there is.
+            self.subscribe([topic.to_owned()]);
+        }
+        hears
+    }
+
+    fn subscribe(&self, topics: impl IntoIterator<Item = String>) {
+        let filters = topics.into_iter().map(|topic| SubscribeFilter::new(topic, QoS::AtLeastOnce));
+        let filters: Vec<_> = filters.collect();
+        if filters.is_empty() {
+            return;
+        }
+        if let Err(error) = self.client.try_subscribe_many(filters) {
+            tracing::warn!(%error, "failed to subscribe; it is tried again with the next connection");
+        }
+    }
+
+    fn connected(&self) {
+        let topics: Vec<_> = lock(&self.topics).keys().cloned().collect();
+        self.trouble.send_replace(None);
+        self.subscribe(topics);
+    }
+
+    fn heard(&self, publish: &Publish) {
+        let topics = lock(&self.topics);
+        let Some(said) = topics.get(&publish.topic) else { return };
+        let Ok(text) = std::str::from_utf8(&publish.payload) else {
+            return tracing::info!(topic = publish.topic, "ignored what is no text");
+        };
+        said.send_modify(|word| {
+            let number = word.as_ref().map_or(0, |word| word.number) + 1;
+            *word = Some(Word { text: text.to_owned(), at: Instant::now(), number });
+        });
+    }
+}
+
+/// Serves a connection until nobody holds it.
+async fn run(connection: Weak<Connection>, mut events: EventLoop, broker: String) {
+    loop {
+        let event = tokio::time::timeout(KEEP_ALIVE, events.poll()).await;
+        let Some(connection) = connection.upgrade() else { return };
+        match event {
+            Ok(Ok(Event::Incoming(Packet::ConnAck(_)))) => {
+                tracing::info!(broker, "connected");
+                connection.connected();
+            }
+            Ok(Ok(Event::Incoming(Packet::Publish(publish)))) => connection.heard(&publish),
+            Ok(Ok(_)) | Err(_) => (),
+            Ok(Err(error)) => {
+                let was_connected = connection.trouble.send_replace(Some(error.to_string()));
+                if was_connected.is_none() {
+                    tracing::warn!(broker, %error, "lost the broker; it is called again");
+                }
+                drop(connection);
+                tokio::time::sleep(CALL_AGAIN).await;
+            }
+        }
+    }
+}
+
+impl Mqtt {
+    fn link(&self) -> Link {
+        let mut link = lock(&self.link);
+        let make = || {
+            let connection = Connection::to(&self.broker);
+            let listen = |topic: &String| connection.listen(topic);
+            Link {
+                trouble: connection.trouble.subscribe(),
+                said: connection.listen(&self.topic),
+                availability: self.availability.as_ref().map(listen),
+                _connection: Arc::clone(&connection),
+            }
+        };
+        link.get_or_insert_with(make).clone()
+    }
+
+    /// What the last word says of a quantity.
+    fn read(&self, quantity: &str, word: &Word) -> Result<Measurement, String> {
+        let value = match &self.pointer {
+            Some(pointer) => text::at(&word.text, pointer),
+            None => text::named(&word.text, quantity),
+        };
+        let said = value.unwrap_or_else(|| word.text.clone());
+        let value = text::value(&said).ok_or_else(|| {
+            format!("find the {quantity} in what `{}` says: {}", self.topic, text::told(&word.text))
+        })?;
+        Ok(Measurement { value, at: word.at })
+    }
+}
+
+impl Probe for Mqtt {
+    fn measure(&self, quantity: &'static str) -> BoxFuture<Result<Measurement, String>> {
+        let mqtt = self.clone();
+        Box::pin(async move {
+            let mut link = mqtt.link();
+            let heard = link.said.wait_for(Option::is_some);
+            let word = tokio::time::timeout(FIRST_WORD, heard).await;
+            let word = word.ok().and_then(Result::ok).and_then(|word| word.clone());
+            let trouble = link.trouble.borrow().clone();
+            match (word, trouble) {
+                (Some(word), _) => mqtt.read(quantity, &word),
+                (None, Some(trouble)) => {
+                    Err(format!("reach the broker {}: {trouble}", mqtt.broker))
+                }
+                (None, None) => Err(format!("hear from `{}`: it has said nothing yet", mqtt.topic)),
+            }
+        })
+    }
+
+    fn notice(&self, quantity: &'static str, known: f64) -> BoxFuture<Result<Measurement, String>> {
+        let mqtt = self.clone();
+        Box::pin(async move {
+            let mut link = mqtt.link();
+            loop {
+                let word = link.said.borrow_and_update().clone();
+                if let Some(word) = word {
+                    let measured = mqtt.read(quantity, &word)?;
+                    if (measured.value >= 0.5) != (known >= 0.5) {
+                        return Ok(measured);
+                    }
+                }
+                link.said.changed().await.map_err(|_| "hear from its broker".to_owned())?;
+            }
+        })
+    }
+
+    fn is_here(&self) -> bool {
+        // Who has not begun is asked what it would be.
+        let Some(link) = lock(&self.link).clone() else { return true };
+        let is_offline = link.availability.as_ref().is_some_and(|said| {
+            said.borrow().as_ref().is_some_and(|word| text::is_offline(&word.text))
+        });
+        link.trouble.borrow().is_none() && !is_offline
+    }
+
+    /// Waits a moment for the broker, so that the first word of the agent is already true.
+    fn look(&self) -> Option<BoxFuture<()>> {
+        let mut link = self.link();
+        Some(Box::pin(async move {
+            let connected = link.trouble.wait_for(Option::is_none);
+            let _ = tokio::time::timeout(FIRST_WORD, connected).await;
+        }))
+    }
+
+    fn until_news(&self) -> Option<BoxFuture<()>> {
+        let (mqtt, mut link) = (self.clone(), self.link());
+        let before = self.is_here();
+        Some(Box::pin(async move {
+            loop {
+                let told = mqtt.told.load(Ordering::Relaxed);
+                let number = link.said.borrow_and_update().as_ref().map_or(0, |word| word.number);
+                link.trouble.mark_unchanged();
+                if let Some(said) = &mut link.availability {
+                    said.mark_unchanged();
+                }
+                if number > told || mqtt.is_here() != before {
+                    return;
+                }
+                let mut never = watch::channel(None).1;
+                let availability = link.availability.as_mut().unwrap_or(&mut never);
+                tokio::select! {
+                    changed = link.said.changed() => if changed.is_err() { return },
+                    changed = link.trouble.changed() => if changed.is_err() { return },
+                    _ = availability.changed(), if mqtt.availability.is_some() => (),
+                }
+            }
+        }))
+    }
+
+    fn last_word(&self, quantity: &'static str) -> Option<Result<Measurement, String>> {
+        let word = self.link().said.borrow().clone()?;
+        self.told.store(word.number, Ordering::Relaxed);
+        Some(self.read(quantity, &word))
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::{Ipv4Addr, TcpListener};
+    use std::path::Path;
+    use std::process::{Child, Command, Stdio};
+
+    use actuator::Device as _;
+    use serde_json::{Value, json};
+    use tempfile::TempDir;
+
+    use super::*;
+    use crate::tests::{blueprint_with, facts, measure};
+    use crate::{Sensor, sensor, temperature_sensor};
+
+    const PATIENCE: Duration = Duration::from_secs(20);
+
+    /// Debian's broker on a port that the kernel chose.
+    struct Broker {
+        port: u16,
+        child: Child,
+        folder: TempDir,
+    }
+
+    impl Broker {
+        /// `None`, loudly, where it is not installed.
+        fn start() -> Option<Broker> {
+            if !Path::new("/usr/sbin/mosquitto").exists() {
+                assert!(std::env::var_os("CI").is_none(), "mosquitto is missing");
+                eprintln!("NOT TESTED: apt-get install mosquitto mosquitto-clients");
+                return None;
+            }
+            let port = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port");
+            let port = port.local_addr().expect("bound").port();
+            let folder = tempfile::tempdir().expect("a folder");
+            let config = format!("listener {port} 127.0.0.1\nallow_anonymous true\n");
+            std::fs::write(folder.path().join("broker.conf"), config).expect("a file");
+            let child = Broker::begin(&folder);
+            Some(Broker { port, child, folder })
+        }
+
+        fn begin(folder: &TempDir) -> Child {
+            let mut command = Command::new("/usr/sbin/mosquitto");
+            command.arg("-c").arg(folder.path().join("broker.conf"));
+            command.stderr(Stdio::null()).stdout(Stdio::null()).spawn().expect("it is installed")
+        }
+
+        fn kill(&mut self) {
+            self.child.kill().expect("our own child");
+            self.child.wait().expect("our own child");
+        }
+
+        fn restart(&mut self) {
+            self.child = Broker::begin(&self.folder);
+        }
+
+        /// Says something as a device does, and is sure that the broker has it.
+        fn say(&self, topic: &str, text: &str, is_retained: bool) {
+            let port = self.port.to_string();
+            let mut command = Command::new("mosquitto_pub");
+            command.args(["-h", "127.0.0.1", "-p", &port, "-q", "1", "-t", topic, "-m", text]);
+            command.args(is_retained.then_some("-r"));
+            while !command.stderr(Stdio::null()).status().expect("it is installed").success() {
+                // The broker begins to listen.
+                std::thread::sleep(Duration::from_millis(20));
+            }
+        }
+
+        fn config(&self, more: Value) -> Value {
+            let broker = format!("127.0.0.1:{}", self.port);
+            let mut config =
+                json!({ "location": "lab", "broker": broker, "topic": "zigbee2mqtt/thermo" });
+            if let (Value::Object(config), Value::Object(more)) = (&mut config, more) {
+                config.extend(more);
+            }
+            config
+        }
+
+        async fn thermometer(&self) -> Sensor {
+            let more =
+                json!({ "humidity": true, "availability": "zigbee2mqtt/thermo/availability" });
+            let blueprint = blueprint_with("mqtt", self.config(more));
+            let sensor = temperature_sensor(&blueprint).expect("a sensor");
+            sensor.look().expect("it may be away").await;
+            sensor
+        }
+    }
+
+    impl Drop for Broker {
+        fn drop(&mut self) {
+            let _ = self.child.kill();
+            let _ = self.child.wait();
+        }
+    }
+
+    fn offers(sensor: &Sensor) -> usize {
+        sensor.describe().model.actions.len()
+    }
+
+    /// Lets happen what happens by itself until it is so.
+    async fn until(sensor: &mut Sensor, is_so: impl Fn(&Sensor) -> bool) {
+        let waiting = async {
+            while !is_so(sensor) {
+                let stir = sensor.watch().expect("it says things by itself").await;
+                stir(sensor);
+            }
+        };
+        let in_time = tokio::time::timeout(PATIENCE, waiting).await;
+        assert!(in_time.is_ok(), "{} actions, {}", offers(sensor), facts(sensor));
+    }
+
+    #[tokio::test]
+    async fn what_a_device_says_is_known_at_once_and_its_availability_is_presence() {
+        let Some(broker) = Broker::start() else { return };
+        let said = r#"{"battery":100,"humidity":44.72,"linkquality":121,"temperature":27.34}"#;
+        broker.say("zigbee2mqtt/thermo", said, true);
+        let mut sensor = broker.thermometer().await;
+        let performed = measure(&mut sensor, "temperature").await.expect("it was retained");
+        assert_eq!(performed.detail, "27.3 °C at lab");
+        until(&mut sensor, |sensor| facts(sensor).contains("(= (humidity lab) 44.72)")).await;
+
+        broker.say("zigbee2mqtt/thermo", r#"{"humidity":45,"temperature":19}"#, false);
+        until(&mut sensor, |sensor| facts(sensor).contains("(= (temperature lab) 19)")).await;
+        let availability = "zigbee2mqtt/thermo/availability";
+        broker.say(availability, r#"{"state":"offline"}"#, true);
+        until(&mut sensor, |sensor| offers(sensor) == 0).await;
+        broker.say(availability, "online", true);
+        until(&mut sensor, |sensor| offers(sensor) == 2).await;
+    }
+
+    #[tokio::test]
+    async fn a_broker_that_dies_takes_its_devices_along_and_brings_them_back() {
+        let Some(mut broker) = Broker::start() else { return };
+        broker.say("zigbee2mqtt/thermo", r#"{"temperature":20}"#, true);
+        let mut sensor = broker.thermometer().await;
+        until(&mut sensor, |sensor| facts(sensor).contains("(= (temperature lab) 20)")).await;
+        broker.kill();
+        until(&mut sensor, |sensor| offers(sensor) == 0).await;
+        broker.restart();
+        until(&mut sensor, |sensor| offers(sensor) == 2).await;
+        // It remembers nobody who had subscribed. What is said before it is told again is lost.
+        let saying = async {
+            for degrees in 21.. {
+                broker.say("zigbee2mqtt/thermo", &format!(r#"{{"temperature":{degrees}}}"#), false);
+                tokio::time::sleep(Duration::from_millis(50)).await;
+            }
+        };
+        let is_heard = |sensor: &Sensor| !facts(sensor).contains("(= (temperature lab) 20)");
+        tokio::select! {
+            () = saying => {}
+            () = until(&mut sensor, is_heard) => {}
+        }
+    }
+
+    #[tokio::test]
+    async fn rubbish_and_silence_have_reasons() {
+        let Some(broker) = Broker::start() else { return };
+        let mut sensor = broker.thermometer().await;
+        let problem = measure(&mut sensor, "temperature").await.expect_err("nothing was said");
+        assert_eq!(problem.to_string(), "hear from `zigbee2mqtt/thermo`: it has said nothing yet");
+        for rubbish in ["", "{", "[]", r#"{"temperature":null}"#, r#"{"temperature":"warm"}"#] {
+            broker.say("zigbee2mqtt/thermo", rubbish, true);
+            let mut sensor = broker.thermometer().await;
+            let failed = measure(&mut sensor, "temperature").await;
+            assert!(failed.is_err(), "{rubbish}: {failed:?}");
+        }
+        let nowhere = json!({ "location": "lab", "topic": "x", "broker": "127.0.0.1:9" });
+        let mut sensor = temperature_sensor(&blueprint_with("mqtt", nowhere)).expect("a sensor");
+        sensor.look().expect("it may be away").await;
+        assert_eq!(offers(&sensor), 0);
+        let problem = measure(&mut sensor, "temperature").await.expect_err("nobody is there");
+        assert!(problem.to_string().starts_with("reach the broker 127.0.0.1:9: "), "{problem}");
+    }
+
+    #[tokio::test]
+    async fn motion_is_noticed() {
+        let Some(broker) = Broker::start() else { return };
+        let more = json!({ "quantity": "motion" });
+        let mut sensor = sensor(&blueprint_with("mqtt", broker.config(more))).expect("a sensor");
+        sensor.look().expect("it may be away").await;
+        let watched = sensor.watch().expect("it notices");
+        broker.say("zigbee2mqtt/thermo", r#"{"occupancy":true}"#, true);
+        let stir = tokio::time::timeout(PATIENCE, watched).await.expect("in time");
+        stir(&mut sensor);
+        assert!(facts(&sensor).contains("(motion lab)"), "{}", facts(&sensor));
+    }
+
+    #[test]
+    fn mistakes_say_what_would_be_right() {
+        for (config, expected) in [
+            (json!({}), "driver `mqtt` needs a `topic`, such as \"zigbee2mqtt/thermometer\""),
+            (json!({ "topic": "a/+" }), "topic `a/+`: write that of one device, without + and #"),
+            (
+                json!({ "topic": "a", "broker": "mqtts://x:8883" }),
+                "broker `mqtts://x:8883`: TLS, websockets and passwords are not built yet; \
+                 write HOST:PORT",
+            ),
+            (
+                json!({ "topic": "a", "broker": "x:many" }),
+                "broker `x:many`: its port is no number; write HOST:PORT",
+            ),
+        ] {
+            let mut config = config;
+            config["location"] = json!("lab");
+            let built = temperature_sensor(&blueprint_with("mqtt", config));
+            let problem = built.err().map(|error| error.to_string()).unwrap_or_default();
+            assert_eq!(problem, format!("build `s`: {expected}"));
+        }
+    }
+}
