@@ -7,7 +7,7 @@ use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-use support::Office;
+use support::{Office, lab};
 
 /// A Python that has Zenoh; `None`, loudly, where there is none.
 fn python() -> Option<&'static str> {
@@ -54,20 +54,8 @@ impl Drop for Thermometer {
 }
 
 fn office(mode: &str) -> Office {
-    let smart_office = Office::file().canonicalize().expect("it is there");
-    let domain = smart_office.ancestors().nth(2).expect("a folder").join("domains/smart-office");
-    let domain = domain.display();
-    let mut text = format!(
-        "[ecosystem]\nname = \"lab\"\ndomain = \"{domain}/domain.pddl\"\n\
-         problem = \"{domain}/map.pddl\"\nmode = \"{mode}\"\n"
-    );
-    for plugin in ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"] {
-        text += &format!(
-            "\n[[agent]]\nname = \"{plugin}\"\nplugin = \"{plugin}\"\ndaemon = \"daemon\"\n"
-        );
-    }
     let office = Office::new();
-    let file = office.write("lab.toml", &text);
+    let file = office.write("lab.toml", &lab(mode));
     let mut office = office.with_file(file);
     office.up(&["daemon"], &[]);
     office

@@ -3,13 +3,12 @@
 
 mod support;
 
-use std::fmt::Write as _;
 use std::fs;
 use std::os::unix::fs::{PermissionsExt as _, symlink};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use support::{Office, PATIENCE, finish, stderr, stdout};
+use support::{Office, PATIENCE, finish, lab, stderr, stdout};
 
 /// What the real kernel needs, and where packages put it.
 const NEEDED: [&str; 4] =
@@ -17,21 +16,6 @@ const NEEDED: [&str; 4] =
 
 /// What is said inside begins with this, among what the kernel says.
 const SAID: &str = "@said ";
-
-/// Those who reason, with the words and rooms of the smart office.
-fn ecosystem(sensors: &str) -> String {
-    let office = Office::file().canonicalize().expect("it is there");
-    let domain = office.ancestors().nth(2).expect("a folder").join("domains/smart-office");
-    let domain = domain.display();
-    let mut text = format!(
-        "[ecosystem]\nname = \"lab\"\ndomain = \"{domain}/domain.pddl\"\n\
-         problem = \"{domain}/map.pddl\"\nmode = \"decentralized\"\n\n"
-    );
-    for plugin in ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"] {
-        let _ = write!(text, "[[agent]]\nname = \"{plugin}\"\nplugin = \"{plugin}\"\n\n");
-    }
-    text + sensors
-}
 
 /// A thermometer as a kernel shows it below a folder.
 struct Thermometer(PathBuf);
@@ -72,7 +56,7 @@ fn a_thermometer_from_its_listing_to_a_goal() {
     let sensors = lines.replace("location = \"\"", "location = \"office1\"");
     assert_ne!(lines, sensors, "it leaves the room to people");
     let sensors = sensors.replace("device = ", &format!("sysfs = \"{sysfs}\"\ndevice = "));
-    let file = office.write("lab.toml", &ecosystem(&sensors));
+    let file = office.write("lab.toml", &(lab("decentralized") + &sensors));
     let mut office = office.with_file(file);
     let checked = office.run(&["check", &office.file.display().to_string()]);
     assert!(checked.status.success(), "{}", stderr(&checked));
@@ -103,7 +87,7 @@ fn a_real_kernels_thermometer_is_measured_unplugged_and_plugged_in() {
     let sensor = "[[agent]]\nname = \"thermometer\"\nplugin = \"temperature-sensor\"\n\
                   driver = \"linux\"\n\n[agent.config]\nlocation = \"office1\"\n\
                   device = \"tmp006@i2c-0/0-0040\"\n";
-    let file = office.write("lab.toml", &ecosystem(sensor));
+    let file = office.write("lab.toml", &(lab("decentralized") + sensor));
     let script = office.write("init", &inside(&file));
     fs::set_permissions(&script, fs::Permissions::from_mode(0o755)).expect("our own file");
     let mut kernel = Command::new(NEEDED[0]);

@@ -217,6 +217,20 @@ impl Office {
     }
 }
 
+/// The file of an ecosystem `lab`: those who reason, with the words and rooms of the smart office.
+pub(crate) fn lab(mode: &str) -> String {
+    let office = Office::file().canonicalize().expect("it is there");
+    let domain = office.ancestors().nth(2).expect("a folder").join("domains/smart-office");
+    let domain = domain.display();
+    let head = format!(
+        "[ecosystem]\nname = \"lab\"\ndomain = \"{domain}/domain.pddl\"\n\
+         problem = \"{domain}/map.pddl\"\nmode = \"{mode}\"\n\n"
+    );
+    let reasoning = ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"];
+    let entry = |plugin| format!("[[agent]]\nname = \"{plugin}\"\nplugin = \"{plugin}\"\n\n");
+    head + &reasoning.map(entry).concat()
+}
+
 /// Runs a command against the repository's office; its exit code and what it printed.
 pub(crate) fn ask(office: &Office, arguments: &[&str]) -> (Option<i32>, String) {
     let file = Office::file().display().to_string();
