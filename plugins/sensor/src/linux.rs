@@ -8,13 +8,13 @@
 //! - Whether it is plugged in is looked at again and again: the kernel tells nobody who has no more
 //!   rights than to read.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
-use linux_sensors::Sysfs;
+use linux_sensors::{Channel, FindError, Sysfs};
 use tokio::time::Instant;
 
 use crate::config::Hardware;
@@ -41,6 +41,9 @@ struct Linux {
     channel: Option<String>,
     measures: Vec<linux_sensors::Quantity>,
     is_here: Arc<AtomicBool>,
+    /// The channels that were found last: whether they are still there is seen without looking at
+    /// every device of the machine.
+    found: Arc<Mutex<Vec<Channel>>>,
 }
 
 pub(crate) fn probe(
@@ -61,9 +64,9 @@ pub(crate) fn probe(
         })
     });
     let measures = measures.collect::<Result<_, _>>()?;
-    let (sysfs, is_here) =
-        (sysfs.map_or_else(Sysfs::default, Sysfs::new), Arc::new(AtomicBool::new(true)));
-    Ok(Arc::new(Linux { sysfs, device, channel, measures, is_here }))
+    let sysfs = sysfs.map_or_else(Sysfs::default, Sysfs::new);
+    let (is_here, found) = (Arc::new(AtomicBool::new(true)), Arc::default());
+    Ok(Arc::new(Linux { sysfs, device, channel, measures, is_here, found }))
 }
 
 impl Linux {
@@ -79,12 +82,20 @@ impl Linux {
 
     /// Looks whether it is plugged in.
     fn is_found(&self) -> bool {
-        let find = |quantity: &linux_sensors::Quantity| {
-            let found = self.sysfs.find(&self.device, *quantity, self.channel.as_deref());
-            // Which of several is asked for is said when it is read.
-            !matches!(found, Err(linux_sensors::FindError::Unknown { .. }))
-        };
-        self.measures.iter().all(find)
+        let mut found = self.found.lock().unwrap_or_else(PoisonError::into_inner);
+        if !found.is_empty() && found.iter().all(Channel::is_there) {
+            return true;
+        }
+        found.clear();
+        self.measures.iter().all(|quantity| {
+            match self.sysfs.find(&self.device, *quantity, self.channel.as_deref()) {
+                Ok(channel) => found.push(channel),
+                Err(FindError::Unknown { .. }) => return false,
+                // Which of several is asked for is said when it is read.
+                Err(_) => (),
+            }
+            true
+        })
     }
 }
 
