@@ -427,15 +427,17 @@ fn a_key_that_the_plugin_does_not_know() {
         "{ location = \"kitchen\" }",
         "{ location = \"kitchen\", humid = true }",
         expect![[r#"
-        error: config of `thermometer`: unknown field `humid`, expected one of
-               `location`, `valid-for`, `humidity`
-          --> house.toml:10:34
-           |
-        10 | config = { location = "kitchen", humid = true }
-           |                                  ^^^^^
+            error: config of `thermometer`: unknown field `humid`, expected one of
+                   `location`, `quantity`, `humidity`, `valid-for`, `device`, `channel`,
+                   `sysfs`, `command`, `json`, `factor`, `every`, `broker`, `topic`,
+                   `availability`
+              --> house.toml:10:34
+               |
+            10 | config = { location = "kitchen", humid = true }
+               |                                  ^^^^^
 
-        1 error
-    "#]],
+            1 error
+        "#]],
     );
 }
 
