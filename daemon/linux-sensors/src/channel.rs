@@ -42,7 +42,7 @@ pub(crate) struct Reading {
 #[non_exhaustive]
 pub enum ReadError {
     /// The file was not read: the device is gone, or its bus failed this time.
-    #[error("read `{}`", .file.display())]
+    #[error("read `{}`: {source}", .file.display())]
     File {
         /// The file.
         file: PathBuf,

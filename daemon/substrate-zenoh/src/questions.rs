@@ -26,7 +26,7 @@ use crate::declarations::Declarations;
 use crate::inbound::{into_bytes, undeclared};
 use crate::key_expr::{AGENT_PARAMETER, Keys};
 use crate::roll_call::{Roll, Told};
-use crate::sealing::{Security, seal_answer};
+use crate::sealing::{Answered, Security, seal_answer};
 
 /// Answers the questions that come to one daemon.
 #[derive(Clone)]
@@ -100,25 +100,19 @@ impl Asking {
         let sample = reply.result().ok()?;
         let daemon = self.keys.reached(sample.key_expr().as_str())?;
         let payload = into_bytes(sample.payload());
-        let is_own_word = self.is_signed(sample, &payload, nonce, Security::has_said);
+        let answered = self.answered(sample, &payload, nonce);
+        let has_said = |security: &Security| security.answerer(&answered).is_some();
+        let is_own_word = self.security.as_ref().is_none_or(has_said);
         is_own_word.then(|| (daemon, Roll::read(&payload)))
     }
 
-    /// Whether an answer passes what it has to, if it has to pass anything.
-    fn is_signed(
-        &self,
-        sample: &Sample,
-        payload: &Bytes,
-        nonce: Option<&Nonce>,
-        passes: impl Fn(&Security, &Keys, &dyn Inbound, &Sample, &Bytes, &Nonce) -> bool,
-    ) -> bool {
-        match (&self.security, nonce) {
-            (None, _) => true,
-            (Some(security), Some(nonce)) => {
-                passes(security, &self.keys, &*self.inbound, sample, payload, nonce)
-            }
-            (Some(_), None) => false,
-        }
+    fn answered<'a>(
+        &'a self,
+        sample: &'a Sample,
+        payload: &'a Bytes,
+        nonce: Option<&'a Nonce>,
+    ) -> Answered<'a> {
+        Answered { keys: &self.keys, inbound: &*self.inbound, sample, payload, nonce }
     }
 
     fn hear(&self, answers: &mpsc::Sender<Bytes>, reply: &Reply, nonce: Option<&Nonce>) {
@@ -127,7 +121,9 @@ impl Asking {
             Err(error) => return tracing::debug!(?error, "a question ended with an error"),
         };
         let payload = into_bytes(sample.payload());
-        let is_admitted = self.is_signed(sample, &payload, nonce, Security::admits);
+        let answered = self.answered(sample, &payload, nonce);
+        let admits = |security: &Security| security.admits(&answered);
+        let is_admitted = self.security.as_ref().is_none_or(admits);
         if is_admitted && answers.try_send(payload).is_err() {
             tracing::debug!(key = sample.key_expr().as_str(), "an answer came too late");
         }

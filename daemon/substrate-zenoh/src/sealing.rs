@@ -23,6 +23,17 @@ pub struct Security {
     pub verifier: Arc<Verifier>,
 }
 
+/// An answer, and what it is held against.
+#[derive(Clone, Copy)]
+pub(crate) struct Answered<'a> {
+    pub(crate) keys: &'a Keys,
+    pub(crate) inbound: &'a dyn Inbound,
+    pub(crate) sample: &'a Sample,
+    pub(crate) payload: &'a Bytes,
+    /// Sent with the question; without one, no answer is believed.
+    pub(crate) nonce: Option<&'a Nonce>,
+}
+
 // === impl Security ===
 
 impl Security {
@@ -48,45 +59,22 @@ impl Security {
     }
 
     /// Whether this answers the question with this nonce, and may.
-    pub(crate) fn admits(
-        &self,
-        keys: &Keys,
-        inbound: &dyn Inbound,
-        sample: &Sample,
-        payload: &Bytes,
-        nonce: &Nonce,
-    ) -> bool {
-        let origin = self.answerer(keys, inbound, sample, payload, nonce);
-        let answered = keys.answered(sample.key_expr().as_str());
-        let (Some(origin), Some((resource, agent))) = (origin, answered) else {
+    pub(crate) fn admits(&self, answered: &Answered<'_>) -> bool {
+        let origin = self.answerer(answered);
+        let about = answered.keys.answered(answered.sample.key_expr().as_str());
+        let (Some(origin), Some((resource, agent))) = (origin, about) else {
             return false;
         };
-        let answer = Answer { origin: &origin, resource, agent: agent.as_ref(), payload };
-        inbound.admits(&answer)
+        let Answered { inbound, payload, .. } = answered;
+        inbound.admits(&Answer { origin: &origin, resource, agent: agent.as_ref(), payload })
     }
 
-    /// Whether the daemon whose answer to a call this is has said it, to this call.
-    pub(crate) fn has_said(
-        &self,
-        keys: &Keys,
-        inbound: &dyn Inbound,
-        sample: &Sample,
-        payload: &Bytes,
-        nonce: &Nonce,
-    ) -> bool {
-        self.answerer(keys, inbound, sample, payload, nonce).is_some()
-    }
-
-    fn answerer(
-        &self,
-        keys: &Keys,
-        inbound: &dyn Inbound,
-        sample: &Sample,
-        payload: &Bytes,
-        nonce: &Nonce,
-    ) -> Option<Origin> {
-        let (key, seal) = (sample.key_expr().as_str(), sample.attachment());
-        self.open(keys, inbound, Channel::Answer, key, payload, seal, Some(nonce))
+    /// Who has said this, to the question with this nonce: it is that daemon whose key it has.
+    pub(crate) fn answerer(&self, answered: &Answered<'_>) -> Option<Origin> {
+        let Answered { keys, inbound, sample, payload, nonce } = *answered;
+        let (key, seal, channel) =
+            (sample.key_expr().as_str(), sample.attachment(), Channel::Answer);
+        self.open(keys, inbound, channel, key, payload, seal, Some(nonce?))
     }
 
     #[expect(clippy::too_many_arguments, reason = "what was heard, and where it is told")]

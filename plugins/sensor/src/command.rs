@@ -5,22 +5,24 @@
 //!   a bound is not read.
 //! - A sensor that notices by itself (motion) runs its program again and again.
 
+use std::io;
 use std::process::Stdio;
 use std::sync::Arc;
 use std::time::Duration;
 
 use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
-use tokio::io::AsyncReadExt as _;
+use tokio::io::{AsyncRead, AsyncReadExt as _};
 use tokio::process::Command;
 use tokio::time::Instant;
 
 use crate::config::Hardware;
+use crate::quantity::is_yes;
 use crate::text;
 use crate::{MEASURING, Measurement, Probe};
 
 /// So much of what a program prints is read.
-const OUTPUT_BYTES_MAX: u64 = 64 << 10;
+const OUTPUT_BYTES_MAX: usize = 64 << 10;
 
 /// Pause between two looks of a sensor that notices by itself, where its entry does not say.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
@@ -52,11 +54,6 @@ pub(crate) fn probe(
     let Hardware { command, json, factor, every, .. } = hardware;
     let mut command = command.into_iter().flatten();
     let program = command.next().filter(|program| !program.is_empty()).ok_or_else(missing)?;
-    if let Some(pointer) = json.as_deref().filter(|pointer| !pointer.starts_with('/')) {
-        let problem =
-            format!("json = \"{pointer}\": write where in the text, such as \"/main/temp\"");
-        return Err(blueprint.problem(problem));
-    }
     let factor = factor.unwrap_or(1.0);
     if !factor.is_finite() || factor == 0.0 {
         return Err(
@@ -90,34 +87,22 @@ impl Program {
 
     /// What it prints, if it ends well.
     async fn printed(&self) -> Result<String, String> {
-        let failed =
-            |what: &str, error: std::io::Error| format!("{what} `{}`: {error}", self.program);
+        let failed = |what: &str, error: io::Error| format!("{what} `{}`: {error}", self.program);
         let mut command = Command::new(&self.program);
         command.args(&self.arguments).stdin(Stdio::null()).stdout(Stdio::piped());
         // Whoever drops this future ends the program, and those it has started with it.
         command.stderr(Stdio::piped()).kill_on_drop(true).process_group(0);
         let mut child = command.spawn().map_err(|error| failed("run", error))?;
         let _group = child.id().map(Group);
-        let (mut text, mut complaint) = (Vec::new(), Vec::new());
-        let stdout = child.stdout.take().map(|out| out.take(OUTPUT_BYTES_MAX));
-        let stderr = child.stderr.take().map(|out| out.take(OUTPUT_BYTES_MAX));
-        let (read, _) = tokio::join!(
-            async {
-                match stdout {
-                    Some(mut stdout) => stdout.read_to_end(&mut text).await,
-                    None => Ok(0),
-                }
-            },
-            async {
-                match stderr {
-                    Some(mut stderr) => stderr.read_to_end(&mut complaint).await,
-                    None => Ok(0),
-                }
-            }
-        );
-        read.map_err(|error| failed("read what is printed by", error))?;
+        let (text, complaint) = tokio::join!(read(child.stdout.take()), read(child.stderr.take()));
+        let text = text.map_err(|error| failed("read what is printed by", error))?;
+        if text.len() >= OUTPUT_BYTES_MAX {
+            let kilobytes = OUTPUT_BYTES_MAX >> 10;
+            return Err(format!("read more than {kilobytes} KiB, which `{}` prints", self.program));
+        }
         let status = child.wait().await.map_err(|error| failed("wait for", error))?;
         if !status.success() {
+            let complaint = complaint.unwrap_or_default();
             let complaint = String::from_utf8_lossy(&complaint);
             let said = if complaint.trim().is_empty() { "" } else { ": " };
             return Err(format!(
@@ -128,6 +113,15 @@ impl Program {
         }
         Ok(String::from_utf8_lossy(&text).into_owned())
     }
+}
+
+/// What comes through a pipe until it ends, or to the bound.
+async fn read(pipe: Option<impl AsyncRead + Unpin>) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    if let Some(pipe) = pipe {
+        pipe.take(OUTPUT_BYTES_MAX as u64).read_to_end(&mut bytes).await?;
+    }
+    Ok(bytes)
 }
 
 /// The processes of a program that is running; ended when it is dropped.
@@ -160,7 +154,7 @@ impl Probe for Program {
         Box::pin(async move {
             loop {
                 let value = program.measure_once().await?;
-                if (value >= 0.5) != (known >= 0.5) {
+                if is_yes(value) != is_yes(known) {
                     return Ok(Measurement { value, at: Instant::now() });
                 }
                 tokio::time::sleep(program.every).await;
@@ -256,8 +250,7 @@ mod tests {
     #[tokio::test]
     async fn who_prints_without_end_is_read_to_a_bound() {
         let problem = measured(&["yes", "12"], json!({})).await.expect_err("it never ends");
-        let is_told = problem.contains("`yes`");
-        assert!(is_told, "{problem}");
+        assert_eq!(problem, "read more than 64 KiB, which `yes` prints");
     }
 
     #[tokio::test]

@@ -85,6 +85,11 @@ impl Config {
                 format!("`{key}` is for `driver = \"{driver}\"`, and this driver is `{this}`");
             return Err(blueprint.problem(problem));
         }
+        if let Some(pointer) = self.json.as_deref().filter(|pointer| !pointer.starts_with('/')) {
+            let problem =
+                format!("json = \"{pointer}\": write where in the text, such as \"/main/temp\"");
+            return Err(blueprint.problem(problem));
+        }
         Ok(Hardware {
             device: self.device.take(),
             channel: self.channel.take(),

@@ -74,10 +74,7 @@ impl Linux {
     fn measure_once(&self, quantity: linux_sensors::Quantity) -> Result<f64, String> {
         let channel = self.sysfs.find(&self.device, quantity, self.channel.as_deref());
         let channel = channel.map_err(|error| error.to_string())?;
-        channel.read().map_err(|error| match std::error::Error::source(&error) {
-            Some(source) => format!("{error}: {source}"),
-            None => error.to_string(),
-        })
+        channel.read().map_err(|error| error.to_string())
     }
 
     /// Looks whether it is plugged in.

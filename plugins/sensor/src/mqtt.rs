@@ -3,11 +3,12 @@
 //!
 //! - One connection per broker and process, whoever needs it; after each loss it subscribes anew,
 //!   which brokers forget.
-//! - What a device says is announced at once; who is asked tells the last word, with its age.
+//! - What a device says is announced at once; who is asked tells the last word of what it is asked
+//!   for, with its age. Devices speak of their battery, too, and not always of all they measure.
 //! - A device that its `availability` topic calls offline, or whose broker cannot be reached, is not
 //!   here and offers nothing.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::net::IpAddr;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -18,8 +19,10 @@ use agent::{Blueprint, BuildError};
 use rumqttc::{AsyncClient, Event, EventLoop, MqttOptions, Packet, Publish, QoS, SubscribeFilter};
 use tokio::sync::watch;
 use tokio::time::Instant;
+use tokio_util::task::AbortOnDropHandle;
 
 use crate::config::Hardware;
+use crate::quantity::is_yes;
 use crate::text;
 use crate::{MEASURING, Measurement, Probe};
 
@@ -43,6 +46,10 @@ const PACKET_BYTES_MAX: usize = 1 << 20;
 /// Requests to a broker that wait: each subscription is one, and all of a new connection are one.
 const REQUESTS_MAX: usize = 1_024;
 
+/// The words of a device that are remembered: of the last of them that speaks of a quantity its
+/// value is.
+const WORDS_MAX: usize = 16;
+
 /// All connections of this process, by broker.
 static CONNECTIONS: Mutex<BTreeMap<String, Weak<Connection>>> = Mutex::new(BTreeMap::new());
 
@@ -52,19 +59,27 @@ static CLIENTS: AtomicU64 = AtomicU64::new(0);
 /// A connection to a broker, for as long as somebody holds it.
 struct Connection {
     client: AsyncClient,
-    /// The last word under each topic that somebody listens to.
-    topics: Mutex<HashMap<String, watch::Sender<Option<Word>>>>,
+    /// What was said under each topic that somebody listens to.
+    topics: Mutex<HashMap<String, watch::Sender<Said>>>,
     /// Why it is not connected; `None` if it is.
     trouble: watch::Sender<Option<String>>,
+    /// Ends with the connection.
+    _serving: AbortOnDropHandle<()>,
 }
 
 /// What was said under a topic.
+#[derive(Clone, Debug, Default)]
+struct Said {
+    /// The last words, the newest first.
+    words: VecDeque<Word>,
+    /// Counts all there were.
+    count: u64,
+}
+
 #[derive(Clone, Debug)]
 struct Word {
     text: String,
     at: Instant,
-    /// Counts the words of a topic, from 1.
-    number: u64,
 }
 
 #[derive(Clone)]
@@ -76,7 +91,7 @@ struct Mqtt {
     pointer: Option<String>,
     /// Made when it is first needed: nothing is opened before the agent is active.
     link: Arc<Mutex<Option<Link>>>,
-    /// The last word that was told of.
+    /// How many words were told of.
     told: Arc<AtomicU64>,
 }
 
@@ -84,8 +99,8 @@ struct Mqtt {
 #[derive(Clone)]
 struct Link {
     trouble: watch::Receiver<Option<String>>,
-    said: watch::Receiver<Option<Word>>,
-    availability: Option<watch::Receiver<Option<Word>>>,
+    said: watch::Receiver<Said>,
+    availability: Option<watch::Receiver<Said>>,
     _connection: Arc<Connection>,
 }
 
@@ -119,6 +134,7 @@ fn address(broker: &str) -> Result<(&str, u16), &'static str> {
     }
     let (host, port) = broker.rsplit_once(':').unwrap_or((broker, "1883"));
     let port = port.parse().map_err(|_| "its port is no number; write HOST:PORT")?;
+    let host = host.trim_start_matches('[').trim_end_matches(']');
     if host.is_empty() { Err("it has no host; write HOST:PORT") } else { Ok((host, port)) }
 }
 
@@ -141,21 +157,24 @@ impl Connection {
         options.set_max_packet_size(PACKET_BYTES_MAX, PACKET_BYTES_MAX);
         let (client, events) = AsyncClient::new(options, REQUESTS_MAX);
         let trouble = watch::Sender::new(Some("it has not answered yet".to_owned()));
-        let connection = Arc::new(Connection { client, topics: Mutex::default(), trouble });
+        let connection = Arc::new_cyclic(|connection| {
+            let serving = tokio::spawn(run(Weak::clone(connection), events, broker.to_owned()));
+            let _serving = AbortOnDropHandle::new(serving);
+            Connection { client, topics: Mutex::default(), trouble, _serving }
+        });
         connections.retain(|_, known| known.strong_count() > 0);
         connections.insert(broker.to_owned(), Arc::downgrade(&connection));
-        tokio::spawn(run(Arc::downgrade(&connection), events, broker.to_owned()));
         connection
     }
 
-    /// The last word under a topic, and every further one.
-    fn listen(&self, topic: &str) -> watch::Receiver<Option<Word>> {
+    /// What was said under a topic, and every further word.
+    fn listen(&self, topic: &str) -> watch::Receiver<Said> {
         let mut topics = lock(&self.topics);
         topics.retain(|_, said| said.receiver_count() > 0);
         if let Some(said) = topics.get(topic) {
             return said.subscribe();
         }
-        let (said, hears) = watch::channel(None);
+        let (said, hears) = watch::channel(Said::default());
         topics.insert(topic.to_owned(), said);
         if self.trouble.borrow().is_none() {
             // Where there is no connection yet, it subscribes when there is.
@@ -187,26 +206,27 @@ impl Connection {
         let Ok(text) = std::str::from_utf8(&publish.payload) else {
             return tracing::info!(topic = publish.topic, "ignored what is no text");
         };
-        said.send_modify(|word| {
-            let number = word.as_ref().map_or(0, |word| word.number) + 1;
-            *word = Some(Word { text: text.to_owned(), at: Instant::now(), number });
+        said.send_modify(|said| {
+            said.count += 1;
+            said.words.truncate(WORDS_MAX - 1);
+            said.words.push_front(Word { text: text.to_owned(), at: Instant::now() });
         });
     }
 }
 
-/// Serves a connection until nobody holds it.
+/// Serves a connection.
 async fn run(connection: Weak<Connection>, mut events: EventLoop, broker: String) {
     loop {
-        let event = tokio::time::timeout(KEEP_ALIVE, events.poll()).await;
+        let event = events.poll().await;
         let Some(connection) = connection.upgrade() else { return };
         match event {
-            Ok(Ok(Event::Incoming(Packet::ConnAck(_)))) => {
+            Ok(Event::Incoming(Packet::ConnAck(_))) => {
                 tracing::info!(broker, "connected");
                 connection.connected();
             }
-            Ok(Ok(Event::Incoming(Packet::Publish(publish)))) => connection.heard(&publish),
-            Ok(Ok(_)) | Err(_) => (),
-            Ok(Err(error)) => {
+            Ok(Event::Incoming(Packet::Publish(publish))) => connection.heard(&publish),
+            Ok(_) => (),
+            Err(error) => {
                 let was_connected = connection.trouble.send_replace(Some(error.to_string()));
                 if was_connected.is_none() {
                     tracing::warn!(broker, %error, "lost the broker; it is called again");
@@ -234,17 +254,20 @@ impl Mqtt {
         link.get_or_insert_with(make).clone()
     }
 
-    /// What the last word says of a quantity.
-    fn read(&self, quantity: &str, word: &Word) -> Result<Measurement, String> {
-        let value = match &self.pointer {
-            Some(pointer) => text::at(&word.text, pointer),
-            None => text::named(&word.text, quantity),
-        };
-        let said = value.unwrap_or_else(|| word.text.clone());
-        let value = text::value(&said).ok_or_else(|| {
-            format!("find the {quantity} in what `{}` says: {}", self.topic, text::told(&word.text))
-        })?;
-        Ok(Measurement { value, at: word.at })
+    /// What the last word of a quantity says of it; `None` if nothing was said yet.
+    fn read(&self, quantity: &str, said: &Said) -> Option<Result<Measurement, String>> {
+        let newest = said.words.front()?;
+        let measured = said.words.iter().find_map(|word| {
+            let value = match &self.pointer {
+                Some(pointer) => text::at(&word.text, pointer),
+                None => text::named(&word.text, quantity).or_else(|| Some(word.text.clone())),
+            };
+            Some(Measurement { value: text::value(&value?)?, at: word.at })
+        });
+        Some(measured.ok_or_else(|| {
+            let told = text::told(&newest.text);
+            format!("find the {quantity} in what `{}` says: {told}", self.topic)
+        }))
     }
 }
 
@@ -253,12 +276,13 @@ impl Probe for Mqtt {
         let mqtt = self.clone();
         Box::pin(async move {
             let mut link = mqtt.link();
-            let heard = link.said.wait_for(Option::is_some);
-            let word = tokio::time::timeout(FIRST_WORD, heard).await;
-            let word = word.ok().and_then(Result::ok).and_then(|word| word.clone());
+            let heard = link.said.wait_for(|said| said.count > 0);
+            // What has come by then is what there is.
+            let _ = tokio::time::timeout(FIRST_WORD, heard).await;
+            let measured = mqtt.read(quantity, &link.said.borrow());
             let trouble = link.trouble.borrow().clone();
-            match (word, trouble) {
-                (Some(word), _) => mqtt.read(quantity, &word),
+            match (measured, trouble) {
+                (Some(measured), _) => measured,
                 (None, Some(trouble)) => {
                     Err(format!("reach the broker {}: {trouble}", mqtt.broker))
                 }
@@ -272,12 +296,12 @@ impl Probe for Mqtt {
         Box::pin(async move {
             let mut link = mqtt.link();
             loop {
-                let word = link.said.borrow_and_update().clone();
-                if let Some(word) = word {
-                    let measured = mqtt.read(quantity, &word)?;
-                    if (measured.value >= 0.5) != (known >= 0.5) {
-                        return Ok(measured);
-                    }
+                let measured = mqtt.read(quantity, &link.said.borrow_and_update());
+                // Of what says nothing of it, nothing follows.
+                if let Some(Ok(measured)) = measured
+                    && is_yes(measured.value) != is_yes(known)
+                {
+                    return Ok(measured);
                 }
                 link.said.changed().await.map_err(|_| "hear from its broker".to_owned())?;
             }
@@ -288,7 +312,7 @@ impl Probe for Mqtt {
         // Who has not begun is asked what it would be.
         let Some(link) = lock(&self.link).clone() else { return true };
         let is_offline = link.availability.as_ref().is_some_and(|said| {
-            said.borrow().as_ref().is_some_and(|word| text::is_offline(&word.text))
+            said.borrow().words.front().is_some_and(|word| text::is_offline(&word.text))
         });
         link.trouble.borrow().is_none() && !is_offline
     }
@@ -308,29 +332,35 @@ impl Probe for Mqtt {
         Some(Box::pin(async move {
             loop {
                 let told = mqtt.told.load(Ordering::Relaxed);
-                let number = link.said.borrow_and_update().as_ref().map_or(0, |word| word.number);
+                let count = link.said.borrow_and_update().count;
                 link.trouble.mark_unchanged();
                 if let Some(said) = &mut link.availability {
                     said.mark_unchanged();
                 }
-                if number > told || mqtt.is_here() != before {
+                if count > told || mqtt.is_here() != before {
                     return;
                 }
-                let mut never = watch::channel(None).1;
-                let availability = link.availability.as_mut().unwrap_or(&mut never);
-                tokio::select! {
-                    changed = link.said.changed() => if changed.is_err() { return },
-                    changed = link.trouble.changed() => if changed.is_err() { return },
-                    _ = availability.changed(), if mqtt.availability.is_some() => (),
-                }
+                let available = async {
+                    match &mut link.availability {
+                        Some(said) => said.changed().await,
+                        None => std::future::pending().await,
+                    }
+                };
+                // None of them ends before the connection, which is held here.
+                let _ = tokio::select! {
+                    changed = link.said.changed() => changed,
+                    changed = link.trouble.changed() => changed,
+                    changed = available => changed,
+                };
             }
         }))
     }
 
     fn last_word(&self, quantity: &'static str) -> Option<Result<Measurement, String>> {
-        let word = self.link().said.borrow().clone()?;
-        self.told.store(word.number, Ordering::Relaxed);
-        Some(self.read(quantity, &word))
+        let link = self.link();
+        let said = link.said.borrow();
+        self.told.store(said.count, Ordering::Relaxed);
+        self.read(quantity, &said)
     }
 }
 
@@ -460,6 +490,11 @@ mod tests {
 
         broker.say("zigbee2mqtt/thermo", r#"{"humidity":45,"temperature":19}"#, false);
         until(&mut sensor, |sensor| facts(sensor).contains("(= (temperature lab) 19)")).await;
+        // What a device says of its battery takes nothing back.
+        broker.say("zigbee2mqtt/thermo", r#"{"humidity":46,"battery":97}"#, false);
+        until(&mut sensor, |sensor| facts(sensor).contains("(= (humidity lab) 46)")).await;
+        let performed = measure(&mut sensor, "temperature").await.expect("it was said before");
+        assert_eq!(performed.detail, "19.0 °C at lab");
         let availability = "zigbee2mqtt/thermo/availability";
         broker.say(availability, r#"{"state":"offline"}"#, true);
         until(&mut sensor, |sensor| offers(sensor) == 0).await;
@@ -518,6 +553,7 @@ mod tests {
         let mut sensor = sensor(&blueprint_with("mqtt", broker.config(more))).expect("a sensor");
         sensor.look().expect("it may be away").await;
         let watched = sensor.watch().expect("it notices");
+        broker.say("zigbee2mqtt/thermo", r#"{"battery":97}"#, false);
         broker.say("zigbee2mqtt/thermo", r#"{"occupancy":true}"#, true);
         let stir = tokio::time::timeout(PATIENCE, watched).await.expect("in time");
         stir(&mut sensor);
@@ -533,6 +569,10 @@ mod tests {
                 json!({ "topic": "a", "broker": "mqtts://x:8883" }),
                 "broker `mqtts://x:8883`: TLS, websockets and passwords are not built yet; \
                  write HOST:PORT",
+            ),
+            (
+                json!({ "topic": "a", "json": "temperature" }),
+                "json = \"temperature\": write where in the text, such as \"/main/temp\"",
             ),
             (
                 json!({ "topic": "a", "broker": "x:many" }),

@@ -115,6 +115,6 @@ impl Quantity {
 }
 
 /// Drivers say 1 or 0; half-way, it is more yes than no.
-fn is_yes(value: f64) -> bool {
+pub(crate) fn is_yes(value: f64) -> bool {
     value >= 0.5
 }

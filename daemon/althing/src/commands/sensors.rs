@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
-use linux_sensors::{Channel, Identity, Quantity, Sysfs};
+use linux_sensors::{Channel, Identity, Quantity, ReadError, Sysfs};
 use serde_json::json;
 
 use crate::cli::SensorsArgs;
@@ -37,16 +37,9 @@ fn told(channel: &Channel) -> serde_json::Value {
     told["unit"] = json!(channel.quantity.unit());
     match channel.read() {
         Ok(value) => told["value"] = json!(value),
-        Err(error) => told["problem"] = json!(problem(&error)),
+        Err(error) => told["problem"] = json!(format!("failed to {error}")),
     }
     told
-}
-
-fn problem(error: &linux_sensors::ReadError) -> String {
-    match std::error::Error::source(error) {
-        Some(source) => format!("failed to {error}: {source}"),
-        None => format!("failed to {error}"),
-    }
 }
 
 fn table(channels: &[Channel]) -> String {
@@ -57,10 +50,8 @@ fn table(channels: &[Channel]) -> String {
         let now = match channel.read() {
             Ok(value) => format!("{value:.1} {}", quantity.unit()),
             // Where its file is, --json says.
-            Err(error) => match std::error::Error::source(&error) {
-                Some(source) => format!("fails: {source}"),
-                None => problem(&error),
-            },
+            Err(ReadError::File { source, .. }) => format!("fails: {source}"),
+            Err(error) => format!("failed to {error}"),
         };
         let inside = if *is_ambient { "" } else { " (of the machine itself)" };
         let device = device.to_string();
