@@ -47,6 +47,10 @@ fn a_thermometer_from_its_listing_to_a_goal() {
     let expected = "tmp117@i2c-1/1-0048  temperature  21.5 Cel\n";
     assert!(stdout(&listed).starts_with(expected), "{}", stdout(&listed));
 
+    let nowhere = office.run(&["sensors", "--sysfs", "/no/such/folder"]);
+    assert_eq!(nowhere.status.code(), Some(33));
+    assert!(stderr(&nowhere).contains("look into /no/such/folder"), "{}", stderr(&nowhere));
+
     let lines = stdout(&office.run(&["sensors", "--sysfs", &sysfs, "--toml"]));
     let sensors = lines.replace("location = \"\"", "location = \"office1\"");
     assert_ne!(lines, sensors, "it leaves the room to people");

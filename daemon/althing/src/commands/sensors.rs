@@ -5,13 +5,24 @@ use std::fmt::Write as _;
 use std::process::ExitCode;
 
 use linux_sensors::{Channel, Identity, Quantity, ReadError, Sysfs};
+use pddl::{Diagnostic, Span};
 use serde_json::json;
 
 use crate::cli::SensorsArgs;
+use crate::report::{Report, reason};
 use crate::{exit, output};
 
 /// Shows the sensors of this machine.
 pub(crate) fn run(args: &SensorsArgs) -> ExitCode {
+    if let Err(error) = std::fs::read_dir(&args.sysfs) {
+        let sysfs = args.sysfs.display();
+        let mut report = Report::default();
+        report.add_general(Diagnostic::error(
+            Span::default(),
+            format!("failed to look into {sysfs}: {}", reason(&error)),
+        ));
+        return output::show(&report, args.print.json, "bad-input", exit::BAD_INPUT);
+    }
     let channels = Sysfs::new(&args.sysfs).channels();
     if args.print.json {
         return output::print_json(
