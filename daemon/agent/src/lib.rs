@@ -10,6 +10,8 @@
 //! - [`upkeep`] keeps a Domain Maintainer up to date; the [`Commons`] keep what the actuators of
 //!   one daemon hear.
 //! - [`keeping`] has the Journals keep what must outlive an agent, and reads it back.
+//! - [`Landing`] is where agents live that come while the daemon runs; [`Observer`] watches those of
+//!   another wire.
 //! - [`Machine`] is what an agent takes of the machine it runs on: threads, the wall clock.
 //! - [`PluginEntry`] is what a plugin crate offers to a daemon.
 //!
@@ -24,9 +26,11 @@ mod directory;
 mod gathering;
 mod guard;
 pub mod keeping;
+mod landing;
 mod last_word;
 mod machine;
 mod mailbox;
+mod observing;
 mod outbox;
 mod plugin;
 mod receipts;
@@ -44,7 +48,9 @@ pub use commons::Commons;
 pub use communication_agent::{Answer, Engagement, Opening, Undelivered};
 pub use context::{Context, Exchanges, TimerId, Work};
 pub use directory::Directory;
+pub use landing::Landing;
 pub use machine::{Lost, Machine, Simulated};
+pub use observing::{Observer, Sight, Sighted};
 pub use plugin::{Blueprint, BuildError, Host, PluginEntry, Rehearsal, Resources, StateFolder};
 pub use rights::{AgentRights, Allowed, Askers, Rights};
 pub use settings::Settings;

@@ -57,6 +57,8 @@ pub struct Switchboard {
     counters: Counters,
     turns: Arc<Semaphore>,
     machine: Machine,
+    /// How the plugins that run as processes are, where this daemon hosts any.
+    plugins: OnceLock<Box<dyn Fn() -> String + Send + Sync>>,
     /// What came and was not believed.
     pub(crate) rejections: Rejections,
     /// Who may do what, where that is limited: `guard` asks.
@@ -133,6 +135,7 @@ impl Switchboard {
             counters: Counters::default(),
             turns: Arc::new(Semaphore::new(machine.computations_max())),
             machine,
+            plugins: OnceLock::new(),
             rejections: Rejections::default(),
             rights: OnceLock::new(),
         })
@@ -142,6 +145,12 @@ impl Switchboard {
     pub fn connect(&self, substrate: Arc<dyn Substrate>) {
         // A second substrate would split the daemon's agents; the first one stays.
         let _ = self.substrate.set(substrate);
+    }
+
+    /// Who says how the plugins that run as processes are, once.
+    pub fn tell_plugins(&self, tell: impl Fn() -> String + Send + Sync + 'static) {
+        // Of two hosts of plugins on one daemon the first is asked.
+        let _ = self.plugins.set(Box::new(tell));
     }
 
     /// Whose turn it is to compute: agents of one daemon share the machine's cores, and a hundred
@@ -623,6 +632,11 @@ impl Inbound for Switchboard {
             Resource::Directory => self.answer_directory(&question),
             Resource::Model => self.answer_model(&question),
             Resource::Mailbox => self.answer_mailbox(&question),
+            Resource::Plugins => {
+                if let Some(tell) = self.plugins.get() {
+                    (question.answer)(tell().into());
+                }
+            }
             Resource::Domain
             | Resource::State
             | Resource::Goals

@@ -6,12 +6,10 @@ use std::time::Duration;
 
 use acl::{EcosystemId, Incarnation};
 use actuator::Actuator;
-use agent::{Blueprint, Launch as _};
+use agent::{Blueprint, Landing, Launch as _, Sight, Sighted};
 use serde_json::Value;
 
 use super::mirror::{Crossing, Mirror};
-use super::observer::{Sight, Sighted};
-use crate::landing::Landing;
 
 /// Ecosystems that an agent may come through. Whoever lends what was lent to him twice over does
 /// not know any more what he lends.

@@ -1,7 +1,7 @@
 //! Interfacing nodes (the paper, “Interfacing Node”; design, “Between ecosystems”): a daemon that
 //! takes part in two ecosystems, and passes on exactly what its rules export.
 //!
-//! - No message crosses. What crosses is an agent: where one lives, `observer` watches it; where it
+//! - No message crosses. What crosses is an agent: where one lives, an `agent::Observer` watches it; where it
 //!   is to be known, `mirror` is an actuator of its own with what its model says in the words of
 //!   that side (`words`, `translate`, `export`); what the mirror is asked to do, `voice` asks on
 //!   the real one's side, as a person would. So tokens, receipts, incarnations and conversations
@@ -17,9 +17,7 @@ mod crossing;
 mod desk;
 mod entry;
 pub mod export;
-mod landing;
 mod mirror;
-mod observer;
 pub mod translate;
 pub mod voice;
 pub mod words;
@@ -28,17 +26,15 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use acl::{AgentId, EcosystemId, Performative};
-use agent::Launch;
+use agent::{Landing, Launch, Observer, Sight};
 use keyboard::Keyboard;
 use pddl::{Domain, Problem};
 
 use bucket::Bucket;
 use desk::Desk;
 pub use entry::{InterfaceEntry, PASSING, RuleEntry};
-pub use landing::Landing;
 pub use mirror::Counters;
 use mirror::Crossing;
-use observer::{Observer, Sight};
 use voice::Voice;
 use words::{Passage, Way, Words};
 

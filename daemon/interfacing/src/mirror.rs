@@ -13,12 +13,12 @@ use std::time::Duration;
 use acl::content::{Method, Methods, Outcome, Reason, Refusal, Report};
 use acl::{Deadline, EcosystemId, Performative};
 use actuator::{BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, Stir};
+use agent::{Sight, Sighted};
 use pddl::{ActionModel, Domain, InitElement, Name, Problem};
 use tokio::time::Instant;
 
 use super::bucket::Bucket;
 use super::export::{self, Exported, LeftOut, Shores};
-use super::observer::{Sight, Sighted};
 use super::translate::{self, Translator};
 use super::voice::{News, Voice};
 use super::words::{Passage, Words};

@@ -242,6 +242,8 @@ pub enum Resource {
     Questions,
     /// What a Journal keeps.
     Journal,
+    /// The plugins of a daemon that run as processes, and how they are.
+    Plugins,
 }
 
 /// A question to daemons.
@@ -336,7 +338,7 @@ impl Breach {
 
 impl Resource {
     /// All of them.
-    pub const ALL: [Resource; 8] = [
+    pub const ALL: [Resource; 9] = [
         Resource::Directory,
         Resource::Domain,
         Resource::State,
@@ -345,6 +347,7 @@ impl Resource {
         Resource::Mailbox,
         Resource::Questions,
         Resource::Journal,
+        Resource::Plugins,
     ];
 
     /// Whether, of several agents of one name, only the one that acts answers.
@@ -363,6 +366,7 @@ impl Resource {
             Resource::Mailbox => "mailbox",
             Resource::Questions => "questions",
             Resource::Journal => "journal",
+            Resource::Plugins => "plugins",
         }
     }
 }

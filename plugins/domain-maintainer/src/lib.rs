@@ -118,7 +118,8 @@ impl Agent for DomainMaintainer {
             | Resource::Model
             | Resource::Mailbox
             | Resource::Questions
-            | Resource::Journal => return None,
+            | Resource::Journal
+            | Resource::Plugins => return None,
         };
         answer.ok()
     }

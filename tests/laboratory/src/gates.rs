@@ -10,10 +10,8 @@ use std::time::Duration;
 
 use acl::content::{Achieve, Keep, Request, value};
 use acl::{AgentId, DaemonId, EcosystemId, Performative, Protocol};
-use agent::{Host, Machine, Resources, StateFolder, Switchboard};
-use interfacing::{
-    Counters, Interface, InterfaceEntry, Landing, PASSING, RuleEntry, Shore, connect,
-};
+use agent::{Host, Landing, Machine, Resources, StateFolder, Switchboard};
+use interfacing::{Counters, Interface, InterfaceEntry, PASSING, RuleEntry, Shore, connect};
 use keyboard::{Draft, Said};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;

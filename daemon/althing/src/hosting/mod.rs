@@ -15,8 +15,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{Host, Machine, Mode, Resources, Rights, Settings, StateFolder, Switchboard};
-use interfacing::Landing;
+use agent::{Host, Landing, Machine, Mode, Resources, Rights, Settings, StateFolder, Switchboard};
 use substrate::Substrate;
 use substrate::memory::Network;
 use tokio_util::sync::CancellationToken;

@@ -7,8 +7,9 @@ mod tests;
 
 use std::sync::Arc;
 
-use ::interfacing::{Landing, Shore};
+use ::interfacing::Shore;
 pub(crate) use ::interfacing::{connect, voice};
+use agent::Landing;
 pub(crate) use check::{Other, check, load};
 
 use crate::config::Ecosystem;

@@ -1,5 +1,5 @@
-//! What watches the agents that an interface lets through, where they live: their presence, their
-//! models, their heartbeats. It says nothing and asks nobody but for models.
+//! What watches agents on behalf of another wire, where they live: their presence, their models,
+//! their heartbeats. It says nothing and asks nobody but for models.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -7,25 +7,33 @@ use std::time::Duration;
 
 use acl::content::{Heartbeat, Inform, Methods, ModelAnnouncement};
 use acl::{AgentId, EcosystemId, Incarnation, Message, Performative};
-use agent::{Agent, Ask, Callbacks, Context, Presence, Resource, Work};
 use pddl::{ActionModel, InitElement};
-use tokio::sync::watch;
+use substrate::{Ask, Presence, Resource};
+use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
+
+use crate::base_agent::Agent;
+use crate::callbacks::Callbacks;
+use crate::context::{Context, Work};
 
 /// Silence after which an agent counts as gone, in periods of its own heartbeat, as everywhere.
 const SILENCE_PERIODS: f32 = 3.5;
 
 /// An agent as it was seen last.
 #[derive(Clone, Debug)]
-pub(super) struct Sighted {
-    pub(super) incarnation: Incarnation,
+pub struct Sighted {
+    /// Which life of it.
+    pub incarnation: Incarnation,
     /// The ecosystems it comes from itself.
-    pub(super) via: Vec<EcosystemId>,
-    pub(super) model: Arc<ActionModel>,
-    pub(super) methods: Methods,
-    pub(super) digest: String,
+    pub via: Vec<EcosystemId>,
+    /// What it says it can do.
+    pub model: Arc<ActionModel>,
+    /// Which method carries out which action.
+    pub methods: Methods,
+    /// Names the model and the methods.
+    pub digest: String,
     /// What it says is so, and until when it counts.
-    pub(super) facts: Vec<(InitElement, Option<Instant>)>,
+    pub facts: Vec<(InitElement, Option<Instant>)>,
     /// Its newest heartbeat.
     sequence: u64,
     /// When its silence is over.
@@ -33,23 +41,44 @@ pub(super) struct Sighted {
 }
 
 /// What is seen of one agent: nothing while it is not here, or has not said what it is.
-pub(super) type Sight = watch::Receiver<Option<Sighted>>;
+pub type Sight = watch::Receiver<Option<Sighted>>;
 
-pub(super) struct Observer {
+/// The agent that watches.
+pub struct Observer {
     watched: BTreeMap<AgentId, watch::Sender<Option<Sighted>>>,
     fetching: BTreeMap<AgentId, Work>,
+    /// Where everybody is watched: who is told of those that nobody has named.
+    newcomers: Option<mpsc::Sender<(AgentId, Sight)>>,
 }
 
 impl Observer {
     /// An observer of these agents, and what it sees of each.
-    pub(super) fn of(
-        agents: impl Iterator<Item = AgentId>,
-    ) -> (Observer, BTreeMap<AgentId, Sight>) {
+    pub fn of(agents: impl Iterator<Item = AgentId>) -> (Observer, BTreeMap<AgentId, Sight>) {
         let watched: BTreeMap<_, _> =
             agents.map(|agent| (agent, watch::Sender::new(None))).collect();
         let sights =
             watched.iter().map(|(agent, seen)| (agent.clone(), seen.subscribe())).collect();
-        (Observer { watched, fetching: BTreeMap::new() }, sights)
+        (Observer { watched, fetching: BTreeMap::new(), newcomers: None }, sights)
+    }
+
+    /// An observer of everybody who comes; of whom there is no room to tell is not watched.
+    pub fn of_all(newcomers: mpsc::Sender<(AgentId, Sight)>) -> Observer {
+        let newcomers = Some(newcomers);
+        Observer { watched: BTreeMap::new(), fetching: BTreeMap::new(), newcomers }
+    }
+
+    /// Begins to watch one whom nobody has named, where everybody is watched.
+    fn meet(&mut self, agent: &AgentId) {
+        let Some(newcomers) = &self.newcomers else { return };
+        if self.watched.contains_key(agent) {
+            return;
+        }
+        let seen = watch::Sender::new(None);
+        if newcomers.try_send((agent.clone(), seen.subscribe())).is_ok() {
+            self.watched.insert(agent.clone(), seen);
+        } else {
+            tracing::warn!(%agent, "one agent too many: it is not watched");
+        }
     }
 
     fn informed(&mut self, message: Message, ctx: &mut Context<Self>) {
@@ -174,6 +203,10 @@ impl Agent for Observer {
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         let resident = presence.resident();
+        let is_other = resident.daemon != *ctx.switchboard().daemon();
+        if is_other && matches!(presence, Presence::Joined(_)) {
+            self.meet(&resident.agent);
+        }
         let Some(seen) = self.watched.get(&resident.agent) else { return };
         match presence {
             Presence::Joined(_) => self.fetch(&resident.agent, ctx),

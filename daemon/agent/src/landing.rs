@@ -1,11 +1,15 @@
-//! Where agents that no ecosystem file names can live: those of the interfaces.
+//! Where agents that come while the daemon runs can live: those of the interfaces, those that plugins
+//! bring.
 
 use std::sync::Arc;
 
 use acl::{AgentId, EcosystemId};
-use agent::{Berth, Host, Switchboard};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
+
+use crate::base_agent::Berth;
+use crate::plugin::Host;
+use crate::switchboard::Switchboard;
 
 /// A place for them on a daemon.
 #[derive(Clone)]
@@ -25,7 +29,7 @@ pub struct Landing {
 
 impl Landing {
     /// A place for a new life of an agent that comes from other ecosystems, `via` these.
-    pub(crate) fn berth(
+    pub fn berth(
         &self,
         id: &AgentId,
         via: Vec<EcosystemId>,
