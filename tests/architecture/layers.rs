@@ -37,8 +37,8 @@ const LAYERS: &[&[&str]] = &[
         "turtlebot",
         "video-robot",
     ],
-    // Above plugins: its voice is a Keyboard.
-    &["interfacing"],
+    // Above plugins: an interface's voice is a Keyboard; a plugin's process is any plugin and a wire.
+    &["interfacing", "plugin-host", "plugin-process"],
     &["althing", "laboratory", "tests"],
 ];
 

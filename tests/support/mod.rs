@@ -67,6 +67,11 @@ impl Office {
         self.folder.path().join("run")
     }
 
+    /// Where packages of plugins are put.
+    pub(crate) fn plugins_folder(&self) -> PathBuf {
+        self.folder.path().join("plugins")
+    }
+
     /// Any `althing` command of this office.
     pub(crate) fn command(&self, arguments: &[&str]) -> Command {
         let mut command = self.program(env!("CARGO_BIN_EXE_althing"));
@@ -87,6 +92,7 @@ impl Office {
             .current_dir(self.folder.path())
             .env("ALTHING_RUNTIME_DIR", self.runtime_folder())
             .env("ALTHING_STATE_DIR", self.folder.path().join("state"))
+            .env("ALTHING_PLUGINS_DIR", self.plugins_folder())
             .env("ALTHING_BUILDING__SOCKET", self.folder.path().join("building.sock"))
             .env("ALTHING_BUILDING__TIME_SCALE", "0.02");
     }

@@ -21,7 +21,6 @@ Try it
   althing scenario 1                        a robot stands in for a dead sensor
   althing up ecosystems/smart-office.toml   run this machine's part of an office
   althing goal temperatures                 ask the office for an outcome
-
 Run   up        run the daemon: this machine's agents join the ecosystem
       keyboard  open a prompt to a running ecosystem, in any terminal
       scenario  play a scenario of the paper in a simulated building
@@ -34,7 +33,8 @@ Look  agents    who is here            domain   what all can do, as PDDL
 Plan  plan      without an ecosystem   validate a plan, to the step that fails
       check     show what is wrong in ecosystem files, PDDL, action models
       replay    what was recorded      send     one message as it is written
-More  cert      keys to the door   sensors  plugged in   completions of shells
+More  plugin    programs that bring agents: add them, see how they are
+      cert      keys to the door   sensors  plugged in   completions of shells
 
 Options: -v, -vv (log more), --json (where something is printed), -h, -V
 ";
@@ -93,7 +93,7 @@ pub(crate) enum Command {
     #[command(after_help = ANSWER_HELP)]
     Answer(AnswerArgs),
     /// Show who is here, with which capabilities
-    Agents(AskArgs),
+    Agents(AgentsArgs),
     /// Show what all agents can do together, as a PDDL domain
     Domain(AskArgs),
     /// Show what is known of the world, from whom, and until when
@@ -114,6 +114,9 @@ pub(crate) enum Command {
     /// Show which sensors the kernel of this machine knows, and how to bring them in
     #[command(after_help = SENSORS_HELP)]
     Sensors(SensorsArgs),
+    /// Add programs that bring agents, see how they are, take them away
+    #[command(after_help = PLUGIN_HELP)]
+    Plugin(PluginArgs),
     /// Send one message as it is written, and print the answers
     #[command(after_help = SEND_HELP)]
     Send(SendArgs),
@@ -138,6 +141,17 @@ Pi, `modprobe` and `new_device` elsewhere. Names and places stay as they are whe
 sensors are plugged in in another order.
 
   althing sensors --toml >> office.toml    then say in which room each stands";
+
+const PLUGIN_HELP: &str = "\
+A plugin is a folder with a plugin.toml and a program in any language. Put into
+the folder of plugins while the daemon runs, its agents take part at once; what
+crashes is started again, and given up in the end; what takes too much is stopped.
+docs/plugins.md says how to write one.
+
+Examples: althing plugin add ./thermometer
+          althing plugin list
+          althing plugin logs thermometer
+          althing plugin enable thermometer       begins anew what was given up";
 
 const PLAN_HELP: &str = "\
 The plan goes to stdout in the format of the planning competitions, a summary to
@@ -562,6 +576,103 @@ pub(crate) struct AskArgs {
     pub(crate) print: PrintArgs,
 }
 
+/// `althing agents`
+#[derive(Debug, Args)]
+pub(crate) struct AgentsArgs {
+    /// Show instead what has appeared and no file names, with the lines that would
+    #[arg(long)]
+    pub(crate) discovered: bool,
+    #[command(flatten)]
+    pub(crate) ask: AskArgs,
+}
+
+/// `althing plugin`
+#[derive(Debug, Args)]
+pub(crate) struct PluginArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub(crate) command: PluginCommand,
+}
+
+/// What can be done with plugins.
+#[derive(Debug, Subcommand)]
+pub(crate) enum PluginCommand {
+    /// Show the plugins of a running ecosystem, how they are, and why
+    List(AskArgs),
+    /// Show what is wrong with a package before it is added
+    Check(PluginCheckArgs),
+    /// Put a package into this machine's folder of plugins, or a newer one in its place
+    Add(PluginAddArgs),
+    /// Take a plugin away
+    Remove(PluginNameArgs),
+    /// Take a plugin into use again; begins anew what was given up
+    Enable(PluginNameArgs),
+    /// Take a plugin out of use
+    Disable(PluginNameArgs),
+    /// Show what a plugin has printed
+    Logs(PluginLogsArgs),
+}
+
+/// `althing plugin check`
+#[derive(Debug, Args)]
+pub(crate) struct PluginCheckArgs {
+    /// Folders with a plugin.toml
+    #[arg(required = true, value_name = "FOLDER")]
+    pub(crate) packages: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// `althing plugin add`
+#[derive(Debug, Args)]
+pub(crate) struct PluginAddArgs {
+    /// A folder with a plugin.toml
+    #[arg(value_name = "FOLDER")]
+    pub(crate) package: PathBuf,
+    #[command(flatten)]
+    pub(crate) place: PluginPlaceArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// `althing plugin remove`, `enable` and `disable`
+#[derive(Debug, Args)]
+pub(crate) struct PluginNameArgs {
+    /// Which
+    #[arg(value_name = "NAME")]
+    pub(crate) name: String,
+    #[command(flatten)]
+    pub(crate) place: PluginPlaceArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// `althing plugin logs`
+#[derive(Debug, Args)]
+pub(crate) struct PluginLogsArgs {
+    /// Which
+    #[arg(value_name = "NAME")]
+    pub(crate) name: String,
+    /// How many lines, the last ones
+    #[arg(long, short = 'n', value_name = "N", default_value_t = 40)]
+    pub(crate) lines: usize,
+    #[command(flatten)]
+    pub(crate) reach: ReachArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// Where a machine's plugins are.
+#[derive(Debug, Args)]
+pub(crate) struct PluginPlaceArgs {
+    /// The ecosystem whose file says where [default: ./althing.toml, or this user's folder]
+    #[arg(long, value_name = "FILE|NAME")]
+    pub(crate) ecosystem: Option<String>,
+    /// The folder itself
+    #[arg(long, value_name = "FOLDER", conflicts_with = "ecosystem")]
+    pub(crate) folder: Option<PathBuf>,
+}
+
 /// `althing watch`
 #[derive(Debug, Args)]
 pub(crate) struct WatchArgs {
@@ -709,7 +820,7 @@ pub(crate) struct CheckArgs {
 }
 
 /// How a running ecosystem is found.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub(crate) struct ReachArgs {
     /// Which ecosystem: its file, or its name in the configuration folders
     #[arg(long, value_name = "FILE|NAME")]
@@ -723,7 +834,7 @@ pub(crate) struct ReachArgs {
 }
 
 /// How results are printed.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub(crate) struct PrintArgs {
     /// Print JSON, for programs
     #[arg(long)]

@@ -30,6 +30,9 @@ use std::process::ExitCode;
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn main() -> ExitCode {
+    if let Some(exit) = hosting::become_plugin() {
+        return exit;
+    }
     let cli = match cli::parse() {
         Ok(cli) => cli,
         Err(exit) => return exit,

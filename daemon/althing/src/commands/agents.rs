@@ -9,13 +9,46 @@ use acl::content::Inform;
 use agent::{Resident, Resource};
 use serde_json::json;
 
-use crate::cli::AskArgs;
+use crate::cli::AgentsArgs;
 use crate::commands::client::{self, View};
 use crate::{exit, output};
 
 /// Prints a line per agent.
-pub(super) fn run(args: &AskArgs) -> ExitCode {
-    client::with_view(args, print)
+pub(super) fn run(args: &AgentsArgs) -> ExitCode {
+    if args.discovered {
+        return client::with_view(&args.ask, discovered);
+    }
+    client::with_view(&args.ask, print)
+}
+
+/// Prints what has appeared and no file names, with the lines that would name it.
+async fn discovered(view: &View, json: bool) -> ExitCode {
+    let found = super::plugin::plugins(view).await;
+    if json {
+        let told: Vec<_> = found
+            .iter()
+            .flat_map(|plugins| plugins.discovered.iter().map(move |one| (plugins, one)))
+            .map(|(plugins, one)| {
+                let mut told = json!(one);
+                told["daemon"] = json!(plugins.daemon);
+                told
+            })
+            .collect();
+        let value = json!({ "ecosystem": view.name, "discovered": told });
+        return output::print_json(&value, exit::DONE);
+    }
+    let mut text = String::new();
+    for plugins in &found {
+        for one in &plugins.discovered {
+            let joined = if one.joined { "takes part" } else { "does not take part" };
+            let (agent, by, daemon) = (&one.agent, &one.by, &plugins.daemon);
+            let _ = write!(text, "# {agent}: {joined}; by {by} at {daemon}\n{}\n", one.toml);
+        }
+    }
+    if text.is_empty() {
+        text = "nothing has appeared that the ecosystem's file does not name\n".to_owned();
+    }
+    output::print(text, exit::DONE)
 }
 
 pub(crate) async fn print(view: &View, json: bool) -> ExitCode {

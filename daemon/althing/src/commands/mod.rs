@@ -16,6 +16,7 @@ mod keyboard;
 pub(crate) mod mailbox;
 mod mode;
 mod plan;
+mod plugin;
 mod replay;
 mod scenario;
 mod send;
@@ -47,6 +48,7 @@ pub(crate) const READY: &str = "is ready";
 pub(crate) fn run(command: Command) -> ExitCode {
     match command {
         Command::Plan(args) => plan::run(&args),
+        Command::Plugin(args) => plugin::run(&args),
         Command::Validate(args) => validate::run(&args),
         Command::Check(args) => check::run(&args, &plugins::known()),
         Command::Up(args) => up::run(&args),

@@ -15,7 +15,7 @@ use crate::cli::UpArgs;
 use crate::commands::client::{self, View};
 use crate::commands::{READY, hearing};
 use crate::config::{self, AgentEntry, Ecosystem, InterfaceEntry, Overrides};
-use crate::hosting::{self, GuestKeys, Node, Part, Stay, Wire, socket_in};
+use crate::hosting::{self, GuestKeys, Node, Part, Processes, Stay, Wire, socket_in};
 use crate::interfacing::{self, Other};
 use crate::prompt::{self, Guest};
 use crate::report::Report;
@@ -344,7 +344,9 @@ async fn open(
     ecosystem: &Ecosystem,
     place: &Place,
 ) -> Result<(Node, Option<Server>, Stay), String> {
-    let (building, server) = simulated(ecosystem, &place.agents).await?;
+    let socket = building_socket(ecosystem, place)?;
+    let (building, server) = simulated(ecosystem, &place.agents, socket.as_ref()).await?;
+    let socket = socket.filter(|_| building.is_some());
     let state =
         hosting::state_folder(&ecosystem.name, &place.daemon).map_err(|error| error.to_string())?;
     let (wire, stay) = wire(ecosystem, &place.daemon).await?;
@@ -354,10 +356,29 @@ async fn open(
         agents: place.agents.clone(),
         mode: ecosystem.mode,
         building,
-        state: Some(state),
+        state: Some(state.clone()),
     };
     let node = Node::open(part, wire).await.map_err(|error| error.to_string())?;
+    let processes = Processes {
+        ecosystem,
+        agents: &place.agents,
+        runtime: hosting::runtime_folder(&ecosystem.name).map_err(|error| error.to_string())?,
+        state,
+        building: socket,
+    };
+    node.host_processes(processes)?;
     Ok((node, server, stay))
+}
+
+/// Where several processes share the building: as the file says, or where plugins of this daemon that
+/// are processes find it.
+fn building_socket(ecosystem: &Ecosystem, place: &Place) -> Result<Option<PathBuf>, String> {
+    if ecosystem.building.socket.is_some() {
+        return Ok(ecosystem.building.socket.clone());
+    }
+    let is_shared = place.agents.iter().any(|entry| !entry.is_built_in());
+    let folder = hosting::runtime_folder(&ecosystem.name).map_err(|error| error.to_string())?;
+    Ok(is_shared.then(|| folder.join(format!("{}.building", place.daemon))))
 }
 
 /// The building of the simulated drivers, if any is hosted here: another process's, if one
@@ -365,6 +386,7 @@ async fn open(
 async fn simulated(
     ecosystem: &Ecosystem,
     agents: &[AgentEntry],
+    socket: Option<&PathBuf>,
 ) -> Result<(Option<BuildingHandle>, Option<Server>), String> {
     let has_drivers = |entry: &AgentEntry| {
         plugins::find(&entry.plugin).is_some_and(|plugin| !plugin.drivers.is_empty())
@@ -372,13 +394,13 @@ async fn simulated(
     if !agents.iter().any(has_drivers) {
         return Ok((None, None));
     }
-    if let Some(socket) = &ecosystem.building.socket
+    if let Some(socket) = socket
         && let Ok(building) = BuildingHandle::connect(socket).await
     {
         return Ok((Some(building), None));
     }
     let building = hosting::simulate(ecosystem).map_err(|error| error.to_string())?;
-    let Some(socket) = &ecosystem.building.socket else {
+    let Some(socket) = socket else {
         return Ok((Some(building.handle()), None));
     };
     match ::building::serve(building.handle(), socket).await {

@@ -8,6 +8,7 @@ use std::time::Duration;
 use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{Mode, Rights, Settings};
 use pddl::{Domain, Problem};
+use plugin_host::Admit;
 use serde_json::Value;
 
 use super::InterfaceEntry;
@@ -41,6 +42,8 @@ pub(crate) struct Ecosystem {
     pub(crate) security: Option<SecuritySettings>,
     /// Who may do what, where it is secured.
     pub(crate) rights: Rights,
+    /// Plugins that run as processes.
+    pub(crate) plugins: PluginSettings,
     /// The simulated building.
     pub(crate) building: BuildingSettings,
     /// Where the entries of agents and interfaces were written: `agent.0.config` and what is in it.
@@ -54,8 +57,10 @@ pub(crate) struct Ecosystem {
 pub(crate) struct AgentEntry {
     /// Its name, unique in the ecosystem.
     pub(crate) name: AgentId,
-    /// The plugin that builds it; a known one.
+    /// The plugin that builds it: a known one, or one of its package's.
     pub(crate) plugin: String,
+    /// The package whose process brings it; none for an agent of the daemon itself.
+    pub(crate) package: Option<String>,
     /// Which daemons host it; none where whoever runs alone does. Of several, one acts and the
     /// others stand by.
     pub(crate) daemons: Vec<DaemonId>,
@@ -63,6 +68,13 @@ pub(crate) struct AgentEntry {
     pub(crate) driver: Option<String>,
     /// For the plugin, as it is; null where nothing is said.
     pub(crate) config: Arc<Value>,
+}
+
+impl AgentEntry {
+    /// Whether the daemon itself has its plugin.
+    pub(crate) fn is_built_in(&self) -> bool {
+        self.package.is_none()
+    }
 }
 
 /// How an ecosystem is secured.
@@ -74,6 +86,15 @@ pub(crate) struct SecuritySettings {
     pub(crate) warn_before: Duration,
     /// What one daemon may send in a second.
     pub(crate) messages_per_second_max: u32,
+}
+
+/// Where plugins that run as processes come from, and who of theirs takes part.
+#[derive(Clone, Debug)]
+pub(crate) struct PluginSettings {
+    /// The folder with their packages; none for this machine's own.
+    pub(crate) folder: Option<PathBuf>,
+    /// Whether agents that the file does not name take part.
+    pub(crate) admit: Admit,
 }
 
 /// What the simulated building is like besides the map.
@@ -121,7 +142,10 @@ impl Ecosystem {
 
     /// The agents that keep what must outlive a process.
     pub(crate) fn journals(&self) -> impl Iterator<Item = &AgentId> {
-        let journals = self.agents.iter().filter(|agent| agent.plugin == journal::PLUGIN.name);
+        let journals = self
+            .agents
+            .iter()
+            .filter(|agent| agent.is_built_in() && agent.plugin == journal::PLUGIN.name);
         journals.map(|agent| &agent.name)
     }
 

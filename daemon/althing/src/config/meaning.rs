@@ -23,11 +23,12 @@ use ::building::Quantity;
 use acl::{DaemonId, EcosystemId, InvalidName};
 use agent::Allowed;
 use pddl::{Diagnostic, Span};
+use plugin_host::Admit;
 
 use super::KnownPlugin;
-use super::ecosystem::{BuildingSettings, Ecosystem};
+use super::ecosystem::{BuildingSettings, Ecosystem, PluginSettings};
 use super::layer::{Layer, Place, Places};
-use super::raw::{Raw, RawBuilding, RawEcosystem};
+use super::raw::{Raw, RawBuilding, RawEcosystem, RawPlugins};
 use crate::report::{Report, Source};
 use files::Files;
 use rights::limited_actions;
@@ -59,6 +60,7 @@ pub(super) fn understand(
         limits,
         security,
         rights,
+        plugins,
         building,
     } = raw;
     let RawEcosystem { name, domain, problem, mode, daemons } = ecosystem;
@@ -80,6 +82,7 @@ pub(super) fn understand(
     if let Allowed::These(newcomers) = &mut rights.newcomers {
         newcomers.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
     }
+    let plugins = meaning.plugins(plugins);
     let building = meaning.building(building, files.as_ref());
 
     let mut report = meaning.report;
@@ -98,6 +101,7 @@ pub(super) fn understand(
             settings,
             security,
             rights,
+            plugins,
             building,
             places: Places::of_agents(layers),
             warnings: report,
@@ -109,6 +113,15 @@ pub(super) fn understand(
 // === impl Meaning ===
 
 impl Meaning<'_> {
+    /// Where plugins come from; a folder is named relative to the file.
+    fn plugins(&self, raw: RawPlugins) -> PluginSettings {
+        let RawPlugins { folder, admit } = raw;
+        let beside = |folder: String| self.file.parent().unwrap_or(Path::new("")).join(folder);
+        // The schema lets nothing else through.
+        let admit = if admit == "listed" { Admit::Listed } else { Admit::All };
+        PluginSettings { folder: folder.map(beside), admit }
+    }
+
     /// Where something was written last: the environment wins over the file, as its value does.
     fn place(&self, path: &str) -> Option<(Arc<Source>, Place)> {
         self.layers.iter().rev().find_map(|layer| {

@@ -28,6 +28,7 @@ pub(super) struct Raw {
     pub(super) limits: RawLimits,
     pub(super) security: RawSecurity,
     pub(super) rights: RawRights,
+    pub(super) plugins: RawPlugins,
     pub(super) building: RawBuilding,
 }
 
@@ -48,6 +49,7 @@ pub(super) struct RawEcosystem {
 pub(super) struct RawAgent {
     pub(super) name: Option<String>,
     pub(super) plugin: Option<String>,
+    pub(super) package: Option<String>,
     /// Empty where nothing is said.
     pub(super) daemon: Vec<String>,
     pub(super) driver: Option<String>,
@@ -135,6 +137,15 @@ pub(super) struct RawRights {
     pub(super) newcomers: Vec<String>,
     pub(super) goals: Vec<String>,
     pub(super) changes: Vec<String>,
+}
+
+/// `[plugins]`
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct RawPlugins {
+    #[serde(default)]
+    pub(super) folder: Option<String>,
+    pub(super) admit: String,
 }
 
 /// `[building]`

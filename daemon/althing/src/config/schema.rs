@@ -56,6 +56,7 @@ pub(super) static FILE: Shape = Shape::Table(&[
     key("limits", Shape::Table(LIMITS), "how many there may be"),
     key("security", Shape::Table(SECURITY), "links by TLS, and signed messages"),
     key("rights", Shape::Table(RIGHTS), "who may do what where that is secured"),
+    key("plugins", Shape::Table(PLUGINS), "plugins that run as processes"),
     key("building", Shape::Table(BUILDING), "the simulated building"),
 ]);
 
@@ -70,6 +71,7 @@ const ECOSYSTEM: &[Key] = &[
 const AGENT: &[Key] = &[
     key("name", Shape::Text, "its name, such as \"thermometer-office2\""),
     key("plugin", Shape::Text, "what it is, such as \"temperature-sensor\""),
+    key("package", Shape::Text, "the package whose process brings it"),
     key("daemon", Shape::Texts, "which machine hosts it; of several, one at a time"),
     key("driver", Shape::Text, "what it acts through, such as \"simulated\""),
     key("config", Shape::Free, "handed to the plugin as it is"),
@@ -140,6 +142,11 @@ const RIGHTS: &[Key] = &[
     key("newcomers", Shape::Texts, "daemons that may bring agents which the file does not name"),
     key("goals", Shape::Texts, "agents that may ask for goals; \"guests\", \"*\""),
     key("changes", Shape::Texts, "agents that may change what is known; \"guests\", \"*\""),
+];
+
+const PLUGINS: &[Key] = &[
+    key("folder", Shape::Text, "where packages are, such as \"plugins\""),
+    key("admit", Shape::Choice(&["all", "listed"]), "whether agents not named here take part"),
 ];
 
 const BUILDING: &[Key] = &[

@@ -109,6 +109,18 @@ pub(crate) fn socket_in(folder: &Path, daemon: &str) -> Result<PathBuf, FolderEr
     Ok(path)
 }
 
+/// The folder of this machine's packages of plugins: `$ALTHING_PLUGINS_DIR`, or what the ecosystem's
+/// file says, or `plugins` in systemd's `$STATE_DIRECTORY`, or `althing/plugins` in `$XDG_DATA_HOME` or
+/// `~/.local/share`.
+pub(crate) fn plugins_folder(said: Option<&Path>) -> PathBuf {
+    let home = || variable("HOME").map(|home| home.join(".local/share"));
+    variable("ALTHING_PLUGINS_DIR")
+        .or_else(|| said.map(Path::to_owned))
+        .or_else(|| Some(variable("STATE_DIRECTORY")?.join("plugins")))
+        .or_else(|| Some(variable("XDG_DATA_HOME").or_else(home)?.join("althing/plugins")))
+        .unwrap_or_else(|| PathBuf::from("/var/lib/althing/plugins"))
+}
+
 fn variable(name: &str) -> Option<PathBuf> {
     std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from)
 }

@@ -6,6 +6,7 @@ mod building;
 mod credentials;
 mod entrance;
 mod folders;
+mod processes;
 mod rehearsal;
 mod standstill;
 mod supervisor;
@@ -26,7 +27,10 @@ use crate::config::{AgentEntry, Ecosystem};
 pub(crate) use building::simulate;
 pub(crate) use credentials::{GuestKeys, announce_end, forget_keys, secure, tell_keys};
 pub(crate) use entrance::{Stay, enter};
-pub(crate) use folders::{running_ecosystems, runtime_folder, socket_in, state_folder};
+pub(crate) use folders::{
+    plugins_folder, running_ecosystems, runtime_folder, socket_in, state_folder,
+};
+pub(crate) use processes::{Processes, become_plugin};
 pub(crate) use rehearsal::{models, rehearse};
 pub(crate) use standstill::watch_standstill;
 use supervisor::Supervised;
@@ -141,7 +145,8 @@ impl Node {
             resources,
         });
         node.host = Some(host);
-        for entry in agents {
+        // What packages bring comes when it comes: a plugin that fails keeps nobody waiting.
+        for entry in agents.into_iter().filter(AgentEntry::is_built_in) {
             node.plug_in(entry)?;
         }
         node.await_agents().await?;

@@ -21,7 +21,10 @@ pub(crate) fn rehearse(ecosystem: &Ecosystem) -> Report {
     let mut report = Report::default();
     let host = host(ecosystem);
     for (index, entry) in ecosystem.agents.iter().enumerate() {
-        if let Err(error) = supervisor::rehearse(entry, &host).map(drop) {
+        // What a package brings, only the machine knows that has the package.
+        if entry.is_built_in()
+            && let Err(error) = supervisor::rehearse(entry, &host).map(drop)
+        {
             let path = culprit(entry, &host, &error);
             report_at(ecosystem, &format!("agent.{index}.config{path}"), &error, &mut report);
         }
@@ -43,7 +46,7 @@ pub(crate) fn models(ecosystem: &Ecosystem) -> BTreeMap<AgentId, ActionModel> {
         let model = pddl::parse_action_model(&text).into_result().ok()?;
         Some((entry.name.clone(), model))
     };
-    ecosystem.agents.iter().filter_map(model).collect()
+    ecosystem.agents.iter().filter(|entry| entry.is_built_in()).filter_map(model).collect()
 }
 
 /// What agents are built with that do not live.

@@ -37,15 +37,46 @@ impl Meaning<'_> {
 
     fn agent(&mut self, path: &str, raw: RawAgent, files: Option<&Files>) -> Option<AgentEntry> {
         // What it may offer is for `rights`.
-        let RawAgent { name, plugin, daemon, driver, config, actions: _ } = raw;
+        let RawAgent { name, plugin, package, daemon, driver, config, actions: _ } = raw;
         let name = self.agent_name(path, name, files);
+        if let Some(package) = package {
+            let package = self.package(path, package);
+            let daemons = self.hosts(path, None, &daemon)?;
+            self.one_host(path, &daemons);
+            let package = package?;
+            let (plugin, config) = (plugin.unwrap_or_else(|| package.clone()), config.into());
+            let package = Some(package);
+            return Some(AgentEntry { name: name?, plugin, package, daemons, driver, config });
+        }
         let plugin = self.plugin(path, plugin);
         if let (Some(known), Some(driver)) = (plugin, &driver) {
             self.driver(path, known.name, known.drivers, driver);
         }
         let daemons = self.hosts(path, plugin, &daemon)?;
         let plugin = plugin?.name.to_owned();
-        Some(AgentEntry { name: name?, plugin, daemons, driver, config: config.into() })
+        let (package, config) = (None, config.into());
+        Some(AgentEntry { name: name?, plugin, package, daemons, driver, config })
+    }
+
+    /// The name of a package: whether it is there, only the machine knows that hosts it.
+    fn package(&mut self, path: &str, package: String) -> Option<String> {
+        match AgentId::new(&package) {
+            Ok(_) => Some(package),
+            Err(err) => {
+                self.invalid_name(&format!("{path}.package"), &err);
+                None
+            }
+        }
+    }
+
+    /// Of what a package brings there is one.
+    fn one_host(&mut self, path: &str, hosts: &[DaemonId]) {
+        if hosts.len() > 1 {
+            self.about_value(&format!("{path}.daemon"), |span| {
+                let message = "several daemons cannot host an agent of a package";
+                Diagnostic::error(span, message).with_help("give it to one, or write an entry each")
+            });
+        }
     }
 
     /// The daemons that host an agent.

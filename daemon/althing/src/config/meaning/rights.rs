@@ -67,7 +67,7 @@ impl Meaning<'_> {
         let rights = |entry: &AgentEntry| AgentRights {
             daemons: entry.daemons.iter().cloned().collect(),
             actions: limited.get(entry.name.as_str()).cloned(),
-            reasons: REASONING.contains(&entry.plugin.as_str()),
+            reasons: entry.is_built_in() && REASONING.contains(&entry.plugin.as_str()),
         };
         Rights {
             agents: agents.iter().map(|entry| (entry.name.clone(), rights(entry))).collect(),

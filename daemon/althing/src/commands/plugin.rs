@@ -1,0 +1,242 @@
+//! `althing plugin`: programs that bring agents, on this machine and in a running ecosystem.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use agent::Resource;
+use plugin_host::{Faults, Package, Plugins, Shelf, ShelfError, Status};
+use serde_json::json;
+
+use crate::cli::{
+    AskArgs, PluginAddArgs, PluginArgs, PluginCheckArgs, PluginCommand, PluginLogsArgs,
+    PluginNameArgs, PluginPlaceArgs,
+};
+use crate::commands::client::{self, View};
+use crate::config::{self, Ecosystem, Overrides};
+use crate::report::{Report, Source};
+use crate::{exit, hosting, output, plugins};
+
+/// Shows, checks, adds, removes.
+pub(super) fn run(args: &PluginArgs) -> ExitCode {
+    match &args.command {
+        PluginCommand::List(args) => client::with_view(args, list),
+        PluginCommand::Check(args) => check(args),
+        PluginCommand::Add(args) => add(args),
+        PluginCommand::Remove(args) => change(args, "removed", |shelf, name| shelf.remove(name)),
+        PluginCommand::Enable(args) => {
+            change(args, "enabled", |shelf, name| shelf.set_disabled(name, false))
+        }
+        PluginCommand::Disable(args) => {
+            change(args, "disabled", |shelf, name| shelf.set_disabled(name, true))
+        }
+        PluginCommand::Logs(args) => logs(args),
+    }
+}
+
+/// How the plugins of all daemons are.
+pub(super) async fn plugins(view: &View) -> Vec<Plugins> {
+    view.directory(None).await;
+    let answers = view.ask(Resource::Plugins, None).await;
+    let read = |answer: &bytes::Bytes| serde_json::from_slice(answer).ok();
+    let mut plugins: Vec<Plugins> = answers.iter().filter_map(read).collect();
+    plugins.sort_by(|one, other| one.daemon.cmp(&other.daemon));
+    plugins.dedup_by(|one, other| one.daemon == other.daemon);
+    plugins
+}
+
+async fn list(view: &View, json: bool) -> ExitCode {
+    let found = plugins(view).await;
+    if json {
+        let value = json!({ "ecosystem": view.name, "daemons": found });
+        return output::print_json(&value, exit::DONE);
+    }
+    let all: Vec<_> = found
+        .iter()
+        .flat_map(|plugins| plugins.plugins.iter().map(move |status| (plugins, status)))
+        .collect();
+    let mut text = String::new();
+    if all.is_empty() {
+        for plugins in &found {
+            let (folder, daemon) = (&plugins.folder, &plugins.daemon);
+            let _ = writeln!(
+                text,
+                "`{daemon}` has none: althing plugin add FOLDER, or put it into {folder}"
+            );
+        }
+        return output::print(text, exit::DONE);
+    }
+    let _ = writeln!(
+        text,
+        "{:<20} {:<10} {:<14} {:<10} AGENTS",
+        "PLUGIN", "VERSION", "DAEMON", "STATE"
+    );
+    for (plugins, status) in all {
+        text += &line(plugins, status);
+    }
+    output::print(text, exit::DONE)
+}
+
+fn line(plugins: &Plugins, status: &Status) -> String {
+    let agents: Vec<_> = status.agents.iter().map(acl::AgentId::as_str).collect();
+    let state = status.state.as_str();
+    let line = format!(
+        "{:<20} {:<10} {:<14} {state:<10} {}",
+        status.name,
+        status.version,
+        plugins.daemon,
+        agents.join(", ")
+    );
+    let mut text = output::folded(line.trim_end(), 4);
+    text.push('\n');
+    if let Some(reason) = &status.reason {
+        text += &output::folded(&format!("    {reason}"), 4);
+        text.push('\n');
+    }
+    text
+}
+
+fn check(args: &PluginCheckArgs) -> ExitCode {
+    let mut report = Report::default();
+    let mut text = String::new();
+    for folder in &args.packages {
+        match Package::open(folder) {
+            Ok(package) => {
+                let manifest = package.manifest;
+                let _ = writeln!(text, "{} {}: nothing is wrong", manifest.name, manifest.version);
+            }
+            Err(faults) => add_faults(faults, &mut report),
+        }
+    }
+    if report.has_errors() {
+        return output::show(&report, args.print.json, "bad-input", exit::BAD_INPUT);
+    }
+    if args.print.json {
+        return output::print_json(&json!({ "status": "ok" }), exit::DONE);
+    }
+    output::print(text, exit::DONE)
+}
+
+fn add_faults(faults: Faults, report: &mut Report) {
+    let Faults { file, text, found } = faults;
+    if text.is_empty() {
+        found.into_iter().for_each(|mistake| report.add_general(mistake));
+    } else {
+        report.add(&Source::new(file.display().to_string(), text), found);
+    }
+}
+
+fn add(args: &PluginAddArgs) -> ExitCode {
+    let json = args.print.json;
+    let shelf = match shelf(&args.place) {
+        Ok(shelf) => shelf,
+        Err(problem) => return super::wrong(&format!("failed to {problem}"), json),
+    };
+    // A folder is called by its name wherever one stands.
+    let from = args.package.canonicalize().unwrap_or_else(|_| args.package.clone());
+    let was = Package::open(&shelf.at(&from.file_name().unwrap_or_default().to_string_lossy()));
+    match shelf.add(&from) {
+        Ok(manifest) => {
+            let (name, version) = (&manifest.name, &manifest.version);
+            let folder = shelf.at(name).display().to_string();
+            if json {
+                let value = json!({ "plugin": name, "version": version, "folder": folder });
+                return output::print_json(&value, exit::DONE);
+            }
+            let before = was.map(|was| format!(" in place of {}", was.manifest.version));
+            let before = before.unwrap_or_default();
+            let said = format!("added {name} {version}{before}, in {folder}\n");
+            output::print(
+                said + "A daemon that runs here starts it now: althing plugin list\n",
+                exit::DONE,
+            )
+        }
+        Err(ShelfError::Faulty(faults)) => {
+            let mut report = Report::default();
+            add_faults(*faults, &mut report);
+            output::show(&report, json, "bad-input", exit::BAD_INPUT)
+        }
+        Err(error) => super::wrong(&format!("failed to {error}"), json),
+    }
+}
+
+fn change(
+    args: &PluginNameArgs,
+    done: &str,
+    change: impl FnOnce(&Shelf, &str) -> Result<(), ShelfError>,
+) -> ExitCode {
+    let json = args.print.json;
+    let name = &args.name;
+    let changed = shelf(&args.place).and_then(|shelf| {
+        change(&shelf, name).map_err(|error| match error {
+            ShelfError::Unknown { .. } => {
+                match pddl::nearest(name, shelf.names().iter().map(String::as_str)) {
+                    Some(near) => format!("{error}; did you mean `{near}`?"),
+                    None => error.to_string(),
+                }
+            }
+            error => error.to_string(),
+        })
+    });
+    match changed {
+        Ok(()) if json => {
+            output::print_json(&json!({ "plugin": name, "status": done }), exit::DONE)
+        }
+        Ok(()) => output::print(format!("{done} {name}\n"), exit::DONE),
+        Err(problem) => super::wrong(&format!("failed to {problem}"), json),
+    }
+}
+
+fn shelf(place: &PluginPlaceArgs) -> Result<Shelf, String> {
+    if let Some(folder) = &place.folder {
+        return Ok(Shelf { folder: folder.clone() });
+    }
+    let file = match &place.ecosystem {
+        Some(asked) => Some(config::resolve_ecosystem(asked)?),
+        None => config::find_ecosystem_file(),
+    };
+    let said: Option<PathBuf> = match file {
+        Some(file) => {
+            let read = Ecosystem::load(&file, &Overrides::default(), &plugins::known());
+            let ecosystem = read.map_err(|error| {
+                output::show_people(&error.into_report());
+                format!("read {}", file.display())
+            })?;
+            ecosystem.plugins.folder
+        }
+        None => None,
+    };
+    Ok(Shelf { folder: hosting::plugins_folder(said.as_deref()) })
+}
+
+fn logs(args: &PluginLogsArgs) -> ExitCode {
+    let ask = AskArgs { reach: args.reach.clone(), print: args.print.clone() };
+    let (name, lines) = (args.name.clone(), args.lines);
+    client::with_view(&ask, async move |view: &View, json: bool| {
+        let found = plugins(view).await;
+        let of_it = |status: &&Status| status.name == name;
+        let status = found.iter().flat_map(|plugins| &plugins.plugins).find(of_it);
+        let Some(status) = status else {
+            let known = found.iter().flat_map(|plugins| &plugins.plugins);
+            let near = pddl::nearest(&name, known.map(|status| status.name.as_str()));
+            let hint = near.map(|near| format!("; did you mean `{near}`?")).unwrap_or_default();
+            return super::wrong(&format!("there is no plugin `{name}` here{hint}"), json);
+        };
+        let text = match std::fs::read_to_string(&status.log) {
+            Ok(text) => text,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
+            Err(error) => {
+                return super::wrong(&format!("failed to read {}: {error}", status.log), json);
+            }
+        };
+        let all: Vec<_> = text.lines().collect();
+        let last = all.get(all.len().saturating_sub(lines)..).unwrap_or_default();
+        if json {
+            return output::print_json(&json!({ "plugin": name, "lines": last }), exit::DONE);
+        }
+        if last.is_empty() {
+            return output::print(format!("{name} has printed nothing\n"), exit::DONE);
+        }
+        output::print(last.join("\n") + "\n", exit::DONE)
+    })
+}

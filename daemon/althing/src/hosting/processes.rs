@@ -1,0 +1,87 @@
+//! Plugins that run as processes, on this daemon: where they are, and how this program becomes one.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::os::unix::ffi::OsStringExt as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use plugin_host::{Confinement, LAUNCH, Launcher, Setting, Shelf, WantedAgent};
+
+use super::{Node, plugins_folder};
+use crate::config::{AgentEntry, Ecosystem};
+use crate::{exit, output};
+
+/// This program, as it runs now: also where its file was replaced meanwhile.
+const ITSELF: &str = "/proc/self/exe";
+
+/// What a daemon hosts plugins with.
+pub(crate) struct Processes<'p> {
+    pub(crate) ecosystem: &'p Ecosystem,
+    /// The agents of the daemon's part.
+    pub(crate) agents: &'p [AgentEntry],
+    /// The folder where daemons of this machine meet.
+    pub(crate) runtime: PathBuf,
+    /// Where the daemon keeps what it must not forget.
+    pub(crate) state: PathBuf,
+    /// The simulated building's socket.
+    pub(crate) building: Option<PathBuf>,
+}
+
+impl Node {
+    /// Hosts the plugins of this machine that run as processes, from now on.
+    ///
+    /// # Errors
+    ///
+    /// If a folder of the daemon's own cannot be made; for a person.
+    pub(crate) fn host_processes(&self, processes: Processes<'_>) -> Result<(), String> {
+        let Processes { ecosystem, agents, runtime, state, building } = processes;
+        let Some(landing) = self.landing() else { return Ok(()) };
+        let folder = plugins_folder(ecosystem.plugins.folder.as_deref());
+        // A folder that is there is one into which something can be put.
+        if let Err(error) = std::fs::create_dir_all(&folder) {
+            tracing::info!(folder = %folder.display(), %error, "no folder for plugins");
+        }
+        let mut wanted: BTreeMap<String, Vec<WantedAgent>> = BTreeMap::new();
+        for entry in agents {
+            let Some(package) = entry.package.clone() else { continue };
+            let (name, plugin) = (entry.name.clone(), entry.plugin.clone());
+            let (driver, config) = (entry.driver.clone(), (*entry.config).clone());
+            wanted.entry(package).or_default().push(WantedAgent { name, plugin, driver, config });
+        }
+        let daemon = self.switchboard().daemon();
+        let setting = Setting {
+            shelf: Shelf { folder },
+            landing,
+            agents: wanted,
+            named: ecosystem.agents.iter().map(|entry| entry.name.clone()).collect(),
+            admit: ecosystem.plugins.admit,
+            launcher: Launcher(PathBuf::from(ITSELF)),
+            sockets: runtime.join(format!("{daemon}.plugins")),
+            state: state.join("plugins"),
+            building,
+        };
+        plugin_host::host(setting).map_err(|error| format!("host plugins: {error}"))
+    }
+}
+
+/// Becomes a plugin, if that is what this process was started for: `become-plugin CONFINEMENT PROGRAM
+/// ARGUMENTS`. For daemons, and not for people; returns only where it cannot.
+pub(crate) fn become_plugin() -> Option<ExitCode> {
+    let mut arguments = std::env::args_os().skip(1);
+    if arguments.next().as_deref() != Some(LAUNCH.as_ref()) {
+        return None;
+    }
+    let confinement = arguments.next().map(OsString::into_vec).unwrap_or_default();
+    let problem = match serde_json::from_slice::<Confinement>(&confinement) {
+        Ok(confinement) => {
+            let program = PathBuf::from(arguments.next().unwrap_or_default());
+            let arguments: Vec<_> =
+                arguments.map(|argument| argument.to_string_lossy().into_owned()).collect();
+            confinement.become_program(&program, &arguments)
+        }
+        Err(error) => format!("failed to understand how it is confined: {error}"),
+    };
+    output::note(&problem);
+    Some(exit::with(exit::UNAVAILABLE))
+}

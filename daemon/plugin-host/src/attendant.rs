@@ -1,0 +1,195 @@
+//! Who speaks to the agents of a plugin, on the plugin's own endpoint: asks them to act, hears what
+//! became of it, and takes back what nobody waits for any more.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use acl::content::{Act, ActionToken, Cancelling, Outcome, Refusal, Report, Request, value};
+use acl::{AgentId, Performative, Protocol, ReplyToken};
+use actuator::{Call, Failure};
+use agent::{Agent, Answer, Callbacks, Context, Opening};
+use tokio::sync::{mpsc, oneshot};
+
+/// Orders that may wait: an agent does one thing at a time.
+const ORDERS_MAX: usize = 1_024;
+
+/// What an agent may take beside its method: to agree, and to confirm.
+const BESIDE_METHOD: Duration = Duration::from_secs(5);
+
+type Tell = oneshot::Sender<Result<Report, Failure>>;
+
+/// A hold on the attendant. Clones are of the same one.
+#[derive(Clone)]
+pub(crate) struct Bell(mpsc::Sender<Order>);
+
+enum Order {
+    Act {
+        to: AgentId,
+        call: Call,
+        timeout: Duration,
+        number: u64,
+        tell: Tell,
+    },
+    /// Nobody waits for it any more.
+    Forget(u64),
+}
+
+/// The agent.
+pub(crate) struct Attendant {
+    orders: Option<mpsc::Receiver<Order>>,
+    under_way: BTreeMap<u64, UnderWay>,
+}
+
+struct UnderWay {
+    exchange: ReplyToken,
+    to: AgentId,
+    tell: Tell,
+}
+
+/// Takes an order back when it is dropped.
+struct Asked {
+    bell: Bell,
+    number: u64,
+}
+
+impl Attendant {
+    pub(crate) fn new() -> (Attendant, Bell) {
+        let (bell, orders) = mpsc::channel(ORDERS_MAX);
+        (Attendant { orders: Some(orders), under_way: BTreeMap::new() }, Bell(bell))
+    }
+
+    fn next_order(&mut self, ctx: &mut Context<Self>) {
+        let Some(mut orders) = self.orders.take() else { return };
+        let next = async move {
+            let order = orders.recv().await;
+            (order, orders)
+        };
+        let work = ctx.run(next, |attendant: &mut Self, (order, orders), ctx| {
+            attendant.orders = Some(orders);
+            match order {
+                Some(Order::Act { to, call, timeout, number, tell }) => {
+                    attendant.ask(to, call, timeout, number, tell, ctx);
+                }
+                Some(Order::Forget(number)) => attendant.forget(number, ctx),
+                // Nobody holds the bell any more.
+                None => return,
+            }
+            attendant.next_order(ctx);
+        });
+        // It lasts as long as this agent.
+        std::mem::forget(work);
+    }
+
+    fn ask(
+        &mut self,
+        to: AgentId,
+        call: Call,
+        timeout: Duration,
+        number: u64,
+        tell: Tell,
+        ctx: &mut Context<Self>,
+    ) {
+        if tell.is_closed() {
+            return;
+        }
+        let conversation = ctx.new_conversation();
+        let (epoch, round) = (ctx.incarnation().0, 0);
+        let token = ActionToken { epoch, conversation: conversation.clone(), round, step: 0 };
+        let Call { action, method, arguments } = call;
+        let opening = Opening {
+            to: Some(to.clone()),
+            performative: Performative::Request,
+            protocol: Protocol::Action,
+            conversation,
+            content: value(&Request::Act(Box::new(Act { action, method, arguments, token }))),
+        };
+        let exchange =
+            ctx.open(opening, timeout + BESIDE_METHOD, move |attendant: &mut Self, answer, ctx| {
+                attendant.answered(number, answer, ctx);
+            });
+        self.under_way.insert(number, UnderWay { exchange, to, tell });
+    }
+
+    fn answered(&mut self, number: u64, answer: Answer, ctx: &mut Context<Self>) {
+        let outcome = match answer {
+            Answer::Silence => Err(Failure::Driver("hear from its plugin in time".to_owned())),
+            Answer::Undelivered(why) => Err(Failure::Driver(format!("reach its plugin: {why}"))),
+            Answer::Message(message) => match message.performative {
+                Performative::Agree => return,
+                Performative::Confirm => match message.content_as::<Report>() {
+                    Ok(report) if !report.outcome.is_final() => return,
+                    Ok(report) => judged(report),
+                    Err(error) => {
+                        ctx.not_understood(&message, error.to_string());
+                        Err(Failure::Driver(format!("understand its plugin: {error}")))
+                    }
+                },
+                _ => {
+                    let refusal = message.content_as::<Refusal>().map(|refusal| refusal.detail);
+                    let why = refusal.unwrap_or_else(|_| "without a reason".to_owned());
+                    Err(Failure::Driver(format!("go on: its plugin declined: {why}")))
+                }
+            },
+        };
+        if let Some(UnderWay { tell, exchange, .. }) = self.under_way.remove(&number) {
+            ctx.close(&exchange);
+            // Who asked may have given it up meanwhile.
+            let _ = tell.send(outcome);
+        }
+    }
+
+    fn forget(&mut self, number: u64, ctx: &mut Context<Self>) {
+        if let Some(UnderWay { exchange, to, .. }) = self.under_way.remove(&number) {
+            tracing::debug!(agent = %to, "gives it up");
+            ctx.withdraw(&exchange, &Cancelling::default());
+        }
+    }
+}
+
+fn judged(report: Report) -> Result<Report, Failure> {
+    match report.outcome {
+        Outcome::Done => Ok(report),
+        _ => {
+            let detail = report.detail.strip_prefix("failed to ").unwrap_or(&report.detail);
+            Err(Failure::Driver(detail.to_owned()))
+        }
+    }
+}
+
+impl Agent for Attendant {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        self.next_order(ctx);
+    }
+}
+
+impl Bell {
+    /// Asks an agent of the plugin to act. Dropped before its end, it is given up.
+    pub(crate) async fn act(
+        &self,
+        to: AgentId,
+        call: Call,
+        timeout: Duration,
+        number: u64,
+    ) -> Result<Report, Failure> {
+        let (tell, told) = oneshot::channel();
+        let gone = || Failure::Driver("reach its plugin: it is being stopped".to_owned());
+        let order = Order::Act { to, call, timeout, number, tell };
+        self.0.try_send(order).map_err(|_| gone())?;
+        let asked = Asked { bell: self.clone(), number };
+        let outcome = told.await.map_err(|_| gone())?;
+        // It has come to its end.
+        std::mem::forget(asked);
+        outcome
+    }
+}
+
+impl Drop for Asked {
+    fn drop(&mut self) {
+        // An attendant with no room for it has given up everything, or stops at its deadline.
+        let _ = self.bell.0.try_send(Order::Forget(self.number));
+    }
+}

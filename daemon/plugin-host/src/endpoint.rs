@@ -1,0 +1,263 @@
+//! Where a plugin joins: a wire of its own, on which it meets nobody but its host.
+//!
+//! What it says there is heard by its host alone, and what the ecosystem says is not heard there: so
+//! it can take nobody's name, ask for nothing, and overhear nothing. Its agents are in the ecosystem as
+//! its host lets them in (`proxy`).
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use acl::{AgentId, DaemonId, EcosystemId, HostName};
+use agent::{Landing, Launch as _, Observer, Settings, Sight, Switchboard};
+use pddl::ActionModel;
+use substrate::{Answer, Delivery, Inbound, Presence, Question, Rejected, Substrate};
+use substrate_zenoh::OpenError;
+use tokio::sync::{Notify, mpsc};
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use crate::attendant::{Attendant, Bell};
+use crate::package::Package;
+use crate::proxy::{Accepted, Escort};
+
+/// Who speaks to the agents of a plugin.
+const HOST: &str = "host";
+/// Who watches them.
+const WATCHER: &str = "host-watch";
+
+/// Agents that one plugin may bring: a gateway of a large house has hundreds.
+const AGENTS_MAX: usize = 1_024;
+
+/// Messages that are taken from a plugin in a second, and for each of its agents: heartbeats, and what
+/// happens. What is beyond is dropped.
+const MESSAGES_PER_SECOND: u32 = 200;
+const MESSAGES_PER_AGENT: u32 = 20;
+
+/// Seconds in a row in which a plugin says too much before it is stopped.
+const FLOOD_SECONDS: u32 = 5;
+
+/// How long the agents of a plugin may take to leave.
+const LEAVING: Duration = Duration::from_secs(3);
+
+/// An open endpoint; it outlives the processes that join it.
+pub(crate) struct Endpoint {
+    pub(crate) locator: String,
+    pub(crate) host: HostName,
+    substrate: Arc<dyn Substrate>,
+    pub(crate) accepted: Arc<Accepted>,
+    pub(crate) meter: Arc<Meter>,
+    stopping: CancellationToken,
+    tasks: TaskTracker,
+}
+
+/// What an endpoint is opened for.
+pub(crate) struct Purpose<'p> {
+    pub(crate) ecosystem: &'p EcosystemId,
+    pub(crate) daemon: &'p DaemonId,
+    pub(crate) settings: &'p Settings,
+    pub(crate) socket: &'p Path,
+    pub(crate) package: &'p Arc<Package>,
+    /// The agents that the plugin is asked to bring, each with the model that its package has for it.
+    pub(crate) agents: BTreeMap<AgentId, Option<Arc<ActionModel>>>,
+    pub(crate) landing: &'p Landing,
+}
+
+impl Endpoint {
+    pub(crate) async fn open(purpose: Purpose<'_>) -> Result<Endpoint, OpenError> {
+        let Purpose { ecosystem, daemon, settings, socket, package, agents, landing } = purpose;
+        let machine = landing.switchboard.machine();
+        let switchboard =
+            Switchboard::on(machine, ecosystem.clone(), daemon.clone(), settings.clone());
+        let meter = Arc::new(Meter::new(Arc::clone(&switchboard)));
+        let locator = format!("unixsock-stream/{}", socket.display());
+        let mut config = substrate_zenoh::Config::new(ecosystem.clone(), daemon.clone());
+        config.listen = vec![locator.clone()];
+        let inbound: Arc<dyn Inbound> = Arc::<Meter>::clone(&meter);
+        let substrate: Arc<dyn Substrate> = config.open(inbound).await?;
+        switchboard.connect(Arc::clone(&substrate));
+        let (stopping, tasks) = (landing.stopping.child_token(), TaskTracker::new());
+        let own = Landing {
+            switchboard,
+            host: Arc::clone(&landing.host),
+            stopping: CancellationToken::new(),
+            tasks: tasks.clone(),
+            tells_way: false,
+        };
+        let (attendant, bell) = Attendant::new();
+        let (newcomers, met) = mpsc::channel(AGENTS_MAX);
+        let host = HostName { daemon: daemon.clone(), agent: plain(HOST) };
+        drop(Box::new(attendant).launch(own.berth(&host.agent, Vec::new(), &stopping)));
+        let observer = Observer::of_all(newcomers);
+        drop(Box::new(observer).launch(own.berth(&plain(WATCHER), Vec::new(), &stopping)));
+        let accepted = Arc::new(Accepted::new(BTreeMap::new()));
+        let reception = Reception {
+            package: Arc::clone(package),
+            agents,
+            bell,
+            landing: landing.clone(),
+            accepted: Arc::clone(&accepted),
+            stopping: stopping.clone(),
+            tasks: tasks.clone(),
+            meter: Arc::clone(&meter),
+        };
+        tasks.spawn(reception.run(met));
+        Ok(Endpoint { locator, host, substrate, accepted, meter, stopping, tasks })
+    }
+
+    /// Lets the plugin's agents leave, and closes.
+    pub(crate) async fn close(self) {
+        self.stopping.cancel();
+        self.tasks.close();
+        if tokio::time::timeout(LEAVING, self.tasks.wait()).await.is_err() {
+            tracing::warn!(locator = self.locator, "agents of a plugin have not left in time");
+        }
+        self.substrate.close().await;
+    }
+}
+
+fn plain(name: &str) -> AgentId {
+    AgentId::new(name).expect("invariant: the host's names are names")
+}
+
+/// Meets whoever joins the endpoint.
+struct Reception {
+    package: Arc<Package>,
+    agents: BTreeMap<AgentId, Option<Arc<ActionModel>>>,
+    bell: Bell,
+    landing: Landing,
+    accepted: Arc<Accepted>,
+    stopping: CancellationToken,
+    tasks: TaskTracker,
+    meter: Arc<Meter>,
+}
+
+impl Reception {
+    async fn run(self, mut met: mpsc::Receiver<(AgentId, Sight)>) {
+        loop {
+            let (agent, sight) = tokio::select! {
+                biased;
+                () = self.stopping.cancelled() => return,
+                met = met.recv() => match met {
+                    Some(met) => met,
+                    None => return,
+                },
+            };
+            let own = match self.agents.get(&agent) {
+                Some(own) => own.clone(),
+                None if self.package.manifest.may_bring(&agent) => None,
+                None => {
+                    let plugin = &self.package.manifest.name;
+                    let why = format!(
+                        "`{plugin}` was not asked for it, and its manifest does not say that it \
+                         `brings` such an agent"
+                    );
+                    tracing::warn!(%agent, "is not let in: {why}");
+                    self.accepted.send_modify(|accepted| drop(accepted.insert(agent, Err(why))));
+                    continue;
+                }
+            };
+            self.meter.allow_more();
+            let escort = Escort {
+                agent,
+                sight,
+                bell: self.bell.clone(),
+                package: Arc::clone(&self.package),
+                own,
+                landing: self.landing.clone(),
+                accepted: Arc::clone(&self.accepted),
+                stopping: self.stopping.clone(),
+            };
+            self.tasks.spawn(escort.run());
+        }
+    }
+}
+
+/// Counts what a plugin says, and drops what is too much.
+pub(crate) struct Meter {
+    inner: Arc<Switchboard>,
+    per_second: AtomicU32,
+    second: Mutex<Second>,
+    /// Told when it has said too much for too long.
+    pub(crate) flooded: Notify,
+}
+
+struct Second {
+    began: Instant,
+    count: u32,
+    /// Seconds in a row that were too full.
+    over: u32,
+    dropped: u64,
+}
+
+impl Meter {
+    fn new(inner: Arc<Switchboard>) -> Meter {
+        let second = Second { began: Instant::now(), count: 0, over: 0, dropped: 0 };
+        Meter {
+            inner,
+            per_second: AtomicU32::new(MESSAGES_PER_SECOND),
+            second: Mutex::new(second),
+            flooded: Notify::new(),
+        }
+    }
+
+    fn allow_more(&self) {
+        self.per_second.fetch_add(MESSAGES_PER_AGENT, Ordering::Relaxed);
+    }
+
+    /// How many messages were dropped so far.
+    pub(crate) fn dropped(&self) -> u64 {
+        self.second.lock().unwrap_or_else(PoisonError::into_inner).dropped
+    }
+
+    /// Whether one more is taken.
+    fn takes(&self) -> bool {
+        let most = self.per_second.load(Ordering::Relaxed);
+        let mut second = self.second.lock().unwrap_or_else(PoisonError::into_inner);
+        let elapsed = second.began.elapsed();
+        if elapsed >= Duration::from_secs(1) {
+            let was_over = second.count > most && elapsed < Duration::from_secs(2);
+            second.over = if was_over { second.over + 1 } else { 0 };
+            (second.began, second.count) = (Instant::now(), 0);
+            if second.over >= FLOOD_SECONDS {
+                second.over = 0;
+                self.flooded.notify_one();
+            }
+        }
+        second.count = second.count.saturating_add(1);
+        let takes = second.count <= most;
+        second.dropped += u64::from(!takes);
+        takes
+    }
+}
+
+impl Inbound for Meter {
+    fn deliver(&self, delivery: Delivery) {
+        if self.takes() {
+            self.inner.deliver(delivery);
+        }
+    }
+
+    fn presence(&self, presence: Presence) {
+        // A process that ends is seen however much it has said before.
+        if self.takes() || matches!(presence, Presence::Left(_)) {
+            self.inner.presence(presence);
+        }
+    }
+
+    fn question(&self, question: Question) {
+        if self.takes() {
+            self.inner.question(question);
+        }
+    }
+
+    fn rejected(&self, rejected: &Rejected<'_>) {
+        self.inner.rejected(rejected);
+    }
+
+    fn admits(&self, answer: &Answer<'_>) -> bool {
+        self.inner.admits(answer)
+    }
+}

@@ -1,0 +1,386 @@
+//! Plugins that run as processes (the paper, “Plug & Play”): a folder that is put into another, or
+//! taken out, is something that the building can do, or cannot any more, without a restart.
+//!
+//! - `manifest` and `package` are what a package says of itself; `shelf` is the folder they are in.
+//! - `supervision` is the life of one plugin (`lives`: when it is started again; `living`: why it has
+//!   to be ended), `process` its process, `confinement` what that may do, `usage` what it takes, `log`
+//!   what it prints.
+//! - `endpoint` is where it joins: a wire of its own, on which an agent of this house's watches
+//!   (`agent::Observer`) and another speaks to it (`attendant`). `proxy` is the same agent as the
+//!   ecosystem knows it: an actuator like any other, whose planner and domain this daemon hosts.
+//! - `status` is what people see of all that.
+//!
+//! A plugin says and hears what any actuator does (docs/protocol.md), and only to its host: nothing of
+//! it has a meaning in the ecosystem but through the proxy.
+
+mod attendant;
+mod confinement;
+mod endpoint;
+mod lives;
+mod living;
+mod log;
+mod manifest;
+mod package;
+mod process;
+mod proxy;
+mod shelf;
+mod status;
+mod supervision;
+mod usage;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use acl::AgentId;
+use agent::Landing;
+use notify::{RecursiveMode, Watcher as _};
+use tokio::sync::{Notify, watch};
+
+pub use confinement::{Confinement, ConfinementError};
+pub use manifest::{ConfigKey, ConfigShape, Manifest, OwnAgent, Permissions};
+pub use package::{Faults, MANIFEST, Package};
+pub use process::Launcher;
+pub use shelf::{Shelf, ShelfError};
+pub use status::{Discovered, Plugins, State, Status};
+pub use supervision::WantedAgent;
+
+use log::Log;
+use package::{Stamp, stamp};
+use supervision::{Statuses, Supervision, Wanted, Wish};
+
+/// What this daemon's own program is told as its first argument, to become a plugin's: a
+/// [`Confinement`], the program and its arguments follow.
+pub const LAUNCH: &str = "become-plugin";
+
+/// How long a folder must be at rest before it is looked at: copies come file by file.
+const AT_REST: Duration = Duration::from_millis(60);
+
+/// How often it is looked at where the kernel does not say what changes.
+const LOOK_AGAIN: Duration = Duration::from_secs(5);
+
+/// Whether agents that no file names take part.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Admit {
+    /// They do.
+    #[default]
+    All,
+    /// They are listed.
+    Listed,
+}
+
+/// What plugins are hosted with.
+pub struct Setting {
+    /// Where packages are.
+    pub shelf: Shelf,
+    /// Where their agents live.
+    pub landing: Landing,
+    /// The agents that the ecosystem's file gives to this daemon, by package.
+    pub agents: BTreeMap<String, Vec<WantedAgent>>,
+    /// All agents that the file names, whoever hosts them.
+    pub named: BTreeSet<AgentId>,
+    /// Whether those that it does not name take part.
+    pub admit: Admit,
+    /// This daemon's own program.
+    pub launcher: Launcher,
+    /// Where sockets are.
+    pub sockets: PathBuf,
+    /// Where plugins keep what is their own, and where their logs are.
+    pub state: PathBuf,
+    /// The simulated building's socket.
+    pub building: Option<PathBuf>,
+}
+
+/// What all supervisions stand on.
+pub(crate) struct Ground {
+    pub(crate) shelf: Shelf,
+    pub(crate) landing: Landing,
+    pub(crate) launcher: Launcher,
+    pub(crate) sockets: PathBuf,
+    pub(crate) data: PathBuf,
+    pub(crate) building: Option<PathBuf>,
+    /// Told when the folder is to be looked at.
+    pub(crate) look_again: Notify,
+    taken_back: Mutex<BTreeMap<String, String>>,
+}
+
+impl Ground {
+    /// Which plugins were taken back to the version before, and why.
+    pub(crate) fn taken_back(&self) -> MutexGuard<'_, BTreeMap<String, String>> {
+        self.taken_back.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Hosts plugins until the daemon drains.
+///
+/// # Errors
+///
+/// If a folder of the daemon's own cannot be made.
+pub fn host(setting: Setting) -> std::io::Result<()> {
+    let Setting { shelf, landing, agents, named, admit, launcher, sockets, state, building } =
+        setting;
+    for folder in [&sockets, &state] {
+        std::fs::create_dir_all(folder)?;
+    }
+    let ground = Arc::new(Ground {
+        shelf,
+        landing,
+        launcher,
+        sockets,
+        data: state,
+        building,
+        look_again: Notify::new(),
+        taken_back: Mutex::default(),
+    });
+    let (statuses, discovered) = (Statuses::default(), Arc::<Mutex<Vec<Discovered>>>::default());
+    let tell = (Arc::clone(&ground), Arc::clone(&statuses), Arc::clone(&discovered));
+    ground.landing.switchboard.tell_plugins(move || told(&tell.0, &tell.1, &tell.2));
+    let keeper = Keeper {
+        ground: Arc::clone(&ground),
+        agents,
+        named,
+        admit,
+        statuses,
+        discovered,
+        kept: BTreeMap::new(),
+    };
+    ground.landing.tasks.spawn(keeper.run());
+    Ok(())
+}
+
+fn told(ground: &Ground, statuses: &Statuses, discovered: &Mutex<Vec<Discovered>>) -> String {
+    let plugins = Plugins {
+        daemon: ground.landing.switchboard.daemon().clone(),
+        folder: ground.shelf.folder.display().to_string(),
+        plugins: statuses
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .values()
+            .cloned()
+            .collect(),
+        discovered: discovered.lock().unwrap_or_else(PoisonError::into_inner).clone(),
+    };
+    serde_json::to_string(&plugins).unwrap_or_default()
+}
+
+/// Holds what is in the folder against what runs.
+struct Keeper {
+    ground: Arc<Ground>,
+    agents: BTreeMap<String, Vec<WantedAgent>>,
+    named: BTreeSet<AgentId>,
+    admit: Admit,
+    statuses: Statuses,
+    discovered: Arc<Mutex<Vec<Discovered>>>,
+    kept: BTreeMap<String, Kept>,
+}
+
+/// One plugin, as it was looked at last.
+struct Kept {
+    stamp: Stamp,
+    is_disabled: bool,
+    wish: watch::Sender<Wish>,
+}
+
+impl Keeper {
+    async fn run(mut self) {
+        let touched = Arc::new(Touched::default());
+        let _watcher = self.watch(&touched);
+        let stopping = self.ground.landing.stopping.clone();
+        loop {
+            self.look(&touched.take());
+            tokio::select! {
+                biased;
+                () = stopping.cancelled() => return,
+                () = self.ground.look_again.notified() => (),
+                () = touched.at_rest() => (),
+                () = tokio::time::sleep(LOOK_AGAIN) => (),
+            }
+        }
+    }
+
+    /// The kernel says what changes in the folder; where it does not, the folder is looked at now and
+    /// then.
+    fn watch(&self, touched: &Arc<Touched>) -> Option<notify::RecommendedWatcher> {
+        let folder = self.ground.shelf.folder.clone();
+        let touched = Arc::clone(touched);
+        let heard = {
+            let folder = folder.clone();
+            move |event: notify::Result<notify::Event>| {
+                if let Ok(event) = event {
+                    touched.note(&folder, &event);
+                }
+            }
+        };
+        let watched = notify::recommended_watcher(heard).and_then(|mut watcher| {
+            watcher.watch(&folder, RecursiveMode::Recursive)?;
+            Ok(watcher)
+        });
+        match watched {
+            Ok(watcher) => Some(watcher),
+            Err(error) => {
+                let folder = folder.display();
+                tracing::info!(%folder, %error, "the folder of plugins is looked at now and then");
+                None
+            }
+        }
+    }
+
+    /// Looks at the folder; `touched` are those about which somebody has said something.
+    fn look(&mut self, touched: &BTreeSet<String>) {
+        let mut names: BTreeSet<_> = self.ground.shelf.names().into_iter().collect();
+        names.extend(self.agents.keys().cloned());
+        let gone: Vec<_> =
+            self.kept.keys().filter(|name| !names.contains(*name)).cloned().collect();
+        for name in gone {
+            if let Some(kept) = self.kept.remove(&name) {
+                kept.wish.send_replace(Wish::Gone);
+            }
+        }
+        let mut discovered = Vec::new();
+        for name in names {
+            let now = stamp(&self.ground.shelf.at(&name));
+            let is_disabled = self.ground.shelf.is_disabled(&name);
+            let is_as_it_was = |kept: &Kept| {
+                kept.stamp == now && kept.is_disabled == is_disabled && !touched.contains(&name)
+            };
+            let package = Package::open(&self.ground.shelf.at(&name));
+            let wish = self.wish(&name, package, is_disabled, &mut discovered);
+            match self.kept.get_mut(&name) {
+                Some(kept) if is_as_it_was(kept) => (),
+                Some(kept) => {
+                    (kept.stamp, kept.is_disabled) = (now, is_disabled);
+                    kept.wish.send_replace(wish);
+                }
+                None => {
+                    let wish = self.begin(&name, wish);
+                    self.kept.insert(name, Kept { stamp: now, is_disabled, wish });
+                }
+            }
+        }
+        *self.discovered.lock().unwrap_or_else(PoisonError::into_inner) = discovered;
+    }
+
+    fn wish(
+        &self,
+        name: &str,
+        package: Result<Package, Faults>,
+        is_disabled: bool,
+        discovered: &mut Vec<Discovered>,
+    ) -> Wish {
+        let named = self.agents.get(name);
+        let package = match package {
+            Ok(package) => package,
+            Err(faults) if self.ground.shelf.at(name).exists() => {
+                return Wish::Rest(State::Invalid, Some(faults.first()));
+            }
+            Err(_) => {
+                let folder = self.ground.shelf.folder.display();
+                let reason = format!("the ecosystem's file names it, and it is not in {folder}");
+                return Wish::Rest(State::Invalid, Some(reason));
+            }
+        };
+        let joined = named.is_none() && self.admit == Admit::All && !is_disabled;
+        let own = || package.manifest.agents.iter().filter(|own| !self.named.contains(&own.name));
+        if named.is_none() {
+            discovered.extend(own().map(|own| Discovered {
+                agent: own.name.clone(),
+                by: format!("plugin {name}"),
+                joined,
+                toml: entry(name, own),
+            }));
+        }
+        if is_disabled {
+            return Wish::Rest(State::Disabled, None);
+        }
+        let agents: Vec<_> = match named {
+            Some(named) => named.clone(),
+            None if joined => own()
+                .map(|own| WantedAgent {
+                    name: own.name.clone(),
+                    plugin: name.to_owned(),
+                    driver: None,
+                    config: own.config.clone(),
+                })
+                .collect(),
+            None => Vec::new(),
+        };
+        let brings = joined && !package.manifest.brings.is_empty();
+        if agents.is_empty() && !brings {
+            let reason = match self.admit {
+                Admit::Listed if !package.manifest.agents.is_empty() => {
+                    "its agents are listed and do not join: `admit = \"listed\"`"
+                }
+                _ => "no [[agent]] of the ecosystem's file names it, and it brings none",
+            };
+            return Wish::Rest(State::Unused, Some(reason.to_owned()));
+        }
+        Wish::Run(Arc::new(Wanted { package: Arc::new(package), agents }))
+    }
+
+    fn begin(&self, name: &str, wish: Wish) -> watch::Sender<Wish> {
+        let (wish, wishes) = watch::channel(wish);
+        let path = self.ground.data.join(format!("{name}.log"));
+        let supervision = Supervision {
+            name: name.to_owned(),
+            ground: Arc::clone(&self.ground),
+            wishes,
+            statuses: Arc::clone(&self.statuses),
+            log: Log::new(name, path),
+        };
+        self.ground.landing.tasks.spawn(supervision.run());
+        wish
+    }
+}
+
+/// The lines that would configure an agent of a package.
+fn entry(package: &str, own: &OwnAgent) -> String {
+    let mut text = format!("[[agent]]\nname = \"{}\"\npackage = \"{package}\"\n", own.name);
+    if let Ok(config) = toml::to_string(&own.config)
+        && !config.trim().is_empty()
+    {
+        text += &format!("\n[agent.config]\n{config}");
+    }
+    text
+}
+
+/// Which plugins something was done to in the folder.
+#[derive(Default)]
+struct Touched {
+    names: Mutex<BTreeSet<String>>,
+    something: Notify,
+}
+
+impl Touched {
+    fn note(&self, folder: &std::path::Path, event: &notify::Event) {
+        if event.kind.is_access() {
+            return;
+        }
+        for path in &event.paths {
+            let within = path.strip_prefix(folder).ok();
+            let first = within.and_then(|within| within.components().next());
+            let Some(name) = first.and_then(|first| first.as_os_str().to_str()) else { continue };
+            // `.NAME.disabled` is about NAME; what is in a package is seen by its files.
+            if let Some((name, "disabled")) =
+                name.strip_prefix('.').and_then(|name| name.rsplit_once('.'))
+            {
+                self.lock().insert(name.to_owned());
+            }
+        }
+        self.something.notify_one();
+    }
+
+    fn lock(&self) -> MutexGuard<'_, BTreeSet<String>> {
+        self.names.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn take(&self) -> BTreeSet<String> {
+        std::mem::take(&mut *self.lock())
+    }
+
+    /// Waits until something was done, and nothing more for a moment.
+    async fn at_rest(&self) {
+        self.something.notified().await;
+        while tokio::time::timeout(AT_REST, self.something.notified()).await.is_ok() {}
+    }
+}

@@ -1,0 +1,169 @@
+//! What a plugin prints: a file of its own that never grows beyond a bound, and the daemon's log.
+
+use std::collections::VecDeque;
+use std::fs::{File, OpenOptions};
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use tokio::io::{AsyncBufReadExt as _, AsyncRead, AsyncReadExt as _, BufReader};
+use tokio::task::JoinHandle;
+
+/// A file grows to this, then it becomes the one before: a day of a talkative plugin.
+const FILE_BYTES_MAX: u64 = 1 << 20;
+/// A line is cut after this.
+const LINE_BYTES_MAX: u64 = 4 << 10;
+/// Lines in a second; what is beyond is counted and not kept.
+const LINES_PER_SECOND_MAX: u32 = 200;
+/// The last lines, for a reason that says more than a number.
+const LAST_LINES: usize = 4;
+
+/// Where a plugin's words go. Clones are the same.
+#[derive(Clone)]
+pub(crate) struct Log(Arc<Mutex<Inner>>);
+
+struct Inner {
+    name: String,
+    path: PathBuf,
+    file: Option<File>,
+    bytes: u64,
+    last: VecDeque<String>,
+    second: std::time::Instant,
+    in_second: u32,
+    dropped: u32,
+}
+
+impl Log {
+    pub(crate) fn new(name: &str, path: PathBuf) -> Log {
+        Log(Arc::new(Mutex::new(Inner {
+            name: name.to_owned(),
+            path,
+            file: None,
+            bytes: 0,
+            last: VecDeque::new(),
+            second: std::time::Instant::now(),
+            in_second: 0,
+            dropped: 0,
+        })))
+    }
+
+    pub(crate) fn path(&self) -> PathBuf {
+        self.lock().path.clone()
+    }
+
+    /// What was said last, for a person.
+    pub(crate) fn last_words(&self) -> Option<String> {
+        self.lock().last.iter().rev().find(|line| !line.trim().is_empty()).cloned()
+    }
+
+    /// Forgets what a former process said last.
+    pub(crate) fn begin(&self) {
+        self.lock().last.clear();
+    }
+
+    /// Takes down what comes through a process's pipe, to its end.
+    pub(crate) fn follow(
+        &self,
+        pipe: Option<impl AsyncRead + Unpin + Send + 'static>,
+    ) -> Option<JoinHandle<()>> {
+        Some(tokio::spawn(self.clone().take_down(pipe?)))
+    }
+
+    async fn take_down(self, pipe: impl AsyncRead + Unpin) {
+        let mut pipe = BufReader::new(pipe);
+        let mut line = Vec::new();
+        loop {
+            line.clear();
+            match (&mut pipe).take(LINE_BYTES_MAX).read_until(b'\n', &mut line).await {
+                Ok(0) | Err(_) => return,
+                Ok(_) => self.lock().note(String::from_utf8_lossy(&line).trim_end()),
+            }
+        }
+    }
+
+    /// Writes down what the host has to say of it.
+    pub(crate) fn remark(&self, remark: &str) {
+        self.lock().note(&format!("[althing] {remark}"));
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Inner {
+    fn note(&mut self, line: &str) {
+        let now = std::time::Instant::now();
+        if now.duration_since(self.second).as_secs() >= 1 {
+            (self.second, self.in_second) = (now, 0);
+            let dropped = std::mem::take(&mut self.dropped);
+            if dropped > 0 {
+                self.write(&format!("[althing] {dropped} lines were too many, and left out"));
+            }
+        }
+        self.in_second += 1;
+        if self.in_second > LINES_PER_SECOND_MAX {
+            self.dropped += 1;
+            return;
+        }
+        // What a plugin prints may draw on a terminal: it must not.
+        let plain: String = line.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+        tracing::info!(plugin = self.name, "{plain}");
+        self.last.push_back(plain.clone());
+        self.last.drain(..self.last.len().saturating_sub(LAST_LINES));
+        self.write(&plain);
+    }
+
+    fn write(&mut self, line: &str) {
+        if let Err(error) = self.try_write(line) {
+            tracing::debug!(plugin = self.name, %error, "its words could not be written down");
+        }
+    }
+
+    fn try_write(&mut self, line: &str) -> io::Result<()> {
+        if self.file.is_none() {
+            let file = OpenOptions::new().create(true).append(true).open(&self.path)?;
+            self.bytes = file.metadata()?.len();
+            self.file = Some(file);
+        }
+        if self.bytes > FILE_BYTES_MAX {
+            self.file = None;
+            std::fs::rename(&self.path, before(&self.path))?;
+            self.file = Some(OpenOptions::new().create(true).append(true).open(&self.path)?);
+            self.bytes = 0;
+        }
+        if let Some(file) = &mut self.file {
+            self.bytes += line.len() as u64 + 1;
+            writeln!(file, "{line}")?;
+        }
+        Ok(())
+    }
+}
+
+/// What was written before the file was full.
+pub(crate) fn before(path: &Path) -> PathBuf {
+    path.with_extension("log.1")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_flood_of_words_is_bounded_and_the_last_are_known() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("lamp.log");
+        let log = Log::new("lamp", path.clone());
+        let flood = "\u{1b}[2Jwarm\n".repeat(5_000);
+        log.clone().take_down(flood.as_bytes()).await;
+        let text = std::fs::read_to_string(&path).expect("written");
+        assert!(text.lines().count() <= 2 * LINES_PER_SECOND_MAX as usize, "{}", text.len());
+        assert!(!text.contains('\u{1b}'), "a terminal would obey it");
+        assert_eq!(log.last_words().as_deref(), Some(" [2Jwarm"));
+        let long = "x".repeat(1 << 20);
+        log.clone().take_down(long.as_bytes()).await;
+        let longest = std::fs::read_to_string(&path).expect("written");
+        let longest = longest.lines().map(str::len).max().unwrap_or(0);
+        assert!(longest as u64 <= LINE_BYTES_MAX, "{longest}");
+    }
+}

@@ -1,0 +1,518 @@
+//! `plugin.toml`: what a package says of itself, read and held against itself. No files, no clock.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use acl::content::{Method, Methods};
+use acl::{AgentId, Deadline, SCHEMA_VERSION};
+use pddl::{Diagnostic, Span};
+use serde::Deserialize;
+use serde_json::Value;
+use toml::Spanned;
+
+/// Longest manifest that is read.
+pub(crate) const MANIFEST_BYTES_MAX: u64 = 256 << 10;
+
+/// What an agent in another language takes: an interpreter, and a Zenoh session.
+const MEMORY_DEFAULT: u64 = 128 << 20;
+/// Nothing runs in less.
+const MEMORY_LEAST: u64 = 1 << 20;
+/// Sockets, pipes and a few devices.
+const FILES_DEFAULT: u64 = 64;
+/// A program and what it calls.
+const PROCESSES_DEFAULT: u32 = 16;
+/// Of one core. Interpreters load for a second; what goes on for longer is not a sensor.
+const CPU_DEFAULT: f64 = 0.5;
+/// An interpreter on a small board, and its devices.
+const READY_WITHIN_DEFAULT: Duration = Duration::from_secs(20);
+/// The longest that an action may take.
+const TIMEOUT_MAX: Duration = Duration::from_secs(24 * 3_600);
+
+/// A package as its manifest describes it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Manifest {
+    /// Its name: that of its folder.
+    pub name: String,
+    /// Its version, for people.
+    pub version: String,
+    /// What it is, in a line.
+    pub about: String,
+    /// The program and its arguments; a program with a `/` is a file of the package.
+    pub run: Vec<String>,
+    /// The file of the action model's template, if the package has one.
+    pub model: Option<PathBuf>,
+    /// How long it may take until all its agents are here.
+    pub ready_within: Duration,
+    /// The methods of the actions it may offer; no others.
+    pub methods: Methods,
+    /// Agents that come with it.
+    pub agents: Vec<OwnAgent>,
+    /// What other agents it may bring while it runs: names, or beginnings of names with a `*`.
+    pub brings: Vec<String>,
+    /// What the `config` of its agents may say.
+    pub config: BTreeMap<String, ConfigKey>,
+    /// What it may use.
+    pub permissions: Permissions,
+}
+
+/// An agent that comes with a package.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OwnAgent {
+    /// Its name.
+    pub name: AgentId,
+    /// Its `config`.
+    pub config: Value,
+}
+
+/// A key of an agent's `config`.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct ConfigKey {
+    /// What may stand there.
+    #[serde(rename = "type")]
+    pub shape: ConfigShape,
+    /// What it is for.
+    #[serde(default)]
+    pub about: String,
+    /// Whether it may be left out.
+    #[serde(default)]
+    pub optional: bool,
+}
+
+/// What may stand at a key of an agent's `config`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ConfigShape {
+    /// `"office2"`
+    Text,
+    /// `12.5`
+    Number,
+    /// `true`
+    Flag,
+    /// `[ … ]`
+    List,
+    /// `{ … }`
+    Table,
+}
+
+/// What a plugin may use, of its machine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Permissions {
+    /// Whether it may open connections beside the one to its daemon.
+    pub network: bool,
+    /// Devices it may read and write, such as `/dev/i2c-1`.
+    pub devices: Vec<PathBuf>,
+    /// Files and folders it may read beside the system's and its own.
+    pub read: Vec<PathBuf>,
+    /// Bytes it may hold.
+    pub memory: u64,
+    /// How much of one core, from 0.01.
+    pub cpu: f64,
+    /// Files it may have open.
+    pub files: u64,
+    /// Processes it may be.
+    pub processes: u32,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct Raw {
+    name: Spanned<String>,
+    version: Spanned<String>,
+    protocol: Spanned<String>,
+    #[serde(default)]
+    about: String,
+    run: Option<Spanned<Vec<String>>>,
+    #[serde(default)]
+    executable: BTreeMap<String, String>,
+    model: Option<PathBuf>,
+    ready_within: Option<Spanned<String>>,
+    #[serde(default)]
+    action: BTreeMap<String, Spanned<RawAction>>,
+    #[serde(default)]
+    agent: Vec<RawAgent>,
+    #[serde(default)]
+    brings: Vec<Spanned<String>>,
+    #[serde(default)]
+    config: BTreeMap<String, ConfigKey>,
+    #[serde(default)]
+    permissions: RawPermissions,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct RawAction {
+    method: String,
+    #[serde(default)]
+    arguments: BTreeMap<String, String>,
+    timeout: Spanned<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct RawAgent {
+    name: Spanned<String>,
+    #[serde(default)]
+    config: Value,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct RawPermissions {
+    #[serde(default)]
+    network: bool,
+    #[serde(default)]
+    devices: Vec<PathBuf>,
+    #[serde(default)]
+    read: Vec<PathBuf>,
+    memory: Option<Spanned<String>>,
+    cpu: Option<Spanned<f64>>,
+    files: Option<u64>,
+    processes: Option<u32>,
+}
+
+impl Manifest {
+    /// Reads a manifest.
+    ///
+    /// # Errors
+    ///
+    /// All that is wrong with it, each with its place.
+    pub fn read(text: &str) -> Result<Manifest, Vec<Diagnostic>> {
+        let raw: Raw = toml::from_str(text).map_err(|error| {
+            let place = error.span().unwrap_or_default();
+            let help = "docs/plugins.md says what a plugin.toml has";
+            vec![Diagnostic::error(span(place), error.message().to_owned()).with_help(help)]
+        })?;
+        let mut reading = Reading { found: Vec::new() };
+        let manifest = reading.manifest(raw);
+        if reading.found.is_empty() { Ok(manifest) } else { Err(reading.found) }
+    }
+
+    /// What is wrong with what somebody says of an agent of this package, if anything.
+    pub fn problem_with(&self, config: &Value) -> Option<String> {
+        let empty = serde_json::Map::new();
+        let said = match config {
+            Value::Null => &empty,
+            Value::Object(said) => said,
+            _ => return Some("config must be a table".to_owned()),
+        };
+        for (key, value) in said {
+            let Some(known) = self.config.get(key) else {
+                let known: Vec<_> = self.config.keys().map(|key| format!("`{key}`")).collect();
+                let known = match known.len() {
+                    0 => "none".to_owned(),
+                    _ => known.join(", "),
+                };
+                let name = &self.name;
+                return Some(format!("config has no key `{key}`; `{name}` has {known}"));
+            };
+            if !known.shape.fits(value) {
+                let right = known.shape.expected();
+                return Some(format!("config.{key} must be {right}, and is {value}"));
+            }
+        }
+        let is_missing = |(key, known): &(&String, &ConfigKey)| {
+            !known.optional && !said.contains_key(key.as_str())
+        };
+        let (key, known) = self.config.iter().find(is_missing)?;
+        let about = if known.about.is_empty() { "" } else { ": " };
+        Some(format!("config.{key} is missing{about}{}", known.about))
+    }
+
+    /// Whether a plugin may bring an agent that nobody has asked it for.
+    pub fn may_bring(&self, agent: &AgentId) -> bool {
+        self.brings.iter().any(|pattern| match pattern.strip_suffix('*') {
+            Some(beginning) => agent.as_str().starts_with(beginning),
+            None => agent.as_str() == pattern,
+        })
+    }
+}
+
+impl ConfigShape {
+    fn fits(self, value: &Value) -> bool {
+        match self {
+            ConfigShape::Text => value.is_string(),
+            ConfigShape::Number => value.is_number(),
+            ConfigShape::Flag => value.is_boolean(),
+            ConfigShape::List => value.is_array(),
+            ConfigShape::Table => value.is_object(),
+        }
+    }
+
+    fn expected(self) -> &'static str {
+        match self {
+            ConfigShape::Text => "a text in quotes",
+            ConfigShape::Number => "a number",
+            ConfigShape::Flag => "true or false",
+            ConfigShape::List => "a list in [ ]",
+            ConfigShape::Table => "a table",
+        }
+    }
+}
+
+/// What is found wrong on the way.
+struct Reading {
+    found: Vec<Diagnostic>,
+}
+
+impl Reading {
+    fn manifest(&mut self, raw: Raw) -> Manifest {
+        self.name(&raw.name);
+        if raw.version.get_ref().trim().is_empty() {
+            self.wrong(&raw.version, "a version says something", "write one, such as \"0.1.0\"");
+        }
+        self.protocol(&raw.protocol);
+        let run = self.program(raw.run, &raw.executable, &raw.name);
+        let ready_within = raw.ready_within.and_then(|said| self.duration(&said));
+        let methods = raw.action.into_iter().filter_map(|(name, action)| {
+            let method = self.method(&action)?;
+            Some((name.to_lowercase(), method))
+        });
+        Manifest {
+            methods: methods.collect(),
+            agents: raw.agent.into_iter().filter_map(|agent| self.agent(agent)).collect(),
+            brings: raw.brings.iter().filter_map(|pattern| self.pattern(pattern)).collect(),
+            permissions: self.permissions(raw.permissions),
+            name: raw.name.into_inner(),
+            version: raw.version.into_inner(),
+            about: raw.about,
+            ready_within: ready_within.unwrap_or(READY_WITHIN_DEFAULT),
+            run,
+            model: raw.model,
+            config: raw.config,
+        }
+    }
+
+    fn wrong<T>(&mut self, place: &Spanned<T>, message: impl Into<String>, help: &str) {
+        self.found.push(Diagnostic::error(span(place.span()), message).with_help(help));
+    }
+
+    fn name(&mut self, name: &Spanned<String>) {
+        if let Err(error) = AgentId::new(name.get_ref()) {
+            self.wrong(name, error.to_string(), "a name has lower-case letters, digits and `-`");
+        }
+    }
+
+    /// `"1"` or `"1-3"`: the versions of the protocol that the plugin speaks.
+    fn protocol(&mut self, said: &Spanned<String>) {
+        let (first, last) = said.get_ref().split_once('-').unwrap_or((said.get_ref(), ""));
+        let first = first.trim().parse::<u32>();
+        let last = if last.is_empty() { first.clone() } else { last.trim().parse() };
+        match (first, last) {
+            (Ok(first), Ok(last)) if first <= last => {
+                if !(first..=last).contains(&SCHEMA_VERSION) {
+                    let message = format!(
+                        "the plugin speaks version {} of the protocol, this daemon {SCHEMA_VERSION}",
+                        said.get_ref()
+                    );
+                    self.wrong(said, message, "get a version of the plugin for this Althing");
+                }
+            }
+            _ => self.wrong(said, "no versions", "write \"1\", or a first and a last: \"1-3\""),
+        }
+    }
+
+    fn program(
+        &mut self,
+        run: Option<Spanned<Vec<String>>>,
+        executables: &BTreeMap<String, String>,
+        name: &Spanned<String>,
+    ) -> Vec<String> {
+        let here = format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS);
+        match (run, executables.get(&here)) {
+            (Some(run), _) if run.get_ref().first().is_none_or(|program| program.is_empty()) => {
+                self.wrong(&run, "no program", "write a program and its arguments");
+                Vec::new()
+            }
+            (Some(run), _) => run.into_inner(),
+            (None, Some(executable)) => vec![format!("./{executable}")],
+            (None, None) if executables.is_empty() => {
+                let help = "run = [\"python3\", \"agent.py\"], or an executable for each target in \
+                            [executable]";
+                self.wrong(name, "nothing to run", help);
+                Vec::new()
+            }
+            (None, None) => {
+                let known: Vec<_> = executables.keys().map(String::as_str).collect();
+                let message =
+                    format!("it has no executable for {here}, only for {}", known.join(", "));
+                self.wrong(name, message, "get one for this machine");
+                Vec::new()
+            }
+        }
+    }
+
+    fn method(&mut self, action: &Spanned<RawAction>) -> Option<Method> {
+        let RawAction { method, arguments, timeout } = action.get_ref();
+        let timeout = Deadline(self.duration(timeout)?);
+        Some(Method { method: method.clone(), arguments: arguments.clone(), timeout })
+    }
+
+    fn duration(&mut self, said: &Spanned<String>) -> Option<Duration> {
+        let duration = humantime::parse_duration(said.get_ref()).ok();
+        let duration = duration.filter(|it| !it.is_zero() && *it <= TIMEOUT_MAX);
+        if duration.is_none() {
+            let message = format!("`{}` is no duration up to a day", said.get_ref());
+            self.wrong(said, message, "write how long it may take, such as \"2s\"");
+        }
+        duration
+    }
+
+    fn agent(&mut self, agent: RawAgent) -> Option<OwnAgent> {
+        match AgentId::new(agent.name.get_ref()) {
+            Ok(name) => Some(OwnAgent { name, config: agent.config }),
+            Err(error) => {
+                let help = "a name has lower-case letters, digits and `-`";
+                self.wrong(&agent.name, error.to_string(), help);
+                None
+            }
+        }
+    }
+
+    fn pattern(&mut self, pattern: &Spanned<String>) -> Option<String> {
+        let text = pattern.get_ref();
+        let beginning = text.strip_suffix('*').unwrap_or(text);
+        if beginning.is_empty() || AgentId::new(beginning.trim_end_matches('-')).is_err() {
+            let message = format!("`{text}` does not say which agents");
+            self.wrong(pattern, message, "write a name, or the beginning of names: \"lamp-*\"");
+            return None;
+        }
+        Some(text.clone())
+    }
+
+    fn permissions(&mut self, raw: RawPermissions) -> Permissions {
+        let memory = raw.memory.map_or(MEMORY_DEFAULT, |said| {
+            bytes_of(said.get_ref()).filter(|bytes| *bytes >= MEMORY_LEAST).unwrap_or_else(|| {
+                let message = format!("memory `{}`", said.get_ref());
+                self.wrong(&said, message, "write at least \"1MiB\", such as \"64MiB\"");
+                MEMORY_DEFAULT
+            })
+        });
+        let cpu = raw.cpu.map_or(CPU_DEFAULT, |said| {
+            let cpu = *said.get_ref();
+            if !(0.01..=64.0).contains(&cpu) {
+                self.wrong(&said, format!("cpu {cpu}"), "write a share of one core: 0.01 to 64");
+            }
+            cpu
+        });
+        let RawPermissions { network, devices, read, files, processes, .. } = raw;
+        Permissions {
+            network,
+            devices,
+            read,
+            memory,
+            cpu,
+            files: files.unwrap_or(FILES_DEFAULT).max(16),
+            processes: processes.unwrap_or(PROCESSES_DEFAULT).max(1),
+        }
+    }
+}
+
+/// `"64MiB"`, in bytes.
+fn bytes_of(text: &str) -> Option<u64> {
+    let units = [("GiB", 30), ("MiB", 20), ("KiB", 10)];
+    let (number, shift) =
+        units.iter().find_map(|(unit, shift)| Some((text.strip_suffix(unit)?, *shift)))?;
+    let number: u64 = number.trim().parse().ok()?;
+    number.checked_mul(1 << shift)
+}
+
+fn span(place: Range<usize>) -> Span {
+    let at = |offset: usize| u32::try_from(offset).unwrap_or(u32::MAX);
+    Span { start: at(place.start), end: at(place.end) }
+}
+
+/// A path within a package: no way leads out of it.
+pub(crate) fn stays_within(path: &Path) -> bool {
+    let is_plain =
+        |part| matches!(part, std::path::Component::Normal(_) | std::path::Component::CurDir);
+    path.components().all(is_plain)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WHOLE: &str = r#"
+name = "thermometer"
+version = "0.1.0"
+protocol = "1"
+run = ["python3", "agent.py"]
+model = "model.pddl"
+
+[action.report-temperature]
+method = "read"
+timeout = "2s"
+
+[[agent]]
+name = "py-1"
+config = { location = "office2" }
+
+[config.location]
+type = "text"
+about = "the room it stands in"
+
+[permissions]
+memory = "64MiB"
+"#;
+
+    #[test]
+    fn a_manifest_is_read_with_what_it_leaves_out() {
+        let manifest = Manifest::read(WHOLE).expect("nothing is wrong");
+        assert_eq!(manifest.permissions.memory, 64 << 20);
+        assert!(!manifest.permissions.network, "least rights");
+        assert_eq!(manifest.agents[0].name.as_str(), "py-1");
+        assert_eq!(manifest.methods["report-temperature"].timeout.0, Duration::from_secs(2));
+        assert_eq!(manifest.problem_with(&manifest.agents[0].config), None);
+    }
+
+    #[test]
+    fn what_is_wrong_is_said_where_it_stands() {
+        for (was, is, expected) in [
+            ("protocol = \"1\"", "protocol = \"2-3\"", "speaks version 2-3 of the protocol"),
+            ("protocol = \"1\"", "protocol = \"one\"", "no versions"),
+            ("run = [\"python3\", \"agent.py\"]", "", "nothing to run"),
+            ("run = [\"python3\", \"agent.py\"]", "run = []", "no program"),
+            ("memory = \"64MiB\"", "memory = \"64\"", "memory `64`"),
+            ("timeout = \"2s\"", "timeout = \"soon\"", "`soon` is no duration"),
+            ("version = \"0.1.0\"", "version = \"1\"\nready-within = \"2\"", "`2` is no duration"),
+            ("name = \"thermometer\"", "name = \"Thermo meter\"", "Thermo meter"),
+            ("version = \"0.1.0\"", "versoin = \"0.1.0\"", "unknown field `versoin`"),
+            ("type = \"text\"", "type = \"words\"", "unknown variant `words`"),
+        ] {
+            let text = WHOLE.replacen(was, is, 1);
+            let found = Manifest::read(&text).expect_err(expected);
+            assert!(found[0].message.contains(expected), "{}", found[0].message);
+            let at = found[0].span.start as usize..found[0].span.end as usize;
+            assert!(text.get(at).is_some(), "{expected}");
+        }
+        let elsewhere =
+            WHOLE.replacen("run = [\"python3\", \"agent.py\"]", "executable.riscv-none = \"x\"", 1);
+        let found = Manifest::read(&elsewhere).expect_err("another machine");
+        assert!(found[0].message.contains("only for riscv-none"), "{}", found[0].message);
+    }
+
+    #[test]
+    fn a_config_is_held_against_what_the_package_knows() {
+        let manifest = Manifest::read(WHOLE).expect("nothing is wrong");
+        for (config, expected) in [
+            (serde_json::json!({}), "config.location is missing: the room it stands in"),
+            (serde_json::json!({ "location": 2 }), "config.location must be a text in quotes"),
+            (serde_json::json!({ "room": "x" }), "config has no key `room`"),
+        ] {
+            let problem = manifest.problem_with(&config).unwrap_or_default();
+            assert!(problem.contains(expected), "{problem}");
+        }
+    }
+
+    #[test]
+    fn paths_do_not_lead_out_of_a_package() {
+        for (path, expected) in
+            [("model.pddl", true), ("./a/b", true), ("../b", false), ("/b", false)]
+        {
+            assert_eq!(stays_within(Path::new(path)), expected, "{path}");
+        }
+    }
+}

@@ -1,0 +1,253 @@
+//! A package: a folder with a manifest, perhaps the template of an action model, and a program.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, Read as _};
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use acl::AgentId;
+use acl::content::Methods;
+use minijinja::{Environment, UndefinedBehavior};
+use pddl::{ActionModel, Diagnostic, Span};
+use serde_json::Value;
+
+use crate::manifest::{MANIFEST_BYTES_MAX, Manifest, stays_within};
+
+/// The file that makes a folder a package.
+pub const MANIFEST: &str = "plugin.toml";
+
+/// Longest template of an action model.
+const MODEL_BYTES_MAX: u64 = 1 << 20;
+/// What a template may cost: a model of a thousand actions is far below.
+const TEMPLATE_FUEL: u64 = 1_000_000;
+
+/// More files are not looked at for changes: a package with its libraries has hundreds.
+const FILES_MAX: usize = 10_000;
+
+/// A package whose manifest is whole.
+#[derive(Clone, Debug)]
+pub struct Package {
+    /// Where it is.
+    pub folder: PathBuf,
+    /// What it says of itself.
+    pub manifest: Manifest,
+    /// The text of its action model's template.
+    template: Option<String>,
+}
+
+/// What is wrong with a package: mistakes in one of its files, or about all of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Faults {
+    /// The file; the package's folder where it is about all of it.
+    pub file: PathBuf,
+    /// Its text; empty where it could not be read.
+    pub text: String,
+    /// The mistakes, with places in that text.
+    pub found: Vec<Diagnostic>,
+}
+
+/// Tells whether the files of a package have changed.
+pub(crate) type Stamp = BTreeMap<PathBuf, (u64, Option<SystemTime>)>;
+
+impl Package {
+    /// Reads the package in a folder, and holds it against itself.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with it.
+    pub fn open(folder: &Path) -> Result<Package, Faults> {
+        let file = folder.join(MANIFEST);
+        let text = read(&file, MANIFEST_BYTES_MAX).map_err(|error| {
+            about(folder, format!("failed to read {}: {error}", file.display()))
+        })?;
+        let manifest = Manifest::read(&text).map_err(|found| {
+            let (file, text) = (file.clone(), text.clone());
+            Faults { file, text, found }
+        })?;
+        let wrong = |message: String| {
+            let found = vec![Diagnostic::error(Span::default(), message)];
+            Faults { file: file.clone(), text: text.clone(), found }
+        };
+        let called = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        if called != manifest.name {
+            let name = &manifest.name;
+            return Err(wrong(format!(
+                "the folder is called `{called}`, and the plugin in it `{name}`: call both the same"
+            )));
+        }
+        let template = manifest.model.as_ref().map(|path| {
+            if !stays_within(path) {
+                return Err(wrong(format!("model `{}` is not in the package", path.display())));
+            }
+            read(&folder.join(path), MODEL_BYTES_MAX).map_err(|error| {
+                wrong(format!("failed to read the model `{}`: {error}", path.display()))
+            })
+        });
+        let template = template.transpose()?;
+        let package = Package { folder: folder.to_owned(), manifest, template };
+        package.program().map_err(&wrong)?;
+        for agent in &package.manifest.agents {
+            if let Some(problem) = package.manifest.problem_with(&agent.config) {
+                return Err(wrong(format!("agent `{}`: {problem}", agent.name)));
+            }
+            let described = package.model(&agent.name, &agent.config).map_err(&wrong)?;
+            let objection = described
+                .and_then(|(_, own)| package.objection(&own, &package.manifest.methods, None));
+            objection.map_or(Ok(()), |why| Err(wrong(format!("agent `{}`: {why}", agent.name))))?;
+        }
+        Ok(package)
+    }
+
+    /// The program, and whether it is one of the package's own files.
+    ///
+    /// # Errors
+    ///
+    /// If it is not there, or cannot be run.
+    pub(crate) fn program(&self) -> Result<PathBuf, String> {
+        let program = self.manifest.run.first().map(String::as_str).unwrap_or_default();
+        if program.contains('/') {
+            let is_own = stays_within(Path::new(program));
+            let path = if is_own { self.folder.join(program) } else { PathBuf::from(program) };
+            return match fs::metadata(&path) {
+                Ok(metadata)
+                    if metadata.is_file() && metadata.permissions().mode() & 0o111 != 0 =>
+                {
+                    Ok(path)
+                }
+                Ok(_) => {
+                    Err(format!("`{program}` cannot be executed: chmod +x {}", path.display()))
+                }
+                Err(error) => Err(format!("failed to find the program `{program}`: {error}")),
+            };
+        }
+        let path = std::env::var_os("PATH").unwrap_or_default();
+        let found = std::env::split_paths(&path).map(|folder| folder.join(program));
+        let is_there = |path: &PathBuf| path.is_file();
+        found.into_iter().find(is_there).ok_or_else(|| {
+            format!("there is no `{program}` on this daemon's PATH, with which it runs")
+        })
+    }
+
+    /// The action model that the package has for an agent, if it has one: text and meaning.
+    ///
+    /// # Errors
+    ///
+    /// If the template fails, or yields no action model; for a person.
+    pub fn model(
+        &self,
+        agent: &AgentId,
+        config: &Value,
+    ) -> Result<Option<(String, ActionModel)>, String> {
+        let (Some(template), Some(path)) = (&self.template, &self.manifest.model) else {
+            return Ok(None);
+        };
+        let name = path.display().to_string();
+        let mut environment = Environment::new();
+        // A key that is not there is a mistake, and no empty text.
+        environment.set_undefined_behavior(UndefinedBehavior::Strict);
+        environment.set_fuel(Some(TEMPLATE_FUEL));
+        let values = minijinja::context! { agent => agent.as_str(), config => minijinja::value::Serde(config) };
+        let rendered = environment.render_named_str(&name, template, values);
+        let text = rendered.map_err(|error| format!("the template of a model, {error}"))?;
+        let model = pddl::parse_action_model(&text).into_result().map_err(|found| {
+            let first = found.first().map(|mistake| mistake.located(&text)).unwrap_or_default();
+            format!("the model in `{name}`, filled in for `{agent}`: {first}")
+        })?;
+        if model.agent != agent.as_str() {
+            return Err(format!(
+                "the model in `{name}` is of `{}` and not of `{agent}`: write (agent {{{{ agent }}}})",
+                model.agent
+            ));
+        }
+        Ok(Some((text, model)))
+    }
+
+    /// Why an agent may not offer what it says it can do, if it may not.
+    pub fn objection(
+        &self,
+        said: &ActionModel,
+        methods: &Methods,
+        own: Option<&ActionModel>,
+    ) -> Option<String> {
+        let name = &self.manifest.name;
+        for action in &said.actions {
+            let called = action.name.as_str();
+            let Some(known) = self.manifest.methods.get(called) else {
+                return Some(format!(
+                    "it offers `{called}`, and the manifest of `{name}` has no [action.{called}]"
+                ));
+            };
+            let Some(method) = methods.get(called) else {
+                return Some(format!("it offers `{called}` and names no method for it"));
+            };
+            if method.method != known.method || method.arguments != known.arguments {
+                return Some(format!(
+                    "its `{called}` is the method `{}`, and in the manifest of `{name}` `{}`",
+                    method.method, known.method
+                ));
+            }
+            let declared = own.map(|own| own.actions.iter().find(|own| own.name == action.name));
+            if declared.is_some_and(|declared| declared != Some(action)) {
+                return Some(format!("its `{called}` is not that of the model in `{name}`"));
+            }
+        }
+        None
+    }
+}
+
+impl Faults {
+    /// The first of them in a line, with its place.
+    pub fn first(&self) -> String {
+        let file = self.file.file_name().unwrap_or(self.file.as_os_str()).to_string_lossy();
+        match self.found.first() {
+            Some(found) if self.text.is_empty() => found.message.clone(),
+            Some(found) => {
+                let (line, column) = pddl::line_column(&self.text, found.span.start as usize);
+                format!("{file}:{line}:{column}: {}", found.message)
+            }
+            None => format!("{file} is wrong"),
+        }
+    }
+}
+
+fn about(folder: &Path, message: String) -> Faults {
+    let found = vec![Diagnostic::error(Span::default(), message)];
+    Faults { file: folder.to_owned(), text: String::new(), found }
+}
+
+fn read(path: &Path, bytes_max: u64) -> io::Result<String> {
+    let mut text = String::new();
+    let file = File::open(path)?;
+    if !file.metadata()?.is_file() {
+        return Err(io::Error::other("it is no file"));
+    }
+    file.take(bytes_max + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > bytes_max {
+        return Err(io::Error::other(format!("it is longer than {bytes_max} bytes")));
+    }
+    Ok(text)
+}
+
+/// What the files of a package are like now.
+pub(crate) fn stamp(folder: &Path) -> Stamp {
+    let mut stamp = Stamp::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(next) = folders.pop() {
+        let Ok(entries) = fs::read_dir(&next) else { continue };
+        for entry in entries.flatten() {
+            let path = entry.path();
+            match fs::symlink_metadata(&path) {
+                Ok(metadata) if metadata.is_dir() => folders.push(path),
+                Ok(metadata) if stamp.len() < FILES_MAX => {
+                    // A copy may keep the time, and a link may lead elsewhere: the inode tells.
+                    let size = metadata.len() ^ metadata.ino().rotate_left(32);
+                    stamp.insert(path, (size, metadata.modified().ok()));
+                }
+                _ => (),
+            }
+        }
+    }
+    stamp
+}

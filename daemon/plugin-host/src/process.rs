@@ -1,0 +1,173 @@
+//! The process of a plugin: how it begins, how it ends, and that nothing is left of it.
+//!
+//! It runs in a process group of its own, which it cannot leave. A *watch*, a shell that reads from a
+//! pipe whose other end this process alone holds, kills the group when this process ends, however it
+//! ends. The program itself is also killed with the thread that has started it, so that none begins
+//! unwatched.
+
+use std::io;
+use std::os::unix::process::ExitStatusExt as _;
+use std::path::{Path, PathBuf};
+use std::process::{ExitStatus, Stdio};
+use std::time::Duration;
+
+use rustix::process::{Pid, Signal, kill_process_group};
+use tokio::io::AsyncWriteExt as _;
+use tokio::process::{Child, ChildStdin, Command};
+use tokio::task::JoinHandle;
+
+use crate::confinement::Confinement;
+use crate::log::Log;
+
+/// How long a plugin has to end by itself once it is asked to.
+const STOPPING: Duration = Duration::from_secs(2);
+
+/// How long what was printed last may take to be read, once a process has ended.
+const LAST_WORDS: Duration = Duration::from_millis(50);
+
+/// Waits for the word that all is well, or for the end of whoever was to say it.
+const WATCH: &str = "trap '' HUP INT TERM\nread -r word && exit\nkill -KILL \"-$1\"";
+
+/// What this daemon's own program is asked, to become a plugin's: see [`crate::LAUNCH`].
+#[derive(Clone, Debug)]
+pub struct Launcher(pub PathBuf);
+
+/// What to run, and within what.
+pub(crate) struct Launch<'l> {
+    pub(crate) launcher: &'l Launcher,
+    pub(crate) program: &'l Path,
+    pub(crate) arguments: &'l [String],
+    pub(crate) folder: &'l Path,
+    /// A folder of its own.
+    pub(crate) data: &'l Path,
+    pub(crate) confinement: &'l Confinement,
+    pub(crate) log: &'l Log,
+}
+
+/// A plugin's process; dropped, it is killed with all that it has started.
+pub(crate) struct Process {
+    child: Child,
+    group: Group,
+    stdin: Option<ChildStdin>,
+    /// What takes down what it prints.
+    words: Vec<JoinHandle<()>>,
+    watch: Option<(Child, ChildStdin)>,
+}
+
+/// The number of a process group, killed when it is dropped.
+struct Group(Option<Pid>);
+
+impl Process {
+    pub(crate) fn begin(launch: &Launch<'_>) -> io::Result<Process> {
+        let confinement = serde_json::to_string(launch.confinement)?;
+        let mut command = Command::new(&launch.launcher.0);
+        command.arg(crate::LAUNCH).arg(confinement).arg(launch.program).args(launch.arguments);
+        command.current_dir(launch.folder).process_group(0).kill_on_drop(true).env_clear();
+        let kept = ["PATH", "LANG", "LC_ALL", "TZ", "ALTHING_LOG"];
+        let kept = kept.iter().filter_map(|name| Some((name, std::env::var_os(name)?)));
+        command.envs(kept).env("HOME", launch.data).env("TMPDIR", launch.data);
+        command.env("PYTHONDONTWRITEBYTECODE", "1").env("PYTHONUNBUFFERED", "1");
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn()?;
+        let pid = child.id().and_then(|id| Pid::from_raw(i32::try_from(id).ok()?));
+        let group = Group(pid);
+        let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
+        let words = [launch.log.follow(stdout), launch.log.follow(stderr)];
+        let words = words.into_iter().flatten().collect();
+        let stdin = child.stdin.take();
+        let mut process = Process { child, group, stdin, words, watch: None };
+        process.watch = Some(process.watch()?);
+        Ok(process)
+    }
+
+    fn watch(&self) -> io::Result<(Child, ChildStdin)> {
+        let mut command = Command::new("sh");
+        command.args(["-c", WATCH, "watch", &self.id().to_string()]).current_dir("/");
+        command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
+        // What is sent to our group, as Ctrl-C is, is not for the watch.
+        let mut watch = command.process_group(0).spawn()?;
+        let word = watch.stdin.take().ok_or_else(|| io::Error::other("a pipe was asked for"))?;
+        Ok((watch, word))
+    }
+
+    /// Its process group, which is the number of the process too.
+    pub(crate) fn id(&self) -> i32 {
+        self.group.0.map_or(0, |pid| pid.as_raw_nonzero().get())
+    }
+
+    /// Says something on its standard input, which stays open.
+    pub(crate) async fn say(&mut self, line: &str) -> io::Result<()> {
+        match &mut self.stdin {
+            Some(stdin) => {
+                stdin.write_all(line.as_bytes()).await?;
+                stdin.write_all(b"\n").await?;
+                stdin.flush().await
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Waits until it has ended by itself.
+    pub(crate) async fn ended(&mut self) -> io::Result<ExitStatus> {
+        // Its standard input is not the child's any more, and so stays open.
+        let status = self.child.wait().await;
+        // What it has started may hold its pipes, and goes on.
+        let words = async {
+            while let Some(words) = self.words.pop() {
+                let _ = words.await;
+            }
+        };
+        let _ = tokio::time::timeout(LAST_WORDS, words).await;
+        status
+    }
+
+    /// Asks it to end, waits a while, and ends it and all that it has started.
+    pub(crate) async fn stop(mut self) {
+        self.stdin = None;
+        if let Some(group) = self.group.0 {
+            let _ = kill_process_group(group, Signal::TERM);
+        }
+        let _ = tokio::time::timeout(STOPPING, self.child.wait()).await;
+        self.end().await;
+    }
+
+    /// Ends it and all that it has started, at once.
+    pub(crate) async fn end(mut self) {
+        self.group.kill();
+        let _ = self.child.wait().await;
+        self.group.0 = None;
+        if let Some((mut watch, mut word)) = self.watch.take() {
+            // All is well: the group is gone, and its number may soon be another's.
+            let _ = word.write_all(b"well\n").await;
+            drop(word);
+            let _ = watch.wait().await;
+        }
+    }
+}
+
+impl Group {
+    fn kill(&self) {
+        if let Some(pid) = self.0 {
+            // Where nobody is left, there is nothing to be done.
+            let _ = kill_process_group(pid, Signal::KILL);
+        }
+    }
+}
+
+impl Drop for Group {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+/// How a process has ended, for a person.
+pub(crate) fn ending(status: io::Result<ExitStatus>) -> String {
+    match status {
+        Ok(status) => match (status.code(), status.signal()) {
+            (Some(code), _) => format!("it ended by itself with exit code {code}"),
+            (None, Some(signal)) => format!("it was ended by signal {signal}"),
+            (None, None) => format!("it ended: {status}"),
+        },
+        Err(error) => format!("it cannot be waited for: {error}"),
+    }
+}

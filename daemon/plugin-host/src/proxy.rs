@@ -1,0 +1,293 @@
+//! An agent of a plugin, as the ecosystem knows it: an actuator like any other, with its own planner
+//! and its own domain, at most once and with heartbeats; what it is asked to do, its plugin does.
+//!
+//! While the process is away it offers nothing, and whatever it was at has failed at once.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use acl::content::Report;
+use acl::{AgentId, Deadline, Incarnation};
+use actuator::{Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, Stir};
+use agent::{Blueprint, Landing, Launch as _, Sight, Sighted};
+use pddl::ActionModel;
+use serde_json::Value;
+use tokio::sync::watch;
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+
+use crate::attendant::Bell;
+use crate::package::Package;
+
+/// How long an agent whose process is away stays, and offers nothing: a plugin is restarted at once.
+const AWAY: Duration = Duration::from_secs(5);
+
+/// How long one whose name another has rests before it tries again.
+const REST: Duration = Duration::from_secs(5);
+
+/// The longest a method may take where nothing says how long.
+const UNSAID: Duration = Duration::from_secs(60);
+
+/// What the host knows of the agents of a plugin: accepted, or why not.
+pub(crate) type Accepted = watch::Sender<std::collections::BTreeMap<AgentId, Result<(), String>>>;
+
+/// What keeps one agent of a plugin in the ecosystem.
+pub(crate) struct Escort {
+    pub(crate) agent: AgentId,
+    pub(crate) sight: Sight,
+    pub(crate) bell: Bell,
+    pub(crate) package: Arc<Package>,
+    /// The model that the package has for it.
+    pub(crate) own: Option<Arc<ActionModel>>,
+    pub(crate) landing: Landing,
+    pub(crate) accepted: Arc<Accepted>,
+    pub(crate) stopping: CancellationToken,
+}
+
+impl Escort {
+    /// Lets the agent live while its plugin brings it.
+    pub(crate) async fn run(mut self) {
+        let stopping = self.stopping.clone();
+        loop {
+            let sighted = tokio::select! {
+                biased;
+                () = stopping.cancelled() => return self.note(None),
+                sighted = appeared(&mut self.sight) => match sighted {
+                    Some(sighted) => sighted,
+                    None => return self.note(None),
+                },
+            };
+            let life = (sighted.incarnation, sighted.digest.clone());
+            if let Some(objection) = self.objection(&sighted) {
+                tracing::warn!(agent = %self.agent, plugin = self.package.manifest.name,
+                    "is not let in: {objection}");
+                self.note(Some(Err(objection)));
+                tokio::select! {
+                    biased;
+                    () = stopping.cancelled() => (),
+                    () = another(&mut self.sight, life) => (),
+                }
+                self.note(None);
+                continue;
+            }
+            if let Err(problem) = self.live(sighted).await {
+                self.note(Some(Err(problem)));
+                tokio::select! {
+                    biased;
+                    () = stopping.cancelled() => (),
+                    () = tokio::time::sleep(REST) => (),
+                }
+            }
+        }
+    }
+
+    fn note(&self, said: Option<Result<(), String>>) {
+        let agent = self.agent.clone();
+        self.accepted.send_if_modified(|accepted| match said {
+            Some(said) => accepted.insert(agent, said.clone()) != Some(said),
+            None => accepted.remove(&agent).is_some(),
+        });
+    }
+
+    fn objection(&self, sighted: &Sighted) -> Option<String> {
+        objection(&self.agent, &self.package, self.own.as_deref(), sighted)
+    }
+
+    /// One life; the error says why it could not be lived.
+    async fn live(&mut self, sighted: Sighted) -> Result<(), String> {
+        let device = Proxy {
+            agent: self.agent.clone(),
+            package: Arc::clone(&self.package),
+            own: self.own.clone(),
+            sight: self.sight.clone(),
+            sighted: Some(sighted.clone()),
+            last: sighted,
+            bell: self.bell.clone(),
+        };
+        let blueprint = Blueprint {
+            id: self.agent.clone(),
+            driver: String::new(),
+            config: Arc::new(Value::Null),
+            host: Arc::clone(&self.landing.host),
+        };
+        let actuator = Actuator::new(&blueprint, device).map_err(|error| error.to_string())?;
+        let stopping = self.stopping.child_token();
+        let mut life =
+            Box::new(actuator).launch(self.landing.berth(&self.agent, Vec::new(), &stopping));
+        self.note(Some(Ok(())));
+        let ended = loop {
+            tokio::select! {
+                biased;
+                ended = &mut life => break ended,
+                () = away(&mut self.sight) => {
+                    self.note(None);
+                    if tokio::time::timeout(AWAY, appeared(&mut self.sight)).await.is_ok() {
+                        // A model that is none of its own is seen, and nothing is offered.
+                        self.note(Some(self.refused().map_or(Ok(()), Err)));
+                        continue;
+                    }
+                    stopping.cancel();
+                    let _ = life.await;
+                    return Ok(());
+                }
+            }
+        };
+        match ended {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(error)) => Err(format!("failed to {error}")),
+            Err(_) => Err("the agent broke".to_owned()),
+        }
+    }
+
+    fn refused(&self) -> Option<String> {
+        let sighted = self.sight.borrow().clone()?;
+        self.objection(&sighted)
+    }
+}
+
+/// Why an agent is not let in as it describes itself.
+fn objection(
+    agent: &AgentId,
+    package: &Package,
+    own: Option<&ActionModel>,
+    sighted: &Sighted,
+) -> Option<String> {
+    if sighted.model.agent != agent.as_str() {
+        return Some(format!("it describes itself as `{}`", sighted.model.agent));
+    }
+    package.objection(&sighted.model, &sighted.methods, own)
+}
+
+/// Waits until it is here; `None` when nobody watches any more.
+async fn appeared(sight: &mut Sight) -> Option<Sighted> {
+    sight.wait_for(Option::is_some).await.ok()?.clone()
+}
+
+async fn away(sight: &mut Sight) {
+    // Nobody watching is the same as nothing seen.
+    let _ = sight.wait_for(Option::is_none).await;
+}
+
+/// Waits until something else is seen than what was not let in.
+async fn another(sight: &mut Sight, (incarnation, digest): (Incarnation, String)) {
+    let is_other = |sighted: &Option<Sighted>| {
+        sighted.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)
+    };
+    let _ = sight.wait_for(is_other).await;
+}
+
+/// The device.
+struct Proxy {
+    agent: AgentId,
+    package: Arc<Package>,
+    own: Option<Arc<ActionModel>>,
+    sight: Sight,
+    /// What it says now; nothing while it is away.
+    sighted: Option<Sighted>,
+    /// What it said last.
+    last: Sighted,
+    bell: Bell,
+}
+
+impl Proxy {
+    /// Looks again at the agent.
+    fn look(&mut self) {
+        let now = self.sight.borrow_and_update().clone();
+        let may = |sighted: &Sighted| {
+            sighted.digest == self.last.digest
+                || objection(&self.agent, &self.package, self.own.as_deref(), sighted).is_none()
+        };
+        self.sighted = now.filter(may);
+        if let Some(sighted) = &self.sighted {
+            self.last = sighted.clone();
+        }
+    }
+
+    fn timeout(&self, call: &Call) -> Duration {
+        let action = call.action.trim_start_matches('(').split_whitespace().next();
+        let method = action.and_then(|action| self.last.methods.get(&action.to_lowercase()));
+        method.map_or(UNSAID, |method| method.timeout.0)
+    }
+}
+
+/// Numbers what is asked of plugins in this process.
+static ASKED: AtomicU64 = AtomicU64::new(0);
+
+impl Device for Proxy {
+    type Yield = Report;
+
+    fn describe(&self) -> Description {
+        let mut model = ActionModel::clone(&self.last.model);
+        let mut methods = self.last.methods.clone();
+        // The manifest says how long a method may take, at the most.
+        for (action, method) in &mut methods {
+            if let Some(known) = self.package.manifest.methods.get(action) {
+                method.timeout = Deadline(method.timeout.0.min(known.timeout.0));
+            }
+        }
+        if self.sighted.is_none() {
+            model.actions.clear();
+            methods.clear();
+        }
+        Description { model, methods }
+    }
+
+    fn facts(&self) -> Vec<OwnFact> {
+        let Some(sighted) = &self.sighted else {
+            return self.last.model.init.iter().cloned().map(OwnFact::from).collect();
+        };
+        let now = Instant::now();
+        let current = sighted.facts.iter().filter_map(|(fact, until)| {
+            let known_for = until.map(|until| until.saturating_duration_since(now));
+            let is_over = known_for.is_some_and(|left| left.is_zero());
+            (!is_over).then(|| OwnFact { fact: fact.clone(), known_for })
+        });
+        current.collect()
+    }
+
+    fn perform(&mut self, call: &Call) -> BoxFuture<Result<Report, Failure>> {
+        let (bell, to, call) = (self.bell.clone(), self.agent.clone(), call.clone());
+        let timeout = self.timeout(&call);
+        let mut sight = self.sight.clone();
+        let incarnation = self.last.incarnation;
+        let number = ASKED.fetch_add(1, Ordering::Relaxed);
+        Box::pin(async move {
+            let is_gone = |sighted: &Option<Sighted>| {
+                sighted.as_ref().is_none_or(|sighted| sighted.incarnation != incarnation)
+            };
+            tokio::select! {
+                biased;
+                outcome = bell.act(to, call, timeout, number) => outcome,
+                _ = sight.wait_for(is_gone) => {
+                    Err(Failure::Driver("go on: its plugin has ended meanwhile".to_owned()))
+                }
+            }
+        })
+    }
+
+    fn performed(&mut self, _call: &Call, report: Report) -> Performed {
+        self.look();
+        let observed = pddl::parse_init_elements(&report.observations);
+        Performed { detail: report.detail, observations: observed.value.unwrap_or_default() }
+    }
+
+    fn failed(&mut self, _call: &Call, _failure: &Failure) {
+        self.look();
+    }
+
+    fn watch(&mut self) -> Option<BoxFuture<Stir<Proxy>>> {
+        let mut sight = self.sight.clone();
+        Some(Box::pin(async move {
+            if sight.changed().await.is_err() {
+                // With its plugin, the agent goes too.
+                return std::future::pending().await;
+            }
+            let stir: Stir<Proxy> = Box::new(|proxy| {
+                proxy.look();
+                Vec::new()
+            });
+            stir
+        }))
+    }
+}

@@ -1,0 +1,96 @@
+//! How the plugins of a daemon are, for people: `althing plugin list`, and `agents --discovered`.
+
+use acl::{AgentId, DaemonId};
+use serde::{Deserialize, Serialize};
+
+/// All plugins of one daemon.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plugins {
+    /// The daemon.
+    pub daemon: DaemonId,
+    /// Where its packages are.
+    pub folder: String,
+    /// Each, by name.
+    pub plugins: Vec<Status>,
+    /// Agents that have appeared and that no file names.
+    pub discovered: Vec<Discovered>,
+}
+
+/// One plugin.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Status {
+    /// Its name.
+    pub name: String,
+    /// Its version; empty where its manifest cannot be read.
+    pub version: String,
+    /// What it is, in a line.
+    pub about: String,
+    /// Where it stands.
+    pub state: State,
+    /// Why, where that is not plain.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// Its process.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pid: Option<i32>,
+    /// Bytes of memory its processes hold.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub memory: Option<u64>,
+    /// The agents of it that are in the ecosystem.
+    pub agents: Vec<AgentId>,
+    /// How often it was started again.
+    pub restarts: u32,
+    /// Messages that were too many, and dropped.
+    pub dropped: u64,
+    /// The file of what it prints.
+    pub log: String,
+}
+
+/// Where a plugin stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum State {
+    /// Its package is not whole.
+    Invalid,
+    /// A person has taken it out of use.
+    Disabled,
+    /// Nobody wants an agent of it.
+    #[default]
+    Unused,
+    /// Its process is beginning.
+    Starting,
+    /// Its agents are here.
+    Running,
+    /// It has ended, and will be started again.
+    Waiting,
+    /// It has ended too often: a person has to look.
+    GivenUp,
+}
+
+/// An agent that has appeared and that no file names.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Discovered {
+    /// The agent.
+    pub agent: AgentId,
+    /// Through what it was found.
+    pub by: String,
+    /// Whether it takes part.
+    pub joined: bool,
+    /// The lines that would configure it.
+    pub toml: String,
+}
+
+impl State {
+    /// The name, for a person.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            State::Invalid => "invalid",
+            State::Disabled => "disabled",
+            State::Unused => "unused",
+            State::Starting => "starting",
+            State::Running => "running",
+            State::Waiting => "waiting",
+            State::GivenUp => "given up",
+        }
+    }
+}

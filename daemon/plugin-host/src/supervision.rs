@@ -1,0 +1,438 @@
+//! The life of one plugin: checked, started, ready, ended, started again, given up, stopped.
+//!
+//! What people want of it comes as a [`Wish`], and is looked at before anything else: a stop that
+//! arrives during a restart wins.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use acl::{AgentId, DaemonId, Deadline, Hello, HelloAgent, SCHEMA_VERSION};
+use pddl::ActionModel;
+use serde_json::Value;
+use tokio::sync::watch;
+use tokio::time::Instant;
+
+use crate::Ground;
+use crate::confinement::Confinement;
+use crate::endpoint::{Endpoint, Purpose};
+use crate::lives::Lives;
+use crate::living::Living;
+use crate::log::Log;
+use crate::package::Package;
+use crate::process::{Launch, Process, ending};
+use crate::status::{State, Status};
+use crate::usage::usage;
+
+/// How often it is seen what a plugin takes.
+const LOOK: Duration = Duration::from_millis(250);
+
+/// Beyond what its processes may hold together, each is stopped by the kernel: libraries and the
+/// stacks of threads that nothing is in count here, and do not there.
+const ADDRESSES: u64 = 1 << 30;
+
+/// What is wanted of a plugin.
+#[derive(Clone, Debug)]
+pub(crate) enum Wish {
+    /// That it runs.
+    Run(Arc<Wanted>),
+    /// That it does not.
+    Rest(State, Option<String>),
+    /// That nothing is left of it.
+    Gone,
+}
+
+/// A package, and the agents that it is to bring.
+#[derive(Debug)]
+pub(crate) struct Wanted {
+    pub(crate) package: Arc<Package>,
+    pub(crate) agents: Vec<WantedAgent>,
+}
+
+/// An agent that a plugin is to bring.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WantedAgent {
+    /// Its name.
+    pub name: AgentId,
+    /// Which of the plugins of its package it is.
+    pub plugin: String,
+    /// Through what it acts, where the file says.
+    pub driver: Option<String>,
+    /// What the file says of it.
+    pub config: Value,
+}
+
+/// How the plugins are, as anybody may ask.
+pub(crate) type Statuses = Arc<Mutex<BTreeMap<String, Status>>>;
+
+/// Why one life of a plugin is over.
+enum Over {
+    /// Something else is wanted now.
+    Unwanted,
+    /// It ended, or had to be ended, after it was ready since then.
+    Ended { why: String, ready: Option<Instant> },
+}
+
+pub(crate) struct Supervision {
+    pub(crate) name: String,
+    pub(crate) ground: Arc<Ground>,
+    pub(crate) wishes: watch::Receiver<Wish>,
+    pub(crate) statuses: Statuses,
+    pub(crate) log: Log,
+}
+
+impl Supervision {
+    /// Does what is wanted until nothing is.
+    pub(crate) async fn run(mut self) {
+        loop {
+            let wish = self.wishes.borrow_and_update().clone();
+            match wish {
+                Wish::Gone => return drop(self.statuses().remove(&self.name)),
+                Wish::Rest(state, reason) => {
+                    self.status(|status| (status.state, status.reason) = (state, reason));
+                    if self.unwanted().await {
+                        return;
+                    }
+                }
+                Wish::Run(wanted) => {
+                    self.keep_running(&wanted).await;
+                    if self.ground.landing.stopping.is_cancelled() {
+                        return;
+                    }
+                }
+            }
+        }
+    }
+
+    fn statuses(&self) -> MutexGuard<'_, BTreeMap<String, Status>> {
+        self.statuses.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn status(&self, change: impl FnOnce(&mut Status)) {
+        let mut statuses = self.statuses();
+        let status = statuses.entry(self.name.clone()).or_default();
+        status.name = self.name.clone();
+        status.log = self.log.path().display().to_string();
+        change(status);
+    }
+
+    /// Waits until something else is wanted; whether that is the end of the daemon.
+    async fn unwanted(&mut self) -> bool {
+        let stopping = self.ground.landing.stopping.clone();
+        tokio::select! {
+            biased;
+            () = stopping.cancelled() => true,
+            changed = self.wishes.changed() => changed.is_err(),
+        }
+    }
+
+    /// Keeps it running until something else is wanted.
+    async fn keep_running(&mut self, wanted: &Wanted) {
+        let manifest = &wanted.package.manifest;
+        self.status(|status| {
+            let former = std::mem::take(status);
+            *status = Status { name: former.name, log: former.log, ..Status::default() };
+            (status.version, status.about) = (manifest.version.clone(), manifest.about.clone());
+            status.state = State::Starting;
+        });
+        let (agents, endpoint) = match self.open(wanted).await {
+            Ok(opened) => opened,
+            Err(problem) => {
+                self.status(|status| {
+                    (status.state, status.reason) = (State::GivenUp, Some(problem))
+                });
+                self.unwanted().await;
+                return;
+            }
+        };
+        self.lives(wanted, &agents, &endpoint).await;
+        endpoint.close().await;
+        self.status(|status| {
+            (status.pid, status.memory) = (None, None);
+            status.agents.clear();
+        });
+    }
+
+    async fn open(&self, wanted: &Wanted) -> Result<(Vec<HelloAgent>, Endpoint), String> {
+        let (mut told, mut models) = (Vec::new(), BTreeMap::new());
+        for agent in &wanted.agents {
+            let (hello, model) = described(&wanted.package, agent)?;
+            told.push(hello);
+            models.insert(agent.name.clone(), model.map(Arc::new));
+        }
+        let socket = self.ground.sockets.join(format!("{}.sock", self.name));
+        let purpose = Purpose {
+            ecosystem: self.ground.landing.switchboard.ecosystem(),
+            daemon: self.ground.landing.switchboard.daemon(),
+            settings: &self.ground.landing.host.settings,
+            socket: &socket,
+            package: &wanted.package,
+            agents: models,
+            landing: &self.ground.landing,
+        };
+        let opened = Endpoint::open(purpose).await;
+        opened.map(|endpoint| (told, endpoint)).map_err(|error| format!("failed to {error}"))
+    }
+
+    async fn lives(&mut self, wanted: &Wanted, agents: &[HelloAgent], endpoint: &Endpoint) {
+        let mut lives = Lives::default();
+        while !self.wishes.has_changed().unwrap_or(true) {
+            let (why, ready) = match self.life(wanted, agents, endpoint).await {
+                Over::Unwanted => return,
+                Over::Ended { why, ready } => (why, ready),
+            };
+            self.log.remark(&why);
+            if ready.is_none() && lives.ends() >= 1 && self.roll_back(&why) {
+                self.unwanted().await;
+                return;
+            }
+            let wait = lives.after(ready, Instant::now());
+            tracing::warn!(plugin = self.name, ?wait, "{why}");
+            self.status(|status| {
+                let state = if wait.is_some() { State::Waiting } else { State::GivenUp };
+                (status.state, status.reason, status.pid) = (state, Some(why), None);
+                status.restarts += u32::from(wait.is_some());
+            });
+            let Some(wait) = wait else {
+                // Only a person, or another version, changes anything.
+                self.unwanted().await;
+                return;
+            };
+            let stopping = self.ground.landing.stopping.clone();
+            tokio::select! {
+                biased;
+                () = stopping.cancelled() => return,
+                _ = self.wishes.changed() => return self.wishes.mark_changed(),
+                () = tokio::time::sleep(wait) => (),
+            }
+        }
+    }
+
+    /// Puts back the version before an upgrade that does not get ready; whether there was one.
+    fn roll_back(&self, why: &str) -> bool {
+        match self.ground.shelf.roll_back(&self.name) {
+            Ok(true) => {
+                let said = format!("taken back to the version before: {why}");
+                tracing::warn!(plugin = self.name, "{said}");
+                self.log.remark(&said);
+                let mut taken_back = self.ground.taken_back();
+                taken_back.insert(self.name.clone(), said);
+                drop(taken_back);
+                self.ground.look_again.notify_one();
+                true
+            }
+            Ok(false) => false,
+            Err(error) => {
+                tracing::error!(plugin = self.name, "failed to {error}");
+                false
+            }
+        }
+    }
+
+    /// One life of the process.
+    async fn life(&mut self, wanted: &Wanted, agents: &[HelloAgent], endpoint: &Endpoint) -> Over {
+        self.log.begin();
+        self.status(|status| (status.state, status.reason) = (State::Starting, None));
+        let ended = |why: String| Over::Ended { why, ready: None };
+        let mut process = match self.begin(&wanted.package) {
+            Ok(process) => process,
+            Err(problem) => return ended(problem),
+        };
+        self.status(|status| status.pid = Some(process.id()));
+        let hello = self.hello(agents, endpoint);
+        let within = wanted.package.manifest.ready_within;
+        let said = tokio::time::timeout(within, process.say(&hello)).await;
+        if !matches!(said, Ok(Ok(()))) {
+            // Whoever has ended is not spoken to: how it ended says more.
+            let why = match tokio::time::timeout(LOOK, process.ended()).await {
+                Ok(status) => self.with_last_words(ending(status)),
+                Err(_) => "it does not read what it is told".to_owned(),
+            };
+            process.end().await;
+            return ended(why);
+        }
+        let mut living = Living::new();
+        match self.live(wanted, endpoint, &mut process, &mut living).await {
+            None => {
+                process.stop().await;
+                Over::Unwanted
+            }
+            Some(why) => {
+                process.end().await;
+                Over::Ended { why, ready: living.ready }
+            }
+        }
+    }
+
+    /// Follows a process until it is over: why it ended, or has to; nothing if it is not wanted any more.
+    async fn live(
+        &mut self,
+        wanted: &Wanted,
+        endpoint: &Endpoint,
+        process: &mut Process,
+        living: &mut Living,
+    ) -> Option<String> {
+        let mut accepted = endpoint.accepted.subscribe();
+        let mut looks = tokio::time::interval(LOOK);
+        looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+        let stopping = self.ground.landing.stopping.clone();
+        let group = process.id();
+        loop {
+            self.see(wanted, &accepted.borrow_and_update(), living);
+            tokio::select! {
+                biased;
+                () = stopping.cancelled() => return None,
+                _ = self.wishes.changed() => {
+                    self.wishes.mark_changed();
+                    return None;
+                }
+                status = process.ended() => return Some(self.with_last_words(ending(status))),
+                _ = accepted.changed() => (),
+                () = endpoint.meter.flooded.notified() => {
+                    return Some("it says more than is taken, for too long".to_owned());
+                }
+                _ = looks.tick() => {
+                    let (dropped, usage) = (endpoint.meter.dropped(), usage(group));
+                    self.status(|status| {
+                        (status.memory, status.dropped) = (Some(usage.memory), dropped);
+                    });
+                    if let Some(why) = living.objection(wanted, usage, group, &accepted.borrow()) {
+                        return Some(why);
+                    }
+                }
+            }
+        }
+    }
+
+    fn with_last_words(&self, why: String) -> String {
+        match self.log.last_words() {
+            Some(words) => format!("{why}: {words}"),
+            None => why,
+        }
+    }
+
+    /// Looks which of its agents are here.
+    fn see(
+        &self,
+        wanted: &Wanted,
+        accepted: &BTreeMap<AgentId, Result<(), String>>,
+        living: &mut Living,
+    ) {
+        let here: Vec<_> =
+            accepted.iter().filter(|(_, is)| is.is_ok()).map(|(agent, _)| agent.clone()).collect();
+        if !here.is_empty() {
+            living.heard = Instant::now();
+        }
+        let is_here = |agent: &WantedAgent| here.contains(&agent.name);
+        let is_ready =
+            wanted.agents.iter().all(is_here) && (!here.is_empty() || wanted.agents.is_empty());
+        let objected = accepted.iter().find_map(|(agent, is)| Some((agent, is.as_ref().err()?)));
+        let objection = objected.map(|(agent, why)| format!("`{agent}` is not let in: {why}"));
+        if is_ready && living.ready.is_none() {
+            living.ready = Some(Instant::now());
+            let took = living.began.elapsed();
+            tracing::info!(
+                plugin = self.name,
+                version = wanted.package.manifest.version,
+                ?took,
+                "is ready"
+            );
+            self.ground.shelf.keep(&self.name);
+        }
+        let taken_back = self.ground.taken_back().get(&self.name).cloned();
+        self.status(|status| {
+            status.agents = here;
+            status.reason = objection.or(taken_back);
+            status.state = if living.ready.is_some() { State::Running } else { State::Starting };
+        });
+    }
+
+    fn begin(&self, package: &Package) -> Result<Process, String> {
+        let program = package.program()?;
+        let permissions = &package.manifest.permissions;
+        let data = self.ground.data.join(&self.name);
+        let made = std::fs::create_dir_all(&data);
+        made.map_err(|error| format!("failed to make {}: {error}", data.display()))?;
+        let confinement = Confinement {
+            parent: std::process::id(),
+            memory: permissions.memory.saturating_add(ADDRESSES),
+            files: permissions.files,
+            network: permissions.network,
+            read: readable(package, &program),
+            write: permissions.devices.iter().cloned().chain([data.clone()]).collect(),
+        };
+        let launch = Launch {
+            launcher: &self.ground.launcher,
+            program: &program,
+            arguments: package.manifest.run.get(1..).unwrap_or_default(),
+            folder: &package.folder,
+            data: &data,
+            confinement: &confinement,
+            log: &self.log,
+        };
+        Process::begin(&launch).map_err(|error: io::Error| format!("failed to start it: {error}"))
+    }
+
+    fn hello(&self, agents: &[HelloAgent], endpoint: &Endpoint) -> String {
+        let host = &self.ground.landing.host;
+        let daemon = DaemonId::new(&format!("plugin-{}", self.name));
+        let hello = Hello {
+            protocol: SCHEMA_VERSION,
+            ecosystem: self.ground.landing.switchboard.ecosystem().clone(),
+            daemon: daemon.unwrap_or_else(|_| self.ground.landing.switchboard.daemon().clone()),
+            endpoint: endpoint.locator.clone(),
+            host: endpoint.host.clone(),
+            agents: agents.to_vec(),
+            domain: host.ontology.to_string(),
+            map: host.map.to_string(),
+            mode: host.mode,
+            heartbeat_period: Deadline(host.settings.heartbeat_period),
+            building: self.ground.building.as_ref().map(|path| path.display().to_string()),
+        };
+        serde_json::to_string(&hello).unwrap_or_default()
+    }
+}
+
+/// What a package's program is told of an agent, and its model where the package has one.
+fn described(
+    package: &Package,
+    agent: &WantedAgent,
+) -> Result<(HelloAgent, Option<ActionModel>), String> {
+    let WantedAgent { name, plugin, driver, config } = agent;
+    if let Some(problem) = package.manifest.problem_with(config) {
+        return Err(format!("agent `{name}`: {problem}"));
+    }
+    let described = package.model(name, config)?;
+    let (text, model) = described.unzip();
+    let hello = HelloAgent {
+        name: name.clone(),
+        plugin: plugin.clone(),
+        driver: driver.clone(),
+        config: config.clone(),
+        model: text.unwrap_or_default(),
+        methods: package.manifest.methods.clone(),
+    };
+    Ok((hello, model))
+}
+
+/// What the program needs to see: its package, what its manifest names, and where an interpreter that is
+/// not the system's has its library.
+fn readable(package: &Package, program: &std::path::Path) -> Vec<PathBuf> {
+    let mut readable = vec![package.folder.clone()];
+    readable.extend(package.manifest.permissions.read.iter().cloned());
+    let resolved = program.canonicalize().ok();
+    for program in [Some(program.to_owned()), resolved].into_iter().flatten() {
+        let home = program.parent().filter(|folder| folder.ends_with("bin"));
+        let home = home.and_then(|folder| folder.parent());
+        // Nobody's whole home, and not everything.
+        if let Some(home) =
+            home.filter(|home| home.join("lib").is_dir() && home.components().count() > 2)
+        {
+            readable.push(home.to_owned());
+        }
+        readable.push(program);
+    }
+    readable
+}

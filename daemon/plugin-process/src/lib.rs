@@ -1,0 +1,176 @@
+//! A plugin in a process of its own: the same crate that can be linked into a daemon, with a `main` of
+//! one line.
+//!
+//! ```no_run
+//! # mod my_plugin { pub const PLUGIN: agent::PluginEntry = agent::PluginEntry {
+//! #     name: "x", about: "", drivers: &[], stands_by: false, build: |_| unimplemented!() }; }
+//! fn main() -> std::process::ExitCode {
+//!     plugin_process::run(&[my_plugin::PLUGIN])
+//! }
+//! ```
+//!
+//! It reads what its daemon tells it ([`acl::Hello`]), joins where that says, and lets its agents live
+//! until its standard input ends. What it logs is the plugin's log (`althing plugin logs`).
+
+use std::io::{BufRead as _, Write as _};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::{Hello, HelloAgent, SCHEMA_VERSION};
+use agent::{Berth, Blueprint, Host, Machine, PluginEntry, Resources, Settings, Switchboard};
+use building::BuildingHandle;
+use substrate_zenoh::{Config, Mode};
+use tokio::signal::unix::{SignalKind, signal};
+use tokio_util::sync::CancellationToken;
+use tracing_subscriber::EnvFilter;
+
+/// How long agents may take to give up what they are at.
+const DRAINING: Duration = Duration::from_secs(1);
+
+/// Lets the agents live that the daemon wants of these plugins: each of the plugin it names, or of the
+/// first.
+pub fn run(plugins: &[PluginEntry]) -> ExitCode {
+    log();
+    let mut line = String::new();
+    if let Err(error) = std::io::stdin().lock().read_line(&mut line) {
+        return failed(&format!("read what the daemon says: {error}"));
+    }
+    let hello: Hello = match serde_json::from_str(&line) {
+        Ok(hello) => hello,
+        Err(error) => {
+            return failed(&format!(
+                "understand what the daemon says: {error}\nthis is a plugin of Althing: put it into \
+                 a package (`althing help plugin`)"
+            ));
+        }
+    };
+    if hello.protocol != SCHEMA_VERSION {
+        let theirs = hello.protocol;
+        return failed(&format!(
+            "speak version {theirs} of the protocol; I speak {SCHEMA_VERSION}"
+        ));
+    }
+    // One for the wire, one for the agents.
+    let runtime =
+        tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
+    match runtime {
+        Ok(runtime) => match runtime.block_on(live(plugins, hello)) {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(problem) => failed(&problem),
+        },
+        Err(error) => failed(&format!("begin: {error}")),
+    }
+}
+
+fn log() {
+    let filter = EnvFilter::try_from_env("ALTHING_LOG").unwrap_or_else(|_| EnvFilter::new("warn"));
+    let logging = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    // A logger that is there already is as good.
+    let _ = logging.without_time().with_ansi(false).try_init();
+}
+
+fn failed(problem: &str) -> ExitCode {
+    // Nobody may be listening.
+    let _ = writeln!(std::io::stderr(), "failed to {problem}");
+    ExitCode::FAILURE
+}
+
+async fn live(plugins: &[PluginEntry], hello: Hello) -> Result<(), String> {
+    let first = |found: Vec<pddl::Diagnostic>| {
+        let first = found.first().map(ToString::to_string).unwrap_or_default();
+        format!("read what the daemon says of the building: {first}")
+    };
+    let mut resources = Resources::default();
+    if let Some(socket) = &hello.building {
+        let building = BuildingHandle::connect(std::path::Path::new(socket)).await;
+        resources.insert(building.map_err(|error| error.to_string())?);
+    }
+    let settings = Settings { heartbeat_period: hello.heartbeat_period.0, ..Settings::default() };
+    let host = Arc::new(Host {
+        ontology: Arc::new(pddl::parse_domain(&hello.domain).into_result().map_err(first)?),
+        map: Arc::new(pddl::parse_problem(&hello.map).into_result().map_err(first)?),
+        mode: hello.mode,
+        settings: settings.clone(),
+        journals: Vec::new(),
+        resources,
+    });
+    let machine = Machine::new(None);
+    let switchboard =
+        Switchboard::on(machine, hello.ecosystem.clone(), hello.daemon.clone(), settings);
+    let mut config = Config::new(hello.ecosystem, hello.daemon);
+    config.mode = Mode::Client;
+    config.connect = vec![hello.endpoint];
+    let inbound = Arc::<Switchboard>::clone(&switchboard);
+    let substrate = config.open(inbound).await.map_err(|error| error.to_string())?;
+    let opened = Arc::clone(&substrate);
+    switchboard.connect(opened);
+    let stopping = CancellationToken::new();
+    let mut lives = tokio::task::JoinSet::new();
+    for agent in hello.agents {
+        let built = build(plugins, agent, &host)?;
+        let berth = Berth {
+            id: built.0,
+            incarnation: switchboard.machine().next_life(),
+            switchboard: Arc::clone(&switchboard),
+            ontology: Arc::from(host.ontology.name.as_str()),
+            stopping: stopping.clone(),
+            stands_by: false,
+            via: [].into(),
+        };
+        lives.spawn(built.1.launch(berth));
+    }
+    tokio::select! {
+        () = unwanted() => (),
+        Some(ended) = lives.join_next() => {
+            // One that breaks takes the process along: the daemon starts it anew.
+            let ended = ended.map_err(|error| error.to_string())?;
+            let ended = ended.map_err(|error| error.to_string())?;
+            ended.map_err(|error| error.to_string())?;
+        }
+    }
+    stopping.cancel();
+    let _ =
+        tokio::time::timeout(DRAINING, async { while lives.join_next().await.is_some() {} }).await;
+    substrate::Substrate::close(&*substrate).await;
+    Ok(())
+}
+
+fn build(
+    plugins: &[PluginEntry],
+    agent: HelloAgent,
+    host: &Arc<Host>,
+) -> Result<(acl::AgentId, Box<dyn agent::Launch>), String> {
+    let HelloAgent { name, plugin: called, driver, config, .. } = agent;
+    // A package that is called otherwise than what is in it means the first.
+    let plugin = plugins.iter().find(|plugin| plugin.name == called).or(plugins.first());
+    let plugin = plugin.ok_or_else(|| format!("find the plugin of `{name}`: there is none"))?;
+    let default = plugin.drivers.first().copied().unwrap_or_default();
+    let driver = driver.unwrap_or_else(|| default.to_owned());
+    if driver != default && !plugin.drivers.contains(&driver.as_str()) {
+        return Err(format!("find driver `{driver}` for `{name}`"));
+    }
+    let blueprint =
+        Blueprint { id: name.clone(), driver, config: Arc::new(config), host: Arc::clone(host) };
+    let built = (plugin.build)(blueprint).map_err(|error| error.to_string())?;
+    Ok((name, built))
+}
+
+/// Waits until the daemon does not want the plugin any more: it closes the standard input, or says so
+/// by a signal.
+async fn unwanted() {
+    let (tell, ended) = tokio::sync::oneshot::channel();
+    // On a thread of its own: nothing wakes a read.
+    std::thread::spawn(move || {
+        let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
+        let _ = tell.send(());
+    });
+    let Ok(mut terminated) = signal(SignalKind::terminate()) else {
+        let _ = ended.await;
+        return;
+    };
+    tokio::select! {
+        _ = ended => (),
+        _ = terminated.recv() => (),
+    }
+}

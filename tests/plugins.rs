@@ -1,0 +1,417 @@
+//! Plugins that run as processes, of a real daemon: put in, planned with, killed, upgraded, taken out;
+//! and those that misbehave.
+
+mod support;
+
+use std::fs;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use support::{Office, lab};
+
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Whether there is a Python that has Zenoh; says so loudly where not.
+fn has_python() -> bool {
+    let has_zenoh = Command::new("python3").args(["-c", "import zenoh"]).output();
+    if has_zenoh.is_ok_and(|output| output.status.success()) {
+        return true;
+    }
+    assert!(std::env::var_os("CI").is_none(), "python3 has no zenoh");
+    eprintln!("NOT TESTED: python3 has no zenoh: pip install eclipse-zenoh");
+    false
+}
+
+/// The package in Python that this repository has.
+fn thermometer() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../plugins/python/thermometer")
+}
+
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).expect("a folder");
+    for entry in fs::read_dir(from).expect("a folder").flatten() {
+        fs::copy(entry.path(), to.join(entry.file_name())).expect("a file");
+    }
+}
+
+fn replace(file: &Path, was: &str, is: &str) {
+    let text = fs::read_to_string(file).expect("a file");
+    assert!(text.contains(was), "{was} is not in {}", file.display());
+    fs::write(file, text.replace(was, is)).expect("a file");
+}
+
+/// A daemon of the lab that hosts whatever is put into its folder of plugins.
+fn office(mode: &str, more: &str) -> Office {
+    let office = Office::new();
+    let file = office.write("lab.toml", &(lab(mode) + more));
+    let mut office = office.with_file(file);
+    office.up(&["daemon"], &[]);
+    office
+}
+
+fn status(office: &Office, name: &str) -> Value {
+    let listed = office.ask_json(&["plugin", "list"]);
+    let plugins = listed["daemons"][0]["plugins"].as_array().cloned().unwrap_or_default();
+    plugins.into_iter().find(|plugin| plugin["name"] == name).unwrap_or(Value::Null)
+}
+
+/// Waits until a plugin is as it should be; its status then.
+fn await_status(office: &Office, name: &str, is_so: impl Fn(&Value) -> bool) -> Value {
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        let status = status(office, name);
+        if is_so(&status) {
+            return status;
+        }
+        assert!(Instant::now() < deadline, "{name} is not so: {status}");
+    }
+}
+
+fn await_state(office: &Office, name: &str, state: &str) -> Value {
+    await_status(office, name, |status| status["state"] == state)
+}
+
+/// The processes whose command line or environment has this in it, by their numbers.
+fn processes_with(marker: &str) -> Vec<String> {
+    let entries = fs::read_dir("/proc").expect("Linux").flatten();
+    let of_it = |pid: &String| {
+        let read = |file: &str| fs::read(format!("/proc/{pid}/{file}")).unwrap_or_default();
+        let said = [read("cmdline"), read("environ")].concat();
+        String::from_utf8_lossy(&said).contains(marker)
+    };
+    let pids = entries.filter_map(|entry| entry.file_name().into_string().ok());
+    let pids = pids.filter(|pid| pid.bytes().all(|byte| byte.is_ascii_digit()));
+    pids.filter(|pid| *pid != std::process::id().to_string()).filter(of_it).collect()
+}
+
+/// Waits until no process of the plugins of this office is left.
+fn await_none_left(office: &Office) {
+    // Its home, in the environment of all that it has started.
+    let marker = office.folder().join("state/lab/daemon/plugins").display().to_string();
+    let deadline = Instant::now() + PATIENCE;
+    while !processes_with(&marker).is_empty() {
+        assert!(Instant::now() < deadline, "{:?} are left", processes_with(&marker));
+        std::thread::yield_now();
+    }
+}
+
+fn pid(status: &Value) -> String {
+    status["pid"].as_i64().unwrap_or_else(|| panic!("it runs: {status}")).to_string()
+}
+
+fn kill(pid: &str) {
+    let killed = Command::new("kill").args(["-KILL", pid]).status().expect("it is everywhere");
+    assert!(killed.success());
+}
+
+#[test]
+fn a_folder_that_is_put_in_can_be_planned_with_and_one_that_is_taken_out_cannot() {
+    if !has_python() {
+        return;
+    }
+    for mode in ["decentralized", "centralized"] {
+        let office = office(mode, "");
+        let goal = ["goal", "(known-temperature office2)"];
+        let (code, said) = office.ask(&goal);
+        assert_eq!(code, Some(1), "{mode}: nobody measures yet: {said}");
+
+        copy(&thermometer(), &office.plugins_folder().join("thermometer"));
+        let status = await_state(&office, "thermometer", "running");
+        assert_eq!(status["agents"][0], "py-1", "{status}");
+        office.await_devices(1);
+        let (code, said) = office.ask(&goal);
+        assert_eq!(code, Some(0), "{mode}: {said}");
+        assert!(said.contains("22.5 °C at office2"), "{mode}: {said}");
+        let state = office.ask_json(&["state"]).to_string();
+        assert!(state.contains("(= (temperature office2) 22.5)"), "{mode}: {state}");
+
+        let (code, said) = office.ask(&["plugin", "disable", "thermometer"]);
+        assert_eq!(code, Some(0), "{said}");
+        await_state(&office, "thermometer", "disabled");
+        office.await_devices(0);
+        await_none_left(&office);
+        let (code, said) = office.ask(&["plugin", "enable", "thermometer"]);
+        assert_eq!(code, Some(0), "{said}");
+        await_state(&office, "thermometer", "running");
+        fs::remove_dir_all(office.plugins_folder().join("thermometer")).expect("our own");
+        office.await_devices(0);
+        await_status(&office, "thermometer", Value::is_null);
+        await_none_left(&office);
+    }
+}
+
+#[test]
+fn who_is_killed_is_back_and_nobody_outlives_the_daemon() {
+    if !has_python() {
+        return;
+    }
+    let mut office = office("decentralized", "");
+    copy(&thermometer(), &office.plugins_folder().join("thermometer"));
+    let before = await_state(&office, "thermometer", "running");
+    kill(&pid(&before));
+    let after = await_status(&office, "thermometer", |status| {
+        status["state"] == "running" && status["pid"] != before["pid"]
+    });
+    assert_eq!(after["restarts"], 1, "{after}");
+    office.await_devices(1);
+    let (code, said) = office.ask(&["goal", "(known-temperature office2)"]);
+    assert_eq!(code, Some(0), "{said}");
+
+    office.kill("daemon");
+    await_none_left(&office);
+}
+
+#[test]
+fn agents_of_the_file_come_with_their_config_and_what_appears_is_listed() {
+    if !has_python() {
+        return;
+    }
+    let entry = |name: &str, room: &str, celsius: f64| {
+        format!(
+            "[[agent]]\nname = \"{name}\"\npackage = \"thermometer\"\n\
+             config = {{ location = \"{room}\", celsius = {celsius} }}\n\n"
+        )
+    };
+    let listed = "[plugins]\nadmit = \"listed\"\n\n".to_owned();
+    let file = listed + &entry("t-1", "office1", 18.25) + &entry("t-2", "office2", 19.5);
+    let named = office("decentralized", &file);
+    copy(&thermometer(), &named.plugins_folder().join("thermometer"));
+    named.await_devices(2);
+    for (room, celsius) in [("office1", "18.2 °C"), ("office2", "19.5 °C")] {
+        let (code, said) = named.ask(&["goal", &format!("(known-temperature {room})")]);
+        assert_eq!(code, Some(0), "{said}");
+        assert!(said.contains(celsius.trim_end_matches(" °C")), "{said}");
+    }
+    // Its own agent stays away where the file names others.
+    assert_eq!(status(&named, "thermometer")["agents"].as_array().map(Vec::len), Some(2));
+
+    let listed = office("decentralized", "[plugins]\nadmit = \"listed\"\n");
+    copy(&thermometer(), &listed.plugins_folder().join("thermometer"));
+    let status = await_state(&listed, "thermometer", "unused");
+    assert!(status["reason"].to_string().contains("listed"), "{status}");
+    let (code, said) = listed.ask(&["agents", "--discovered"]);
+    assert_eq!(code, Some(0), "{said}");
+    for expected in
+        ["# py-1: does not take part", "package = \"thermometer\"", "location = \"office2\""]
+    {
+        assert!(said.contains(expected), "{expected}: {said}");
+    }
+}
+
+#[test]
+fn an_upgrade_takes_over_and_one_that_does_not_work_is_taken_back() {
+    if !has_python() {
+        return;
+    }
+    let office = office("decentralized", "");
+    let next = office.folder().join("next/thermometer");
+    copy(&thermometer(), &next);
+    let package = next.display().to_string();
+    assert_eq!(office.ask(&["plugin", "add", &package]).0, Some(0));
+    await_state(&office, "thermometer", "running");
+    let version = |expected: &'static str| {
+        move |status: &Value| status["version"] == expected && status["state"] == "running"
+    };
+
+    replace(&next.join("plugin.toml"), "version = \"0.1.0\"", "version = \"0.2.0\"");
+    replace(&next.join("agent.py"), "22.5", "23.5");
+    let (code, said) = office.ask(&["plugin", "add", &package]);
+    assert!(said.contains("added thermometer 0.2.0 in place of 0.1.0"), "{code:?} {said}");
+    await_status(&office, "thermometer", version("0.2.0"));
+    office.await_devices(1);
+    let (_, said) = office.ask(&["goal", "(known-temperature office2)"]);
+    assert!(said.contains("23.5 °C"), "{said}");
+
+    replace(&next.join("plugin.toml"), "version = \"0.2.0\"", "version = \"0.3.0\"");
+    fs::write(next.join("agent.py"), "raise SystemExit('it is broken')").expect("a file");
+    assert_eq!(office.ask(&["plugin", "add", &package]).0, Some(0));
+    let status = await_status(&office, "thermometer", |status| {
+        version("0.2.0")(status) && !status["reason"].is_null()
+    });
+    let reason = status["reason"].as_str().unwrap_or_default();
+    assert!(reason.contains("taken back") && reason.contains("it is broken"), "{reason}");
+    office.await_devices(1);
+
+    fs::write(next.join("plugin.toml"), "name = \"thermometer\"\n").expect("a file");
+    let (code, said) = office.ask(&["plugin", "add", &package]);
+    assert_eq!(code, Some(33), "what is not whole is not added: {said}");
+    assert!(said.contains("missing field `version`"), "{said}");
+}
+
+/// A package whose program is a shell's.
+fn script(office: &Office, name: &str, script: &str, more: &str) {
+    let folder = office.folder().join("made").join(name);
+    fs::create_dir_all(&folder).expect("a folder");
+    let text = format!(
+        "name = \"{name}\"\nversion = \"1\"\nprotocol = \"1\"\nrun = [\"sh\", \"-c\", '''{script}''']\n\
+         ready-within = \"2s\"\n\n[[agent]]\nname = \"agent-of-{name}\"\n\n{more}"
+    );
+    fs::write(folder.join("plugin.toml"), text).expect("a file");
+    fs::rename(&folder, office.plugins_folder().join(name)).expect("the same file system");
+}
+
+#[test]
+fn who_misbehaves_is_ended_with_a_reason_and_leaves_nothing() {
+    let office = office("decentralized", "");
+    let memory = "[permissions]\nmemory = \"48MiB\"\n";
+    let forks = "for i in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17; do sleep 600 & done; wait";
+    let cases = [
+        ("exits", "echo it is broken >&2; exit 3", "", "exit code 3: it is broken"),
+        ("garbage", "while :; do head -c 4096 /dev/urandom; done", "", "was not here within 2s"),
+        ("hangs", "exec sleep 600", "", "`agent-of-hangs` was not here within 2s"),
+        ("stubborn", "trap '' TERM; while :; do sleep 1; done", "", "was not here within 2s"),
+        ("forks", forks, "", "it is 18 processes, and may be 16"),
+        ("greedy", "exec tail /dev/zero", memory, "MiB of memory, and may hold 48"),
+        ("curious", "cat /etc/shadow", "", "Permission denied"),
+        ("leaves", "exec setsid sleep 600", "", "Operation not permitted"),
+    ];
+    for (name, program, more, _) in cases {
+        script(&office, name, program, more);
+    }
+    for (name, _, _, expected) in cases {
+        await_status(&office, name, |status| {
+            let reason = status["reason"].as_str().unwrap_or_default();
+            reason.contains(expected) && status["restarts"].as_u64() >= Some(1)
+        });
+    }
+    // It is given up in the end, and a person can begin it anew.
+    await_state(&office, "exits", "given-up");
+    let (code, said) = office.ask(&["plugin", "enable", "exits"]);
+    assert_eq!(code, Some(0), "{said}");
+    await_status(&office, "exits", |status| status["state"] != "given-up");
+    for (name, ..) in cases {
+        assert_eq!(office.ask(&["plugin", "disable", name]).0, Some(0));
+        await_state(&office, name, "disabled");
+    }
+    await_none_left(&office);
+    let (code, said) = office.ask(&["plugin", "logs", "exits", "-n", "5"]);
+    assert!(code == Some(0) && said.contains("it is broken"), "{said}");
+    // The rest of the building was undisturbed.
+    let (code, said) = office.ask(&["agents"]);
+    assert!(code == Some(0) && said.contains("plan-executor"), "{said}");
+}
+
+#[test]
+fn the_internet_is_for_those_who_ask_for_it() {
+    if !has_python() {
+        return;
+    }
+    let office = office("decentralized", "");
+    for (name, more) in [("silent", ""), ("online", "[permissions]\nnetwork = true\n")] {
+        script(&office, name, "", more);
+        let socket = "import socket; socket.socket(); raise SystemExit('it has a socket')";
+        let run = format!("[\"python3\", \"-c\", \"{socket}\"]");
+        let manifest = office.plugins_folder().join(name).join("plugin.toml");
+        replace(&manifest, "[\"sh\", \"-c\", '''''']", &run);
+    }
+    let of = |name, expected: &'static str| {
+        await_status(&office, name, move |status| {
+            status["reason"].as_str().unwrap_or_default().contains(expected)
+        })
+    };
+    of("silent", "Operation not permitted");
+    of("online", "it has a socket");
+}
+
+#[test]
+fn a_manifest_that_lies_and_a_package_that_is_not_whole_say_so() {
+    if !has_python() {
+        return;
+    }
+    let office = office("decentralized", "");
+    let put = |name: &str, change: &dyn Fn(&Path)| {
+        let made = office.folder().join("made").join(name);
+        copy(&thermometer(), &made);
+        replace(&made.join("plugin.toml"), "name = \"thermometer\"", &format!("name = \"{name}\""));
+        replace(&made.join("plugin.toml"), "\"py-1\"", &format!("\"agent-of-{name}\""));
+        change(&made);
+        fs::rename(&made, office.plugins_folder().join(name)).expect("the same file system");
+    };
+    let counts = "agent[\"sequence\"] += 1";
+    put("liar", &|made| {
+        let lies = "agent[\"model\"] = agent[\"model\"].replace(\"report-temperature\", \"open\")";
+        replace(&made.join("agent.py"), counts, &format!("{counts}; {lies}"));
+    });
+    put("other", &|made| {
+        let facts = "f\"(located {name} {room}) {agent['known']}\"";
+        replace(&made.join("agent.py"), facts, "\"((\"");
+    });
+    put("undeclared", &|made| {
+        replace(&made.join("plugin.toml"), "[action.report-temperature]", "[action.measure]");
+    });
+    put("newer", &|made| {
+        replace(&made.join("plugin.toml"), "protocol = \"1\"", "protocol = \"7\"")
+    });
+    put("misconfigured", &|made| {
+        replace(&made.join("plugin.toml"), "config = { location", "config = { place");
+    });
+    put("template", &|made| replace(&made.join("model.pddl"), "{{ agent }}", "{{ agents }}"));
+    put("nothing", &|made| {
+        replace(&made.join("plugin.toml"), "[\"python3\", \"agent.py\"]", "[\"./agent\"]");
+    });
+    for (name, state, expected) in [
+        ("liar", "starting", "it offers `open`, and the manifest of `liar` has no"),
+        ("other", "running", ""),
+        (
+            "undeclared",
+            "invalid",
+            "the manifest of `undeclared` has no [action.report-temperature]",
+        ),
+        ("newer", "invalid", "plugin.toml:4:12: the plugin speaks version 7 of the protocol"),
+        ("misconfigured", "invalid", "config has no key `place`"),
+        ("template", "invalid", "undefined value"),
+        ("nothing", "invalid", "failed to find the program `./agent`"),
+    ] {
+        let status = await_status(&office, name, |status| {
+            let reason = status["reason"].as_str().unwrap_or_default();
+            status["state"] == state && reason.contains(expected)
+        });
+        let has_agent = status["agents"].as_array().is_some_and(|agents| !agents.is_empty());
+        assert_eq!(has_agent, state == "running", "{status}");
+    }
+    // What is said of the world and cannot be read is not believed; the rest of it is planned with.
+    office.await_devices(1);
+    let (code, said) = office.ask(&["plugin", "list"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.lines().all(|line| line.chars().count() <= 80), "{said}");
+}
+
+/// The plugin `sensor`, linked into a program of its own.
+fn sensor_process() -> PathBuf {
+    let deps = std::env::current_exe().expect("this test");
+    let folder = deps.ancestors().nth(2).expect("the profile's folder");
+    let program = folder.join("examples/sensor-process");
+    assert!(program.exists(), "build it: cargo build --workspace --example sensor-process");
+    program
+}
+
+#[test]
+fn a_plugin_of_this_house_runs_unchanged_as_a_process() {
+    let agents = "[[agent]]\nname = \"t-1\"\npackage = \"sensors\"\nplugin = \"temperature-sensor\"\n\
+                  config = { location = \"office1\" }\n\n\
+                  [building.temperatures]\noffice1 = 18.5\n";
+    for mode in ["decentralized", "centralized"] {
+        let office = office(mode, agents);
+        let package = office.plugins_folder().join("sensors");
+        let made = office.folder().join("sensors");
+        fs::create_dir(&made).expect("a folder");
+        symlink(sensor_process(), made.join("sensor-process")).expect("a link");
+        let machine = format!("{}-linux", std::env::consts::ARCH);
+        let text = format!(
+            "name = \"sensors\"\nversion = \"1\"\nprotocol = \"1\"\n\n[executable]\n\
+             {machine} = \"sensor-process\"\n\n[action.report-temperature]\n\
+             method = \"read_temperature\"\ntimeout = \"2s\"\n\n\
+             [config.location]\ntype = \"text\"\n"
+        );
+        fs::write(made.join("plugin.toml"), text).expect("a file");
+        fs::rename(&made, &package).expect("the same file system");
+        await_state(&office, "sensors", "running");
+        office.await_devices(1);
+        let (code, said) = office.ask(&["goal", "(known-temperature office1)"]);
+        assert_eq!(code, Some(0), "{mode}: {said}");
+        assert!(said.contains("18.5 °C at office1"), "the building's truth: {said}");
+    }
+}
