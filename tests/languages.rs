@@ -53,6 +53,22 @@ impl Drop for Thermometer {
     }
 }
 
+/// Holds lines of `althing watch --json` against the published schema; prints the performatives.
+const HELD_AGAINST_SCHEMA: &str = r#"
+import json, sys
+import jsonschema
+validator = jsonschema.Draft202012Validator(json.load(open(sys.argv[1])))
+seen = set()
+for line in open(sys.argv[2]):
+    message = json.loads(line)["message"]
+    seen.add(message["performative"])
+    validator.validate(message)
+try:
+    validator.validate(message | {"performative": "request", "content": {"act": "fly"}})
+except jsonschema.ValidationError:
+    print(*sorted(seen))
+"#;
+
 fn office(mode: &str) -> Office {
     let office = Office::new();
     let file = office.write("lab.toml", &lab(mode));
@@ -85,5 +101,75 @@ fn an_agent_in_python_joins_is_planned_with_acts_and_dies() {
         office.await_devices(1);
         let (code, said) = office.ask(&elsewhere);
         assert_eq!(code, Some(0), "{mode}: it stands there in its next life: {said}");
+    }
+}
+
+#[test]
+fn what_is_said_in_both_flows_is_what_the_published_schema_says() {
+    let Some(python) = python() else { return };
+    let has_validator = Command::new(python).args(["-c", "import jsonschema"]).status();
+    if !has_validator.is_ok_and(|status| status.success()) {
+        assert!(std::env::var_os("CI").is_none(), "python3 has no jsonschema");
+        return eprintln!("NOT TESTED: python3 has no jsonschema: pip install jsonschema");
+    }
+    let schema = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/protocol.schema.json");
+    for (mode, expected) in [
+        ("decentralized", ["accept-proposal", "agree", "cfp", "confirm", "inform", "request"]),
+        ("centralized", ["accept-proposal", "agree", "confirm", "inform", "propose", "request"]),
+    ] {
+        let office = office(mode);
+        let _thermometer = Thermometer::start(&office, python, "py-1", "office2");
+        office.await_devices(1);
+        let heard = office.folder().join("heard");
+        let file = office.folder().join("lab.toml").display().to_string();
+        let mut watch = office.command(&["watch", "--json", "--ecosystem", &file]);
+        let mut watch = Listening::start(&mut watch, &heard);
+        let (code, said) = office.ask(&["goal", "(known-temperature office2)"]);
+        assert_eq!(code, Some(0), "{mode}: {said}");
+        watch.until("\"outcome\":\"done\"");
+        drop(watch);
+        let mut held = office.program(python);
+        held.args(["-c", HELD_AGAINST_SCHEMA]).arg(&schema).arg(&heard);
+        let held = held.output().expect("it is installed");
+        let complaint = String::from_utf8_lossy(&held.stderr).into_owned();
+        let seen = String::from_utf8_lossy(&held.stdout).into_owned();
+        for performative in expected {
+            assert!(seen.contains(performative), "{mode}: {performative}: {seen}{complaint}");
+        }
+    }
+}
+
+/// A command whose words go into a file; ended with the test.
+struct Listening {
+    child: Child,
+    file: std::path::PathBuf,
+}
+
+impl Listening {
+    /// Begins, and waits until it listens.
+    fn start(command: &mut Command, file: &Path) -> Listening {
+        let words = std::fs::File::create(file).expect("a file");
+        let mut child = command.stdout(words).stderr(Stdio::piped()).spawn().expect("it is ours");
+        let mut line = String::new();
+        let stderr = child.stderr.take().expect("piped");
+        BufReader::new(stderr).read_line(&mut line).expect("it says so");
+        assert!(line.starts_with("listening"), "{line}");
+        Listening { child, file: file.to_owned() }
+    }
+
+    /// Waits until it has said this.
+    fn until(&mut self, words: &str) {
+        let deadline = std::time::Instant::now() + std::time::Duration::from_secs(30);
+        while !std::fs::read_to_string(&self.file).expect("a file").contains(words) {
+            assert!(std::time::Instant::now() < deadline, "it never said {words}");
+            std::thread::yield_now();
+        }
+    }
+}
+
+impl Drop for Listening {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
 }

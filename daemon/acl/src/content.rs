@@ -12,6 +12,7 @@ use serde_json::Value;
 use crate::{AgentId, ConversationId, DaemonId, Deadline};
 
 /// Content of a `request`.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "act", rename_all = "kebab-case")]
 pub enum Request {
@@ -40,6 +41,7 @@ pub enum Request {
 }
 
 /// Ask for another flow.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SetMode {
     /// The flow from now on.
@@ -47,6 +49,7 @@ pub struct SetMode {
 }
 
 /// Which flow an ecosystem uses (the paper, “Centralized Planning”, “Decentralized Planning”).
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mode {
@@ -58,6 +61,7 @@ pub enum Mode {
 }
 
 /// Give a person's answer to a question that a keyboard keeps.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AnswerQuestion {
     /// Which of the keyboard's questions.
@@ -67,6 +71,7 @@ pub struct AnswerQuestion {
 }
 
 /// Ask for a goal.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Achieve {
     /// A PDDL condition over the ecosystem's ontology.
@@ -83,6 +88,7 @@ pub struct Achieve {
 }
 
 /// What happens to a goal where not all daemons can be seen.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Partition {
@@ -94,6 +100,7 @@ pub enum Partition {
 }
 
 /// How long a goal lasts.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Keep {
@@ -105,6 +112,7 @@ pub enum Keep {
 }
 
 /// Ask for a plan.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlanRequest {
     /// PDDL domain.
@@ -120,6 +128,7 @@ pub struct PlanRequest {
 }
 
 /// Ask for the execution of a plan.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Execute {
     /// The PDDL domain the plan belongs to.
@@ -147,6 +156,7 @@ pub struct Execute {
 pub type Offers = BTreeMap<AgentId, BTreeMap<String, Offer>>;
 
 /// One action of one agent.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Offer {
     /// Its name in the composite domain; another than its agent's where two agents mean
@@ -160,6 +170,7 @@ pub struct Offer {
 }
 
 /// What the Domain Maintainer knows, at one moment.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
     /// Counts changes of the set of capabilities.
@@ -184,6 +195,7 @@ pub struct Snapshot {
 }
 
 /// What lets agents act by a schema.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Guard {
     /// The name that its agents know the action by.
@@ -193,6 +205,7 @@ pub struct Guard {
 }
 
 /// The state as the Domain Maintainer believes it, with provenance.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BelievedState {
     /// Counts changes of the set of capabilities.
@@ -204,6 +217,7 @@ pub struct BelievedState {
 }
 
 /// One fact, and whose word it is.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BelievedFact {
     /// The PDDL fact.
@@ -222,6 +236,7 @@ pub struct BelievedFact {
 }
 
 /// One owner's word about a fact.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Claim {
     /// Who says so.
@@ -238,6 +253,7 @@ pub struct Claim {
 }
 
 /// A goal, for those who ask what the ecosystem is about.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GoalStatus {
     /// Its conversation: what `cancel` and `watch` name it by.
@@ -260,6 +276,7 @@ pub struct GoalStatus {
 pub type Methods = BTreeMap<String, Method>;
 
 /// What an actuator runs when an action is asked of it (design, “Action models”).
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Method {
     /// The method's name.
@@ -272,6 +289,7 @@ pub struct Method {
 }
 
 /// Ask an actuator to act.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Act {
     /// The ground action under the name the actuator knows.
@@ -287,6 +305,7 @@ pub struct Act {
 /// Names one commitment to act (design, “Execution”). The actuator executes it at most once: asked
 /// for it again, it answers what became of it. A token of an older plan for the same goal than the
 /// newest it has seen it refuses.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ActionToken {
     /// In whose term the plan was made: greater for every Plan Requester that takes a goal over.
@@ -300,6 +319,7 @@ pub struct ActionToken {
 }
 
 /// Ask for a change of the state as believed.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ChangeState {
     /// PDDL facts to believe: `(door-open d1) (= (price) 3)`.
@@ -315,6 +335,7 @@ pub struct ChangeState {
 }
 
 /// Content of a `cancel`; where there is none, it is meant as it stands.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Cancelling {
@@ -324,6 +345,7 @@ pub struct Cancelling {
 }
 
 /// Ask for records to be kept.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Keeping {
     /// The records; of one key, the newest version counts.
@@ -331,6 +353,7 @@ pub struct Keeping {
 }
 
 /// Something that must outlive its agent: a goal, a plan under way, how they ended.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     /// What it is about: `goal/CONVERSATION`, `plan/CONVERSATION`, `state/requested`.
@@ -343,6 +366,7 @@ pub struct Record {
 }
 
 /// Orders what was written about one thing, whoever wrote it and whatever its clock says.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize,
 )]
@@ -354,6 +378,7 @@ pub struct Version {
 }
 
 /// Ask for another measure of plans.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChangeMetric {
     /// `(:metric minimize EXPRESSION)`; without it, the map's is the measure again.
@@ -362,6 +387,7 @@ pub struct ChangeMetric {
 }
 
 /// Ask for a change of the actions that can be planned with. All of it is taken, or nothing.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChangeActions {
     /// Actions to plan with no longer.
@@ -373,6 +399,7 @@ pub struct ChangeActions {
 }
 
 /// An action of one agent, or of all who offer it.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ActionOf {
     /// The name its agents know it by.
@@ -383,6 +410,7 @@ pub struct ActionOf {
 }
 
 /// What the asker has observed: its own word, until it says otherwise or the time is over.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Observation {
     /// PDDL facts, and `(not FACT)` for what is seen not to be so.
@@ -394,6 +422,7 @@ pub struct Observation {
 }
 
 /// Content of a `cfp`: propose plans for these conjuncts of a goal.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CallForProposals {
     /// Ground PDDL conditions.
@@ -405,6 +434,7 @@ pub struct CallForProposals {
 }
 
 /// Content of an actuator's `agree` to a `cfp`. At most one of the proposals can be accepted.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bid {
     /// The alternatives.
@@ -415,6 +445,7 @@ pub struct Bid {
 }
 
 /// One alternative of a bid.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proposal {
     /// The conjuncts it covers, as the call spelled them.
@@ -426,6 +457,7 @@ pub struct Proposal {
 }
 
 /// Content of an actuator's `agree` to an action.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Agreement {
     /// The commitment taken on.
@@ -433,6 +465,7 @@ pub struct Agreement {
 }
 
 /// Content of the Planning Agent's `propose`.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlanProposal {
     /// How the search ended.
@@ -449,6 +482,7 @@ pub struct PlanProposal {
 }
 
 /// How a search ended; proof and resignation are never confused.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PlanStatus {
@@ -467,6 +501,7 @@ pub enum PlanStatus {
 }
 
 /// Content of `accept-proposal` and `reject-proposal`.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Choice {
     /// What was chosen of the receiver's proposals; empty in a rejection.
@@ -477,6 +512,7 @@ pub struct Choice {
 }
 
 /// Content of a `refuse` and of a `not-understood`.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Refusal {
     /// Why, for a program.
@@ -489,6 +525,7 @@ pub struct Refusal {
 }
 
 /// Why something was declined.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -533,6 +570,7 @@ pub enum Reason {
 }
 
 /// Content of a `confirm`: progress and outcome of an action, a plan or a goal; observations.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// How it stands.
@@ -560,6 +598,7 @@ pub struct Report {
 }
 
 /// How an action, a plan or a goal stands.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {
@@ -576,6 +615,7 @@ pub enum Outcome {
 }
 
 /// Content of an `inform`.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "of", rename_all = "kebab-case")]
 pub enum Inform {
@@ -590,6 +630,7 @@ pub enum Inform {
 }
 
 /// An actuator's whole self-description.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelAnnouncement {
     /// `(define (agent NAME) …)`
@@ -603,6 +644,7 @@ pub struct ModelAnnouncement {
 }
 
 /// An actuator's state, complete for what it owns: what it does not say is false.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Heartbeat {
     /// Digest of the model and the methods.
@@ -620,6 +662,7 @@ pub struct Heartbeat {
 }
 
 /// A change of what the ecosystem can do, or of its state as believed.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct EpochChange {
     /// Counts changes of the set of capabilities.
@@ -645,6 +688,7 @@ pub struct EpochChange {
 }
 
 /// What requests changed, complete: whoever hears it needs nothing that was said before.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Requested {
     /// Facts that are somebody's word and that no heartbeat says.
@@ -662,6 +706,7 @@ pub struct Requested {
 }
 
 /// A fact, and whose word it is.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RequestedFact {
     /// The PDDL fact.
@@ -674,6 +719,7 @@ pub struct RequestedFact {
 }
 
 /// Content of a `query-ref`: a question to a person.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Question {
     /// The question.
@@ -681,6 +727,7 @@ pub struct Question {
 }
 
 /// Content of a `cancel` that withdraws a question.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Withdrawal {
     /// Why nobody need answer any more, for a person.
@@ -688,6 +735,7 @@ pub struct Withdrawal {
 }
 
 /// What a person answered.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PersonsAnswer {
     /// The answer, as it was typed.
@@ -695,6 +743,7 @@ pub struct PersonsAnswer {
 }
 
 /// A question to a person that nobody has answered, for those who ask what is open.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OpenQuestion {
     /// The keyboard that keeps it.
@@ -710,6 +759,7 @@ pub struct OpenQuestion {
 }
 
 /// How full the mailboxes of one daemon's agents are, for those who look after it.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Mailboxes {
     /// The daemon.
@@ -728,6 +778,7 @@ pub struct Mailboxes {
 }
 
 /// How full one mailbox is. Counts begin with the agent's life.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MailboxStatus {
     /// Whose it is.

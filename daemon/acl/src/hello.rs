@@ -11,6 +11,7 @@ use crate::name::{AgentId, DaemonId, EcosystemId};
 
 /// All that a plugin needs to join: one line of JSON. The end of its standard input, which stays open
 /// while the daemon wants it, is its daemon's last word.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Hello {
     /// Of the protocol; [`crate::SCHEMA_VERSION`].
@@ -39,6 +40,7 @@ pub struct Hello {
 }
 
 /// The one agent that a plugin hears from.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HostName {
     /// Its daemon.
@@ -48,6 +50,7 @@ pub struct HostName {
 }
 
 /// An agent to bring.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HelloAgent {
     /// Its name.

@@ -14,6 +14,8 @@ mod hello;
 mod message;
 mod name;
 mod performative;
+#[cfg(test)]
+mod schema;
 
 pub use codec::{DecodeError, decode, encode};
 pub use hello::{Hello, HelloAgent, HostName};

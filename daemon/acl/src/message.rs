@@ -14,6 +14,7 @@ use crate::{AgentId, EcosystemId, Performative};
 pub const SCHEMA_VERSION: u32 = 1;
 
 /// One ACL message.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Message {
     /// Version of the envelope; [`SCHEMA_VERSION`].
@@ -62,6 +63,7 @@ pub struct Message {
 }
 
 /// The interaction protocols: which message may follow which is decided in `conversation`.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Protocol {
@@ -85,7 +87,8 @@ pub enum Protocol {
 macro_rules! text_type {
     ($(#[$doc:meta])* $name:ident) => {
         $(#[$doc])*
-        #[derive(Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+        #[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
         #[serde(transparent)]
         pub struct $name(Arc<str>);
 
@@ -133,6 +136,7 @@ text_type! {
 ///
 /// Microseconds since the Unix epoch at the agent's start: unique enough on one name, ordered,
 /// and below 2⁵³, so that a tool in JavaScript reads it exactly.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize,
 )]
@@ -143,6 +147,7 @@ pub struct Incarnation(pub u64);
 ///
 /// Relative (FIPA's `+` form), because the clocks of boards without a battery disagree. On the
 /// wire: milliseconds.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(from = "u64", into = "u64")]
 pub struct Deadline(pub Duration);

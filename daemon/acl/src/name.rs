@@ -60,6 +60,19 @@ macro_rules! name_type {
             }
         }
 
+        #[cfg(test)]
+        impl schemars::JsonSchema for $name {
+            fn schema_name() -> std::borrow::Cow<'static, str> {
+                stringify!($name).into()
+            }
+
+            fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+                let pattern = format!("^[a-z][a-z0-9_-]{{0,{}}}$", NAME_BYTES_MAX - 1);
+                let about = concat!("The name of ", $what, ".");
+                schemars::json_schema!({ "type": "string", "pattern": pattern, "description": about })
+            }
+        }
+
         impl TryFrom<String> for $name {
             type Error = InvalidName;
 

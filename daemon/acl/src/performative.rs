@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 /// The type of a communicative act. Rust names and wire spelling are FIPA's (SC00037); the
 /// roles are those of the paper's Table 1.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Performative {

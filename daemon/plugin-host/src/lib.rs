@@ -37,6 +37,7 @@ use acl::AgentId;
 use agent::Landing;
 use notify::{RecursiveMode, Watcher as _};
 use tokio::sync::{Notify, watch};
+use tokio::time::Instant;
 
 pub use confinement::{Confinement, ConfinementError};
 pub use manifest::{ConfigKey, ConfigShape, Manifest, OwnAgent, Permissions};
@@ -57,7 +58,11 @@ pub const LAUNCH: &str = "become-plugin";
 /// How long a folder must be at rest before it is looked at: copies come file by file.
 const AT_REST: Duration = Duration::from_millis(60);
 
-/// How often it is looked at where the kernel does not say what changes.
+/// How often it is looked at for a while after something was done: the kernel tells of files in a new
+/// folder only once it was asked to, and those before that it keeps to itself.
+const LOOK_SOON: Duration = Duration::from_millis(250);
+
+/// How often it is looked at where the kernel says nothing.
 const LOOK_AGAIN: Duration = Duration::from_secs(5);
 
 /// Whether agents that no file names take part.
@@ -187,14 +192,16 @@ impl Keeper {
         let touched = Arc::new(Touched::default());
         let _watcher = self.watch(&touched);
         let stopping = self.ground.landing.stopping.clone();
+        let mut stirred = Instant::now();
         loop {
             self.look(&touched.take());
+            let is_fresh = stirred.elapsed() < LOOK_AGAIN;
             tokio::select! {
                 biased;
                 () = stopping.cancelled() => return,
                 () = self.ground.look_again.notified() => (),
-                () = touched.at_rest() => (),
-                () = tokio::time::sleep(LOOK_AGAIN) => (),
+                () = touched.at_rest() => stirred = Instant::now(),
+                () = tokio::time::sleep(if is_fresh { LOOK_SOON } else { LOOK_AGAIN }) => (),
             }
         }
     }
