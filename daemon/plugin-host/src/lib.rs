@@ -306,7 +306,7 @@ impl Keeper {
                 .map(|own| WantedAgent {
                     name: own.name.clone(),
                     plugin: name.to_owned(),
-                    driver: None,
+                    driver: own.driver.clone(),
                     config: own.config.clone(),
                 })
                 .collect(),
@@ -343,6 +343,9 @@ impl Keeper {
 /// The lines that would configure an agent of a package.
 fn entry(package: &str, own: &OwnAgent) -> String {
     let mut text = format!("[[agent]]\nname = \"{}\"\npackage = \"{package}\"\n", own.name);
+    if let Some(driver) = &own.driver {
+        text += &format!("driver = \"{driver}\"\n");
+    }
     if let Ok(config) = toml::to_string(&own.config)
         && !config.trim().is_empty()
     {

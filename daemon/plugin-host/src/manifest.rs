@@ -62,6 +62,8 @@ pub struct Manifest {
 pub struct OwnAgent {
     /// Its name.
     pub name: AgentId,
+    /// Through what it acts, where the plugin has several ways.
+    pub driver: Option<String>,
     /// Its `config`.
     pub config: Value,
 }
@@ -154,6 +156,7 @@ struct RawAction {
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct RawAgent {
     name: Spanned<String>,
+    driver: Option<String>,
     #[serde(default)]
     config: Value,
 }
@@ -362,7 +365,7 @@ impl Reading {
 
     fn agent(&mut self, agent: RawAgent) -> Option<OwnAgent> {
         match AgentId::new(agent.name.get_ref()) {
-            Ok(name) => Some(OwnAgent { name, config: agent.config }),
+            Ok(name) => Some(OwnAgent { name, driver: agent.driver, config: agent.config }),
             Err(error) => {
                 let help = "a name has lower-case letters, digits and `-`";
                 self.wrong(&agent.name, error.to_string(), help);

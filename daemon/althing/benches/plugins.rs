@@ -1,0 +1,177 @@
+//! Plugins that run as processes: put in → planned with, killed → planned with again, and what an idle
+//! one holds.
+//!
+//! ```text
+//! cargo build --release --workspace --example sensor-process
+//! cargo bench -p althing --bench plugins
+//! ```
+//!
+//! A real daemon, and a package whose program is the plugin `sensor`, linked into a program of its own,
+//! confined as every plugin is. A folder is renamed into the folder of plugins, or the process gets a
+//! SIGKILL; the clock stops when the Domain Maintainer, asked again and again over Zenoh, can plan with
+//! its agent.
+
+mod support;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use acl::{AgentId, DaemonId, EcosystemId};
+use agent::{Ask, Resource, Settings, Switchboard};
+use plugin_host::{Plugins, State, Status};
+use substrate_zenoh::Config;
+use support::{Figures, Machine, Outcome, PATIENCE};
+
+const ROUNDS: usize = 30;
+const PUT_IN_MS: f64 = 500.0;
+const AGAIN_MS: f64 = 300.0;
+const MEMORY_MIB: f64 = 12.0;
+
+/// How long an idle plugin is left alone before it is weighed.
+const IDLE: Duration = Duration::from_secs(3);
+
+const ONTOLOGY: &str = include_str!("../../../domains/smart-office/domain.pddl");
+const MAP: &str = include_str!("../../../domains/smart-office/map.pddl");
+const NAME: &str = "thermometer";
+
+const FILE: &str = "[ecosystem]\nname = \"plugins\"\ndomain = \"domain.pddl\"\n\
+    problem = \"map.pddl\"\n\n[plugins]\nfolder = \"plugins\"\n\n\
+    [[agent]]\nname = \"domain-maintainer\"\nplugin = \"domain-maintainer\"\ndaemon = \"d\"\n";
+
+#[tokio::main]
+async fn main() -> Outcome<()> {
+    let rounds = if support::is_whole() { ROUNDS } else { 1 };
+    let program = program()?;
+    let machine = Machine::new()?;
+    std::fs::write(machine.path().join("domain.pddl"), ONTOLOGY)?;
+    std::fs::write(machine.path().join("map.pddl"), MAP)?;
+    std::fs::write(&machine.file, FILE)?;
+    let mut process = machine.start("d", "decentralized")?;
+    process.ready().await?;
+    let switchboard = enter(&machine).await?;
+    let agent = AgentId::new("t-1")?;
+    let (mut put_in, mut again) = (Figures::default(), Figures::default());
+    let mut weights = Vec::new();
+    for round in 0..rounds {
+        let began = Instant::now();
+        put(&machine, &program)?;
+        await_offer(&switchboard, &agent, true).await?;
+        put_in.push(began.elapsed());
+        let before = status(&switchboard).await?;
+        if round == 0 {
+            tokio::time::sleep(if support::is_whole() { IDLE } else { Duration::ZERO }).await;
+            weights = weigh(before.pid.ok_or("it runs")?)?;
+        }
+        let began = Instant::now();
+        kill(before.pid.ok_or("it runs")?)?;
+        // Its proxy says at once that it offers nothing, and then that it does again.
+        await_other(&switchboard, before.pid).await?;
+        await_offer(&switchboard, &agent, true).await?;
+        again.push(began.elapsed());
+        std::fs::remove_dir_all(machine.path().join("plugins").join(NAME))?;
+        await_offer(&switchboard, &agent, false).await?;
+        while status(&switchboard).await.is_ok() {}
+    }
+    put_in.tell(&format!("put in → planned with, {rounds} times"));
+    support::judge("p99", put_in.within(0.99), PUT_IN_MS);
+    again.tell(&format!("killed → planned with again, the first time, {rounds} times"));
+    support::judge("p99", again.within(0.99), AGAIN_MS);
+    for (what, mebibytes) in &weights {
+        println!("    one idle process: {what} {mebibytes:.1} MiB");
+    }
+    let held = weights.first().map_or(f64::NAN, |(_, mebibytes)| *mebibytes);
+    let verdict = if held <= MEMORY_MIB { "reached" } else { "missed" };
+    println!("    aim ≤ {MEMORY_MIB} MiB: {verdict}");
+    Ok(())
+}
+
+/// The plugin `sensor` as a program of its own.
+fn program() -> Outcome<PathBuf> {
+    let deps = std::env::current_exe()?;
+    let folder = deps.ancestors().nth(2).ok_or("the profile's folder")?;
+    let program = folder.join("examples/sensor-process");
+    if !program.exists() {
+        let build = "cargo build --release --workspace --example sensor-process";
+        return Err(format!("there is no {}: {build}", program.display()).into());
+    }
+    Ok(program)
+}
+
+/// Puts the package into the folder of plugins, whole at once.
+fn put(machine: &Machine, program: &Path) -> Outcome<()> {
+    let made = machine.path().join(NAME);
+    std::fs::create_dir(&made)?;
+    std::os::unix::fs::symlink(program, made.join("program"))?;
+    let target = format!("{}-linux", std::env::consts::ARCH);
+    let manifest = format!(
+        "name = \"{NAME}\"\nversion = \"1\"\nprotocol = \"1\"\n\n[executable]\n\
+         {target} = \"program\"\n\n[action.report-temperature]\nmethod = \"read_temperature\"\n\
+         timeout = \"2s\"\n\n[[agent]]\nname = \"t-1\"\ndriver = \"command\"\n\
+         config = {{ location = \"office1\", command = [\"true\"] }}\n\n\
+         [config.location]\ntype = \"text\"\n\n[config.command]\ntype = \"list\"\noptional = true\n"
+    );
+    std::fs::write(made.join("plugin.toml"), manifest)?;
+    std::fs::rename(made, machine.path().join("plugins").join(NAME))?;
+    Ok(())
+}
+
+async fn enter(machine: &Machine) -> Outcome<Arc<Switchboard>> {
+    let mut config = Config::new(EcosystemId::new("plugins")?, DaemonId::new("listener")?);
+    config.mode = substrate_zenoh::Mode::Client;
+    config.connect = vec![machine.endpoint("plugins", "d")];
+    let (ecosystem, daemon) = (config.ecosystem.clone(), config.daemon.clone());
+    let switchboard = Switchboard::new(ecosystem, daemon, Settings::default());
+    switchboard.connect(config.open(Arc::<Switchboard>::clone(&switchboard)).await?);
+    Ok(switchboard)
+}
+
+/// Waits until the Domain Maintainer can plan with an agent, or cannot any more.
+async fn await_offer(switchboard: &Switchboard, agent: &AgentId, wanted: bool) -> Outcome<()> {
+    let deadline = Instant::now() + PATIENCE;
+    let maintainer = AgentId::new("domain-maintainer").ok();
+    while Instant::now() < deadline {
+        let domain = support::domains(switchboard, maintainer.clone()).await.pop();
+        if domain.is_some_and(|domain| domain.offers.contains_key(agent) == wanted) {
+            return Ok(());
+        }
+    }
+    Err("it was waited for in vain".into())
+}
+
+async fn status(switchboard: &Switchboard) -> Outcome<Status> {
+    let ask = Ask { daemon: DaemonId::new("d").ok(), resource: Resource::Plugins, agent: None };
+    let answers = switchboard.ask(ask, PATIENCE).await;
+    let plugins: Plugins = serde_json::from_slice(answers.first().ok_or("no answer")?)?;
+    let found = plugins.plugins.into_iter().find(|status| status.name == NAME);
+    Ok(found.ok_or("it is not there")?)
+}
+
+/// Waits until another process of it runs.
+async fn await_other(switchboard: &Switchboard, before: Option<i32>) -> Outcome<()> {
+    let deadline = Instant::now() + PATIENCE;
+    while Instant::now() < deadline {
+        let status = status(switchboard).await?;
+        if status.state == State::Running && status.pid != before {
+            return Ok(());
+        }
+    }
+    Err("it was not started again".into())
+}
+
+fn kill(pid: i32) -> Outcome<()> {
+    let pid = rustix::process::Pid::from_raw(pid).ok_or("no process")?;
+    Ok(rustix::process::kill_process(pid, rustix::process::Signal::KILL)?)
+}
+
+/// What a process holds, in MiB: all that is in memory, and what of that is its alone.
+fn weigh(pid: i32) -> Outcome<Vec<(&'static str, f64)>> {
+    let rollup = std::fs::read_to_string(format!("/proc/{pid}/smaps_rollup"))?;
+    let of = |field: &str| {
+        let line = rollup.lines().find(|line| line.starts_with(field));
+        let kibibytes = line.and_then(|line| line.split_whitespace().nth(1)?.parse::<f64>().ok());
+        kibibytes.map_or(f64::NAN, |kibibytes| kibibytes / 1024.0)
+    };
+    let own = of("Private_Clean:") + of("Private_Dirty:");
+    Ok(vec![("resident", of("Rss:")), ("its own", own)])
+}
