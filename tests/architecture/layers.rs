@@ -16,6 +16,7 @@ const LAYERS: &[&[&str]] = &[
         "conversation",
         "credentials",
         "linux-sensors",
+        "mqtt-link",
         "planner",
         "substrate",
     ],
@@ -60,6 +61,7 @@ const EXCEPTIONS: &[Exception] = &[
     exception("screen", "building", "its simulated driver shows there"),
     exception("sensor", "building", "its simulated driver measures there"),
     exception("sensor", "linux-sensors", "its Linux driver measures there"),
+    exception("sensor", "mqtt-link", "its MQTT driver hears there"),
     exception("turtlebot", "building", "its simulated driver moves there"),
     exception("video-robot", "building", "its simulated driver moves and shows there"),
 ];

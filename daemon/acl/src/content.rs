@@ -878,3 +878,28 @@ impl fmt::Display for PlanStatus {
         })
     }
 }
+
+/// What a daemon answers when it is asked what has appeared: agents that no file names.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Appeared {
+    /// The daemon.
+    pub daemon: DaemonId,
+    /// Each, by what has found it and by name.
+    pub discovered: Vec<Discovered>,
+}
+
+/// An agent that has appeared and that no file names.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Discovered {
+    /// Its name.
+    pub agent: AgentId,
+    /// What has found it, for a person: `plugin thermometer`, `zigbee`.
+    pub by: String,
+    /// Whether it takes part.
+    pub joined: bool,
+    /// Why not, or what of it cannot be used.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub problem: Option<String>,
+    /// The lines that would configure it.
+    pub toml: String,
+}

@@ -204,6 +204,11 @@ impl CommunicationAgent {
         }
     }
 
+    /// The ontology of what it says.
+    pub(crate) fn ontology(&self) -> Arc<str> {
+        Arc::clone(&self.ontology)
+    }
+
     /// A token that names a new exchange.
     pub(crate) fn token(&mut self) -> ReplyToken {
         self.messages_sent += 1;

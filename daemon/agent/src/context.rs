@@ -17,9 +17,10 @@ use serde_json::Value;
 use substrate::{Ask, BoxFuture, Resident, Resource};
 use tokio::task::{AbortHandle, JoinSet};
 use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
 use tracing::Instrument;
 
-use crate::base_agent::Agent;
+use crate::base_agent::{Agent, Berth, Launch, LaunchError};
 use crate::communication_agent::{Answer, CommunicationAgent, Engagement, Opening, Undelivered};
 use crate::directory::Directory;
 use crate::settings::Settings;
@@ -81,6 +82,19 @@ pub struct TimerId(Instant, u64);
 /// A piece of work aside; ends when it is dropped.
 #[derive(Debug)]
 pub struct Work(AbortHandle);
+
+/// An agent that another has brought; it leaves when this is dropped.
+#[derive(Debug)]
+pub struct Brought {
+    stopping: CancellationToken,
+    _work: Work,
+}
+
+impl Drop for Brought {
+    fn drop(&mut self) {
+        self.stopping.cancel();
+    }
+}
 
 impl Drop for Work {
     fn drop(&mut self) {
@@ -407,6 +421,32 @@ impl<A: Agent> Context<A> {
             deferred
         };
         Work(self.work.spawn(deferred.instrument(tracing::Span::current())))
+    }
+
+    /// Lets another agent live beside this one, on its daemon; when it ends by itself, calls back with
+    /// why. It leaves when the handle is dropped, and with this agent.
+    pub fn bring(
+        &mut self,
+        id: AgentId,
+        agent: Box<dyn Launch>,
+        then: impl FnOnce(&mut A, Option<LaunchError>, &mut Context<A>) + Send + 'static,
+    ) -> Brought {
+        let stopping = CancellationToken::new();
+        let berth = Berth {
+            id,
+            incarnation: self.switchboard().machine().next_life(),
+            switchboard: Arc::clone(self.switchboard()),
+            ontology: self.communication.ontology(),
+            stopping: stopping.clone(),
+            stands_by: false,
+            via: [].into(),
+        };
+        let life = agent.launch(berth);
+        let work = self.run(life, |agent: &mut A, ended, ctx| {
+            // A panic is on stderr already, with its place.
+            then(agent, ended.ok().and_then(Result::err), ctx);
+        });
+        Brought { stopping, _work: work }
     }
 
     /// Computes aside, on a thread that may be busy for long, when its turn has come, and calls

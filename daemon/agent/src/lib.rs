@@ -46,12 +46,14 @@ pub use base_agent::{Agent, Berth, Launch, LaunchError};
 pub use callbacks::Callbacks;
 pub use commons::Commons;
 pub use communication_agent::{Answer, Engagement, Opening, Undelivered};
-pub use context::{Context, Exchanges, TimerId, Work};
+pub use context::{Brought, Context, Exchanges, TimerId, Work};
 pub use directory::Directory;
 pub use landing::Landing;
 pub use machine::{Lost, Machine, Simulated};
 pub use observing::{Observer, Sight, Sighted};
-pub use plugin::{Blueprint, BuildError, Host, PluginEntry, Rehearsal, Resources, StateFolder};
+pub use plugin::{
+    Admit, Blueprint, BuildError, Host, PluginEntry, Rehearsal, Resources, StateFolder,
+};
 pub use rights::{AgentRights, Allowed, Askers, Rights};
 pub use settings::Settings;
 pub use substrate::{Ask, Presence, Resident, Resource};

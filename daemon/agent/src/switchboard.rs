@@ -10,10 +10,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, OnceLock, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use std::time::Duration;
 
-use acl::content::{Inform, Mailboxes, Reason, Refusal, value};
+use acl::content::{Appeared, Discovered, Inform, Mailboxes, Reason, Refusal, value};
 use acl::{
     AgentId, DaemonId, EcosystemId, Incarnation, Message, MessageId, Performative, SCHEMA_VERSION,
 };
@@ -59,6 +59,8 @@ pub struct Switchboard {
     machine: Machine,
     /// How the plugins that run as processes are, where this daemon hosts any.
     plugins: OnceLock<Box<dyn Fn() -> String + Send + Sync>>,
+    /// Agents that no file names, by what has found them.
+    discovered: Mutex<BTreeMap<String, Vec<Discovered>>>,
     /// What came and was not believed.
     pub(crate) rejections: Rejections,
     /// Who may do what, where that is limited: `guard` asks.
@@ -136,6 +138,7 @@ impl Switchboard {
             turns: Arc::new(Semaphore::new(machine.computations_max())),
             machine,
             plugins: OnceLock::new(),
+            discovered: Mutex::default(),
             rejections: Rejections::default(),
             rights: OnceLock::new(),
         })
@@ -151,6 +154,24 @@ impl Switchboard {
     pub fn tell_plugins(&self, tell: impl Fn() -> String + Send + Sync + 'static) {
         // Of two hosts of plugins on one daemon the first is asked.
         let _ = self.plugins.set(Box::new(tell));
+    }
+
+    /// Says which agents have appeared by what is called so, in place of what was said before.
+    pub fn discovered(&self, by: &str, agents: Vec<Discovered>) {
+        let mut discovered = self.discovered.lock().unwrap_or_else(PoisonError::into_inner);
+        match agents.is_empty() {
+            true => drop(discovered.remove(by)),
+            false => drop(discovered.insert(by.to_owned(), agents)),
+        }
+    }
+
+    fn answer_discovered(&self, question: &Question) {
+        let discovered = self.discovered.lock().unwrap_or_else(PoisonError::into_inner);
+        let discovered = discovered.values().flatten().cloned().collect();
+        let appeared = Appeared { daemon: self.daemon.clone(), discovered };
+        if let Ok(bytes) = serde_json::to_vec(&appeared) {
+            (question.answer)(Bytes::from(bytes));
+        }
     }
 
     /// Whose turn it is to compute: agents of one daemon share the machine's cores, and a hundred
@@ -632,6 +653,7 @@ impl Inbound for Switchboard {
             Resource::Directory => self.answer_directory(&question),
             Resource::Model => self.answer_model(&question),
             Resource::Mailbox => self.answer_mailbox(&question),
+            Resource::Discovered => self.answer_discovered(&question),
             Resource::Plugins => {
                 if let Some(tell) = self.plugins.get() {
                     (question.answer)(tell().into());

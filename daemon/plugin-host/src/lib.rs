@@ -34,7 +34,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use acl::AgentId;
-use agent::Landing;
+use acl::content::Discovered;
+use agent::{Admit, Landing};
 use notify::{RecursiveMode, Watcher as _};
 use tokio::sync::{Notify, watch};
 use tokio::time::Instant;
@@ -44,7 +45,7 @@ pub use manifest::{ConfigKey, ConfigShape, Manifest, OwnAgent, Permissions};
 pub use package::{Faults, MANIFEST, Package};
 pub use process::Launcher;
 pub use shelf::{Shelf, ShelfError};
-pub use status::{Discovered, Plugins, State, Status};
+pub use status::{Plugins, State, Status};
 pub use supervision::WantedAgent;
 
 use log::Log;
@@ -55,6 +56,9 @@ use supervision::{Statuses, Supervision, Wanted, Wish};
 /// [`Confinement`], the program and its arguments follow.
 pub const LAUNCH: &str = "become-plugin";
 
+/// What finds agents here, among all that does.
+const PLUGINS: &str = "plugins";
+
 /// How long a folder must be at rest before it is looked at: copies come file by file.
 const AT_REST: Duration = Duration::from_millis(60);
 
@@ -64,16 +68,6 @@ const LOOK_SOON: Duration = Duration::from_millis(250);
 
 /// How often it is looked at where the kernel says nothing.
 const LOOK_AGAIN: Duration = Duration::from_secs(5);
-
-/// Whether agents that no file names take part.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Admit {
-    /// They do.
-    #[default]
-    All,
-    /// They are listed.
-    Listed,
-}
 
 /// What plugins are hosted with.
 pub struct Setting {
@@ -138,23 +132,25 @@ pub fn host(setting: Setting) -> std::io::Result<()> {
         look_again: Notify::new(),
         taken_back: Mutex::default(),
     });
-    let (statuses, discovered) = (Statuses::default(), Arc::<Mutex<Vec<Discovered>>>::default());
-    let tell = (Arc::clone(&ground), Arc::clone(&statuses), Arc::clone(&discovered));
-    ground.landing.switchboard.tell_plugins(move || told(&tell.0, &tell.1, &tell.2));
+    let statuses = Statuses::default();
+    // Weak: the switchboard is part of the ground.
+    let (told_of, told_ground) = (Arc::clone(&statuses), Arc::downgrade(&ground));
+    ground.landing.switchboard.tell_plugins(move || {
+        told_ground.upgrade().map(|ground| told(&ground, &told_of)).unwrap_or_default()
+    });
     let keeper = Keeper {
         ground: Arc::clone(&ground),
         agents,
         named,
         admit,
         statuses,
-        discovered,
         kept: BTreeMap::new(),
     };
     ground.landing.tasks.spawn(keeper.run());
     Ok(())
 }
 
-fn told(ground: &Ground, statuses: &Statuses, discovered: &Mutex<Vec<Discovered>>) -> String {
+fn told(ground: &Ground, statuses: &Statuses) -> String {
     let plugins = Plugins {
         daemon: ground.landing.switchboard.daemon().clone(),
         folder: ground.shelf.folder.display().to_string(),
@@ -164,7 +160,6 @@ fn told(ground: &Ground, statuses: &Statuses, discovered: &Mutex<Vec<Discovered>
             .values()
             .cloned()
             .collect(),
-        discovered: discovered.lock().unwrap_or_else(PoisonError::into_inner).clone(),
     };
     serde_json::to_string(&plugins).unwrap_or_default()
 }
@@ -176,7 +171,6 @@ struct Keeper {
     named: BTreeSet<AgentId>,
     admit: Admit,
     statuses: Statuses,
-    discovered: Arc<Mutex<Vec<Discovered>>>,
     kept: BTreeMap<String, Kept>,
 }
 
@@ -265,7 +259,7 @@ impl Keeper {
                 }
             }
         }
-        *self.discovered.lock().unwrap_or_else(PoisonError::into_inner) = discovered;
+        self.ground.landing.switchboard.discovered(PLUGINS, discovered);
     }
 
     fn wish(
@@ -294,6 +288,7 @@ impl Keeper {
                 agent: own.name.clone(),
                 by: format!("plugin {name}"),
                 joined,
+                problem: None,
                 toml: entry(name, own),
             }));
         }

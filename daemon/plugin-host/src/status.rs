@@ -1,4 +1,4 @@
-//! How the plugins of a daemon are, for people: `althing plugin list`, and `agents --discovered`.
+//! How the plugins of a daemon are, for people: `althing plugin list`.
 
 use acl::{AgentId, DaemonId};
 use serde::{Deserialize, Serialize};
@@ -12,8 +12,6 @@ pub struct Plugins {
     pub folder: String,
     /// Each, by name.
     pub plugins: Vec<Status>,
-    /// Agents that have appeared and that no file names.
-    pub discovered: Vec<Discovered>,
 }
 
 /// One plugin.
@@ -65,19 +63,6 @@ pub enum State {
     Waiting,
     /// It has ended too often: a person has to look.
     GivenUp,
-}
-
-/// An agent that has appeared and that no file names.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Discovered {
-    /// The agent.
-    pub agent: AgentId,
-    /// Through what it was found.
-    pub by: String,
-    /// Whether it takes part.
-    pub joined: bool,
-    /// The lines that would configure it.
-    pub toml: String,
 }
 
 impl State {

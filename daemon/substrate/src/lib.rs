@@ -244,6 +244,8 @@ pub enum Resource {
     Journal,
     /// The plugins of a daemon that run as processes, and how they are.
     Plugins,
+    /// Agents that have appeared and that no file names.
+    Discovered,
 }
 
 /// A question to daemons.
@@ -338,7 +340,7 @@ impl Breach {
 
 impl Resource {
     /// All of them.
-    pub const ALL: [Resource; 9] = [
+    pub const ALL: [Resource; 10] = [
         Resource::Directory,
         Resource::Domain,
         Resource::State,
@@ -348,6 +350,7 @@ impl Resource {
         Resource::Questions,
         Resource::Journal,
         Resource::Plugins,
+        Resource::Discovered,
     ];
 
     /// Whether, of several agents of one name, only the one that acts answers.
@@ -367,6 +370,7 @@ impl Resource {
             Resource::Questions => "questions",
             Resource::Journal => "journal",
             Resource::Plugins => "plugins",
+            Resource::Discovered => "discovered",
         }
     }
 }

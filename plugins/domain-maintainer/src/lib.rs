@@ -119,7 +119,8 @@ impl Agent for DomainMaintainer {
             | Resource::Mailbox
             | Resource::Questions
             | Resource::Journal
-            | Resource::Plugins => return None,
+            | Resource::Plugins
+            | Resource::Discovered => return None,
         };
         answer.ok()
     }

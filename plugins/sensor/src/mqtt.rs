@@ -1,86 +1,29 @@
 //! The MQTT driver: knows what a device says to a broker, as Zigbee2MQTT, Tasmota, ESPHome and
 //! others let devices speak.
 //!
-//! - One connection per broker and process, whoever needs it; after each loss it subscribes anew,
-//!   which brokers forget.
+//! - One connection per broker and process, whoever needs it (`mqtt-link`).
 //! - What a device says is announced at once; who is asked tells the last word of what it is asked
 //!   for, with its age. Devices speak of their battery, too, and not always of all they measure.
 //! - A device that its `availability` topic calls offline, or whose broker cannot be reached, is not
 //!   here and offers nothing.
 
-use std::collections::{BTreeMap, HashMap, VecDeque};
-use std::net::IpAddr;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
-use rumqttc::{AsyncClient, Event, EventLoop, MqttOptions, Packet, Publish, QoS, SubscribeFilter};
+use mqtt_link::{BROKER, Connection, Said, address};
 use tokio::sync::watch;
-use tokio::time::Instant;
-use tokio_util::task::AbortOnDropHandle;
 
 use crate::config::Hardware;
 use crate::quantity::is_yes;
 use crate::text;
 use crate::{MEASURING, Measurement, Probe};
 
-/// Where brokers listen, if nothing is said.
-const BROKER: &str = "localhost:1883";
-
-/// How long a silent broker counts as alive.
-const KEEP_ALIVE: Duration = Duration::from_secs(5);
-
-/// Pause until a broker is called again: a restart takes a second.
-const CALL_AGAIN: Duration = Duration::from_millis(250);
-
 /// How long is waited at first for the broker, and when asked for the first word of a device.
 const FIRST_WORD: Duration = Duration::from_millis(1_500);
 const _: () = assert!(FIRST_WORD.as_millis() < MEASURING.as_millis());
-
-/// The longest message that is read: a device's is below a kilobyte, and a longer one would end
-/// the connection.
-const PACKET_BYTES_MAX: usize = 1 << 20;
-
-/// Requests to a broker that wait: each subscription is one, and all of a new connection are one.
-const REQUESTS_MAX: usize = 1_024;
-
-/// The words of a device that are remembered: of the last of them that speaks of a quantity its
-/// value is.
-const WORDS_MAX: usize = 16;
-
-/// All connections of this process, by broker.
-static CONNECTIONS: Mutex<BTreeMap<String, Weak<Connection>>> = Mutex::new(BTreeMap::new());
-
-/// Makes clients' names unique: a broker ends the first of two of one name.
-static CLIENTS: AtomicU64 = AtomicU64::new(0);
-
-/// A connection to a broker, for as long as somebody holds it.
-struct Connection {
-    client: AsyncClient,
-    /// What was said under each topic that somebody listens to.
-    topics: Mutex<HashMap<String, watch::Sender<Said>>>,
-    /// Why it is not connected; `None` if it is.
-    trouble: watch::Sender<Option<String>>,
-    /// Ends with the connection.
-    _serving: AbortOnDropHandle<()>,
-}
-
-/// What was said under a topic.
-#[derive(Clone, Debug, Default)]
-struct Said {
-    /// The last words, the newest first.
-    words: VecDeque<Word>,
-    /// Counts all there were.
-    count: u64,
-}
-
-#[derive(Clone, Debug)]
-struct Word {
-    text: String,
-    at: Instant,
-}
 
 #[derive(Clone)]
 struct Mqtt {
@@ -126,118 +69,6 @@ pub(crate) fn probe(
     Ok(Arc::new(Mqtt { broker, topic, availability, pointer: json, link, told }))
 }
 
-/// The host and the port of a broker.
-fn address(broker: &str) -> Result<(&str, u16), &'static str> {
-    let broker = broker.strip_prefix("mqtt://").unwrap_or(broker);
-    if broker.contains("://") {
-        return Err("TLS, websockets and passwords are not built yet; write HOST:PORT");
-    }
-    let (host, port) = broker.rsplit_once(':').unwrap_or((broker, "1883"));
-    let port = port.parse().map_err(|_| "its port is no number; write HOST:PORT")?;
-    let host = host.trim_start_matches('[').trim_end_matches(']');
-    if host.is_empty() { Err("it has no host; write HOST:PORT") } else { Ok((host, port)) }
-}
-
-impl Connection {
-    /// The connection of this process to a broker.
-    fn to(broker: &str) -> Arc<Connection> {
-        let mut connections = lock(&CONNECTIONS);
-        if let Some(connection) = connections.get(broker).and_then(Weak::upgrade) {
-            return connection;
-        }
-        let (host, port) = address(broker).unwrap_or((broker, 1883));
-        let is_here = host == "localhost" || host.parse().is_ok_and(|ip: IpAddr| ip.is_loopback());
-        if !is_here {
-            tracing::warn!(broker, "what a broker elsewhere says is plain text and anybody's");
-        }
-        let count = CLIENTS.fetch_add(1, Ordering::Relaxed);
-        let name = format!("althing-{}-{count}", std::process::id());
-        let mut options = MqttOptions::new(name, host, port);
-        options.set_keep_alive(KEEP_ALIVE);
-        options.set_max_packet_size(PACKET_BYTES_MAX, PACKET_BYTES_MAX);
-        let (client, events) = AsyncClient::new(options, REQUESTS_MAX);
-        let trouble = watch::Sender::new(Some("it has not answered yet".to_owned()));
-        let connection = Arc::new_cyclic(|connection| {
-            let serving = tokio::spawn(run(Weak::clone(connection), events, broker.to_owned()));
-            let _serving = AbortOnDropHandle::new(serving);
-            Connection { client, topics: Mutex::default(), trouble, _serving }
-        });
-        connections.retain(|_, known| known.strong_count() > 0);
-        connections.insert(broker.to_owned(), Arc::downgrade(&connection));
-        connection
-    }
-
-    /// What was said under a topic, and every further word.
-    fn listen(&self, topic: &str) -> watch::Receiver<Said> {
-        let mut topics = lock(&self.topics);
-        topics.retain(|_, said| said.receiver_count() > 0);
-        if let Some(said) = topics.get(topic) {
-            return said.subscribe();
-        }
-        let (said, hears) = watch::channel(Said::default());
-        topics.insert(topic.to_owned(), said);
-        if self.trouble.borrow().is_none() {
-            // Where there is no connection yet, it subscribes when there is.
-            self.subscribe([topic.to_owned()]);
-        }
-        hears
-    }
-
-    fn subscribe(&self, topics: impl IntoIterator<Item = String>) {
-        let filters = topics.into_iter().map(|topic| SubscribeFilter::new(topic, QoS::AtLeastOnce));
-        let filters: Vec<_> = filters.collect();
-        if filters.is_empty() {
-            return;
-        }
-        if let Err(error) = self.client.try_subscribe_many(filters) {
-            tracing::warn!(%error, "failed to subscribe; it is tried again with the next connection");
-        }
-    }
-
-    fn connected(&self) {
-        let topics: Vec<_> = lock(&self.topics).keys().cloned().collect();
-        self.trouble.send_replace(None);
-        self.subscribe(topics);
-    }
-
-    fn heard(&self, publish: &Publish) {
-        let topics = lock(&self.topics);
-        let Some(said) = topics.get(&publish.topic) else { return };
-        let Ok(text) = std::str::from_utf8(&publish.payload) else {
-            return tracing::info!(topic = publish.topic, "ignored what is no text");
-        };
-        said.send_modify(|said| {
-            said.count += 1;
-            said.words.truncate(WORDS_MAX - 1);
-            said.words.push_front(Word { text: text.to_owned(), at: Instant::now() });
-        });
-    }
-}
-
-/// Serves a connection.
-async fn run(connection: Weak<Connection>, mut events: EventLoop, broker: String) {
-    loop {
-        let event = events.poll().await;
-        let Some(connection) = connection.upgrade() else { return };
-        match event {
-            Ok(Event::Incoming(Packet::ConnAck(_))) => {
-                tracing::info!(broker, "connected");
-                connection.connected();
-            }
-            Ok(Event::Incoming(Packet::Publish(publish))) => connection.heard(&publish),
-            Ok(_) => (),
-            Err(error) => {
-                let was_connected = connection.trouble.send_replace(Some(error.to_string()));
-                if was_connected.is_none() {
-                    tracing::warn!(broker, %error, "lost the broker; it is called again");
-                }
-                drop(connection);
-                tokio::time::sleep(CALL_AGAIN).await;
-            }
-        }
-    }
-}
-
 impl Mqtt {
     fn link(&self) -> Link {
         let mut link = lock(&self.link);
@@ -245,7 +76,7 @@ impl Mqtt {
             let connection = Connection::to(&self.broker);
             let listen = |topic: &String| connection.listen(topic);
             Link {
-                trouble: connection.trouble.subscribe(),
+                trouble: connection.trouble(),
                 said: connection.listen(&self.topic),
                 availability: self.availability.as_ref().map(listen),
                 _connection: Arc::clone(&connection),

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::process::ExitCode;
 
 use acl::AgentId;
-use acl::content::Inform;
+use acl::content::{Appeared, Inform};
 use agent::{Resident, Resource};
 use serde_json::json;
 
@@ -23,26 +23,23 @@ pub(super) fn run(args: &AgentsArgs) -> ExitCode {
 
 /// Prints what has appeared and no file names, with the lines that would name it.
 async fn discovered(view: &View, json: bool) -> ExitCode {
-    let found = super::plugin::plugins(view).await;
+    view.directory(None).await;
+    let answers = view.ask(Resource::Discovered, None).await;
+    let read = |answer: &bytes::Bytes| serde_json::from_slice(answer).ok();
+    let mut found: Vec<Appeared> = answers.iter().filter_map(read).collect();
+    found.sort_by(|one, other| one.daemon.cmp(&other.daemon));
     if json {
-        let told: Vec<_> = found
-            .iter()
-            .flat_map(|plugins| plugins.discovered.iter().map(move |one| (plugins, one)))
-            .map(|(plugins, one)| {
-                let mut told = json!(one);
-                told["daemon"] = json!(plugins.daemon);
-                told
-            })
-            .collect();
-        let value = json!({ "ecosystem": view.name, "discovered": told });
+        let value = json!({ "ecosystem": view.name, "daemons": found });
         return output::print_json(&value, exit::DONE);
     }
     let mut text = String::new();
-    for plugins in &found {
-        for one in &plugins.discovered {
+    for Appeared { daemon, discovered } in &found {
+        for one in discovered {
             let joined = if one.joined { "takes part" } else { "does not take part" };
-            let (agent, by, daemon) = (&one.agent, &one.by, &plugins.daemon);
-            let _ = write!(text, "# {agent}: {joined}; by {by} at {daemon}\n{}\n", one.toml);
+            let why = one.problem.as_ref().map(|why| format!(": {why}")).unwrap_or_default();
+            let said = format!("# {}: {joined}{why}; by {} at {daemon}", one.agent, one.by);
+            let _ =
+                write!(text, "{}\n{}\n", output::folded(&said, 0).replace('\n', "\n# "), one.toml);
         }
     }
     if text.is_empty() {

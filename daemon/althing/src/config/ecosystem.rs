@@ -6,9 +6,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{Mode, Rights, Settings};
+use agent::{Admit, Mode, Rights, Settings};
 use pddl::{Domain, Problem};
-use plugin_host::Admit;
 use serde_json::Value;
 
 use super::InterfaceEntry;

@@ -21,9 +21,8 @@ use std::sync::Arc;
 
 use ::building::Quantity;
 use acl::{DaemonId, EcosystemId, InvalidName};
-use agent::Allowed;
+use agent::{Admit, Allowed};
 use pddl::{Diagnostic, Span};
-use plugin_host::Admit;
 
 use super::KnownPlugin;
 use super::ecosystem::{BuildingSettings, Ecosystem, PluginSettings};

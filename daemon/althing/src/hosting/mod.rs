@@ -135,6 +135,7 @@ impl Node {
         let mut node = Node::join(machine, name, daemon, settings, rights, wire).await?;
         let mut resources = Resources::default();
         building.into_iter().for_each(|building| resources.insert(building));
+        resources.insert(ecosystem.plugins.admit);
         state.into_iter().for_each(|folder| resources.insert(StateFolder(folder)));
         let host = Arc::new(Host {
             ontology: Arc::clone(&ecosystem.domain),
