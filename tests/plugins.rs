@@ -376,7 +376,9 @@ fn a_manifest_that_lies_and_a_package_that_is_not_whole_say_so() {
     office.await_devices(1);
     let (code, said) = office.ask(&["plugin", "list"]);
     assert_eq!(code, Some(0), "{said}");
-    assert!(said.lines().all(|line| line.chars().count() <= 80), "{said}");
+    // Reasons are folded to the terminal's width, of which a test has none.
+    let mut rows = said.lines().filter(|line| !line.starts_with(' '));
+    assert!(rows.all(|row| row.chars().count() <= 80), "{said}");
 }
 
 /// The plugin `sensor`, linked into a program of its own.

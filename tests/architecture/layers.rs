@@ -29,6 +29,7 @@ const LAYERS: &[&[&str]] = &[
         "ir-temperature-sensor",
         "journal",
         "keyboard",
+        "mqtt",
         "plan-executor",
         "plan-requester",
         "planning-agent",
@@ -62,6 +63,7 @@ const EXCEPTIONS: &[Exception] = &[
     exception("sensor", "building", "its simulated driver measures there"),
     exception("sensor", "linux-sensors", "its Linux driver measures there"),
     exception("sensor", "mqtt-link", "its MQTT driver hears there"),
+    exception("mqtt", "mqtt-link", "it hears and speaks there"),
     exception("turtlebot", "building", "its simulated driver moves there"),
     exception("video-robot", "building", "its simulated driver moves and shows there"),
 ];

@@ -167,7 +167,10 @@ impl Switchboard {
 
     fn answer_discovered(&self, question: &Question) {
         let discovered = self.discovered.lock().unwrap_or_else(PoisonError::into_inner);
-        let discovered = discovered.values().flatten().cloned().collect();
+        let discovered: Vec<_> = discovered.values().flatten().cloned().collect();
+        if discovered.is_empty() {
+            return;
+        }
         let appeared = Appeared { daemon: self.daemon.clone(), discovered };
         if let Ok(bytes) = serde_json::to_vec(&appeared) {
             (question.answer)(Bytes::from(bytes));

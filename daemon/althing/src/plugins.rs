@@ -12,6 +12,7 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     keyboard::PLUGIN,
     sensor::TEMPERATURE_SENSOR,
     sensor::PLUGIN,
+    mqtt::PLUGIN,
     ir_temperature_sensor::PLUGIN,
     turtlebot::PLUGIN,
     cleaning_robot::PLUGIN,

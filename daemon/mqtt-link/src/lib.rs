@@ -52,7 +52,7 @@ pub struct Connection {
     /// What was said under each topic that somebody listens to.
     topics: Mutex<HashMap<String, watch::Sender<Said>>>,
     /// Who listens to many topics at once.
-    filters: Mutex<Vec<(String, mpsc::Sender<(String, String)>)>>,
+    filters: Mutex<Vec<(String, mpsc::Sender<Told>)>>,
     /// Why it is not connected; `None` if it is.
     trouble: watch::Sender<Option<String>>,
     /// Ends with the connection.
@@ -67,6 +67,9 @@ pub struct Said {
     /// Counts all there were.
     pub count: u64,
 }
+
+/// A topic, and what was said under it.
+pub type Told = (String, String);
 
 /// One thing that was said.
 #[derive(Clone, Debug)]
@@ -154,7 +157,7 @@ impl Connection {
     }
 
     /// Every word under the topics that fit a filter, with its topic: what is retained first.
-    pub fn listen_to_all(&self, filter: &str) -> mpsc::Receiver<(String, String)> {
+    pub fn listen_to_all(&self, filter: &str) -> mpsc::Receiver<Told> {
         let (tell, heard) = mpsc::channel(HEARD_MAX);
         lock(&self.filters).push((filter.to_owned(), tell));
         if self.trouble.borrow().is_none() {

@@ -1,0 +1,383 @@
+//! A gateway to an MQTT broker: its devices appear as agents by themselves, with an action model made
+//! from what they say of themselves.
+//!
+//! - `zigbee2mqtt`, `home_assistant` (ESPHome and many others) and `tasmota` read what devices say of
+//!   themselves, `described` is that in one form.
+//! - `class` is the table from device classes to words (`classes.toml`); `part` makes of a device the
+//!   agents it is, and their action models.
+//! - `device` is such an agent: what the device says is known at once, its availability is its presence,
+//!   a lamp, a relay or a lock is switched, and only what the device then says is believed.
+//! - `reading` finds values in JSON and through Jinja templates.
+//!
+//! The gateway itself says nothing and offers nothing; with it, its devices leave.
+
+mod class;
+mod described;
+mod device;
+mod home_assistant;
+mod part;
+mod reading;
+mod tasmota;
+mod zigbee2mqtt;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::AgentId;
+use acl::content::Discovered;
+use actuator::Actuator;
+use agent::{
+    Admit, Agent, Blueprint, Brought, BuildError, Callbacks, Context, Launch, PluginEntry,
+};
+use mqtt_link::{BROKER, Connection, Told, address};
+use serde::Deserialize;
+use serde_json::Value;
+use tokio::sync::mpsc;
+
+use class::Classes;
+use described::{Described, core, name_of};
+use device::MqttDevice;
+use part::{Part, Parts};
+
+/// A gateway to an MQTT broker.
+pub const PLUGIN: PluginEntry = PluginEntry {
+    name: "mqtt",
+    about: "a gateway to an MQTT broker, whose devices appear as agents by themselves",
+    drivers: &[],
+    stands_by: false,
+    build,
+};
+
+/// Words that are taken in at one time, and how long is waited for more before agents come and go: a
+/// broker tells of hundreds of devices at once.
+const WORDS_MAX: usize = 1_024;
+const MORE: Duration = Duration::from_millis(50);
+
+/// How long one that could not come rests before it is tried again.
+const REST: Duration = Duration::from_secs(10);
+
+/// Agents that one gateway brings.
+const AGENTS_MAX: usize = 2_048;
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct Config {
+    /// Whom it speaks to, as `HOST:PORT`.
+    broker: Option<String>,
+    /// In which room a device stands, by its name or its identifier; a `*` at the end is any ending.
+    #[serde(default)]
+    rooms: BTreeMap<String, String>,
+    /// Devices that take part where others are only listed.
+    #[serde(default)]
+    devices: Vec<String>,
+    /// Devices that are not wanted.
+    #[serde(default)]
+    ignore: Vec<String>,
+    /// How long a measurement counts as known, such as `"10m"`; without it, until the device is away.
+    valid_for: Option<String>,
+    /// Under which topics they are.
+    #[serde(default = "zigbee2mqtt")]
+    zigbee2mqtt: String,
+    #[serde(default = "home_assistant")]
+    home_assistant: String,
+    #[serde(default = "tasmota")]
+    tasmota: String,
+    /// What else device classes mean.
+    #[serde(default)]
+    classes: Value,
+}
+
+fn zigbee2mqtt() -> String {
+    "zigbee2mqtt".to_owned()
+}
+
+fn home_assistant() -> String {
+    "homeassistant".to_owned()
+}
+
+fn tasmota() -> String {
+    "tasmota/discovery".to_owned()
+}
+
+fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+    let config: Config = blueprint.config_as()?;
+    let broker = config.broker.clone().unwrap_or_else(|| BROKER.to_owned());
+    address(&broker)
+        .map_err(|problem| blueprint.problem(format!("broker `{broker}`: {problem}")))?;
+    let classes = Classes::with(&config.classes).map_err(|problem| blueprint.problem(problem))?;
+    let valid_for = config.valid_for.as_deref().map(humantime::parse_duration).transpose();
+    let valid_for = valid_for.map_err(|error| blueprint.problem(format!("valid-for: {error}")))?;
+    let map = &blueprint.host.map;
+    let rooms: BTreeMap<String, String> = map
+        .objects
+        .iter()
+        .map(|declared| declared.object.name.as_str().to_owned())
+        .map(|name| (core(&name), name))
+        .collect();
+    // On the machine itself only: elsewhere the map is the same, and is held against it too.
+    for (device, room) in &config.rooms {
+        if !rooms.values().any(|known| known == room) {
+            let near = pddl::nearest(room, rooms.values().map(String::as_str));
+            let hint = near.map(|near| format!("; did you mean `{near}`?")).unwrap_or_default();
+            let problem = format!("rooms.{device}: there is no `{room}` on the map{hint}");
+            return Err(blueprint.problem(problem));
+        }
+    }
+    let admit = blueprint.host.resources.get::<Admit>().map(|admit| *admit).unwrap_or_default();
+
+    Ok(Box::new(Gateway {
+        blueprint,
+        config,
+        broker,
+        classes,
+        rooms,
+        valid_for,
+        admit,
+        connection: None,
+        zigbee: Vec::new(),
+        home_assistant: home_assistant::Discovery::default(),
+        tasmota: tasmota::Discovery::default(),
+        here: BTreeMap::new(),
+        problems: BTreeMap::new(),
+        is_due: false,
+    }))
+}
+
+struct Gateway {
+    blueprint: Blueprint,
+    config: Config,
+    broker: String,
+    classes: Classes,
+    /// The places of the map, by what is left of their names.
+    rooms: BTreeMap<String, String>,
+    valid_for: Option<Duration>,
+    admit: Admit,
+    connection: Option<Arc<Connection>>,
+    zigbee: Vec<Described>,
+    home_assistant: home_assistant::Discovery,
+    tasmota: tasmota::Discovery,
+    /// The agents it has brought.
+    here: BTreeMap<AgentId, (Part, Brought)>,
+    /// Why some could not come.
+    problems: BTreeMap<AgentId, String>,
+    /// Whether it is going to see who comes and goes.
+    is_due: bool,
+}
+
+impl Agent for Gateway {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        let connection = Connection::to(&self.broker);
+        let Config { zigbee2mqtt, home_assistant, tasmota, .. } = &self.config;
+        let filters = [
+            format!("{zigbee2mqtt}/bridge/devices"),
+            format!("{home_assistant}/+/+/config"),
+            format!("{home_assistant}/+/+/+/config"),
+            format!("{tasmota}/+/+"),
+        ];
+        for filter in &filters {
+            self.hear(connection.listen_to_all(filter), ctx);
+        }
+        self.connection = Some(connection);
+    }
+}
+
+impl Gateway {
+    fn hear(&mut self, mut words: mpsc::Receiver<Told>, ctx: &mut Context<Self>) {
+        let next = async move {
+            let mut heard = Vec::new();
+            words.recv_many(&mut heard, WORDS_MAX).await;
+            (heard, words)
+        };
+        let work = ctx.run(next, |gateway: &mut Self, (heard, words), ctx| {
+            if heard.is_empty() {
+                return;
+            }
+            for (topic, text) in heard {
+                gateway.heard(&topic, &text);
+            }
+            gateway.settle_soon(MORE, ctx);
+            gateway.hear(words, ctx);
+        });
+        // It lasts as long as this agent.
+        std::mem::forget(work);
+    }
+
+    fn heard(&mut self, topic: &str, text: &str) {
+        let Config { zigbee2mqtt, home_assistant, tasmota, .. } = &self.config;
+        let understood = if topic.starts_with(&format!("{zigbee2mqtt}/")) {
+            zigbee2mqtt::devices(zigbee2mqtt, text).map(|devices| self.zigbee = devices)
+        } else if topic.starts_with(&format!("{home_assistant}/")) {
+            self.home_assistant.hear(home_assistant, topic, text)
+        } else if topic.starts_with(&format!("{tasmota}/")) {
+            self.tasmota.hear(topic, text)
+        } else {
+            Ok(())
+        };
+        if let Err(problem) = understood {
+            tracing::warn!(topic, "ignored what nobody understands: {problem}");
+        }
+    }
+
+    fn settle_soon(&mut self, wait: Duration, ctx: &mut Context<Self>) {
+        if self.is_due {
+            return;
+        }
+        self.is_due = true;
+        ctx.after(wait, |gateway: &mut Self, ctx| {
+            gateway.is_due = false;
+            gateway.settle(ctx);
+        });
+    }
+
+    /// Lets come who is to be here, and go who is not.
+    fn settle(&mut self, ctx: &mut Context<Self>) {
+        let mut devices = self.home_assistant.devices();
+        // Zigbee2MQTT says all that it says to Home Assistant too, under an identifier of both.
+        let zigbee: BTreeSet<_> = self.zigbee.iter().map(|known| known.id.as_str()).collect();
+        devices.retain(|device| !zigbee.contains(device.id.trim_start_matches("zigbee2mqtt_")));
+        devices.extend(self.zigbee.iter().cloned());
+        devices.extend(self.tasmota.devices());
+        let (mut wanted, mut discovered) = (BTreeMap::new(), Vec::new());
+        let mut names = BTreeSet::new();
+        for device in &devices {
+            if self.is_listed(&self.config.ignore, device) {
+                continue;
+            }
+            self.sort(device, &mut wanted, &mut discovered, &mut names);
+        }
+        self.here.retain(|agent, (part, _)| wanted.get(agent) == Some(part));
+        let here: BTreeSet<_> = self.here.keys().cloned().collect();
+        for (_, part) in wanted.into_iter().filter(|(agent, _)| !here.contains(agent)) {
+            self.bring(part, ctx);
+        }
+        let by = ctx.id().to_string();
+        ctx.switchboard().discovered(&by, discovered);
+    }
+
+    /// What is to become of a device's parts.
+    fn sort(
+        &self,
+        device: &Described,
+        wanted: &mut BTreeMap<AgentId, Part>,
+        discovered: &mut Vec<Discovered>,
+        names: &mut BTreeSet<AgentId>,
+    ) {
+        let Parts { parts, problem } = Parts::of(device, &self.classes);
+        let room = self.room(device);
+        if parts.is_empty()
+            && let Ok(agent) = AgentId::new(&name_of(&device.name))
+        {
+            let (by, toml) = (self.blueprint.id.to_string(), self.lines(device, room.as_deref()));
+            discovered.push(Discovered { agent, by, joined: false, problem, toml });
+            return;
+        }
+        let is_admitted = self.admit == Admit::All || self.is_listed(&self.config.devices, device);
+        for (agent, features) in parts {
+            let twice = !names.insert(agent.clone());
+            let problem = match (&room, self.problems.get(&agent)) {
+                _ if twice => {
+                    Some("another device has this name; call one of them otherwise".to_owned())
+                }
+                _ if wanted.len() >= AGENTS_MAX => Some("there are too many".to_owned()),
+                (None, _) => Some("nobody says in which room it stands".to_owned()),
+                (_, Some(problem)) => Some(problem.clone()),
+                _ => problem.clone(),
+            };
+            let joined = is_admitted && room.is_some() && !twice && wanted.len() < AGENTS_MAX;
+            discovered.push(Discovered {
+                by: self.blueprint.id.to_string(),
+                joined: joined && !self.problems.contains_key(&agent),
+                problem,
+                toml: self.lines(device, room.as_deref()),
+                agent: agent.clone(),
+            });
+            if let Some(room) = room.clone().filter(|_| joined) {
+                wanted.insert(
+                    agent.clone(),
+                    Part {
+                        agent,
+                        room,
+                        features,
+                        availability: device.availability.clone(),
+                        any_is_enough: device.any_is_enough,
+                        valid_for: self.valid_for,
+                    },
+                );
+            }
+        }
+    }
+
+    fn is_listed(&self, list: &[String], device: &Described) -> bool {
+        list.iter().any(|pattern| is_it(pattern, device))
+    }
+
+    /// The room it stands in: what the config says, what it says itself, what its name begins with.
+    fn room(&self, device: &Described) -> Option<String> {
+        let said = self.config.rooms.iter().find(|(pattern, _)| is_it(pattern, device));
+        if let Some((_, room)) = said {
+            return Some(room.clone());
+        }
+        let area = device.area.as_deref().and_then(|area| self.rooms.get(&core(area)));
+        let called = core(&device.name);
+        let named = || {
+            let begins = self.rooms.iter().filter(|(core, _)| called.starts_with(core.as_str()));
+            begins.max_by_key(|(core, _)| core.len()).map(|(_, room)| room)
+        };
+        area.or_else(named).cloned()
+    }
+
+    /// The lines that would let it take part.
+    fn lines(&self, device: &Described, room: Option<&str>) -> String {
+        let (gateway, name) = (&self.blueprint.id, &device.name);
+        let room = room.unwrap_or("");
+        format!(
+            "# in the config of `{gateway}`; it is `{}`\ndevices = [\"{name}\"]\n\
+             rooms = {{ \"{name}\" = \"{room}\" }}\n",
+            device.id
+        )
+    }
+
+    fn bring(&mut self, part: Part, ctx: &mut Context<Self>) {
+        let Some(connection) = &self.connection else { return };
+        let (agent, host) = (part.agent.clone(), Arc::clone(&self.blueprint.host));
+        let device = MqttDevice::new(part.clone(), Arc::clone(&host.ontology), connection);
+        let (driver, config) = (String::new(), Arc::new(Value::Null));
+        let blueprint = Blueprint { id: agent.clone(), driver, config, host };
+        let actuator = match Actuator::new(&blueprint, device) {
+            Ok(actuator) => Box::new(actuator),
+            Err(error) => {
+                tracing::warn!(%agent, "failed to {error}");
+                self.problems.insert(agent, format!("failed to {error}"));
+                return;
+            }
+        };
+        let name = agent.clone();
+        let brought = ctx.bring(agent.clone(), actuator, move |gateway: &mut Self, error, ctx| {
+            let Some(error) = error else { return };
+            tracing::warn!(agent = %name, "failed to {error}");
+            gateway.here.remove(&name);
+            gateway.problems.insert(name.clone(), format!("failed to {error}"));
+            let rested = name.clone();
+            ctx.after(REST, move |gateway: &mut Self, ctx| {
+                gateway.problems.remove(&rested);
+                gateway.settle_soon(MORE, ctx);
+            });
+        });
+        tracing::info!(%agent, room = part.room, "appears");
+        self.here.insert(agent, (part, brought));
+    }
+}
+
+/// Whether a pattern is about a device: its name as it is or as agents have it, or its identifier.
+fn is_it(pattern: &str, device: &Described) -> bool {
+    let names = [device.name.as_str(), device.id.as_str(), &name_of(&device.name)];
+    match pattern.strip_suffix('*') {
+        Some(beginning) => names.iter().any(|name| name.starts_with(beginning)),
+        None => names.contains(&pattern),
+    }
+}
