@@ -3,10 +3,12 @@
 //! - After each loss it subscribes anew, which brokers forget and `rumqttc` does not do by itself.
 //! - What was said under a topic is kept, the last words of it, for whoever asks later; whoever listens
 //!   to many topics at once hears each word as it comes.
-//! - [`address`] says what a broker may be called. TLS, websockets and passwords are not built.
+//! - [`Broker`] (`broker`) says whom it speaks to: what a broker may be called, by TLS or not, with which
+//!   user and password. Websockets are not built.
+
+mod broker;
 
 use std::collections::{BTreeMap, HashMap, VecDeque};
-use std::net::IpAddr;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Duration;
@@ -16,8 +18,7 @@ use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 use tokio_util::task::AbortOnDropHandle;
 
-/// Where brokers listen, if nothing is said.
-pub const BROKER: &str = "localhost:1883";
+pub use broker::Broker;
 
 /// How long a silent broker counts as alive.
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
@@ -41,7 +42,7 @@ const WORDS_MAX: usize = 16;
 const HEARD_MAX: usize = 8_192;
 
 /// All connections of this process, by broker.
-static CONNECTIONS: Mutex<BTreeMap<String, Weak<Connection>>> = Mutex::new(BTreeMap::new());
+static CONNECTIONS: Mutex<BTreeMap<Broker, Weak<Connection>>> = Mutex::new(BTreeMap::new());
 
 /// Makes clients' names unique: a broker ends the first of two of one name.
 static CLIENTS: AtomicU64 = AtomicU64::new(0);
@@ -80,43 +81,25 @@ pub struct Word {
     pub at: Instant,
 }
 
-/// The host and the port of a broker.
-///
-/// # Errors
-///
-/// What is wrong with what it is called, and what would be right.
-pub fn address(broker: &str) -> Result<(&str, u16), &'static str> {
-    let broker = broker.strip_prefix("mqtt://").unwrap_or(broker);
-    if broker.contains("://") {
-        return Err("TLS, websockets and passwords are not built yet; write HOST:PORT");
-    }
-    let (host, port) = broker.rsplit_once(':').unwrap_or((broker, "1883"));
-    let port = port.parse().map_err(|_| "its port is no number; write HOST:PORT")?;
-    let host = host.trim_start_matches('[').trim_end_matches(']');
-    if host.is_empty() { Err("it has no host; write HOST:PORT") } else { Ok((host, port)) }
-}
-
 impl Connection {
-    /// The connection of this process to a broker. A broker whose name is none is never reached.
-    pub fn to(broker: &str) -> Arc<Connection> {
+    /// The connection of this process to a broker.
+    pub fn to(broker: &Broker) -> Arc<Connection> {
         let mut connections = lock(&CONNECTIONS);
         if let Some(connection) = connections.get(broker).and_then(Weak::upgrade) {
             return connection;
         }
-        let (host, port) = address(broker).unwrap_or((broker, 1883));
-        let is_here = host == "localhost" || host.parse().is_ok_and(|ip: IpAddr| ip.is_loopback());
-        if !is_here {
-            tracing::warn!(broker, "what a broker elsewhere says is plain text and anybody's");
+        if let Some(risk) = broker.risk() {
+            tracing::warn!(%broker, "{risk}");
         }
         let count = CLIENTS.fetch_add(1, Ordering::Relaxed);
         let name = format!("althing-{}-{count}", std::process::id());
-        let mut options = MqttOptions::new(name, host, port);
+        let mut options = MqttOptions::new(name, broker.host(), broker.port());
         options.set_keep_alive(KEEP_ALIVE);
         options.set_max_packet_size(PACKET_BYTES_MAX, PACKET_BYTES_MAX);
         let (client, events) = AsyncClient::new(options, REQUESTS_MAX);
         let trouble = watch::Sender::new(Some("it has not answered yet".to_owned()));
         let connection = Arc::new_cyclic(|connection| {
-            let serving = tokio::spawn(run(Weak::clone(connection), events, broker.to_owned()));
+            let serving = tokio::spawn(run(Weak::clone(connection), events, broker.clone()));
             let _serving = AbortOnDropHandle::new(serving);
             Connection {
                 client,
@@ -127,7 +110,7 @@ impl Connection {
             }
         });
         connections.retain(|_, known| known.strong_count() > 0);
-        connections.insert(broker.to_owned(), Arc::downgrade(&connection));
+        connections.insert(broker.clone(), Arc::downgrade(&connection));
         connection
     }
 
@@ -215,23 +198,27 @@ impl Connection {
 }
 
 /// Serves a connection.
-async fn run(connection: Weak<Connection>, mut events: EventLoop, broker: String) {
+async fn run(connection: Weak<Connection>, mut events: EventLoop, broker: Broker) {
     loop {
-        let event = events.poll().await;
-        let Some(connection) = connection.upgrade() else { return };
+        // Files may be put right while it goes on trying.
+        let event = match broker.prepare(&mut events.mqtt_options) {
+            Ok(()) => events.poll().await.map_err(|error| error.to_string()),
+            Err(problem) => Err(problem),
+        };
+        let Some(served) = connection.upgrade() else { return };
         match event {
             Ok(Event::Incoming(Packet::ConnAck(_))) => {
-                tracing::info!(broker, "connected");
-                connection.connected();
+                tracing::info!(%broker, "connected");
+                served.connected();
             }
-            Ok(Event::Incoming(Packet::Publish(publish))) => connection.heard(&publish),
+            Ok(Event::Incoming(Packet::Publish(publish))) => served.heard(&publish),
             Ok(_) => (),
-            Err(error) => {
-                let was_connected = connection.trouble.send_replace(Some(error.to_string()));
+            Err(problem) => {
+                let was_connected = served.trouble.send_replace(Some(problem.clone()));
                 if was_connected.is_none() {
-                    tracing::warn!(broker, %error, "lost the broker; it is called again");
+                    tracing::warn!(%broker, problem, "lost the broker; it is called again");
                 }
-                drop(connection);
+                drop(served);
                 tokio::time::sleep(CALL_AGAIN).await;
             }
         }

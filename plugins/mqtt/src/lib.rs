@@ -21,6 +21,7 @@ mod tasmota;
 mod zigbee2mqtt;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -30,7 +31,7 @@ use actuator::Actuator;
 use agent::{
     Admit, Agent, Blueprint, Brought, BuildError, Callbacks, Context, Launch, PluginEntry,
 };
-use mqtt_link::{BROKER, Connection, Told, address};
+use mqtt_link::{Broker, Connection, Told};
 use serde::Deserialize;
 use serde_json::Value;
 use tokio::sync::mpsc;
@@ -63,8 +64,13 @@ const AGENTS_MAX: usize = 2_048;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct Config {
-    /// Whom it speaks to, as `HOST:PORT`.
+    /// Whom it speaks to, as `HOST:PORT` or `mqtts://HOST:PORT`.
     broker: Option<String>,
+    /// Who logs in there, and where the password stands.
+    user: Option<String>,
+    password_file: Option<PathBuf>,
+    /// The authorities that are trusted, where the broker is `mqtts://…`.
+    ca: Option<PathBuf>,
     /// In which room a device stands, by its name or its identifier; a `*` at the end is any ending.
     #[serde(default)]
     rooms: BTreeMap<String, String>,
@@ -101,10 +107,10 @@ fn tasmota() -> String {
 }
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
-    let config: Config = blueprint.config_as()?;
-    let broker = config.broker.clone().unwrap_or_else(|| BROKER.to_owned());
-    address(&broker)
-        .map_err(|problem| blueprint.problem(format!("broker `{broker}`: {problem}")))?;
+    let mut config: Config = blueprint.config_as()?;
+    let (user, password_file) = (config.user.take(), config.password_file.take());
+    let broker = Broker::new(config.broker.as_deref(), user, password_file, config.ca.take());
+    let broker = broker.map_err(|problem| blueprint.problem(problem))?;
     let classes = Classes::with(&config.classes).map_err(|problem| blueprint.problem(problem))?;
     let valid_for = config.valid_for.as_deref().map(humantime::parse_duration).transpose();
     let valid_for = valid_for.map_err(|error| blueprint.problem(format!("valid-for: {error}")))?;
@@ -147,7 +153,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
 struct Gateway {
     blueprint: Blueprint,
     config: Config,
-    broker: String,
+    broker: Broker,
     classes: Classes,
     /// The places of the map, by what is left of their names.
     rooms: BTreeMap<String, String>,

@@ -36,6 +36,12 @@ pub(crate) struct Config {
     every: Option<String>,
     /// Driver `mqtt`: whom it speaks to, as `HOST:PORT`.
     broker: Option<String>,
+    /// Driver `mqtt`: who logs in there.
+    user: Option<String>,
+    /// Driver `mqtt`: where the user's password stands.
+    password_file: Option<PathBuf>,
+    /// Driver `mqtt`: the authorities that are trusted, where the broker is `mqtts://…`.
+    ca: Option<PathBuf>,
     /// Driver `mqtt`: under which topic the device speaks.
     topic: Option<String>,
     /// Driver `mqtt`: under which topic it is said whether the device is online.
@@ -53,6 +59,9 @@ pub(crate) struct Hardware {
     pub(crate) factor: Option<f64>,
     pub(crate) every: Option<String>,
     pub(crate) broker: Option<String>,
+    pub(crate) user: Option<String>,
+    pub(crate) password_file: Option<PathBuf>,
+    pub(crate) ca: Option<PathBuf>,
     pub(crate) topic: Option<String>,
     pub(crate) availability: Option<String>,
 }
@@ -73,6 +82,9 @@ impl Config {
             ("factor", &[COMMAND], self.factor.is_some()),
             ("every", &[COMMAND], self.every.is_some()),
             ("broker", &[MQTT], self.broker.is_some()),
+            ("user", &[MQTT], self.user.is_some()),
+            ("password-file", &[MQTT], self.password_file.is_some()),
+            ("ca", &[MQTT], self.ca.is_some()),
             ("topic", &[MQTT], self.topic.is_some()),
             ("availability", &[MQTT], self.availability.is_some()),
         ];
@@ -99,6 +111,9 @@ impl Config {
             factor: self.factor.take(),
             every: self.every.take(),
             broker: self.broker.take(),
+            user: self.user.take(),
+            password_file: self.password_file.take(),
+            ca: self.ca.take(),
             topic: self.topic.take(),
             availability: self.availability.take(),
         })

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
-use mqtt_link::{BROKER, Connection, Said, address};
+use mqtt_link::{Broker, Connection, Said};
 use tokio::sync::watch;
 
 use crate::config::Hardware;
@@ -27,7 +27,7 @@ const _: () = assert!(FIRST_WORD.as_millis() < MEASURING.as_millis());
 
 #[derive(Clone)]
 struct Mqtt {
-    broker: String,
+    broker: Broker,
     topic: String,
     availability: Option<String>,
     /// Where in a JSON text the value is.
@@ -51,7 +51,7 @@ pub(crate) fn probe(
     blueprint: &Blueprint,
     hardware: Hardware,
 ) -> Result<Arc<dyn Probe>, BuildError> {
-    let Hardware { broker, topic, availability, json, .. } = hardware;
+    let Hardware { broker, user, password_file, ca, topic, availability, json, .. } = hardware;
     let topic = topic.ok_or_else(|| {
         let problem = "driver `mqtt` needs a `topic`, such as \"zigbee2mqtt/thermometer\"";
         blueprint.problem(problem)
@@ -62,9 +62,8 @@ pub(crate) fn probe(
             return Err(blueprint.problem(problem));
         }
     }
-    let broker = broker.unwrap_or_else(|| BROKER.to_owned());
-    address(&broker)
-        .map_err(|problem| blueprint.problem(format!("broker `{broker}`: {problem}")))?;
+    let broker = Broker::new(broker.as_deref(), user, password_file, ca);
+    let broker = broker.map_err(|problem| blueprint.problem(problem))?;
     let (link, told) = (Arc::default(), Arc::default());
     Ok(Arc::new(Mqtt { broker, topic, availability, pointer: json, link, told }))
 }
@@ -398,8 +397,8 @@ mod tests {
             (json!({ "topic": "a/+" }), "topic `a/+`: write that of one device, without + and #"),
             (
                 json!({ "topic": "a", "broker": "mqtts://x:8883" }),
-                "broker `mqtts://x:8883`: TLS, websockets and passwords are not built yet; \
-                 write HOST:PORT",
+                "broker `mqtts://x:8883`: say whom it trusts: \
+                 ca = \"/etc/ssl/certs/ca-certificates.crt\", or your own",
             ),
             (
                 json!({ "topic": "a", "json": "temperature" }),
