@@ -233,6 +233,35 @@ fn where_the_file_says_so_devices_are_listed_and_those_that_are_named_join() {
 }
 
 #[test]
+fn where_the_file_says_so_a_person_is_asked_once() {
+    let Some(broker) = Broker::start() else { return };
+    let ask =
+        "\n[[agent]]\nname = \"keyboard\"\nplugin = \"keyboard\"\n\n[plugins]\nadmit = \"ask\"\n";
+    let mut office = office("decentralized", &broker, ask);
+    let devices = [("office1/one", "0x1"), ("office1/two", "0x2"), ("office2/three", "0x3")];
+    let devices: Vec<_> = devices.iter().map(|(name, id)| thermometer(name, id, "°C")).collect();
+    tell(&broker, &devices);
+    for device in ["office1-one", "office1-two", "office2-three"] {
+        let asked = await_discovered(&office, device, |one| one["joined"] == false);
+        assert_eq!(asked["problem"], "a person is being asked: althing keyboard");
+    }
+    office.answer("`office1-one` (zigbee, office1)", "office9-one");
+    // It is asked again, with what was wrong.
+    office.answer("`office9-one` is none of them", "office1-two, office2-three");
+    office.await_devices(2);
+    let denied = await_discovered(&office, "office1-one", |one| one["problem"] != Value::Null);
+    assert_eq!(denied["joined"], false);
+    assert_eq!(denied["problem"], "a person has said no; the file may name it");
+
+    // Who has said so is not asked again after a restart.
+    office.kill("daemon");
+    office.up(&["daemon"], &[]);
+    office.await_devices(2);
+    let denied = await_discovered(&office, "office1-one", |one| one["joined"] == false);
+    assert_eq!(denied["problem"], "a person has said no; the file may name it");
+}
+
+#[test]
 fn hundreds_of_devices_are_here_within_seconds_in_a_few_epochs() {
     let Some(broker) = Broker::start() else { return };
     let office = office("decentralized", &broker, "");

@@ -202,6 +202,34 @@ fn agents_of_the_file_come_with_their_config_and_what_appears_is_listed() {
 }
 
 #[test]
+fn where_the_file_says_so_a_person_lets_a_plugin_in_or_not() {
+    if !has_python() {
+        return;
+    }
+    let ask =
+        "[[agent]]\nname = \"keyboard\"\nplugin = \"keyboard\"\n\n[plugins]\nadmit = \"ask\"\n";
+    let office = office("decentralized", ask);
+    let add = |name: &str| {
+        let made = office.folder().join("made").join(name);
+        copy(&thermometer(), &made);
+        replace(&made.join("plugin.toml"), "name = \"thermometer\"", &format!("name = \"{name}\""));
+        replace(&made.join("plugin.toml"), "\"py-1\"", &format!("\"agent-of-{name}\""));
+        fs::rename(&made, office.plugins_folder().join(name)).expect("the same file system");
+    };
+    add("friend");
+    let status = await_state(&office, "friend", "unused");
+    assert_eq!(status["reason"], "a person is being asked: althing keyboard");
+    office.answer("`friend` (a plugin, with agent-of-friend) has appeared", "yes");
+    await_state(&office, "friend", "running");
+    add("stranger");
+    office.answer("`stranger` (a plugin, with agent-of-stranger) has appeared", "no");
+    let is_denied =
+        |status: &Value| status["reason"] == "a person has said no; the file may name it";
+    await_status(&office, "stranger", is_denied);
+    office.await_devices(1);
+}
+
+#[test]
 fn an_upgrade_takes_over_and_one_that_does_not_work_is_taken_back() {
     if !has_python() {
         return;

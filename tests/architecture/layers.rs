@@ -26,6 +26,7 @@ const LAYERS: &[&[&str]] = &[
     &[
         "cleaning-robot",
         "domain-maintainer",
+        "doorkeeper",
         "ir-temperature-sensor",
         "journal",
         "keyboard",

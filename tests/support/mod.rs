@@ -131,6 +131,20 @@ impl Office {
     }
 
     /// Where its files are.
+    /// Waits until a person is asked this, and answers.
+    pub(crate) fn answer(&self, question: &str, answer: &str) {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let open = self.ask_json(&["answer"])["questions"].clone();
+            let is_it = |one: &&Value| one["text"].to_string().contains(question);
+            if let Some(number) = open.as_array().into_iter().flatten().find(is_it) {
+                let (code, said) = self.ask(&["answer", &number["question"].to_string(), answer]);
+                return assert_eq!(code, Some(0), "{said}");
+            }
+            assert!(Instant::now() < deadline, "nobody asks `{question}`: {open}");
+        }
+    }
+
     pub(crate) fn folder(&self) -> &Path {
         self.folder.path()
     }

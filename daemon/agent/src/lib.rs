@@ -17,6 +17,7 @@
 //!
 //! An agent sees no substrate and no other agent's code.
 
+mod admission;
 mod base_agent;
 mod callbacks;
 mod commons;
@@ -42,6 +43,7 @@ mod switchboard;
 pub mod upkeep;
 
 pub use acl::content::Mode;
+pub use admission::{Admission, Admissions, Admit, Applicant};
 pub use base_agent::{Agent, Berth, Launch, LaunchError};
 pub use callbacks::Callbacks;
 pub use commons::Commons;
@@ -51,9 +53,7 @@ pub use directory::Directory;
 pub use landing::Landing;
 pub use machine::{Lost, Machine, Simulated};
 pub use observing::{Observer, Sight, Sighted};
-pub use plugin::{
-    Admit, Blueprint, BuildError, Host, PluginEntry, Rehearsal, Resources, StateFolder,
-};
+pub use plugin::{Blueprint, BuildError, Host, PluginEntry, Rehearsal, Resources, StateFolder};
 pub use rights::{AgentRights, Allowed, Askers, Rights};
 pub use settings::Settings;
 pub use substrate::{Ask, Presence, Resident, Resource};

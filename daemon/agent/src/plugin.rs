@@ -69,16 +69,6 @@ pub struct StateFolder(pub PathBuf);
 #[derive(Clone, Copy, Debug)]
 pub struct Rehearsal;
 
-/// Among the resources of a host: whether agents that no file names take part.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Admit {
-    /// They do.
-    #[default]
-    All,
-    /// They are listed.
-    Listed,
-}
-
 /// Things that drivers share, one per type.
 #[derive(Clone, Default)]
 pub struct Resources(HashMap<TypeId, Arc<dyn Any + Send + Sync>>);

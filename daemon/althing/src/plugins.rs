@@ -1,6 +1,12 @@
 //! The plugins that are built in: to add one, add its line.
 
+use std::sync::Arc;
+
+use acl::{AgentId, DaemonId};
 use agent::PluginEntry;
+use serde_json::Value;
+
+use crate::config::AgentEntry;
 
 /// All of them, in the order in which they are listed for people.
 pub(crate) const PLUGINS: &[PluginEntry] = &[
@@ -10,6 +16,7 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     plan_executor::PLUGIN,
     journal::PLUGIN,
     keyboard::PLUGIN,
+    doorkeeper::PLUGIN,
     sensor::TEMPERATURE_SENSOR,
     sensor::PLUGIN,
     mqtt::PLUGIN,
@@ -24,6 +31,21 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
 /// The plugin of this name.
 pub(crate) fn find(name: &str) -> Option<&'static PluginEntry> {
     PLUGINS.iter().find(|plugin| plugin.name == name)
+}
+
+/// Who asks a daemon's people, where its file wants them to be asked.
+pub(crate) fn doorkeeper(daemon: &DaemonId) -> AgentEntry {
+    // As much of the daemon's name as a name has room for.
+    let daemon_name: String = daemon.as_str().chars().take(48).collect();
+    let name = AgentId::new(&format!("doorkeeper-{daemon_name}"));
+    AgentEntry {
+        name: name.expect("invariant: names of daemons and of agents are of the same symbols"),
+        plugin: doorkeeper::PLUGIN.name.to_owned(),
+        package: None,
+        daemons: vec![daemon.clone()],
+        driver: None,
+        config: Arc::new(Value::Null),
+    }
 }
 
 /// Their names and drivers, for the ecosystem file.

@@ -35,7 +35,7 @@ use std::time::Duration;
 
 use acl::AgentId;
 use acl::content::Discovered;
-use agent::{Admit, Landing};
+use agent::{Admission, Admissions, Landing};
 use notify::{RecursiveMode, Watcher as _};
 use tokio::sync::{Notify, watch};
 use tokio::time::Instant;
@@ -79,8 +79,8 @@ pub struct Setting {
     pub agents: BTreeMap<String, Vec<WantedAgent>>,
     /// All agents that the file names, whoever hosts them.
     pub named: BTreeSet<AgentId>,
-    /// Whether those that it does not name take part.
-    pub admit: Admit,
+    /// Which of those that it does not name take part.
+    pub admissions: Arc<Admissions>,
     /// This daemon's own program.
     pub launcher: Launcher,
     /// Where sockets are.
@@ -117,7 +117,7 @@ impl Ground {
 ///
 /// If a folder of the daemon's own cannot be made.
 pub fn host(setting: Setting) -> std::io::Result<()> {
-    let Setting { shelf, landing, agents, named, admit, launcher, sockets, state, building } =
+    let Setting { shelf, landing, agents, named, admissions, launcher, sockets, state, building } =
         setting;
     for folder in [&sockets, &state] {
         std::fs::create_dir_all(folder)?;
@@ -142,7 +142,7 @@ pub fn host(setting: Setting) -> std::io::Result<()> {
         ground: Arc::clone(&ground),
         agents,
         named,
-        admit,
+        admissions,
         statuses,
         kept: BTreeMap::new(),
     };
@@ -169,7 +169,7 @@ struct Keeper {
     ground: Arc<Ground>,
     agents: BTreeMap<String, Vec<WantedAgent>>,
     named: BTreeSet<AgentId>,
-    admit: Admit,
+    admissions: Arc<Admissions>,
     statuses: Statuses,
     kept: BTreeMap<String, Kept>,
 }
@@ -178,6 +178,7 @@ struct Keeper {
 struct Kept {
     stamp: Stamp,
     is_disabled: bool,
+    admission: Admission,
     wish: watch::Sender<Wish>,
 }
 
@@ -186,6 +187,7 @@ impl Keeper {
         let touched = Arc::new(Touched::default());
         let _watcher = self.watch(&touched);
         let stopping = self.ground.landing.stopping.clone();
+        let mut admitted = self.admissions.changes();
         let mut stirred = Instant::now();
         loop {
             self.look(&touched.take());
@@ -194,6 +196,7 @@ impl Keeper {
                 biased;
                 () = stopping.cancelled() => return,
                 () = self.ground.look_again.notified() => (),
+                Ok(()) = admitted.changed() => (),
                 () = touched.at_rest() => stirred = Instant::now(),
                 () = tokio::time::sleep(if is_fresh { LOOK_SOON } else { LOOK_AGAIN }) => (),
             }
@@ -238,28 +241,57 @@ impl Keeper {
                 kept.wish.send_replace(Wish::Gone);
             }
         }
-        let mut discovered = Vec::new();
+        let (mut discovered, mut applicants) = (Vec::new(), BTreeMap::new());
         for name in names {
             let now = stamp(&self.ground.shelf.at(&name));
             let is_disabled = self.ground.shelf.is_disabled(&name);
+            let admission = self.admissions.of(PLUGINS, &name);
             let is_as_it_was = |kept: &Kept| {
-                kept.stamp == now && kept.is_disabled == is_disabled && !touched.contains(&name)
+                kept.stamp == now
+                    && kept.is_disabled == is_disabled
+                    && kept.admission == admission
+                    && !touched.contains(&name)
             };
             let package = Package::open(&self.ground.shelf.at(&name));
+            if let Some(about) = self.application(&name, package.as_ref().ok(), is_disabled) {
+                applicants.insert(name.clone(), about);
+            }
             let wish = self.wish(&name, package, is_disabled, &mut discovered);
             match self.kept.get_mut(&name) {
                 Some(kept) if is_as_it_was(kept) => (),
                 Some(kept) => {
                     (kept.stamp, kept.is_disabled) = (now, is_disabled);
+                    kept.admission = admission;
                     kept.wish.send_replace(wish);
                 }
                 None => {
                     let wish = self.begin(&name, wish);
-                    self.kept.insert(name, Kept { stamp: now, is_disabled, wish });
+                    self.kept.insert(name, Kept { stamp: now, is_disabled, admission, wish });
                 }
             }
         }
+        self.admissions.present(PLUGINS, applicants);
         self.ground.landing.switchboard.discovered(PLUGINS, discovered);
+    }
+
+    /// What a person is told of a package that wants to take part and that nobody has let in.
+    fn application(
+        &self,
+        name: &str,
+        package: Option<&Package>,
+        is_disabled: bool,
+    ) -> Option<String> {
+        let manifest = &package?.manifest;
+        let is_asked = self.admissions.of(PLUGINS, name) == Admission::Asked;
+        if is_disabled || !is_asked || self.agents.contains_key(name) {
+            return None;
+        }
+        let own: Vec<_> = manifest.agents.iter().map(|own| own.name.as_str()).collect();
+        if own.is_empty() && manifest.brings.is_empty() {
+            return None;
+        }
+        let brings = if own.is_empty() { "agents of its own".to_owned() } else { own.join(", ") };
+        Some(format!("a plugin, with {brings}"))
     }
 
     fn wish(
@@ -281,14 +313,15 @@ impl Keeper {
                 return Wish::Rest(State::Invalid, Some(reason));
             }
         };
-        let joined = named.is_none() && self.admit == Admit::All && !is_disabled;
+        let admission = self.admissions.of(PLUGINS, name);
+        let joined = named.is_none() && admission == Admission::Granted && !is_disabled;
         let own = || package.manifest.agents.iter().filter(|own| !self.named.contains(&own.name));
         if named.is_none() {
             discovered.extend(own().map(|own| Discovered {
                 agent: own.name.clone(),
                 by: format!("plugin {name}"),
                 joined,
-                problem: None,
+                problem: admission.reason(),
                 toml: entry(name, own),
             }));
         }
@@ -309,13 +342,18 @@ impl Keeper {
         };
         let brings = joined && !package.manifest.brings.is_empty();
         if agents.is_empty() && !brings {
-            let reason = match self.admit {
-                Admit::Listed if !package.manifest.agents.is_empty() => {
-                    "its agents are listed and do not join: `admit = \"listed\"`"
+            let has_agents =
+                !package.manifest.agents.is_empty() || !package.manifest.brings.is_empty();
+            let reason = match admission {
+                Admission::Listed if has_agents => {
+                    "its agents are listed and do not join: `admit = \"listed\"`".to_owned()
                 }
-                _ => "no [[agent]] of the ecosystem's file names it, and it brings none",
+                Admission::Asked | Admission::Denied if has_agents => {
+                    admission.reason().unwrap_or_default()
+                }
+                _ => "no [[agent]] of the ecosystem's file names it, and it brings none".to_owned(),
             };
-            return Wish::Rest(State::Unused, Some(reason.to_owned()));
+            return Wish::Rest(State::Unused, Some(reason));
         }
         Wish::Run(Arc::new(Wanted { package: Arc::new(package), agents }))
     }

@@ -5,12 +5,14 @@
 //!   themselves, `described` is that in one form.
 //! - `class` is the table from device classes to words (`classes.toml`); `part` makes of a device the
 //!   agents it is, and their action models.
+//! - `census` says which of them are to be here, and why not of the others.
 //! - `device` is such an agent: what the device says is known at once, its availability is its presence,
 //!   a lamp, a relay or a lock is switched, and only what the device then says is believed.
 //! - `reading` finds values in JSON and through Jinja templates.
 //!
 //! The gateway itself says nothing and offers nothing; with it, its devices leave.
 
+mod census;
 mod class;
 mod described;
 mod device;
@@ -26,20 +28,21 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::AgentId;
-use acl::content::Discovered;
 use actuator::Actuator;
 use agent::{
-    Admit, Agent, Blueprint, Brought, BuildError, Callbacks, Context, Launch, PluginEntry,
+    Admissions, Admit, Agent, Blueprint, Brought, BuildError, Callbacks, Context, Launch,
+    PluginEntry,
 };
 use mqtt_link::{Broker, Connection, Told};
 use serde::Deserialize;
 use serde_json::Value;
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, watch};
 
+use census::Census;
 use class::Classes;
-use described::{Described, core, name_of};
+use described::{Described, core};
 use device::MqttDevice;
-use part::{Part, Parts};
+use part::Part;
 
 /// A gateway to an MQTT broker.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -57,9 +60,6 @@ const MORE: Duration = Duration::from_millis(50);
 
 /// How long one that could not come rests before it is tried again.
 const REST: Duration = Duration::from_secs(10);
-
-/// Agents that one gateway brings.
-const AGENTS_MAX: usize = 2_048;
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
@@ -130,7 +130,8 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
             return Err(blueprint.problem(problem));
         }
     }
-    let admit = blueprint.host.resources.get::<Admit>().map(|admit| *admit).unwrap_or_default();
+    let admissions = blueprint.host.resources.get::<Admissions>();
+    let admissions = admissions.unwrap_or_else(|| Arc::new(Admissions::new(Admit::default())));
 
     Ok(Box::new(Gateway {
         blueprint,
@@ -139,7 +140,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         classes,
         rooms,
         valid_for,
-        admit,
+        admissions,
         connection: None,
         zigbee: Vec::new(),
         home_assistant: home_assistant::Discovery::default(),
@@ -158,7 +159,8 @@ struct Gateway {
     /// The places of the map, by what is left of their names.
     rooms: BTreeMap<String, String>,
     valid_for: Option<Duration>,
-    admit: Admit,
+    /// Whether a device that nobody names takes part.
+    admissions: Arc<Admissions>,
     connection: Option<Arc<Connection>>,
     zigbee: Vec<Described>,
     home_assistant: home_assistant::Discovery,
@@ -189,6 +191,7 @@ impl Agent for Gateway {
             self.hear(connection.listen_to_all(filter), ctx);
         }
         self.connection = Some(connection);
+        self.hear_of_admissions(self.admissions.changes(), ctx);
     }
 }
 
@@ -208,6 +211,17 @@ impl Gateway {
             }
             gateway.settle_soon(MORE, ctx);
             gateway.hear(words, ctx);
+        });
+        // It lasts as long as this agent.
+        std::mem::forget(work);
+    }
+
+    fn hear_of_admissions(&mut self, mut changes: watch::Receiver<()>, ctx: &mut Context<Self>) {
+        let next = async move { changes.changed().await.is_ok().then_some(changes) };
+        let work = ctx.run(next, |gateway: &mut Self, changes, ctx| {
+            let Some(changes) = changes else { return };
+            gateway.settle_soon(MORE, ctx);
+            gateway.hear_of_admissions(changes, ctx);
         });
         // It lasts as long as this agent.
         std::mem::forget(work);
@@ -242,110 +256,15 @@ impl Gateway {
 
     /// Lets come who is to be here, and go who is not.
     fn settle(&mut self, ctx: &mut Context<Self>) {
-        let mut devices = self.home_assistant.devices();
-        // Zigbee2MQTT says all that it says to Home Assistant too, under an identifier of both.
-        let zigbee: BTreeSet<_> = self.zigbee.iter().map(|known| known.id.as_str()).collect();
-        devices.retain(|device| !zigbee.contains(device.id.trim_start_matches("zigbee2mqtt_")));
-        devices.extend(self.zigbee.iter().cloned());
-        devices.extend(self.tasmota.devices());
-        let (mut wanted, mut discovered) = (BTreeMap::new(), Vec::new());
-        let mut names = BTreeSet::new();
-        for device in &devices {
-            if self.is_listed(&self.config.ignore, device) {
-                continue;
-            }
-            self.sort(device, &mut wanted, &mut discovered, &mut names);
-        }
+        let Census { wanted, discovered, applicants, .. } = self.census();
         self.here.retain(|agent, (part, _)| wanted.get(agent) == Some(part));
         let here: BTreeSet<_> = self.here.keys().cloned().collect();
         for (_, part) in wanted.into_iter().filter(|(agent, _)| !here.contains(agent)) {
             self.bring(part, ctx);
         }
         let by = ctx.id().to_string();
+        self.admissions.present(&by, applicants);
         ctx.switchboard().discovered(&by, discovered);
-    }
-
-    /// What is to become of a device's parts.
-    fn sort(
-        &self,
-        device: &Described,
-        wanted: &mut BTreeMap<AgentId, Part>,
-        discovered: &mut Vec<Discovered>,
-        names: &mut BTreeSet<AgentId>,
-    ) {
-        let Parts { parts, problem } = Parts::of(device, &self.classes);
-        let room = self.room(device);
-        if parts.is_empty()
-            && let Ok(agent) = AgentId::new(&name_of(&device.name))
-        {
-            let (by, toml) = (self.blueprint.id.to_string(), self.lines(device, room.as_deref()));
-            discovered.push(Discovered { agent, by, joined: false, problem, toml });
-            return;
-        }
-        let is_admitted = self.admit == Admit::All || self.is_listed(&self.config.devices, device);
-        for (agent, features) in parts {
-            let twice = !names.insert(agent.clone());
-            let problem = match (&room, self.problems.get(&agent)) {
-                _ if twice => {
-                    Some("another device has this name; call one of them otherwise".to_owned())
-                }
-                _ if wanted.len() >= AGENTS_MAX => Some("there are too many".to_owned()),
-                (None, _) => Some("nobody says in which room it stands".to_owned()),
-                (_, Some(problem)) => Some(problem.clone()),
-                _ => problem.clone(),
-            };
-            let joined = is_admitted && room.is_some() && !twice && wanted.len() < AGENTS_MAX;
-            discovered.push(Discovered {
-                by: self.blueprint.id.to_string(),
-                joined: joined && !self.problems.contains_key(&agent),
-                problem,
-                toml: self.lines(device, room.as_deref()),
-                agent: agent.clone(),
-            });
-            if let Some(room) = room.clone().filter(|_| joined) {
-                wanted.insert(
-                    agent.clone(),
-                    Part {
-                        agent,
-                        room,
-                        features,
-                        availability: device.availability.clone(),
-                        any_is_enough: device.any_is_enough,
-                        valid_for: self.valid_for,
-                    },
-                );
-            }
-        }
-    }
-
-    fn is_listed(&self, list: &[String], device: &Described) -> bool {
-        list.iter().any(|pattern| is_it(pattern, device))
-    }
-
-    /// The room it stands in: what the config says, what it says itself, what its name begins with.
-    fn room(&self, device: &Described) -> Option<String> {
-        let said = self.config.rooms.iter().find(|(pattern, _)| is_it(pattern, device));
-        if let Some((_, room)) = said {
-            return Some(room.clone());
-        }
-        let area = device.area.as_deref().and_then(|area| self.rooms.get(&core(area)));
-        let called = core(&device.name);
-        let named = || {
-            let begins = self.rooms.iter().filter(|(core, _)| called.starts_with(core.as_str()));
-            begins.max_by_key(|(core, _)| core.len()).map(|(_, room)| room)
-        };
-        area.or_else(named).cloned()
-    }
-
-    /// The lines that would let it take part.
-    fn lines(&self, device: &Described, room: Option<&str>) -> String {
-        let (gateway, name) = (&self.blueprint.id, &device.name);
-        let room = room.unwrap_or("");
-        format!(
-            "# in the config of `{gateway}`; it is `{}`\ndevices = [\"{name}\"]\n\
-             rooms = {{ \"{name}\" = \"{room}\" }}\n",
-            device.id
-        )
     }
 
     fn bring(&mut self, part: Part, ctx: &mut Context<Self>) {
@@ -376,14 +295,5 @@ impl Gateway {
         });
         tracing::info!(%agent, room = part.room, "appears");
         self.here.insert(agent, (part, brought));
-    }
-}
-
-/// Whether a pattern is about a device: its name as it is or as agents have it, or its identifier.
-fn is_it(pattern: &str, device: &Described) -> bool {
-    let names = [device.name.as_str(), device.id.as_str(), &name_of(&device.name)];
-    match pattern.strip_suffix('*') {
-        Some(beginning) => names.iter().any(|name| name.starts_with(beginning)),
-        None => names.contains(&pattern),
     }
 }

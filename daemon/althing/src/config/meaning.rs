@@ -116,8 +116,12 @@ impl Meaning<'_> {
     fn plugins(&self, raw: RawPlugins) -> PluginSettings {
         let RawPlugins { folder, admit } = raw;
         let beside = |folder: String| self.file.parent().unwrap_or(Path::new("")).join(folder);
-        // The schema lets nothing else through.
-        let admit = if admit == "listed" { Admit::Listed } else { Admit::All };
+        let admit = match admit.as_str() {
+            "listed" => Admit::Listed,
+            "ask" => Admit::Ask,
+            // The schema lets nothing else through.
+            _ => Admit::All,
+        };
         PluginSettings { folder: folder.map(beside), admit }
     }
 

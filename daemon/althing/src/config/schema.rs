@@ -146,7 +146,11 @@ const RIGHTS: &[Key] = &[
 
 const PLUGINS: &[Key] = &[
     key("folder", Shape::Text, "where packages are, such as \"plugins\""),
-    key("admit", Shape::Choice(&["all", "listed"]), "whether agents not named here take part"),
+    key(
+        "admit",
+        Shape::Choice(&["all", "ask", "listed"]),
+        "whether agents not named here take part",
+    ),
 ];
 
 const BUILDING: &[Key] = &[

@@ -16,13 +16,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{Host, Landing, Machine, Mode, Resources, Rights, Settings, StateFolder, Switchboard};
+use agent::{
+    Admissions, Admit, Host, Landing, Machine, Mode, Resources, Rights, Settings, StateFolder,
+    Switchboard,
+};
 use substrate::Substrate;
 use substrate::memory::Network;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::config::{AgentEntry, Ecosystem};
+use crate::plugins;
 
 pub(crate) use building::simulate;
 pub(crate) use credentials::{GuestKeys, announce_end, forget_keys, secure, tell_keys};
@@ -135,7 +139,8 @@ impl Node {
         let mut node = Node::join(machine, name, daemon, settings, rights, wire).await?;
         let mut resources = Resources::default();
         building.into_iter().for_each(|building| resources.insert(building));
-        resources.insert(ecosystem.plugins.admit);
+        let admit = ecosystem.plugins.admit;
+        resources.insert(Admissions::new(admit));
         state.into_iter().for_each(|folder| resources.insert(StateFolder(folder)));
         let host = Arc::new(Host {
             ontology: Arc::clone(&ecosystem.domain),
@@ -149,6 +154,9 @@ impl Node {
         // What packages bring comes when it comes: a plugin that fails keeps nobody waiting.
         for entry in agents.into_iter().filter(AgentEntry::is_built_in) {
             node.plug_in(entry)?;
+        }
+        if admit == Admit::Ask {
+            node.plug_in(plugins::doorkeeper(node.switchboard.daemon()))?;
         }
         node.await_agents().await?;
         Ok(node)

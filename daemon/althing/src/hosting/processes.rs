@@ -37,6 +37,7 @@ impl Node {
     pub(crate) fn host_processes(&self, processes: Processes<'_>) -> Result<(), String> {
         let Processes { ecosystem, agents, runtime, state, building } = processes;
         let Some(landing) = self.landing() else { return Ok(()) };
+        let Some(admissions) = landing.host.resources.get() else { return Ok(()) };
         let folder = plugins_folder(ecosystem.plugins.folder.as_deref());
         // A folder that is there is one into which something can be put.
         if let Err(error) = std::fs::create_dir_all(&folder) {
@@ -55,7 +56,7 @@ impl Node {
             landing,
             agents: wanted,
             named: ecosystem.agents.iter().map(|entry| entry.name.clone()).collect(),
-            admit: ecosystem.plugins.admit,
+            admissions,
             launcher: Launcher(PathBuf::from(ITSELF)),
             sockets: runtime.join(format!("{daemon}.plugins")),
             state: state.join("plugins"),
