@@ -221,7 +221,7 @@ impl Confinement {
         let seccomp =
             |error: seccompiler::BackendError| ConfinementError::Seccomp(error.to_string());
         let mut rules: BTreeMap<i64, Vec<SeccompRule>> =
-            FORBIDDEN.iter().map(|call| (*call, Vec::new())).collect();
+            FORBIDDEN.iter().map(|call| (number(*call), Vec::new())).collect();
         if !self.network {
             let of = |family: libc::c_int| {
                 let family = u64::from(family.unsigned_abs());
@@ -231,7 +231,7 @@ impl Confinement {
             };
             let families = [libc::AF_INET, libc::AF_INET6, libc::AF_PACKET, libc::AF_VSOCK];
             let of_all: Result<Vec<_>, _> = families.into_iter().map(of).collect();
-            rules.insert(libc::SYS_socket, of_all.map_err(seccomp)?);
+            rules.insert(number(libc::SYS_socket), of_all.map_err(seccomp)?);
         }
         let (allow, forbid) =
             (SeccompAction::Allow, SeccompAction::Errno(libc::EPERM.unsigned_abs()));
@@ -241,4 +241,10 @@ impl Confinement {
             .map_err(|error| ConfinementError::Seccomp(error.to_string()))?;
         Ok(None)
     }
+}
+
+/// The number of a system call, as filters want it.
+#[allow(clippy::useless_conversion, reason = "a C long has 32 bits on some boards")]
+fn number(call: libc::c_long) -> i64 {
+    i64::from(call)
 }
