@@ -1,0 +1,376 @@
+//! The functions of `libphidget22` that are called, and nothing else: everything `unsafe` is here.
+//!
+//! What makes the calls sound is said once, at [`Functions`] and [`Handle`]; each call says what it
+//! rests on. The types of the functions are those of Phidgets' `phidget22.h`.
+#![expect(unsafe_code, reason = "a C library can be called in no other way")]
+
+use std::ffi::{CStr, OsStr, c_char, c_double, c_int, c_void};
+use std::ptr::{self, NonNull};
+use std::time::Duration;
+
+/// A channel of the library, as it knows it.
+type Raw = *mut c_void;
+/// `PhidgetReturnCode`: 0, or what went wrong.
+type Code = c_int;
+
+type Create = unsafe extern "C" fn(*mut Raw) -> Code;
+type Do = unsafe extern "C" fn(Raw) -> Code;
+type SetInt = unsafe extern "C" fn(Raw, c_int) -> Code;
+type GetInt = unsafe extern "C" fn(Raw, *mut c_int) -> Code;
+type GetDouble = unsafe extern "C" fn(Raw, *mut c_double) -> Code;
+
+const TIMEOUT: Code = 3;
+
+/// The longest detail of an error that is read; those that are known have some 200 bytes.
+const DETAIL_BYTES: usize = 1024;
+
+/// What the library said no to. Completes “failed to …”.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{what}: {reason}")]
+pub struct CallError {
+    pub(crate) what: String,
+    pub(crate) reason: String,
+    code: Code,
+}
+
+impl CallError {
+    /// Nothing came in time; a device may come later.
+    pub(crate) fn is_timeout(&self) -> bool {
+        self.code == TIMEOUT
+    }
+}
+
+/// A kind of channel: what can be asked of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Class {
+    /// A device that measures the temperature by itself.
+    Temperature,
+    Humidity,
+    Light,
+    /// An analog input of an interface kit: volts per volt.
+    Ratio,
+    /// An analog input of an interface kit: volts.
+    Voltage,
+    Digital,
+}
+
+/// What is called of a class.
+struct ClassFunctions {
+    create: Create,
+    read: Read,
+}
+
+enum Read {
+    Double(GetDouble),
+    Int(GetInt),
+    /// Of an analog input: which sensor hangs there, and its value.
+    Sensor {
+        sensor_type: GetInt,
+        set_sensor_type: SetInt,
+        value: GetDouble,
+    },
+}
+
+/// The library's functions.
+///
+/// The library is never unloaded, so that a function is there for as long as it can be called.
+pub(crate) struct Functions {
+    version: unsafe extern "C" fn(*mut *const c_char) -> Code,
+    describe: unsafe extern "C" fn(Code, *mut *const c_char) -> Code,
+    last_error:
+        unsafe extern "C" fn(*mut Code, *mut *const c_char, *mut c_char, *mut usize) -> Code,
+    set_serial: SetInt,
+    set_hub_port: SetInt,
+    set_is_hub_port: SetInt,
+    set_channel: SetInt,
+    open: Do,
+    open_waiting: unsafe extern "C" fn(Raw, u32) -> Code,
+    attached: GetInt,
+    close: Do,
+    delete: Create,
+    temperature: ClassFunctions,
+    humidity: ClassFunctions,
+    light: ClassFunctions,
+    ratio: ClassFunctions,
+    voltage: ClassFunctions,
+    digital: ClassFunctions,
+}
+
+impl Functions {
+    /// Loads a library, for good.
+    pub(crate) fn load(file: &OsStr) -> Result<&'static Functions, String> {
+        // SAFETY: what a library does when it is loaded is its own affair, and no caller can prove
+        // it: which file that is, is what the owner of this machine installed or wrote, as with a
+        // program that is run. `libphidget22` itself has no more than ordinary constructors.
+        let library = unsafe { libloading::Library::new(file) }.map_err(|error| told(&error))?;
+        let functions = Functions::of(&library).map_err(|error| told(&error));
+        // Also if it is not what was wanted: it may have begun threads, which need it.
+        std::mem::forget(library);
+        let functions = functions?;
+        Ok(Box::leak(Box::new(functions)))
+    }
+
+    fn of(library: &libloading::Library) -> Result<Functions, libloading::Error> {
+        // SAFETY: each function has the type that `phidget22.h` gives to its name, which says the
+        // type of the field that it fills; that does not change while the library's name ends in 22.
+        unsafe {
+            Ok(Functions {
+                version: function(library, "Phidget_getLibraryVersion")?,
+                describe: function(library, "Phidget_getErrorDescription")?,
+                last_error: function(library, "Phidget_getLastError")?,
+                set_serial: function(library, "Phidget_setDeviceSerialNumber")?,
+                set_hub_port: function(library, "Phidget_setHubPort")?,
+                set_is_hub_port: function(library, "Phidget_setIsHubPortDevice")?,
+                set_channel: function(library, "Phidget_setChannel")?,
+                open: function(library, "Phidget_open")?,
+                open_waiting: function(library, "Phidget_openWaitForAttachment")?,
+                attached: function(library, "Phidget_getAttached")?,
+                close: function(library, "Phidget_close")?,
+                delete: function(library, "Phidget_delete")?,
+                temperature: ClassFunctions {
+                    create: function(library, "PhidgetTemperatureSensor_create")?,
+                    read: Read::Double(function(
+                        library,
+                        "PhidgetTemperatureSensor_getTemperature",
+                    )?),
+                },
+                humidity: ClassFunctions {
+                    create: function(library, "PhidgetHumiditySensor_create")?,
+                    read: Read::Double(function(library, "PhidgetHumiditySensor_getHumidity")?),
+                },
+                light: ClassFunctions {
+                    create: function(library, "PhidgetLightSensor_create")?,
+                    read: Read::Double(function(library, "PhidgetLightSensor_getIlluminance")?),
+                },
+                ratio: ClassFunctions {
+                    create: function(library, "PhidgetVoltageRatioInput_create")?,
+                    read: Read::Sensor {
+                        sensor_type: function(library, "PhidgetVoltageRatioInput_getSensorType")?,
+                        set_sensor_type: function(
+                            library,
+                            "PhidgetVoltageRatioInput_setSensorType",
+                        )?,
+                        value: function(library, "PhidgetVoltageRatioInput_getSensorValue")?,
+                    },
+                },
+                voltage: ClassFunctions {
+                    create: function(library, "PhidgetVoltageInput_create")?,
+                    read: Read::Sensor {
+                        sensor_type: function(library, "PhidgetVoltageInput_getSensorType")?,
+                        set_sensor_type: function(library, "PhidgetVoltageInput_setSensorType")?,
+                        value: function(library, "PhidgetVoltageInput_getSensorValue")?,
+                    },
+                },
+                digital: ClassFunctions {
+                    create: function(library, "PhidgetDigitalInput_create")?,
+                    read: Read::Int(function(library, "PhidgetDigitalInput_getState")?),
+                },
+            })
+        }
+    }
+
+    fn class(&self, class: Class) -> &ClassFunctions {
+        match class {
+            Class::Temperature => &self.temperature,
+            Class::Humidity => &self.humidity,
+            Class::Light => &self.light,
+            Class::Ratio => &self.ratio,
+            Class::Voltage => &self.voltage,
+            Class::Digital => &self.digital,
+        }
+    }
+
+    pub(crate) fn version(&self) -> Result<String, CallError> {
+        let mut version = ptr::null();
+        // SAFETY: the function is there; it writes one pointer to where there is room for one.
+        let code = unsafe { (self.version)(&raw mut version) };
+        self.check(code, "ask libphidget22 for its version")?;
+        Ok(text(version))
+    }
+
+    fn check(&self, code: Code, what: &str) -> Result<(), CallError> {
+        match code {
+            0 => Ok(()),
+            code => {
+                let reason = self.reason(code);
+                Err(CallError { what: what.to_owned(), reason, code })
+            }
+        }
+    }
+
+    /// What an error code means.
+    fn reason(&self, code: Code) -> String {
+        let mut description = ptr::null();
+        // SAFETY: the function is there and takes any number; it writes one pointer to where there
+        // is room for one.
+        let known = unsafe { (self.describe)(code, &raw mut description) };
+        match text(description) {
+            description if known == 0 && !description.is_empty() => description,
+            _ => format!("error {code}"),
+        }
+    }
+
+    /// What this thread's last error was about, if that was of this code.
+    fn detail(&self, code: Code) -> Option<String> {
+        let (mut last, mut description) = (0, ptr::null());
+        let mut detail = [0_u8; DETAIL_BYTES];
+        // The library may fill all it is told of, without a last zero: the array has one more.
+        let mut room = DETAIL_BYTES - 1;
+        let start = detail.as_mut_ptr().cast();
+        // SAFETY: the function is there; each pointer is to something of its type, and `detail` has
+        // room for the number of bytes that it is told.
+        let told =
+            unsafe { (self.last_error)(&raw mut last, &raw mut description, start, &raw mut room) };
+        let detail = CStr::from_bytes_until_nul(&detail).ok()?.to_string_lossy();
+        let words: Vec<_> = detail.split_whitespace().collect();
+        (told == 0 && last == code && !words.is_empty()).then(|| words.join(" "))
+    }
+}
+
+/// The function of this name.
+///
+/// # Safety
+///
+/// `F` is the type that the function has.
+unsafe fn function<F: Copy>(
+    library: &libloading::Library,
+    name: &str,
+) -> Result<F, libloading::Error> {
+    // SAFETY: that is the caller's promise.
+    unsafe { library.get::<F>(name.as_bytes()) }.map(|symbol| *symbol)
+}
+
+/// A text that the library owns; it lives as long as the library does.
+fn text(text: *const c_char) -> String {
+    if text.is_null() {
+        return String::new();
+    }
+    // SAFETY: it is not null, and the functions that give it give a constant of the library, which
+    // ends with a zero and is never freed.
+    unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned()
+}
+
+/// The words of an error of the linker, which `libloading` keeps as its cause.
+fn told(error: &libloading::Error) -> String {
+    let cause = std::error::Error::source(error);
+    cause.map_or_else(|| error.to_string(), ToString::to_string)
+}
+
+/// One channel of the library: created, and not deleted before this is dropped.
+pub(crate) struct Handle {
+    functions: &'static Functions,
+    class: Class,
+    raw: NonNull<c_void>,
+}
+
+// SAFETY: a channel belongs to no thread: the library locks its own objects, and calls them from
+// threads of its own. Only one thread uses a `Handle` at a time, as it is not `Sync`.
+unsafe impl Send for Handle {}
+
+// In what follows each call is sound because `raw` is a channel that `create` of its class has made
+// and that only `drop` deletes, because the function is there for good, and because what it writes
+// to is a variable of the type that it writes.
+impl Handle {
+    pub(crate) fn create(functions: &'static Functions, class: Class) -> Result<Handle, CallError> {
+        const WHAT: &str = "make a channel of libphidget22";
+        let mut raw = ptr::null_mut();
+        // SAFETY: the function is there; it writes one pointer to where there is room for one.
+        let code = unsafe { (functions.class(class).create)(&raw mut raw) };
+        functions.check(code, WHAT)?;
+        let nothing = || CallError { what: WHAT.to_owned(), reason: "it made none".into(), code };
+        let raw = NonNull::new(raw).ok_or_else(nothing)?;
+        Ok(Handle { functions, class, raw })
+    }
+
+    fn set(&self, set: SetInt, value: c_int, what: &str) -> Result<(), CallError> {
+        // SAFETY: see above this `impl`.
+        let code = unsafe { set(self.raw.as_ptr(), value) };
+        self.functions.check(code, what)
+    }
+
+    fn int(&self, get: GetInt, what: &str) -> Result<c_int, CallError> {
+        let mut value = 0;
+        // SAFETY: see above this `impl`.
+        let code = unsafe { get(self.raw.as_ptr(), &raw mut value) };
+        self.functions.check(code, what).map(|()| value)
+    }
+
+    fn double(&self, get: GetDouble, what: &str) -> Result<c_double, CallError> {
+        let mut value = 0.0;
+        // SAFETY: see above this `impl`.
+        let code = unsafe { get(self.raw.as_ptr(), &raw mut value) };
+        self.functions.check(code, what).map(|()| value)
+    }
+
+    pub(crate) fn set_serial(&self, serial: i32) -> Result<(), CallError> {
+        self.set(self.functions.set_serial, serial, "choose a Phidget by its serial number")
+    }
+
+    pub(crate) fn set_hub_port(&self, port: i32) -> Result<(), CallError> {
+        self.set(self.functions.set_hub_port, port, "choose a port of a hub")
+    }
+
+    /// What hangs there is no Phidget of its own: the hub's port is the input.
+    pub(crate) fn set_is_hub_port(&self) -> Result<(), CallError> {
+        self.set(self.functions.set_is_hub_port, 1, "use a port of a hub as an input")
+    }
+
+    pub(crate) fn set_channel(&self, channel: i32) -> Result<(), CallError> {
+        self.set(self.functions.set_channel, channel, "choose a port")
+    }
+
+    /// Opens it and waits for its device. If that does not come it is closed again.
+    pub(crate) fn open_waiting(&self, wait: Duration) -> Result<(), CallError> {
+        // 0 would be: without end.
+        let wait = u32::try_from(wait.as_millis()).unwrap_or(u32::MAX).max(1);
+        // SAFETY: see above this `impl`.
+        let code = unsafe { (self.functions.open_waiting)(self.raw.as_ptr(), wait) };
+        let opened = self.functions.check(code, "find it");
+        // Asked on the same thread and before any other call: it is about this one.
+        opened.map_err(|mut error| {
+            if let Some(detail) = self.functions.detail(code) {
+                error.reason = format!("{}: {detail}", error.reason);
+            }
+            error
+        })
+    }
+
+    /// Opens it; its device may come at any time.
+    pub(crate) fn open(&self) -> Result<(), CallError> {
+        // SAFETY: see above this `impl`.
+        let code = unsafe { (self.functions.open)(self.raw.as_ptr()) };
+        self.functions.check(code, "open it")
+    }
+
+    /// Whether its device is here.
+    pub(crate) fn is_attached(&self) -> bool {
+        self.int(self.functions.attached, "look for it").is_ok_and(|attached| attached != 0)
+    }
+
+    /// Its value: of an analog input, that of this type of sensor.
+    pub(crate) fn read(&self, wanted_type: i32) -> Result<f64, CallError> {
+        match self.functions.class(self.class).read {
+            Read::Double(get) => self.double(get, "read it"),
+            Read::Int(get) => self.int(get, "read it").map(f64::from),
+            Read::Sensor { sensor_type, set_sensor_type, value } => {
+                // A device that was unplugged has forgotten it.
+                if self.int(sensor_type, "read it")? != wanted_type {
+                    self.set(set_sensor_type, wanted_type, "say what sensor it is")?;
+                }
+                self.double(value, "read it")
+            }
+        }
+    }
+}
+
+impl Drop for Handle {
+    fn drop(&mut self) {
+        let mut raw = self.raw.as_ptr();
+        // SAFETY: see above this `impl`; nothing uses the channel after it. What was not opened may
+        // be closed: the library says no more than that it is not open.
+        unsafe {
+            (self.functions.close)(raw);
+            (self.functions.delete)(&raw mut raw);
+        }
+    }
+}

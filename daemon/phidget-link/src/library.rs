@@ -1,0 +1,136 @@
+//! Where `libphidget22` is looked for.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use crate::ffi::{self, Functions};
+
+/// What Phidgets' own packages install, and what a build of the source does.
+const NAMES: [&str; 2] = ["libphidget22.so.0", "libphidget22.so"];
+
+/// Where PyPI's wheel has it, below a folder of Python packages.
+const IN_WHEEL: &str = "Phidget22/.libs/libphidget22.so";
+
+/// What was loaded, by what was asked for. A library is loaded once and never unloaded.
+static LOADED: Mutex<BTreeMap<Option<PathBuf>, Library>> = Mutex::new(BTreeMap::new());
+
+/// The library, loaded. It stays so as long as the process lives: it has threads of its own.
+#[derive(Clone, Copy)]
+pub struct Library {
+    pub(crate) functions: &'static Functions,
+}
+
+/// Why it could not be loaded. Completes “failed to …”.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "load libphidget22: {reason}; install it from www.phidgets.com, or `pip install phidget22` and \
+     say where: library = \"…/site-packages\""
+)]
+pub struct LoadError {
+    reason: String,
+}
+
+impl Library {
+    /// Loads it from where the system looks for libraries, or from a file, or from a folder that
+    /// holds it: also a virtual environment of Python, or its `site-packages`, where
+    /// `pip install phidget22` was said.
+    ///
+    /// # Errors
+    ///
+    /// If it is not there, or is another library.
+    pub fn load(from: Option<&Path>) -> Result<Library, LoadError> {
+        let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
+        let key = from.map(Path::to_owned);
+        if let Some(known) = loaded.get(&key) {
+            return Ok(*known);
+        }
+        let library = load(from).map_err(|reason| LoadError { reason })?;
+        loaded.insert(key, library);
+        Ok(library)
+    }
+
+    /// What it says of itself.
+    ///
+    /// # Errors
+    ///
+    /// If it does not.
+    pub fn version(&self) -> Result<String, ffi::CallError> {
+        self.functions.version()
+    }
+}
+
+fn load(from: Option<&Path>) -> Result<Library, String> {
+    let candidates: Vec<OsString> = match from {
+        None => NAMES.map(OsString::from).to_vec(),
+        Some(folder) if folder.is_dir() => {
+            let file = in_folder(folder).ok_or_else(|| {
+                format!("there is none in {}, and no Python package that has it", folder.display())
+            })?;
+            vec![file.into_os_string()]
+        }
+        // A bare name would be looked for where the system does, and not here.
+        Some(file) => match std::path::absolute(file) {
+            Ok(file) if file.exists() => vec![file.into_os_string()],
+            _ => return Err(format!("there is no {}", file.display())),
+        },
+    };
+    let mut reasons = Vec::new();
+    for candidate in &candidates {
+        match Functions::load(candidate) {
+            Ok(functions) => return Ok(Library { functions }),
+            Err(reason) => reasons.push(reason),
+        }
+    }
+    // Of several names, the first is what packages install.
+    Err(reasons.into_iter().next().unwrap_or_default())
+}
+
+/// The library in a folder, or in the Python packages below it.
+fn in_folder(folder: &Path) -> Option<PathBuf> {
+    let here = NAMES.map(|name| folder.join(name));
+    let in_packages = [folder.join(IN_WHEEL), folder.join(".libs/libphidget22.so")];
+    let pythons = std::fs::read_dir(folder.join("lib")).into_iter().flatten().flatten();
+    let in_environment = pythons.map(|python| python.path().join("site-packages").join(IN_WHEEL));
+    here.into_iter().chain(in_packages).chain(in_environment).find(|file| file.is_file())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_is_found_in_a_folder_a_package_and_an_environment() {
+        for (file, expected) in [
+            ("libphidget22.so.0", true),
+            ("libphidget22.so", true),
+            (".libs/libphidget22.so", true),
+            ("Phidget22/.libs/libphidget22.so", true),
+            ("lib/python3.11/site-packages/Phidget22/.libs/libphidget22.so", true),
+            ("libphidget21.so.0", false),
+        ] {
+            let folder = tempfile::tempdir().expect("a folder");
+            let file = folder.path().join(file);
+            std::fs::create_dir_all(file.parent().expect("a folder")).expect("a folder");
+            std::fs::write(&file, "").expect("a file");
+            assert_eq!(in_folder(folder.path()), expected.then_some(file));
+        }
+    }
+
+    #[test]
+    fn who_has_none_is_told_how_to_get_it() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (empty, gone) = (folder.path().to_owned(), folder.path().join("gone.so"));
+        let text = folder.path().join("text.so");
+        std::fs::write(&text, "no library").expect("a file");
+        for (from, expected) in
+            [(empty, "there is none in /"), (gone, "there is no /"), (text, "file too short")]
+        {
+            let problem = Library::load(Some(&from)).err().expect("there is none").to_string();
+            assert!(problem.starts_with("load libphidget22: "), "{problem}");
+            assert!(problem.contains(expected), "{problem} is not {expected}");
+            assert!(problem.contains("; install it from www.phidgets.com, or `pip install"));
+        }
+    }
+}
