@@ -1,0 +1,70 @@
+//! The real `libphidget22`, as PyPI's wheel has it. Without a Phidget: how it loads, and what it says
+//! of devices that are not there.
+
+use std::path::PathBuf;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use phidget_link::{Address, Channel, Library, Part, Quantity};
+
+/// A folder or file that holds it.
+const NAMED: &str = "ALTHING_TEST_LIBPHIDGET22";
+
+/// `None`, loudly, where it is not installed.
+fn library() -> Option<Library> {
+    let found = match std::env::var_os(NAMED).map(PathBuf::from).or_else(packages) {
+        Some(folder) => Library::load(Some(&folder)),
+        None => Library::load(None),
+    };
+    match found {
+        Ok(library) => Some(library),
+        Err(problem) => {
+            assert!(std::env::var_os("CI").is_none(), "failed to {problem}");
+            eprintln!("NOT TESTED: pip install phidget22, apt-get install libusb-1.0-0");
+            eprintln!("    failed to {problem}");
+            None
+        }
+    }
+}
+
+/// The folder of Python's packages, if `phidget22` is among them.
+fn packages() -> Option<PathBuf> {
+    let script = "import Phidget22; print(list(Phidget22.__path__)[0])";
+    let said = Command::new("python3").args(["-c", script]).output().ok()?;
+    let folder = PathBuf::from(String::from_utf8(said.stdout).ok()?.trim());
+    said.status.success().then(|| folder.parent().map(PathBuf::from))?
+}
+
+#[test]
+fn it_loads_and_says_its_version() {
+    let Some(library) = library() else { return };
+    let version = library.version().expect("it says so");
+    println!("{version}");
+    assert!(version.starts_with("Phidget22 - Version "), "{version}");
+}
+
+/// Also where there are Phidgets: none has this number.
+#[test]
+fn what_is_not_plugged_in_is_not_here_and_it_says_why() {
+    let Some(library) = library() else { return };
+    for (name, quantity, hub_port, port) in [
+        (None, Quantity::Temperature, None, None),
+        (None, Quantity::Humidity, Some(2), None),
+        (None, Quantity::Light, Some(2), None),
+        (Some("1125"), Quantity::Humidity, None, Some(3)),
+        (Some("1111"), Quantity::Motion, Some(0), None),
+        (Some("1142"), Quantity::Light, None, Some(0)),
+        (Some("digital"), Quantity::Motion, None, Some(7)),
+    ] {
+        let address = Address { serial: Some(987_654), hub_port, port };
+        let part = Part::find(name, quantity).expect("a part");
+        let (began, wait) = (Instant::now(), Duration::from_millis(100));
+        let mut channel = Channel::open(library, part, address, wait).expect("a channel");
+        assert!(began.elapsed() >= wait && began.elapsed() < Duration::from_secs(5));
+        assert!(!channel.is_attached());
+        let problem = channel.read().expect_err("it is not here").to_string();
+        let expected = format!("find {part} at {address}: Timed Out");
+        assert!(problem.starts_with(&expected), "{problem} is not {expected}");
+        println!("failed to {problem}");
+    }
+}
