@@ -95,17 +95,26 @@ impl Channel {
         is_attached
     }
 
+    /// Looks for its device.
+    ///
+    /// # Errors
+    ///
+    /// If it is not here, with all that is known of why.
+    pub fn seek(&mut self) -> Result<(), CallError> {
+        if self.is_attached() {
+            return Ok(());
+        }
+        let missed = self.missed.clone().unwrap_or_else(CallError::unplugged);
+        Err(self.placed(missed))
+    }
+
     /// Reads it, in the quantity's unit.
     ///
     /// # Errors
     ///
     /// If its device is not here, or does not know the value (now).
     pub fn read(&mut self) -> Result<f64, CallError> {
-        if !self.is_attached()
-            && let Some(missed) = &self.missed
-        {
-            return Err(self.placed(missed.clone()));
-        }
+        self.seek()?;
         let value = self.handle.read(self.part.sensor_type);
         value.map(|value| self.part.canonical(value)).map_err(|error| self.placed(error))
     }

@@ -20,6 +20,7 @@ type GetInt = unsafe extern "C" fn(Raw, *mut c_int) -> Code;
 type GetDouble = unsafe extern "C" fn(Raw, *mut c_double) -> Code;
 
 const TIMEOUT: Code = 3;
+const NOT_ATTACHED: Code = 52;
 
 /// The longest detail of an error that is read; those that are known have some 200 bytes.
 const DETAIL_BYTES: usize = 1024;
@@ -34,6 +35,12 @@ pub struct CallError {
 }
 
 impl CallError {
+    /// It was here, and is no more.
+    pub(crate) fn unplugged() -> CallError {
+        let reason = "it was unplugged".to_owned();
+        CallError { what: "find it".to_owned(), reason, code: NOT_ATTACHED }
+    }
+
     /// Nothing came in time; a device may come later.
     pub(crate) fn is_timeout(&self) -> bool {
         self.code == TIMEOUT

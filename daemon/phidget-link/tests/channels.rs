@@ -82,7 +82,7 @@ fn what_is_plugged_in_again_is_told_again_what_hangs_on_it() {
     fake.set("plugged", 0.0);
     assert!(!channel.is_attached());
     let problem = channel.read().expect_err("it was unplugged").to_string();
-    assert_eq!(problem, "read a 1111 at port 3 of Phidget 12345: Device not Attached");
+    assert_eq!(problem, "find a 1111 at port 3 of Phidget 12345: it was unplugged");
     // Nobody looked meanwhile.
     fake.set("plugged", 2.0);
     assert_eq!(channel.read(), Ok(1.0));

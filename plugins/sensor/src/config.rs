@@ -6,7 +6,7 @@ use actuator::Place;
 use agent::{Blueprint, BuildError};
 use serde::Deserialize;
 
-use crate::{COMMAND, LINUX, MQTT};
+use crate::{COMMAND, LINUX, MQTT, PHIDGET};
 
 /// What an entry says.
 #[derive(Debug, Deserialize)]
@@ -30,10 +30,23 @@ pub(crate) struct Config {
     command: Option<Vec<String>>,
     /// Drivers `command` and `mqtt`: where in a JSON text the value is, such as `"/main/temp"`.
     json: Option<String>,
-    /// Driver `command`: what makes the number one in the quantity's unit.
+    /// Driver `command`: what makes the number one in the quantity's unit. Driver `phidget`: the
+    /// same, for a sensor that has no unit.
     factor: Option<f64>,
     /// Driver `command`: how often a sensor that notices by itself looks, such as `"5s"`.
     every: Option<String>,
+    /// Driver `phidget`: where `libphidget22` lies, if not where the system has libraries.
+    library: Option<PathBuf>,
+    /// Driver `phidget`: the number that is printed on the interface kit, the hub or the Phidget.
+    serial: Option<u32>,
+    /// Driver `phidget`: the port of a VINT hub.
+    hub_port: Option<u8>,
+    /// Driver `phidget`: the input of an interface kit.
+    port: Option<u8>,
+    /// Driver `phidget`: where the humidity of a sensor with two cables is.
+    humidity_port: Option<u8>,
+    /// Driver `phidget`: what hangs there, such as `"1111"`.
+    sensor: Option<String>,
     /// Driver `mqtt`: whom it speaks to, as `HOST:PORT`.
     broker: Option<String>,
     /// Driver `mqtt`: who logs in there.
@@ -58,12 +71,24 @@ pub(crate) struct Hardware {
     pub(crate) json: Option<String>,
     pub(crate) factor: Option<f64>,
     pub(crate) every: Option<String>,
+    pub(crate) wiring: Wiring,
     pub(crate) broker: Option<String>,
     pub(crate) user: Option<String>,
     pub(crate) password_file: Option<PathBuf>,
     pub(crate) ca: Option<PathBuf>,
     pub(crate) topic: Option<String>,
     pub(crate) availability: Option<String>,
+}
+
+/// Where a Phidget hangs, and what it is.
+#[derive(Debug, Default)]
+pub(crate) struct Wiring {
+    pub(crate) library: Option<PathBuf>,
+    pub(crate) serial: Option<u32>,
+    pub(crate) hub_port: Option<u8>,
+    pub(crate) port: Option<u8>,
+    pub(crate) humidity_port: Option<u8>,
+    pub(crate) sensor: Option<String>,
 }
 
 impl Config {
@@ -79,8 +104,14 @@ impl Config {
             ("sysfs", &[LINUX], self.sysfs.is_some()),
             ("command", &[COMMAND], self.command.is_some()),
             ("json", &[COMMAND, MQTT], self.json.is_some()),
-            ("factor", &[COMMAND], self.factor.is_some()),
+            ("factor", &[COMMAND, PHIDGET], self.factor.is_some()),
             ("every", &[COMMAND], self.every.is_some()),
+            ("library", &[PHIDGET], self.library.is_some()),
+            ("serial", &[PHIDGET], self.serial.is_some()),
+            ("hub-port", &[PHIDGET], self.hub_port.is_some()),
+            ("port", &[PHIDGET], self.port.is_some()),
+            ("humidity-port", &[PHIDGET], self.humidity_port.is_some()),
+            ("sensor", &[PHIDGET], self.sensor.is_some()),
             ("broker", &[MQTT], self.broker.is_some()),
             ("user", &[MQTT], self.user.is_some()),
             ("password-file", &[MQTT], self.password_file.is_some()),
@@ -110,6 +141,7 @@ impl Config {
             json: self.json.take(),
             factor: self.factor.take(),
             every: self.every.take(),
+            wiring: self.wiring(),
             broker: self.broker.take(),
             user: self.user.take(),
             password_file: self.password_file.take(),
@@ -117,5 +149,15 @@ impl Config {
             topic: self.topic.take(),
             availability: self.availability.take(),
         })
+    }
+    fn wiring(&mut self) -> Wiring {
+        Wiring {
+            library: self.library.take(),
+            serial: self.serial.take(),
+            hub_port: self.hub_port.take(),
+            port: self.port.take(),
+            humidity_port: self.humidity_port.take(),
+            sensor: self.sensor.take(),
+        }
     }
 }

@@ -4,7 +4,8 @@
 //!
 //! - `quantity` is the table of what can be measured; everything else is the same for all.
 //! - [`Probe`] is what a driver does: `simulated` measures in the simulated building, `linux` with
-//!   what this machine's kernel knows, `command` by running a program, `mqtt` hears it of a broker.
+//!   what this machine's kernel knows, `command` by running a program, `mqtt` hears it of a broker,
+//!   `phidget` measures with what hangs on Phidgets' interface kits.
 //! - What is yes or no (motion) is noticed: announced at once, without being asked.
 //! - After a failed measurement a sensor offers nothing for a while: “re-evaluate and update
 //!   self-capabilities” (the paper, “Semantic Plug & Play”).
@@ -13,6 +14,7 @@ mod command;
 mod config;
 mod linux;
 mod mqtt;
+mod phidget;
 mod quantity;
 mod simulated;
 mod text;
@@ -46,7 +48,8 @@ const SIMULATED: &str = "simulated";
 const LINUX: &str = "linux";
 const COMMAND: &str = "command";
 const MQTT: &str = "mqtt";
-const DRIVERS: &[&str] = &[SIMULATED, LINUX, COMMAND, MQTT];
+const PHIDGET: &str = "phidget";
+const DRIVERS: &[&str] = &[SIMULATED, LINUX, COMMAND, MQTT, PHIDGET];
 
 /// The line in the daemon's table of plugins: a sensor of any quantity.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -169,6 +172,7 @@ impl Sensor {
             LINUX => linux::probe(blueprint, hardware, &quantities)?,
             COMMAND => command::probe(blueprint, hardware)?,
             MQTT => mqtt::probe(blueprint, hardware)?,
+            PHIDGET => phidget::probe(blueprint, hardware, &quantities)?,
             _ => simulated::probe(blueprint)?,
         };
         let Config { location, valid_for, .. } = config;

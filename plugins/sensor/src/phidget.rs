@@ -1,0 +1,566 @@
+//! The Phidget driver: measures with what hangs on a USB interface kit or hub of Phidgets Inc., by
+//! their library, which is loaded when it is first needed (`phidget-link`).
+//!
+//! - A channel stays open as long as its sensor is an agent; the library finds a device that was
+//!   unplugged and is back.
+//! - What is not read is tried again as long as a measurement may take: a device that was just
+//!   plugged in does not know its values at once.
+//! - A library that hangs holds up its own channel, and nobody who waits for it waits without end.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use actuator::BoxFuture;
+use agent::{Blueprint, BuildError};
+use phidget_link::{Address, Channel, Library, Part};
+use tokio::time::Instant;
+
+use crate::config::{Hardware, Wiring};
+use crate::quantity::{Quantity, is_yes};
+use crate::{MEASURING, Measurement, Probe};
+
+/// How long is waited at first for a device: the library asks for no less.
+const OPENING: Duration = Duration::from_secs(1);
+
+/// How long a measurement is tried.
+const TRYING: Duration = Duration::from_millis(1_200);
+const _: () = assert!(OPENING.as_millis() < TRYING.as_millis());
+
+/// How long an answer of the library is waited for: a little less than who asked waits.
+const ANSWERING: Duration = Duration::from_millis(1_900);
+const _: () = assert!(TRYING.as_millis() < ANSWERING.as_millis());
+const _: () = assert!(ANSWERING.as_millis() < MEASURING.as_millis());
+
+/// Pause between two tries, and between two looks at what is noticed: an interface kit has a new
+/// value every quarter of a second, a digital input at once.
+const PAUSE: Duration = Duration::from_millis(100);
+
+/// Pause between two looks whether it is plugged in: a person has just let go of it.
+const LOOK_AGAIN: Duration = Duration::from_secs(1);
+
+/// How long somebody counts as moving after the last swing: who walks past is between two of them
+/// for a second.
+const MOVING: Duration = Duration::from_secs(3);
+
+#[derive(Clone)]
+struct Phidget {
+    library: Option<PathBuf>,
+    /// One per quantity.
+    lines: Vec<Arc<Line>>,
+    is_here: Arc<AtomicBool>,
+    /// Why it is not here, as it was last told: that is told once.
+    trouble: Arc<Mutex<Option<String>>>,
+}
+
+/// What measures one quantity.
+struct Line {
+    quantity: &'static str,
+    part: &'static Part,
+    address: Address,
+    factor: f64,
+    /// Opened when it is first needed: nothing is opened before the agent is active.
+    channel: Arc<tokio::sync::Mutex<Option<Channel>>>,
+    /// When it last swung, of what does.
+    swung: Mutex<Option<Instant>>,
+}
+
+pub(crate) fn probe(
+    blueprint: &Blueprint,
+    hardware: Hardware,
+    quantities: &[&'static Quantity],
+) -> Result<Arc<dyn Probe>, BuildError> {
+    let Hardware { wiring, factor, .. } = hardware;
+    let names: Vec<_> = quantities.iter().map(|quantity| quantity.name).collect();
+    let lines = lines(&wiring, factor, &names).map_err(|problem| blueprint.problem(problem))?;
+    let (is_here, trouble) = (Arc::new(AtomicBool::new(true)), Arc::default());
+    Ok(Arc::new(Phidget { library: wiring.library, lines, is_here, trouble }))
+}
+
+/// What measures each quantity, and where it hangs.
+fn lines(
+    wiring: &Wiring,
+    factor: Option<f64>,
+    quantities: &[&'static str],
+) -> Result<Vec<Arc<Line>>, String> {
+    let mut lines = Vec::new();
+    for quantity in quantities.iter().copied() {
+        let known = phidget_link::Quantity::named(quantity).ok_or_else(|| {
+            let known = phidget_link::Quantity::ALL.map(|known| known.name()).join(", ");
+            format!("driver `phidget` measures {known}, and no {quantity}")
+        })?;
+        let part = Part::find(wiring.sensor.as_deref(), known)?;
+        let address = address(wiring, part, quantity, quantities.len() > 1)?;
+        let factor = scale(part, factor)?;
+        let (channel, swung) = (Arc::default(), Mutex::default());
+        lines.push(Arc::new(Line { quantity, part, address, factor, channel, swung }));
+    }
+    let is_of_two_cables = lines.len() > 1 && lines.iter().any(|line| line.part.has_cables());
+    if wiring.humidity_port.is_some() && !is_of_two_cables {
+        return Err("`humidity-port` is for a sensor with two cables, of which both are used: \
+                    `sensor = \"1125\"` and `humidity = true`"
+            .to_owned());
+    }
+    Ok(lines)
+}
+
+/// Where the part that measures this hangs.
+fn address(
+    wiring: &Wiring,
+    part: &Part,
+    quantity: &str,
+    is_one_of_two: bool,
+) -> Result<Address, String> {
+    let Wiring { serial, mut hub_port, mut port, humidity_port, .. } = *wiring;
+    if part.needs_input() && hub_port.is_none() && port.is_none() {
+        return Err(format!(
+            "{part} hangs on an input: write the `port` of the interface kit, or the `hub-port`"
+        ));
+    }
+    if is_one_of_two && part.has_cables() {
+        let humidity_port = humidity_port.ok_or_else(|| {
+            format!(
+                "{part} has two cables: write the `humidity-port`, where that of the humidity is"
+            )
+        })?;
+        let place = if port.is_some() { &mut port } else { &mut hub_port };
+        if *place == Some(humidity_port) {
+            let problem = "has two cables: `humidity-port` is another than that of the temperature";
+            return Err(format!("{part} {problem}"));
+        }
+        if quantity == "humidity" {
+            *place = Some(humidity_port);
+        }
+    }
+    let serial = serial.map(|serial| {
+        i32::try_from(serial).map_err(|_| format!("serial = {serial}: no Phidget has that number"))
+    });
+    Ok(Address { serial: serial.transpose()?, hub_port, port })
+}
+
+/// What makes its value one in the quantity's unit.
+fn scale(part: &Part, factor: Option<f64>) -> Result<f64, String> {
+    match factor {
+        Some(_) if !part.is_unscaled() => Err(format!("{part} has a unit: leave the `factor` out")),
+        Some(factor) if factor.is_finite() && factor > 0.0 => Ok(factor),
+        Some(factor) => Err(format!("factor = {factor} leaves nothing of what is measured")),
+        None if part.is_unscaled() => Err(format!(
+            "{part} says how bright it is in no unit: write a `factor`, the lux at its brightest"
+        )),
+        None => Ok(1.0),
+    }
+}
+
+impl Line {
+    /// Does something with its channel, which is opened first if it is not yet, on a thread that
+    /// may wait; waits for it no longer than `until`.
+    async fn with<T: Send + 'static>(
+        &self,
+        library: Option<PathBuf>,
+        until: Instant,
+        work: impl FnOnce(&mut Channel) -> Result<T, phidget_link::CallError> + Send + 'static,
+    ) -> Result<T, String> {
+        let (part, address) = (self.part, self.address);
+        let channel = Arc::clone(&self.channel);
+        let answered = async move {
+            // Who hangs keeps it: no other thread will hang there too.
+            let mut channel = channel.lock_owned().await;
+            let work = move || {
+                let opened = match channel.take() {
+                    Some(opened) => opened,
+                    None => open(library, part, address)?,
+                };
+                work(channel.insert(opened)).map_err(|error| error.to_string())
+            };
+            tokio::task::spawn_blocking(work).await.map_err(|error| error.to_string())?
+        };
+        let answered = tokio::time::timeout_at(until, answered).await;
+        answered.unwrap_or_else(|_| {
+            Err(format!("hear of {part} at {address} in time: libphidget22 does not answer"))
+        })
+    }
+
+    /// A value in the quantity's unit, of what swings until it rests.
+    fn settled(&self, value: f64) -> f64 {
+        let mut swung = lock(&self.swung);
+        if self.part.swings() && is_yes(value) {
+            *swung = Some(Instant::now());
+        }
+        match *swung {
+            Some(at) if at.elapsed() < MOVING => 1.0,
+            _ => value * self.factor,
+        }
+    }
+}
+
+fn open(
+    library: Option<PathBuf>,
+    part: &'static Part,
+    address: Address,
+) -> Result<Channel, String> {
+    let library = Library::load(library.as_deref()).map_err(|error| error.to_string())?;
+    Channel::open(library, part, address, OPENING).map_err(|error| error.to_string())
+}
+
+impl Phidget {
+    fn line(&self, quantity: &str) -> Result<Arc<Line>, String> {
+        let line = self.lines.iter().find(|line| line.quantity == quantity);
+        line.cloned().ok_or_else(|| format!("measure {quantity} with this driver"))
+    }
+
+    /// Measures, as often as it takes.
+    async fn try_to_measure(&self, line: &Line) -> Result<Measurement, String> {
+        let (began, until) = (Instant::now(), Instant::now() + ANSWERING);
+        loop {
+            match line.with(self.library.clone(), until, Channel::read).await {
+                Ok(value) => {
+                    return Ok(Measurement { value: line.settled(value), at: Instant::now() });
+                }
+                Err(_) if began.elapsed() + PAUSE < TRYING => tokio::time::sleep(PAUSE).await,
+                Err(problem) => return Err(problem),
+            }
+        }
+    }
+
+    /// Looks whether it is plugged in.
+    async fn look_once(&self) -> bool {
+        let (mut found, until) = (Ok(()), Instant::now() + ANSWERING);
+        for line in &self.lines {
+            if found.is_ok() {
+                found = line.with(self.library.clone(), until, Channel::seek).await;
+            }
+        }
+        let is_here = found.is_ok();
+        self.is_here.store(is_here, Ordering::Relaxed);
+        let mut trouble = lock(&self.trouble);
+        if let Err(problem) = &found
+            && trouble.as_ref() != Some(problem)
+        {
+            tracing::warn!("failed to {problem}");
+        }
+        if is_here && trouble.is_some() {
+            tracing::info!("plugged in");
+        }
+        *trouble = found.err();
+        is_here
+    }
+
+    async fn until_here(&self) {
+        while !self.look_once().await {
+            tokio::time::sleep(LOOK_AGAIN).await;
+        }
+    }
+}
+
+impl Probe for Phidget {
+    fn measure(&self, quantity: &'static str) -> BoxFuture<Result<Measurement, String>> {
+        let phidget = self.clone();
+        Box::pin(async move { phidget.try_to_measure(&*phidget.line(quantity)?).await })
+    }
+
+    fn notice(&self, quantity: &'static str, known: f64) -> BoxFuture<Result<Measurement, String>> {
+        let phidget = self.clone();
+        Box::pin(async move {
+            let line = phidget.line(quantity)?;
+            // Of one that is back nothing is known: whatever it says is news.
+            let mut is_news = !phidget.is_here();
+            if is_news {
+                phidget.until_here().await;
+            }
+            loop {
+                let measured = match phidget.try_to_measure(&line).await {
+                    Ok(measured) => measured,
+                    Err(problem) => {
+                        phidget.look_once().await;
+                        return Err(problem);
+                    }
+                };
+                is_news |= is_yes(measured.value) != is_yes(known);
+                if is_news {
+                    return Ok(measured);
+                }
+                tokio::time::sleep(PAUSE).await;
+            }
+        })
+    }
+
+    fn is_here(&self) -> bool {
+        self.is_here.load(Ordering::Relaxed)
+    }
+
+    fn look(&self) -> Option<BoxFuture<()>> {
+        let phidget = self.clone();
+        Some(Box::pin(async move {
+            phidget.look_once().await;
+        }))
+    }
+
+    fn until_news(&self) -> Option<BoxFuture<()>> {
+        let phidget = self.clone();
+        Some(Box::pin(async move {
+            let before = phidget.is_here();
+            while phidget.is_here() == before {
+                tokio::time::sleep(LOOK_AGAIN).await;
+                phidget.look_once().await;
+            }
+        }))
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+#[path = "../../../daemon/phidget-link/tests/fake/mod.rs"]
+mod fake;
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Value, json};
+
+    use super::fake::Fake;
+    use super::*;
+    use crate::tests::{blueprint_with, facts, measure};
+    use crate::{REST_AFTER_FAILURE, Sensor, sensor, temperature_sensor};
+
+    /// A thermometer, unless it says a quantity.
+    fn sensor_of(more: Value) -> Result<Sensor, BuildError> {
+        let is_any = more.get("quantity").is_some();
+        let mut config = json!({ "location": "lab" });
+        if let (Value::Object(config), Value::Object(more)) = (&mut config, more) {
+            config.extend(more);
+        }
+        let blueprint = blueprint_with("phidget", config);
+        if is_any { sensor(&blueprint) } else { temperature_sensor(&blueprint) }
+    }
+
+    /// One that hangs on the kit.
+    async fn built(kit: &Fake, mut more: Value) -> Sensor {
+        more["library"] = json!(kit.library());
+        more["serial"] = json!(12345);
+        let sensor = sensor_of(more).expect("a sensor");
+        actuator::Device::look(&sensor).expect("it can be unplugged").await;
+        sensor
+    }
+
+    /// An interface kit with the paper's sensors.
+    fn kit() -> Fake {
+        let mut fake = Fake::new();
+        fake.set("plugged", 1.0);
+        for (line, value) in [
+            ("ratio.0.11252", 21.5),
+            ("ratio.1.11251", 40.0),
+            ("ratio.2.11012", 25.5),
+            ("ratio.3.11110", 0.02),
+            ("ratio.4.11030", 0.0),
+            ("ratio.5.11050", 0.25),
+            ("voltage.6.11270", 500.0),
+        ] {
+            fake.set(line, value);
+        }
+        fake
+    }
+
+    fn offers(sensor: &Sensor) -> usize {
+        actuator::Device::describe(sensor).model.actions.len()
+    }
+
+    async fn stir(sensor: &mut Sensor) {
+        let watched = actuator::Device::watch(sensor).expect("it can be unplugged");
+        let stir = tokio::time::timeout(Duration::from_secs(60), watched).await;
+        stir.expect("something happens")(sensor);
+    }
+
+    #[tokio::test]
+    async fn the_sensors_of_the_paper_measure() {
+        let kit = kit();
+        for (config, quantity, expected) in [
+            (
+                json!({ "sensor": "1125", "port": 0, "humidity-port": 1, "humidity": true }),
+                "humidity",
+                "40 % humidity at lab",
+            ),
+            (json!({ "sensor": "1125", "port": 0 }), "temperature", "21.5 °C at lab"),
+            (
+                json!({ "quantity": "distance", "sensor": "1101-2Y0A21", "port": 2 }),
+                "distance",
+                "0.26 m of free distance at lab",
+            ),
+            (
+                json!({ "quantity": "motion", "sensor": "1111", "port": 3 }),
+                "motion",
+                "no motion at lab",
+            ),
+            (
+                json!({ "quantity": "reflection", "sensor": "1103", "port": 4 }),
+                "reflection",
+                "nothing close by at lab",
+            ),
+            (
+                json!({ "quantity": "light", "sensor": "1105", "port": 5, "factor": 1000 }),
+                "light",
+                "250 lx at lab",
+            ),
+            (json!({ "quantity": "light", "sensor": "1127", "port": 6 }), "light", "500 lx at lab"),
+        ] {
+            let mut sensor = built(&kit, config).await;
+            let performed = measure(&mut sensor, quantity).await.expect("it is plugged in");
+            assert_eq!(performed.detail, expected);
+        }
+        assert_eq!(kit.count("create"), kit.count("delete"), "nothing is left open");
+    }
+
+    #[tokio::test]
+    async fn a_read_that_fails_now_and_then_is_no_failure_and_silence_is() {
+        let mut kit = kit();
+        kit.set("fail_every", 2.0);
+        let mut sensor = built(&kit, json!({ "sensor": "1125", "port": 0 })).await;
+        for _ in 0..4 {
+            assert!(measure(&mut sensor, "temperature").await.is_ok());
+        }
+        kit.set("fail_every", 1.0);
+        let failure = measure(&mut sensor, "temperature").await.expect_err("it says nothing");
+        let expected = "read a 1125 at port 0 of Phidget 12345: Unexpected Error";
+        assert!(failure.to_string().contains(expected), "{failure}");
+        assert_eq!(offers(&sensor), 0, "it rests");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn who_is_unplugged_offers_nothing_and_who_is_back_does() {
+        let mut kit = kit();
+        let wiring = json!({ "sensor": "1125", "port": 0, "humidity-port": 1, "humidity": true });
+        let mut sensor = built(&kit, wiring.clone()).await;
+        assert_eq!(offers(&sensor), 2);
+        kit.set("plugged", 0.0);
+        let failure = measure(&mut sensor, "temperature").await.expect_err("it is unplugged");
+        assert!(failure.to_string().contains("it was unplugged"), "{failure}");
+        stir(&mut sensor).await;
+        tokio::time::advance(REST_AFTER_FAILURE).await;
+        assert_eq!(offers(&sensor), 0);
+        kit.set("plugged", 2.0);
+        stir(&mut sensor).await;
+        assert_eq!(offers(&sensor), 2, "at once");
+        assert!(measure(&mut sensor, "temperature").await.is_ok());
+        assert!(measure(&mut sensor, "humidity").await.is_ok());
+
+        kit.set("plugged", 0.0);
+        let mut late = built(&kit, wiring).await;
+        assert_eq!(offers(&late), 0, "it was never here");
+        kit.set("plugged", 3.0);
+        stir(&mut late).await;
+        assert_eq!(offers(&late), 2);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn motion_is_noticed_until_it_rests_and_blindness_too() {
+        let mut kit = kit();
+        let wiring = json!({ "quantity": "motion", "sensor": "1111", "port": 3 });
+        let mut sensor = built(&kit, wiring).await;
+        for swing in [-0.6, 0.6] {
+            kit.set("ratio.3.11110", swing);
+            stir(&mut sensor).await;
+            assert!(facts(&sensor).contains("(motion lab)"), "{}", facts(&sensor));
+            // Half-way between two swings somebody still moves.
+            kit.set("ratio.3.11110", 0.0);
+            let halfway = measure(&mut sensor, "motion").await.expect("it is plugged in");
+            assert_eq!(halfway.detail, "motion at lab");
+            let began = Instant::now();
+            stir(&mut sensor).await;
+            assert!(began.elapsed() + PAUSE >= MOVING);
+            assert_eq!(facts(&sensor), "(located s lab) (known-motion lab)");
+        }
+
+        kit.set("plugged", 0.0);
+        stir(&mut sensor).await;
+        assert_eq!(facts(&sensor), "(located s lab)");
+        assert_eq!(offers(&sensor), 0);
+        kit.set("plugged", 2.0);
+        stir(&mut sensor).await;
+        assert_eq!(facts(&sensor), "(located s lab) (known-motion lab)", "of one that is back");
+        assert_eq!(offers(&sensor), 1);
+    }
+
+    #[tokio::test]
+    async fn a_library_that_hangs_holds_nobody_up() {
+        let mut kit = kit();
+        let mut sensor = built(&kit, json!({ "sensor": "1125", "port": 0 })).await;
+        kit.set("hang_ms", 6_000.0);
+        for _ in 0..2 {
+            let began = Instant::now();
+            let failure = measure(&mut sensor, "temperature").await.expect_err("it hangs");
+            let expected = "hear of a 1125 at port 0 of Phidget 12345 in time: libphidget22 does";
+            assert!(failure.to_string().contains(expected), "{failure}");
+            assert!(began.elapsed() < MEASURING);
+        }
+        assert_eq!(kit.count("create"), 1, "no other channel is opened meanwhile");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn without_a_library_it_is_not_here_and_says_how_to_get_it() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let gone = folder.path().join("gone.so");
+        let mut sensor = sensor_of(json!({ "library": gone })).expect("nothing is opened yet");
+        let failure = measure(&mut sensor, "temperature").await.expect_err("there is none");
+        let failure = failure.to_string();
+        assert!(failure.contains("load libphidget22: there is no /"), "{failure}");
+        assert!(failure.contains("`pip install phidget22`"), "{failure}");
+        actuator::Device::look(&sensor).expect("it can be unplugged").await;
+        tokio::time::advance(REST_AFTER_FAILURE).await;
+        assert_eq!(offers(&sensor), 0);
+    }
+
+    #[test]
+    fn mistakes_say_what_would_be_right() {
+        for (config, expected) in [
+            (
+                json!({ "quantity": "co2" }),
+                "driver `phidget` measures temperature, humidity, light, distance, motion, \
+                 reflection, and no co2",
+            ),
+            (
+                json!({ "quantity": "temperature", "sensor": "1111", "port": 1 }),
+                "a `1111` measures motion, and no temperature: write no `sensor`, for a Phidget of \
+                 its own or `sensor = \"1125\"` or `sensor = \"1124\"`",
+            ),
+            (
+                json!({ "quantity": "motion", "sensor": "1111" }),
+                "a 1111 hangs on an input: write the `port` of the interface kit, or the `hub-port`",
+            ),
+            (
+                json!({ "humidity": true, "sensor": "1125", "port": 0 }),
+                "a 1125 has two cables: write the `humidity-port`, where that of the humidity is",
+            ),
+            (
+                json!({ "humidity": true, "sensor": "1125", "port": 0, "humidity-port": 0 }),
+                "a 1125 has two cables: `humidity-port` is another than that of the temperature",
+            ),
+            (
+                json!({ "sensor": "1125", "port": 0, "humidity-port": 1 }),
+                "`humidity-port` is for a sensor with two cables, of which both are used: \
+                 `sensor = \"1125\"` and `humidity = true`",
+            ),
+            (
+                json!({ "quantity": "light", "sensor": "1105", "port": 0 }),
+                "a 1105 says how bright it is in no unit: write a `factor`, the lux at its brightest",
+            ),
+            (
+                json!({ "quantity": "light", "sensor": "1127", "port": 0, "factor": 2 }),
+                "a 1127 has a unit: leave the `factor` out",
+            ),
+            (
+                json!({ "serial": 4_000_000_000_u32 }),
+                "serial = 4000000000: no Phidget has that number",
+            ),
+        ] {
+            let problem = sensor_of(config).err().map(|error| error.to_string());
+            assert_eq!(problem, Some(format!("build `s`: {expected}")));
+        }
+        let config = json!({ "quantity": "co2", "location": "lab", "port": 1 });
+        let built = sensor(&blueprint_with("simulated", config));
+        let expected =
+            "build `s`: `port` is for `driver = \"phidget\"`, and this driver is `simulated`";
+        assert_eq!(built.err().map(|error| error.to_string()).as_deref(), Some(expected));
+    }
+}
