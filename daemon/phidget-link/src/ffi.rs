@@ -192,7 +192,8 @@ impl Functions {
         // SAFETY: the function is there; it writes one pointer to where there is room for one.
         let code = unsafe { (self.version)(&raw mut version) };
         self.check(code, "ask libphidget22 for its version")?;
-        Ok(text(version))
+        // SAFETY: what it gives is a constant of the library.
+        Ok(unsafe { text(version) })
     }
 
     fn check(&self, code: Code, what: &str) -> Result<(), CallError> {
@@ -211,7 +212,8 @@ impl Functions {
         // SAFETY: the function is there and takes any number; it writes one pointer to where there
         // is room for one.
         let known = unsafe { (self.describe)(code, &raw mut description) };
-        match text(description) {
+        // SAFETY: what it gives is a constant of the library, or the null that was there before.
+        match unsafe { text(description) } {
             description if known == 0 && !description.is_empty() => description,
             _ => format!("error {code}"),
         }
@@ -247,13 +249,16 @@ unsafe fn function<F: Copy>(
     unsafe { library.get::<F>(name.as_bytes()) }.map(|symbol| *symbol)
 }
 
-/// A text that the library owns; it lives as long as the library does.
-fn text(text: *const c_char) -> String {
+/// A text that the library owns, or none.
+///
+/// # Safety
+///
+/// It is null, or ends with a zero and is not freed meanwhile.
+unsafe fn text(text: *const c_char) -> String {
     if text.is_null() {
         return String::new();
     }
-    // SAFETY: it is not null, and the functions that give it give a constant of the library, which
-    // ends with a zero and is never freed.
+    // SAFETY: it is not null, and the rest is the caller's promise.
     unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned()
 }
 
@@ -275,8 +280,9 @@ pub(crate) struct Handle {
 unsafe impl Send for Handle {}
 
 // In what follows each call is sound because `raw` is a channel that `create` of its class has made
-// and that only `drop` deletes, because the function is there for good, and because what it writes
-// to is a variable of the type that it writes.
+// and that only `drop` deletes, because the function is one of this library's, which is there for
+// good, and because what it writes to is a variable of the type that it writes. A channel of another
+// class than the function is for is refused by the library (`EPHIDGET_WRONGDEVICE`).
 impl Handle {
     pub(crate) fn create(functions: &'static Functions, class: Class) -> Result<Handle, CallError> {
         const WHAT: &str = "make a channel of libphidget22";

@@ -210,9 +210,10 @@ impl Sensor {
         facts_of(&text).into_iter().map(|fact| OwnFact { known_for, ..fact }).collect()
     }
 
-    /// It failed: it offers nothing for a while, and what it should notice it may have missed.
+    /// It failed: it offers nothing for a while, and what it should notice it may have missed. What
+    /// is unplugged has not failed, and is as good as new when it is back.
     fn rest(&mut self) {
-        self.rests_until = Some(Instant::now() + REST_AFTER_FAILURE);
+        self.rests_until = self.probe.is_here().then(|| Instant::now() + REST_AFTER_FAILURE);
         for quantity in self.quantities.iter().filter(|quantity| quantity.is_noticed()) {
             self.measured.remove(quantity.name);
         }

@@ -272,6 +272,8 @@ impl Probe for Phidget {
                 let measured = match phidget.try_to_measure(&line).await {
                     Ok(measured) => measured,
                     Err(problem) => {
+                        // Told by whoever hears of it.
+                        *lock(&phidget.trouble) = Some(problem.clone());
                         phidget.look_once().await;
                         return Err(problem);
                     }
@@ -476,8 +478,11 @@ mod tests {
         stir(&mut sensor).await;
         assert_eq!(facts(&sensor), "(located s lab)");
         assert_eq!(offers(&sensor), 0);
+        let watched = actuator::Device::watch(&mut sensor).expect("it waits for it");
         kit.set("plugged", 2.0);
-        stir(&mut sensor).await;
+        let back = Instant::now();
+        watched.await(&mut sensor);
+        assert!(back.elapsed() <= LOOK_AGAIN, "{:?}", back.elapsed());
         assert_eq!(facts(&sensor), "(located s lab) (known-motion lab)", "of one that is back");
         assert_eq!(offers(&sensor), 1);
     }
@@ -492,7 +497,7 @@ mod tests {
             let failure = measure(&mut sensor, "temperature").await.expect_err("it hangs");
             let expected = "hear of a 1125 at port 0 of Phidget 12345 in time: libphidget22 does";
             assert!(failure.to_string().contains(expected), "{failure}");
-            assert!(began.elapsed() < MEASURING);
+            assert!(began.elapsed() < 2 * MEASURING, "it would hang for six seconds");
         }
         assert_eq!(kit.count("create"), 1, "no other channel is opened meanwhile");
     }
