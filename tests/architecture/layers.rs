@@ -19,6 +19,7 @@ const LAYERS: &[&[&str]] = &[
         "mqtt-link",
         "phidget-link",
         "planner",
+        "programs",
         "substrate",
     ],
     // `engines` knows `planner` for its validator: no engine's plan is believed.
@@ -64,6 +65,7 @@ const EXCEPTIONS: &[Exception] = &[
     exception("screen", "building", "its simulated driver shows there"),
     exception("sensor", "building", "its simulated driver measures there"),
     exception("sensor", "linux-sensors", "its Linux driver measures there"),
+    exception("sensor", "programs", "its command driver is one"),
     exception("sensor", "mqtt-link", "its MQTT driver hears there"),
     exception("sensor", "phidget-link", "its Phidget driver measures there"),
     exception("mqtt", "mqtt-link", "it hears and speaks there"),
