@@ -1,0 +1,166 @@
+//! Lines in memory, on a work bench: for tests of whoever watches or drives lines.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use tokio::sync::watch;
+
+use crate::{Board, BoxFuture, Input, InputLine, LineError, LineName, Output, OutputLine};
+
+/// What the kernel says where a chip is gone.
+const NO_SUCH_DEVICE: i32 = 19;
+
+/// A board whose lines are plugged in, set and unplugged by hand. Copies are the same board.
+#[derive(Clone, Default)]
+pub struct Bench(Arc<Mutex<Lines>>);
+
+#[derive(Default)]
+struct Lines {
+    lines: BTreeMap<String, Line>,
+    tells_nobody: bool,
+}
+
+#[derive(Clone)]
+struct Line {
+    /// Whether it is high; `None` once it is unplugged.
+    level: Arc<watch::Sender<Option<bool>>>,
+    /// Whether something stronger than its driver holds it.
+    is_held: bool,
+    /// As long as anybody has this, it is used.
+    used: Arc<()>,
+}
+
+impl Bench {
+    /// Plugs a line in, which is high or low.
+    pub fn plug(&self, name: &str, is_high: bool) {
+        let level = Arc::new(watch::channel(Some(is_high)).0);
+        let line = Line { level, is_held: false, used: Arc::default() };
+        self.lock().lines.insert(name.to_owned(), line);
+    }
+
+    /// Unplugs it.
+    pub fn unplug(&self, name: &str) {
+        if let Some(line) = self.lock().lines.remove(name) {
+            line.level.send_replace(None);
+        }
+    }
+
+    /// Makes it high or low from outside.
+    pub fn set(&self, name: &str, is_high: bool) {
+        if let Some(line) = self.lock().lines.get(name) {
+            line.level.send_replace(Some(is_high));
+        }
+    }
+
+    /// Whether it is high; `None` if there is no such line.
+    pub fn level(&self, name: &str) -> Option<bool> {
+        self.lock().lines.get(name).and_then(|line| *line.level.borrow())
+    }
+
+    /// Holds it as it is, whoever drives it.
+    pub fn hold(&self, name: &str) {
+        if let Some(line) = self.lock().lines.get_mut(name) {
+            line.is_held = true;
+        }
+    }
+
+    /// From now on edges are told to nobody who opens a line.
+    pub fn tell_nobody(&self) {
+        self.lock().tells_nobody = true;
+    }
+
+    fn open(&self, name: &LineName, is_active_low: bool) -> Result<Opened, LineError> {
+        let (name, lines) = (name.to_string(), self.lock());
+        let line = lines.lines.get(&name).cloned().ok_or_else(|| LineError::NoName {
+            wanted: name.clone(),
+            near: None,
+            known: Vec::new(),
+        })?;
+        // The one on the bench, and ours.
+        if Arc::strong_count(&line.used) > 2 {
+            return Err(LineError::Used {
+                line: name,
+                consumer: "another agent of Althing".to_owned(),
+            });
+        }
+        Ok(Opened { name, is_active_low, tells_edges: !lines.tells_nobody, line })
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Lines> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Board for Bench {
+    fn input(&self, wanted: &Input) -> Result<Box<dyn InputLine>, LineError> {
+        let opened = self.open(&wanted.line, wanted.is_active_low)?;
+        // Edges after this moment are told, even if nobody waits for them yet.
+        let heard = tokio::sync::Mutex::new(opened.line.level.subscribe());
+        Ok(Box::new(Listening { opened, heard }))
+    }
+
+    fn output(&self, wanted: &Output) -> Result<Box<dyn OutputLine>, LineError> {
+        Ok(Box::new(self.open(&wanted.line, wanted.is_active_low)?))
+    }
+}
+
+struct Opened {
+    name: String,
+    is_active_low: bool,
+    tells_edges: bool,
+    line: Line,
+}
+
+impl Opened {
+    fn is_active(&self, what: &'static str, level: Option<bool>) -> Result<bool, LineError> {
+        let is_high = level.ok_or_else(|| LineError::Kernel {
+            what,
+            line: self.name.clone(),
+            source: io::Error::from_raw_os_error(NO_SUCH_DEVICE),
+        })?;
+        Ok(is_high != self.is_active_low)
+    }
+}
+
+struct Listening {
+    opened: Opened,
+    heard: tokio::sync::Mutex<watch::Receiver<Option<bool>>>,
+}
+
+impl InputLine for Listening {
+    fn value(&self) -> Result<bool, LineError> {
+        self.opened.is_active("read", *self.opened.line.level.borrow())
+    }
+
+    fn edges(&self) -> BoxFuture<'_, Result<Vec<bool>, LineError>> {
+        Box::pin(async move {
+            if !self.opened.tells_edges {
+                std::future::pending::<()>().await;
+            }
+            let mut heard = self.heard.lock().await;
+            // It lasts as long as this line does.
+            let _ = heard.changed().await;
+            let level = *heard.borrow_and_update();
+            Ok(vec![self.opened.is_active("wait for", level)?])
+        })
+    }
+
+    fn tells_edges(&self) -> bool {
+        self.opened.tells_edges
+    }
+}
+
+impl OutputLine for Opened {
+    fn value(&self) -> Result<bool, LineError> {
+        self.is_active("read", *self.line.level.borrow())
+    }
+
+    fn set(&self, is_active: bool) -> Result<(), LineError> {
+        self.is_active("drive", *self.line.level.borrow())?;
+        if !self.line.is_held {
+            self.line.level.send_replace(Some(is_active != self.is_active_low));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,380 @@
+//! The GPIO chips that this machine's kernel shows, as files below `/dev`.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use gpiocdev::chip::Chip;
+use gpiocdev::line::{EdgeDetection, EdgeKind, Value};
+use gpiocdev::request::{Config, Request};
+use tokio::io::unix::AsyncFd;
+
+use crate::{Bias, Board, BoxFuture, Input, InputLine, LineError, LineName, Output, OutputLine};
+
+/// Under which name the kernel lists our lines.
+const CONSUMER: &str = "althing";
+
+/// Edges that are taken at one time; a kernel keeps sixteen of a line.
+const EDGES_MAX: usize = 16;
+
+/// The chips below a folder: `/dev`, or where a container shows them.
+#[derive(Clone, Debug)]
+pub struct Chips {
+    folder: PathBuf,
+}
+
+/// A line that was found.
+struct Place {
+    chip: PathBuf,
+    number: u32,
+    /// How it is called in messages.
+    name: String,
+}
+
+impl Default for Chips {
+    fn default() -> Chips {
+        Chips::new("/dev")
+    }
+}
+
+impl Chips {
+    /// The chips below this folder.
+    pub fn new(folder: impl Into<PathBuf>) -> Chips {
+        Chips { folder: folder.into() }
+    }
+
+    /// The files of all chips, in the order of their names.
+    fn files(&self) -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(&self.folder).into_iter().flatten();
+        let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+        let is_chip = |path: &PathBuf| {
+            let name = path.file_name().and_then(|name| name.to_str());
+            name.is_some_and(|name| name.starts_with("gpiochip"))
+                && gpiocdev::chip::is_chip(path).is_ok()
+        };
+        let mut files: Vec<_> = paths.filter(is_chip).collect();
+        files.sort_by(|one, other| gpiocdev::chip::path_compare(one, other));
+        files
+    }
+
+    /// The chips that may be opened.
+    fn open_all(&self) -> Vec<Chip> {
+        self.files().into_iter().filter_map(|path| open(&path).ok()).collect()
+    }
+
+    /// The chips there are, for people.
+    fn known(&self) -> Vec<String> {
+        let told = |chip: Chip| {
+            let label = label(&chip).unwrap_or_default();
+            let name = chip.name();
+            if label.is_empty() { name } else { format!("{name} ({label})") }
+        };
+        self.open_all().into_iter().map(told).collect()
+    }
+
+    fn find(&self, line: &LineName) -> Result<Place, LineError> {
+        match line {
+            LineName::Numbered { chip, number } => self.find_number(chip, *number),
+            LineName::Named(name) => self.find_name(name),
+        }
+    }
+
+    fn find_number(&self, wanted: &str, number: u32) -> Result<Place, LineError> {
+        let path = self.folder.join(wanted);
+        let chip = if gpiocdev::chip::is_chip(&path).is_ok() {
+            open(&path)?
+        } else {
+            let labeled = self.open_all().into_iter();
+            let mut labeled = labeled.filter(|chip| label(chip).as_deref() == Some(wanted));
+            labeled.next().ok_or_else(|| LineError::NoChip {
+                wanted: wanted.to_owned(),
+                known: self.known(),
+            })?
+        };
+        let name = format!("{wanted}/{number}");
+        let info = chip.info().map_err(|error| kernel("look at", &name, &error))?;
+        if number >= info.num_lines {
+            let (chip, count) = (wanted.to_owned(), info.num_lines);
+            return Err(LineError::NoNumber { chip, number, count });
+        }
+        Ok(Place { chip: chip.path().to_owned(), number, name })
+    }
+
+    fn find_name(&self, wanted: &str) -> Result<Place, LineError> {
+        let (mut found, mut names) = (Vec::new(), Vec::new());
+        let mut problem = None;
+        for path in self.files() {
+            let chip = match open(&path) {
+                Ok(chip) => chip,
+                Err(error) => {
+                    problem = Some(error);
+                    continue;
+                }
+            };
+            for info in chip.line_info_iter().into_iter().flatten().flatten() {
+                if info.name == wanted {
+                    found.push((chip.path().to_owned(), chip.name(), info.offset));
+                } else if !info.name.is_empty() {
+                    names.push(info.name);
+                }
+            }
+        }
+        match found.as_slice() {
+            [(chip, _, number)] => {
+                Ok(Place { chip: chip.clone(), number: *number, name: wanted.to_owned() })
+            }
+            // It may be on the one that we may not open.
+            [] => Err(problem.unwrap_or_else(|| LineError::NoName {
+                wanted: wanted.to_owned(),
+                near: near(wanted, names),
+                known: self.known(),
+            })),
+            several => {
+                let line = |(_, chip, number): &_| format!("\"{chip}/{number}\"");
+                let lines = several.iter().map(line).collect();
+                Err(LineError::Ambiguous { name: wanted.to_owned(), lines })
+            }
+        }
+    }
+}
+
+fn open(path: &Path) -> Result<Chip, LineError> {
+    Chip::from_path(path).map_err(|error| {
+        let source = system(&error);
+        match source.kind() {
+            io::ErrorKind::PermissionDenied => LineError::NotAllowed { path: path.to_owned() },
+            _ => LineError::Kernel { what: "open", line: path.display().to_string(), source },
+        }
+    })
+}
+
+fn label(chip: &Chip) -> Option<String> {
+    Some(chip.info().ok()?.label)
+}
+
+/// The name that is most like this one, if one is much like it.
+fn near(wanted: &str, names: Vec<String>) -> Option<String> {
+    let distance =
+        |name: &String| strsim::damerau_levenshtein(&name.to_lowercase(), &wanted.to_lowercase());
+    let nearest = names.into_iter().min_by_key(distance)?;
+    (distance(&nearest) <= wanted.chars().count() / 3).then_some(nearest)
+}
+
+/// What the system said, without where in the crate it was heard.
+fn system(error: &gpiocdev::Error) -> io::Error {
+    use gpiocdev_uapi::Error::Os;
+    match error {
+        gpiocdev::Error::Os(number) | gpiocdev::Error::Uapi(_, Os(number)) => {
+            io::Error::from_raw_os_error(number.0)
+        }
+        other => io::Error::other(other.to_string()),
+    }
+}
+
+fn kernel(what: &'static str, line: &str, error: &gpiocdev::Error) -> LineError {
+    LineError::Kernel { what, line: line.to_owned(), source: system(error) }
+}
+
+// === impl Board for Chips ===
+
+impl Place {
+    fn config(&self, is_active_low: bool) -> Config {
+        let mut config = Config::default();
+        config.on_chip(&self.chip).with_line(self.number);
+        if is_active_low {
+            config.as_active_low();
+        }
+        config
+    }
+
+    fn request(&self, config: &Config) -> Result<Request, LineError> {
+        let mut builder = Request::from_config(config.clone());
+        builder.with_consumer(CONSUMER).request().map_err(|error| {
+            match kernel("open", &self.name, &error) {
+                LineError::Kernel { source, .. }
+                    if source.kind() == io::ErrorKind::ResourceBusy =>
+                {
+                    LineError::Used { line: self.name.clone(), consumer: self.consumer() }
+                }
+                other => other,
+            }
+        })
+    }
+
+    /// Who uses the line.
+    fn consumer(&self) -> String {
+        let info = Chip::from_path(&self.chip).and_then(|chip| chip.line_info(self.number));
+        match info {
+            Ok(info) if info.consumer == CONSUMER => "another agent of Althing".to_owned(),
+            Ok(info) if !info.consumer.is_empty() => format!("`{}`", info.consumer),
+            _ => "somebody".to_owned(),
+        }
+    }
+}
+
+impl Board for Chips {
+    fn input(&self, wanted: &Input) -> Result<Box<dyn InputLine>, LineError> {
+        let place = self.find(&wanted.line)?;
+        let mut plain = place.config(wanted.is_active_low);
+        plain.as_input();
+        if let Some(bias) = wanted.bias {
+            plain.with_bias(match bias {
+                Bias::PullUp => gpiocdev::line::Bias::PullUp,
+                Bias::PullDown => gpiocdev::line::Bias::PullDown,
+                Bias::None => gpiocdev::line::Bias::Disabled,
+            });
+        }
+        let mut with_edges = plain.clone();
+        with_edges.with_edge_detection(EdgeDetection::BothEdges);
+        if let Some(debounce) = wanted.debounce {
+            with_edges.with_debounce_period(debounce);
+        }
+        let (request, tells_edges) = match place.request(&with_edges) {
+            Ok(request) => (request, true),
+            Err(error @ LineError::Used { .. }) => return Err(error),
+            // Its chip has no interrupt. Where something else is wrong, that is said again.
+            Err(error) => {
+                let request = place.request(&plain)?;
+                tracing::info!(line = place.name, "looked at again and again: failed to {error}");
+                (request, false)
+            }
+        };
+        let request = polled(request).map_err(|source| {
+            let line = place.name.clone();
+            LineError::Kernel { what: "wait for", line, source }
+        })?;
+        Ok(Box::new(Watched { request, tells_edges, name: place.name }))
+    }
+
+    fn output(&self, wanted: &Output) -> Result<Box<dyn OutputLine>, LineError> {
+        let place = self.find(&wanted.line)?;
+        let mut config = place.config(wanted.is_active_low);
+        // First as it is, so that it can be read; then as an output of that value.
+        let request = place.request(config.as_is())?;
+        let value = request.lone_value().map_err(|error| kernel("read", &place.name, &error))?;
+        let driven = request.reconfigure(config.as_output(value));
+        driven.map_err(|error| kernel("drive", &place.name, &error))?;
+        Ok(Box::new(Held { request, name: place.name }))
+    }
+}
+
+/// Lets a runtime tell when a request has edges.
+#[expect(deprecated, reason = "a request owns its descriptor; what replaces this is `unsafe`")]
+fn polled(request: Request) -> io::Result<AsyncFd<Request>> {
+    AsyncFd::new(request)
+}
+
+struct Watched {
+    request: AsyncFd<Request>,
+    tells_edges: bool,
+    name: String,
+}
+
+impl Watched {
+    /// The edges that the kernel has kept. The crate's own `read_edge_event` drops all but one.
+    fn kept_edges(&self) -> gpiocdev::Result<Vec<bool>> {
+        let request = self.request.get_ref();
+        let size = request.edge_event_u64_size();
+        let mut buffer = vec![0; size * EDGES_MAX];
+        let count = request.read_edge_events_into_slice(&mut buffer)?;
+        let events = buffer[..count].chunks_exact(size);
+        let is_active = |event: &[u64]| {
+            let event = request.edge_event_from_slice(event)?;
+            Ok(event.kind == EdgeKind::Rising)
+        };
+        events.map(is_active).collect()
+    }
+}
+
+impl InputLine for Watched {
+    fn value(&self) -> Result<bool, LineError> {
+        read(self.request.get_ref(), &self.name)
+    }
+
+    fn edges(&self) -> BoxFuture<'_, Result<Vec<bool>, LineError>> {
+        Box::pin(async move {
+            let failed = |error: &gpiocdev::Error| kernel("wait for", &self.name, error);
+            loop {
+                let ready = self.request.readable().await;
+                let mut ready = ready.map_err(|error| failed(&error.into()))?;
+                // Of a chip that is gone it is said so, and reading tells.
+                if self.request.get_ref().has_edge_event().map_err(|error| failed(&error))? {
+                    return self.kept_edges().map_err(|error| failed(&error));
+                }
+                ready.clear_ready();
+            }
+        })
+    }
+
+    fn tells_edges(&self) -> bool {
+        self.tells_edges
+    }
+}
+
+struct Held {
+    request: Request,
+    name: String,
+}
+
+impl OutputLine for Held {
+    fn value(&self) -> Result<bool, LineError> {
+        read(&self.request, &self.name)
+    }
+
+    fn set(&self, is_active: bool) -> Result<(), LineError> {
+        let set = self.request.set_lone_value(Value::from(is_active));
+        set.map_err(|error| kernel("drive", &self.name, &error))
+    }
+}
+
+fn read(request: &Request, name: &str) -> Result<bool, LineError> {
+    let value = request.lone_value().map_err(|error| kernel("read", name, &error))?;
+    Ok(value == Value::Active)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn problem(chips: &Chips, line: &str) -> String {
+        let line = LineName::try_from(line.to_owned()).expect("a name");
+        let wanted = Output { line, is_active_low: false };
+        chips.output(&wanted).err().expect("it is not there").to_string()
+    }
+
+    #[test]
+    fn chips_that_are_not_there_are_told_with_those_that_are() {
+        let known = Chips::default().known();
+        let there = match known.as_slice() {
+            [] => "this machine has none that this user may open".to_owned(),
+            known => format!("there are {}", known.join(", ")),
+        };
+        assert_eq!(
+            problem(&Chips::default(), "gpiochip999/1"),
+            format!("find the GPIO chip `gpiochip999`; {there}")
+        );
+        let no_name = problem(&Chips::default(), "NO-SUCH-LINE-AT-ALL");
+        assert!(no_name.starts_with("find a line named `NO-SUCH-LINE-AT-ALL`; "), "{no_name}");
+    }
+
+    #[test]
+    fn what_is_no_chip_is_none() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let chips = Chips::new(folder.path());
+        std::fs::write(folder.path().join("gpiochip0"), "").expect("a file");
+        std::os::unix::fs::symlink("/dev/null", folder.path().join("gpiochip1")).expect("a link");
+        for line in ["gpiochip0/1", "gpiochip1/1", "gpiochip2/1"] {
+            let chip = &line[..line.len() - 2];
+            let none = "this machine has none that this user may open";
+            assert_eq!(problem(&chips, line), format!("find the GPIO chip `{chip}`; {none}"));
+        }
+    }
+
+    #[test]
+    fn a_name_that_is_much_like_it_is_offered() {
+        let names = || vec!["GPIO17".to_owned(), "GPIO27".to_owned(), "ID_SDA".to_owned()];
+        assert_eq!(near("gpio17", names()).as_deref(), Some("GPIO17"));
+        assert_eq!(near("GPIO_27", names()).as_deref(), Some("GPIO27"));
+        assert_eq!(near("PIR", names()), None);
+        assert_eq!(near("", Vec::new()), None);
+    }
+}

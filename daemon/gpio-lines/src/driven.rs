@@ -1,0 +1,113 @@
+//! A line that is driven, and opened again where its chip was gone.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::follow::aside;
+use crate::{Board, LineError, Output, OutputLine};
+
+/// A line that is driven until all copies of this are dropped. It is opened when it is first needed.
+#[derive(Clone)]
+pub struct Driven {
+    board: Arc<dyn Board>,
+    output: Arc<Output>,
+    held: Arc<Mutex<Option<Box<dyn OutputLine>>>>,
+}
+
+impl Driven {
+    /// A line of this board.
+    pub fn new(board: Arc<dyn Board>, output: Output) -> Driven {
+        Driven { board, output: Arc::new(output), held: Arc::default() }
+    }
+
+    /// Whether it is active, read back from its chip.
+    ///
+    /// # Errors
+    ///
+    /// Why it cannot be used now: “failed to …”.
+    pub async fn value(&self) -> Result<bool, String> {
+        self.with(|line| line.value()).await
+    }
+
+    /// Makes it active, or not; what it then is, read back from its chip.
+    ///
+    /// # Errors
+    ///
+    /// Why it cannot be used now: “failed to …”.
+    pub async fn set(&self, is_active: bool) -> Result<bool, String> {
+        self.with(move |line| {
+            line.set(is_active)?;
+            line.value()
+        })
+        .await
+    }
+
+    async fn with<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&dyn OutputLine) -> Result<T, LineError> + Send + 'static,
+    ) -> Result<T, String> {
+        let driven = self.clone();
+        aside(move || {
+            let mut held = driven.held.lock().unwrap_or_else(PoisonError::into_inner);
+            let line = match held.take() {
+                Some(line) => line,
+                None => driven.board.output(&driven.output)?,
+            };
+            // Of a chip that is gone nothing is held, so that it is found again.
+            let done = work(&*line)?;
+            *held = Some(line);
+            Ok(done)
+        })
+        .await
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Bench;
+
+    fn driven(bench: &Bench, is_active_low: bool) -> Driven {
+        let line = "relay".to_owned().try_into().expect("a name");
+        Driven::new(Arc::new(bench.clone()), Output { line, is_active_low })
+    }
+
+    #[tokio::test]
+    async fn a_line_is_driven_and_nothing_switches_because_somebody_comes() {
+        for is_active_low in [false, true] {
+            let bench = Bench::default();
+            bench.plug("relay", true);
+            let relay = driven(&bench, is_active_low);
+            assert_eq!(relay.value().await, Ok(!is_active_low));
+            assert_eq!(bench.level("relay"), Some(true), "it is as it was");
+            for is_active in [false, true] {
+                assert_eq!(relay.set(is_active).await, Ok(is_active));
+                assert_eq!(bench.level("relay"), Some(is_active != is_active_low));
+            }
+            drop(relay);
+            let next = driven(&bench, is_active_low);
+            assert_eq!(next.value().await, Ok(true), "it is as it was left");
+        }
+    }
+
+    #[tokio::test]
+    async fn what_was_unplugged_is_found_again() {
+        let bench = Bench::default();
+        let relay = driven(&bench, false);
+        assert!(relay.value().await.is_err_and(|problem| problem.starts_with("find a line named")));
+        bench.plug("relay", false);
+        assert_eq!(relay.set(true).await, Ok(true));
+        bench.unplug("relay");
+        let gone = "drive the line `relay`: No such device (os error 19)";
+        assert_eq!(relay.set(false).await, Err(gone.to_owned()));
+        bench.plug("relay", true);
+        assert_eq!(relay.value().await, Ok(true));
+    }
+
+    #[tokio::test]
+    async fn a_line_that_is_held_by_something_else_is_read_back_as_it_is() {
+        let bench = Bench::default();
+        bench.plug("relay", false);
+        bench.hold("relay");
+        assert_eq!(driven(&bench, false).set(true).await, Ok(false));
+    }
+}

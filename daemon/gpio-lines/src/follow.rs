@@ -1,0 +1,173 @@
+//! A line that is watched for as long as anybody listens, through unplugging and plugging in.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::watch;
+use tokio::task::JoinHandle;
+
+use crate::{Board, Input, InputLine, LineError};
+
+/// Pause between two looks whether a chip is back, or still there: kernels before 6.6 wake nobody
+/// who waits for the edges of a chip that goes.
+const LOOK_AGAIN: Duration = Duration::from_secs(1);
+
+/// Pause between two looks at a line whose chip tells nobody of edges: a door takes longer.
+const LOOK_OFTEN: Duration = Duration::from_millis(100);
+
+/// What is known of a line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum State {
+    /// Nothing yet.
+    Unknown,
+    /// It is there, and active or not.
+    Here(bool),
+    /// It cannot be read now, and why: “failed to …”.
+    Away(String),
+}
+
+/// A line that is watched until this is dropped.
+pub struct Followed {
+    state: watch::Receiver<State>,
+    task: JoinHandle<()>,
+}
+
+impl Followed {
+    /// What is known of it, now and on each change.
+    pub fn state(&self) -> watch::Receiver<State> {
+        self.state.clone()
+    }
+}
+
+impl Drop for Followed {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+/// Watches a line, on a Tokio runtime.
+pub fn follow(board: Arc<dyn Board>, input: Input) -> Followed {
+    let (said, state) = watch::channel(State::Unknown);
+    let input = Arc::new(input);
+    let task = tokio::spawn(async move {
+        loop {
+            let problem = match open(&board, &input).await {
+                Ok(line) => listen(line.into(), &said).await,
+                Err(problem) => problem,
+            };
+            say(&said, State::Away(problem));
+            tokio::time::sleep(LOOK_AGAIN).await;
+        }
+    });
+    Followed { state, task }
+}
+
+async fn open(board: &Arc<dyn Board>, input: &Arc<Input>) -> Result<Box<dyn InputLine>, String> {
+    let (board, input) = (Arc::clone(board), Arc::clone(input));
+    aside(move || board.input(&input)).await
+}
+
+/// Says what a line is for as long as it is there; why it is not any more.
+async fn listen(line: Arc<dyn InputLine>, said: &watch::Sender<State>) -> String {
+    let pause = if line.tells_edges() { LOOK_AGAIN } else { LOOK_OFTEN };
+    loop {
+        let read = Arc::clone(&line);
+        match aside(move || read.value()).await {
+            Ok(value) => say(said, State::Here(value)),
+            Err(problem) => return problem,
+        }
+        while let Ok(edges) = tokio::time::timeout(pause, line.edges()).await {
+            match edges {
+                Ok(edges) => edges.into_iter().for_each(|value| say(said, State::Here(value))),
+                Err(problem) => return problem.to_string(),
+            }
+        }
+    }
+}
+
+fn say(said: &watch::Sender<State>, state: State) {
+    said.send_if_modified(|known| {
+        let is_news = *known != state;
+        *known = state;
+        is_news
+    });
+}
+
+/// Does what may wait for a bus on a thread that may.
+pub(crate) async fn aside<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, LineError> + Send + 'static,
+) -> Result<T, String> {
+    let done = tokio::task::spawn_blocking(work).await.map_err(|error| error.to_string())?;
+    done.map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Bench;
+
+    const PATIENCE: Duration = Duration::from_secs(20);
+
+    fn input(is_active_low: bool) -> Input {
+        let line = "door".to_owned().try_into().expect("a name");
+        Input { line, is_active_low, bias: None, debounce: None }
+    }
+
+    async fn is(state: &mut watch::Receiver<State>, expected: State) {
+        let is_so = tokio::time::timeout(PATIENCE, state.wait_for(|now| *now == expected))
+            .await
+            .is_ok_and(|state| state.is_ok());
+        assert!(is_so, "{:?} is not {expected:?}", state.borrow());
+    }
+
+    #[tokio::test]
+    async fn a_line_is_followed_through_edges_unplugging_and_plugging_in() {
+        for is_active_low in [false, true] {
+            let bench = Bench::default();
+            let followed = follow(Arc::new(bench.clone()), input(is_active_low));
+            let mut state = followed.state();
+            let away = "find a line named `door`; looked on all chips: \
+                        this machine has none that this user may open";
+            is(&mut state, State::Away(away.to_owned())).await;
+            bench.plug("door", is_active_low);
+            is(&mut state, State::Here(false)).await;
+            for is_active in [true, false, true] {
+                bench.set("door", is_active != is_active_low);
+                is(&mut state, State::Here(is_active)).await;
+            }
+            bench.unplug("door");
+            let gone = "wait for the line `door`: No such device (os error 19)";
+            is(&mut state, State::Away(gone.to_owned())).await;
+            bench.plug("door", !is_active_low);
+            is(&mut state, State::Here(true)).await;
+        }
+    }
+
+    #[tokio::test]
+    async fn a_chip_that_tells_nobody_is_looked_at() {
+        let bench = Bench::default();
+        bench.plug("door", false);
+        bench.tell_nobody();
+        let followed = follow(Arc::new(bench.clone()), input(false));
+        let mut state = followed.state();
+        is(&mut state, State::Here(false)).await;
+        bench.set("door", true);
+        is(&mut state, State::Here(true)).await;
+        bench.unplug("door");
+        let gone = "read the line `door`: No such device (os error 19)";
+        is(&mut state, State::Away(gone.to_owned())).await;
+    }
+
+    #[tokio::test]
+    async fn who_is_dropped_lets_go() {
+        let bench = Bench::default();
+        bench.plug("door", false);
+        let followed = follow(Arc::new(bench.clone()), input(false));
+        is(&mut followed.state(), State::Here(false)).await;
+        let second = follow(Arc::new(bench.clone()), input(false));
+        let used = "use the line `door`: another agent of Althing uses it already";
+        is(&mut second.state(), State::Away(used.to_owned())).await;
+        drop(followed);
+        is(&mut second.state(), State::Here(false)).await;
+    }
+}
