@@ -67,7 +67,7 @@ const EXCEPTIONS: &[Exception] = &[
     exception("sensor", "building", "its simulated driver measures there"),
     exception("sensor", "gpio-lines", "its GPIO driver watches there"),
     exception("sensor", "linux-sensors", "its Linux driver measures there"),
-    exception("sensor", "programs", "its command driver is one"),
+    exception("sensor", "programs", "its command driver runs there"),
     exception("sensor", "mqtt-link", "its MQTT driver hears there"),
     exception("sensor", "phidget-link", "its Phidget driver measures there"),
     exception("mqtt", "mqtt-link", "it hears and speaks there"),

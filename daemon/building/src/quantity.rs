@@ -21,6 +21,8 @@ pub enum Quantity {
     Distance,
     /// Whether something is right before an IR reflective sensor.
     Reflection,
+    /// Whether the contact of a door or a window is closed.
+    Contact,
 }
 
 struct Line {
@@ -40,6 +42,7 @@ const QUANTITIES: &[Line] = &[
     line(Quantity::Motion, "motion", 0.0, 0.0, 1.0),
     line(Quantity::Distance, "distance", 3.0, 0.0, 1_000.0),
     line(Quantity::Reflection, "reflection", 0.0, 0.0, 1.0),
+    line(Quantity::Contact, "contact", 0.0, 0.0, 1.0),
 ];
 
 const fn line(quantity: Quantity, name: &'static str, usual: f64, min: f64, max: f64) -> Line {
@@ -91,7 +94,8 @@ mod tests {
             | Quantity::Light
             | Quantity::Motion
             | Quantity::Distance
-            | Quantity::Reflection => 6,
+            | Quantity::Reflection
+            | Quantity::Contact => 7,
         };
         assert!(Quantity::all().all(|quantity| count(quantity) == Quantity::all().count()));
         for quantity in Quantity::all() {

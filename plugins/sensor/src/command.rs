@@ -57,7 +57,7 @@ pub(crate) fn probe(
 }
 
 impl Command {
-    async fn measure_once(&self) -> Result<f64, String> {
+    async fn measure_once(&self, quantity: &str) -> Result<f64, String> {
         let name = self.program.name();
         let printed = self.program.run(RUNNING).await.map_err(|error| error.to_string())?;
         let printed = printed.trim();
@@ -67,7 +67,7 @@ impl Command {
                 format!("find {pointer} in what `{name}` prints: {}", text::told(printed))
             })?,
         };
-        let value = text::value(&said).ok_or_else(|| {
+        let value = text::value(&said, quantity).ok_or_else(|| {
             format!("take what `{name}` prints for a measurement: {}", text::told(&said))
         })?;
         Ok(value * self.factor)
@@ -75,23 +75,19 @@ impl Command {
 }
 
 impl Probe for Command {
-    fn measure(&self, _quantity: &'static str) -> BoxFuture<Result<Measurement, String>> {
+    fn measure(&self, quantity: &'static str) -> BoxFuture<Result<Measurement, String>> {
         let command = self.clone();
         Box::pin(async move {
-            let value = command.measure_once().await?;
+            let value = command.measure_once(quantity).await?;
             Ok(Measurement { value, at: Instant::now() })
         })
     }
 
-    fn notice(
-        &self,
-        _quantity: &'static str,
-        known: f64,
-    ) -> BoxFuture<Result<Measurement, String>> {
+    fn notice(&self, quantity: &'static str, known: f64) -> BoxFuture<Result<Measurement, String>> {
         let command = self.clone();
         Box::pin(async move {
             loop {
-                let value = command.measure_once().await?;
+                let value = command.measure_once(quantity).await?;
                 if is_yes(value) != is_yes(known) {
                     return Ok(Measurement { value, at: Instant::now() });
                 }

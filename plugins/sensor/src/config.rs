@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use actuator::Place;
 use agent::{Blueprint, BuildError};
+use gpio_lines::{Bias, LineName};
 use serde::Deserialize;
 
-use crate::{COMMAND, LINUX, MQTT, PHIDGET};
+use crate::{COMMAND, GPIO, LINUX, MQTT, PHIDGET};
 
 /// What an entry says.
 #[derive(Debug, Deserialize)]
@@ -59,6 +60,16 @@ pub(crate) struct Config {
     topic: Option<String>,
     /// Driver `mqtt`: under which topic it is said whether the device is online.
     availability: Option<String>,
+    /// Driver `gpio`: which line, such as `"gpiochip0/17"` or `"GPIO17"`.
+    line: Option<LineName>,
+    /// Driver `gpio`: whether the line is yes when it is low.
+    active_low: Option<bool>,
+    /// Driver `gpio`: what pulls the line, such as `"pull-up"`; as it is, if nobody says.
+    bias: Option<Bias>,
+    /// Driver `gpio`: how long the line must be still before it counts, such as `"10ms"`.
+    debounce: Option<String>,
+    /// Driver `gpio`: where the chips are, if not in `/dev`.
+    chips: Option<PathBuf>,
 }
 
 /// What it says of the hardware.
@@ -78,6 +89,11 @@ pub(crate) struct Hardware {
     pub(crate) ca: Option<PathBuf>,
     pub(crate) topic: Option<String>,
     pub(crate) availability: Option<String>,
+    pub(crate) line: Option<LineName>,
+    pub(crate) active_low: Option<bool>,
+    pub(crate) bias: Option<Bias>,
+    pub(crate) debounce: Option<String>,
+    pub(crate) chips: Option<PathBuf>,
 }
 
 /// Where a Phidget hangs, and what it is.
@@ -118,6 +134,11 @@ impl Config {
             ("ca", &[MQTT], self.ca.is_some()),
             ("topic", &[MQTT], self.topic.is_some()),
             ("availability", &[MQTT], self.availability.is_some()),
+            ("line", &[GPIO], self.line.is_some()),
+            ("active-low", &[GPIO], self.active_low.is_some()),
+            ("bias", &[GPIO], self.bias.is_some()),
+            ("debounce", &[GPIO], self.debounce.is_some()),
+            ("chips", &[GPIO], self.chips.is_some()),
         ];
         let this = blueprint.driver.as_str();
         let is_of_another =
@@ -148,6 +169,11 @@ impl Config {
             ca: self.ca.take(),
             topic: self.topic.take(),
             availability: self.availability.take(),
+            line: self.line.take(),
+            active_low: self.active_low.take(),
+            bias: self.bias.take(),
+            debounce: self.debounce.take(),
+            chips: self.chips.take(),
         })
     }
     fn wiring(&mut self) -> Wiring {

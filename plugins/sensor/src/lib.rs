@@ -5,13 +5,14 @@
 //! - `quantity` is the table of what can be measured; everything else is the same for all.
 //! - [`Probe`] is what a driver does: `simulated` measures in the simulated building, `linux` with
 //!   what this machine's kernel knows, `command` by running a program, `mqtt` hears it of a broker,
-//!   `phidget` measures with what hangs on Phidgets' interface kits.
-//! - What is yes or no (motion) is noticed: announced at once, without being asked.
+//!   `phidget` measures with what hangs on Phidgets' interface kits, `gpio` watches a line of a board.
+//! - What is yes or no (motion, a door's contact) is noticed: announced at once, without being asked.
 //! - After a failed measurement a sensor offers nothing for a while: “re-evaluate and update
 //!   self-capabilities” (the paper, “Semantic Plug & Play”).
 
 mod command;
 mod config;
+mod gpio;
 mod linux;
 mod mqtt;
 mod phidget;
@@ -49,7 +50,8 @@ const LINUX: &str = "linux";
 const COMMAND: &str = "command";
 const MQTT: &str = "mqtt";
 const PHIDGET: &str = "phidget";
-const DRIVERS: &[&str] = &[SIMULATED, LINUX, COMMAND, MQTT, PHIDGET];
+const GPIO: &str = "gpio";
+const DRIVERS: &[&str] = &[SIMULATED, LINUX, COMMAND, MQTT, PHIDGET, GPIO];
 
 /// The line in the daemon's table of plugins: a sensor of any quantity.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -173,6 +175,7 @@ impl Sensor {
             COMMAND => command::probe(blueprint, hardware)?,
             MQTT => mqtt::probe(blueprint, hardware)?,
             PHIDGET => phidget::probe(blueprint, hardware, &quantities)?,
+            GPIO => gpio::probe(blueprint, hardware, &quantities)?,
             _ => simulated::probe(blueprint)?,
         };
         let Config { location, valid_for, .. } = config;
@@ -214,6 +217,10 @@ impl Sensor {
     /// is unplugged has not failed, and is as good as new when it is back.
     fn rest(&mut self) {
         self.rests_until = self.probe.is_here().then(|| Instant::now() + REST_AFTER_FAILURE);
+        self.forget_noticed();
+    }
+
+    fn forget_noticed(&mut self) {
         for quantity in self.quantities.iter().filter(|quantity| quantity.is_noticed()) {
             self.measured.remove(quantity.name);
         }
@@ -303,16 +310,31 @@ impl Device for Sensor {
         // What was never measured is not known; but nothing to speak of happens until it is yes.
         let known = self.measured.get(quantity.name).map_or(0.0, |measured| measured.value);
         let (probe, rests_until) = (Arc::clone(&self.probe), self.rests_until);
+        let news = self.watch_for_news();
         Some(Box::pin(async move {
-            if let Some(until) = rests_until {
-                tokio::time::sleep_until(until).await;
+            let noticing = async {
+                if let Some(until) = rests_until {
+                    tokio::time::sleep_until(until).await;
+                }
+                believable(probe.notice(quantity.name, known).await)
+            };
+            let news = async {
+                match news {
+                    Some(news) => news.await,
+                    None => std::future::pending().await,
+                }
+            };
+            tokio::select! {
+                biased;
+                noticed = noticing => {
+                    let stir: Stir<Sensor> = Box::new(move |sensor| {
+                        sensor.noticed(quantity, noticed);
+                        Vec::new()
+                    });
+                    stir
+                }
+                stir = news => stir,
             }
-            let noticed = believable(probe.notice(quantity.name, known).await);
-            let stir: Stir<Sensor> = Box::new(move |sensor| {
-                sensor.noticed(quantity, noticed);
-                Vec::new()
-            });
-            stir
         }))
     }
 }
@@ -326,6 +348,9 @@ impl Sensor {
             let stir: Stir<Sensor> = Box::new(|sensor| {
                 sensor.rests_until = None;
                 sensor.take_news();
+                if !sensor.probe.is_here() {
+                    sensor.forget_noticed();
+                }
                 Vec::new()
             });
             stir

@@ -29,6 +29,7 @@ pub(crate) const QUANTITIES: &[Quantity] = &[
     number("distance", "free-distance", "m of free distance", 2),
     yes_or_no("motion", "motion", "motion", "no motion"),
     yes_or_no("reflection", "reflection", "something close by", "nothing close by"),
+    yes_or_no("contact", "closed", "closed", "open"),
 ];
 
 const fn number(

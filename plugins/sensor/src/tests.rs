@@ -120,6 +120,8 @@ async fn each_quantity_is_reported_as_it_is() {
         ("motion", 0.0, "no motion at lab", ""),
         ("reflection", 1.0, "something close by at lab", "(reflection lab)"),
         ("reflection", 0.0, "nothing close by at lab", ""),
+        ("contact", 1.0, "closed at lab", "(closed lab)"),
+        ("contact", 0.0, "open at lab", ""),
     ] {
         let lab = lab(quantity, value);
         let mut sensor = sensor_in(&lab, quantity);

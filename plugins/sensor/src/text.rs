@@ -46,9 +46,12 @@ fn plain(value: &serde_json::Value) -> String {
 }
 
 /// A number, or a word for yes or no.
-pub(crate) fn value(said: &str) -> Option<f64> {
+pub(crate) fn value(said: &str, quantity: &str) -> Option<f64> {
     let word = said.trim().to_ascii_lowercase();
     match word.as_str() {
+        // Of a door most devices say whether it is open; a contact is asked whether it is closed.
+        "closed" if quantity == "contact" => Some(1.0),
+        "open" if quantity == "contact" => Some(0.0),
         yes if YES.contains(&yes) => Some(1.0),
         no if NO.contains(&no) => Some(0.0),
         number => number.parse().ok().filter(|number: &f64| number.is_finite()),
@@ -91,6 +94,22 @@ mod tests {
             ("not json", "temperature", None),
         ] {
             assert_eq!(named(text, quantity).as_deref(), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_word_says_yes_or_no_to_what_is_asked() {
+        for (word, quantity, expected) in [
+            ("on", "motion", Some(1.0)),
+            (" Clear ", "motion", Some(0.0)),
+            ("open", "reflection", Some(1.0)),
+            ("OPEN", "contact", Some(0.0)),
+            ("closed", "contact", Some(1.0)),
+            ("true", "contact", Some(1.0)),
+            ("0", "contact", Some(0.0)),
+            ("perhaps", "contact", None),
+        ] {
+            assert_eq!(value(word, quantity), expected, "{word} of {quantity}");
         }
     }
 

@@ -119,7 +119,7 @@ async fn every_quantity_that_is_asked_for_is_told_as_it_is() {
                 // What the ecosystem file says.
                 Quantity::Co2 => 777.0,
                 // Known before it is asked for, if it is yes.
-                Quantity::Motion | Quantity::Reflection => 0.0,
+                Quantity::Motion | Quantity::Reflection | Quantity::Contact => 0.0,
                 _ => 12.5,
             };
             if quantity != Quantity::Co2 {
@@ -129,7 +129,9 @@ async fn every_quantity_that_is_asked_for_is_told_as_it_is() {
             let observed = lab.until_it_holds().await;
             let function = if name == "distance" { "free-distance" } else { name };
             let expected = match quantity {
-                Quantity::Motion | Quantity::Reflection => format!("(known-{name} lab)"),
+                Quantity::Motion | Quantity::Reflection | Quantity::Contact => {
+                    format!("(known-{name} lab)")
+                }
                 _ => format!("(= ({function} lab) {truly})"),
             };
             assert!(observed.as_ref().is_ok_and(|facts| facts.contains(&expected)), "{observed:?}");

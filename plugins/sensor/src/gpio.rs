@@ -1,0 +1,269 @@
+//! The GPIO driver: watches a line of a board, on which a motion detector or a door's contact hangs.
+//!
+//! - How lines are found and watched, also through unplugging, is in the crate `gpio-lines`.
+//! - What the line is when it is first looked at is told at once, and each of its edges.
+//! - A sensor whose line is not there, or not for us, is not here and offers nothing; why is in the
+//!   log, and told to whoever measures.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use actuator::BoxFuture;
+use agent::{Blueprint, BuildError};
+use gpio_lines::{Board, Chips, Followed, Input, State, follow};
+use tokio::sync::watch;
+use tokio::time::Instant;
+
+use crate::config::Hardware;
+use crate::quantity::{Quantity, is_yes};
+use crate::{MEASURING, Measurement, Probe};
+
+/// How long is waited at first for the line.
+const FIRST_LOOK: Duration = Duration::from_millis(1_500);
+const _: () = assert!(FIRST_LOOK.as_millis() < MEASURING.as_millis());
+
+/// The longest that a line may have to be still: longer, and nobody notices anything any more.
+const DEBOUNCE_MAX: Duration = Duration::from_secs(10);
+
+#[derive(Clone)]
+struct Gpio {
+    board: Arc<dyn Board>,
+    input: Input,
+    /// Made when it is first needed: nothing is opened before the agent is active.
+    followed: Arc<Mutex<Option<Followed>>>,
+    /// What was told of the line.
+    told: Arc<Mutex<State>>,
+}
+
+pub(crate) fn probe(
+    blueprint: &Blueprint,
+    hardware: Hardware,
+    quantities: &[&'static Quantity],
+) -> Result<Arc<dyn Probe>, BuildError> {
+    let Hardware { line, active_low, bias, debounce, chips, .. } = hardware;
+    if let Some(number) = quantities.iter().find(|quantity| !quantity.is_noticed()) {
+        let problem =
+            "driver `gpio` measures what is yes or no: motion, reflection, contact; and no";
+        return Err(blueprint.problem(format!("{problem} {}", number.name)));
+    }
+    let line = line.ok_or_else(|| {
+        blueprint.problem(
+            "driver `gpio` needs a `line`: its chip and number, such as \"gpiochip0/17\", or its \
+             own name, such as \"GPIO17\"; gpioinfo(1) lists those of a machine",
+        )
+    })?;
+    let debounce = debounce.as_deref().map(humantime::parse_duration).transpose();
+    let debounce = debounce.map_err(|error| blueprint.problem(format!("debounce: {error}")))?;
+    if debounce.is_some_and(|debounce| debounce > DEBOUNCE_MAX) {
+        let problem = format!("debounce: a line that must be still for more than {DEBOUNCE_MAX:?}");
+        return Err(blueprint.problem(format!("{problem} is hardly ever noticed")));
+    }
+    let is_active_low = active_low.unwrap_or(false);
+    let chips = chips.map_or_else(Chips::default, Chips::new);
+    Ok(Arc::new(Gpio::new(Arc::new(chips), Input { line, is_active_low, bias, debounce })))
+}
+
+impl Gpio {
+    fn new(board: Arc<dyn Board>, input: Input) -> Gpio {
+        let told = Arc::new(Mutex::new(State::Unknown));
+        Gpio { board, input, followed: Arc::default(), told }
+    }
+
+    fn state(&self) -> watch::Receiver<State> {
+        let mut followed = lock(&self.followed);
+        let make = || follow(Arc::clone(&self.board), self.input.clone());
+        followed.get_or_insert_with(make).state()
+    }
+
+    /// What the line is, once it was looked at.
+    async fn looked(&self) -> State {
+        let mut state = self.state();
+        let known = state.wait_for(|state| *state != State::Unknown);
+        let known = tokio::time::timeout(FIRST_LOOK, known).await;
+        known.ok().and_then(Result::ok).map_or(State::Unknown, |state| state.clone())
+    }
+}
+
+/// What a state says, if it says anything.
+fn measured(state: &State) -> Option<Measurement> {
+    match state {
+        State::Here(is_active) => {
+            Some(Measurement { value: f64::from(*is_active), at: Instant::now() })
+        }
+        State::Unknown | State::Away(_) => None,
+    }
+}
+
+impl Probe for Gpio {
+    fn measure(&self, _quantity: &'static str) -> BoxFuture<Result<Measurement, String>> {
+        let gpio = self.clone();
+        Box::pin(async move {
+            let state = gpio.looked().await;
+            measured(&state).ok_or_else(|| match state {
+                State::Away(problem) => problem,
+                _ => format!("read the line `{}` within {FIRST_LOOK:?}", gpio.input.line),
+            })
+        })
+    }
+
+    fn notice(
+        &self,
+        _quantity: &'static str,
+        known: f64,
+    ) -> BoxFuture<Result<Measurement, String>> {
+        let gpio = self.clone();
+        Box::pin(async move {
+            let mut state = gpio.state();
+            loop {
+                let measured = measured(&state.borrow_and_update());
+                if let Some(measured) = measured.filter(|now| is_yes(now.value) != is_yes(known)) {
+                    return Ok(measured);
+                }
+                state.changed().await.map_err(|_| "watch its line any more".to_owned())?;
+            }
+        })
+    }
+
+    fn is_here(&self) -> bool {
+        // Who has not begun is asked what it would be.
+        let state = lock(&self.followed).as_ref().map(Followed::state);
+        state.is_none_or(|state| matches!(*state.borrow(), State::Here(_)))
+    }
+
+    fn look(&self) -> Option<BoxFuture<()>> {
+        let gpio = self.clone();
+        Some(Box::pin(async move { drop(gpio.looked().await) }))
+    }
+
+    fn until_news(&self) -> Option<BoxFuture<()>> {
+        let gpio = self.clone();
+        Some(Box::pin(async move {
+            let (told, mut state) = (lock(&gpio.told).clone(), gpio.state());
+            if let Ok(now) = state.wait_for(|state| *state != told).await
+                && let State::Away(problem) = &*now
+            {
+                tracing::warn!("failed to {problem}");
+            }
+        }))
+    }
+
+    fn last_word(&self, _quantity: &'static str) -> Option<Result<Measurement, String>> {
+        let state = self.state().borrow().clone();
+        let measured = measured(&state);
+        *lock(&self.told) = state;
+        measured.map(Ok)
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use actuator::Device as _;
+    use gpio_lines::Bench;
+    use serde_json::{Value, json};
+
+    use super::*;
+    use crate::tests::{blueprint_with, facts, measure};
+    use crate::{Sensor, sensor, temperature_sensor};
+
+    const PATIENCE: Duration = Duration::from_secs(20);
+
+    /// A sensor as its config says, on a work bench.
+    async fn on(bench: &Bench, quantity: &str, more: Value) -> Sensor {
+        let mut config = json!({ "location": "lab", "quantity": quantity, "line": "GPIO17" });
+        if let (Value::Object(config), Value::Object(more)) = (&mut config, more) {
+            config.extend(more);
+        }
+        let is_active_low = config["active-low"].as_bool().unwrap_or(false);
+        let mut sensor = sensor(&blueprint_with("gpio", config)).expect("a sensor");
+        let line = "GPIO17".to_owned().try_into().expect("a name");
+        let input = Input { line, is_active_low, bias: None, debounce: None };
+        sensor.probe = Arc::new(Gpio::new(Arc::new(bench.clone()), input));
+        sensor.look().expect("it may be away").await;
+        sensor
+    }
+
+    fn offers(sensor: &Sensor) -> usize {
+        sensor.describe().model.actions.len()
+    }
+
+    /// Lets happen what happens by itself until it is so.
+    async fn until(sensor: &mut Sensor, expected: &str) {
+        let waiting = async {
+            while facts(sensor) != expected {
+                let stir = sensor.watch().expect("it notices").await;
+                stir(sensor);
+            }
+        };
+        let in_time = tokio::time::timeout(PATIENCE, waiting).await;
+        assert!(in_time.is_ok(), "{} is not {expected}", facts(sensor));
+    }
+
+    #[tokio::test]
+    async fn what_a_line_is_is_told_at_once_and_its_edges_are_noticed() {
+        let bench = Bench::default();
+        bench.plug("GPIO17", true);
+        let more = json!({ "active-low": true, "bias": "pull-up", "debounce": "10ms" });
+        let mut sensor = on(&bench, "contact", more).await;
+        until(&mut sensor, "(located s lab) (known-contact lab)").await;
+        bench.set("GPIO17", false);
+        until(&mut sensor, "(located s lab) (known-contact lab) (closed lab)").await;
+        bench.set("GPIO17", true);
+        until(&mut sensor, "(located s lab) (known-contact lab)").await;
+        let performed = measure(&mut sensor, "contact").await.expect("it is there");
+        assert_eq!(performed.detail, "open at lab");
+    }
+
+    #[tokio::test]
+    async fn a_chip_that_is_gone_is_not_here_and_back_it_is() {
+        let bench = Bench::default();
+        let mut sensor = on(&bench, "motion", json!({})).await;
+        assert_eq!(offers(&sensor), 0, "it was never here");
+        let failure = measure(&mut sensor, "motion").await.expect_err("it is away");
+        assert!(failure.to_string().starts_with("find a line named `GPIO17`; "), "{failure}");
+        bench.plug("GPIO17", false);
+        until(&mut sensor, "(located s lab) (known-motion lab)").await;
+        assert_eq!(offers(&sensor), 1, "at once");
+        bench.set("GPIO17", true);
+        until(&mut sensor, "(located s lab) (known-motion lab) (motion lab)").await;
+        bench.unplug("GPIO17");
+        until(&mut sensor, "(located s lab)").await;
+        assert_eq!(offers(&sensor), 0);
+        bench.plug("GPIO17", true);
+        until(&mut sensor, "(located s lab) (known-motion lab) (motion lab)").await;
+        assert_eq!(offers(&sensor), 1);
+    }
+
+    #[test]
+    fn mistakes_say_what_would_be_right() {
+        let names_no_line = "names no line: write its chip and number, such as \"gpiochip0/17\"";
+        for (config, expected) in [
+            (json!({ "quantity": "motion" }), "driver `gpio` needs a `line`: its chip and number"),
+            (json!({ "quantity": "motion", "line": "17" }), names_no_line),
+            (json!({ "quantity": "motion", "line": "a", "bias": "up" }), "unknown variant `up`"),
+            (
+                json!({ "quantity": "motion", "line": "a", "debounce": "1h" }),
+                "debounce: a line that must be still for more than 10s is hardly ever noticed",
+            ),
+            (
+                json!({ "quantity": "co2", "line": "GPIO17" }),
+                "driver `gpio` measures what is yes or no: motion, reflection, contact; and no co2",
+            ),
+            (
+                json!({ "quantity": "motion", "line": "a", "topic": "b" }),
+                "`topic` is for `driver = \"mqtt\"`, and this driver is `gpio`",
+            ),
+        ] {
+            let mut config = config;
+            config["location"] = json!("lab");
+            let built = sensor(&blueprint_with("gpio", config));
+            let problem = built.err().map(|error| error.to_string()).unwrap_or_default();
+            assert!(problem.contains(expected), "{problem} is not {expected}");
+        }
+        let config = json!({ "location": "lab", "line": "a" });
+        assert!(temperature_sensor(&blueprint_with("gpio", config)).is_err());
+    }
+}
