@@ -40,6 +40,7 @@ const LAYERS: &[&[&str]] = &[
         "ptz-camera",
         "screen",
         "sensor",
+        "switch",
         "turtlebot",
         "video-robot",
     ],
@@ -71,6 +72,8 @@ const EXCEPTIONS: &[Exception] = &[
     exception("sensor", "mqtt-link", "its MQTT driver hears there"),
     exception("sensor", "phidget-link", "its Phidget driver measures there"),
     exception("mqtt", "mqtt-link", "it hears and speaks there"),
+    exception("switch", "gpio-lines", "its GPIO driver drives there"),
+    exception("switch", "programs", "its command driver runs there"),
     exception("turtlebot", "building", "its simulated driver moves there"),
     exception("video-robot", "building", "its simulated driver moves and shows there"),
 ];

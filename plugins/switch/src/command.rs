@@ -1,0 +1,236 @@
+//! The command driver: switches by running a program, any program.
+//!
+//! - How programs are run, and ended with all that they started, is in the crate `programs`.
+//! - Where there is a program that says how it is, only that is believed; else what succeeded is.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use actuator::BoxFuture;
+use programs::Program;
+use tokio::time::Instant;
+
+use crate::config::Commanded;
+use crate::{Driver, words};
+
+/// Pause between two looks whether what was switched is so: motors take their time.
+const LOOK_AGAIN: Duration = Duration::from_millis(200);
+
+/// Words for on and off.
+const ON: [&str; 6] = ["on", "1", "true", "yes", "locked", "active"];
+const OFF: [&str; 6] = ["off", "0", "false", "no", "unlocked", "inactive"];
+
+/// So much of what a program prints is told.
+const TOLD_CHARS: usize = 60;
+
+#[derive(Clone)]
+struct Command(Arc<Commanded>);
+
+pub(crate) fn driver(commanded: Commanded) -> Arc<dyn Driver> {
+    Arc::new(Command(Arc::new(commanded)))
+}
+
+impl Command {
+    /// What a program says it is.
+    async fn told(&self, state: &Program) -> Result<bool, String> {
+        let printed = state.run(self.0.time_out).await.map_err(|error| error.to_string())?;
+        let word = printed.trim();
+        is_on(word).ok_or_else(|| {
+            let told: String = word.chars().take(TOLD_CHARS).collect();
+            format!("take what `{}` prints for on or off: {told}", state.name())
+        })
+    }
+
+    async fn switched(&self, wanted: bool) -> Result<bool, String> {
+        let Commanded { on, off, state, time_out, .. } = &*self.0;
+        let program = if wanted { on } else { off };
+        program.run(*time_out).await.map_err(|error| error.to_string())?;
+        let Some(state) = state else { return Ok(wanted) };
+        let began = Instant::now();
+        loop {
+            let told = self.told(state).await?;
+            if told == wanted {
+                return Ok(told);
+            }
+            if began.elapsed() + LOOK_AGAIN > *time_out {
+                let (name, told) = (state.name(), words(told));
+                return Err(format!("switch it {}: `{name}` says {told}", words(wanted)));
+            }
+            tokio::time::sleep(LOOK_AGAIN).await;
+        }
+    }
+}
+
+/// A word for on or off.
+fn is_on(word: &str) -> Option<bool> {
+    let is_in = |words: [&str; 6]| words.iter().any(|known| known.eq_ignore_ascii_case(word));
+    if is_in(ON) { Some(true) } else { is_in(OFF).then_some(false) }
+}
+
+impl Driver for Command {
+    fn switch(&self, is_on: bool) -> BoxFuture<Result<bool, String>> {
+        let command = self.clone();
+        Box::pin(async move { command.switched(is_on).await })
+    }
+
+    fn look(&self) -> BoxFuture<Result<Option<bool>, String>> {
+        let command = self.clone();
+        Box::pin(async move {
+            match &command.0.state {
+                Some(state) => command.told(state).await.map(Some),
+                None => Ok(None),
+            }
+        })
+    }
+
+    fn every(&self) -> Option<Duration> {
+        self.0.state.as_ref().map(|_| self.0.every)
+    }
+
+    fn time_out(&self) -> Duration {
+        // After the program, looks, of which the last may begin just before their time is over.
+        self.0.time_out * if self.0.state.is_some() { 3 } else { 1 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use actuator::Device as _;
+    use serde_json::{Value, json};
+    use tempfile::TempDir;
+
+    use super::*;
+    use crate::tests::{blueprint, facts, offers, switch, until};
+    use crate::{REST_AFTER_FAILURE, Switch};
+
+    fn script(text: &str) -> Value {
+        json!(["/bin/sh", "-c", text])
+    }
+
+    async fn lamp(on: &str, more: Value) -> Switch {
+        let mut config = json!({ "location": "lab", "kind": "lamp", "on": script(on) });
+        config["off"] = script("true");
+        config["time-out"] = json!("2s");
+        if let (Value::Object(config), Value::Object(more)) = (&mut config, more) {
+            config.extend(more);
+        }
+        let lamp = crate::switch(&blueprint("command", config)).expect("a switch");
+        if let Some(look) = lamp.look() {
+            look.await;
+        }
+        lamp
+    }
+
+    /// A lamp whose state is a file.
+    async fn filed(folder: &TempDir, on: &str) -> Switch {
+        let file = folder.path().join("lamp");
+        std::fs::write(&file, "off\n").expect("a file");
+        let file = file.display();
+        let more = json!({
+            "off": script(&format!("echo OFF > {file}")),
+            "state": ["cat", file.to_string()],
+            "every": "100ms",
+        });
+        lamp(&on.replace("FILE", &file.to_string()), more).await
+    }
+
+    #[tokio::test]
+    async fn without_a_word_of_its_state_what_succeeded_is_believed() {
+        let mut lamp = lamp("true", json!({})).await;
+        assert_eq!((offers(&lamp), facts(&lamp).as_str()), (2, "(installed s lab)"));
+        assert!(lamp.watch().is_none(), "nothing happens by itself");
+        assert_eq!(switch(&mut lamp, "on").await.as_deref(), Ok("lit at lab"));
+        assert_eq!(facts(&lamp), "(installed s lab) (lit lab)");
+        assert_eq!(switch(&mut lamp, "off").await.as_deref(), Ok("not lit at lab"));
+        assert_eq!(facts(&lamp), "(installed s lab)");
+    }
+
+    #[tokio::test]
+    async fn what_its_state_says_is_known_and_noticed() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut lamp = filed(&folder, "(sleep 0.5; echo 1 > FILE)").await;
+        assert_eq!(switch(&mut lamp, "on").await.as_deref(), Ok("lit at lab"));
+        assert_eq!(facts(&lamp), "(installed s lab) (lit lab)");
+        std::fs::write(folder.path().join("lamp"), "False").expect("a file");
+        until(&mut lamp, |lamp| facts(lamp) == "(installed s lab)").await;
+        std::fs::write(folder.path().join("lamp"), "LOCKED\n").expect("a file");
+        until(&mut lamp, |lamp| facts(lamp) == "(installed s lab) (lit lab)").await;
+        // Who does not say how it is, is not here; who does again, is.
+        std::fs::write(folder.path().join("lamp"), "who knows").expect("a file");
+        until(&mut lamp, |lamp| offers(lamp) == 0).await;
+        assert_eq!(facts(&lamp), "(installed s lab)");
+        std::fs::write(folder.path().join("lamp"), "on").expect("a file");
+        until(&mut lamp, |lamp| offers(lamp) == 2).await;
+        assert_eq!(facts(&lamp), "(installed s lab) (lit lab)");
+    }
+
+    #[tokio::test]
+    async fn who_does_nothing_has_not_switched() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut lamp = filed(&folder, "true").await;
+        let problem = switch(&mut lamp, "on").await.expect_err("nothing was switched");
+        assert_eq!(problem, "switch it on: `cat` says off");
+        assert_eq!(facts(&lamp), "(installed s lab)");
+    }
+
+    #[tokio::test]
+    async fn who_fails_hangs_or_floods_is_no_switch_for_a_while() {
+        for (on, expected) in [
+            ("echo trying >&2; echo no bulb >&2; exit 3", "run `/bin/sh`: exit status: 3: no bulb"),
+            ("sleep 600 & wait", "hear from `/bin/sh` within 2s: it was ended"),
+            ("yes", "read more than 64 KiB, which `/bin/sh` prints"),
+            ("kill -9 $$", "run `/bin/sh`: signal: 9 (SIGKILL)"),
+        ] {
+            let mut lamp = lamp(on, json!({})).await;
+            assert_eq!(switch(&mut lamp, "off").await.as_deref(), Ok("not lit at lab"));
+            assert_eq!(switch(&mut lamp, "on").await.expect_err(on), expected);
+            assert_eq!((offers(&lamp), facts(&lamp).as_str()), (0, "(installed s lab)"), "{on}");
+        }
+    }
+
+    #[tokio::test]
+    async fn who_failed_is_offered_again_after_a_while() {
+        let mut lamp = lamp("exit 1", json!({})).await;
+        assert!(switch(&mut lamp, "on").await.is_err());
+        assert_eq!(offers(&lamp), 0);
+        let until = lamp.rests_until.expect("it rests");
+        let rests = until.saturating_duration_since(Instant::now());
+        assert!(rests <= REST_AFTER_FAILURE && rests > REST_AFTER_FAILURE / 2, "{rests:?}");
+        lamp.rests_until = Some(Instant::now());
+        assert_eq!(offers(&lamp), 2);
+    }
+
+    #[tokio::test]
+    async fn a_look_that_began_before_it_was_switched_is_not_believed() {
+        let state = script("sleep 0.5; echo off");
+        let mut lamp = lamp("true", json!({ "state": state, "every": "100ms" })).await;
+        let looking = tokio::spawn(lamp.hand.clone().look());
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        let switching = tokio::spawn(lamp.hand.clone().switch(true));
+        looking.await.expect("it looks");
+        assert_eq!(lamp.hand.state(), Ok(Some(false)), "as it was at first");
+        assert!(switching.await.expect("it switches").is_err(), "it says off for ever");
+        lamp.failed(&crate::tests::call("on"), &actuator::Failure::GivenUp);
+        assert_eq!(lamp.hand.state(), Ok(None));
+        assert_eq!(offers(&lamp), 2, "who was given up has not failed");
+    }
+
+    #[test]
+    fn words_for_on_and_off() {
+        for (word, expected) in [
+            ("on", Some(true)),
+            ("1", Some(true)),
+            ("TRUE", Some(true)),
+            ("LOCKED", Some(true)),
+            ("Off", Some(false)),
+            ("0", Some(false)),
+            ("false", Some(false)),
+            ("UNLOCKED", Some(false)),
+            ("", None),
+            ("JAMMED", None),
+            ("on off", None),
+        ] {
+            assert_eq!(is_on(word), expected, "{word}");
+        }
+    }
+}

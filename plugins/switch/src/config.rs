@@ -1,0 +1,131 @@
+//! The entry's `config`: of all switches, and of each driver.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use actuator::Place;
+use agent::{Blueprint, BuildError};
+use gpio_lines::{LineName, Output};
+use programs::Program;
+use serde::Deserialize;
+
+use crate::kind::Kind;
+use crate::{COMMAND, GPIO};
+
+/// How long a program may run, where its entry does not say, and the longest that it may say: a
+/// garage door takes half a minute.
+const TIME_OUT: Duration = Duration::from_secs(5);
+const TIME_OUT_MAX: Duration = Duration::from_mins(2);
+
+/// How often a program is asked how things are, where its entry does not say, and the most often.
+const EVERY: Duration = Duration::from_secs(10);
+const EVERY_MIN: Duration = Duration::from_millis(100);
+
+/// What an entry says.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub(crate) struct Config {
+    /// The room it is installed in.
+    pub(crate) location: Place,
+    /// What it switches: `"lamp"`, `"relay"`, `"lock"`.
+    pub(crate) kind: Kind,
+    /// Driver `gpio`: which line, such as `"gpiochip0/17"` or `"GPIO17"`.
+    line: Option<LineName>,
+    /// Driver `gpio`: whether the line is on when it is low.
+    active_low: Option<bool>,
+    /// Driver `gpio`: where the chips are, if not in `/dev`.
+    chips: Option<PathBuf>,
+    /// Driver `command`: a program and its arguments that switch it on.
+    on: Option<Vec<String>>,
+    /// Driver `command`: the same, off.
+    off: Option<Vec<String>>,
+    /// Driver `command`: the same, that print whether it is on.
+    state: Option<Vec<String>>,
+    /// Driver `command`: how often that is looked at, such as `"10s"`.
+    every: Option<String>,
+    /// Driver `command`: how long each may take, such as `"5s"`.
+    time_out: Option<String>,
+}
+
+/// What an entry says of a line.
+pub(crate) struct Wired {
+    pub(crate) output: Output,
+    /// Where the chips are, if not where they always are.
+    pub(crate) chips: Option<PathBuf>,
+}
+
+/// What an entry says of programs.
+#[derive(Debug)]
+pub(crate) struct Commanded {
+    pub(crate) on: Program,
+    pub(crate) off: Program,
+    pub(crate) state: Option<Program>,
+    pub(crate) every: Duration,
+    pub(crate) time_out: Duration,
+}
+
+impl Config {
+    /// Refuses what is said for another driver than this entry's.
+    pub(crate) fn is_of(&self, blueprint: &Blueprint) -> Result<(), BuildError> {
+        let said = [
+            ("line", GPIO, self.line.is_some()),
+            ("active-low", GPIO, self.active_low.is_some()),
+            ("chips", GPIO, self.chips.is_some()),
+            ("on", COMMAND, self.on.is_some()),
+            ("off", COMMAND, self.off.is_some()),
+            ("state", COMMAND, self.state.is_some()),
+            ("every", COMMAND, self.every.is_some()),
+            ("time-out", COMMAND, self.time_out.is_some()),
+        ];
+        let this = blueprint.driver.as_str();
+        let another = said.iter().find(|(_, driver, is_said)| *is_said && *driver != this);
+        another.map_or(Ok(()), |(key, driver, _)| {
+            let problem = format!("`{key}` is for `driver = \"{driver}\"`");
+            Err(blueprint.problem(format!("{problem}, and this driver is `{this}`")))
+        })
+    }
+
+    pub(crate) fn wired(&mut self, blueprint: &Blueprint) -> Result<Wired, BuildError> {
+        let line = self.line.take().ok_or_else(|| {
+            blueprint.problem(
+                "driver `gpio` needs a `line`: its chip and number, such as \"gpiochip0/17\", or \
+                 its own name, such as \"GPIO17\"; gpioinfo(1) lists those of a machine",
+            )
+        })?;
+        let output = Output { line, is_active_low: self.active_low.unwrap_or(false) };
+        Ok(Wired { output, chips: self.chips.take() })
+    }
+
+    pub(crate) fn commanded(&mut self, blueprint: &Blueprint) -> Result<Commanded, BuildError> {
+        let program = |key: &str, list: Option<Vec<String>>| {
+            Program::of(list.into_iter().flatten()).ok_or_else(|| {
+                let example = format!("{key} = [\"/usr/local/bin/lamp\", \"{key}\"]");
+                let problem = format!("driver `command` needs a program for `{key}`");
+                blueprint.problem(format!("{problem} and its arguments, such as {example}"))
+            })
+        };
+        let (on, off) = (program("on", self.on.take())?, program("off", self.off.take())?);
+        let state = self.state.take().map(|list| program("state", Some(list))).transpose()?;
+        let duration = |key: &str, text: Option<String>, usual: Duration| match text {
+            Some(text) => humantime::parse_duration(&text)
+                .map_err(|error| blueprint.problem(format!("{key} `{text}`: {error}"))),
+            None => Ok(usual),
+        };
+        if state.is_none() && self.every.is_some() {
+            return Err(
+                blueprint.problem("`every` is how often `state` is looked at; say that too")
+            );
+        }
+        let every = duration("every", self.every.take(), EVERY)?;
+        let time_out = duration("time-out", self.time_out.take(), TIME_OUT)?;
+        if every < EVERY_MIN {
+            let problem = format!("every: {every:?} is too often; write at least {EVERY_MIN:?}");
+            return Err(blueprint.problem(problem));
+        }
+        if time_out.is_zero() || time_out > TIME_OUT_MAX {
+            let problem = format!("time-out: write more than nothing and at most {TIME_OUT_MAX:?}");
+            return Err(blueprint.problem(problem));
+        }
+        Ok(Commanded { on, off, state, every, time_out })
+    }
+}

@@ -1,0 +1,128 @@
+//! The GPIO driver: a relay on a line of a board. What it is, is read back from the line.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use actuator::BoxFuture;
+use gpio_lines::{Board, Chips, Driven};
+
+use crate::config::Wired;
+use crate::{Driver, words};
+
+/// Pause between two looks whether the chip is there: a person has just let go of it.
+const LOOK_AGAIN: Duration = Duration::from_secs(1);
+
+/// How long a line may take that hangs behind a slow bus.
+const SETTING: Duration = Duration::from_secs(2);
+
+struct Line {
+    driven: Driven,
+    name: String,
+}
+
+pub(crate) fn driver(Wired { output, chips }: Wired) -> Arc<dyn Driver> {
+    let chips = chips.map_or_else(Chips::default, Chips::new);
+    on(Arc::new(chips), output)
+}
+
+/// A line of this board.
+fn on(board: Arc<dyn Board>, output: gpio_lines::Output) -> Arc<dyn Driver> {
+    let name = output.line.to_string();
+    Arc::new(Line { driven: Driven::new(board, output), name })
+}
+
+impl Driver for Line {
+    fn switch(&self, is_on: bool) -> BoxFuture<Result<bool, String>> {
+        let (driven, name) = (self.driven.clone(), self.name.clone());
+        Box::pin(async move {
+            let found = driven.set(is_on).await?;
+            if found == is_on {
+                return Ok(found);
+            }
+            // Something stronger holds it: a short circuit, or another driver.
+            Err(format!("switch the line `{name}` {}: it stays {}", words(is_on), words(found)))
+        })
+    }
+
+    fn look(&self) -> BoxFuture<Result<Option<bool>, String>> {
+        let driven = self.driven.clone();
+        Box::pin(async move { driven.value().await.map(Some) })
+    }
+
+    fn every(&self) -> Option<Duration> {
+        Some(LOOK_AGAIN)
+    }
+
+    fn time_out(&self) -> Duration {
+        SETTING
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use actuator::Device as _;
+    use gpio_lines::{Bench, Output};
+    use serde_json::json;
+
+    use super::*;
+    use crate::tests::{blueprint, facts, offers, switch, until};
+    use crate::{Hand, Switch};
+
+    /// A relay on a work bench.
+    async fn relay(bench: &Bench, is_active_low: bool) -> Switch {
+        let config = json!({ "location": "lab", "kind": "relay", "line": "GPIO4" });
+        let mut relay = crate::switch(&blueprint("gpio", config)).expect("a switch");
+        let line = "GPIO4".to_owned().try_into().expect("a name");
+        relay.hand = Hand::of(on(Arc::new(bench.clone()), Output { line, is_active_low }));
+        relay.look().expect("it may be away").await;
+        relay
+    }
+
+    #[tokio::test]
+    async fn a_relay_is_as_it_was_and_then_as_it_is_told() {
+        for is_active_low in [false, true] {
+            let bench = Bench::default();
+            bench.plug("GPIO4", true);
+            let mut relay = relay(&bench, is_active_low).await;
+            let powered = "(installed s lab) (powered lab)";
+            let not_powered = "(installed s lab)";
+            let at_first = if is_active_low { not_powered } else { powered };
+            assert_eq!(facts(&relay), at_first);
+            assert_eq!(bench.level("GPIO4"), Some(true), "nothing switched");
+            assert_eq!(switch(&mut relay, "off").await.as_deref(), Ok("not powered at lab"));
+            assert_eq!(facts(&relay), not_powered);
+            assert_eq!(switch(&mut relay, "on").await.as_deref(), Ok("powered at lab"));
+            assert_eq!(facts(&relay), powered);
+            assert_eq!(bench.level("GPIO4"), Some(!is_active_low));
+        }
+    }
+
+    #[tokio::test]
+    async fn a_chip_that_is_gone_is_not_here_and_back_it_is() {
+        let bench = Bench::default();
+        let mut relay = relay(&bench, false).await;
+        assert_eq!((offers(&relay), facts(&relay).as_str()), (0, "(installed s lab)"));
+        bench.plug("GPIO4", true);
+        until(&mut relay, |relay| offers(relay) == 2).await;
+        assert_eq!(facts(&relay), "(installed s lab) (powered lab)");
+        bench.unplug("GPIO4");
+        until(&mut relay, |relay| offers(relay) == 0).await;
+        assert_eq!(facts(&relay), "(installed s lab)", "nobody knows");
+        let problem = switch(&mut relay, "on").await.expect_err("it is away");
+        assert!(problem.starts_with("find a line named `GPIO4`; "), "{problem}");
+        bench.plug("GPIO4", false);
+        until(&mut relay, |relay| offers(relay) == 2).await;
+        assert_eq!(switch(&mut relay, "on").await.as_deref(), Ok("powered at lab"));
+    }
+
+    #[tokio::test]
+    async fn what_something_stronger_holds_has_not_been_switched() {
+        let bench = Bench::default();
+        bench.plug("GPIO4", false);
+        bench.hold("GPIO4");
+        let mut relay = relay(&bench, false).await;
+        let problem = switch(&mut relay, "on").await.expect_err("it is held");
+        assert_eq!(problem, "switch the line `GPIO4` on: it stays off");
+        assert_eq!((offers(&relay), facts(&relay).as_str()), (0, "(installed s lab)"), "it rests");
+    }
+}
