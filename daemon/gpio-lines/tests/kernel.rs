@@ -1,0 +1,135 @@
+//! Lines of a real chip under a real kernel: found, watched, driven, unplugged and plugged in.
+
+mod machine;
+
+use std::fs;
+use std::sync::Arc;
+use std::time::Duration;
+
+use gpio_lines::{Board as _, Chips, Driven, Followed, Input, LineName, Output, State, follow};
+use machine::{PRESS, SAID, said_by};
+use rustix::mount::{MountFlags, mount};
+use rustix::system::{RebootCommand, reboot};
+
+/// The same line, by its chip's number and by its label.
+const NUMBERED: &str = "gpiochip0/5";
+const LABELED: &str = "9030000.pl061/5";
+
+/// The power button.
+const BUTTON: &str = "9030000.pl061/3";
+
+const PATIENCE: Duration = Duration::from_secs(20);
+
+#[test]
+fn a_real_kernels_lines_are_watched_driven_unplugged_and_plugged_in() {
+    let Some(said) = said_by("inside") else { return };
+    let expected = [
+        "failed to find the GPIO chip `gpiochip9`; there are gpiochip0 (9030000.pl061)",
+        "failed to find line 99 of `gpiochip0`: it has lines 0 to 7",
+        "failed to find a line named `GPIO17`; looked on all chips: \
+         there are gpiochip0 (9030000.pl061)",
+        "relay Ok(false)",
+        "relay Ok(true)",
+        "failed to use the line `gpiochip0/5`: another agent of Althing uses it already",
+        "as it was left Ok(true)",
+        "seen from the other side Ok(false)",
+        PRESS,
+        "kept for who comes late Ok([true, false])",
+        "button Here(false)",
+        PRESS,
+        "button Here(true)",
+        "button Here(false)",
+        "relay Err",
+        "button Away",
+        "button Here(false)",
+        "relay Ok(false)",
+    ];
+    assert_eq!(said, expected);
+}
+
+fn say(what: impl std::fmt::Display) {
+    println!("{SAID}{what}");
+}
+
+fn line(name: &str) -> LineName {
+    name.to_owned().try_into().expect("a name")
+}
+
+fn relay(name: &str, is_active_low: bool) -> Driven {
+    let output = Output { line: line(name), is_active_low };
+    Driven::new(Arc::new(Chips::default()), output)
+}
+
+/// Runs inside that machine, as its only process.
+#[test]
+#[ignore = "for the machine that the other test begins"]
+fn inside() {
+    assert_eq!(std::process::id(), 1, "it powers its machine off");
+    for (kind, folder) in [("devtmpfs", "/dev"), ("sysfs", "/sys")] {
+        let _ = fs::create_dir(folder);
+        mount(kind, folder, kind, MountFlags::empty(), None).expect("a kernel has it");
+    }
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    runtime.expect("a runtime").block_on(use_lines());
+    reboot(RebootCommand::PowerOff).expect("we are the first process");
+}
+
+async fn use_lines() {
+    for name in ["gpiochip9/1", "gpiochip0/99", "GPIO17"] {
+        let wanted = Output { line: line(name), is_active_low: false };
+        say(format!("failed to {}", Chips::default().output(&wanted).err().expect("not there")));
+    }
+    drive().await;
+    let debounce = Some(Duration::from_millis(5));
+    let input = Input { line: line(BUTTON), is_active_low: false, bias: None, debounce };
+    come_late(&input).await;
+    let button = follow(Arc::new(Chips::default()), input);
+    let mut state = button.state();
+    let mut next = async || {
+        let changed = tokio::time::timeout(PATIENCE, state.changed()).await;
+        changed.expect("in time").expect("it is followed");
+        match &*state.borrow_and_update() {
+            State::Away(_) => say("button Away"),
+            state => say(format!("button {state:?}")),
+        }
+    };
+    next().await;
+    say(PRESS);
+    next().await;
+    next().await;
+    unplug(&button, next).await;
+}
+
+async fn drive() {
+    let first = relay(NUMBERED, false);
+    say(format!("relay {:?}", first.value().await));
+    say(format!("relay {:?}", first.set(true).await));
+    say(format!("failed to {}", relay(NUMBERED, false).value().await.expect_err("it is used")));
+    drop(first);
+    say(format!("as it was left {:?}", relay(NUMBERED, false).value().await));
+    say(format!("seen from the other side {:?}", relay(NUMBERED, true).value().await));
+}
+
+/// Waits for edges only after the button was let go of.
+async fn come_late(input: &Input) {
+    let button = Chips::default().input(input).expect("it is there");
+    say(PRESS);
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    let edges = tokio::time::timeout(PATIENCE, button.edges()).await;
+    say(format!("kept for who comes late {:?}", edges.expect("in time")));
+}
+
+/// Takes the chip's driver away, and gives it back.
+async fn unplug(button: &Followed, mut next: impl AsyncFnMut()) {
+    // Its number may be another when it is back, and here it is; its label is the same.
+    let relay = relay(LABELED, false);
+    relay.set(false).await.expect("it is there");
+    let driver = |what: &str| format!("/sys/bus/amba/drivers/pl061_gpio/{what}");
+    fs::write(driver("unbind"), "9030000.pl061").expect("it is bound");
+    say(if relay.value().await.is_err() { "relay Err" } else { "relay is still there" });
+    next().await;
+    fs::write(driver("bind"), "9030000.pl061").expect("it is not bound");
+    next().await;
+    say(format!("relay {:?}", relay.value().await));
+    assert!(matches!(*button.state().borrow(), State::Here(false)));
+}

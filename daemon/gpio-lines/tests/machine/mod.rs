@@ -1,0 +1,186 @@
+//! A machine with a GPIO chip (PL061): QEMU's `virt`, with Debian's kernel for it. Its power button
+//! hangs on line 3, and QEMU presses it when it is told to.
+//!
+//! No kernel of Debian has a simulated GPIO chip, so this is the least that is real. Inside runs this
+//! same test program, built for that machine, as the only process there is.
+
+use std::fs::{self, File};
+use std::io::{BufRead, BufReader, Write as _};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// What the program has to say begins with this, among what the kernel says.
+pub(crate) const SAID: &str = "@said ";
+
+/// What the program says when the button is to be pressed.
+pub(crate) const PRESS: &str = "press the button";
+
+const QEMU: &str = "qemu-system-aarch64";
+const TARGET: &str = "aarch64-unknown-linux-musl";
+
+/// Where the kernel is, if it is not installed: `dpkg -x` puts it anywhere.
+const KERNEL: &str = "ALTHING_ARM64_KERNEL";
+
+/// How long a machine may take from its start to its end: it takes about ten seconds.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// What is needed.
+struct Needed {
+    qemu: PathBuf,
+    kernel: PathBuf,
+}
+
+impl Needed {
+    /// What is missing, if anything, with what brings it.
+    fn find() -> Result<Needed, String> {
+        let path = std::env::var_os("PATH").unwrap_or_default();
+        let qemu = std::env::split_paths(&path).map(|folder| folder.join(QEMU));
+        let qemu = { qemu }
+            .find(|file| file.exists())
+            .ok_or_else(|| format!("apt-get install qemu-system-arm: {QEMU} is missing"))?;
+        let installed = fs::read_dir("/boot").into_iter().flatten().flatten();
+        let is_arm = |path: &PathBuf| {
+            let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+            name.starts_with("vmlinuz-") && name.ends_with("-arm64")
+        };
+        let mut installed = installed.map(|entry| entry.path()).filter(is_arm);
+        let kernel = std::env::var_os(KERNEL).map(PathBuf::from).or_else(|| installed.next());
+        let kernel = kernel.filter(|file| file.exists()).ok_or_else(|| {
+            format!("linux-image-arm64 is missing: {KERNEL} says where its vmlinuz is")
+        })?;
+        let mut library = Command::new("rustc");
+        library.args(["--print=target-libdir", "--target", TARGET]);
+        let library = library.output().map(|output| output.stdout).unwrap_or_default();
+        if !Path::new(String::from_utf8_lossy(&library).trim()).exists() {
+            return Err(format!("rustup target add {TARGET}"));
+        }
+        Ok(Needed { qemu, kernel })
+    }
+}
+
+/// Runs a test of this file inside such a machine; what it has said. `None`, loudly, where something
+/// is missing: then nothing is tested, and `CI` fails.
+pub(crate) fn said_by(test: &str) -> Option<Vec<String>> {
+    let needed = match Needed::find() {
+        Ok(needed) => needed,
+        Err(missing) => {
+            assert!(std::env::var_os("CI").is_none(), "{missing}");
+            eprintln!("NOT TESTED: {missing}");
+            return None;
+        }
+    };
+    let folder = tempfile::tempdir().expect("a folder");
+    let init = fs::read(built()).expect("it was built");
+    fs::write(folder.path().join("initramfs"), archive("init", &init)).expect("a file");
+    let mut machine = begin(&needed, folder.path(), test);
+    let console = machine.stdout.take().expect("it is piped");
+    let mut said = Vec::new();
+    let watchdog = Watchdog(machine);
+    let mut heard = String::new();
+    for line in BufReader::new(console).split(b'\n').map_while(Result::ok) {
+        let line = String::from_utf8_lossy(&line).into_owned();
+        if let Some((_, word)) = line.trim_end().split_once(SAID) {
+            if word == PRESS {
+                press(&folder.path().join("qmp"));
+            }
+            said.push(word.to_owned());
+        }
+        heard += &line;
+        heard.push('\n');
+    }
+    drop(watchdog);
+    if said.is_empty() {
+        // Shown where the test fails, which it will.
+        println!("{heard}");
+    }
+    Some(said)
+}
+
+fn begin(Needed { qemu, kernel }: &Needed, folder: &Path, test: &str) -> Child {
+    let arguments = format!("{test} --exact --ignored --nocapture --test-threads=1");
+    let line = format!("console=ttyAMA0 quiet panic=-1 rdinit=/init -- {arguments}");
+    let qmp = format!("unix:{},server=on,wait=off", folder.join("qmp").display());
+    let mut command = Command::new("timeout");
+    command.args(["--signal=KILL", &PATIENCE.as_secs().to_string()]).arg(qemu);
+    command.args(["-M", "virt", "-cpu", "cortex-a57", "-m", "256", "-no-reboot", "-nographic"]);
+    command.args(["-nic", "none", "-monitor", "none", "-serial", "stdio", "-qmp", &qmp]);
+    command.arg("-kernel").arg(kernel).arg("-initrd").arg(folder.join("initramfs"));
+    command.args(["-append", &line]).stdin(Stdio::null()).stdout(Stdio::piped());
+    let errors = File::create(folder.join("errors")).expect("a file");
+    command.stderr(errors).spawn().expect("it is installed")
+}
+
+/// Ends the machine that it holds.
+struct Watchdog(Child);
+
+impl Drop for Watchdog {
+    fn drop(&mut self) {
+        let began = Instant::now();
+        // It powers off by itself, once it has said all.
+        while self.0.try_wait().expect("our own child").is_none() {
+            if began.elapsed() > Duration::from_secs(10) {
+                let _ = self.0.kill();
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+/// Presses the power button, which QEMU lets go of after a tenth of a second.
+fn press(socket: &Path) {
+    let qemu = UnixStream::connect(socket).expect("it listens");
+    let mut answers = BufReader::new(qemu.try_clone().expect("a second handle"));
+    let mut answer = String::new();
+    for command in ["", "qmp_capabilities", "system_powerdown"] {
+        if !command.is_empty() {
+            writeln!(&qemu, "{{\"execute\": \"{command}\"}}").expect("it listens");
+        }
+        answers.read_line(&mut answer).expect("it answers");
+    }
+}
+
+/// This test program, built for that machine.
+fn built() -> PathBuf {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let flags = "-Clinker=rust-lld -Clink-self-contained=yes -Cstrip=symbols";
+    let output = Command::new(cargo)
+        .args(["test", "--no-run", "--offline", "--message-format=json", "-p", "gpio-lines"])
+        .args(["--test", "kernel", "--target", TARGET, "--target-dir"])
+        .arg(Path::new(env!("CARGO_TARGET_TMPDIR")).join("machine"))
+        .env("CARGO_TARGET_AARCH64_UNKNOWN_LINUX_MUSL_RUSTFLAGS", flags)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("cargo runs");
+    let complaint = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{complaint}");
+    let messages = String::from_utf8_lossy(&output.stdout).into_owned();
+    let mut executable = messages.lines().filter_map(|line| {
+        let message: serde_json::Value = serde_json::from_str(line).ok()?;
+        message["executable"].as_str().map(PathBuf::from)
+    });
+    executable.next_back().expect("it has built the test")
+}
+
+/// An archive (cpio, `newc`) with one program.
+fn archive(name: &str, program: &[u8]) -> Vec<u8> {
+    let mut archive = Vec::new();
+    for (name, mode, content) in [(name, 0o100_755, program), ("TRAILER!!!", 0, &[][..])] {
+        archive.extend_from_slice(b"070701");
+        let (size, name_size) = (content.len(), name.len() + 1);
+        for field in [1, mode, 0, 0, 1, 0, size, 0, 0, 0, 0, name_size, 0] {
+            write!(archive, "{field:08X}").expect("memory");
+        }
+        archive.extend_from_slice(name.as_bytes());
+        archive.push(0);
+        pad(&mut archive);
+        archive.extend_from_slice(content);
+        pad(&mut archive);
+    }
+    archive
+}
+
+fn pad(archive: &mut Vec<u8>) {
+    archive.resize(archive.len().next_multiple_of(4), 0);
+}
