@@ -39,6 +39,13 @@ fn pir(name: &str, id: &str) -> Value {
     ] } })
 }
 
+fn door(name: &str, id: &str) -> Value {
+    json!({ "ieee_address": id, "type": "EndDevice", "friendly_name": name, "definition": { "exposes": [
+        { "type": "binary", "name": "contact", "property": "contact", "access": 1,
+          "value_on": false, "value_off": true },
+    ] } })
+}
+
 fn tell(broker: &Broker, devices: &[Value]) {
     broker.retain("zigbee2mqtt/bridge/devices", &json!(devices).to_string());
 }
@@ -73,19 +80,25 @@ fn devices_appear_are_planned_with_go_and_come_back() {
     let Some(mut broker) = Broker::start() else { return };
     for mode in ["decentralized", "centralized"] {
         let office = office(mode, &broker, "");
-        let devices = [thermometer("office1/thermo", "0x1", "°C"), pir("office2 pir", "0x2")];
+        let thermo = thermometer("office1/thermo", "0x1", "°C");
+        let devices = [thermo, pir("office2 pir", "0x2"), door("conf-room door", "0x3")];
         let all = || {
             tell(&broker, &devices);
             broker.retain("zigbee2mqtt/office1/thermo", r#"{"temperature":21.5,"linkquality":87}"#);
         };
         all();
-        office.await_devices(2);
+        office.await_devices(3);
         // What it says is known at once, without anybody asking.
         await_state(&office, "(= (temperature office1) 21.5)", true);
         let (code, said) = office.ask(&["goal", "(known-temperature office1)"]);
         assert_eq!(code, Some(0), "{mode}: {said}");
         broker.say("zigbee2mqtt/office2 pir", r#"{"occupancy":true}"#);
         await_state(&office, "(motion office2)", true);
+        // Of a door it is said whether its contact is closed.
+        broker.retain("zigbee2mqtt/conf-room door", r#"{"contact":true}"#);
+        await_state(&office, "(closed conf-room)", true);
+        broker.retain("zigbee2mqtt/conf-room door", r#"{"contact":false}"#);
+        await_state(&office, "(closed conf-room)", false);
         broker.say("zigbee2mqtt/office2 pir", r#"{"occupancy":false}"#);
         await_state(&office, "(motion office2)", false);
 
@@ -106,7 +119,7 @@ fn devices_appear_are_planned_with_go_and_come_back() {
         assert_eq!(code, Some(0), "{mode}: {said}");
 
         tell(&broker, &devices[1..]);
-        office.await_devices(1);
+        office.await_devices(2);
         broker.retain("zigbee2mqtt/office1/thermo", "");
     }
 }

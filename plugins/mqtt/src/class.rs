@@ -1,6 +1,6 @@
 //! Device classes: what devices call what they measure or switch, and the words it has here.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Deserialize;
 
@@ -30,6 +30,9 @@ pub(crate) struct Class {
     unit: Option<String>,
     /// The predicate of a room that is true where the answer is yes.
     yes: Option<String>,
+    /// Whether devices say no where that is true.
+    #[serde(default)]
+    pub(crate) inverted: bool,
     /// The predicate of a room that is true where it is switched on.
     state: Option<String>,
     /// The actions that switch it.
@@ -60,6 +63,12 @@ impl Classes {
         if !said.is_null() {
             let more: BTreeMap<String, Class> = serde_json::from_value(said.clone())
                 .map_err(|error| format!("classes: {error}"))?;
+            // What somebody says of a name holds, whatever it is called in the table.
+            let said: BTreeSet<&String> =
+                more.iter().flat_map(|(name, class)| class.also.iter().chain([name])).collect();
+            for class in classes.values_mut() {
+                class.also.retain(|name| !said.contains(name));
+            }
             classes.extend(more);
         }
         for (name, class) in &classes {

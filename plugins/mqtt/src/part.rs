@@ -63,8 +63,11 @@ impl Parts {
                 },
                 _ => (1.0, 0.0),
             };
-            let known =
-                Known { name: name.to_owned(), class, feature: feature.clone(), factor, offset };
+            let mut feature = feature.clone();
+            if class.inverted {
+                std::mem::swap(&mut feature.yes, &mut feature.no);
+            }
+            let known = Known { name: name.to_owned(), class, feature, factor, offset };
             match known.class.kind() {
                 Some(Kind::Switch { .. }) if known.feature.command.is_some() => {
                     switched.push(known)
