@@ -217,10 +217,6 @@ impl Sensor {
     /// is unplugged has not failed, and is as good as new when it is back.
     fn rest(&mut self) {
         self.rests_until = self.probe.is_here().then(|| Instant::now() + REST_AFTER_FAILURE);
-        self.forget_noticed();
-    }
-
-    fn forget_noticed(&mut self) {
         for quantity in self.quantities.iter().filter(|quantity| quantity.is_noticed()) {
             self.measured.remove(quantity.name);
         }
@@ -349,7 +345,8 @@ impl Sensor {
                 sensor.rests_until = None;
                 sensor.take_news();
                 if !sensor.probe.is_here() {
-                    sensor.forget_noticed();
+                    // As of who dies: nobody stands for it any more.
+                    sensor.measured.clear();
                 }
                 Vec::new()
             });
