@@ -5,43 +5,15 @@ mod support;
 
 use std::fs;
 use std::os::unix::fs::symlink;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
+use support::packages::{copy, has_python, replace, sensor_process, thermometer};
 use support::{Office, lab};
 
 const PATIENCE: Duration = Duration::from_secs(60);
-
-/// Whether there is a Python that has Zenoh; says so loudly where not.
-fn has_python() -> bool {
-    let has_zenoh = Command::new("python3").args(["-c", "import zenoh"]).output();
-    if has_zenoh.is_ok_and(|output| output.status.success()) {
-        return true;
-    }
-    assert!(std::env::var_os("CI").is_none(), "python3 has no zenoh");
-    eprintln!("NOT TESTED: python3 has no zenoh: pip install eclipse-zenoh");
-    false
-}
-
-/// The package in Python that this repository has.
-fn thermometer() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../plugins/python/thermometer")
-}
-
-fn copy(from: &Path, to: &Path) {
-    fs::create_dir_all(to).expect("a folder");
-    for entry in fs::read_dir(from).expect("a folder").flatten() {
-        fs::copy(entry.path(), to.join(entry.file_name())).expect("a file");
-    }
-}
-
-fn replace(file: &Path, was: &str, is: &str) {
-    let text = fs::read_to_string(file).expect("a file");
-    assert!(text.contains(was), "{was} is not in {}", file.display());
-    fs::write(file, text.replace(was, is)).expect("a file");
-}
 
 /// A daemon of the lab that hosts whatever is put into its folder of plugins.
 fn office(mode: &str, more: &str) -> Office {
@@ -407,15 +379,6 @@ fn a_manifest_that_lies_and_a_package_that_is_not_whole_say_so() {
     // Reasons are folded to the terminal's width, of which a test has none.
     let mut rows = said.lines().filter(|line| !line.starts_with(' '));
     assert!(rows.all(|row| row.chars().count() <= 80), "{said}");
-}
-
-/// The plugin `sensor`, linked into a program of its own.
-fn sensor_process() -> PathBuf {
-    let deps = std::env::current_exe().expect("this test");
-    let folder = deps.ancestors().nth(2).expect("the profile's folder");
-    let program = folder.join("examples/sensor-process");
-    assert!(program.exists(), "build it: cargo build --workspace --example sensor-process");
-    program
 }
 
 #[test]

@@ -16,8 +16,8 @@ const NEEDED: [&str; 4] =
 /// How the thermometer is known.
 pub(crate) const THERMOMETER: &str = "tmp006@i2c-0/0-0040";
 
-/// How long a kernel may take from its start to its end: it takes four to ten seconds.
-const PATIENCE: Duration = Duration::from_secs(90);
+/// How long a kernel may take from its start to its end: it takes four to thirty seconds.
+const PATIENCE: Duration = Duration::from_secs(180);
 
 /// What a script has to say begins with this, among what the kernel says.
 pub(crate) const SAID: &str = "@said ";

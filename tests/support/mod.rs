@@ -5,6 +5,7 @@
 
 pub(crate) mod broker;
 pub(crate) mod network;
+pub(crate) mod packages;
 
 use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};

@@ -1,0 +1,163 @@
+//! The paper's first two scenarios without a simulated sensor: a thermometer that a real kernel knows,
+//! by a plugin that is a process; one that speaks to a real broker; one of Python, put in later; and a
+//! robot, which takes over whatever goes down. The whole ecosystem runs in Debian's `user-mode-linux`.
+//!
+//! What the robot measures is the simulated building's truth, and no device says the same: the number
+//! that a room is known by says who has measured it.
+
+#[path = "support/kernel.rs"]
+mod kernel;
+mod support;
+
+use std::fs;
+use std::os::unix::fs::symlink;
+use std::path::Path;
+
+use kernel::{SAID, THERMOMETER, said_in};
+use support::packages::{copy, has_python, replace, sensor_process, thermometer};
+use support::{Office, lab};
+
+/// What a kernel needs beside itself.
+const MEGABYTES: u32 = 1_024;
+
+/// The broker inside, whose kernel has no other network.
+const BROKER: &str = "/usr/sbin/mosquitto";
+
+/// The agents, and the building's truth.
+const CAST: &str = r#"
+[goals]
+temperatures = "(forall (?r - room) (known-temperature ?r))"
+
+[[agent]]
+name = "turtlebot-1"
+plugin = "turtlebot"
+config = { start = "corridor", speed = 0.3 }
+
+[[agent]]
+name = "ir-1"
+plugin = "ir-temperature-sensor"
+config = { mounted-on = "turtlebot-1", valid-for = "20s" }
+
+[[agent]]
+name = "zigbee"
+plugin = "mqtt"
+config = { broker = "127.0.0.1:1883" }
+
+[[agent]]
+name = "thermometer"
+package = "sensors"
+plugin = "temperature-sensor"
+driver = "linux"
+config = { location = "office2", device = "DEVICE" }
+
+[building]
+temperatures = { office1 = 20.5, office2 = 21.5, conf-room = 22.5 }
+time-scale = 0.02
+"#;
+
+#[test]
+fn sensors_that_are_real_go_down_and_the_robot_takes_over() {
+    if !has_python() || !has_broker() {
+        return;
+    }
+    for mode in ["decentralized", "centralized"] {
+        let office = Office::new();
+        let file = lab(mode) + &CAST.replace("DEVICE", THERMOMETER);
+        let file = office.write("lab.toml", &file);
+        sensors(&office.plugins_folder());
+        // Moved into the folder of plugins by the caretaker inside.
+        copy(&thermometer(), &office.folder().join("later/thermometer"));
+        let manifest = office.folder().join("later/thermometer/plugin.toml");
+        let config = "{ location = \"office1\", celsius = 19.25 }";
+        replace(&manifest, "{ location = \"office2\" }", config);
+        office.write("broker.conf", "listener 1883 127.0.0.1\nallow_anonymous true\nuser root\n");
+        let Some(said) = said_in(office.folder(), MEGABYTES, &inside(&office, &file)) else {
+            return;
+        };
+        let expected = [
+            "the robot, the kernel and the broker: 20.5 25 23.75",
+            "office2 goes down, and the robot goes there: 21.5",
+            "the conference room goes down too: 22.5",
+            "a sensor of Python is put into office1: 19.25",
+        ];
+        assert_eq!(said, expected, "{mode}: {}", printed(&office));
+    }
+}
+
+fn has_broker() -> bool {
+    if Path::new(BROKER).exists() {
+        return true;
+    }
+    assert!(std::env::var_os("CI").is_none(), "mosquitto is missing");
+    eprintln!("NOT TESTED: apt-get install mosquitto mosquitto-clients");
+    false
+}
+
+/// The plugin `sensor` as a package, which may read what the kernel says of its devices.
+fn sensors(folder: &Path) {
+    let package = folder.join("sensors");
+    fs::create_dir_all(&package).expect("a folder");
+    symlink(sensor_process(), package.join("sensor-process")).expect("a link");
+    let machine = format!("{}-linux", std::env::consts::ARCH);
+    let text = format!(
+        "name = \"sensors\"\nversion = \"1\"\nprotocol = \"1\"\n\n\
+         [executable]\n{machine} = \"sensor-process\"\n\n[action.report-temperature]\n\
+         method = \"read_temperature\"\ntimeout = \"2s\"\n\n\
+         [config.location]\ntype = \"text\"\n\n[config.device]\ntype = \"text\"\n\n\
+         [permissions]\nread = [\"/sys\"]\n"
+    );
+    fs::write(package.join("plugin.toml"), text).expect("a file");
+}
+
+/// What the kernel has printed, where the test fails.
+fn printed(office: &Office) -> String {
+    let printed = fs::read(office.folder().join("out")).unwrap_or_default();
+    String::from_utf8_lossy(&printed).into_owned()
+}
+
+/// What the kernel runs as its first process.
+fn inside(office: &Office, file: &Path) -> String {
+    let (althing, file) = (env!("CARGO_BIN_EXE_althing"), file.display());
+    let path = std::env::var("PATH").unwrap_or_default();
+    let (folder, plugins) = (office.folder().display(), office.plugins_folder());
+    format!(
+        r#"export PATH={path}:$PATH
+export ALTHING_RUNTIME_DIR=/run/althing ALTHING_STATE_DIR=/run/state ALTHING_PLUGINS_DIR=/run/plugins
+said() {{ echo "{SAID}$*"; }}
+ask() {{ {althing} "$@" --ecosystem {file}; }}
+# What a room is known by.
+of() {{ ask state | sed -n "s/^(= (temperature $1) \([0-9.]*\)).*/\1/p"; }}
+until_of() {{ until [ "$(of $1)" = "$2" ]; do sleep 0.1; done; }}
+tell() {{ mosquitto_pub -h 127.0.0.1 -r -t "zigbee2mqtt/$1" -m "$2"; }}
+
+cp -r {plugins} /run/plugins
+mosquitto -c {folder}/broker.conf > /run/broker 2>&1 &
+until tell 'conf-room thermo' '{{"temperature":23.75}}'; do sleep 0.1; done
+tell bridge/devices '[{{"ieee_address":"0x1","type":"EndDevice","friendly_name":"conf-room thermo",
+    "definition":{{"exposes":[{{"type":"numeric","name":"temperature","property":"temperature",
+    "unit":"°C","access":1}}]}}}}]'
+{althing} up {file} > /run/up 2>&1 &
+# Shown where the test fails.
+(sleep 150; cat /run/up /run/goal; ask state; ask plugin list) 2>&1 &
+until ask agents | grep -c report-temperature | grep -q 3; do sleep 0.1; done
+
+# Scenario 1.
+ask goal temperatures --maintain > /run/goal 2>&1 &
+until_of office1 20.5; until_of office2 25; until_of conf-room 23.75
+said "the robot, the kernel and the broker: $(of office1) $(of office2) $(of conf-room)"
+echo 0x40 > delete_device
+until_of office2 21.5
+said "office2 goes down, and the robot goes there: $(of office2)"
+
+# Scenario 2.
+tell 'conf-room thermo/availability' '{{"state":"offline"}}'
+until_of conf-room 22.5
+said "the conference room goes down too: $(of conf-room)"
+cp -r {folder}/later/thermometer /run/thermometer
+mv /run/thermometer /run/plugins/
+until_of office1 19.25
+said "a sensor of Python is put into office1: $(of office1)"
+"#,
+        plugins = plugins.display()
+    )
+}
