@@ -8,7 +8,8 @@
 //!
 //! A real broker, a real daemon with a gateway and a Domain Maintainer, and a client of each. The first
 //! clock runs from the word that is said to the broker until the Domain Maintainer, asked again and
-//! again over Zenoh, says the fact. The second from the one text in which Zigbee2MQTT tells of all its
+//! again over Zenoh, says the fact; each device speaks five times a second, as none does for long. The
+//! second from the one text in which Zigbee2MQTT tells of all its
 //! devices until all of them are present, and until they can be planned with.
 
 #[path = "../../../tests/support/broker.rs"]
@@ -31,6 +32,9 @@ use support::{Figures, Machine, Outcome, PATIENCE};
 const HOUSE: usize = 40;
 const WORDS: usize = 2_000;
 const WORD_MS: f64 = 10.0;
+
+/// Between two words of all of them.
+const BETWEEN: Duration = Duration::from_millis(5);
 
 /// Devices that are told of at once, and how often.
 const CROWD: usize = 500;
@@ -89,10 +93,12 @@ impl Client {
         self.announce(HOUSE)?;
         self.await_offers(HOUSE).await?;
         let mut took = Figures::new();
+        let mut next = tokio::time::interval(BETWEEN);
         for word in 0..words {
+            next.tick().await;
             let device = word % HOUSE;
             // A value that was never said before.
-            let celsius = 10.0 + f64::from(u32::try_from(word)?) / 100.0;
+            let celsius = f64::from(1_000 + u32::try_from(word)?) / 100.0;
             let fact = format!("(= (temperature office1) {celsius})");
             let began = Instant::now();
             let text = json!({ "temperature": celsius, "linkquality": 80 }).to_string();

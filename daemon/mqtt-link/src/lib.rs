@@ -10,7 +10,7 @@ mod broker;
 
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 use std::time::Duration;
 
 use rumqttc::{AsyncClient, Event, EventLoop, MqttOptions, Packet, Publish, QoS, SubscribeFilter};
@@ -57,7 +57,7 @@ pub struct Connection {
     /// Why it is not connected; `None` if it is.
     trouble: watch::Sender<Option<String>>,
     /// Ends with the connection.
-    _serving: AbortOnDropHandle<()>,
+    serving: OnceLock<AbortOnDropHandle<()>>,
 }
 
 /// What was said under a topic.
@@ -98,17 +98,17 @@ impl Connection {
         options.set_max_packet_size(PACKET_BYTES_MAX, PACKET_BYTES_MAX);
         let (client, events) = AsyncClient::new(options, REQUESTS_MAX);
         let trouble = watch::Sender::new(Some("it has not answered yet".to_owned()));
-        let connection = Arc::new_cyclic(|connection| {
-            let serving = tokio::spawn(run(Weak::clone(connection), events, broker.clone()));
-            let _serving = AbortOnDropHandle::new(serving);
-            Connection {
-                client,
-                topics: Mutex::default(),
-                filters: Mutex::default(),
-                trouble,
-                _serving,
-            }
+        let connection = Arc::new(Connection {
+            client,
+            topics: Mutex::default(),
+            filters: Mutex::default(),
+            trouble,
+            serving: OnceLock::new(),
         });
+        // Not before it is there: what serves it ends when it is gone.
+        let serving = run(Arc::downgrade(&connection), events, broker.clone());
+        let serving = AbortOnDropHandle::new(tokio::spawn(serving));
+        connection.serving.get_or_init(|| serving);
         connections.retain(|_, known| known.strong_count() > 0);
         connections.insert(broker.clone(), Arc::downgrade(&connection));
         connection

@@ -298,14 +298,13 @@ impl Device for MqttDevice {
 
     fn watch(&mut self) -> Option<BoxFuture<Stir<MqttDevice>>> {
         let mut link = self.link.clone();
-        // What was said until now is known.
-        link.states.iter_mut().flatten().for_each(|heard| drop(heard.borrow_and_update()));
-        link.availability.iter_mut().for_each(|(_, heard)| drop(heard.borrow_and_update()));
-        drop(link.trouble.borrow_and_update());
-        self.link = link.clone();
         Some(Box::pin(async move {
             link.changed().await;
-            let stir: Stir<MqttDevice> = Box::new(|_| Vec::new());
+            // What is said from here on is news, also while this is being told.
+            let stir: Stir<MqttDevice> = Box::new(move |device| {
+                device.link = link;
+                Vec::new()
+            });
             stir
         }))
     }
