@@ -64,7 +64,9 @@ pub fn run(plugins: &[PluginEntry]) -> ExitCode {
 }
 
 fn log() {
-    let filter = EnvFilter::try_from_env("ALTHING_LOG").unwrap_or_else(|_| EnvFilter::new("warn"));
+    // A plugin's last words say why it ended; that Zenoh calls its host again is none.
+    let quiet = || EnvFilter::new("warn,zenoh=error");
+    let filter = EnvFilter::try_from_env("ALTHING_LOG").unwrap_or_else(|_| quiet());
     let logging = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
     // A logger that is there already is as good.
     let _ = logging.without_time().with_ansi(false).try_init();
