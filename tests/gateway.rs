@@ -50,18 +50,6 @@ fn tell(broker: &Broker, devices: &[Value]) {
     broker.retain("zigbee2mqtt/bridge/devices", &json!(devices).to_string());
 }
 
-/// Waits until the state says this, or does not.
-fn await_state(office: &Office, fact: &str, wanted: bool) {
-    let deadline = Instant::now() + PATIENCE;
-    loop {
-        let state = office.ask_json(&["state"]).to_string();
-        if state.contains(fact) == wanted {
-            return;
-        }
-        assert!(Instant::now() < deadline, "{fact}: {state}");
-    }
-}
-
 fn await_discovered(office: &Office, agent: &str, is_so: impl Fn(&Value) -> bool) -> Value {
     let deadline = Instant::now() + PATIENCE;
     loop {
@@ -89,32 +77,32 @@ fn devices_appear_are_planned_with_go_and_come_back() {
         all();
         office.await_devices(3);
         // What it says is known at once, without anybody asking.
-        await_state(&office, "(= (temperature office1) 21.5)", true);
+        office.await_fact("(= (temperature office1) 21.5)", true);
         let (code, said) = office.ask(&["goal", "(known-temperature office1)"]);
         assert_eq!(code, Some(0), "{mode}: {said}");
         broker.say("zigbee2mqtt/office2 pir", r#"{"occupancy":true}"#);
-        await_state(&office, "(motion office2)", true);
+        office.await_fact("(motion office2)", true);
         // Of a door it is said whether its contact is closed.
         broker.retain("zigbee2mqtt/conf-room door", r#"{"contact":true}"#);
-        await_state(&office, "(closed conf-room)", true);
+        office.await_fact("(closed conf-room)", true);
         broker.retain("zigbee2mqtt/conf-room door", r#"{"contact":false}"#);
-        await_state(&office, "(closed conf-room)", false);
+        office.await_fact("(closed conf-room)", false);
         broker.say("zigbee2mqtt/office2 pir", r#"{"occupancy":false}"#);
-        await_state(&office, "(motion office2)", false);
+        office.await_fact("(motion office2)", false);
 
         broker.retain("zigbee2mqtt/office1/thermo/availability", r#"{"state":"offline"}"#);
-        await_state(&office, "(= (temperature office1) 21.5)", false);
+        office.await_fact("(= (temperature office1) 21.5)", false);
         let (code, said) = office.ask(&["goal", "(known-temperature office1)"]);
         assert_eq!(code, Some(1), "{mode}: it is away: {said}");
         broker.retain("zigbee2mqtt/office1/thermo/availability", r#"{"state":"online"}"#);
-        await_state(&office, "(= (temperature office1) 21.5)", true);
+        office.await_fact("(= (temperature office1) 21.5)", true);
 
         broker.kill();
-        await_state(&office, "(= (temperature office1) 21.5)", false);
+        office.await_fact("(= (temperature office1) 21.5)", false);
         broker.restart();
         tell(&broker, &devices);
         broker.retain("zigbee2mqtt/office1/thermo", r#"{"temperature":19.25}"#);
-        await_state(&office, "(= (temperature office1) 19.25)", true);
+        office.await_fact("(= (temperature office1) 19.25)", true);
         let (code, said) = office.ask(&["goal", "(known-temperature office1)"]);
         assert_eq!(code, Some(0), "{mode}: {said}");
 
@@ -167,7 +155,7 @@ fn lamps_relays_and_locks_are_switched_and_believed_by_what_they_say() {
     office.await_devices(3);
     let (code, said) = office.ask(&["goal", "(and (lit office1) (powered office2))"]);
     assert_eq!(code, Some(0), "{said}");
-    await_state(&office, "(lit office1)", true);
+    office.await_fact("(lit office1)", true);
     let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
     assert_eq!(code, Some(0), "{said}");
     let told = told.lock().expect("nobody panics").clone();
@@ -176,7 +164,7 @@ fn lamps_relays_and_locks_are_switched_and_believed_by_what_they_say() {
     }
     // Somebody switches it by hand.
     broker.retain("stat/tasmota_D1/POWER", "OFF");
-    await_state(&office, "(powered office2)", false);
+    office.await_fact("(powered office2)", false);
     let (code, said) = office.ask(&["act", "(lock-door front-door office1)"]);
     assert_eq!(code, Some(1), "it stands elsewhere: {said}");
 }
@@ -223,9 +211,9 @@ fn what_cannot_be_used_says_why_and_harms_nobody() {
     assert!(problem.contains("the template `{{ value_json. }}`"), "{problem}");
     // It changes its mind about its units, and is understood anew.
     broker.retain("zigbee2mqtt/office1/good", r#"{"temperature":68}"#);
-    await_state(&office, "(= (temperature office1) 68)", true);
+    office.await_fact("(= (temperature office1) 68)", true);
     tell(&broker, &[thermometer("office1/good", "0x3", "°F")]);
-    await_state(&office, "(= (temperature office1) 20)", true);
+    office.await_fact("(= (temperature office1) 20)", true);
     let (code, said) = office.ask(&["agents", "--discovered"]);
     assert_eq!(code, Some(0), "{said}");
 }

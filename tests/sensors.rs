@@ -69,10 +69,48 @@ fn a_thermometer_from_its_listing_to_a_goal() {
 
     thermometer.unplug(0);
     office.await_devices(0);
+    office.await_fact("(known-temperature office1)", false);
     thermometer.plug(4, "19000\n");
     office.await_devices(1);
     let (_, asked) = office.ask(&["act", "(report-temperature temperature-1 office1)"]);
     assert!(asked.contains("19.0 °C at office1"), "{asked}");
+}
+
+#[test]
+fn what_is_plugged_into_a_board_appears_by_itself() {
+    let office = Office::new();
+    let thermometer = Thermometer(office.folder().join("sys"));
+    fs::create_dir_all(&thermometer.0).expect("a folder");
+    let sysfs = thermometer.0.display();
+    let board = |name: &str, location: &str| {
+        let config = format!("config = {{ sysfs = \"{sysfs}\"{location} }}\n\n");
+        format!("[[agent]]\nname = \"{name}\"\nplugin = \"board\"\n{config}")
+    };
+    let boards = board("pi", ", location = \"office1\"") + &board("lost", "");
+    let file = office.write("lab.toml", &(lab("decentralized") + &boards));
+    let mut office = office.with_file(file);
+    office.up(&["daemon"], &[]);
+    let (_, none) = office.ask(&["agents", "--discovered"]);
+    assert!(!none.contains("tmp117"), "{none}");
+    thermometer.plug(0, "21500\n");
+    office.await_devices(1);
+    let (code, said) = office.ask(&["goal", "(known-temperature office1)"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("21.5 °C at office1"), "{said}");
+    let discovered = office.ask_json(&["agents", "--discovered"]).to_string();
+    assert!(discovered.contains("\"joined\":true"), "{discovered}");
+    assert!(discovered.contains("nobody says in which room it stands"), "{discovered}");
+    thermometer.unplug(0);
+    office.await_devices(0);
+    office.await_fact("(known-temperature office1)", false);
+    let (code, said) = office.ask(&["goal", "(known-temperature office1)"]);
+    assert_eq!(code, Some(1), "{said}");
+    // It is the same device, whatever number it has.
+    thermometer.plug(3, "19000\n");
+    office.await_devices(1);
+    let (code, said) = office.ask(&["goal", "(known-temperature office1)"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("19.0 °C at office1"), "{said}");
 }
 
 #[test]

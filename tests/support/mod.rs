@@ -132,6 +132,18 @@ impl Office {
     }
 
     /// Where its files are.
+    /// Waits until the state says this, or does not.
+    pub(crate) fn await_fact(&self, fact: &str, wanted: bool) {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let state = self.ask_json(&["state"]).to_string();
+            if state.contains(fact) == wanted {
+                return;
+            }
+            assert!(Instant::now() < deadline, "{fact}: {state}");
+        }
+    }
+
     /// Waits until a person is asked this, and answers.
     pub(crate) fn answer(&self, question: &str, answer: &str) {
         let deadline = Instant::now() + PATIENCE;

@@ -19,6 +19,7 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     doorkeeper::PLUGIN,
     sensor::TEMPERATURE_SENSOR,
     sensor::PLUGIN,
+    sensor::BOARD,
     switch::PLUGIN,
     mqtt::PLUGIN,
     ir_temperature_sensor::PLUGIN,

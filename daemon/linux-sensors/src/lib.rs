@@ -5,9 +5,12 @@
 //!   kernel gave it: that changes with the order in which drivers came.
 //! - A channel that is found may be gone when it is read. Whoever reads tries again.
 //!
+//! - [`Bundle`] is what of a machine's channels makes one sensor.
+//!
 //! `iio`, `hwmon` and `one_wire` know where each subsystem keeps what, and in which unit;
 //! [`Quantity`] is what all of it is measured in.
 
+mod bundle;
 mod channel;
 mod hwmon;
 mod identity;
@@ -17,6 +20,7 @@ mod quantity;
 
 use std::path::{Path, PathBuf};
 
+pub use bundle::Bundle;
 pub use channel::{Channel, ReadError};
 pub use identity::Identity;
 pub use quantity::Quantity;

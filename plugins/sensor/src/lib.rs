@@ -6,10 +6,12 @@
 //! - [`Probe`] is what a driver does: `simulated` measures in the simulated building, `linux` with
 //!   what this machine's kernel knows, `command` by running a program, `mqtt` hears it of a broker,
 //!   `phidget` measures with what hangs on Phidgets' interface kits, `gpio` watches a line of a board.
+//! - `board` brings all that this machine's kernel knows, by itself.
 //! - What is yes or no (motion, a door's contact) is noticed: announced at once, without being asked.
 //! - After a failed measurement a sensor offers nothing for a while: “re-evaluate and update
 //!   self-capabilities” (the paper, “Semantic Plug & Play”).
 
+mod board;
 mod command;
 mod config;
 mod gpio;
@@ -52,6 +54,8 @@ const MQTT: &str = "mqtt";
 const PHIDGET: &str = "phidget";
 const GPIO: &str = "gpio";
 const DRIVERS: &[&str] = &[SIMULATED, LINUX, COMMAND, MQTT, PHIDGET, GPIO];
+
+pub use board::BOARD;
 
 /// The line in the daemon's table of plugins: a sensor of any quantity.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -202,6 +206,9 @@ impl Sensor {
 
     /// What was measured of a quantity, as facts, as long as it counts as known.
     fn known(&self, quantity: &Quantity) -> Vec<OwnFact> {
+        if !self.probe.is_here() {
+            return Vec::new();
+        }
         let Some(Measurement { value, at }) = self.measured.get(quantity.name) else {
             return Vec::new();
         };

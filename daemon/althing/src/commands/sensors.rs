@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
-use linux_sensors::{Channel, Identity, Quantity, ReadError, Sysfs};
+use linux_sensors::{Bundle, Channel, Quantity, ReadError, Sysfs};
 use pddl::{Diagnostic, Span};
 use serde_json::json;
 
@@ -73,33 +73,18 @@ fn table(channels: &[Channel]) -> String {
 
 /// An agent for each device and what it measures, those of the machine itself left out.
 fn lines(channels: &[Channel]) -> String {
-    let ambient = channels.iter().filter(|channel| channel.is_ambient);
-    let mut devices: BTreeMap<&Identity, Vec<&Channel>> = BTreeMap::new();
-    for channel in ambient {
-        devices.entry(&channel.device).or_default().push(channel);
-    }
     let mut counts = BTreeMap::new();
     let mut text = String::new();
-    for of_device in devices.values() {
-        let measures = |wanted| of_device.iter().any(|channel| channel.quantity == wanted);
-        let has_both = measures(Quantity::Temperature) && measures(Quantity::Humidity);
-        for channel in of_device {
-            // A thermometer that measures the humidity too is one agent.
-            if has_both && channel.quantity == Quantity::Humidity {
-                continue;
-            }
-            let count: &mut u32 = counts.entry(channel.quantity).or_default();
-            *count += 1;
-            let siblings =
-                of_device.iter().filter(|other| other.quantity == channel.quantity).count();
-            text += &entry(channel, *count, has_both, siblings > 1);
-        }
+    for bundle in Bundle::all(channels) {
+        let count: &mut u32 = counts.entry(bundle.quantity).or_default();
+        *count += 1;
+        text += &entry(&bundle, *count);
     }
     text
 }
 
-fn entry(channel: &Channel, number: u32, has_humidity: bool, has_siblings: bool) -> String {
-    let Channel { device, name, quantity, .. } = channel;
+fn entry(bundle: &Bundle, number: u32) -> String {
+    let Bundle { device, quantity, channel, has_humidity } = bundle;
     let is_thermometer = *quantity == Quantity::Temperature;
     let plugin = if is_thermometer { "temperature-sensor" } else { "sensor" };
     let mut text = format!(
@@ -107,12 +92,12 @@ fn entry(channel: &Channel, number: u32, has_humidity: bool, has_siblings: bool)
          [agent.config]\nlocation = \"\"        # the room it stands in\n\
          device = \"{device}\"\n"
     );
-    if has_siblings {
-        let _ = writeln!(text, "channel = \"{name}\"");
+    if let Some(channel) = channel {
+        let _ = writeln!(text, "channel = \"{channel}\"");
     }
     if !is_thermometer {
         let _ = writeln!(text, "quantity = \"{quantity}\"");
-    } else if has_humidity {
+    } else if *has_humidity {
         let _ = writeln!(text, "humidity = true");
     }
     text + "\n"
