@@ -2,7 +2,7 @@
 //! one holds.
 //!
 //! ```text
-//! cargo build --release --workspace --example sensor-process
+//! cargo build --profile plugin --workspace --example sensor-process
 //! cargo bench -p althing --bench plugins
 //! ```
 //!
@@ -89,10 +89,10 @@ async fn main() -> Outcome<()> {
 /// The plugin `sensor` as a program of its own.
 fn program() -> Outcome<PathBuf> {
     let deps = std::env::current_exe()?;
-    let folder = deps.ancestors().nth(2).ok_or("the profile's folder")?;
-    let program = folder.join("examples/sensor-process");
+    let folder = deps.ancestors().nth(3).ok_or("the target folder")?;
+    let program = folder.join("plugin/examples/sensor-process");
     if !program.exists() {
-        let build = "cargo build --release --workspace --example sensor-process";
+        let build = "cargo build --profile plugin --workspace --example sensor-process";
         return Err(format!("there is no {}: {build}", program.display()).into());
     }
     Ok(program)

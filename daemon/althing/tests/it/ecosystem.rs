@@ -429,8 +429,10 @@ fn a_key_that_the_plugin_does_not_know() {
         expect![[r#"
             error: config of `thermometer`: unknown field `humid`, expected one of
                    `location`, `quantity`, `humidity`, `valid-for`, `device`, `channel`,
-                   `sysfs`, `command`, `json`, `factor`, `every`, `broker`, `topic`,
-                   `availability`
+                   `sysfs`, `command`, `json`, `factor`, `every`, `library`, `serial`,
+                   `hub-port`, `port`, `humidity-port`, `sensor`, `broker`, `user`,
+                   `password-file`, `ca`, `topic`, `availability`, `line`, `active-low`,
+                   `bias`, `debounce`, `chips`
               --> house.toml:10:34
                |
             10 | config = { location = "kitchen", humid = true }
