@@ -28,6 +28,7 @@ const LAYERS: &[&[&str]] = &[
     &["actuator"],
     &[
         "cleaning-robot",
+        "command",
         "domain-maintainer",
         "doorkeeper",
         "ir-temperature-sensor",
@@ -72,6 +73,7 @@ const EXCEPTIONS: &[Exception] = &[
     exception("sensor", "mqtt-link", "its MQTT driver hears there"),
     exception("sensor", "phidget-link", "its Phidget driver measures there"),
     exception("mqtt", "mqtt-link", "it hears and speaks there"),
+    exception("command", "programs", "it is any program"),
     exception("switch", "gpio-lines", "its GPIO driver drives there"),
     exception("switch", "programs", "its command driver runs there"),
     exception("turtlebot", "building", "its simulated driver moves there"),

@@ -20,6 +20,7 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     sensor::TEMPERATURE_SENSOR,
     sensor::PLUGIN,
     sensor::BOARD,
+    command::PLUGIN,
     switch::PLUGIN,
     mqtt::PLUGIN,
     ir_temperature_sensor::PLUGIN,

@@ -1,7 +1,7 @@
 //! Something in a room that is on or off: a lamp, a relay, a lock.
 //!
 //! - `kind` has the words of each, and its action model.
-//! - [`Driver`] is what a driver does: `gpio` drives a line of a board, `command` runs programs.
+//! - `Driver` is what a driver does: `gpio` drives a line of a board, `command` runs programs.
 //! - What the driver reads back is known, whoever has switched it; what nobody can read is believed
 //!   to be as it was told.
 //! - Who cannot be read is not here and offers nothing. After a failure a switch offers nothing for

@@ -1,0 +1,144 @@
+//! The entry's `config`: an action model, and the program of each of its actions.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use agent::{Blueprint, BuildError};
+use pddl::{ActionModel, ActionSchema};
+use programs::Program;
+use serde::Deserialize;
+
+use crate::effect;
+
+/// How long a program may run where nothing is said, and the longest that may be said.
+const TIME_OUT: Duration = Duration::from_secs(10);
+const TIME_OUT_MAX: Duration = Duration::from_secs(600);
+
+/// What an entry says.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub(crate) struct Config {
+    /// Its action model: `(define (agent NAME) (:domain …) …)`.
+    model: String,
+    /// By which program each action is carried out.
+    actions: BTreeMap<String, Action>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct Action {
+    /// The program and its arguments; `{name}` is what the action's `?name` stands for.
+    run: Vec<String>,
+    /// How long it may run, such as `"30s"`.
+    time_out: Option<String>,
+}
+
+/// What carries an action out.
+#[derive(Debug)]
+pub(crate) struct Run {
+    words: Vec<String>,
+    /// The action's variables.
+    pub(crate) variables: Vec<String>,
+    pub(crate) time_out: Duration,
+}
+
+impl Run {
+    /// The program of a call.
+    pub(crate) fn program(&self, arguments: &BTreeMap<String, String>) -> Option<Program> {
+        let filled = |word: &String| {
+            let place = |word: String, (name, value): (&String, &String)| {
+                word.replace(&format!("{{{name}}}"), value)
+            };
+            arguments.iter().fold(word.clone(), place)
+        };
+        Program::of(self.words.iter().map(filled))
+    }
+}
+
+impl Config {
+    /// The model, held against what can be done.
+    pub(crate) fn understood(
+        self,
+        blueprint: &Blueprint,
+    ) -> Result<(ActionModel, BTreeMap<String, Run>), BuildError> {
+        let wrong = |problem: String| blueprint.problem(problem);
+        let model = self.model(blueprint)?;
+        let mut runs = BTreeMap::new();
+        for (name, action) in self.actions {
+            let schema = model.actions.iter().find(|schema| schema.name.as_str() == name);
+            let schema = schema.ok_or_else(|| {
+                let known: Vec<_> = model.actions.iter().map(|one| one.name.as_str()).collect();
+                wrong(format!(
+                    "actions.{name}: the model has {}, and no `{name}`",
+                    known.join(", ")
+                ))
+            })?;
+            let run = action.understood(schema);
+            let run = run.map_err(|problem| wrong(format!("actions.{name}: {problem}")))?;
+            runs.insert(name, run);
+        }
+        let is_without = |action: &&ActionSchema| !runs.contains_key(action.name.as_str());
+        if let Some(action) = model.actions.iter().find(is_without) {
+            let name = &action.name;
+            let problem = format!("`{name}` has no program: actions.{name} = {{ run = [\"…\"] }}");
+            return Err(wrong(problem));
+        }
+        Ok((model, runs))
+    }
+
+    fn model(&self, blueprint: &Blueprint) -> Result<ActionModel, BuildError> {
+        let parsed = pddl::parse_action_model(&self.model);
+        if let Some(first) = parsed.diagnostics.iter().find(|found| found.is_error()) {
+            return Err(blueprint.problem(format!("model:{}", first.located(&self.model))));
+        }
+        let nothing = || blueprint.problem("model: it is empty");
+        let model = parsed.value.ok_or_else(nothing)?;
+        let (id, domain) = (blueprint.id.as_str(), &blueprint.host.ontology.name);
+        if model.agent.as_str() != id {
+            let problem =
+                format!("model: it is of `{}`; write (define (agent {id}) …", model.agent);
+            return Err(blueprint.problem(problem));
+        }
+        if model.domain != *domain {
+            let problem = format!("model: write (:domain {domain}), as the ecosystem has it");
+            return Err(blueprint.problem(problem));
+        }
+        if !model.durative_actions.is_empty() {
+            return Err(blueprint.problem("model: durative actions are not built yet"));
+        }
+        Ok(model)
+    }
+}
+
+impl Action {
+    fn understood(self, schema: &ActionSchema) -> Result<Run, String> {
+        let variables = schema.agent.iter().chain(&schema.parameters);
+        let variables: Vec<_> = variables.map(|one| one.name.as_str().to_owned()).collect();
+        if self.run.first().is_none_or(String::is_empty) {
+            return Err("write run = [\"PROGRAM\", \"ARGUMENT\"]".to_owned());
+        }
+        let is_known = |name: &str| variables.iter().any(|known| known == name);
+        let unknown = self.run.iter().flat_map(|word| placeholders(word));
+        if let Some(unknown) = { unknown }.find(|name| !is_known(name)) {
+            let known: Vec<_> = variables.iter().map(|name| format!("{{{name}}}")).collect();
+            return Err(format!("`{{{unknown}}}` is none of its variables: {}", known.join(", ")));
+        }
+        effect::check(&schema.effect)?;
+        let time_out = self.time_out.as_deref().map(humantime::parse_duration).transpose();
+        let time_out = time_out.map_err(|error| format!("time-out: {error}"))?.unwrap_or(TIME_OUT);
+        if time_out.is_zero() || time_out > TIME_OUT_MAX {
+            return Err(format!("time-out: between 1ms and {}s", TIME_OUT_MAX.as_secs()));
+        }
+        Ok(Run { words: self.run, variables, time_out })
+    }
+}
+
+/// The names in braces of a word; other braces are the program's.
+fn placeholders(word: &str) -> impl Iterator<Item = &str> {
+    let is_name = |text: &&str| {
+        let is_plain = |symbol: char| symbol.is_ascii_alphanumeric() || "-_".contains(symbol);
+        text.starts_with(|symbol: char| symbol.is_ascii_lowercase()) && text.chars().all(is_plain)
+    };
+    let parts = word.split('{').skip(1).filter_map(|part| part.split_once('}'));
+    parts.map(|(name, _)| name).filter(is_name)
+}

@@ -1,0 +1,152 @@
+//! An actuator that is any program: its entry says an action model in PDDL, and which program carries
+//! each action out.
+//!
+//! - `config` holds the model against the programs; `effect` says what an action makes true of what the
+//!   agent answers for.
+//! - How programs are run, and ended with all that they started, is in the crate `programs`.
+//! - A program that ends well has done what its action says. Lines that it prints in parentheses are
+//!   facts besides, such as `(= (temperature office1) 21.5)`; the last other line is told to people.
+//! - After a failure it offers nothing for a while, so that plans are made without it.
+
+mod config;
+mod effect;
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use acl::Deadline;
+use acl::content::Method;
+use actuator::{Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, Stir};
+use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use pddl::{ActionModel, InitElement};
+use tokio::time::Instant;
+
+use crate::config::{Config, Run};
+use crate::effect::Known;
+
+/// How long an actuator that failed offers nothing.
+const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
+
+/// What a method may take beyond its program's time, so that its reason is heard.
+const MARGIN: Duration = Duration::from_secs(1);
+
+/// So much of what a program prints is told.
+const TOLD_CHARS: usize = 160;
+
+/// The line in the daemon's table of plugins.
+pub const PLUGIN: PluginEntry = PluginEntry {
+    name: "command",
+    about: "an actuator that is any program, with an action model of its own",
+    drivers: &[],
+    stands_by: false,
+    build,
+};
+
+fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
+    Ok(Box::new(Actuator::new(&blueprint, commanded(&blueprint)?)?))
+}
+
+fn commanded(blueprint: &Blueprint) -> Result<Commanded, BuildError> {
+    let config: Config = blueprint.config_as()?;
+    let (model, runs) = config.understood(blueprint)?;
+    let known = Known::new(model.init.clone());
+    Ok(Commanded { model, runs, known, rests_until: None })
+}
+
+struct Commanded {
+    model: ActionModel,
+    /// What carries each action out.
+    runs: BTreeMap<String, Run>,
+    known: Known,
+    rests_until: Option<Instant>,
+}
+
+impl Device for Commanded {
+    type Yield = String;
+
+    fn describe(&self) -> Description {
+        let mut model = self.model.clone();
+        if self.rests_until.is_some_and(|until| until > Instant::now()) {
+            model.actions.clear();
+        }
+        let method = |(action, run): (&String, &Run)| {
+            let arguments = run.variables.iter().map(|name| (name.clone(), format!("?{name}")));
+            let (method, arguments) = (action.clone(), arguments.collect());
+            (action.clone(), Method { method, arguments, timeout: Deadline(run.time_out + MARGIN) })
+        };
+        Description { model, methods: self.runs.iter().map(method).collect() }
+    }
+
+    fn facts(&self) -> Vec<OwnFact> {
+        self.known.facts().map(OwnFact::from).collect()
+    }
+
+    fn perform(&mut self, call: &Call) -> BoxFuture<Result<String, Failure>> {
+        let Some(run) = self.runs.get(&call.method) else {
+            let unknown = Failure::UnknownMethod(call.method.clone());
+            return Box::pin(std::future::ready(Err(unknown)));
+        };
+        let (program, time_out) = (run.program(&call.arguments), run.time_out);
+        Box::pin(async move {
+            let program = program.ok_or_else(|| Failure::Driver("run nothing".to_owned()))?;
+            let printed = program.run(time_out).await;
+            printed.map_err(|error| Failure::Driver(error.to_string()))
+        })
+    }
+
+    fn performed(&mut self, call: &Call, printed: String) -> Performed {
+        let (facts, told) = read(&printed);
+        let action = self.model.actions.iter().find(|action| action.name.as_str() == call.method);
+        let mut observations = Vec::new();
+        if let Some(action) = action {
+            observations = self.known.apply(&action.effect, &call.arguments);
+        }
+        for fact in facts {
+            self.known.add(fact.clone());
+            observations.push(fact);
+        }
+        let detail = told.unwrap_or_else(|| format!("{} is done", call.action));
+        Performed { detail, observations }
+    }
+
+    fn failed(&mut self, _call: &Call, failure: &Failure) {
+        if *failure != Failure::GivenUp {
+            self.rests_until = Some(Instant::now() + REST_AFTER_FAILURE);
+        }
+    }
+
+    /// When it has rested, it offers again, and says so.
+    fn watch(&mut self) -> Option<BoxFuture<Stir<Commanded>>> {
+        let until = self.rests_until;
+        Some(Box::pin(async move {
+            match until {
+                Some(until) => tokio::time::sleep_until(until).await,
+                None => std::future::pending().await,
+            }
+            let stir: Stir<Commanded> = Box::new(|commanded| {
+                commanded.rests_until = None;
+                Vec::new()
+            });
+            stir
+        }))
+    }
+}
+
+/// The facts among what was printed, and the last line for people. What looks like a fact and is none
+/// is for people too.
+fn read(printed: &str) -> (Vec<InitElement>, Option<String>) {
+    let (mut facts, mut told) = (Vec::new(), None);
+    for line in printed.lines().map(str::trim).filter(|line| !line.is_empty()) {
+        let parsed = pddl::parse_init_elements(line);
+        let is_sayable =
+            |fact: &InitElement| matches!(fact, InitElement::Atom(_) | InitElement::Assign(..));
+        match parsed.value.filter(|_| line.starts_with('(') && parsed.diagnostics.is_empty()) {
+            Some(found) if found.iter().all(is_sayable) => facts.extend(found),
+            _ => told = Some(line.chars().take(TOLD_CHARS).collect()),
+        }
+    }
+    (facts, told)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,140 @@
+//! Programs that act, fail and hang; and what is wrong in an entry.
+
+use std::sync::Arc;
+
+use agent::{Host, Mode, Resources, Settings};
+use serde_json::{Value, json};
+
+use super::*;
+
+const ONTOLOGY: &str = include_str!("../../../domains/smart-office/domain.pddl");
+
+const MODEL: &str = "(define (agent c) (:domain smart-office)
+    (:types brewer - object)
+    (:predicates (brewed ?r - room) (clean ?c - brewer))
+    (:objects c - brewer)
+    (:init (clean c))
+    (:action brew :agent ?c - brewer :parameters (?r - room)
+      :precondition (clean ?c)
+      :effect (and (brewed ?r) (not (clean ?c)) (increase (total-cost) 3))))";
+
+fn blueprint(config: Value) -> Blueprint {
+    let map = "(define (problem map) (:domain smart-office) (:init) (:goal (and)))";
+    let host = Host {
+        ontology: Arc::new(pddl::parse_domain(ONTOLOGY).value.expect("a domain")),
+        map: Arc::new(pddl::parse_problem(map).value.expect("a map")),
+        mode: Mode::Decentralized,
+        settings: Settings::default(),
+        journals: Vec::new(),
+        resources: Resources::default(),
+    };
+    let id = acl::AgentId::new("c").expect("a name");
+    Blueprint { id, driver: String::new(), config: config.into(), host: Arc::new(host) }
+}
+
+fn brewer(script: &str, more: Value) -> Commanded {
+    let mut brew = json!({ "run": ["/bin/sh", "-c", script, "brew", "{r}"] });
+    if let (Value::Object(brew), Value::Object(more)) = (&mut brew, more) {
+        brew.extend(more);
+    }
+    commanded(&blueprint(json!({ "model": MODEL, "actions": { "brew": brew } }))).expect("right")
+}
+
+async fn brew(device: &mut Commanded) -> Result<String, String> {
+    let arguments = [("c", "c"), ("r", "kitchen")].map(|(key, value)| (key.into(), value.into()));
+    let (action, method) = ("(brew c kitchen)".to_owned(), "brew".to_owned());
+    let call = Call { action, method, arguments: arguments.into() };
+    match device.perform(&call).await {
+        Ok(printed) => Ok(device.performed(&call, printed).detail),
+        Err(failure) => {
+            device.failed(&call, &failure);
+            Err(failure.to_string())
+        }
+    }
+}
+
+fn facts(device: &Commanded) -> Vec<String> {
+    device.facts().iter().map(|fact| fact.fact.to_string()).collect()
+}
+
+#[tokio::test]
+async fn what_ended_well_has_done_what_its_action_says() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("brewed");
+    let mut device = brewer(
+        &format!(
+            "echo \"$1\" > {}; echo '(= (temperature kitchen) 21.5)'; echo done",
+            file.display()
+        ),
+        json!({}),
+    );
+    assert_eq!(facts(&device), ["(clean c)"]);
+    assert_eq!(brew(&mut device).await.as_deref(), Ok("done"));
+    assert_eq!(std::fs::read_to_string(file).expect("it was written"), "kitchen\n");
+    assert_eq!(facts(&device), ["(brewed kitchen)", "(= (temperature kitchen) 21.5)"]);
+    assert_eq!(device.describe().model.actions.len(), 1);
+    let method = &device.describe().methods["brew"];
+    assert_eq!(method.arguments["r"], "?r");
+}
+
+#[tokio::test]
+async fn what_fails_or_hangs_has_done_nothing_and_rests() {
+    for (script, expected) in [
+        ("echo it is empty >&2; exit 3", "run `/bin/sh`: exit status: 3: it is empty"),
+        ("sleep 60", "hear from `/bin/sh` within 200ms: it was ended"),
+    ] {
+        let mut device = brewer(script, json!({ "time-out": "200ms" }));
+        assert_eq!(brew(&mut device).await, Err(expected.to_owned()));
+        assert_eq!(facts(&device), ["(clean c)"]);
+        assert!(device.describe().model.actions.is_empty());
+    }
+}
+
+#[test]
+fn mistakes_say_what_would_be_right() {
+    let run = json!({ "run": ["true"] });
+    let with = |from: &str, to: &str| MODEL.replace(from, to);
+    for (model, actions, expected) in [
+        (MODEL.to_owned(), json!({}), "`brew` has no program: actions.brew = { run = [\"…\"] }"),
+        (
+            MODEL.to_owned(),
+            json!({ "brew": run, "boil": run }),
+            "actions.boil: the model has brew, and no `boil`",
+        ),
+        (
+            MODEL.to_owned(),
+            json!({ "brew": { "run": ["true", "{room}"] } }),
+            "actions.brew: `{room}` is none of its variables: {c}, {r}",
+        ),
+        (
+            MODEL.to_owned(),
+            json!({ "brew": { "run": [] } }),
+            "actions.brew: write run = [\"PROGRAM\", \"ARGUMENT\"]",
+        ),
+        (
+            with("(agent c)", "(agent d)"),
+            json!({ "brew": run }),
+            "model: it is of `d`; write (define (agent c) …",
+        ),
+        (
+            with("(increase (total-cost) 3)", "(when (clean ?c) (brewed ?r))"),
+            json!({ "brew": run }),
+            "actions.brew: its effect has `forall` or `when`: say what is true whenever the \
+             program ends well, and let it print the rest",
+        ),
+        (
+            with("(increase (total-cost) 3)", "(increase (temperature ?r) 3)"),
+            json!({ "brew": run }),
+            "actions.brew: its effect changes (temperature ?r), which only the program can know: \
+             let it print the number, as in (= (temperature ?r) 21.5)",
+        ),
+    ] {
+        let built = commanded(&blueprint(json!({ "model": model, "actions": actions })));
+        let problem = built.err().map(|error| error.to_string()).unwrap_or_default();
+        assert_eq!(problem, format!("build `c`: {expected}"));
+    }
+    let torn = MODEL.replace(":precondition", ":preconditon");
+    let built = commanded(&blueprint(json!({ "model": torn, "actions": { "brew": run } })));
+    let problem = built.err().map(|error| error.to_string()).unwrap_or_default();
+    assert!(problem.starts_with("build `c`: model:7:"), "{problem}");
+}

@@ -1,0 +1,58 @@
+//! An actuator that is any program, of a real daemon: planned with, run, and done without when it fails.
+//! What it has done is in the files that it writes.
+
+mod support;
+
+use std::fs;
+
+use support::{Office, lab};
+
+/// A kettle by two programs; `FOLDER` is the test's.
+const KETTLE: &str = r#"
+[[agent]]
+name = "kettle-1"
+plugin = "command"
+
+[agent.config]
+model = '''
+(define (agent kettle-1) (:domain smart-office)
+  (:types kettle - object)
+  (:predicates (filled ?k - kettle) (tea-ready ?r - room))
+  (:objects kettle-1 - kettle)
+  (:action fill :agent ?k - kettle :parameters ()
+    :effect (and (filled ?k) (increase (total-cost) 1)))
+  (:action brew :agent ?k - kettle :parameters (?r - room)
+    :precondition (filled ?k)
+    :effect (and (tea-ready ?r) (not (filled ?k)) (increase (total-cost) 2))))
+'''
+
+[agent.config.actions]
+fill = { run = ["/bin/sh", "-c", "echo filled >> FOLDER/log"] }
+brew = { run = ["/bin/sh", "-c", "test -e FOLDER/tea || { echo no tea >&2; exit 1; }; echo $1 >> FOLDER/log", "brew", "{r}"], time-out = "5s" }
+"#;
+
+#[test]
+fn any_program_is_planned_with_and_done_without_when_it_fails() {
+    for mode in ["decentralized", "centralized"] {
+        let office = Office::new();
+        let folder = office.folder().display().to_string();
+        let file = office.write("lab.toml", &(lab(mode) + &KETTLE.replace("FOLDER", &folder)));
+        let mut office = office.with_file(file);
+        office.write("tea", "Assam\n");
+        office.up(&["daemon"], &[]);
+        office.await_devices(1);
+        let log = || fs::read_to_string(office.folder().join("log")).unwrap_or_default();
+
+        let (code, said) = office.ask(&["goal", "(tea-ready office1)"]);
+        assert_eq!(code, Some(0), "{mode}: {said}");
+        assert_eq!(log(), "filled\noffice1\n", "{mode}");
+        office.await_fact("(tea-ready office1)", true);
+        office.await_fact("(filled kettle-1)", false);
+
+        fs::remove_file(office.folder().join("tea")).expect("it was there");
+        let (code, said) = office.ask(&["goal", "(tea-ready office2)"]);
+        assert_eq!(code, Some(1), "{mode}: {said}");
+        assert!(said.contains("no tea"), "{mode}: {said}");
+        assert_eq!(log(), "filled\noffice1\nfilled\n", "{mode}");
+    }
+}
