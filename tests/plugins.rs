@@ -15,6 +15,16 @@ use support::{Office, lab};
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
+/// Puts the thermometer in Python in under another name, and changed.
+fn put(office: &Office, name: &str, change: &dyn Fn(&Path)) {
+    let made = office.folder().join("made").join(name);
+    copy(&thermometer(), &made);
+    replace(&made.join("plugin.toml"), "name = \"thermometer\"", &format!("name = \"{name}\""));
+    replace(&made.join("plugin.toml"), "\"py-1\"", &format!("\"agent-of-{name}\""));
+    change(&made);
+    fs::rename(&made, office.plugins_folder().join(name)).expect("the same file system");
+}
+
 /// A daemon of the lab that hosts whatever is put into its folder of plugins.
 fn office(mode: &str, more: &str) -> Office {
     let office = Office::new();
@@ -181,19 +191,12 @@ fn where_the_file_says_so_a_person_lets_a_plugin_in_or_not() {
     let ask =
         "[[agent]]\nname = \"keyboard\"\nplugin = \"keyboard\"\n\n[plugins]\nadmit = \"ask\"\n";
     let office = office("decentralized", ask);
-    let add = |name: &str| {
-        let made = office.folder().join("made").join(name);
-        copy(&thermometer(), &made);
-        replace(&made.join("plugin.toml"), "name = \"thermometer\"", &format!("name = \"{name}\""));
-        replace(&made.join("plugin.toml"), "\"py-1\"", &format!("\"agent-of-{name}\""));
-        fs::rename(&made, office.plugins_folder().join(name)).expect("the same file system");
-    };
-    add("friend");
+    put(&office, "friend", &|_| ());
     let status = await_state(&office, "friend", "unused");
     assert_eq!(status["reason"], "a person is being asked: althing keyboard");
     office.answer("`friend` (a plugin, with agent-of-friend) has appeared", "yes");
     await_state(&office, "friend", "running");
-    add("stranger");
+    put(&office, "stranger", &|_| ());
     office.answer("`stranger` (a plugin, with agent-of-stranger) has appeared", "no");
     let is_denied =
         |status: &Value| status["reason"] == "a person has said no; the file may name it";
@@ -295,6 +298,30 @@ fn who_misbehaves_is_ended_with_a_reason_and_leaves_nothing() {
 }
 
 #[test]
+fn who_floods_is_slowed_and_then_stopped_and_nobody_else_suffers() {
+    if !has_python() {
+        return;
+    }
+    let office = office("decentralized", "");
+    let put = |name: &str, change: &dyn Fn(&Path)| put(&office, name, change);
+    put("calm", &|_| ());
+    put("floods", &|made| {
+        replace(&made.join("agent.py"), "time.sleep(hello[\"heartbeat_period\"] / 1000)", "pass");
+    });
+    await_status(&office, "floods", |status| status["dropped"].as_u64() > Some(0));
+    let (code, said) = office.ask(&["goal", "(known-temperature office2)"]);
+    assert_eq!(code, Some(0), "{said}");
+    let why = "it says more than is taken, for too long";
+    let is_stopped = |status: &Value| {
+        let reason = status["reason"].as_str().unwrap_or_default();
+        reason.contains(why) && status["restarts"].as_u64() >= Some(1)
+    };
+    await_status(&office, "floods", is_stopped);
+    let calm = status(&office, "calm");
+    assert_eq!((&calm["state"], &calm["restarts"]), (&"running".into(), &0.into()), "{calm}");
+}
+
+#[test]
 fn the_internet_is_for_those_who_ask_for_it() {
     if !has_python() {
         return;
@@ -322,14 +349,7 @@ fn a_manifest_that_lies_and_a_package_that_is_not_whole_say_so() {
         return;
     }
     let office = office("decentralized", "");
-    let put = |name: &str, change: &dyn Fn(&Path)| {
-        let made = office.folder().join("made").join(name);
-        copy(&thermometer(), &made);
-        replace(&made.join("plugin.toml"), "name = \"thermometer\"", &format!("name = \"{name}\""));
-        replace(&made.join("plugin.toml"), "\"py-1\"", &format!("\"agent-of-{name}\""));
-        change(&made);
-        fs::rename(&made, office.plugins_folder().join(name)).expect("the same file system");
-    };
+    let put = |name: &str, change: &dyn Fn(&Path)| put(&office, name, change);
     let counts = "agent[\"sequence\"] += 1";
     put("liar", &|made| {
         let lies = "agent[\"model\"] = agent[\"model\"].replace(\"report-temperature\", \"open\")";
