@@ -194,6 +194,7 @@ fn where_the_file_says_so_a_person_lets_a_plugin_in_or_not() {
     put(&office, "friend", &|_| ());
     let status = await_state(&office, "friend", "unused");
     assert_eq!(status["reason"], "a person is being asked: althing keyboard");
+    assert_eq!(status["version"], "0.1.0", "a person sees what asks to be let in");
     office.answer("`friend` (a plugin, with agent-of-friend) has appeared", "yes");
     await_state(&office, "friend", "running");
     put(&office, "stranger", &|_| ());

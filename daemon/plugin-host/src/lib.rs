@@ -305,12 +305,12 @@ impl Keeper {
         let package = match package {
             Ok(package) => package,
             Err(faults) if self.ground.shelf.at(name).exists() => {
-                return Wish::Rest(State::Invalid, Some(faults.first()));
+                return Wish::Rest(State::Invalid, Some(faults.first()), None);
             }
             Err(_) => {
                 let folder = self.ground.shelf.folder.display();
                 let reason = format!("the ecosystem's file names it, and it is not in {folder}");
-                return Wish::Rest(State::Invalid, Some(reason));
+                return Wish::Rest(State::Invalid, Some(reason), None);
             }
         };
         let admission = self.admissions.of(PLUGINS, name);
@@ -326,7 +326,7 @@ impl Keeper {
             }));
         }
         if is_disabled {
-            return Wish::Rest(State::Disabled, None);
+            return Wish::Rest(State::Disabled, None, Some(Arc::new(package)));
         }
         let agents: Vec<_> = match named {
             Some(named) => named.clone(),
@@ -353,7 +353,7 @@ impl Keeper {
                 }
                 _ => "no [[agent]] of the ecosystem's file names it, and it brings none".to_owned(),
             };
-            return Wish::Rest(State::Unused, Some(reason));
+            return Wish::Rest(State::Unused, Some(reason), Some(Arc::new(package)));
         }
         Wish::Run(Arc::new(Wanted { package: Arc::new(package), agents }))
     }

@@ -3,6 +3,8 @@
 use acl::{AgentId, DaemonId};
 use serde::{Deserialize, Serialize};
 
+use crate::package::Package;
+
 /// All plugins of one daemon.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plugins {
@@ -42,6 +44,15 @@ pub struct Status {
     pub dropped: u64,
     /// The file of what it prints.
     pub log: String,
+}
+
+impl Status {
+    /// Takes what its package says of itself; nothing, where it cannot be read.
+    pub(crate) fn describes(&mut self, package: Option<&Package>) {
+        let manifest = package.map(|package| &package.manifest);
+        self.version = manifest.map(|manifest| manifest.version.clone()).unwrap_or_default();
+        self.about = manifest.map(|manifest| manifest.about.clone()).unwrap_or_default();
+    }
 }
 
 /// Where a plugin stands.

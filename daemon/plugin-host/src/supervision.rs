@@ -38,8 +38,8 @@ const ADDRESSES: u64 = 1 << 30;
 pub(crate) enum Wish {
     /// That it runs.
     Run(Arc<Wanted>),
-    /// That it does not.
-    Rest(State, Option<String>),
+    /// That it does not, and why; its package, if that can be read.
+    Rest(State, Option<String>, Option<Arc<Package>>),
     /// That nothing is left of it.
     Gone,
 }
@@ -90,8 +90,11 @@ impl Supervision {
             let wish = self.wishes.borrow_and_update().clone();
             match wish {
                 Wish::Gone => return drop(self.statuses().remove(&self.name)),
-                Wish::Rest(state, reason) => {
-                    self.status(|status| (status.state, status.reason) = (state, reason));
+                Wish::Rest(state, reason, package) => {
+                    self.status(|status| {
+                        (status.state, status.reason) = (state, reason);
+                        status.describes(package.as_deref());
+                    });
                     if self.unwanted().await {
                         return;
                     }
@@ -130,11 +133,10 @@ impl Supervision {
 
     /// Keeps it running until something else is wanted.
     async fn keep_running(&mut self, wanted: &Wanted) {
-        let manifest = &wanted.package.manifest;
         self.status(|status| {
             let former = std::mem::take(status);
             *status = Status { name: former.name, log: former.log, ..Status::default() };
-            (status.version, status.about) = (manifest.version.clone(), manifest.about.clone());
+            status.describes(Some(&wanted.package));
             status.state = State::Starting;
         });
         let (agents, endpoint) = match self.open(wanted).await {
