@@ -7,7 +7,7 @@ use std::time::Duration;
 use acl::content::{Act, ActionToken, Cancelling, Outcome, Refusal, Report, Request, value};
 use acl::{AgentId, Performative, Protocol, ReplyToken};
 use actuator::{Call, Failure};
-use agent::{Agent, Answer, Callbacks, Context, Opening};
+use agent::{Agent, Answer, Callbacks, Context, Opening, Work};
 use tokio::sync::{mpsc, oneshot};
 
 /// Orders that may wait: an agent does one thing at a time.
@@ -38,6 +38,8 @@ enum Order {
 pub(crate) struct Attendant {
     orders: Option<mpsc::Receiver<Order>>,
     under_way: BTreeMap<u64, UnderWay>,
+    /// Waits for the next order.
+    listening: Option<Work>,
 }
 
 struct UnderWay {
@@ -46,16 +48,17 @@ struct UnderWay {
     tell: Tell,
 }
 
-/// Takes an order back when it is dropped.
+/// Takes an order back when it is dropped before its end.
 struct Asked {
-    bell: Bell,
+    bell: Option<Bell>,
     number: u64,
 }
 
 impl Attendant {
     pub(crate) fn new() -> (Attendant, Bell) {
         let (bell, orders) = mpsc::channel(ORDERS_MAX);
-        (Attendant { orders: Some(orders), under_way: BTreeMap::new() }, Bell(bell))
+        let (orders, under_way) = (Some(orders), BTreeMap::new());
+        (Attendant { orders, under_way, listening: None }, Bell(bell))
     }
 
     fn next_order(&mut self, ctx: &mut Context<Self>) {
@@ -76,8 +79,7 @@ impl Attendant {
             }
             attendant.next_order(ctx);
         });
-        // It lasts as long as this agent.
-        std::mem::forget(work);
+        self.listening = Some(work);
     }
 
     fn ask(
@@ -179,17 +181,18 @@ impl Bell {
         let gone = || Failure::Driver("reach its plugin: it is being stopped".to_owned());
         let order = Order::Act { to, call, timeout, number, tell };
         self.0.try_send(order).map_err(|_| gone())?;
-        let asked = Asked { bell: self.clone(), number };
+        let mut asked = Asked { bell: Some(self.clone()), number };
         let outcome = told.await.map_err(|_| gone())?;
-        // It has come to its end.
-        std::mem::forget(asked);
+        asked.bell = None;
         outcome
     }
 }
 
 impl Drop for Asked {
     fn drop(&mut self) {
-        // An attendant with no room for it has given up everything, or stops at its deadline.
-        let _ = self.bell.0.try_send(Order::Forget(self.number));
+        if let Some(bell) = &self.bell {
+            // An attendant with no room for it has given up everything, or stops at its deadline.
+            let _ = bell.0.try_send(Order::Forget(self.number));
+        }
     }
 }

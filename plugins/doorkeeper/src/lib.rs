@@ -16,7 +16,7 @@ use acl::content::{Inform, Question, Withdrawal};
 use acl::{AgentId, Performative, Protocol, ReplyToken};
 use agent::{
     Admissions, Admit, Agent, Answer, Applicant, Blueprint, BuildError, Callbacks, Context, Launch,
-    Opening, PluginEntry, Presence, StateFolder,
+    Opening, PluginEntry, Presence, StateFolder, Work,
 };
 use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
@@ -52,6 +52,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         asking: BTreeMap::new(),
         asked: 0,
         is_due: false,
+        hearing: None,
     }))
 }
 
@@ -64,6 +65,7 @@ struct Doorkeeper {
     asked: u64,
     /// Whether it is going to look who is to be asked about.
     is_due: bool,
+    hearing: Option<Work>,
 }
 
 struct Asking {
@@ -115,8 +117,7 @@ impl Doorkeeper {
             doorkeeper.look_soon(GATHERING, ctx);
             doorkeeper.hear_of_admissions(changes, ctx);
         });
-        // It lasts as long as this agent.
-        std::mem::forget(work);
+        self.hearing = Some(work);
     }
 
     fn look_soon(&mut self, wait: Duration, ctx: &mut Context<Self>) {

@@ -31,7 +31,7 @@ use acl::AgentId;
 use actuator::Actuator;
 use agent::{
     Admissions, Admit, Agent, Blueprint, Brought, BuildError, Callbacks, Context, Launch,
-    PluginEntry,
+    PluginEntry, Work,
 };
 use mqtt_link::{Broker, Connection, Told};
 use serde::Deserialize;
@@ -57,6 +57,9 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 /// broker tells of hundreds of devices at once.
 const WORDS_MAX: usize = 1_024;
 const MORE: Duration = Duration::from_millis(50);
+
+/// The number beyond those of topics under which is listened to who is let in.
+const ADMISSIONS: usize = usize::MAX;
 
 /// How long one that could not come rests before it is tried again.
 const REST: Duration = Duration::from_secs(10);
@@ -148,6 +151,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         here: BTreeMap::new(),
         problems: BTreeMap::new(),
         is_due: false,
+        hearing: BTreeMap::new(),
     }))
 }
 
@@ -171,6 +175,8 @@ struct Gateway {
     problems: BTreeMap<AgentId, String>,
     /// Whether it is going to see who comes and goes.
     is_due: bool,
+    /// What is listened to: each filter of topics, by its number, and `ADMISSIONS`.
+    hearing: BTreeMap<usize, Work>,
 }
 
 impl Agent for Gateway {
@@ -187,8 +193,8 @@ impl Agent for Gateway {
             format!("{home_assistant}/+/+/+/config"),
             format!("{tasmota}/+/+"),
         ];
-        for filter in &filters {
-            self.hear(connection.listen_to_all(filter), ctx);
+        for (number, filter) in filters.iter().enumerate() {
+            self.hear(number, connection.listen_to_all(filter), ctx);
         }
         self.connection = Some(connection);
         self.hear_of_admissions(self.admissions.changes(), ctx);
@@ -196,13 +202,13 @@ impl Agent for Gateway {
 }
 
 impl Gateway {
-    fn hear(&mut self, mut words: mpsc::Receiver<Told>, ctx: &mut Context<Self>) {
+    fn hear(&mut self, number: usize, mut words: mpsc::Receiver<Told>, ctx: &mut Context<Self>) {
         let next = async move {
             let mut heard = Vec::new();
             words.recv_many(&mut heard, WORDS_MAX).await;
             (heard, words)
         };
-        let work = ctx.run(next, |gateway: &mut Self, (heard, words), ctx| {
+        let work = ctx.run(next, move |gateway: &mut Self, (heard, words), ctx| {
             if heard.is_empty() {
                 return;
             }
@@ -210,10 +216,9 @@ impl Gateway {
                 gateway.heard(&topic, &text);
             }
             gateway.settle_soon(MORE, ctx);
-            gateway.hear(words, ctx);
+            gateway.hear(number, words, ctx);
         });
-        // It lasts as long as this agent.
-        std::mem::forget(work);
+        self.hearing.insert(number, work);
     }
 
     fn hear_of_admissions(&mut self, mut changes: watch::Receiver<()>, ctx: &mut Context<Self>) {
@@ -223,8 +228,7 @@ impl Gateway {
             gateway.settle_soon(MORE, ctx);
             gateway.hear_of_admissions(changes, ctx);
         });
-        // It lasts as long as this agent.
-        std::mem::forget(work);
+        self.hearing.insert(ADMISSIONS, work);
     }
 
     fn heard(&mut self, topic: &str, text: &str) {

@@ -13,7 +13,7 @@ use acl::content::Discovered;
 use actuator::Actuator;
 use agent::{
     Admission, Admissions, Admit, Agent, Blueprint, Brought, BuildError, Callbacks, Context,
-    Launch, PluginEntry,
+    Launch, PluginEntry, Work,
 };
 use linux_sensors::{Bundle, Sysfs};
 use serde::Deserialize;
@@ -80,7 +80,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let admissions = admissions.unwrap_or_else(|| Arc::new(Admissions::new(Admit::default())));
     let sysfs = config.sysfs.clone().map_or_else(Sysfs::default, Sysfs::new);
     let (here, problems) = (BTreeMap::new(), BTreeMap::new());
-    Ok(Box::new(Board { blueprint, config, sysfs, admissions, here, problems }))
+    Ok(Box::new(Board { blueprint, config, sysfs, admissions, here, problems, looking: None }))
 }
 
 struct Board {
@@ -92,6 +92,7 @@ struct Board {
     here: BTreeMap<AgentId, (Value, Brought)>,
     /// Why some could not come.
     problems: BTreeMap<AgentId, String>,
+    looking: Option<Work>,
 }
 
 impl Agent for Board {
@@ -114,8 +115,7 @@ impl Board {
             }
             ctx.after(LOOK_AGAIN, |board: &mut Self, ctx| board.look(ctx));
         });
-        // It lasts as long as this agent.
-        std::mem::forget(work);
+        self.looking = Some(work);
     }
 
     /// Lets come who is plugged in, and go who is not.
