@@ -1,9 +1,12 @@
-//! The paper's first two scenarios without a simulated sensor: a thermometer that a real kernel knows,
-//! by a plugin that is a process; one that speaks to a real broker; one of Python, put in later; and a
-//! robot, which takes over whatever goes down. The whole ecosystem runs in Debian's `user-mode-linux`.
+//! The paper's first two scenarios with sensors that are real and plugins that are processes; a robot
+//! takes over whatever goes down.
 //!
-//! What the robot measures is the simulated building's truth, and no device says the same: the number
-//! that a room is known by says who has measured it.
+//! - By the building's truth: a thermometer that speaks to a real broker, one of Python, and one that is
+//!   put in later.
+//! - In a real kernel, Debian's `user-mode-linux`, in which the whole ecosystem runs: its own
+//!   thermometer, by a plugin that is a process; the broker's; and one of Python, put in later. What the
+//!   robot measures is the simulated building's truth, and no device says the same: the number that a
+//!   room is known by says who has measured it.
 
 #[path = "support/kernel.rs"]
 mod kernel;
@@ -12,10 +15,14 @@ mod support;
 use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::Path;
+use std::process::Stdio;
 
+use building::{Building, Device, Event, Layout, Truth};
 use kernel::{SAID, THERMOMETER, said_in};
+use serde_json::json;
+use support::broker::Broker;
 use support::packages::{copy, has_python, replace, sensor_process, thermometer};
-use support::{Office, lab};
+use support::{Office, PATIENCE, lab, lines};
 
 /// What a kernel needs beside itself.
 const MEGABYTES: u32 = 1_024;
@@ -56,7 +63,7 @@ time-scale = 0.02
 "#;
 
 #[test]
-fn sensors_that_are_real_go_down_and_the_robot_takes_over() {
+fn sensors_of_a_real_kernel_go_down_and_the_robot_takes_over() {
     if !has_python() || !has_broker() {
         return;
     }
@@ -64,7 +71,7 @@ fn sensors_that_are_real_go_down_and_the_robot_takes_over() {
         let office = Office::new();
         let file = lab(mode) + &CAST.replace("DEVICE", THERMOMETER);
         let file = office.write("lab.toml", &file);
-        sensors(&office.plugins_folder());
+        sensors(&office.plugins_folder(), "");
         // Moved into the folder of plugins by the caretaker inside.
         copy(&thermometer(), &office.folder().join("later/thermometer"));
         let manifest = office.folder().join("later/thermometer/plugin.toml");
@@ -84,6 +91,110 @@ fn sensors_that_are_real_go_down_and_the_robot_takes_over() {
     }
 }
 
+/// Waits until one of these has measured a room since then, by the building's truth.
+async fn until_read(building: &Building, sensor: &str, room: &str, since: u64) {
+    let is_it = |truth: &Truth| {
+        let mut since = truth.occurrences().filter(|occurrence| occurrence.sequence >= since);
+        since.any(|occurrence| {
+            matches!(&occurrence.event, Event::Read { sensor: by, location, .. }
+                if by == sensor && location == room)
+        })
+    };
+    let waited = tokio::time::timeout(PATIENCE, building.wait_for(is_it)).await;
+    assert!(waited.is_ok(), "`{sensor}` has not measured {room}");
+}
+
+/// The robot's part of the file, and where the simulated building is.
+fn robot(layout: &Layout, socket: &Path) -> String {
+    let mut text = String::new();
+    for device in layout.devices() {
+        text += &match device {
+            Device::Robot { name, start, .. } => format!(
+                "[[agent]]\nname = \"{name}\"\nplugin = \"turtlebot\"\n\
+                 config = {{ start = \"{start}\" }}\n\n"
+            ),
+            Device::MountedSensor { name, carrier } => format!(
+                "[[agent]]\nname = \"{name}\"\nplugin = \"ir-temperature-sensor\"\n\
+                 config = {{ mounted-on = \"{carrier}\", valid-for = \"4s\" }}\n\n"
+            ),
+            _ => String::new(),
+        };
+    }
+    format!("{text}[building]\ntime-scale = 0.02\nsocket = \"{}\"\n", socket.display())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_goes_down_is_taken_over_by_the_building_s_truth() {
+    let Some(broker) = Broker::start() else { return };
+    if !has_python() {
+        return;
+    }
+    for mode in ["decentralized", "centralized"] {
+        let layout = Layout::seeded(0).layout;
+        let (heard, python) = ("office2", "conf-room");
+        let robots = layout.devices().iter().filter_map(|device| match device {
+            Device::MountedSensor { name, .. } => Some(name.clone()),
+            _ => None,
+        });
+        let ir = { robots }.next().expect("the paper's robot has one");
+        let building = Building::new(layout.clone(), 0.02).expect("a building");
+        let mut office = Office::new();
+        let socket = office.folder().join("building.sock");
+        let _server = building::serve(building.handle(), &socket).await.expect("a socket");
+        let celsius = |room| building.truth().temperature(room).expect("a room");
+
+        let gateway = format!(
+            "[[agent]]\nname = \"zigbee\"\nplugin = \"mqtt\"\nconfig = {{ broker = \"{}\" }}\n\n",
+            broker.name()
+        );
+        let file = lab(mode) + &gateway + &robot(&layout, &socket);
+        let file = office.write("lab.toml", &file);
+        office = office.with_file(file);
+        let device = json!([{ "ieee_address": "0x1", "type": "EndDevice",
+            "friendly_name": "office2 thermo", "definition": { "exposes": [
+            { "type": "numeric", "name": "temperature", "property": "temperature",
+              "unit": "°C", "access": 1 } ] } }]);
+        broker.retain("zigbee2mqtt/bridge/devices", &device.to_string());
+        let said = json!({ "temperature": celsius(heard) });
+        broker.retain("zigbee2mqtt/office2 thermo", &said.to_string());
+        let online = "zigbee2mqtt/office2 thermo/availability";
+        broker.retain(online, "online");
+        let package = office.plugins_folder().join("thermometer");
+        copy(&thermometer(), &package);
+        let config = format!("{{ location = \"{python}\", celsius = {:?} }}", celsius(python));
+        replace(&package.join("plugin.toml"), "{ location = \"office2\" }", &config);
+
+        office.up(&["daemon"], &[]);
+        office.await_devices(4);
+        let goal = "(forall (?r - room) (known-temperature ?r))";
+        let mut asking = office.command(&["goal", goal, "--maintain"]);
+        let mut asking = asking.stdout(Stdio::piped()).spawn().expect("our own program");
+        let told = lines(&mut asking);
+        let next = || told.recv_timeout(PATIENCE).expect("it holds in time");
+        while !next().contains("the goal holds") {}
+        // Scenario 1: the sensor of office2 goes down, and the robot goes there instead.
+        let truth = building.truth();
+        assert!(truth.was_read("office1") && !truth.was_read(heard) && !truth.was_read(python));
+        let since = truth.next_sequence();
+        broker.retain(online, "offline");
+        until_read(&building, &ir, heard, since).await;
+        // Scenario 2: that of the conference room goes down too.
+        let since = building.truth().next_sequence();
+        assert_eq!(office.ask(&["plugin", "disable", "thermometer"]).0, Some(0));
+        until_read(&building, &ir, python, since).await;
+        // A new one is put in, and takes the room off the robot.
+        let new = Device::FixedSensor { name: "new-1".to_owned(), location: heard.to_owned() };
+        building.add_device(new).expect("a new name");
+        sensors(
+            &office.plugins_folder(),
+            "\n[[agent]]\nname = \"new-1\"\nconfig = { location = \"office2\" }\n",
+        );
+        until_read(&building, "new-1", heard, since).await;
+        asking.kill().expect("our own child");
+        asking.wait().expect("our own child");
+    }
+}
+
 fn has_broker() -> bool {
     if Path::new(BROKER).exists() {
         return true;
@@ -94,8 +205,8 @@ fn has_broker() -> bool {
 }
 
 /// The plugin `sensor` as a package, which may read what the kernel says of its devices.
-fn sensors(folder: &Path) {
-    let package = folder.join("sensors");
+fn sensors(folder: &Path, agents: &str) {
+    let package = folder.join(".sensors");
     fs::create_dir_all(&package).expect("a folder");
     symlink(sensor_process(), package.join("sensor-process")).expect("a link");
     let machine = format!("{}-linux", std::env::consts::ARCH);
@@ -103,10 +214,11 @@ fn sensors(folder: &Path) {
         "name = \"sensors\"\nversion = \"1\"\nprotocol = \"1\"\n\n\
          [executable]\n{machine} = \"sensor-process\"\n\n[action.report-temperature]\n\
          method = \"read_temperature\"\ntimeout = \"2s\"\n\n\
-         [config.location]\ntype = \"text\"\n\n[config.device]\ntype = \"text\"\n\n\
-         [permissions]\nread = [\"/sys\"]\n"
+         [config.location]\ntype = \"text\"\n\n[config.device]\ntype = \"text\"\noptional = true\n\n\
+         [permissions]\nread = [\"/sys\"]\n{agents}"
     );
     fs::write(package.join("plugin.toml"), text).expect("a file");
+    fs::rename(&package, folder.join("sensors")).expect("the same file system");
 }
 
 /// What the kernel has printed, where the test fails.
