@@ -393,6 +393,24 @@ fn a_manifest_that_lies_and_a_package_that_is_not_whole_say_so() {
         let has_agent = status["agents"].as_array().is_some_and(|agents| !agents.is_empty());
         assert_eq!(has_agent, state == "running", "{status}");
     }
+    // A model that conflicts is taken without what conflicts, and says so.
+    put("conflicts", &|made| {
+        replace(
+            &made.join("model.pddl"),
+            "(:objects",
+            "(:predicates (located ?a - sensor)) (:objects",
+        );
+    });
+    await_state(&office, "conflicts", "running");
+    let deadline = Instant::now() + PATIENCE;
+    while !office
+        .ask(&["agents"])
+        .1
+        .contains("predicate `located` of `agent-of-conflicts`: the ontology")
+    {
+        assert!(Instant::now() < deadline, "{}", office.ask(&["agents"]).1);
+    }
+    fs::remove_dir_all(office.plugins_folder().join("conflicts")).expect("it was put in");
     // What is said of the world and cannot be read is not believed; the rest of it is planned with.
     office.await_devices(1);
     let (code, said) = office.ask(&["plugin", "list"]);

@@ -192,6 +192,9 @@ pub struct Snapshot {
     /// describes: each in an action model of its own. For explanations, never for plans.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub former: Vec<String>,
+    /// What of an agent's model could not be taken as it is, and why, for a person.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub conflicts: BTreeMap<AgentId, Vec<String>>,
 }
 
 /// What lets agents act by a schema.

@@ -127,6 +127,7 @@ impl Snapshot {
             offers: self.offers(),
             guards: self.guards(),
             former: self.former.iter().map(ToString::to_string).collect(),
+            conflicts: BTreeMap::new(),
         }
     }
 }

@@ -110,7 +110,14 @@ impl Agent for DomainMaintainer {
         let answer = match resource {
             Resource::Domain => {
                 let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.moment());
-                serde_json::to_string(&snapshot.to_content())
+                let mut content = snapshot.to_content();
+                for conflict in self.upkeep.maintainer.conflicts() {
+                    // Before it, whose word stands.
+                    let Some(agent) = conflict.agents.last() else { continue };
+                    let of_it = content.conflicts.entry(agent.clone()).or_default();
+                    of_it.push(conflict.to_string());
+                }
+                serde_json::to_string(&content)
             }
             Resource::State => serde_json::to_string(&self.state()),
             Resource::Directory

@@ -105,6 +105,7 @@ mod tests {
             offers: [(robot, [("move".to_owned(), offer)].into())].into(),
             guards: [].into(),
             former: Vec::new(),
+            conflicts: [].into(),
         }
     }
 

@@ -260,6 +260,7 @@ mod tests {
             offers: agents.iter().map(offer).collect(),
             guards: [("measure".to_owned(), Guard { outside, predicate })].into(),
             former: Vec::new(),
+            conflicts: BTreeMap::new(),
         };
         Known::read(snapshot).expect("PDDL").avoiding(avoided.clone())
     }

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::process::ExitCode;
 
 use acl::AgentId;
-use acl::content::{Appeared, Inform};
+use acl::content::{Appeared, Inform, Snapshot};
 use agent::{Resident, Resource};
 use serde_json::json;
 
@@ -53,6 +53,8 @@ pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
     let residents = residents(view).await;
     let models = models(view).await;
     let offers = |agent: &AgentId| models.get(agent).cloned().unwrap_or_default();
+    let conflicts = conflicts(view).await;
+    let left_out = |agent: &AgentId| conflicts.get(agent).cloned().unwrap_or_default();
     if json {
         let agents: Vec<_> = residents
             .iter()
@@ -62,6 +64,7 @@ pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
                     "daemon": resident.daemon,
                     "incarnation": resident.incarnation,
                     "actions": offers(&resident.agent),
+                    "conflicts": left_out(&resident.agent),
                 })
             })
             .collect();
@@ -73,6 +76,9 @@ pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
         let offers = offers(&resident.agent).join(", ");
         let line = format!("{:<24} {:<18} {offers}", resident.agent, resident.daemon);
         let _ = writeln!(text, "{}", line.trim_end());
+        for conflict in left_out(&resident.agent) {
+            let _ = writeln!(text, "{}", output::folded(&format!("    {conflict}"), 4));
+        }
     }
     output::print(text, exit::DONE)
 }
@@ -89,6 +95,14 @@ async fn residents(view: &View) -> Vec<Resident> {
     residents.sort();
     residents.dedup();
     residents
+}
+
+/// What of each agent's model a Domain Maintainer had to leave out.
+async fn conflicts(view: &View) -> BTreeMap<AgentId, Vec<String>> {
+    let maintainer = AgentId::new("domain-maintainer").ok();
+    let answers = view.ask(Resource::Domain, maintainer).await;
+    let snapshot = answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());
+    snapshot.map(|snapshot| snapshot.conflicts).unwrap_or_default()
 }
 
 /// The actions in each agent's model.
