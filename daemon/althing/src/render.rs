@@ -3,6 +3,8 @@
 //! - The one place that knows how a diagnostic looks. Fits 80 columns; uses a wider terminal.
 //! - Takes [`Report`]s; writes nothing itself.
 
+use std::borrow::Cow;
+
 use annotate_snippets::{Annotation, AnnotationKind, Group, Level, Renderer, Snippet};
 use pddl::{Diagnostic, Severity, Span};
 use serde_json::{Value, json};
@@ -210,7 +212,8 @@ impl<'a> Excerpt<'a> {
     }
 
     fn snippet(&self, source: &'a Source) -> Snippet<'a, Annotation<'a>> {
-        Snippet::source(self.text).line_start(self.line).path(source.name.as_str()).fold(true)
+        let text = without_passwords(self.text);
+        Snippet::source(text).line_start(self.line).path(source.name.as_str()).fold(true)
     }
 
     /// Marks a span, or of one that goes over several lines the first line.
@@ -254,6 +257,21 @@ fn wrap(text: &str, width: usize) -> String {
     wrapped
 }
 
+/// A text as it may stand in a log: of `SCHEME://USER:PASSWORD@HOST` the password is stars, as many as
+/// it has bytes, so that places stay where they are.
+fn without_passwords(text: &str) -> Cow<'_, str> {
+    let mut masked = Cow::Borrowed(text);
+    for (scheme, _) in text.match_indices("://") {
+        let user = scheme + "://".len();
+        let ends = |symbol: char| symbol.is_whitespace() || "\"'/".contains(symbol);
+        let end = text[user..].find(ends).map_or(text.len(), |length| user + length);
+        let Some(at) = text[user..end].rfind('@').map(|place| user + place) else { continue };
+        let Some(colon) = text[user..at].find(':').map(|place| user + place) else { continue };
+        masked.to_mut().replace_range(colon + 1..at, &"*".repeat(at - colon - 1));
+    }
+    masked
+}
+
 #[cfg(test)]
 mod tests {
     use expect_test::{Expect, expect};
@@ -271,6 +289,18 @@ mod tests {
 
     fn error(start: usize, end: usize) -> Diagnostic {
         Diagnostic::error(Span::new(start, end), "wrong")
+    }
+
+    #[test]
+    fn a_password_is_not_shown() {
+        for (text, expected) in [
+            ("a = \"mqtt://me:hunter2@host:1883\"", "a = \"mqtt://me:*******@host:1883\""),
+            ("a = \"mqtt://me:hünt@r@host\" b", "a = \"mqtt://me:*******@host\" b"),
+            ("https://host:80/me@x tcp/host:1", "https://host:80/me@x tcp/host:1"),
+            ("mqtt://me@host", "mqtt://me@host"),
+        ] {
+            assert_eq!(without_passwords(text), expected);
+        }
     }
 
     #[test]
