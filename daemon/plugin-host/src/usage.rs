@@ -70,9 +70,15 @@ mod tests {
 
     #[test]
     fn a_real_group_is_seen() {
+        use std::io::{Read as _, Write as _};
         use std::os::unix::process::CommandExt as _;
-        let mut child = std::process::Command::new("sleep");
-        let mut child = child.arg("60").process_group(0).spawn().expect("it is everywhere");
+        use std::process::{Command, Stdio};
+        let mut child = Command::new("cat");
+        let child = child.stdin(Stdio::piped()).stdout(Stdio::piped()).process_group(0);
+        let mut child = child.spawn().expect("it is everywhere");
+        // What has answered is loaded: a process that has only begun may hold nothing yet.
+        child.stdin.as_mut().expect("piped").write_all(b"!").expect("it listens");
+        child.stdout.as_mut().expect("piped").read_exact(&mut [0]).expect("it answers");
         let used = usage(i32::try_from(child.id()).expect("a number of a process"));
         child.kill().expect("our own child");
         child.wait().expect("our own child");
