@@ -10,6 +10,8 @@
 //! - [`upkeep`] keeps a Domain Maintainer up to date; the [`Commons`] keep what the actuators of
 //!   one daemon hear.
 //! - [`keeping`] has the Journals keep what must outlive an agent, and reads it back.
+//! - [`bringing`] lets what an agent finds come as agents beside it, if people
+//!   ([`Admissions`]) let them.
 //! - [`Landing`] is where agents live that come while the daemon runs; [`Observer`] watches those of
 //!   another wire.
 //! - [`Machine`] is what an agent takes of the machine it runs on: threads, the wall clock.
@@ -19,6 +21,7 @@
 
 mod admission;
 mod base_agent;
+pub mod bringing;
 mod callbacks;
 mod commons;
 mod communication_agent;
@@ -45,6 +48,7 @@ pub mod upkeep;
 pub use acl::content::Mode;
 pub use admission::{Admission, Admissions, Admit, Applicant};
 pub use base_agent::{Agent, Berth, Launch, LaunchError};
+pub use bringing::{Bringing, Brings};
 pub use callbacks::Callbacks;
 pub use commons::Commons;
 pub use communication_agent::{Answer, Engagement, Opening, Undelivered};

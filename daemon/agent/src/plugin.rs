@@ -128,6 +128,39 @@ impl Blueprint {
     }
 }
 
+impl Host {
+    /// One with nothing but words and a map: no resources, no Journals, and the defaults.
+    pub fn new(ontology: Domain, map: Problem) -> Host {
+        Host {
+            ontology: Arc::new(ontology),
+            map: Arc::new(map),
+            mode: Mode::default(),
+            settings: Settings::default(),
+            journals: Vec::new(),
+            resources: Resources::default(),
+        }
+    }
+
+    /// The names of the map: rooms, and whatever else it has.
+    pub fn places(&self) -> impl Iterator<Item = &str> + Clone {
+        self.map.objects.iter().map(|declared| declared.object.name.as_str())
+    }
+
+    /// Sees that there is such a place.
+    ///
+    /// # Errors
+    ///
+    /// If there is none; for a person, with the name that may have been meant.
+    pub fn has_place(&self, place: &str) -> Result<(), String> {
+        if self.places().any(|known| known == place) {
+            return Ok(());
+        }
+        let near = pddl::nearest(place, self.places());
+        let hint = near.map(|near| format!("; did you mean `{near}`?")).unwrap_or_default();
+        Err(format!("there is no `{place}` on the map{hint}"))
+    }
+}
+
 impl Resources {
     /// Puts a thing in; one of the same type is replaced.
     pub fn insert<T: Send + Sync + 'static>(&mut self, thing: T) {

@@ -1,32 +1,17 @@
-//! Of the devices that are told of: who is to be here and where, and why not of the others.
+//! Of the devices that are told of: what agents they are, and where.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use acl::AgentId;
-use acl::content::Discovered;
-use agent::Admission;
+use agent::bringing::Finding;
 
 use crate::Gateway;
 use crate::described::{Described, core, name_of};
 use crate::part::{Known, Part, Parts};
 
-/// Agents that one gateway brings.
-const AGENTS_MAX: usize = 2_048;
-
-/// What was found.
-#[derive(Default)]
-pub(crate) struct Census {
-    /// Who is to be here.
-    pub(crate) wanted: BTreeMap<AgentId, Part>,
-    /// All of them, for people.
-    pub(crate) discovered: Vec<Discovered>,
-    /// Who could be here if somebody lets them, with a word about each.
-    pub(crate) applicants: BTreeMap<String, String>,
-    names: BTreeSet<AgentId>,
-}
-
 impl Gateway {
-    pub(crate) fn census(&self) -> Census {
+    /// All that is wanted of what was told of.
+    pub(crate) fn census(&self) -> Vec<Finding<Part>> {
         let mut devices = self.home_assistant.devices();
         // Zigbee2MQTT says all that it says to Home Assistant too, under an identifier of both.
         let zigbee: BTreeSet<_> = self.zigbee.iter().map(|known| known.id.as_str()).collect();
@@ -34,63 +19,28 @@ impl Gateway {
         devices.extend(self.zigbee.iter().cloned());
         devices.extend(self.tasmota.devices());
         devices.retain(|device| !is_listed(&self.config.ignore, device));
-
-        let mut census = Census::default();
-        for device in &devices {
-            self.count(device, &mut census);
-        }
-        census
+        devices.iter().flat_map(|device| self.agents_of(device)).collect()
     }
 
-    /// What is to become of a device.
-    fn count(&self, device: &Described, census: &mut Census) {
+    /// The agents that a device is; one without anything, if nothing of it can be used.
+    fn agents_of(&self, device: &Described) -> Vec<Finding<Part>> {
         let Parts { parts, problem } = Parts::of(device, &self.classes);
         let room = self.room(device);
-        if parts.is_empty()
-            && let Ok(agent) = AgentId::new(&name_of(&device.name))
-        {
-            return census.discovered.push(self.discovered(device, &agent, false, problem));
-        }
-        for (agent, features) in parts {
-            let obstacle = self.obstacle(&agent, room.as_deref(), census);
-            let is_possible = obstacle.is_none();
-            let admission = self.admission(device, &agent);
-            let problem = obstacle.or_else(|| admission.reason()).or_else(|| problem.clone());
-            let joined = is_possible && admission == Admission::Granted;
-            let failed = self.problems.get(&agent).filter(|_| joined);
-            let problem = failed.cloned().or(problem);
-            let is_here = joined && failed.is_none();
-            census.discovered.push(self.discovered(device, &agent, is_here, problem));
-            let Some(room) = room.clone().filter(|_| is_possible) else { continue };
-            if admission == Admission::Asked {
-                let about = format!("{}, {room}", self.blueprint.id);
-                census.applicants.insert(agent.to_string(), about);
-            }
-            if joined {
-                census.wanted.insert(agent.clone(), self.part(device, agent, room, features));
-            }
-        }
-    }
-
-    /// Why one of them cannot be here, whoever would let it.
-    fn obstacle(&self, agent: &AgentId, room: Option<&str>, census: &mut Census) -> Option<String> {
-        let problem = if !census.names.insert(agent.clone()) {
-            "another device has this name; call one of them otherwise"
-        } else if census.wanted.len() >= AGENTS_MAX {
-            "there are too many"
-        } else if room.is_none() {
-            "nobody says in which room it stands"
-        } else {
-            return None;
+        let finding = |agent: AgentId, features: Option<Vec<Known>>| Finding {
+            is_named: is_listed(&self.config.devices, device),
+            part: features
+                .zip(room.clone())
+                .map(|(features, room)| self.part(device, agent.clone(), room, features)),
+            agent,
+            room: room.clone(),
+            problem: problem.clone(),
+            toml: self.lines(device),
         };
-        Some(problem.to_owned())
-    }
-
-    fn admission(&self, device: &Described, agent: &AgentId) -> Admission {
-        match is_listed(&self.config.devices, device) {
-            true => Admission::Granted,
-            false => self.admissions.of(self.blueprint.id.as_str(), agent.as_str()),
+        if parts.is_empty() {
+            let agent = AgentId::new(&name_of(&device.name));
+            return agent.map(|agent| finding(agent, None)).into_iter().collect();
         }
+        parts.into_iter().map(|(agent, features)| finding(agent, Some(features))).collect()
     }
 
     fn part(&self, device: &Described, agent: AgentId, room: String, features: Vec<Known>) -> Part {
@@ -101,23 +51,6 @@ impl Gateway {
             availability: device.availability.clone(),
             any_is_enough: device.any_is_enough,
             valid_for: self.valid_for,
-        }
-    }
-
-    fn discovered(
-        &self,
-        device: &Described,
-        agent: &AgentId,
-        joined: bool,
-        problem: Option<String>,
-    ) -> Discovered {
-        let toml = self.lines(device);
-        Discovered {
-            agent: agent.clone(),
-            by: self.blueprint.id.to_string(),
-            joined,
-            problem,
-            toml,
         }
     }
 

@@ -5,7 +5,7 @@
 //!   themselves, `described` is that in one form.
 //! - `class` is the table from device classes to words (`classes.toml`); `part` makes of a device the
 //!   agents it is, and their action models.
-//! - `census` says which of them are to be here, and why not of the others.
+//! - `census` says what agents all of them are, and in which rooms; `agent::bringing` lets them come.
 //! - `device` is such an agent: what the device says is known at once, its availability is its presence,
 //!   a lamp, a relay or a lock is switched, and only what the device then says is believed.
 //! - `reading` finds values in JSON and through Jinja templates.
@@ -22,23 +22,23 @@ mod reading;
 mod tasmota;
 mod zigbee2mqtt;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use acl::AgentId;
 use actuator::Actuator;
+use agent::bringing::Finding;
 use agent::{
-    Admissions, Admit, Agent, Blueprint, Brought, BuildError, Callbacks, Context, Launch,
-    PluginEntry, Work,
+    Agent, Blueprint, Bringing, Brings, BuildError, Callbacks, Context, Launch, PluginEntry, Work,
+    bringing,
 };
 use mqtt_link::{Broker, Connection, Told};
 use serde::Deserialize;
 use serde_json::Value;
-use tokio::sync::{mpsc, watch};
+use tokio::sync::mpsc;
 
-use census::Census;
 use class::Classes;
 use described::{Described, core};
 use device::MqttDevice;
@@ -53,16 +53,11 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// Words that are taken in at one time, and how long is waited for more before agents come and go: a
-/// broker tells of hundreds of devices at once.
+/// Words that are taken in at one time.
 const WORDS_MAX: usize = 1_024;
-const MORE: Duration = Duration::from_millis(50);
 
-/// The number beyond those of topics under which is listened to who is let in.
-const ADMISSIONS: usize = usize::MAX;
-
-/// How long one that could not come rests before it is tried again.
-const REST: Duration = Duration::from_secs(10);
+/// Agents that one gateway brings.
+const AGENTS_MAX: usize = 2_048;
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
@@ -117,40 +112,23 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let classes = Classes::with(&config.classes).map_err(|problem| blueprint.problem(problem))?;
     let valid_for = config.valid_for.as_deref().map(humantime::parse_duration).transpose();
     let valid_for = valid_for.map_err(|error| blueprint.problem(format!("valid-for: {error}")))?;
-    let map = &blueprint.host.map;
-    let rooms: BTreeMap<String, String> = map
-        .objects
-        .iter()
-        .map(|declared| declared.object.name.as_str().to_owned())
-        .map(|name| (core(&name), name))
-        .collect();
-    // On the machine itself only: elsewhere the map is the same, and is held against it too.
     for (device, room) in &config.rooms {
-        if !rooms.values().any(|known| known == room) {
-            let near = pddl::nearest(room, rooms.values().map(String::as_str));
-            let hint = near.map(|near| format!("; did you mean `{near}`?")).unwrap_or_default();
-            let problem = format!("rooms.{device}: there is no `{room}` on the map{hint}");
-            return Err(blueprint.problem(problem));
-        }
+        let is_there = blueprint.host.has_place(room);
+        is_there.map_err(|problem| blueprint.problem(format!("rooms.{device}: {problem}")))?;
     }
-    let admissions = blueprint.host.resources.get::<Admissions>();
-    let admissions = admissions.unwrap_or_else(|| Arc::new(Admissions::new(Admit::default())));
-
+    let rooms = blueprint.host.places().map(|name| (core(name), name.to_owned())).collect();
     Ok(Box::new(Gateway {
+        bringing: Bringing::new(&blueprint.host, AGENTS_MAX),
         blueprint,
         config,
         broker,
         classes,
         rooms,
         valid_for,
-        admissions,
         connection: None,
         zigbee: Vec::new(),
         home_assistant: home_assistant::Discovery::default(),
         tasmota: tasmota::Discovery::default(),
-        here: BTreeMap::new(),
-        problems: BTreeMap::new(),
-        is_due: false,
         hearing: BTreeMap::new(),
     }))
 }
@@ -163,19 +141,12 @@ struct Gateway {
     /// The places of the map, by what is left of their names.
     rooms: BTreeMap<String, String>,
     valid_for: Option<Duration>,
-    /// Whether a device that nobody names takes part.
-    admissions: Arc<Admissions>,
     connection: Option<Arc<Connection>>,
     zigbee: Vec<Described>,
     home_assistant: home_assistant::Discovery,
     tasmota: tasmota::Discovery,
-    /// The agents it has brought.
-    here: BTreeMap<AgentId, (Part, Brought)>,
-    /// Why some could not come.
-    problems: BTreeMap<AgentId, String>,
-    /// Whether it is going to see who comes and goes.
-    is_due: bool,
-    /// What is listened to: each filter of topics, by its number, and `ADMISSIONS`.
+    bringing: Bringing<Part>,
+    /// What is listened to: each filter of topics, by its number.
     hearing: BTreeMap<usize, Work>,
 }
 
@@ -197,7 +168,28 @@ impl Agent for Gateway {
             self.hear(number, connection.listen_to_all(filter), ctx);
         }
         self.connection = Some(connection);
-        self.hear_of_admissions(self.admissions.changes(), ctx);
+        bringing::begin(self, ctx);
+    }
+}
+
+impl Brings for Gateway {
+    type Part = Part;
+
+    fn bringing(&mut self) -> &mut Bringing<Part> {
+        &mut self.bringing
+    }
+
+    fn found(&self) -> Vec<Finding<Part>> {
+        self.census()
+    }
+
+    fn build(&self, agent: &AgentId, part: &Part) -> Result<Box<dyn Launch>, BuildError> {
+        let (id, host) = (agent.clone(), Arc::clone(&self.blueprint.host));
+        let connection = self.connection.as_ref().expect("there is one since it was activated");
+        let device = MqttDevice::new(part.clone(), Arc::clone(&host.ontology), connection);
+        let (driver, config) = (String::new(), Arc::new(Value::Null));
+        let blueprint = Blueprint { id, driver, config, host };
+        Ok(Box::new(Actuator::new(&blueprint, device)?))
     }
 }
 
@@ -215,20 +207,10 @@ impl Gateway {
             for (topic, text) in heard {
                 gateway.heard(&topic, &text);
             }
-            gateway.settle_soon(MORE, ctx);
+            bringing::settle_soon(gateway, ctx);
             gateway.hear(number, words, ctx);
         });
         self.hearing.insert(number, work);
-    }
-
-    fn hear_of_admissions(&mut self, mut changes: watch::Receiver<()>, ctx: &mut Context<Self>) {
-        let next = async move { changes.changed().await.is_ok().then_some(changes) };
-        let work = ctx.run(next, |gateway: &mut Self, changes, ctx| {
-            let Some(changes) = changes else { return };
-            gateway.settle_soon(MORE, ctx);
-            gateway.hear_of_admissions(changes, ctx);
-        });
-        self.hearing.insert(ADMISSIONS, work);
     }
 
     fn heard(&mut self, topic: &str, text: &str) {
@@ -245,59 +227,5 @@ impl Gateway {
         if let Err(problem) = understood {
             tracing::warn!(topic, "ignored what nobody understands: {problem}");
         }
-    }
-
-    fn settle_soon(&mut self, wait: Duration, ctx: &mut Context<Self>) {
-        if self.is_due {
-            return;
-        }
-        self.is_due = true;
-        ctx.after(wait, |gateway: &mut Self, ctx| {
-            gateway.is_due = false;
-            gateway.settle(ctx);
-        });
-    }
-
-    /// Lets come who is to be here, and go who is not.
-    fn settle(&mut self, ctx: &mut Context<Self>) {
-        let Census { wanted, discovered, applicants, .. } = self.census();
-        self.here.retain(|agent, (part, _)| wanted.get(agent) == Some(part));
-        let here: BTreeSet<_> = self.here.keys().cloned().collect();
-        for (_, part) in wanted.into_iter().filter(|(agent, _)| !here.contains(agent)) {
-            self.bring(part, ctx);
-        }
-        let by = ctx.id().to_string();
-        self.admissions.present(&by, applicants);
-        ctx.switchboard().discovered(&by, discovered);
-    }
-
-    fn bring(&mut self, part: Part, ctx: &mut Context<Self>) {
-        let Some(connection) = &self.connection else { return };
-        let (agent, host) = (part.agent.clone(), Arc::clone(&self.blueprint.host));
-        let device = MqttDevice::new(part.clone(), Arc::clone(&host.ontology), connection);
-        let (driver, config) = (String::new(), Arc::new(Value::Null));
-        let blueprint = Blueprint { id: agent.clone(), driver, config, host };
-        let actuator = match Actuator::new(&blueprint, device) {
-            Ok(actuator) => Box::new(actuator),
-            Err(error) => {
-                tracing::warn!(%agent, "failed to {error}");
-                self.problems.insert(agent, format!("failed to {error}"));
-                return;
-            }
-        };
-        let name = agent.clone();
-        let brought = ctx.bring(agent.clone(), actuator, move |gateway: &mut Self, error, ctx| {
-            let Some(error) = error else { return };
-            tracing::warn!(agent = %name, "failed to {error}");
-            gateway.here.remove(&name);
-            gateway.problems.insert(name.clone(), format!("failed to {error}"));
-            let rested = name.clone();
-            ctx.after(REST, move |gateway: &mut Self, ctx| {
-                gateway.problems.remove(&rested);
-                gateway.settle_soon(MORE, ctx);
-            });
-        });
-        tracing::info!(%agent, room = part.room, "appears");
-        self.here.insert(agent, (part, brought));
     }
 }

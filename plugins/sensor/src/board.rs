@@ -9,18 +9,18 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::AgentId;
-use acl::content::Discovered;
 use actuator::Actuator;
+use agent::bringing::Finding;
 use agent::{
-    Admission, Admissions, Admit, Agent, Blueprint, Brought, BuildError, Callbacks, Context,
-    Launch, PluginEntry, Work,
+    Agent, Blueprint, Bringing, Brings, BuildError, Callbacks, Context, Launch, PluginEntry, Work,
+    bringing,
 };
 use linux_sensors::{Bundle, Sysfs};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
 use crate::quantity::Quantity;
-use crate::{LINUX, Sensor, sensor, temperature_sensor};
+use crate::{LINUX, sensor, temperature_sensor};
 
 /// The line in the daemon's table of plugins.
 pub const BOARD: PluginEntry = PluginEntry {
@@ -33,9 +33,6 @@ pub const BOARD: PluginEntry = PluginEntry {
 
 /// Pause between two looks at what is plugged in: a person has just let go of it.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
-
-/// How long one that could not come rests before it is tried again.
-const REST: Duration = Duration::from_secs(10);
 
 /// So much of a device's name is in an agent's, which may have 64 letters.
 const NAME_MAX: usize = 56;
@@ -65,33 +62,25 @@ struct Config {
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let config: Config = blueprint.config_as()?;
-    let rooms: Vec<_> =
-        blueprint.host.map.objects.iter().map(|declared| declared.object.name.as_str()).collect();
     for room in config.location.iter().chain(config.rooms.values()) {
-        if !rooms.contains(&room.as_str()) {
-            let near = pddl::nearest(room, rooms.iter().copied());
-            let hint = near.map(|near| format!("; did you mean `{near}`?")).unwrap_or_default();
-            return Err(blueprint.problem(format!("there is no `{room}` on the map{hint}")));
-        }
+        blueprint.host.has_place(room).map_err(|problem| blueprint.problem(problem))?;
     }
     let valid_for = config.valid_for.as_deref().map(humantime::parse_duration).transpose();
     valid_for.map_err(|error| blueprint.problem(format!("valid-for: {error}")))?;
-    let admissions = blueprint.host.resources.get::<Admissions>();
-    let admissions = admissions.unwrap_or_else(|| Arc::new(Admissions::new(Admit::default())));
     let sysfs = config.sysfs.clone().map_or_else(Sysfs::default, Sysfs::new);
-    let (here, problems) = (BTreeMap::new(), BTreeMap::new());
-    Ok(Box::new(Board { blueprint, config, sysfs, admissions, here, problems, looking: None }))
+    let bringing = Bringing::new(&blueprint.host, AGENTS_MAX);
+    let (bundles, looking) = (Vec::new(), None);
+    Ok(Box::new(Board { blueprint, config, sysfs, bringing, bundles, looking }))
 }
 
 struct Board {
     blueprint: Blueprint,
     config: Config,
     sysfs: Sysfs,
-    admissions: Arc<Admissions>,
-    /// The agents it has brought, and with which configs.
-    here: BTreeMap<AgentId, (Value, Brought)>,
-    /// Why some could not come.
-    problems: BTreeMap<AgentId, String>,
+    /// Its agents, by their configs.
+    bringing: Bringing<Value>,
+    /// What it has seen last.
+    bundles: Vec<Bundle>,
     looking: Option<Work>,
 }
 
@@ -101,7 +90,34 @@ impl Agent for Board {
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
+        bringing::begin(self, ctx);
         self.look(ctx);
+    }
+}
+
+impl Brings for Board {
+    type Part = Value;
+
+    fn bringing(&mut self) -> &mut Bringing<Value> {
+        &mut self.bringing
+    }
+
+    fn found(&self) -> Vec<Finding<Value>> {
+        self.bundles.iter().filter_map(|bundle| self.finding(bundle)).collect()
+    }
+
+    fn build(&self, agent: &AgentId, config: &Value) -> Result<Box<dyn Launch>, BuildError> {
+        let blueprint = Blueprint {
+            id: agent.clone(),
+            driver: LINUX.to_owned(),
+            config: Arc::new(config.clone()),
+            host: Arc::clone(&self.blueprint.host),
+        };
+        let sensor = match config.get("quantity") {
+            Some(_) => sensor(&blueprint),
+            None => temperature_sensor(&blueprint),
+        }?;
+        Ok(Box::new(Actuator::new(&blueprint, sensor)?))
     }
 }
 
@@ -111,57 +127,29 @@ impl Board {
         let looking = tokio::task::spawn_blocking(move || Bundle::all(&sysfs.channels()));
         let work = ctx.run(looking, |board: &mut Self, found, ctx| {
             if let Ok(bundles) = found {
-                board.settle(&bundles, ctx);
+                board.bundles = bundles;
+                bringing::settle_soon(board, ctx);
             }
             ctx.after(LOOK_AGAIN, |board: &mut Self, ctx| board.look(ctx));
         });
         self.looking = Some(work);
     }
 
-    /// Lets come who is plugged in, and go who is not.
-    fn settle(&mut self, bundles: &[Bundle], ctx: &mut Context<Self>) {
-        let (mut wanted, mut discovered) = (BTreeMap::new(), Vec::new());
-        let mut applicants = BTreeMap::new();
-        let by = self.blueprint.id.clone();
-        for bundle in bundles.iter().filter(|bundle| !self.is_in(&self.config.ignore, bundle)) {
-            let Ok(agent) = AgentId::new(&name_of(bundle)) else { continue };
-            if Quantity::named(bundle.quantity.name()).is_err() || wanted.len() >= AGENTS_MAX {
-                continue;
-            }
-            let room = self.room(bundle);
-            let admission = match self.is_in(&self.config.devices, bundle) {
-                true => Admission::Granted,
-                false => self.admissions.of(by.as_str(), agent.as_str()),
-            };
-            let nowhere = room.is_none().then(|| "nobody says in which room it stands".to_owned());
-            let failed = self.problems.get(&agent).cloned();
-            let problem = nowhere.or_else(|| admission.reason()).or(failed);
-            let joined = problem.is_none() && admission == Admission::Granted;
-            let (toml, agent_id) = (self.lines(bundle), agent.clone());
-            discovered.push(Discovered {
-                agent: agent_id,
-                by: by.to_string(),
-                joined,
-                problem,
-                toml,
-            });
-            let Some(room) = room else { continue };
-            match admission {
-                Admission::Granted => drop(wanted.insert(agent, self.config_of(bundle, room))),
-                Admission::Asked => {
-                    drop(applicants.insert(agent.to_string(), format!("{by}, {room}")))
-                }
-                Admission::Listed | Admission::Denied => (),
-            }
+    /// What a bundle is; nothing, if it measures what nobody here has a word for.
+    fn finding(&self, bundle: &Bundle) -> Option<Finding<Value>> {
+        Quantity::named(bundle.quantity.name()).ok()?;
+        if self.is_in(&self.config.ignore, bundle) {
+            return None;
         }
-        self.here.retain(|agent, (config, _)| wanted.get(agent) == Some(config));
-        for (agent, config) in wanted {
-            if !self.here.contains_key(&agent) && !self.problems.contains_key(&agent) {
-                self.bring(agent, config, ctx);
-            }
-        }
-        self.admissions.present(by.as_str(), applicants);
-        ctx.switchboard().discovered(by.as_str(), discovered);
+        let room = self.room(bundle);
+        Some(Finding {
+            agent: AgentId::new(&name_of(bundle)).ok()?,
+            is_named: self.is_in(&self.config.devices, bundle),
+            room: room.map(str::to_owned),
+            part: room.map(|room| self.config_of(bundle, room)),
+            problem: None,
+            toml: self.lines(bundle),
+        })
     }
 
     fn is_in(&self, list: &[String], bundle: &Bundle) -> bool {
@@ -198,41 +186,6 @@ impl Board {
             "# in the config of `{board}`\ndevices = [\"{device}\"]\n\
              rooms = {{ \"{device}\" = \"{room}\" }}\n"
         )
-    }
-
-    fn bring(&mut self, agent: AgentId, config: Value, ctx: &mut Context<Self>) {
-        let blueprint = Blueprint {
-            id: agent.clone(),
-            driver: LINUX.to_owned(),
-            config: Arc::new(config.clone()),
-            host: Arc::clone(&self.blueprint.host),
-        };
-        let built = built(&blueprint).and_then(|sensor| Actuator::new(&blueprint, sensor));
-        let actuator = match built {
-            Ok(actuator) => Box::new(actuator),
-            Err(error) => return self.failed(agent, format!("failed to {error}"), ctx),
-        };
-        let name = agent.clone();
-        let brought = ctx.bring(agent.clone(), actuator, move |board: &mut Self, error, ctx| {
-            let Some(error) = error else { return };
-            board.here.remove(&name);
-            board.failed(name.clone(), format!("failed to {error}"), ctx);
-        });
-        tracing::info!(%agent, "is plugged in");
-        self.here.insert(agent, (config, brought));
-    }
-
-    fn failed(&mut self, agent: AgentId, problem: String, ctx: &mut Context<Self>) {
-        tracing::warn!(%agent, "{problem}");
-        self.problems.insert(agent.clone(), problem);
-        ctx.after(REST, move |board: &mut Self, _| drop(board.problems.remove(&agent)));
-    }
-}
-
-fn built(blueprint: &Blueprint) -> Result<Sensor, BuildError> {
-    match blueprint.config.get("quantity") {
-        Some(_) => sensor(blueprint),
-        None => temperature_sensor(blueprint),
     }
 }
 

@@ -1,0 +1,295 @@
+//! Bringing: an agent that finds devices lets them come as agents beside it, and go.
+//!
+//! - A moment after it has found something, all that it knows of is looked at; who is new comes, who
+//!   is gone or has changed goes, and the rest is left alone.
+//! - Who takes part without being named is for the file and for people to say ([`Admissions`]); all
+//!   that was found is listed with the reason why it is not here and the lines that would change that.
+//! - Who could not come rests and is tried again.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::AgentId;
+use acl::content::Discovered;
+use tokio::sync::watch;
+
+use crate::admission::{Admission, Admissions, Admit};
+use crate::base_agent::{Agent, Launch};
+use crate::context::{Brought, Context, Work};
+use crate::plugin::{BuildError, Host};
+
+/// How long is waited for more before agents come and go: a broker tells of hundreds of devices at once.
+const MORE: Duration = Duration::from_millis(50);
+
+/// How long one that could not come rests before it is tried again.
+const REST: Duration = Duration::from_secs(10);
+
+/// Something that was found.
+#[derive(Clone, Debug)]
+pub struct Finding<P> {
+    /// Its agent.
+    pub agent: AgentId,
+    /// Whether the file names it: then it needs nobody's word.
+    pub is_named: bool,
+    /// In which room it stands, if anybody says so.
+    pub room: Option<String>,
+    /// What its agent is built from; nothing, if none can be made of it or it stands nowhere.
+    pub part: Option<P>,
+    /// What of it cannot be used.
+    pub problem: Option<String>,
+    /// The lines that would let it take part.
+    pub toml: String,
+}
+
+/// The agents that were brought, and what is known of those that were not.
+#[derive(Debug)]
+pub struct Bringing<P> {
+    admissions: Arc<Admissions>,
+    /// No more than these.
+    at_most: usize,
+    here: BTreeMap<AgentId, (P, Brought)>,
+    /// Why some could not come.
+    failed: BTreeMap<AgentId, String>,
+    /// Whether it is going to be seen who comes and goes.
+    is_due: bool,
+    hearing: Option<Work>,
+}
+
+/// An agent that brings others.
+pub trait Brings: Agent {
+    /// What an agent is built from; where it is another than before, its agent is too.
+    type Part: Clone + PartialEq + Send + 'static;
+
+    /// Who is here.
+    fn bringing(&mut self) -> &mut Bringing<Self::Part>;
+
+    /// All that it knows of now.
+    fn found(&self) -> Vec<Finding<Self::Part>>;
+
+    /// Builds an agent; opens nothing.
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be built.
+    fn build(&self, agent: &AgentId, part: &Self::Part) -> Result<Box<dyn Launch>, BuildError>;
+}
+
+impl<P> Bringing<P> {
+    /// With nobody yet, and never with more than `at_most`.
+    pub fn new(host: &Host, at_most: usize) -> Bringing<P> {
+        let admissions = host.resources.get::<Admissions>();
+        Bringing {
+            admissions: admissions.unwrap_or_else(|| Arc::new(Admissions::new(Admit::default()))),
+            at_most,
+            here: BTreeMap::new(),
+            failed: BTreeMap::new(),
+            is_due: false,
+            hearing: None,
+        }
+    }
+}
+
+/// Follows what people say of who is let in. To be called when the agent is activated.
+pub fn begin<A: Brings>(agent: &mut A, ctx: &mut Context<A>) {
+    let changes = agent.bringing().admissions.changes();
+    hear(agent, changes, ctx);
+}
+
+fn hear<A: Brings>(agent: &mut A, mut changes: watch::Receiver<()>, ctx: &mut Context<A>) {
+    let next = async move { changes.changed().await.is_ok().then_some(changes) };
+    let work = ctx.run(next, |agent: &mut A, changes, ctx| {
+        let Some(changes) = changes else { return };
+        settle_soon(agent, ctx);
+        hear(agent, changes, ctx);
+    });
+    agent.bringing().hearing = Some(work);
+}
+
+/// Lets come who was found and may take part, and go who is not among them, in a moment. To be called
+/// when something else was found than before.
+pub fn settle_soon<A: Brings>(agent: &mut A, ctx: &mut Context<A>) {
+    if std::mem::replace(&mut agent.bringing().is_due, true) {
+        return;
+    }
+    ctx.after(MORE, |agent: &mut A, ctx| {
+        agent.bringing().is_due = false;
+        settle(agent, ctx);
+    });
+}
+
+fn settle<A: Brings>(agent: &mut A, ctx: &mut Context<A>) {
+    let (by, found) = (ctx.id().to_string(), agent.found());
+    let Census { wanted, discovered, applicants } = Census::of(agent.bringing(), &by, found);
+    let bringing = agent.bringing();
+    bringing.here.retain(|agent, (part, _)| wanted.get(agent) == Some(part));
+    bringing.admissions.present(&by, applicants);
+    ctx.switchboard().discovered(&by, discovered);
+    for (name, part) in wanted {
+        let Bringing { here, failed, .. } = agent.bringing();
+        if !here.contains_key(&name) && !failed.contains_key(&name) {
+            bring(agent, name, part, ctx);
+        }
+    }
+}
+
+fn bring<A: Brings>(agent: &mut A, name: AgentId, part: A::Part, ctx: &mut Context<A>) {
+    let built = match agent.build(&name, &part) {
+        Ok(built) => built,
+        Err(error) => return fail(agent, name, format!("failed to {error}"), ctx),
+    };
+    let whose = name.clone();
+    let brought = ctx.bring(name.clone(), built, move |agent: &mut A, error, ctx| {
+        let Some(error) = error else { return };
+        agent.bringing().here.remove(&whose);
+        fail(agent, whose, format!("failed to {error}"), ctx);
+    });
+    tracing::info!(agent = %name, by = %ctx.id(), "appears");
+    agent.bringing().here.insert(name, (part, brought));
+}
+
+fn fail<A: Brings>(agent: &mut A, name: AgentId, problem: String, ctx: &mut Context<A>) {
+    tracing::warn!(agent = %name, "{problem}");
+    agent.bringing().failed.insert(name.clone(), problem);
+    ctx.after(REST, move |agent: &mut A, ctx| {
+        agent.bringing().failed.remove(&name);
+        settle_soon(agent, ctx);
+    });
+    settle_soon(agent, ctx);
+}
+
+/// What is to become of all that was found.
+#[derive(Debug)]
+struct Census<P> {
+    /// Who is to be here.
+    wanted: BTreeMap<AgentId, P>,
+    /// All of them, for people.
+    discovered: Vec<Discovered>,
+    /// Who could be here if somebody lets them, with a word about each.
+    applicants: BTreeMap<String, String>,
+}
+
+impl<P> Census<P> {
+    fn of(bringing: &Bringing<P>, by: &str, found: Vec<Finding<P>>) -> Census<P> {
+        let (wanted, discovered, applicants) = (BTreeMap::new(), Vec::new(), BTreeMap::new());
+        let mut census = Census { wanted, discovered, applicants };
+        let mut names = BTreeSet::new();
+        for finding in found {
+            let is_new = names.insert(finding.agent.clone());
+            census.count(bringing, by, finding, is_new);
+        }
+        census
+    }
+
+    fn count(&mut self, bringing: &Bringing<P>, by: &str, finding: Finding<P>, is_new: bool) {
+        let Finding { agent, is_named, room, part, problem, toml } = finding;
+        let admission = match is_named {
+            true => Admission::Granted,
+            false => bringing.admissions.of(by, agent.as_str()),
+        };
+        // Why it cannot be here, whoever would let it.
+        let obstacle = if !is_new {
+            Some("another device has this name; call one of them otherwise")
+        } else if self.wanted.len() >= bringing.at_most {
+            Some("there are too many")
+        } else if part.is_none() && problem.is_none() {
+            Some("nobody says in which room it stands")
+        } else {
+            None
+        };
+        let part = part.filter(|_| obstacle.is_none());
+        let is_let_in = part.is_some() && admission == Admission::Granted;
+        let failed = bringing.failed.get(&agent).filter(|_| is_let_in).cloned();
+        let joined = is_let_in && failed.is_none();
+        let reason = part.as_ref().and_then(|_| admission.reason());
+        let problem = obstacle.map(str::to_owned).or(reason).or(failed).or(problem);
+        let (name, by) = (agent.clone(), by.to_owned());
+        if part.is_some() && admission == Admission::Asked {
+            let about = format!("{by}, {}", room.unwrap_or_default());
+            self.applicants.insert(agent.to_string(), about);
+        }
+        self.discovered.push(Discovered { agent: name, by, joined, problem, toml });
+        if let Some(part) = part.filter(|_| is_let_in) {
+            self.wanted.insert(agent, part);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn finding(name: &str, part: Option<u8>) -> Finding<u8> {
+        Finding {
+            agent: AgentId::new(name).expect("a name"),
+            is_named: false,
+            room: part.map(|_| "hall".to_owned()),
+            part,
+            problem: None,
+            toml: String::new(),
+        }
+    }
+
+    fn bringing(admit: Admit, at_most: usize) -> Bringing<u8> {
+        Bringing {
+            admissions: Arc::new(Admissions::new(admit)),
+            at_most,
+            here: BTreeMap::new(),
+            failed: BTreeMap::new(),
+            is_due: false,
+            hearing: None,
+        }
+    }
+
+    /// Who joins, and why the others do not.
+    fn told(census: &Census<u8>) -> Vec<(&str, bool, &str)> {
+        let told = |one: &'_ Discovered| one.problem.clone().unwrap_or_default().leak() as &str;
+        census.discovered.iter().map(|one| (one.agent.as_str(), one.joined, told(one))).collect()
+    }
+
+    #[test]
+    fn each_that_is_not_here_has_its_reason() {
+        let mut all = bringing(Admit::All, 2);
+        all.failed.insert(AgentId::new("b").expect("a name"), "failed to open it".to_owned());
+        let useless = Finding { problem: Some("no words".to_owned()), ..finding("e", None) };
+        let found = vec![
+            finding("a", Some(1)),
+            finding("a", Some(2)),
+            finding("nowhere", None),
+            useless,
+            finding("b", Some(3)),
+            finding("c", Some(4)),
+        ];
+        let census = Census::of(&all, "zigbee", found);
+        assert_eq!(
+            told(&census),
+            [
+                ("a", true, ""),
+                ("a", false, "another device has this name; call one of them otherwise"),
+                ("nowhere", false, "nobody says in which room it stands"),
+                ("e", false, "no words"),
+                ("b", false, "failed to open it"),
+                ("c", false, "there are too many"),
+            ]
+        );
+        assert_eq!(census.wanted.into_values().collect::<Vec<_>>(), [1, 3]);
+    }
+
+    #[test]
+    fn people_are_asked_about_those_only_who_could_come() {
+        let ask = bringing(Admit::Ask, 9);
+        let named = Finding { is_named: true, ..finding("named", Some(1)) };
+        let found = vec![named, finding("a", Some(2)), finding("nowhere", None)];
+        let census = Census::of(&ask, "zigbee", found);
+        assert_eq!(census.applicants, [("a".to_owned(), "zigbee, hall".to_owned())].into());
+        assert_eq!(census.wanted.len(), 1);
+        assert_eq!(
+            told(&census),
+            [
+                ("named", true, ""),
+                ("a", false, "a person is being asked: althing keyboard"),
+                ("nowhere", false, "nobody says in which room it stands"),
+            ]
+        );
+    }
+}
