@@ -14,8 +14,8 @@ use actuator::{
     Stir, facts_of, model_of,
 };
 use agent::{
-    Agent, Berth, Blueprint, Callbacks, Context, Engagement, Host, Launch, LaunchError, Mode,
-    Resources, Settings, Switchboard,
+    Agent, Berth, Blueprint, Callbacks, Context, Engagement, Host, Launch, LaunchError, Settings,
+    Switchboard,
 };
 use substrate::memory::Network;
 use tokio::sync::mpsc;
@@ -229,12 +229,8 @@ impl Room {
         let map =
             pddl::parse_problem("(define (problem map) (:domain home) (:init) (:goal (and)))");
         let host = Host {
-            ontology: Arc::new(ontology.value.expect("a domain")),
-            map: Arc::new(map.value.expect("a map")),
-            mode: Mode::Decentralized,
             settings: self.switchboard.settings().clone(),
-            journals: Vec::new(),
-            resources: Resources::default(),
+            ..Host::new(ontology.value.expect("a domain"), map.value.expect("a map"))
         };
         let blueprint = Blueprint {
             id: name("bell"),

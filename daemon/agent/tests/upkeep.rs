@@ -8,8 +8,7 @@ use acl::content::{EpochChange, Heartbeat, Inform, ModelAnnouncement, Requested,
 use acl::{AgentId, DaemonId, Deadline, EcosystemId, Incarnation, Message, Performative};
 use agent::upkeep::{self, Maintains, Upkeep};
 use agent::{
-    Agent, Berth, Callbacks, Commons, Context, Host, Launch as _, Mode, Presence, Resources,
-    Settings, Switchboard,
+    Agent, Berth, Callbacks, Commons, Context, Host, Launch as _, Presence, Settings, Switchboard,
 };
 use capability::{Change, Maintainer, Scope, model_digest};
 use substrate::memory::Network;
@@ -126,14 +125,8 @@ impl House {
     /// The commons, as the first actuator here lets them begin.
     fn commons(&self) -> Arc<Commons> {
         let (ontology, map) = (pddl::parse_domain(ONTOLOGY).value, pddl::parse_problem(MAP).value);
-        self.switchboard.commons(&Host {
-            ontology: Arc::new(ontology.expect("a domain")),
-            map: Arc::new(map.expect("a problem")),
-            mode: Mode::Decentralized,
-            settings: self.switchboard.settings().clone(),
-            journals: Vec::new(),
-            resources: Resources::default(),
-        })
+        let host = Host::new(ontology.expect("a domain"), map.expect("a problem"));
+        self.switchboard.commons(&Host { settings: self.switchboard.settings().clone(), ..host })
     }
 
     /// Lets a keeper live here, and yields how what it believes changes.

@@ -3,7 +3,7 @@
 //!
 //! ```no_run
 //! # mod my_plugin { pub const PLUGIN: agent::PluginEntry = agent::PluginEntry {
-//! #     name: "x", about: "", drivers: &[], stands_by: false, build: |_| unimplemented!() }; }
+//! #     name: "x", about: "", drivers: &[], stands_by: false, build: |entry| Err(entry.problem("it is empty")) }; }
 //! fn main() -> std::process::ExitCode {
 //!     plugin_process::run(&[my_plugin::PLUGIN])
 //! }
@@ -89,14 +89,9 @@ async fn live(plugins: &[PluginEntry], hello: Hello) -> Result<(), String> {
         resources.insert(building.map_err(|error| error.to_string())?);
     }
     let settings = Settings { heartbeat_period: hello.heartbeat_period.0, ..Settings::default() };
-    let host = Arc::new(Host {
-        ontology: Arc::new(pddl::parse_domain(&hello.domain).into_result().map_err(first)?),
-        map: Arc::new(pddl::parse_problem(&hello.map).into_result().map_err(first)?),
-        mode: hello.mode,
-        settings: settings.clone(),
-        journals: Vec::new(),
-        resources,
-    });
+    let ontology = pddl::parse_domain(&hello.domain).into_result().map_err(first)?;
+    let host = Host::new(ontology, pddl::parse_problem(&hello.map).into_result().map_err(first)?);
+    let host = Arc::new(Host { mode: hello.mode, settings: settings.clone(), resources, ..host });
     let machine = Machine::new(None);
     let switchboard =
         Switchboard::on(machine, hello.ecosystem.clone(), hello.daemon.clone(), settings);

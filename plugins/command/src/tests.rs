@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use agent::{Host, Mode, Resources, Settings};
+use agent::Host;
 use serde_json::{Value, json};
 
 use super::*;
@@ -20,14 +20,8 @@ const MODEL: &str = "(define (agent c) (:domain smart-office)
 
 fn blueprint(config: Value) -> Blueprint {
     let map = "(define (problem map) (:domain smart-office) (:init) (:goal (and)))";
-    let host = Host {
-        ontology: Arc::new(pddl::parse_domain(ONTOLOGY).value.expect("a domain")),
-        map: Arc::new(pddl::parse_problem(map).value.expect("a map")),
-        mode: Mode::Decentralized,
-        settings: Settings::default(),
-        journals: Vec::new(),
-        resources: Resources::default(),
-    };
+    let ontology = pddl::parse_domain(ONTOLOGY).value.expect("a domain");
+    let host = Host::new(ontology, pddl::parse_problem(map).value.expect("a map"));
     let id = acl::AgentId::new("c").expect("a name");
     Blueprint { id, driver: String::new(), config: config.into(), host: Arc::new(host) }
 }

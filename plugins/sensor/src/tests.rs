@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use agent::{Host, Mode, Resources, Settings};
+use agent::{Host, Resources};
 use building::{Building, Fault, Layout};
 
 use super::*;
@@ -44,14 +44,9 @@ pub(crate) fn blueprint_with(driver: &str, config: serde_json::Value) -> Bluepri
 
 fn blueprint_of(driver: &str, config: serde_json::Value, resources: Resources) -> Blueprint {
     let map = "(define (problem map) (:domain smart-office) (:init) (:goal (and)))";
-    let host = Host {
-        ontology: Arc::new(pddl::parse_domain(ONTOLOGY).value.expect("a domain")),
-        map: Arc::new(pddl::parse_problem(map).value.expect("a map")),
-        mode: Mode::Decentralized,
-        settings: Settings::default(),
-        journals: Vec::new(),
-        resources,
-    };
+    let ontology = pddl::parse_domain(ONTOLOGY).value.expect("a domain");
+    let host = Host::new(ontology, pddl::parse_problem(map).value.expect("a map"));
+    let host = Host { resources, ..host };
     let id = acl::AgentId::new("s").expect("a name");
     Blueprint { id, driver: driver.to_owned(), config: config.into(), host: Arc::new(host) }
 }

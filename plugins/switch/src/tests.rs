@@ -1,6 +1,6 @@
 //! What a switch says of itself; what is wrong in an entry.
 
-use agent::{Host, Mode, Resources, Settings};
+use agent::Host;
 use serde_json::{Value, json};
 
 use super::*;
@@ -11,14 +11,8 @@ const PATIENCE: Duration = Duration::from_secs(20);
 
 pub(crate) fn blueprint(driver: &str, config: Value) -> Blueprint {
     let map = "(define (problem map) (:domain smart-office) (:init) (:goal (and)))";
-    let host = Host {
-        ontology: Arc::new(pddl::parse_domain(ONTOLOGY).value.expect("a domain")),
-        map: Arc::new(pddl::parse_problem(map).value.expect("a map")),
-        mode: Mode::Decentralized,
-        settings: Settings::default(),
-        journals: Vec::new(),
-        resources: Resources::default(),
-    };
+    let ontology = pddl::parse_domain(ONTOLOGY).value.expect("a domain");
+    let host = Host::new(ontology, pddl::parse_problem(map).value.expect("a map"));
     let id = acl::AgentId::new("s").expect("a name");
     Blueprint { id, driver: driver.to_owned(), config: config.into(), host: Arc::new(host) }
 }

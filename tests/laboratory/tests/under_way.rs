@@ -11,7 +11,7 @@ use acl::{
 };
 use agent::{
     Agent, Answer, Berth, Blueprint, Callbacks, Context, Engagement, Host, Launch, Mode, Opening,
-    Resources, Settings, Switchboard,
+    Settings, Switchboard,
 };
 use substrate::memory::Network;
 use tokio::sync::mpsc;
@@ -103,14 +103,9 @@ async fn first_answer(plans: Vec<Execute>) -> Message {
     let ecosystem = EcosystemId::new("home").expect("a name");
     let switchboard = Switchboard::new(ecosystem, daemon.clone(), settings.clone());
     switchboard.connect(network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _));
-    let host = Arc::new(Host {
-        ontology: Arc::new(pddl::parse_domain(DOMAIN).into_result().expect("a domain")),
-        map: Arc::new(pddl::parse_problem(PROBLEM).into_result().expect("a problem")),
-        mode: Mode::Centralized,
-        settings,
-        journals: Vec::new(),
-        resources: Resources::default(),
-    });
+    let ontology = pddl::parse_domain(DOMAIN).into_result().expect("a domain");
+    let host = Host::new(ontology, pddl::parse_problem(PROBLEM).into_result().expect("a problem"));
+    let host = Arc::new(Host { mode: Mode::Centralized, settings, ..host });
     let launch = |agent: Box<dyn Launch>, id: &str| {
         agent.launch(Berth {
             id: name(id),

@@ -15,8 +15,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use acl::content::Snapshot;
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation};
 use agent::{
-    Ask, Berth, Blueprint, Host, Launch, LaunchError, PluginEntry, Resource, Resources, Settings,
-    Switchboard,
+    Ask, Berth, Blueprint, Host, Launch, LaunchError, PluginEntry, Resource, Settings, Switchboard,
 };
 use substrate_zenoh::Config;
 use tokio::io::{AsyncBufReadExt as _, BufReader};
@@ -119,14 +118,7 @@ fn entry(agent: &toml::Value) -> Outcome<Entry> {
 pub(crate) fn host(domain: &str, map: &str, mode: agent::Mode) -> Outcome<Host> {
     let ontology = pddl::parse_domain(domain).into_result().map_err(|_| "the domain")?;
     let map = pddl::parse_problem(map).into_result().map_err(|_| "the map")?;
-    Ok(Host {
-        ontology: Arc::new(ontology),
-        map: Arc::new(map),
-        mode,
-        settings: agent::Settings::default(),
-        journals: Vec::new(),
-        resources: Resources::default(),
-    })
+    Ok(Host { mode, ..Host::new(ontology, map) })
 }
 
 // === agents in this process ===
