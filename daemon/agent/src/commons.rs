@@ -18,13 +18,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use acl::content::Inform;
+use acl::content::{Heartbeat, Inform};
 use acl::{AgentId, Incarnation, Message};
 use bytes::Bytes;
-use capability::{Announcement, Change, Maintainer, Moment, Scope};
+use capability::{Announcement, Change, Maintainer, Moment, Repeated, Scope};
 use substrate::Presence;
 use tokio::time::Instant;
 
+use crate::hearsay::Again;
 use crate::plugin::Host;
 use crate::switchboard::inform_of;
 use crate::upkeep::{self, TELLING};
@@ -95,6 +96,32 @@ impl Commons {
         let (mut state, now) = self.state();
         self.read_of(&mut state, &message.sender, now);
         self.take(&mut state, message, inform, now)
+    }
+
+    /// Hears a heartbeat that says what the one before said; `false` if it has to be read.
+    pub(crate) fn hear_again(&self, sender: &AgentId, again: &Again) -> bool {
+        let (mut state, now) = self.state();
+        let Again { said, before, sequence, .. } = again;
+        let Heartbeat { digest, period, .. } = &said.heartbeat;
+        let repeated = Repeated {
+            agent: sender,
+            incarnation: said.incarnation,
+            digest,
+            before: *before,
+            sequence: *sequence,
+            period: period.0,
+        };
+        let State { maintainer, unread, .. } = &mut *state;
+        if unread.contains_key(sender) {
+            return false;
+        }
+        match Arc::make_mut(maintainer).believe_repeated(&repeated, now) {
+            Some(change) => {
+                self.note(&mut state, &change, now);
+                true
+            }
+            None => false,
+        }
     }
 
     /// Reads what an agent said before, if that is still to be done.

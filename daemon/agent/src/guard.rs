@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use acl::content::{Inform, Reason, Request};
-use acl::{AgentId, Message, Performative};
+use acl::{AgentId, Incarnation, Message, Performative};
 use bytes::Bytes;
 use substrate::{Address, Answer, Breach, Origin, Presence, Rejected, Resource, Subject};
 
@@ -66,6 +66,19 @@ impl Switchboard {
         self.hold(origin, message, inform).is_ok()
     }
 
+    /// Whether an origin may say again what this life of an agent has said; if not, that is counted and
+    /// said.
+    pub(crate) fn may_say(
+        &self,
+        origin: Option<&Origin>,
+        sender: &AgentId,
+        incarnation: Incarnation,
+    ) -> bool {
+        let Some((rights, origin)) = self.limits(origin) else { return true };
+        let checked = self.check_sender(rights, origin, sender, incarnation);
+        checked.map_err(|overstep| self.note(&overstep, origin, sender.as_str())).is_ok()
+    }
+
     /// The same; says why not.
     fn hold(
         &self,
@@ -75,7 +88,7 @@ impl Switchboard {
     ) -> Result<(), String> {
         let Some((rights, origin)) = self.limits(origin) else { return Ok(()) };
         let checked = self
-            .check_sender(rights, origin, message)
+            .check_sender(rights, origin, &message.sender, message.incarnation)
             .and_then(|()| check_content(rights, origin, message, inform).map_err(overstepped));
         checked.map_err(|overstep| {
             self.note(&overstep, origin, message.sender.as_str());
@@ -89,16 +102,16 @@ impl Switchboard {
         &self,
         rights: &Rights,
         origin: &Origin,
-        message: &Message,
+        sender: &AgentId,
+        incarnation: Incarnation,
     ) -> Result<(), Overstep> {
-        let Message { sender, incarnation, .. } = message;
         rights.may_host(sender, &origin.daemon).map_err(overstepped)?;
         // Whoever is not seen yet may be on its way; a token travels apart from messages.
         let Some(present) = self.find(sender) else { return Ok(()) };
-        let breach = if *incarnation < present.incarnation {
+        let breach = if incarnation < present.incarnation {
             let detail = format!("is of a former life of `{sender}`");
             Some((Breach::Replayed, detail))
-        } else if *incarnation == present.incarnation && present.daemon != origin.daemon {
+        } else if incarnation == present.incarnation && present.daemon != origin.daemon {
             let detail = format!("is in the name of `{sender}`, which is at `{}`", present.daemon);
             Some((Breach::Forged, detail))
         } else {
@@ -207,7 +220,7 @@ mod tests {
     use std::sync::Mutex;
 
     use acl::content::{ChangeState, EpochChange, Heartbeat, ModelAnnouncement, Refusal, value};
-    use acl::{ConversationId, DaemonId, EcosystemId, Incarnation, MessageId, ReplyToken};
+    use acl::{ConversationId, DaemonId, EcosystemId, MessageId, ReplyToken};
     use substrate::memory::Network;
     use substrate::{Addressed, Delivery, Inbound, Question, Resident};
 

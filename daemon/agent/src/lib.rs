@@ -29,6 +29,7 @@ mod context;
 mod directory;
 mod gathering;
 mod guard;
+mod hearsay;
 pub mod keeping;
 mod landing;
 mod last_word;

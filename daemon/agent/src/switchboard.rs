@@ -3,8 +3,8 @@
 //! - Puts what comes into mailboxes; a full mailbox answers `refuse`.
 //! - Keeps the [`Directory`], and tells agents who joined and who left.
 //! - Lets the [`Commons`] hear what is said to all, before anybody else here does.
-//! - Reads a message to all once for the whole daemon, and keeps the last model, heartbeat and
-//!   epoch of each sender for agents that start later (the paper's “cache broadcast messages”).
+//! - Reads a message to all once for the whole daemon, and a heartbeat that says nothing new not at
+//!   all; keeps the last [`Hearsay`] of each sender for agents that start later.
 //!
 //! Called on the substrate's threads: nothing here waits.
 
@@ -31,6 +31,7 @@ use tokio::sync::{Semaphore, broadcast, mpsc};
 use crate::commons::Commons;
 use crate::directory::Directory;
 use crate::gathering::{GATHERED_WITHIN, Gathering};
+use crate::hearsay::Hearsay;
 use crate::last_word::LastWord;
 use crate::machine::Machine;
 use crate::mailbox::{Letter, Mailbox, Slot, mailbox};
@@ -85,8 +86,10 @@ struct State {
     agents: BTreeMap<AgentId, Hosted>,
     /// Shared by all who were told of it, and copied when it changes.
     directory: Arc<Directory>,
-    /// The last broadcasts of each sender, by kind, as they came: few will ever read them again.
-    heard: BTreeMap<(AgentId, Kind), Bytes>,
+    /// What each sender has said to all.
+    heard: BTreeMap<AgentId, Hearsay>,
+    /// How many agents here listen to what is said to all, beside the commons.
+    listeners: usize,
 }
 
 /// The commons, and where they wait for answers.
@@ -101,14 +104,6 @@ struct Hosted {
     interests: BTreeSet<Performative>,
     /// What it said last of itself; answers [`Resource::Model`].
     last_word: LastWord,
-}
-
-/// Broadcasts worth keeping: each replaces its predecessor. All are `inform`s.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Kind {
-    Model,
-    Heartbeat,
-    Epoch,
 }
 
 impl Switchboard {
@@ -249,16 +244,16 @@ impl Switchboard {
         let interests = BTreeSet::from_iter(interests);
         let mut state = self.write();
         let is_informed = interests.contains(&Performative::Inform);
-        let missed_count = if is_informed { state.heard.len() } else { 0 };
-        let (slot, mailbox) = mailbox(self.settings.mailbox_messages_max + missed_count);
-        for payload in state.heard.values().take(missed_count) {
+        let missed = state.heard.values().flat_map(Hearsay::all).filter(|_| is_informed);
+        let missed: Vec<_> = missed.cloned().collect();
+        let (slot, mailbox) = mailbox(self.settings.mailbox_messages_max + missed.len());
+        for payload in missed {
             // It fits: the mailbox was made for it.
-            let _ = slot.put(Letter::Missed(payload.clone()));
+            let _ = slot.put(Letter::Missed(payload));
         }
-        state.agents.insert(
-            agent.clone(),
-            Hosted { slot, incarnation, interests, last_word: LastWord::default() },
-        );
+        let last_word = LastWord::default();
+        state.agents.insert(agent.clone(), Hosted { slot, incarnation, interests, last_word });
+        state.count_listeners();
         mailbox
     }
 
@@ -267,6 +262,7 @@ impl Switchboard {
         let mut state = self.write();
         if state.agents.get(agent).is_some_and(|hosted| hosted.incarnation == incarnation) {
             state.agents.remove(agent);
+            state.count_listeners();
             self.gathering.withdraw(agent);
         }
     }
@@ -310,8 +306,8 @@ impl Switchboard {
             let mut said: BTreeMap<AgentId, Vec<Bytes>> = BTreeMap::new();
             let directory = {
                 let state = self.read();
-                for ((sender, _), payload) in &state.heard {
-                    said.entry(sender.clone()).or_default().push(payload.clone());
+                for (sender, hearsay) in &state.heard {
+                    said.insert(sender.clone(), hearsay.all().cloned().collect());
                 }
                 Arc::clone(&state.directory)
             };
@@ -509,6 +505,9 @@ impl Switchboard {
     }
 
     fn deliver_to_all(&self, payload: Bytes, sender: &AgentId, origin: Option<&Origin>) {
+        if self.take_again(&payload, sender, origin) {
+            return;
+        }
         let message = match acl::decode(&payload) {
             Ok(message) if message.sender == *sender => Arc::new(message),
             Ok(message) => {
@@ -526,8 +525,8 @@ impl Switchboard {
         if !self.is_its_to_say(origin, &message, inform.as_ref()) {
             return;
         }
-        if let Some(kind) = inform.as_ref().and_then(kind_of) {
-            self.keep(sender, kind, payload);
+        if let Some(inform) = &inform {
+            self.keep(payload, &message, inform);
         }
         self.tell_commons(&message, inform);
         let state = self.read();
@@ -539,11 +538,38 @@ impl Switchboard {
         }
     }
 
-    fn keep(&self, sender: &AgentId, kind: Kind, payload: Bytes) {
+    /// Takes a heartbeat that says what the one before said; `false` if it has to be read, because it
+    /// says something else, or somebody here wants to.
+    fn take_again(&self, payload: &Bytes, sender: &AgentId, origin: Option<&Origin>) -> bool {
+        let again = {
+            let state = self.read();
+            if state.listeners > 0 {
+                return false;
+            }
+            state.heard.get(sender).and_then(|hearsay| hearsay.is_again(payload))
+        };
+        let Some(again) = again else { return false };
+        if !self.may_say(origin, sender, again.said.incarnation) {
+            return true;
+        }
+        if let Some(Listening { commons, .. }) = self.commons.get()
+            && !commons.hear_again(sender, &again)
+        {
+            return false;
+        }
+        if let Some(hearsay) = self.write().heard.get_mut(sender) {
+            hearsay.keep_again(payload.clone(), again);
+        }
+        true
+    }
+
+    fn keep(&self, payload: Bytes, message: &Message, inform: &Inform) {
         let mut state = self.write();
+        let sender = &message.sender;
         // Only those who are here are kept, so that strangers cannot fill the cache.
         if state.directory.find(sender).is_some() {
-            state.heard.insert((sender.clone(), kind), payload);
+            let hearsay = state.heard.entry(sender.clone()).or_default();
+            hearsay.keep(payload, message, inform);
         }
     }
 
@@ -630,10 +656,7 @@ impl Inbound for Switchboard {
         let changes = Arc::make_mut(&mut state.directory).update(&presence);
         for change in &changes {
             if let Presence::Left(resident) = change {
-                let agent = &resident.agent;
-                for kind in [Kind::Model, Kind::Heartbeat, Kind::Epoch] {
-                    state.heard.remove(&(agent.clone(), kind));
-                }
+                state.heard.remove(&resident.agent);
             }
             tracing::debug!(?change, "presence");
             // Nobody listens where no agent runs.
@@ -690,16 +713,14 @@ impl Inbound for Switchboard {
     }
 }
 
+impl State {
+    fn count_listeners(&mut self) {
+        let listens = |hosted: &&Hosted| hosted.interests.contains(&Performative::Inform);
+        self.listeners = self.agents.values().filter(listens).count();
+    }
+}
+
 pub(crate) fn inform_of(message: &Message) -> Option<Inform> {
     let is_inform = message.performative == Performative::Inform;
     is_inform.then(|| message.content_as().ok()).flatten()
-}
-
-fn kind_of(inform: &Inform) -> Option<Kind> {
-    match inform {
-        Inform::Model(_) => Some(Kind::Model),
-        Inform::Heartbeat(_) => Some(Kind::Heartbeat),
-        Inform::Epoch(_) => Some(Kind::Epoch),
-        Inform::Answer(_) => None,
-    }
 }

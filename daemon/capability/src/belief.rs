@@ -80,6 +80,8 @@ struct Owners(Vec<(Owner, Stamped)>);
 pub(crate) struct Beliefs {
     claims: BTreeMap<FactKey, Owners>,
     by_owner: BTreeMap<Owner, BTreeSet<FactKey>>,
+    /// Whose claims are all as its last heartbeat made them: to hear it again would change nothing.
+    calm: BTreeSet<Owner>,
     deadlines: BTreeSet<(Moment, FactKey, Owner)>,
     holding: BTreeMap<FactKey, Holding>,
     /// What may no longer be as `holding` says.
@@ -191,8 +193,32 @@ impl Beliefs {
         Ok(())
     }
 
+    /// The claims of `owner` are as its heartbeat has just made them.
+    pub(crate) fn calm(&mut self, owner: Owner) {
+        self.calm.insert(owner);
+    }
+
+    /// Whether a heartbeat of `owner` that says what its last one said would change nothing.
+    pub(crate) fn is_calm(&self, owner: &Owner) -> bool {
+        self.calm.contains(owner)
+    }
+
+    /// A claim of `owner` about this fact comes or goes: its next heartbeat has to be heard whole if
+    /// that is not its doing, and so have those of others who claim it too, whose word is newer then.
+    fn disturb(&mut self, fact: &FactKey, owner: &Owner, source: Option<Source>) {
+        if source != Some(Source::Heartbeat) {
+            self.calm.remove(owner);
+        }
+        if let Some(owners) = self.claims.get(fact) {
+            for (other, _) in owners.iter().filter(|(other, _)| *other != owner) {
+                self.calm.remove(other);
+            }
+        }
+    }
+
     /// Believes `owner`, in place of what it said of this fact before.
     pub(crate) fn claim(&mut self, fact: FactKey, owner: &Owner, claim: Claim) {
+        self.disturb(&fact, owner, Some(claim.source));
         self.stamps += 1;
         let stamp = self.stamps;
         let mut since = stamp;
@@ -232,6 +258,7 @@ impl Beliefs {
     pub(crate) fn withdraw(&mut self, fact: &FactKey, owner: &Owner) {
         let Some(owners) = self.claims.get_mut(fact) else { return };
         let Some(Stamped { claim, .. }) = owners.remove(owner) else { return };
+        self.calm.remove(owner);
         if owners.0.is_empty() {
             self.claims.remove(fact);
         }
@@ -264,6 +291,7 @@ impl Beliefs {
         owner: &Owner,
         is_over: impl Fn(&FactKey, &Claim) -> bool,
     ) {
+        self.calm.remove(owner);
         let is_over =
             |fact: &FactKey| self.claim_of(fact, owner).is_some_and(|claim| is_over(fact, claim));
         let over: Vec<FactKey> =

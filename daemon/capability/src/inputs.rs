@@ -1,6 +1,7 @@
 //! What is told to the Domain Maintainer, made precise at the border.
 
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use acl::content::{ChangeState, Heartbeat, Methods, ModelAnnouncement, Observation, Requested};
 use acl::{AgentId, Deadline, Incarnation};
@@ -42,6 +43,23 @@ pub struct Beat {
     pub facts: Vec<Known>,
     /// When its capabilities are masked if no further heartbeat comes; `None`: never.
     pub due: Option<Moment>,
+}
+
+/// A heartbeat that says what the one before it said, but for its number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Repeated<'h> {
+    /// Who sent it.
+    pub agent: &'h AgentId,
+    /// Which life of the sender.
+    pub incarnation: Incarnation,
+    /// Digest of the model that it goes with.
+    pub digest: &'h str,
+    /// The number of the one before.
+    pub before: u64,
+    /// Its own.
+    pub sequence: u64,
+    /// When the next is due at the latest.
+    pub period: Duration,
 }
 
 /// A fact that is known, perhaps for a while only.
@@ -124,10 +142,15 @@ impl Beat {
     ) -> Result<Beat, Vec<Diagnostic>> {
         let Heartbeat { digest, sequence, facts, known_for, period } = heartbeat;
         let known = Known::read_all(facts, known_for, now)?;
-        let due = Some(now.after(period.0.saturating_mul(SILENCE_HALF_PERIODS) / 2));
+        let due = Some(silent_from(period.0, now));
         let (digest, sequence) = (digest.clone(), *sequence);
         Ok(Beat { agent, incarnation, sequence, digest, facts: known, due })
     }
+}
+
+/// When an agent is silent whose next heartbeat is due in `period`.
+pub(crate) fn silent_from(period: Duration, now: Moment) -> Moment {
+    now.after(period.saturating_mul(SILENCE_HALF_PERIODS) / 2)
 }
 
 // === impl Known ===

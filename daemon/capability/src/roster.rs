@@ -25,9 +25,13 @@ pub(crate) struct Member {
     pub(crate) is_silent: bool,
     /// When silence begins, if no heartbeat comes.
     pub(crate) due: Option<Moment>,
+    /// When it is looked whether that is so: not after `due`.
+    looked: Option<Moment>,
     /// The newest heartbeat of this incarnation.
     pub(crate) sequence: u64,
     pub(crate) heard: Moment,
+    /// The newest that was read: those after it said the same.
+    pub(crate) read: u64,
     /// What its heartbeats ever spoke of.
     spoken: BTreeSet<(Space, Name)>,
 }
@@ -38,8 +42,9 @@ pub(crate) struct Roster {
     members: BTreeMap<AgentId, Member>,
     former: BTreeMap<AgentId, Incarnation>,
     arrivals: u64,
-    /// When each member is silent, if no heartbeat comes: with a thousand of them, nobody is to look
-    /// through all at every heartbeat.
+    /// When to look whether a member is silent, and at most one entry for each: with a thousand of
+    /// them, nobody is to look through all at every heartbeat, and a heartbeat that comes in time
+    /// does not touch the entry that is there.
     dues: BTreeSet<(Moment, AgentId)>,
     /// Whose presence may be another than when it was asked for last.
     stirred: BTreeSet<AgentId>,
@@ -57,8 +62,10 @@ impl Member {
             is_masked: false,
             is_silent: false,
             due: None,
+            looked: None,
             sequence: 0,
             heard: now,
+            read: 0,
             spoken: BTreeSet::new(),
         }
     }
@@ -135,14 +142,18 @@ impl Roster {
     ) -> Result<&mut Member, Declined> {
         let unknown = || Declined::UnknownAgent { agent: agent.clone() };
         let member = self.members.get_mut(agent).ok_or_else(unknown)?;
-        if let Some(former) = member.due {
-            self.dues.remove(&(former, agent.clone()));
-        }
-        self.dues.extend(due.map(|due| (due, agent.clone())));
         if member.is_silent {
             self.stirred.insert(agent.clone());
         }
         member.hear(sequence, due, now);
+        if let Some(due) = due
+            && member.looked.is_none_or(|looked| due < looked)
+        {
+            if let Some(looked) = member.looked.replace(due) {
+                self.dues.remove(&(looked, agent.clone()));
+            }
+            self.dues.insert((due, agent.clone()));
+        }
         Ok(member)
     }
 
@@ -150,15 +161,23 @@ impl Roster {
     pub(crate) fn fall_silent(&mut self, now: Moment) {
         while self.dues.first().is_some_and(|(due, _)| *due <= now) {
             let Some((_, agent)) = self.dues.pop_first() else { return };
-            if let Some(member) = self.members.get_mut(&agent) {
-                member.due = None;
-                member.is_silent = true;
+            let Some(member) = self.members.get_mut(&agent) else { continue };
+            member.looked = None;
+            match member.due {
+                Some(due) if due > now => {
+                    member.looked = Some(due);
+                    self.dues.insert((due, agent));
+                }
+                Some(_) => {
+                    (member.due, member.is_silent) = (None, true);
+                    self.stirred.insert(agent);
+                }
+                None => (),
             }
-            self.stirred.insert(agent);
         }
     }
 
-    /// When the next of them is overdue.
+    /// When the next of them may be overdue.
     pub(crate) fn next_silence(&self) -> Option<Moment> {
         self.dues.first().map(|(due, _)| *due)
     }
@@ -213,20 +232,20 @@ impl Roster {
         });
         self.former.remove(agent);
         self.stirred.insert(agent.clone());
-        let due = member.due;
-        let known = self.members.insert(agent.clone(), Member { arrival, ..member });
-        if let Some(former) = known.and_then(|known| known.due) {
-            self.dues.remove(&(former, agent.clone()));
+        let looked = member.due;
+        let known = self.members.insert(agent.clone(), Member { arrival, looked, ..member });
+        if let Some(looked) = known.and_then(|known| known.looked) {
+            self.dues.remove(&(looked, agent.clone()));
         }
-        self.dues.extend(due.map(|due| (due, agent.clone())));
+        self.dues.extend(looked.map(|looked| (looked, agent.clone())));
     }
 
     /// Lets a member go, and remembers which life it was.
     pub(crate) fn release(&mut self, agent: &AgentId) -> Option<Member> {
         let member = self.members.remove(agent)?;
         self.stirred.insert(agent.clone());
-        if let Some(due) = member.due {
-            self.dues.remove(&(due, agent.clone()));
+        if let Some(looked) = member.looked {
+            self.dues.remove(&(looked, agent.clone()));
         }
         self.former.insert(agent.clone(), member.incarnation);
         if self.former.len() > limits::FORMER_MAX {

@@ -10,7 +10,7 @@ use crate::belief::{Claim, Source};
 use crate::change::Change;
 use crate::declined::Declined;
 use crate::fact::{FactKey, Owner, Statement, Value};
-use crate::inputs::{Beat, Effects, Known};
+use crate::inputs::{Beat, Effects, Known, Repeated, silent_from};
 use crate::limits;
 use crate::moment::Moment;
 use crate::roster::Member;
@@ -58,10 +58,34 @@ impl Maintainer {
         }
         let owner = Owner::Agent(agent);
         self.beliefs.withdraw_facts(&owner, |fact| !said.contains(fact) && member.owns(fact));
+        let lasts = facts.iter().all(|known| known.until.is_none());
+        member.read = sequence;
         for (key, claim) in claims {
             self.beliefs.claim(key, &owner, Claim { incarnation, sequence, ..claim });
         }
+        if lasts {
+            self.beliefs.calm(owner);
+        }
         Ok(self.conclude(now))
+    }
+
+    /// Believes a heartbeat that says what the last one said, which needs not be read then: of a
+    /// thousand agents nearly all say every second what they said before. `None` if it has to be read
+    /// all the same: the last one heard here was another, or something has happened to what it said.
+    pub fn believe_repeated(&mut self, repeated: &Repeated<'_>, now: Moment) -> Option<Change> {
+        let Repeated { agent, incarnation, digest, before, sequence, period } = *repeated;
+        let is_it = |member: &&Member| {
+            member.incarnation == incarnation
+                && member.sequence == before
+                && sequence > before
+                && *member.described.digest == *digest
+        };
+        self.roster.get(agent).filter(is_it)?;
+        if !self.beliefs.is_calm(&Owner::Agent(agent.clone())) {
+            return None;
+        }
+        self.roster.hear(agent, sequence, Some(silent_from(period, now)), now).ok()?;
+        Some(self.conclude(now))
     }
 
     /// Begins a new life of an agent that has the model of its former one.

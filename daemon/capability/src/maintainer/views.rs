@@ -98,6 +98,23 @@ impl Maintainer {
         }
     }
 
+    /// One owner's word. What a heartbeat said was said again by all that were not read since, because
+    /// they said nothing else.
+    fn claimed_by(&self, fact: &FactKey, claim: (&Owner, &Claim), now: Moment) -> ClaimedBy {
+        let claimed = ClaimedBy::new(fact, claim, now);
+        let Owner::Agent(agent) = &claimed.owner else { return claimed };
+        let said_again = |member: &&Member| {
+            claimed.source == Source::Heartbeat
+                && (member.incarnation, member.read) == (claimed.incarnation, claimed.sequence)
+        };
+        match self.roster.get(agent).filter(said_again) {
+            Some(Member { sequence, heard, .. }) => {
+                ClaimedBy { sequence: *sequence, age: now.since(*heard), ..claimed }
+            }
+            None => claimed,
+        }
+    }
+
     /// The composite as it is now.
     pub(super) fn composed(&self) -> Arc<Composite> {
         match self.scope {
@@ -232,7 +249,7 @@ impl Maintainer {
                     fact: fact.element(value),
                     left_out: composite.vocabulary.fact_misfit(fact),
                     claims: { claims.into_iter() }
-                        .map(|claim| ClaimedBy::new(fact, claim, now))
+                        .map(|claim| self.claimed_by(fact, claim, now))
                         .collect(),
                 })
             })

@@ -12,6 +12,7 @@ mod scopes;
 
 mod reading;
 mod remembering;
+mod repeating;
 mod requests;
 
 mod following;
