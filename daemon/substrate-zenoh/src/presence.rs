@@ -4,7 +4,7 @@
 //! given and answers every question with nothing. So the first token of a daemon starts a probe,
 //! and nobody joins before it is answered; what it means is said in `roster`.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
@@ -21,8 +21,8 @@ use zenoh::{Session, Wait};
 use crate::config::OpenError;
 use crate::inbound::undeclared;
 use crate::questions::Asking;
-use crate::roll_call::Roll;
-use crate::roster::{Follows, Roster};
+use crate::roll_call::{Roll, digest};
+use crate::roster::{Follows, Hosts, Roster};
 
 /// How long a daemon is probed after its first token; from then on it is called together with all
 /// others. Three times the 100 ms after which the routes are there on an idle machine.
@@ -134,9 +134,19 @@ impl Watch {
         self.lock().roster.mark()
     }
 
+    /// The same, and the agents that are known of each daemon, as digests.
+    pub(crate) fn known(&self) -> (u64, BTreeMap<DaemonId, u64>) {
+        let state = self.lock();
+        let known = state.roster.known();
+        (state.roster.mark(), known.map(|(daemon, agents)| (daemon, digest(&agents))).collect())
+    }
+
     /// A daemon has answered a call that went out at `mark`.
     pub(crate) fn answered(&self, daemon: &DaemonId, roll: Option<&Roll>, mark: u64) {
-        let hosts = roll.map(|roll| &roll.hosts[..]);
+        let hosts = roll.map_or(Hosts::Unsaid, |roll| match &roll.hosts {
+            Some(hosts) => Hosts::Named(hosts),
+            None => Hosts::AsKnown,
+        });
         self.with(|roster| roster.answered(daemon, hosts, mark));
     }
 

@@ -25,7 +25,7 @@ use crate::config::OpenError;
 use crate::declarations::Declarations;
 use crate::inbound::{into_bytes, undeclared};
 use crate::key_expr::{AGENT_PARAMETER, Keys};
-use crate::roll_call::{Roll, Told};
+use crate::roll_call::{Call, Roll, Told};
 use crate::sealing::{Answered, Security, seal_answer};
 
 /// Answers the questions that come to one daemon.
@@ -147,7 +147,9 @@ impl Answering {
     fn resources(&self, query: &Query) {
         let probed = self.keys.reach(self.keys.daemon());
         if *query.key_expr() == probed || *query.key_expr() == self.keys.everyone_reached() {
-            let roll = Roll::answer(self.residents(), &self.told);
+            let call = query.payload().map(ZBytes::to_bytes).unwrap_or_default();
+            let me = self.keys.daemon();
+            let roll = Roll::answer(self.residents(), &self.told, (me, &Call::read(&call)));
             return reply(query, &probed, roll, self.security.as_ref());
         }
         let Ok(agent) = agent(query.parameters()) else {

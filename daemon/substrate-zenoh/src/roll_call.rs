@@ -9,11 +9,14 @@
 //! not). What is told once must then be told again:
 //!
 //! - Each session has a token of its own, with its Zenoh id: those are *told*.
-//! - Each answers a call with whom it hosts, of whom it was told, and who of them is silent.
+//! - Each answers a call with whom it hosts, of whom it was told, and who of them is silent. Whom it
+//!   hosts is known as a rule: a call says what is known of each, as a digest, and who agrees does not
+//!   name its agents again.
 //! - Whoever is missing in an answer or does not answer, misses another that an answer names, or
 //!   has a link to a router of which it was not told, undeclares and declares everything anew.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Duration;
 
@@ -56,13 +59,22 @@ const ANSWER_BYTES_MAX: usize = 1 << 20;
 /// What a daemon answers when it is called.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct Roll {
-    /// Whom it hosts.
-    pub(crate) hosts: Vec<(AgentId, Incarnation)>,
+    /// Whom it hosts; not said where that is what the call said.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) hosts: Option<Vec<(AgentId, Incarnation)>>,
     /// The sessions it was told of, by their Zenoh ids.
     told: BTreeSet<String>,
     /// Of whom it was told and who do not answer.
     #[serde(default)]
     silent: BTreeSet<DaemonId>,
+}
+
+/// What a call says.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Call {
+    /// The agents it knows of each daemon, as a [`digest`].
+    #[serde(default)]
+    known: BTreeMap<DaemonId, u64>,
 }
 
 /// The sessions of which this one was told, and what it says of others when it is called.
@@ -117,7 +129,13 @@ enum Verdict {
 
 impl Roll {
     /// What this session answers.
-    pub(crate) fn answer(hosts: Vec<(AgentId, Incarnation)>, told: &Told) -> Bytes {
+    pub(crate) fn answer(
+        hosts: Vec<(AgentId, Incarnation)>,
+        told: &Told,
+        (me, call): (&DaemonId, &Call),
+    ) -> Bytes {
+        let is_known = call.known.get(me) == Some(&digest(&hosts));
+        let hosts = (!is_known).then_some(hosts);
         let known = lock(&told.0);
         let (told, silent) = (known.sessions.keys().cloned().collect(), known.silent.clone());
         drop(known);
@@ -130,6 +148,32 @@ impl Roll {
         let is_read = answer.len() <= ANSWER_BYTES_MAX;
         is_read.then(|| serde_json::from_slice(answer).ok()).flatten()
     }
+}
+
+// === impl Call ===
+
+impl Call {
+    pub(crate) fn new(known: BTreeMap<DaemonId, u64>) -> Call {
+        Call { known }
+    }
+
+    /// Reads a call; one that says nothing knows nobody.
+    pub(crate) fn read(call: &[u8]) -> Call {
+        let is_read = call.len() <= ANSWER_BYTES_MAX;
+        is_read.then(|| serde_json::from_slice(call).ok()).flatten().unwrap_or_default()
+    }
+
+    fn write(&self) -> Vec<u8> {
+        serde_json::to_vec(self).unwrap_or_default()
+    }
+}
+
+/// A digest of agents in the order of their names: 53 bits, which every reader of JSON can hold. Of
+/// another make or release it may be another, and then the agents are named.
+pub(crate) fn digest<'a>(agents: impl IntoIterator<Item = &'a (AgentId, Incarnation)>) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    agents.into_iter().for_each(|agent| agent.hash(&mut hasher));
+    hasher.finish() >> 11
 }
 
 // === impl Told ===
@@ -192,8 +236,8 @@ impl RollCall {
                     continue;
                 }
             }
-            let mark = self.watch.mark();
-            let Some(answers) = self.call(mark).await else { return };
+            let (mark, known) = self.watch.known();
+            let Some(answers) = self.call(mark, &Call::new(known)).await else { return };
             let silent = self.watch.called(&answers.answered, mark);
             let is_beyond_doubt = silent.is_empty();
             lock(&self.told.0).silent = silent;
@@ -210,7 +254,7 @@ impl RollCall {
     }
 
     /// Calls everybody, and looks at the links; `None` when the session is closed.
-    async fn call(&self, mark: u64) -> Option<Answers> {
+    async fn call(&self, mark: u64, call: &Call) -> Option<Answers> {
         let answers = Arc::<Mutex<Answers>>::default();
         let (ends, ended) = oneshot::channel::<()>();
         {
@@ -232,7 +276,7 @@ impl RollCall {
             };
             let everyone = self.asking.keys.everyone_reached();
             let get = session.get(everyone).target(QueryTarget::All);
-            let get = get.attachment(nonce.map(ZBytes::from));
+            let get = get.attachment(nonce.map(ZBytes::from)).payload(call.write());
             let get = get.consolidation(ConsolidationMode::None).express(true);
             let get = get.congestion_control(CongestionControl::Drop).timeout(UNREST_PERIOD);
             get.callback(hear).wait().ok()?;
@@ -356,10 +400,20 @@ mod tests {
         told.hear("a1", 1, SampleKind::Put);
         told.hear("a1", 0, SampleKind::Delete);
         let robot = (AgentId::new("robot").expect("a name"), Incarnation(7));
-        let answer = Roll::answer(vec![robot.clone()], &told);
-        let read = Roll::read(&answer);
-        assert_eq!(read.as_ref().map(|roll| &roll.hosts[..]), Some(&[robot][..]));
         let (pi, me) = (DaemonId::new("pi").expect("a name"), DaemonId::new("me").expect("a name"));
+        let nothing = Call::read(b"");
+        let answer = Roll::answer(vec![robot.clone()], &told, (&pi, &nothing));
+        let read = Roll::read(&answer);
+        let named = |roll: &Option<Roll>| roll.as_ref().expect("a roll").hosts.clone();
+        assert_eq!(named(&read), Some(vec![robot.clone()]));
+        let later = (robot.0.clone(), Incarnation(8));
+        for (known, is_named) in [(vec![robot.clone()], false), (vec![later], true), (vec![], true)]
+        {
+            let call = Call::new([(pi.clone(), digest(&known))].into());
+            let answer =
+                Roll::answer(vec![robot.clone()], &told, (&pi, &Call::read(&call.write())));
+            assert_eq!(named(&Roll::read(&answer)).is_some(), is_named, "{known:?}");
+        }
         let mut answers = Answers::default();
         answers.note(pi.clone(), read.as_ref(), ("b2", &me), &Told::default());
         assert_eq!(answers.untold.len(), 1, "it was not told of b2");
@@ -368,7 +422,7 @@ mod tests {
         answers.note(pi.clone(), read.as_ref(), ("a1", &me), &told);
         assert!(answers.untold.is_empty() && answers.unknown.is_empty());
         lock(&told.0).silent.insert(me.clone());
-        let read = Roll::read(&Roll::answer(Vec::new(), &told));
+        let read = Roll::read(&Roll::answer(Vec::new(), &told, (&pi, &nothing)));
         answers.note(pi, read.as_ref(), ("a1", &me), &told);
         assert_eq!(answers.untold.len(), 1, "it is not answered");
         for garbage in [&b""[..], b"{", b"[1]", b"{\"hosts\":[[\"X\",1]],\"told\":[]}"] {

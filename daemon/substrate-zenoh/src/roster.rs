@@ -54,6 +54,17 @@ enum Route {
     Known,
 }
 
+/// What a daemon says of whom it hosts.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Hosts<'h> {
+    /// Nothing.
+    Unsaid,
+    /// Those of whom there was a token when it was called.
+    AsKnown,
+    /// These.
+    Named(&'h [(AgentId, Incarnation)]),
+}
+
 /// What follows from a token.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct Follows {
@@ -111,11 +122,20 @@ impl Roster {
         left
     }
 
-    /// A daemon has answered a call that went out at `mark`, and said whom it hosts, if it says.
+    /// Of whom there are tokens, by daemon.
+    pub(crate) fn known(&self) -> impl Iterator<Item = (DaemonId, Vec<(AgentId, Incarnation)>)> {
+        self.daemons.iter().map(|(daemon, hosted)| {
+            let residents = hosted.tokens.keys();
+            let lives = residents.map(|resident| (resident.agent.clone(), resident.incarnation));
+            (daemon.clone(), lives.collect())
+        })
+    }
+
+    /// A daemon has answered a call that went out at `mark`, and said whom it hosts.
     pub(crate) fn answered(
         &mut self,
         daemon: &DaemonId,
-        hosts: Option<&[(AgentId, Incarnation)]>,
+        hosts: Hosts<'_>,
         mark: u64,
     ) -> Vec<Presence> {
         let is_own = *daemon == self.own;
@@ -124,15 +144,18 @@ impl Roster {
         };
         hosted.route = Route::Known;
         hosted.silent_since = None;
-        let hosts: Option<BTreeSet<_>> =
-            hosts.map(|hosts| hosts.iter().map(|(agent, life)| (agent, *life)).collect());
-        let is_hosted = |resident: &Resident| {
-            let life = (&resident.agent, resident.incarnation);
-            hosts.as_ref().is_none_or(|hosts| hosts.contains(&life))
+        let named: BTreeSet<_> = match hosts {
+            Hosts::Named(hosts) => hosts.iter().map(|(agent, life)| (agent, *life)).collect(),
+            Hosts::AsKnown | Hosts::Unsaid => BTreeSet::new(),
+        };
+        let is_hosted = |resident: &Resident, token: &Token| match hosts {
+            Hosts::Named(_) => named.contains(&(&resident.agent, resident.incarnation)),
+            Hosts::AsKnown => token.number <= mark,
+            Hosts::Unsaid => true,
         };
         let (mut here, mut ghosts) = (Vec::new(), Vec::new());
         for (resident, token) in &hosted.tokens {
-            if is_hosted(resident) {
+            if is_hosted(resident, token) {
                 here.push(resident.clone());
             } else if token.number <= mark {
                 ghosts.push(resident.clone());
@@ -230,7 +253,7 @@ mod tests {
         assert_eq!(roster.put(robot.clone(), 0), Follows { passed_on: vec![], probe: true });
         let second = resident("sensor", "pi", 1);
         assert_eq!(roster.put(second.clone(), 0), Follows::default(), "one probe is enough");
-        let joined = roster.answered(&daemon("pi"), None, roster.mark());
+        let joined = roster.answered(&daemon("pi"), Hosts::Unsaid, roster.mark());
         assert_eq!(joined, [robot.clone(), second].map(Presence::Joined));
         let third = resident("late", "pi", 1);
         assert_eq!(roster.put(third.clone(), 0).passed_on, [Presence::Joined(third)]);
@@ -252,14 +275,34 @@ mod tests {
         let (mut roster, old, new) =
             (roster(), resident("robot", "pi", 1), resident("robot", "pi", 2));
         roster.put(old.clone(), 0);
-        roster.answered(&daemon("pi"), None, roster.mark());
+        roster.answered(&daemon("pi"), Hosts::Unsaid, roster.mark());
         let mark = roster.mark();
         let came = roster.put(new.clone(), 0).passed_on;
         assert_eq!(came, [Presence::Joined(new.clone())]);
         let mine = hosts(std::slice::from_ref(&new));
-        assert_eq!(roster.answered(&daemon("pi"), Some(&mine), mark), [Presence::Left(old)]);
-        assert_eq!(roster.answered(&daemon("pi"), Some(&[]), mark), [], "it came after the call");
-        assert_eq!(roster.answered(&daemon("pi"), Some(&[]), mark + 1), [Presence::Left(new)]);
+        assert_eq!(
+            roster.answered(&daemon("pi"), Hosts::Named(&mine), mark),
+            [Presence::Left(old)]
+        );
+        assert_eq!(
+            roster.answered(&daemon("pi"), Hosts::Named(&[]), mark),
+            [],
+            "it came after the call"
+        );
+        assert_eq!(
+            roster.answered(&daemon("pi"), Hosts::Named(&[]), mark + 1),
+            [Presence::Left(new)]
+        );
+    }
+
+    #[test]
+    fn who_is_as_known_is_here_and_nobody_else() {
+        let (mut roster, robot) = (roster(), resident("robot", "pi", 1));
+        roster.put(robot.clone(), 0);
+        let mark = roster.mark();
+        roster.put(resident("ghost", "pi", 1), 0);
+        let joined = roster.answered(&daemon("pi"), Hosts::AsKnown, mark);
+        assert_eq!(joined, [Presence::Joined(robot)], "the other came after the call");
     }
 
     #[test]
@@ -267,7 +310,7 @@ mod tests {
         let (mut roster, old, new) =
             (roster(), resident("robot", "pi", 1), resident("robot", "pi", 2));
         roster.put(new.clone(), 0);
-        roster.answered(&daemon("pi"), None, roster.mark());
+        roster.answered(&daemon("pi"), Hosts::Unsaid, roster.mark());
         assert_eq!(roster.put(old.clone(), 0).passed_on, []);
         assert_eq!(roster.delete(&old, 0), []);
         assert_eq!(roster.delete(&new, 0), [Presence::Left(new)]);
@@ -277,7 +320,7 @@ mod tests {
     fn who_does_not_answer_for_a_lease_is_gone_until_it_does() {
         let (mut roster, robot, start) = (roster(), resident("robot", "pi", 1), Instant::now());
         roster.put(robot.clone(), 0);
-        roster.answered(&daemon("pi"), None, roster.mark());
+        roster.answered(&daemon("pi"), Hosts::Unsaid, roster.mark());
         let (nobody, mark) = (BTreeSet::new(), roster.mark());
         assert_eq!(roster.called(&nobody, mark - 1, start), [], "it came after the call");
         assert!(roster.silent().is_empty());
@@ -286,7 +329,7 @@ mod tests {
         let later = start + LEASE;
         assert_eq!(roster.called(&nobody, mark, later), [Presence::Left(robot.clone())]);
         assert_eq!(roster.called(&nobody, mark, later), [], "once is enough");
-        let back = roster.answered(&daemon("pi"), None, mark);
+        let back = roster.answered(&daemon("pi"), Hosts::Unsaid, mark);
         assert_eq!(back, [Presence::Joined(robot)]);
         assert!(roster.silent().is_empty());
     }
