@@ -27,6 +27,7 @@ mod commons;
 mod communication_agent;
 mod context;
 mod directory;
+mod fetching;
 mod gathering;
 mod guard;
 mod hearsay;

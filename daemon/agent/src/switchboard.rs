@@ -30,6 +30,7 @@ use tokio::sync::{Semaphore, broadcast, mpsc};
 
 use crate::commons::Commons;
 use crate::directory::Directory;
+use crate::fetching::Fetching;
 use crate::gathering::{GATHERED_WITHIN, Gathering};
 use crate::hearsay::Hearsay;
 use crate::last_word::LastWord;
@@ -55,6 +56,8 @@ pub struct Switchboard {
     commons: OnceLock<Listening>,
     /// What agents here say together.
     gathering: Gathering,
+    /// Models that were missed.
+    fetching: Fetching,
     counters: Counters,
     turns: Arc<Semaphore>,
     machine: Machine,
@@ -129,6 +132,7 @@ impl Switchboard {
             substrate: OnceLock::new(),
             commons: OnceLock::new(),
             gathering: Gathering::default(),
+            fetching: Fetching::default(),
             counters: Counters::default(),
             turns: Arc::new(Semaphore::new(machine.computations_max())),
             machine,
@@ -352,27 +356,26 @@ impl Switchboard {
         if !commons.begins_to_ask(whose) {
             return;
         }
-        let Resident { daemon, incarnation, .. } = resident;
-        let is_own = daemon == self.daemon;
-        let agent = Some(whose.clone());
-        let ask = Ask { daemon: Some(daemon), resource: Resource::Model, agent };
         let (commons, whose) = (Arc::clone(commons), whose.clone());
-        let deadline = self.settings.answer_deadline;
-        let answers = match self.substrate.get().cloned().filter(|_| !is_own) {
-            None => self.ask(ask, deadline),
-            Some(substrate) => {
-                let (commons, whose) = (Arc::clone(&commons), whose.clone());
-                Box::pin(async move {
-                    tokio::time::sleep(patience).await;
-                    if !patience.is_zero() && commons.knows(&whose, incarnation) {
-                        return Vec::new();
-                    }
-                    substrate.ask(ask, deadline).await
-                })
-            }
-        };
+        let (life, deadline) = (resident.incarnation, self.settings.answer_deadline);
+        let is_elsewhere = resident.daemon != self.daemon;
+        let substrate = self.substrate.get().cloned().filter(|_| is_elsewhere);
+        let own = substrate.is_none().then(|| self.model_of(resident.clone()));
+        let fetching = self.fetching.clone();
         runtime.spawn(async move {
-            for answer in answers.await {
+            let model = match (substrate, own) {
+                (Some(substrate), _) => {
+                    tokio::time::sleep(patience).await;
+                    if !patience.is_zero() && commons.knows(&whose, life) {
+                        return commons.has_asked(&whose);
+                    }
+                    let Resident { agent, daemon, .. } = resident;
+                    fetching.model_of(agent, daemon, &substrate, deadline).await
+                }
+                (None, Some(own)) => own.await,
+                (None, None) => Vec::new(),
+            };
+            for answer in model {
                 match acl::decode(&answer) {
                     Ok(message) if message.sender == whose => {
                         if let Some(inform) = inform_of(&message) {
@@ -384,6 +387,19 @@ impl Switchboard {
             }
             commons.has_asked(&whose);
         });
+    }
+
+    /// Asks an agent for its model, together with others of its daemon that are asked for at the same
+    /// moment.
+    pub(crate) fn model_of(&self, whose: Resident) -> BoxFuture<Vec<Bytes>> {
+        let Resident { agent, daemon, .. } = whose;
+        let deadline = self.settings.answer_deadline;
+        let Some(substrate) = self.substrate.get().cloned().filter(|_| daemon != self.daemon)
+        else {
+            let (daemon, agent) = (Some(daemon), Some(agent));
+            return self.ask(Ask { daemon, resource: Resource::Model, agent }, deadline);
+        };
+        self.fetching.model_of(agent, daemon, &substrate, deadline)
     }
 
     // === saying ===

@@ -18,7 +18,7 @@ use acl::content::{EpochChange, Heartbeat, Inform, ModelAnnouncement};
 use acl::{AgentId, Incarnation, Message};
 use capability::{Admission, Announcement, Beat, Change, Conflict, Maintainer, Moment, Requests};
 use pddl::Diagnostic;
-use substrate::{Ask, Presence, Resource};
+use substrate::Presence;
 use tokio::time::Instant;
 
 use crate::base_agent::Agent;
@@ -320,12 +320,7 @@ fn fetch<A: Maintains>(agent: &mut A, whose: &AgentId, again: u32, ctx: &mut Con
         return;
     }
     let Some(resident) = ctx.find(whose) else { return };
-    let ask = Ask {
-        daemon: Some(resident.daemon),
-        resource: Resource::Model,
-        agent: Some(whose.clone()),
-    };
-    let asked = ctx.switchboard().ask(ask, ctx.settings().answer_deadline);
+    let asked = ctx.switchboard().model_of(resident);
     let name = whose.clone();
     let work = ctx.run(asked, move |agent: &mut A, answers, ctx| {
         agent.upkeep().fetching.remove(&name);

@@ -117,6 +117,13 @@ impl Declarations {
         }
     }
 
+    /// Whether this daemon has announced an agent.
+    pub(crate) fn hosts(&self, agent: &AgentId) -> bool {
+        let from = (agent.clone(), Incarnation::default());
+        let held = self.lock();
+        held.residents.range(from..).next().is_some_and(|((next, _), _)| next == agent)
+    }
+
     /// The agents this daemon has announced.
     pub(crate) fn residents(&self) -> Vec<(AgentId, Incarnation)> {
         self.lock().residents.keys().cloned().collect()

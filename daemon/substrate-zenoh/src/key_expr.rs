@@ -167,6 +167,14 @@ impl Keys {
         }
     }
 
+    /// The agent of this daemon whose model alone is asked for.
+    pub(crate) fn asked_for(&self, key: &str) -> Option<AgentId> {
+        match self.chunks(key)?.as_slice() {
+            ["model", daemon, agent] if *daemon == self.daemon.as_str() => AgentId::new(agent).ok(),
+            _ => None,
+        }
+    }
+
     fn under(&self, chunks: &[&str]) -> KeyExpr<'static> {
         let text = format!("{}/{}", self.root, chunks.join("/"));
         KeyExpr::try_from(text).expect("invariant: names, numbers and wildcards are chunks")

@@ -166,6 +166,14 @@ impl Answering {
     /// Passes on a query for models: one question per agent here that it asks for, so that each
     /// answer has its agent's key.
     fn models(&self, query: &Query) {
+        if let Some(agent) = self.keys.asked_for(query.key_expr().as_str()) {
+            // Of a thousand that are asked for one by one, nobody is to look through all.
+            if self.declarations.upgrade().is_some_and(|each| each.hosts(&agent)) {
+                let key_expr = self.keys.model(&agent);
+                self.question(query, Resource::Model, Some(agent), key_expr);
+            }
+            return;
+        }
         let agents: BTreeSet<_> = self.residents().into_iter().map(|(agent, _)| agent).collect();
         for agent in agents {
             let key_expr = self.keys.model(&agent);

@@ -1,0 +1,204 @@
+//! Models that were missed, asked for: together, where many of one daemon are missed at the same
+//! moment, as by a daemon that comes to a building full of others.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use acl::{AgentId, DaemonId};
+use bytes::Bytes;
+use serde::Deserialize;
+use substrate::{Ask, BoxFuture, Resource, Substrate};
+use tokio::sync::oneshot;
+
+/// So many of one daemon are asked for at once and one by one: whoever is back is asked before anybody
+/// judges by what it said before.
+const FEW: usize = 16;
+
+/// How long those beyond wait for each other: what a daemon has said together is read at one moment.
+const GATHERED_WITHIN: Duration = Duration::from_millis(2);
+
+/// What is asked for, by daemon.
+#[derive(Clone, Default)]
+pub(crate) struct Fetching(Arc<Mutex<BTreeMap<DaemonId, Missing>>>);
+
+#[derive(Default)]
+struct Missing {
+    /// How many are being asked for one by one.
+    asked: usize,
+    /// Who is asked for soon, with all others of its daemon.
+    waiting: Vec<(AgentId, oneshot::Sender<Vec<Bytes>>)>,
+}
+
+/// All that has to be known of an answer here.
+#[derive(Deserialize)]
+struct Spoken {
+    sender: AgentId,
+}
+
+impl Fetching {
+    /// The model of an agent at a daemon, as it answers; nothing if it does not within `deadline`. The
+    /// first few questions go out before this returns.
+    ///
+    /// # Panics
+    ///
+    /// Outside a Tokio runtime.
+    pub(crate) fn model_of(
+        &self,
+        agent: AgentId,
+        daemon: DaemonId,
+        substrate: &Arc<dyn Substrate>,
+        deadline: Duration,
+    ) -> BoxFuture<Vec<Bytes>> {
+        let question = |agent| {
+            let (daemon, resource) = (Some(daemon.clone()), Resource::Model);
+            Ask { daemon, resource, agent }
+        };
+        let (tell, told) = oneshot::channel();
+        let is_first = {
+            let mut missing = self.missing();
+            let missing = missing.entry(daemon.clone()).or_default();
+            if missing.asked < FEW {
+                missing.asked += 1;
+                drop(tell);
+                None
+            } else {
+                missing.waiting.push((agent.clone(), tell));
+                Some(missing.waiting.len() == 1)
+            }
+        };
+        match is_first {
+            None => {
+                let answers = substrate.ask(question(Some(agent)), deadline);
+                let asked = Asked(self.clone(), daemon);
+                return Box::pin(async move {
+                    let _asked = asked;
+                    answers.await
+                });
+            }
+            // In a task of its own: who asked first may lose interest.
+            Some(true) => {
+                let (fetching, substrate) = (self.clone(), Arc::clone(substrate));
+                let question = question(None);
+                tokio::spawn(async move {
+                    tokio::time::sleep(GATHERED_WITHIN).await;
+                    let waiting = fetching.take_waiting(&daemon);
+                    share_out(waiting, substrate.ask(question, deadline).await);
+                });
+            }
+            Some(false) => (),
+        }
+        Box::pin(async move { told.await.unwrap_or_default() })
+    }
+
+    fn take_waiting(&self, daemon: &DaemonId) -> Vec<(AgentId, oneshot::Sender<Vec<Bytes>>)> {
+        let mut missing = self.missing();
+        let waiting = missing.get_mut(daemon).map(|missing| std::mem::take(&mut missing.waiting));
+        missing.retain(|_, missing| !missing.is_over());
+        waiting.unwrap_or_default()
+    }
+
+    fn missing(&self) -> MutexGuard<'_, BTreeMap<DaemonId, Missing>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// One that is asked for by itself, until it has answered or nobody wants to know any more.
+struct Asked(Fetching, DaemonId);
+
+impl Drop for Asked {
+    fn drop(&mut self) {
+        let mut missing = self.0.missing();
+        if let Some(of_daemon) = missing.get_mut(&self.1) {
+            of_daemon.asked = of_daemon.asked.saturating_sub(1);
+            if of_daemon.is_over() {
+                missing.remove(&self.1);
+            }
+        }
+    }
+}
+
+impl Missing {
+    fn is_over(&self) -> bool {
+        self.asked == 0 && self.waiting.is_empty()
+    }
+}
+
+fn share_out(wanted: Vec<(AgentId, oneshot::Sender<Vec<Bytes>>)>, answers: Vec<Bytes>) {
+    let mut models = BTreeMap::<AgentId, Vec<Bytes>>::new();
+    for answer in answers {
+        match serde_json::from_slice(&answer) {
+            Ok(Spoken { sender }) => models.entry(sender).or_default().push(answer),
+            Err(error) => tracing::info!(%error, "an answer that is no model"),
+        }
+    }
+    for (agent, tell) in wanted {
+        // Who asked may have lost interest.
+        let _ = tell.send(models.remove(&agent).unwrap_or_default());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::EcosystemId;
+    use substrate::memory::Network;
+    use substrate::{Delivery, Inbound, Presence, Question};
+
+    use super::*;
+    use crate::settings::Settings;
+    use crate::switchboard::Switchboard;
+
+    /// A daemon full of agents, which notes what it is asked.
+    #[derive(Default)]
+    struct Full(Mutex<Vec<Option<AgentId>>>);
+
+    impl Inbound for Full {
+        fn deliver(&self, _: Delivery) {}
+        fn presence(&self, _: Presence) {}
+        fn question(&self, question: Question) {
+            self.0.lock().expect("no panic").push(question.agent.clone());
+            let all = (0..FEW + 9).map(agent);
+            for name in all.filter(|name| question.agent.as_ref().is_none_or(|one| one == name)) {
+                (question.answer)(Bytes::from(format!(r#"{{"sender":"{name}"}}"#)));
+            }
+        }
+    }
+
+    fn agent(number: usize) -> AgentId {
+        AgentId::new(&format!("a-{number}")).expect("a name")
+    }
+
+    async fn fetched(count: usize) -> (Vec<Vec<Bytes>>, usize) {
+        let (network, full) = (Network::new(), Arc::new(Full::default()));
+        let daemon = |name: &str| DaemonId::new(name).expect("a name");
+        let ecosystem = EcosystemId::new("office").expect("a name");
+        let own = Switchboard::new(ecosystem, daemon("own"), Settings::default());
+        let substrate = network.open(daemon("own"), own);
+        network.open(daemon("full"), Arc::<Full>::clone(&full));
+        let (fetching, deadline) = (Fetching::default(), Duration::from_secs(1));
+        let asking: Vec<_> = (0..count)
+            .map(|number| fetching.model_of(agent(number), daemon("full"), &substrate, deadline))
+            .collect();
+        let mut models = Vec::new();
+        for answers in asking {
+            models.push(answers.await);
+        }
+        assert!(fetching.missing().is_empty(), "nobody is asked for any more");
+        let asked = full.0.lock().expect("no panic").len();
+        (models, asked)
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn many_are_asked_for_at_once_and_few_one_by_one() {
+        for (count, expected) in [(1, 1), (FEW, FEW), (FEW + 1, FEW + 1), (FEW + 9, FEW + 1)] {
+            let (mut models, asked) = fetched(count).await;
+            models.sort();
+            let each = |number| vec![Bytes::from(format!(r#"{{"sender":"a-{number}"}}"#))];
+            let mut each: Vec<_> = (0..count).map(each).collect();
+            each.sort();
+            assert_eq!((models, asked), (each, expected));
+        }
+        let (models, _) = fetched(FEW + 10).await;
+        assert_eq!(models.iter().filter(|models| models.is_empty()).count(), 1, "who is not there");
+    }
+}
