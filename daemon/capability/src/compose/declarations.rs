@@ -32,6 +32,7 @@ pub(super) struct Kept<'a> {
     trusted: bool,
 }
 
+/// What one party says about a subject.
 type Word<'a> = (Party<'a>, &'a Declaration);
 
 /// What is declared, and what derives it.
@@ -43,35 +44,39 @@ pub(super) fn settle<'a>(
     incumbents: &mut Incumbents,
     report: &mut Report<'a>,
 ) -> Standing<'a> {
-    let mut kept = Vec::new();
-    let mut variants = BTreeMap::new();
-    for (subject, words) in words_of(parties) {
+    let (words, mut kept, mut variants) = (words_of(parties), Vec::new(), Vec::new());
+    // Side by side, in the order of subjects: both are long.
+    let mut stood = std::mem::take(incumbents).into_iter().peekable();
+    for words in words.chunk_by(|(_, one), (_, other)| one.subject == other.subject) {
+        let subject = &words[0].1.subject;
         if let Some(declared) = shared.declared(subject) {
-            yield_to_ontology(declared, &words, report);
+            yield_to_ontology(declared, words, report);
             continue;
         }
-        let stood = incumbents.remove_entry(subject);
-        let winner = choose(subject, &words, stood.as_ref().map(|(_, stood)| stood), report);
+        while stood.next_if(|(former, _)| former < subject).is_some() {}
+        let stood = stood.next_if(|(former, _)| former == subject);
+        let winner = choose(subject, words, stood.as_ref().map(|(_, stood)| stood), report);
         let stands = match stood {
             Some((subject, stood)) if is_variant(winner.declaration, &stood) => (subject, stood),
             _ => (subject.clone(), variant_of(winner.declaration)),
         };
-        variants.extend([stands]);
+        variants.push(stands);
         kept.push(winner);
     }
-    *incumbents = variants;
+    *incumbents = variants.into_iter().collect();
     stand(shared, parties, kept, report)
 }
 
-/// Everything that agents declare and that may be known here, by what it is about.
-fn words_of<'a>(parties: &[Party<'a>]) -> BTreeMap<&'a Subject, Vec<Word<'a>>> {
-    let mut words: BTreeMap<&Subject, Vec<Word<'_>>> = BTreeMap::new();
-    for party in parties {
-        let known = party.manifest.declarations.iter().filter(|d| party.trusted || !d.private);
-        for declaration in known {
-            words.entry(&declaration.subject).or_default().push((*party, declaration));
-        }
-    }
+/// Everything that agents declare and that may be known here, in the order of what it is about and then
+/// of their names.
+fn words_of<'a>(parties: &[Party<'a>]) -> Vec<Word<'a>> {
+    let known = |party: &Party<'a>| {
+        let party = *party;
+        let known = party.manifest.declarations.iter();
+        known.filter(move |word| party.trusted || !word.private).map(move |word| (party, word))
+    };
+    let mut words: Vec<Word<'a>> = parties.iter().flat_map(known).collect();
+    words.sort_by(|(_, one), (_, other)| one.subject.cmp(&other.subject));
     words
 }
 
@@ -104,6 +109,9 @@ fn choose<'a>(
     incumbent: Option<&Variant>,
     report: &mut Report<'a>,
 ) -> Kept<'a> {
+    if let [(by, declaration)] = *words {
+        return Kept { declaration, by, private: declaration.private, trusted: by.trusted };
+    }
     let stood = |word: &&Word<'a>| incumbent.is_some_and(|stood| is_variant(word.1, stood));
     let first = words.iter().min_by_key(|(party, _)| party.arrival);
     let chosen = words.iter().find(stood).or(first);
@@ -213,6 +221,7 @@ fn reaches_itself(name: &Name, parents: &BTreeMap<&Name, &TypeExpr>) -> bool {
 }
 
 fn vocabulary_of(shared: &Shared, kept: &[Kept<'_>], types: Types) -> Vocabulary {
+    let mut objects = Vec::new();
     let mut vocabulary = Vocabulary { types, ..Vocabulary::default() };
     let ours = shared.manifest.declarations.iter().map(|declaration| (declaration, true));
     let theirs = kept.iter().map(|kept| (kept.declaration, kept.trusted));
@@ -225,7 +234,7 @@ fn vocabulary_of(shared: &Shared, kept: &[Kept<'_>], types: Types) -> Vocabulary
         match &declaration.item {
             Item::Type(_) => (),
             Item::Object(declared) => {
-                vocabulary.objects.insert(name, declared.object.ty.clone());
+                objects.push((name, declared.object.ty.clone()));
             }
             Item::Predicate(declared) => {
                 vocabulary.predicates.insert(name, signature(&declared.parameters));
@@ -235,6 +244,8 @@ fn vocabulary_of(shared: &Shared, kept: &[Kept<'_>], types: Types) -> Vocabulary
             }
         }
     }
+    // At once: there are as many as there are devices, and each looks for its place otherwise.
+    vocabulary.objects = objects.into_iter().collect();
     vocabulary
 }
 
