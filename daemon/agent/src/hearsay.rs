@@ -94,8 +94,7 @@ impl Hearsay {
 // === impl Repeatable ===
 
 impl Repeatable {
-    /// Where the id and the number stand, if both are to be found. If they are found elsewhere than where
-    /// they were read, it is not recognised again, or in its own name only.
+    /// Where the id and the number stand. Where either key stands elsewhere too, nothing is recognised.
     fn of(text: &[u8], message: &Message, heartbeat: &Heartbeat) -> Option<Repeatable> {
         // What is known for a while only is never the same again.
         if !heartbeat.known_for.is_empty() {
