@@ -357,25 +357,24 @@ impl Switchboard {
             return;
         }
         let (commons, whose) = (Arc::clone(commons), whose.clone());
-        let (life, deadline) = (resident.incarnation, self.settings.answer_deadline);
         let is_elsewhere = resident.daemon != self.daemon;
-        let substrate = self.substrate.get().cloned().filter(|_| is_elsewhere);
-        let own = substrate.is_none().then(|| self.model_of(resident.clone()));
-        let fetching = self.fetching.clone();
-        runtime.spawn(async move {
-            let model = match (substrate, own) {
-                (Some(substrate), _) => {
+        let model = match self.substrate.get().cloned().filter(|_| is_elsewhere) {
+            None => self.model_of(resident),
+            Some(substrate) => {
+                let (fetching, commons) = (self.fetching.clone(), Arc::clone(&commons));
+                let deadline = self.settings.answer_deadline;
+                Box::pin(async move {
                     tokio::time::sleep(patience).await;
-                    if !patience.is_zero() && commons.knows(&whose, life) {
-                        return commons.has_asked(&whose);
+                    let Resident { agent, daemon, incarnation } = resident;
+                    if !patience.is_zero() && commons.knows(&agent, incarnation) {
+                        return Vec::new();
                     }
-                    let Resident { agent, daemon, .. } = resident;
                     fetching.model_of(agent, daemon, &substrate, deadline).await
-                }
-                (None, Some(own)) => own.await,
-                (None, None) => Vec::new(),
-            };
-            for answer in model {
+                })
+            }
+        };
+        runtime.spawn(async move {
+            for answer in model.await {
                 match acl::decode(&answer) {
                     Ok(message) if message.sender == whose => {
                         if let Some(inform) = inform_of(&message) {
