@@ -84,9 +84,9 @@ fn pid(status: &Value) -> String {
     status["pid"].as_i64().unwrap_or_else(|| panic!("it runs: {status}")).to_string()
 }
 
-fn kill(pid: &str) {
-    let killed = Command::new("kill").args(["-KILL", pid]).status().expect("it is everywhere");
-    assert!(killed.success());
+fn send(signal: &str, pid: &str) {
+    let sent = Command::new("kill").args([signal, pid]).status().expect("it is everywhere");
+    assert!(sent.success());
 }
 
 #[test]
@@ -133,7 +133,7 @@ fn who_is_killed_is_back_and_nobody_outlives_the_daemon() {
     let mut office = office("decentralized", "");
     copy(&thermometer(), &office.plugins_folder().join("thermometer"));
     let before = await_state(&office, "thermometer", "running");
-    kill(&pid(&before));
+    send("-KILL", &pid(&before));
     let after = await_status(&office, "thermometer", |status| {
         status["state"] == "running" && status["pid"] != before["pid"]
     });
@@ -143,6 +143,29 @@ fn who_is_killed_is_back_and_nobody_outlives_the_daemon() {
     assert_eq!(code, Some(0), "{said}");
 
     office.kill("daemon");
+    await_none_left(&office);
+}
+
+#[test]
+fn who_freezes_is_started_again_and_a_person_sees_why() {
+    if !has_python() {
+        return;
+    }
+    let office = office("decentralized", "");
+    copy(&thermometer(), &office.plugins_folder().join("thermometer"));
+    let before = await_state(&office, "thermometer", "running");
+    send("-STOP", &pid(&before));
+    let frozen = await_status(&office, "thermometer", |status| {
+        status["reason"].as_str().is_some_and(|why| why.starts_with("its agents are silent"))
+    });
+    assert_eq!((&frozen["state"], &frozen["pid"]), (&before["state"], &before["pid"]), "{frozen}");
+    let after = await_status(&office, "thermometer", |status| {
+        status["state"] == "running" && status["pid"] != before["pid"]
+    });
+    assert_eq!(after["restarts"], 1, "{after}");
+    let (code, said) = office.ask(&["goal", "(known-temperature office2)"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert_eq!(office.ask(&["plugin", "disable", "thermometer"]).0, Some(0));
     await_none_left(&office);
 }
 
@@ -167,13 +190,15 @@ fn agents_of_the_file_come_with_their_config_and_what_appears_is_listed() {
         assert_eq!(code, Some(0), "{said}");
         assert!(said.contains(celsius.trim_end_matches(" °C")), "{said}");
     }
-    // Its own agent stays away where the file names others.
-    assert_eq!(status(&named, "thermometer")["agents"].as_array().map(Vec::len), Some(2));
+    // Its own agent stays away where the file names others, and all came at the first start.
+    let status = status(&named, "thermometer");
+    assert_eq!(status["agents"].as_array().map(Vec::len), Some(2), "{status}");
+    assert_eq!(status["restarts"], 0, "{status}");
 
     let listed = office("decentralized", "[plugins]\nadmit = \"listed\"\n");
     copy(&thermometer(), &listed.plugins_folder().join("thermometer"));
-    let status = await_state(&listed, "thermometer", "unused");
-    assert!(status["reason"].to_string().contains("listed"), "{status}");
+    let unused = await_state(&listed, "thermometer", "unused");
+    assert!(unused["reason"].to_string().contains("listed"), "{unused}");
     let (code, said) = listed.ask(&["agents", "--discovered"]);
     assert_eq!(code, Some(0), "{said}");
     for expected in

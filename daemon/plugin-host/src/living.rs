@@ -13,7 +13,7 @@ use crate::usage::Usage;
 const CPU_SLOWED: Duration = Duration::from_secs(5);
 const CPU_STOPPED: Duration = Duration::from_secs(20);
 /// How long all its agents may be silent while its process lives.
-const SILENT: Duration = Duration::from_secs(10);
+pub(crate) const SILENT: Duration = Duration::from_secs(10);
 
 /// What is known of a process while it lives.
 pub(crate) struct Living {

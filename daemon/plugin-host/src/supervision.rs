@@ -19,7 +19,7 @@ use crate::Ground;
 use crate::confinement::Confinement;
 use crate::endpoint::{Endpoint, Purpose};
 use crate::lives::Lives;
-use crate::living::Living;
+use crate::living::{Living, SILENT};
 use crate::log::Log;
 use crate::package::Package;
 use crate::process::{Launch, Process, ending};
@@ -344,9 +344,12 @@ impl Supervision {
             self.ground.shelf.keep(&self.name);
         }
         let taken_back = self.ground.taken_back().get(&self.name).cloned();
+        let is_silent = living.ready.is_some() && here.is_empty() && !wanted.agents.is_empty();
+        let silent = || format!("its agents are silent; after {SILENT:?} it is started again");
+        let reason = objection.or_else(|| is_silent.then(silent)).or(taken_back);
         self.status(|status| {
             status.agents = here;
-            status.reason = objection.or(taken_back);
+            status.reason = reason;
             status.state = if living.ready.is_some() { State::Running } else { State::Starting };
         });
     }

@@ -49,8 +49,9 @@ def hear(sample):
 
 session.declare_subscriber(f"{ROOT}/in/{DAEMON}/**", hear)
 session.declare_queryable(f"{ROOT}/at/{DAEMON}/reach", lambda query: query.reply(f"{ROOT}/at/{DAEMON}/reach", ""))
-session.declare_queryable(f"{ROOT}/model/{DAEMON}/*", lambda query: [
-    query.reply(f"{ROOT}/model/{DAEMON}/{name}", beat(name, "model")) for name in agents])
+session.declare_queryable(f"{ROOT}/model/{DAEMON}/*", lambda query: [  # of one, or of all
+    query.reply(f"{ROOT}/model/{DAEMON}/{name}", beat(name, "model")) for name in agents
+    if query.key_expr.intersects(f"{ROOT}/model/{DAEMON}/{name}")])
 tokens = [session.liveliness().declare_token(f"{ROOT}/alive/{DAEMON}/{name}/{LIFE}") for name in agents]
 for name in agents:
     session.put(f"{ROOT}/model/{DAEMON}/{name}", beat(name, "model"))
