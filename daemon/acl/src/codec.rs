@@ -1,7 +1,11 @@
 //! JSON in and out. A text that is no message still yields what is needed to answer it.
 
+use std::borrow::Cow;
+use std::fmt;
+
 use bytes::Bytes;
-use serde::Deserialize;
+use serde::de::{IgnoredAny, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer as _};
 use serde_json::Value;
 
 use crate::message::SCHEMA_VERSION;
@@ -87,6 +91,36 @@ pub fn decode(bytes: &[u8]) -> Result<Message, DecodeError> {
     }
 }
 
+/// Whose message a text says it is; nothing, if it does not say. Reads no further than that: whoever wants to know more has to read
+/// it anyway.
+pub fn sender_of(text: &[u8]) -> Option<AgentId> {
+    let mut sender = None;
+    // What is left of the text is an error to whoever expects its end.
+    let _ = serde_json::Deserializer::from_slice(text).deserialize_map(UpToSender(&mut sender));
+    sender
+}
+
+struct UpToSender<'s>(&'s mut Option<AgentId>);
+
+impl<'de> Visitor<'de> for UpToSender<'_> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a message")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut message: A) -> Result<(), A::Error> {
+        while let Some(key) = message.next_key::<Cow<'_, str>>()? {
+            if key == "sender" {
+                *self.0 = Some(message.next_value()?);
+                return Ok(());
+            }
+            message.next_value::<IgnoredAny>()?;
+        }
+        Ok(())
+    }
+}
+
 /// A newer version may have another shape: then the version is the better explanation.
 fn problem_of(bytes: &[u8], error: serde_json::Error) -> Problem {
     let version = serde_json::from_slice::<Value>(bytes)
@@ -134,6 +168,21 @@ mod tests {
         let mut message = minimal();
         message[field] = value;
         message.to_string().into_bytes()
+    }
+
+    #[test]
+    fn whose_a_text_is_is_read_and_no_more() {
+        for (text, expected) in [
+            (r#"{"x":{"sender":"b"},"y":"\"sender\":\"c\"","sender":"a"}"#, Some("a")),
+            (r#"{"sender" : "a", and so on"#, Some("a")),
+            (r#"{"sender":"A/b"}"#, None),
+            (r#"{"x":"sender"}"#, None),
+            ("[]", None),
+            ("", None),
+        ] {
+            let sender = sender_of(text.as_bytes());
+            assert_eq!(sender.as_ref().map(AgentId::as_str), expected, "{text}");
+        }
     }
 
     #[test]

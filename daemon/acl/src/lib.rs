@@ -17,7 +17,7 @@ mod performative;
 #[cfg(test)]
 mod schema;
 
-pub use codec::{DecodeError, decode, encode};
+pub use codec::{DecodeError, decode, encode, sender_of};
 pub use hello::{Hello, HelloAgent, HostName};
 pub use message::{
     ConversationId, Deadline, Incarnation, Message, MessageId, Protocol, ReplyToken, SCHEMA_VERSION,

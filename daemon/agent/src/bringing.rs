@@ -19,6 +19,9 @@ use crate::base_agent::{Agent, Launch};
 use crate::context::{Brought, Context, Work};
 use crate::plugin::{BuildError, Host};
 
+/// Why there can be no agent of what stands in no room.
+pub const NOWHERE: &str = "nobody says in which room it stands";
+
 /// How long is waited for more before agents come and go: a broker tells of hundreds of devices at once.
 const MORE: Duration = Duration::from_millis(50);
 
@@ -34,8 +37,8 @@ pub struct Finding<P> {
     pub is_named: bool,
     /// In which room it stands, if anybody says so.
     pub room: Option<String>,
-    /// What its agent is built from; nothing, if none can be made of it or it stands nowhere.
-    pub part: Option<P>,
+    /// What its agent is built from; or why there can be none, such as [`NOWHERE`].
+    pub part: Result<P, String>,
     /// What of it cannot be used.
     pub problem: Option<String>,
     /// The lines that would let it take part.
@@ -188,21 +191,22 @@ impl<P> Census<P> {
             false => bringing.admissions.of(by, agent.as_str()),
         };
         // Why it cannot be here, whoever would let it.
-        let obstacle = if !is_new {
-            Some("another device has this name; call one of them otherwise")
+        let part = if !is_new {
+            Err("another device has this name; call one of them otherwise".to_owned())
         } else if self.wanted.len() >= bringing.at_most {
-            Some("there are too many")
-        } else if part.is_none() && problem.is_none() {
-            Some("nobody says in which room it stands")
+            Err("there are too many".to_owned())
         } else {
-            None
+            part
         };
-        let part = part.filter(|_| obstacle.is_none());
+        let (part, obstacle) = match part {
+            Ok(part) => (Some(part), None),
+            Err(obstacle) => (None, Some(obstacle)),
+        };
         let is_let_in = part.is_some() && admission == Admission::Granted;
         let failed = bringing.failed.get(&agent).filter(|_| is_let_in).cloned();
         let joined = is_let_in && failed.is_none();
         let reason = part.as_ref().and_then(|_| admission.reason());
-        let problem = obstacle.map(str::to_owned).or(reason).or(failed).or(problem);
+        let problem = obstacle.or(reason).or(failed).or(problem);
         let (name, by) = (agent.clone(), by.to_owned());
         if part.is_some() && admission == Admission::Asked {
             let about = format!("{by}, {}", room.unwrap_or_default());
@@ -224,7 +228,7 @@ mod tests {
             agent: AgentId::new(name).expect("a name"),
             is_named: false,
             room: part.map(|_| "hall".to_owned()),
-            part,
+            part: part.ok_or_else(|| NOWHERE.to_owned()),
             problem: None,
             toml: String::new(),
         }
@@ -251,12 +255,15 @@ mod tests {
     fn each_that_is_not_here_has_its_reason() {
         let mut all = bringing(Admit::All, 2);
         all.failed.insert(AgentId::new("b").expect("a name"), "failed to open it".to_owned());
-        let useless = Finding { problem: Some("no words".to_owned()), ..finding("e", None) };
+        let useless = Finding { part: Err("no words".to_owned()), ..finding("e", None) };
+        let half =
+            Finding { problem: Some("its co2 is in furlongs".to_owned()), ..finding("h", None) };
         let found = vec![
             finding("a", Some(1)),
             finding("a", Some(2)),
             finding("nowhere", None),
             useless,
+            half,
             finding("b", Some(3)),
             finding("c", Some(4)),
         ];
@@ -268,6 +275,7 @@ mod tests {
                 ("a", false, "another device has this name; call one of them otherwise"),
                 ("nowhere", false, "nobody says in which room it stands"),
                 ("e", false, "no words"),
+                ("h", false, "nobody says in which room it stands"),
                 ("b", false, "failed to open it"),
                 ("c", false, "there are too many"),
             ]

@@ -18,14 +18,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use acl::content::{Heartbeat, Inform};
+use acl::content::Inform;
 use acl::{AgentId, Incarnation, Message};
 use bytes::Bytes;
 use capability::{Announcement, Change, Maintainer, Moment, Repeated, Scope};
 use substrate::Presence;
 use tokio::time::Instant;
 
-use crate::hearsay::Again;
+use crate::hearsay::{Again, Repeatable, Said};
 use crate::plugin::Host;
 use crate::switchboard::inform_of;
 use crate::upkeep::{self, TELLING};
@@ -101,15 +101,15 @@ impl Commons {
     /// Hears a heartbeat that says what the one before said; `false` if it has to be read.
     pub(crate) fn hear_again(&self, sender: &AgentId, again: &Again) -> bool {
         let (mut state, now) = self.state();
-        let Again { said, before, sequence, .. } = again;
-        let Heartbeat { digest, period, .. } = &said.heartbeat;
+        let Again { before, now: Repeatable { said, sequence, .. } } = again;
+        let Said { incarnation, digest, period } = &**said;
         let repeated = Repeated {
             agent: sender,
-            incarnation: said.incarnation,
+            incarnation: *incarnation,
             digest,
             before: *before,
             sequence: *sequence,
-            period: period.0,
+            period: *period,
         };
         let State { maintainer, unread, .. } = &mut *state;
         if unread.contains_key(sender) {

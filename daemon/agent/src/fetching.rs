@@ -7,7 +7,6 @@ use std::time::Duration;
 
 use acl::{AgentId, DaemonId};
 use bytes::Bytes;
-use serde::Deserialize;
 use substrate::{Ask, BoxFuture, Resource, Substrate};
 use tokio::sync::oneshot;
 
@@ -28,12 +27,6 @@ struct Missing {
     asked: usize,
     /// Who is asked for soon, with all others of its daemon.
     waiting: Vec<(AgentId, oneshot::Sender<Vec<Bytes>>)>,
-}
-
-/// All that has to be known of an answer here.
-#[derive(Deserialize)]
-struct Spoken {
-    sender: AgentId,
 }
 
 impl Fetching {
@@ -127,9 +120,9 @@ impl Missing {
 fn share_out(wanted: Vec<(AgentId, oneshot::Sender<Vec<Bytes>>)>, answers: Vec<Bytes>) {
     let mut models = BTreeMap::<AgentId, Vec<Bytes>>::new();
     for answer in answers {
-        match serde_json::from_slice(&answer) {
-            Ok(Spoken { sender }) => models.entry(sender).or_default().push(answer),
-            Err(error) => tracing::info!(%error, "an answer that is no model"),
+        match acl::sender_of(&answer) {
+            Some(sender) => models.entry(sender).or_default().push(answer),
+            None => tracing::info!("an answer that is nobody's model"),
         }
     }
     for (agent, tell) in wanted {

@@ -7,6 +7,7 @@
 
 use std::ops::Range;
 use std::sync::Arc;
+use std::time::Duration;
 
 use acl::content::{Heartbeat, Inform};
 use acl::{Incarnation, Message};
@@ -28,9 +29,9 @@ struct Heard {
 }
 
 /// A heartbeat that may be said again.
-struct Repeatable {
-    said: Arc<Said>,
-    sequence: u64,
+pub(crate) struct Repeatable {
+    pub(crate) said: Arc<Said>,
+    pub(crate) sequence: u64,
     /// Where in its text its id is, and then its number.
     id: Range<usize>,
     number: Range<usize>,
@@ -39,17 +40,14 @@ struct Repeatable {
 /// What all heartbeats have in common that say the same.
 pub(crate) struct Said {
     pub(crate) incarnation: Incarnation,
-    pub(crate) heartbeat: Heartbeat,
+    pub(crate) digest: String,
+    pub(crate) period: Duration,
 }
 
-/// A heartbeat that says what the one before said.
+/// A heartbeat that says what the one before said, and the number of that one.
 pub(crate) struct Again {
-    pub(crate) said: Arc<Said>,
-    /// The number of the one before, and its own.
     pub(crate) before: u64,
-    pub(crate) sequence: u64,
-    id: Range<usize>,
-    number: Range<usize>,
+    pub(crate) now: Repeatable,
 }
 
 const ID: &str = "\"id\":\"";
@@ -85,9 +83,7 @@ impl Hearsay {
 
     /// Keeps a heartbeat that is the last one again.
     pub(crate) fn keep_again(&mut self, text: Bytes, again: Again) {
-        let Again { said, sequence, id, number, before: _ } = again;
-        let repeatable = Some(Repeatable { said, sequence, id, number });
-        self.heartbeat = Some(Heard { text, repeatable });
+        self.heartbeat = Some(Heard { text, repeatable: Some(again.now) });
     }
 }
 
@@ -103,8 +99,10 @@ impl Repeatable {
         let text = std::str::from_utf8(text).ok()?;
         let id = value_of(text, ID, message.id.as_str())?;
         let number = value_of(text, NUMBER, &heartbeat.sequence.to_string())?;
-        let said = Said { incarnation: message.incarnation, heartbeat: heartbeat.clone() };
-        let (said, sequence) = (Arc::new(said), heartbeat.sequence);
+        let Heartbeat { digest, period, sequence, .. } = heartbeat;
+        let (digest, period) = (digest.clone(), period.0);
+        let said = Arc::new(Said { incarnation: message.incarnation, digest, period });
+        let sequence = *sequence;
         (id.end < number.start).then_some(Repeatable { said, sequence, id, number })
     }
 
@@ -122,11 +120,12 @@ impl Repeatable {
         if rest[digits..] != before[number.end..] || (digits > 1 && rest[0] == b'0') {
             return None;
         }
-        let own = std::str::from_utf8(&rest[..digits]).ok()?.parse().ok()?;
+        let own_number = std::str::from_utf8(&rest[..digits]).ok()?.parse().ok()?;
         let id = head.len()..head.len() + own_id;
         let start = id.end + between.len();
-        let (said, before) = (Arc::clone(said), *sequence);
-        Some(Again { said, before, sequence: own, id, number: start..start + digits })
+        let (said, number) = (Arc::clone(said), start..start + digits);
+        let now = Repeatable { said, sequence: own_number, id, number };
+        Some(Again { before: *sequence, now })
     }
 }
 
@@ -175,7 +174,7 @@ mod tests {
         for number in [10, 11, 12, 1_000] {
             let text = written(&beat(&format!("lamp.7.{number}"), number));
             let again = hearsay.is_again(text.as_bytes()).expect("it says the same");
-            assert_eq!(again.sequence, number);
+            assert_eq!(again.now.sequence, number);
             assert!(again.before < number);
             hearsay.keep_again(Bytes::from(text.clone()), again);
             assert_eq!(hearsay.all().collect::<Vec<_>>(), [&Bytes::from(text)]);

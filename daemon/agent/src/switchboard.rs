@@ -564,7 +564,7 @@ impl Switchboard {
             state.heard.get(sender).and_then(|hearsay| hearsay.is_again(payload))
         };
         let Some(again) = again else { return false };
-        if !self.may_say(origin, sender, again.said.incarnation) {
+        if !self.may_say(origin, sender, again.now.said.incarnation) {
             return true;
         }
         if let Some(Listening { commons, .. }) = self.commons.get()

@@ -5,13 +5,8 @@
 //! ecosystem, a signature at one end and its proof at the other; a hundred agents that beat together
 //! pay that once.
 
-use std::borrow::Cow;
-use std::fmt;
-
-use acl::AgentId;
+use acl::{AgentId, sender_of};
 use bytes::Bytes;
-use serde::Deserializer as _;
-use serde::de::{IgnoredAny, MapAccess, Visitor};
 
 /// How long a bundle may become: with its key and its seal it fits into one batch of Zenoh's
 /// (65,535 bytes), so that nothing of it has to be put together again.
@@ -62,36 +57,6 @@ pub(crate) fn unpack(bundle: &Bytes) -> impl Iterator<Item = (AgentId, Bytes)> +
     let lines = bundle.split(|byte| *byte == b'\n').filter(|line| !line.is_empty());
     // A copy of its own: one that is kept for long would keep them all.
     lines.filter_map(|line| Some((sender_of(line)?, Bytes::copy_from_slice(line))))
-}
-
-/// Whose message a text says it is. Reads no further than that: whoever wants to know more has to read
-/// it anyway.
-fn sender_of(text: &[u8]) -> Option<AgentId> {
-    let mut sender = None;
-    // What is left of the text is an error to whoever expects its end.
-    let _ = serde_json::Deserializer::from_slice(text).deserialize_map(UpToSender(&mut sender));
-    sender
-}
-
-struct UpToSender<'s>(&'s mut Option<AgentId>);
-
-impl<'de> Visitor<'de> for UpToSender<'_> {
-    type Value = ();
-
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a message")
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, mut message: A) -> Result<(), A::Error> {
-        while let Some(key) = message.next_key::<Cow<'_, str>>()? {
-            if key == "sender" {
-                *self.0 = Some(message.next_value()?);
-                return Ok(());
-            }
-            message.next_value::<IgnoredAny>()?;
-        }
-        Ok(())
-    }
 }
 
 #[cfg(test)]
@@ -151,10 +116,5 @@ mod tests {
         }
         let mixed = Bytes::from("x\n{\"sender\":\"a\"}\n{");
         assert_eq!(unpack(&mixed).count(), 1);
-        // Not whose another says it is.
-        let nested = r#"{"x":{"sender":"b"},"y":"\"sender\":\"c\"","sender":"a"}"#;
-        let nested = Bytes::from(nested);
-        let senders: Vec<_> = unpack(&nested).map(|(sender, _)| sender.to_string()).collect();
-        assert_eq!(senders, ["a"]);
     }
 }

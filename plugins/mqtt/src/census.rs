@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use acl::AgentId;
-use agent::bringing::Finding;
+use agent::bringing::{Finding, NOWHERE};
 
 use crate::Gateway;
 use crate::described::{Described, core, name_of};
@@ -26,21 +26,24 @@ impl Gateway {
     fn agents_of(&self, device: &Described) -> Vec<Finding<Part>> {
         let Parts { parts, problem } = Parts::of(device, &self.classes);
         let room = self.room(device);
-        let finding = |agent: AgentId, features: Option<Vec<Known>>| Finding {
-            is_named: is_listed(&self.config.devices, device),
-            part: features
-                .zip(room.clone())
-                .map(|(features, room)| self.part(device, agent.clone(), room, features)),
+        let finding = |agent: AgentId, part: Result<Part, String>| Finding {
             agent,
+            is_named: is_listed(&self.config.devices, device),
             room: room.clone(),
+            part,
             problem: problem.clone(),
             toml: self.lines(device),
         };
         if parts.is_empty() {
             let agent = AgentId::new(&name_of(&device.name));
-            return agent.map(|agent| finding(agent, None)).into_iter().collect();
+            let useless = || Err(problem.clone().unwrap_or_default());
+            return agent.map(|agent| finding(agent, useless())).into_iter().collect();
         }
-        parts.into_iter().map(|(agent, features)| finding(agent, Some(features))).collect()
+        let found = parts.into_iter().map(|(agent, features)| {
+            let part = room.clone().map(|room| self.part(device, agent.clone(), room, features));
+            finding(agent, part.ok_or_else(|| NOWHERE.to_owned()))
+        });
+        found.collect()
     }
 
     fn part(&self, device: &Described, agent: AgentId, room: String, features: Vec<Known>) -> Part {

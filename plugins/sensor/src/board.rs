@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use acl::AgentId;
 use actuator::Actuator;
-use agent::bringing::Finding;
+use agent::bringing::{Finding, NOWHERE};
 use agent::{
     Agent, Blueprint, Bringing, Brings, BuildError, Callbacks, Context, Launch, PluginEntry, Work,
     bringing,
@@ -146,7 +146,7 @@ impl Board {
             agent: AgentId::new(&name_of(bundle)).ok()?,
             is_named: self.is_in(&self.config.devices, bundle),
             room: room.map(str::to_owned),
-            part: room.map(|room| self.config_of(bundle, room)),
+            part: room.map(|room| self.config_of(bundle, room)).ok_or_else(|| NOWHERE.to_owned()),
             problem: None,
             toml: self.lines(bundle),
         })
