@@ -96,7 +96,8 @@ impl LandmarkCut {
             costs: Vec::new(),
             missing: Vec::new(),
             supporters: vec![NOTHING; relaxation.relaxed_count()],
-            queue: CostQueue::default(),
+            // A single cost weighs more than most plans have steps.
+            queue: CostQueue::of_great_costs(),
             initial: Vec::new(),
             zones: vec![Zone::Unseen; relaxation.proposition_count()],
             waiting: Vec::new(),

@@ -1,7 +1,7 @@
 //! A queue for Dijkstra's algorithm over costs that are mostly small.
 //!
 //! Small costs have a bucket each, large ones share a heap. Costs never fall below the last one
-//! taken out.
+//! taken out, and who has found the queue empty clears it before anything is pushed again.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -9,8 +9,13 @@ use std::collections::BinaryHeap;
 /// Costs below this have buckets: relaxed plans of a hundred thousand steps are rare.
 const BUCKETS_MAX: u64 = 100_000;
 
-#[derive(Debug, Default)]
+/// Where most costs are great: buckets up to the first of them would be made, and passed over each
+/// time, for nothing.
+const BUCKETS_WHERE_COSTS_ARE_GREAT_MAX: u64 = 1_000;
+
+#[derive(Debug)]
 pub(super) struct CostQueue {
+    buckets_max: u64,
     buckets: Vec<Vec<u32>>,
     current: usize,
     /// One past the highest bucket that was filled since the queue was cleared.
@@ -18,9 +23,26 @@ pub(super) struct CostQueue {
     large: BinaryHeap<Reverse<(u64, u32)>>,
 }
 
+impl Default for CostQueue {
+    fn default() -> CostQueue {
+        CostQueue {
+            buckets_max: BUCKETS_MAX,
+            buckets: Vec::new(),
+            current: 0,
+            filled: 0,
+            large: BinaryHeap::new(),
+        }
+    }
+}
+
 // === impl CostQueue ===
 
 impl CostQueue {
+    /// For costs that are great, mostly.
+    pub(super) fn of_great_costs() -> CostQueue {
+        CostQueue { buckets_max: BUCKETS_WHERE_COSTS_ARE_GREAT_MAX, ..CostQueue::default() }
+    }
+
     pub(super) fn clear(&mut self) {
         // What lies below was taken out.
         for bucket in self.buckets.iter_mut().take(self.filled).skip(self.current) {
@@ -32,7 +54,7 @@ impl CostQueue {
 
     #[inline]
     pub(super) fn push(&mut self, cost: u64, item: u32) {
-        if cost >= BUCKETS_MAX {
+        if cost >= self.buckets_max {
             self.large.push(Reverse((cost, item)));
             return;
         }
@@ -53,5 +75,64 @@ impl CostQueue {
             self.current += 1;
         }
         self.large.pop().map(|Reverse(entry)| entry)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        /// What costs least comes first, and of what costs the same, what came last; also after the
+        /// queue was cleared with things in it.
+        #[test]
+        fn it_is_a_stack_for_each_cost(
+            rounds in prop::collection::vec(
+                prop::collection::vec((prop::option::weighted(0.6, 0..1_500_u64), 0..9_u32), 0..60),
+                1..4,
+            )
+        ) {
+            let mut queue = CostQueue::default();
+            for round in rounds {
+                queue.clear();
+                let (mut stacks, mut last) = (BTreeMap::<u64, Vec<u32>>::new(), 0);
+                for (raise, item) in round {
+                    if let Some(raise) = raise {
+                        queue.push(last + raise, item);
+                        stacks.entry(last + raise).or_default().push(item);
+                        continue;
+                    }
+                    let expected = stacks.first_entry().map(|mut lowest| {
+                        let item = lowest.get_mut().pop().expect("never empty");
+                        let cost = *lowest.key();
+                        if lowest.get().is_empty() {
+                            lowest.remove();
+                        }
+                        (cost, item)
+                    });
+                    prop_assert_eq!(queue.pop(), expected);
+                    let Some((cost, _)) = expected else { break };
+                    last = cost;
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn great_costs_come_after_the_small_ones() {
+        for (mut queue, max) in [
+            (CostQueue::default(), BUCKETS_MAX),
+            (CostQueue::of_great_costs(), BUCKETS_WHERE_COSTS_ARE_GREAT_MAX),
+        ] {
+            for cost in [max + 5, 7, max, max - 1] {
+                queue.push(cost, 1);
+            }
+            let costs = std::iter::from_fn(|| queue.pop()).map(|(cost, _)| cost);
+            assert_eq!(costs.collect::<Vec<_>>(), [7, max - 1, max, max + 5]);
+        }
     }
 }
