@@ -24,8 +24,8 @@ const LAYERS: &[&[&str]] = &[
         "substrate",
     ],
     // `engines` knows `planner` for its validator: no engine's plan is believed.
-    &["agent", "engines", "substrate-zenoh"],
-    &["actuator"],
+    &["agent", "engines", "substrate-zenoh", "terminal"],
+    &["actuator", "althing-plan"],
     &[
         "cleaning-robot",
         "command",

@@ -6,10 +6,10 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::error::ErrorKind;
+use althing_plan::arguments::PlanArgs;
 use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand, ValueEnum};
-
-use crate::exit;
+use terminal::arguments::PrintArgs;
+use terminal::exit;
 
 /// What a stranger sees first.
 const FIRST_SCREEN: &str = "\
@@ -121,7 +121,7 @@ pub(crate) enum Command {
     #[command(after_help = SEND_HELP)]
     Send(SendArgs),
     /// Find a plan for a PDDL domain and problem
-    #[command(after_help = PLAN_HELP)]
+    #[command(after_help = althing_plan::arguments::help("althing plan"))]
     Plan(PlanArgs),
     /// Check a plan, tell its cost, or the step and the condition that fail
     #[command(after_help = VALIDATE_HELP)]
@@ -152,23 +152,6 @@ Examples: althing plugin add ./thermometer
           althing plugin list
           althing plugin logs thermometer
           althing plugin enable thermometer       begins anew what was given up";
-
-const PLAN_HELP: &str = "\
-The plan goes to stdout in the format of the planning competitions, a summary to
-stderr.
-
-Exit codes: 0 plan found, 10 proven unsolvable before search, 11 proven
-unsolvable, 12 search ended without plan or proof, 22 out of memory, 23 out of
-time, 32 an engine broke down, 33 bad input, 34 unsupported feature, 69 the
-engine is not installed
-
-Other engines are programs of their own. Fast Downward is found on PATH or, after
-`pip install up-fast-downward`, in a Python on PATH; Metric-FF on PATH. The
-variables ALTHING_FAST_DOWNWARD and ALTHING_METRIC_FF name another program. Their
-memory limit is one for each of their processes.
-
-Examples: althing plan domain.pddl problem.pddl --plan plan.txt --time-limit 10
-          althing plan domain.pddl problem.pddl --engine fast-downward";
 
 const VALIDATE_HELP: &str = "\
 Exit codes: 0 the plan works, 1 it does not, 33 bad input, 34 unsupported feature
@@ -743,56 +726,6 @@ pub(crate) struct WatchWords {
     pub(crate) off: bool,
 }
 
-/// `althing plan`
-#[derive(Debug, Args)]
-pub(crate) struct PlanArgs {
-    /// The PDDL domain
-    #[arg(value_name = "DOMAIN", required_unless_present = "list")]
-    pub(crate) domain: Option<PathBuf>,
-    /// The PDDL problem
-    #[arg(value_name = "PROBLEM", required_unless_present = "list")]
-    pub(crate) problem: Option<PathBuf>,
-    /// Write the plan to this file instead of stdout; with --anytime, each better one
-    #[arg(long, value_name = "FILE")]
-    pub(crate) plan: Option<PathBuf>,
-    /// Stop after this many seconds
-    #[arg(long, value_name = "S", value_parser = seconds)]
-    pub(crate) time_limit: Option<std::time::Duration>,
-    /// Stop before the planner's tables take more than this [default: 2048]
-    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u32).range(1..))]
-    pub(crate) memory_limit: Option<u32>,
-    /// Search on so many threads, 1 or 2; the same number finds the same plan
-    #[arg(
-        long,
-        value_name = "N",
-        default_value_t = 1,
-        value_parser = clap::value_parser!(u16).range(1..)
-    )]
-    pub(crate) threads: u16,
-    /// Which planner
-    #[arg(long, value_enum, default_value_t = Engine::Embedded)]
-    pub(crate) engine: Engine,
-    /// How the first plan is searched for; --list shows the ways there are
-    #[arg(long, value_name = "NAME", default_value = planner::CONFIGURATIONS[0].name, value_parser = search())]
-    pub(crate) search: String,
-    /// Show heuristics and ways to search, and what they promise
-    #[arg(long)]
-    pub(crate) list: bool,
-    /// Go on after the first plan, to cheaper ones, until a limit
-    #[arg(long)]
-    pub(crate) anytime: bool,
-    /// Only a plan that is proven to be the cheapest
-    #[arg(long)]
-    pub(crate) optimal: bool,
-    #[command(flatten)]
-    pub(crate) print: PrintArgs,
-}
-
-/// The names of the planner's ways to search.
-fn search() -> clap::builder::PossibleValuesParser {
-    planner::CONFIGURATIONS.iter().map(|one| one.name).collect::<Vec<_>>().into()
-}
-
 /// `althing validate`
 #[derive(Debug, Args)]
 pub(crate) struct ValidateArgs {
@@ -833,14 +766,6 @@ pub(crate) struct ReachArgs {
     pub(crate) key: Option<String>,
 }
 
-/// How results are printed.
-#[derive(Clone, Debug, Args)]
-pub(crate) struct PrintArgs {
-    /// Print JSON, for programs
-    #[arg(long)]
-    pub(crate) json: bool,
-}
-
 /// A shell that completes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ShellArg {
@@ -868,30 +793,6 @@ pub(crate) enum ModeArg {
     Centralized,
     /// Every actuator plans for itself, and the best proposals win
     Decentralized,
-}
-
-/// Which planner.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Engine {
-    /// Althing's own
-    Embedded,
-    /// Fast Downward, as a program of its own
-    FastDownward,
-    /// Metric-FF, as a program of its own
-    MetricFf,
-}
-
-// === impl Engine ===
-
-impl Engine {
-    /// As it is written on the command line.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Engine::Embedded => "embedded",
-            Engine::FastDownward => "fast-downward",
-            Engine::MetricFf => "metric-ff",
-        }
-    }
 }
 
 /// What happens to a goal while the ecosystem is in pieces.
@@ -926,24 +827,9 @@ impl From<ModeArg> for agent::Mode {
 /// Reads the command line; where there is nothing to do but to print, does that.
 pub(crate) fn parse() -> Result<Cli, ExitCode> {
     if std::env::args_os().len() == 1 {
-        return Err(crate::output::print(FIRST_SCREEN, exit::DONE));
+        return Err(terminal::output::print(FIRST_SCREEN, exit::DONE));
     }
-    Cli::try_parse().map_err(|err| {
-        let asked_for = matches!(err.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
-        // To a reader that went away there is nothing to say.
-        let _ = err.print();
-        exit::with(if asked_for { exit::DONE } else { exit::USAGE })
-    })
-}
-
-/// A positive number of seconds, fractions allowed.
-fn seconds(text: &str) -> Result<std::time::Duration, String> {
-    let seconds: f64 =
-        text.parse().map_err(|_| "a number of seconds, such as 30 or 0.5".to_owned())?;
-    match std::time::Duration::try_from_secs_f64(seconds) {
-        Ok(limit) if !limit.is_zero() => Ok(limit),
-        _ => Err("more than 0 seconds, such as 30 or 0.5".to_owned()),
-    }
+    terminal::arguments::parse(std::env::args_os())
 }
 
 #[cfg(test)]
@@ -966,14 +852,6 @@ mod tests {
         assert!(FIRST_SCREEN.lines().count() <= 24);
         for line in FIRST_SCREEN.lines() {
             assert!(line.chars().count() <= 80, "{line}");
-        }
-    }
-
-    #[test]
-    fn a_time_limit_is_positive() {
-        assert!(seconds("0.5").is_ok());
-        for bad in ["0", "-1", "nan", "inf", "1e300", "soon"] {
-            assert!(seconds(bad).is_err(), "{bad}");
         }
     }
 }

@@ -13,13 +13,13 @@ pub(crate) fn start(verbose: u8) {
     let asked = std::env::var(VARIABLE).ok().filter(|filter| !filter.trim().is_empty());
     let filter = asked.unwrap_or_else(|| level(verbose).to_owned());
     let filter = EnvFilter::builder().parse(&filter).unwrap_or_else(|err| {
-        crate::output::note(&format!("{VARIABLE}={filter} is left out: {err}"));
+        terminal::output::note(&format!("{VARIABLE}={filter} is left out: {err}"));
         EnvFilter::new(level(verbose))
     });
     let subscriber = tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(|| crate::output::Notes)
-        .with_ansi(crate::output::stderr_is_colored())
+        .with_writer(|| terminal::output::Notes)
+        .with_ansi(terminal::output::stderr_is_colored())
         .finish();
     // A second start, in a test, changes nothing.
     let _ = tracing_subscriber::util::SubscriberInitExt::try_init(subscriber);

@@ -1,26 +1,21 @@
 //! `althing`: one binary per machine. This file is the table of contents of the process.
 //!
-//! 1. [`cli`] reads the command line, 2. [`commands`] has one function per command, 3. [`exit`]
-//!    names what the process ends with.
+//! 1. [`cli`] reads the command line, 2. [`commands`] has one function per command, 3.
+//!    [`terminal::exit`] names what the process ends with.
 //!
 //! Around them: [`prompt`] (a person at a terminal), [`hosting`] (one daemon and its agents), [`plugins`] (the table of them), [`scenario`]
-//! (the paper's demonstrations), [`config`] (what the ecosystem file means), [`report`] and [`render`] (how mistakes
-//! are gathered and shown), [`pddl_files`], [`output`] (the two streams), [`logging`],
-//! [`service_manager`] (what systemd is told).
+//! (the paper's demonstrations), [`config`] (what the ecosystem file means), [`logging`],
+//! [`service_manager`] (what systemd is told). How files are read, and mistakes and results shown,
+//! is the crate [`terminal`]'s; `althing plan` is [`althing_plan`].
 
 mod cli;
 mod commands;
 mod config;
-mod exit;
 mod hosting;
 mod interfacing;
 mod logging;
-mod output;
-mod pddl_files;
 mod plugins;
 mod prompt;
-mod render;
-mod report;
 mod scenario;
 mod service_manager;
 

@@ -8,10 +8,10 @@ use acl::AgentId;
 use acl::content::{Appeared, Inform, Snapshot};
 use agent::{Resident, Resource};
 use serde_json::json;
+use terminal::{exit, output};
 
 use crate::cli::AgentsArgs;
 use crate::commands::client::{self, View};
-use crate::{exit, output};
 
 /// Prints a line per agent.
 pub(super) fn run(args: &AgentsArgs) -> ExitCode {

@@ -7,11 +7,11 @@ use acl::content::OpenQuestion;
 use agent::Resource;
 use keyboard::Said;
 use serde_json::json;
+use terminal::{exit, output};
 
 use crate::cli::AnswerArgs;
 use crate::commands::client::{self, Link, View};
 use crate::commands::speaking::{self, Interrupt, Manner};
-use crate::{exit, output};
 
 /// Lists the open questions, or answers one.
 pub(super) fn run(args: &AnswerArgs) -> ExitCode {

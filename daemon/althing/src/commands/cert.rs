@@ -8,14 +8,15 @@ use std::time::SystemTime;
 use acl::{DaemonId, EcosystemId};
 use credentials::{Authority, Certificate, CredentialError, Folder, Trust};
 use serde_json::json;
+use terminal::output::Color;
+use terminal::{exit, output};
 
 use crate::cli::{
     CertArgs, CertAuthorityArgs, CertCommand, CertDaemonArgs, CertPlaceArgs, CertRevokeArgs,
     CertShowArgs,
 };
 use crate::config::{self, Ecosystem, Overrides, credentials_folder};
-use crate::output::Color;
-use crate::{exit, output, plugins};
+use crate::plugins;
 
 const DAY_SECONDS: u64 = 24 * 3_600;
 

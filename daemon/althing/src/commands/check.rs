@@ -14,15 +14,15 @@ use std::sync::Arc;
 use agent::Mode;
 use pddl::{Diagnostic, Document, Domain, Name};
 use serde_json::{Value, json};
+use terminal::pddl_files::{self, DomainText};
+use terminal::render::plural;
+use terminal::report::{Report, Source};
+use terminal::{exit, output};
 
 use crate::cli::CheckArgs;
 use crate::config::{Ecosystem, KnownPlugin, Overrides};
 use crate::hosting;
 use crate::interfacing;
-use crate::pddl_files::{self, DomainText};
-use crate::render::plural;
-use crate::report::{Report, Source};
-use crate::{exit, output};
 
 /// What a file turned out to be.
 struct Checked {
@@ -149,7 +149,7 @@ impl Desk {
             let value = json!({
                 "status": if has_errors { "bad-input" } else { "ok" },
                 "files": files,
-                "diagnostics": crate::render::json(&self.report),
+                "diagnostics": terminal::render::json(&self.report),
             });
             return output::print_json(&value, code);
         }

@@ -10,11 +10,12 @@ use std::time::Duration;
 use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{Ask, Directory, Machine, Resource, Switchboard};
 use bytes::Bytes;
+use terminal::{exit, output};
 
 use crate::cli::{AskArgs, ReachArgs};
 use crate::config::{self, Ecosystem, Overrides};
 use crate::hosting::{self, GuestKeys, Node, Wire};
-use crate::{exit, output, plugins};
+use crate::plugins;
 
 /// How long an answer is waited for.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(5);

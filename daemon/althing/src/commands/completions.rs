@@ -4,9 +4,9 @@ use std::process::ExitCode;
 
 use clap::CommandFactory as _;
 use clap_complete::{Shell, generate};
+use terminal::{exit, output};
 
 use crate::cli::{Cli, CompletionsArgs, ShellArg};
-use crate::{exit, output};
 
 /// Prints the shell's script.
 pub(super) fn run(args: &CompletionsArgs) -> ExitCode {

@@ -6,10 +6,10 @@ use acl::AgentId;
 use acl::content::Snapshot;
 use agent::Resource;
 use serde_json::json;
+use terminal::{exit, output};
 
 use crate::cli::AskArgs;
 use crate::commands::client::{self, View};
-use crate::{exit, output};
 
 /// Prints the composite domain.
 pub(super) fn run(args: &AskArgs) -> ExitCode {

@@ -7,10 +7,10 @@ use acl::AgentId;
 use acl::content::{GoalStatus, Keep};
 use agent::Resource;
 use serde_json::json;
+use terminal::{exit, output};
 
 use crate::cli::AskArgs;
 use crate::commands::client::{self, View};
-use crate::{exit, output};
 
 /// Lines of a goal's history that are shown; `--json` has them all.
 const HISTORY_LINES: usize = 6;

@@ -6,9 +6,8 @@ use acl::content::{Inform, OpenQuestion, Outcome, Refusal, Report};
 use acl::{Message, Performative};
 use keyboard::Heard;
 use serde_json::{Value, json};
-
-use crate::output::Color;
-use crate::{exit, output};
+use terminal::output::Color;
+use terminal::{exit, output};
 
 /// Prints what was heard.
 pub(crate) fn print(heard: &Heard, json: bool) -> ExitCode {

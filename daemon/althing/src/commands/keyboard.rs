@@ -4,11 +4,11 @@ use std::process::ExitCode;
 
 use acl::AgentId;
 use keyboard::Keyboard;
+use terminal::{exit, output};
 
 use crate::cli::KeyboardArgs;
 use crate::commands::client::{self, Link};
 use crate::prompt::{self, Guest};
-use crate::{exit, output};
 
 /// Opens the prompt.
 pub(super) fn run(args: &KeyboardArgs) -> ExitCode {
@@ -36,7 +36,7 @@ async fn open(link: &Link, id: AgentId, json: bool) -> ExitCode {
     let (keyboard, terminal) = Keyboard::with_terminal();
     link.node.launch(id.clone(), keyboard, link.view.ontology());
     let guest = Guest { view: link.view.clone(), id, terminal, json };
-    if prompt::run(guest, super::interrupted()).await {
+    if prompt::run(guest, terminal::exit::interrupted()).await {
         return exit::with(exit::DONE);
     }
     output::note("some of what was asked for failed");

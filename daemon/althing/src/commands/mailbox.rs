@@ -7,10 +7,10 @@ use acl::AgentId;
 use acl::content::{MailboxStatus, Mailboxes};
 use agent::Resource;
 use serde_json::json;
+use terminal::{exit, output};
 
 use crate::cli::{MailboxArgs, WhoseArgs};
 use crate::commands::client::{self, View};
-use crate::{exit, output};
 
 /// Prints a line per mailbox.
 pub(super) fn run(args: &MailboxArgs) -> ExitCode {

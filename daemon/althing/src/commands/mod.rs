@@ -15,7 +15,6 @@ pub(crate) mod goals;
 mod keyboard;
 pub(crate) mod mailbox;
 mod mode;
-mod plan;
 mod plugin;
 mod replay;
 mod scenario;
@@ -36,10 +35,10 @@ use std::future::Future;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use tokio::signal::unix::{SignalKind, signal};
+use terminal::{exit, output};
 
 use crate::cli::Command;
-use crate::{exit, output, plugins};
+use crate::plugins;
 
 /// What `althing up` says when its agents are here; whoever started it waits for the line.
 pub(crate) const READY: &str = "is ready";
@@ -47,7 +46,7 @@ pub(crate) const READY: &str = "is ready";
 /// Does what was asked.
 pub(crate) fn run(command: Command) -> ExitCode {
     match command {
-        Command::Plan(args) => plan::run(&args),
+        Command::Plan(args) => althing_plan::run(&args),
         Command::Plugin(args) => plugin::run(&args),
         Command::Validate(args) => validate::run(&args),
         Command::Check(args) => check::run(&args, &plugins::known()),
@@ -96,19 +95,6 @@ pub(crate) fn brief(duration: Duration) -> String {
         seconds @ 1..=119 => format!("{seconds} s"),
         seconds @ 120..=7_199 => format!("{} min", seconds / 60),
         seconds => format!("{} h", seconds / 3_600),
-    }
-}
-
-/// Waits until the process is told to stop: SIGINT or SIGTERM, which it yields. Where signals
-/// cannot be listened to, they end the process as they always do.
-pub(crate) async fn interrupted() -> SignalKind {
-    let (interrupt, terminate) = (SignalKind::interrupt(), SignalKind::terminate());
-    let (Ok(mut interrupts), Ok(mut terminations)) = (signal(interrupt), signal(terminate)) else {
-        return std::future::pending().await;
-    };
-    tokio::select! {
-        _ = interrupts.recv() => interrupt,
-        _ = terminations.recv() => terminate,
     }
 }
 

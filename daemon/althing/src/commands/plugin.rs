@@ -7,6 +7,8 @@ use std::process::ExitCode;
 use agent::Resource;
 use plugin_host::{Faults, Package, Plugins, Shelf, ShelfError, Status};
 use serde_json::json;
+use terminal::report::{Report, Source};
+use terminal::{exit, output};
 
 use crate::cli::{
     AskArgs, PluginAddArgs, PluginArgs, PluginCheckArgs, PluginCommand, PluginLogsArgs,
@@ -14,8 +16,7 @@ use crate::cli::{
 };
 use crate::commands::client::{self, View};
 use crate::config::{self, Ecosystem, Overrides};
-use crate::report::{Report, Source};
-use crate::{exit, hosting, output, plugins};
+use crate::{hosting, plugins};
 
 /// Shows, checks, adds, removes.
 pub(super) fn run(args: &PluginArgs) -> ExitCode {

@@ -30,9 +30,10 @@ use crate::commands::watch::record::Recording;
 use crate::config::{self, Ecosystem, Overrides};
 use crate::hosting::{self, Mishaps, Node, Part, Wire};
 use crate::interfacing::voice::{News, Voice};
-use crate::render::plural;
-use crate::{exit, output, plugins};
+use crate::plugins;
 use plays::{End, Play, Plays, Words};
+use terminal::render::plural;
+use terminal::{exit, output};
 
 /// A recording did not come to the same ends.
 const OTHERWISE: u8 = 1;
@@ -70,7 +71,7 @@ pub(super) fn run(args: &ReplayArgs) -> ExitCode {
                     exit::with(exit::UNAVAILABLE)
                 }
             },
-            signal = super::interrupted() => exit::by_signal(signal),
+            signal = terminal::exit::interrupted() => exit::by_signal(signal),
         }
     })
 }

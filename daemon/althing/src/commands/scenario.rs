@@ -5,10 +5,10 @@ use std::process::ExitCode;
 
 use agent::Mode;
 use serde_json::json;
+use terminal::{exit, output};
 
 use crate::cli::{ScenarioArgs, SubstrateArg};
 use crate::scenario::{Event, Played, Scenario, Script, Stage, play};
-use crate::{exit, output};
 
 /// The outcome does not hold.
 const DOES_NOT_HOLD: u8 = 1;
@@ -34,7 +34,7 @@ pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
         tokio::select! {
             code = perform(number, script, json) => code,
             // The stage falls with the play, and what was started for it ends.
-            signal = super::interrupted() => exit::by_signal(signal),
+            signal = terminal::exit::interrupted() => exit::by_signal(signal),
         }
     })
 }

@@ -12,12 +12,12 @@ use conversation::{PROTOCOLS, Phase, Role};
 use keyboard::{Draft, Said};
 use serde::Deserialize;
 use serde_json::{Map, Value};
+use terminal::report::Source;
+use terminal::{exit, output};
 
 use crate::cli::SendArgs;
 use crate::commands::client::{self, Link};
 use crate::commands::speaking::{self, Interrupt, Manner};
-use crate::report::Source;
-use crate::{exit, output};
 
 /// How long answers are waited for that name no time: longer than an agent has to answer, and
 /// than a plan takes to be found.

@@ -7,10 +7,10 @@ use std::process::ExitCode;
 use linux_sensors::{Bundle, Channel, Quantity, ReadError, Sysfs};
 use pddl::{Diagnostic, Span};
 use serde_json::json;
+use terminal::report::{Report, reason};
+use terminal::{exit, output};
 
 use crate::cli::SensorsArgs;
-use crate::report::{Report, reason};
-use crate::{exit, output};
 
 /// Shows the sensors of this machine.
 pub(crate) fn run(args: &SensorsArgs) -> ExitCode {

@@ -6,11 +6,11 @@ use std::process::ExitCode;
 use acl::AgentId;
 use acl::content::{Outcome, Report};
 use keyboard::{Heard, Keyboard, Said};
+use terminal::{exit, output};
 use tokio::signal;
 
 use crate::commands::client::{self, Link};
 use crate::commands::hearing;
-use crate::{exit, output};
 
 /// What was asked for failed, or was refused.
 pub(super) const FAILED: u8 = 1;

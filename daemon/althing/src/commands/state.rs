@@ -8,10 +8,10 @@ use acl::AgentId;
 use acl::content::{BelievedFact, BelievedState};
 use agent::Resource;
 use serde_json::json;
+use terminal::{exit, output};
 
 use crate::cli::AskArgs;
 use crate::commands::client::{self, View};
-use crate::{exit, output};
 
 /// Prints a line per fact.
 pub(super) fn run(args: &AskArgs) -> ExitCode {

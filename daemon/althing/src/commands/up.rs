@@ -9,6 +9,8 @@ use acl::{AgentId, DaemonId};
 use agent::Mode;
 use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
 use serde_json::Value;
+use terminal::report::Report;
+use terminal::{exit, output};
 use tokio::sync::oneshot;
 
 use crate::cli::UpArgs;
@@ -17,10 +19,9 @@ use crate::commands::{READY, hearing};
 use crate::config::{self, AgentEntry, Ecosystem, InterfaceEntry, Overrides};
 use crate::hosting::{self, GuestKeys, Node, Part, Processes, Stay, Wire, socket_in};
 use crate::interfacing::{self, Other};
+use crate::plugins;
 use crate::prompt::{self, Guest};
-use crate::report::Report;
 use crate::service_manager::{self, Watchdog};
-use crate::{exit, output, plugins};
 
 /// How a daemon of this machine is called again when its link is lost: four times a second for as
 /// long as it does not answer, because looking for a socket costs nothing, and a process that was
@@ -213,7 +214,7 @@ async fn up(ecosystem: Arc<Ecosystem>, place: Place, others: Others, manner: Man
         Ok(abroad) => abroad,
         Err(problem) => return unavailable(format!("failed to {problem}")),
     };
-    let interrupted = super::interrupted();
+    let interrupted = terminal::exit::interrupted();
     tokio::pin!(interrupted);
     announce(&ecosystem, &place, &node);
     if !manner.has_prompt {

@@ -9,12 +9,12 @@ use std::sync::Arc;
 use pddl::{Diagnostic, Parsed, Plan};
 use planner::validate::{self, Fault, FaultReason, Place, Verdict};
 use serde_json::json;
+use terminal::pddl_files::{self, Task};
+use terminal::render::{number, plural};
+use terminal::report::{Report, Source};
+use terminal::{exit, output};
 
 use crate::cli::ValidateArgs;
-use crate::pddl_files::{self, Task};
-use crate::render::{number, plural};
-use crate::report::{Report, Source};
-use crate::{exit, output};
 
 /// Checks the plan, and shows its cost or what fails.
 pub(crate) fn run(args: &ValidateArgs) -> ExitCode {
@@ -76,7 +76,7 @@ fn unsupported(task: &Task, source: &Arc<Source>, plan: &Plan) -> Option<Report>
 
 fn show_valid(json: bool, warnings: &Report, steps: usize, cost: f64) -> ExitCode {
     if json {
-        let diagnostics = crate::render::json(warnings);
+        let diagnostics = terminal::render::json(warnings);
         let value = json!({
             "status": "valid", "steps": steps, "cost": number(cost), "diagnostics": diagnostics,
         });
@@ -113,7 +113,7 @@ fn show_fault(
             "reason": fault.reason.to_string(),
             "condition": fault.condition().map(ToString::to_string),
         },
-        "diagnostics": crate::render::json(&report),
+        "diagnostics": terminal::render::json(&report),
     });
     output::print_json(&value, exit::INVALID_PLAN)
 }

@@ -10,14 +10,14 @@ use acl::content::{Inform, Refusal, Report, Request};
 use acl::{EcosystemId, Message, Performative, Protocol};
 use conversation::Transcript;
 use serde_json::{Value, json};
+use terminal::output::Color;
+use terminal::{exit, output};
 use tokio::signal;
 use tokio::sync::mpsc;
 
 use crate::cli::WatchArgs;
 use crate::commands::client::{self, Target};
 use crate::hosting::GuestKeys;
-use crate::output::Color;
-use crate::{exit, output};
 
 /// Messages that may wait to be printed; a slow terminal misses the rest, and is told so.
 const WAITING_MAX: usize = 10_000;

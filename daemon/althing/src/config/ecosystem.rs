@@ -9,10 +9,10 @@ use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{Admit, Mode, Rights, Settings};
 use pddl::{Domain, Problem};
 use serde_json::Value;
+use terminal::report::Report;
 
 use super::InterfaceEntry;
 use super::layer::Places;
-use crate::report::Report;
 
 /// A whole ecosystem, the same on every machine.
 #[derive(Clone, Debug)]

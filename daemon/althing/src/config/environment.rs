@@ -11,13 +11,13 @@ use std::collections::BTreeMap;
 
 use ::config::{Map, Value, ValueKind};
 use pddl::{Diagnostic, Span, nearest};
+use terminal::report::Source;
 use toml::Spanned;
 use toml::de::DeValue;
 
 use super::layer::{Layer, Place};
 use super::reader::{Reader, handed_on, join};
 use super::schema::{self, Shape};
-use crate::report::Source;
 
 const PREFIX: &str = "ALTHING_";
 const SEPARATOR: &str = "__";

@@ -8,8 +8,7 @@ use std::sync::Arc;
 
 use ::config::{ConfigError, Map, Source as ConfigSource, Value};
 use pddl::Span;
-
-use crate::report::Source;
+use terminal::report::Source;
 
 /// Where something was written.
 #[derive(Clone, Copy, Debug)]

@@ -28,9 +28,9 @@ use super::KnownPlugin;
 use super::ecosystem::{BuildingSettings, Ecosystem, PluginSettings};
 use super::layer::{Layer, Place, Places};
 use super::raw::{Raw, RawBuilding, RawEcosystem, RawPlugins};
-use crate::report::{Report, Source};
 use files::Files;
 use rights::limited_actions;
+use terminal::report::{Report, Source};
 
 /// What the checks share: where things were written, and what is wrong so far.
 struct Meaning<'l> {

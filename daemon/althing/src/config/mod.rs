@@ -37,9 +37,9 @@ pub(crate) use ecosystem::{AgentEntry, Ecosystem, SecuritySettings};
 pub(crate) use environment::{Variables, variables};
 pub(crate) use find::{credentials_folder, find_ecosystem_file, resolve_ecosystem};
 
-use crate::report::{Report, Source};
 use layer::Layer;
 use raw::Raw;
+use terminal::report::{Report, Source};
 
 /// What an ecosystem file may say of a plugin.
 #[derive(Clone, Copy, Debug)]

@@ -7,13 +7,13 @@ use std::sync::Arc;
 
 use ::config::{Map, Value, ValueKind};
 use pddl::{Diagnostic, Span, nearest};
+use terminal::report::Source;
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
 
 use super::duration;
 use super::layer::{Layer, Place};
 use super::schema::{self, Key, Shape};
-use crate::report::Source;
 
 /// Walks the tree of a text.
 pub(super) struct Reader {

@@ -7,10 +7,10 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use plugin_host::{Confinement, LAUNCH, Launcher, Setting, Shelf, WantedAgent};
+use terminal::{exit, output};
 
 use super::{Node, plugins_folder};
 use crate::config::{AgentEntry, Ecosystem};
-use crate::{exit, output};
 
 /// This program, as it runs now: also where its file was replaced meanwhile.
 const ITSELF: &str = "/proc/self/exe";

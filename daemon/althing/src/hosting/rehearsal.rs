@@ -9,10 +9,10 @@ use acl::AgentId;
 use agent::{BuildError, Host, Rehearsal, Resources};
 use pddl::{ActionModel, Diagnostic, Span};
 use serde_json::Value;
+use terminal::report::Report;
 
 use super::{HostError, supervisor};
 use crate::config::{AgentEntry, Ecosystem};
-use crate::report::Report;
 
 /// What is wrong with the agents' entries, said as `up` would say it.
 ///

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use acl::AgentId;
 use pddl::{ActionModel, Diagnostic, Domain, Problem, Span};
+use terminal::report::Report;
 
 use ::interfacing::export::{self, Shores};
 use ::interfacing::translate::Translator;
@@ -13,7 +14,6 @@ use ::interfacing::words::{Passage, Way, Words};
 
 use crate::config::{Ecosystem, InterfaceEntry, KnownPlugin, Overrides, RuleEntry};
 use crate::hosting;
-use crate::report::Report;
 
 /// The other ecosystem of an interface.
 pub(crate) struct Other {

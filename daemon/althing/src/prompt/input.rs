@@ -17,10 +17,11 @@ use rustyline::hint::Hinter;
 use rustyline::history::FileHistory;
 use rustyline::validate::Validator;
 use rustyline::{Config, Context, Editor, ExternalPrinter as _, Helper};
+use terminal::output;
 use tokio::sync::mpsc as channel;
 
 use super::completion::Vocabulary;
-use crate::{hosting, output};
+use crate::hosting;
 
 /// What stands before the line.
 const PROMPT: &str = "althing> ";

@@ -28,10 +28,10 @@ use crate::commands::client::View;
 use crate::commands::{
     act, agents, answer, domain, goal, goals, hearing, mailbox, set, state, watch,
 };
-use crate::{exit, output};
 use completion::Vocabulary;
 use input::{Input, Typed};
 use requests::Requests;
+use terminal::{exit, output};
 use verbs::Verb;
 
 /// How long the words of the domain may take before the first line is read without them.

@@ -14,12 +14,12 @@ use std::time::{Duration, Instant};
 use acl::{EcosystemId, Message};
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
+use terminal::{exit, output};
 use tokio::sync::mpsc;
 
 use super::{WAITING_MAX, discreet};
 use crate::commands::brief;
 use crate::commands::client::{self, Target};
-use crate::{exit, output};
 
 /// The version of the lines written here.
 const VERSION: u32 = 1;
@@ -112,7 +112,7 @@ pub(super) fn run(
     crate::commands::in_runtime(async move {
         let ended = tokio::select! {
             ended = record(target, conversation, &mut recorder) => ended,
-            _ = crate::commands::interrupted() => Ok(()),
+            _ = terminal::exit::interrupted() => Ok(()),
         };
         recorder.tell(file);
         match ended {

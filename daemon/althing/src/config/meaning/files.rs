@@ -4,10 +4,10 @@ use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
 use pddl::{Diagnostic, Domain, Problem};
+use terminal::pddl_files::{self, DomainText};
+use terminal::report::Source;
 
 use super::Meaning;
-use crate::pddl_files::{self, DomainText};
-use crate::report::Source;
 
 /// Both files, as far as they can be read.
 pub(super) struct Files {

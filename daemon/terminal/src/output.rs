@@ -19,7 +19,7 @@ static ABOVE: Mutex<Option<Sender<String>>> = Mutex::new(None);
 
 /// What a word stands for, for a person.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Color {
+pub enum Color {
     /// As it comes.
     Plain,
     /// Of no weight.
@@ -33,7 +33,7 @@ pub(crate) enum Color {
 }
 
 /// Sends everything above a prompt from now on, or, with `None`, to the two streams again.
-pub(crate) fn above(prompt: Option<Sender<String>>) {
+pub fn above(prompt: Option<Sender<String>>) {
     *lock() = prompt;
 }
 
@@ -50,7 +50,7 @@ fn lock() -> MutexGuard<'static, Option<Sender<String>>> {
 }
 
 /// A word in its color, where stdout has any.
-pub(crate) fn paint(color: Color, word: &str) -> String {
+pub fn paint(color: Color, word: &str) -> String {
     let code = match color {
         Color::Plain => return word.to_owned(),
         Color::Dim => "2",
@@ -62,7 +62,7 @@ pub(crate) fn paint(color: Color, word: &str) -> String {
 }
 
 /// Standard error, or above the prompt: for the log.
-pub(crate) struct Notes;
+pub struct Notes;
 
 impl Write for Notes {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
@@ -78,7 +78,7 @@ impl Write for Notes {
 }
 
 /// Writes a result to stdout; `code` if that worked.
-pub(crate) fn print(text: impl Display, code: u8) -> ExitCode {
+pub fn print(text: impl Display, code: u8) -> ExitCode {
     let text = match print_above(text.to_string()) {
         Ok(()) => return exit::with(code),
         Err(text) => text,
@@ -95,7 +95,7 @@ pub(crate) fn print(text: impl Display, code: u8) -> ExitCode {
 }
 
 /// Breaks a long line between words where stdout is a terminal; what follows is indented.
-pub(crate) fn folded(line: &str, indent: usize) -> String {
+pub fn folded(line: &str, indent: usize) -> String {
     let Some((columns, _)) = terminal_size::terminal_size_of(io::stdout()) else {
         return line.to_owned();
     };
@@ -113,19 +113,19 @@ fn fold(line: &str, columns: usize, indent: usize) -> String {
 }
 
 /// Writes one JSON value and a newline to stdout.
-pub(crate) fn print_json(value: &serde_json::Value, code: u8) -> ExitCode {
+pub fn print_json(value: &serde_json::Value, code: u8) -> ExitCode {
     print(format_args!("{value}\n"), code)
 }
 
 /// Writes a line for people to stderr. There is nowhere to say that this failed.
-pub(crate) fn note(line: &str) {
+pub fn note(line: &str) {
     if let Err(line) = print_above(format!("{line}\n")) {
         let _ = io::stderr().lock().write_all(line.as_bytes());
     }
 }
 
 /// Shows mistakes: to people on stderr, or on stdout as one JSON object.
-pub(crate) fn show(report: &Report, json: bool, status: &str, code: u8) -> ExitCode {
+pub fn show(report: &Report, json: bool, status: &str, code: u8) -> ExitCode {
     if json {
         let diagnostics = render::json(report);
         let value = serde_json::json!({ "status": status, "diagnostics": diagnostics });
@@ -136,7 +136,7 @@ pub(crate) fn show(report: &Report, json: bool, status: &str, code: u8) -> ExitC
 }
 
 /// Shows mistakes and how many they are on stderr.
-pub(crate) fn show_people(report: &Report) {
+pub fn show_people(report: &Report) {
     if report.is_empty() {
         return;
     }
@@ -148,12 +148,12 @@ pub(crate) fn show_people(report: &Report) {
 }
 
 /// Whether stderr may have colors.
-pub(crate) fn stderr_is_colored() -> bool {
+pub fn stderr_is_colored() -> bool {
     io::stderr().is_terminal() && colors_are_welcome()
 }
 
 /// Whether stdout may have colors.
-pub(crate) fn stdout_is_colored() -> bool {
+pub fn stdout_is_colored() -> bool {
     io::stdout().is_terminal() && colors_are_welcome()
 }
 

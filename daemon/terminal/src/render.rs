@@ -22,7 +22,7 @@ const FINDINGS_MAX: usize = 200;
 
 /// How the text may look.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Look {
+pub struct Look {
     width: usize,
     colored: bool,
 }
@@ -38,7 +38,7 @@ struct Excerpt<'a> {
 
 impl Look {
     /// What stderr can show.
-    pub(crate) fn of_stderr() -> Look {
+    pub fn of_stderr() -> Look {
         let width = terminal_size::terminal_size_of(std::io::stderr())
             .map_or(WIDTH, |(width, _)| usize::from(width.0));
         Look {
@@ -54,7 +54,7 @@ impl Look {
 }
 
 /// All mistakes, one after the other, a blank line after each.
-pub(crate) fn human(report: &Report, look: Look) -> String {
+pub fn human(report: &Report, look: Look) -> String {
     let renderer = look.renderer();
     let shown = report.findings().iter().take(FINDINGS_MAX);
     let mut text: String =
@@ -67,7 +67,7 @@ pub(crate) fn human(report: &Report, look: Look) -> String {
 }
 
 /// “2 errors and 1 warning”.
-pub(crate) fn summary(report: &Report) -> String {
+pub fn summary(report: &Report) -> String {
     let counts =
         [(Severity::Error, "error"), (Severity::Warning, "warning"), (Severity::Hint, "hint")]
             .map(|(severity, noun)| (report.count(severity), noun));
@@ -81,12 +81,12 @@ pub(crate) fn summary(report: &Report) -> String {
 }
 
 /// “1 step”, “2 steps”.
-pub(crate) fn plural(count: usize, noun: &str) -> String {
+pub fn plural(count: usize, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
 /// A number as JSON: whole where it is whole.
-pub(crate) fn number(value: f64) -> Value {
+pub fn number(value: f64) -> Value {
     // 2^53: up to there every whole number has a float of its own.
     const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
     if value.fract() == 0.0 && value.abs() <= WHOLE_MAX {
@@ -97,7 +97,7 @@ pub(crate) fn number(value: f64) -> Value {
 }
 
 /// All mistakes as a JSON array. `line` and `column` count from 1, columns in characters.
-pub(crate) fn json(report: &Report) -> Value {
+pub fn json(report: &Report) -> Value {
     report.findings().iter().map(json_finding).collect()
 }
 

@@ -7,37 +7,50 @@
 
 use std::process::ExitCode;
 
-use tokio::signal::unix::SignalKind;
+use tokio::signal::unix::{SignalKind, signal};
 
 /// Done; of `plan`, a plan was found.
-pub(crate) const DONE: u8 = 0;
+pub const DONE: u8 = 0;
 /// `validate`: the plan does not work. Validators of the field say it so.
-pub(crate) const INVALID_PLAN: u8 = 1;
+pub const INVALID_PLAN: u8 = 1;
 /// `plan`: out of memory.
-pub(crate) const OUT_OF_MEMORY: u8 = 22;
+pub const OUT_OF_MEMORY: u8 = 22;
 /// `plan`: out of time.
-pub(crate) const OUT_OF_TIME: u8 = 23;
+pub const OUT_OF_TIME: u8 = 23;
 /// A file of the user's cannot be read, or has mistakes.
-pub(crate) const BAD_INPUT: u8 = 33;
+pub const BAD_INPUT: u8 = 33;
 /// Understood, and not something this version does.
-pub(crate) const UNSUPPORTED: u8 = 34;
+pub const UNSUPPORTED: u8 = 34;
 /// `EX_USAGE`: the command line is wrong. Not clap's 2, which for a planner means “a plan was found,
 /// then time ran out”.
-pub(crate) const USAGE: u8 = 64;
+pub const USAGE: u8 = 64;
 /// `EX_UNAVAILABLE`: what was asked for is not here: a command not built yet, a substrate that
 /// cannot be reached.
-pub(crate) const UNAVAILABLE: u8 = 69;
+pub const UNAVAILABLE: u8 = 69;
 /// `EX_IOERR`: a result could not be written.
-pub(crate) const OUTPUT: u8 = 74;
+pub const OUTPUT: u8 = 74;
 /// `EX_CONFIG`: the configuration is wrong; a service manager need not try again.
-pub(crate) const CONFIG: u8 = 78;
+pub const CONFIG: u8 = 78;
 
 /// Ended by a signal, as a shell says it: 130 for SIGINT, 143 for SIGTERM.
-pub(crate) fn by_signal(signal: SignalKind) -> ExitCode {
+pub fn by_signal(signal: SignalKind) -> ExitCode {
     u8::try_from(128 + signal.as_raw_value()).map_or_else(|_| with(UNAVAILABLE), with)
 }
 
 /// The process's own form of a code.
-pub(crate) fn with(code: u8) -> ExitCode {
+pub fn with(code: u8) -> ExitCode {
     ExitCode::from(code)
+}
+
+/// Waits until the process is told to stop: SIGINT or SIGTERM, which it yields. Where signals
+/// cannot be listened to, they end the process as they always do.
+pub async fn interrupted() -> SignalKind {
+    let (interrupt, terminate) = (SignalKind::interrupt(), SignalKind::terminate());
+    let (Ok(mut interrupts), Ok(mut terminations)) = (signal(interrupt), signal(terminate)) else {
+        return std::future::pending().await;
+    };
+    tokio::select! {
+        _ = interrupts.recv() => interrupt,
+        _ = terminations.recv() => terminate,
+    }
 }

@@ -13,19 +13,19 @@ use engines::{Aim, Ending, Engine, EngineError, Installation, Options, Outcome};
 use pddl::{Diagnostic, Span};
 use planner::{Cancel, Text};
 use serde_json::json;
+use terminal::pddl_files::{self, Task};
+use terminal::render::number;
+use terminal::{exit, output};
 use tokio::signal::unix::SignalKind;
 
-use super::telling::Telling;
-use crate::cli::PlanArgs;
-use crate::pddl_files::{self, Task};
-use crate::render::number;
-use crate::{exit, output};
+use crate::arguments::PlanArgs;
+use crate::telling::Telling;
 
 /// The engine broke down, or brought a plan that does not work: “critical error” in the field.
 const BROKE_DOWN: u8 = 32;
 
 /// Plans with an engine, and shows the plan or why there is none.
-pub(super) fn run(args: &PlanArgs, engine: Engine, task: &Task, started: Instant) -> ExitCode {
+pub(crate) fn run(args: &PlanArgs, engine: Engine, task: &Task, started: Instant) -> ExitCode {
     let installation = match Installation::find(engine) {
         Ok(installation) => installation,
         Err(err) => return show_error(args, task, &err),
@@ -66,7 +66,7 @@ fn on_interrupt(cancel: Cancel) -> Arc<Mutex<Option<SignalKind>>> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     if let Ok(runtime) = runtime {
         thread::spawn(move || {
-            let signal = runtime.block_on(crate::commands::interrupted());
+            let signal = runtime.block_on(exit::interrupted());
             *tell.lock().unwrap_or_else(PoisonError::into_inner) = Some(signal);
             cancel.set();
         });
@@ -84,8 +84,8 @@ fn show(
     let mut report = task.report.clone();
     let code = outcome.ending.exit_code().unwrap_or(exit::DONE);
     let unit_cost = task.problem.metric.is_none();
-    let text = outcome.plan.as_ref().map(|plan| super::ipc(plan, unit_cost));
-    if let Some(refused) = super::write_plan(args, text.as_deref(), &mut report) {
+    let text = outcome.plan.as_ref().map(|plan| crate::ipc(plan, unit_cost));
+    if let Some(refused) = crate::write_plan(args, text.as_deref(), &mut report) {
         return refused;
     }
     let seconds = elapsed.as_secs_f64();
@@ -97,16 +97,16 @@ fn show(
             "reason": words(outcome.ending, args),
             "engine": args.engine.name(),
             "plan": steps.map(Iterator::collect::<Vec<String>>),
-            "cost": plan.map(|plan| number(super::cost(plan))),
-            "cost_kind": plan.map(|_| super::cost_kind(unit_cost)),
+            "cost": plan.map(|plan| number(crate::cost(plan))),
+            "cost_kind": plan.map(|_| crate::cost_kind(unit_cost)),
             "statistics": { "proven_optimal": outcome.proven_optimal, "seconds": seconds },
-            "diagnostics": crate::render::json(&report),
+            "diagnostics": terminal::render::json(&report),
         });
         return output::print_json(&value, code);
     }
     output::show_people(&report);
     let first = match &outcome.plan {
-        Some(plan) => super::found(plan, unit_cost, outcome.proven_optimal),
+        Some(plan) => crate::found(plan, unit_cost, outcome.proven_optimal),
         None => format!("no plan: {}", words(outcome.ending, args)),
     };
     output::note(&format!("{first}\n{engine} ended after {seconds:.3} s"));

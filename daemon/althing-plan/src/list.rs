@@ -5,11 +5,10 @@ use std::process::ExitCode;
 
 use planner::{CONFIGURATIONS, Configuration, HEURISTICS, Heuristic};
 use serde_json::{Value, json};
-
-use crate::{exit, output};
+use terminal::{exit, output};
 
 /// Shows what there is.
-pub(super) fn run(as_json: bool) -> ExitCode {
+pub(crate) fn run(as_json: bool) -> ExitCode {
     if as_json {
         let heuristics: Vec<Value> = HEURISTICS.iter().map(json_heuristic).collect();
         let searches: Vec<Value> = CONFIGURATIONS.iter().map(json_search).collect();

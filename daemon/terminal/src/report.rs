@@ -17,25 +17,25 @@ const TEXT_BYTES_MAX: u64 = 1 << 30;
 
 /// A text and what it is called.
 #[derive(Debug)]
-pub(crate) struct Source {
+pub struct Source {
     /// The file as the user named it, or what else the text is.
-    pub(crate) name: String,
+    pub name: String,
     /// All of it.
-    pub(crate) text: String,
+    pub text: String,
 }
 
 /// A mistake and the text it is in, if it is in one.
 #[derive(Clone, Debug)]
-pub(crate) struct Finding {
+pub struct Finding {
     /// The text; none for a file that cannot be read.
-    pub(crate) source: Option<Arc<Source>>,
+    pub source: Option<Arc<Source>>,
     /// The mistake; its spans are places of the text.
-    pub(crate) diagnostic: Diagnostic,
+    pub diagnostic: Diagnostic,
 }
 
 /// Mistakes in the order in which they were found.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Report {
+pub struct Report {
     findings: Vec<Finding>,
 }
 
@@ -43,20 +43,20 @@ pub(crate) struct Report {
 
 impl Source {
     /// A text that is no file.
-    pub(crate) fn new(name: impl Into<String>, text: impl Into<String>) -> Arc<Source> {
+    pub fn new(name: impl Into<String>, text: impl Into<String>) -> Arc<Source> {
         Arc::new(Source { name: name.into(), text: text.into() })
     }
 
     /// Reads a file whatever its encoding.
     ///
     /// The error completes “failed to …” and names the file.
-    pub(crate) fn read(path: &Path) -> Result<Arc<Source>, String> {
+    pub fn read(path: &Path) -> Result<Arc<Source>, String> {
         let name = path.display().to_string();
         Source::read_as(path, &name).map_err(|reason| format!("read `{name}`: {reason}"))
     }
 
     /// Reads a file that is to be called `name`. The error is the reason alone.
-    pub(crate) fn read_as(path: &Path, name: &str) -> Result<Arc<Source>, String> {
+    pub fn read_as(path: &Path, name: &str) -> Result<Arc<Source>, String> {
         let bytes = read_bytes(path)?;
         let text = match String::from_utf8(bytes) {
             Ok(text) => text,
@@ -66,7 +66,7 @@ impl Source {
     }
 
     /// Line and column of a place, both from 1.
-    pub(crate) fn line_column(&self, span: Span) -> (usize, usize) {
+    pub fn line_column(&self, span: Span) -> (usize, usize) {
         pddl::line_column(&self.text, span.start as usize)
     }
 }
@@ -76,7 +76,9 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>, String> {
         return Err("it is a folder; name a file in it".to_owned());
     }
     let file = File::open(path).map_err(|err| reason(&err))?;
-    let mut bytes = Vec::new();
+    // Of what is no file, a pipe, the size is not known; of what grows meanwhile, it is a hint.
+    let size = file.metadata().map_or(0, |about| about.len().min(TEXT_BYTES_MAX));
+    let mut bytes = Vec::with_capacity(usize::try_from(size).unwrap_or(0) + 1);
     file.take(TEXT_BYTES_MAX + 1).read_to_end(&mut bytes).map_err(|err| reason(&err))?;
     if bytes.len() as u64 > TEXT_BYTES_MAX {
         return Err(format!("it has more than {} MiB", TEXT_BYTES_MAX >> 20));
@@ -85,7 +87,7 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>, String> {
 }
 
 /// An error of the system in words, without its number where the words say it all.
-pub(crate) fn reason(err: &std::io::Error) -> String {
+pub fn reason(err: &std::io::Error) -> String {
     match err.kind() {
         std::io::ErrorKind::NotFound => "there is no such file".to_owned(),
         std::io::ErrorKind::PermissionDenied => "you may not read it".to_owned(),
@@ -97,11 +99,7 @@ pub(crate) fn reason(err: &std::io::Error) -> String {
 
 impl Report {
     /// Adds mistakes of one text.
-    pub(crate) fn add(
-        &mut self,
-        source: &Arc<Source>,
-        diagnostics: impl IntoIterator<Item = Diagnostic>,
-    ) {
+    pub fn add(&mut self, source: &Arc<Source>, diagnostics: impl IntoIterator<Item = Diagnostic>) {
         self.findings.extend(
             diagnostics
                 .into_iter()
@@ -110,43 +108,43 @@ impl Report {
     }
 
     /// Adds an error that is in no text. `failure` completes “failed to …”.
-    pub(crate) fn add_failure(&mut self, failure: impl std::fmt::Display) {
+    pub fn add_failure(&mut self, failure: impl std::fmt::Display) {
         let diagnostic = Diagnostic::error(Span::default(), format!("failed to {failure}"));
         self.findings.push(Finding { source: None, diagnostic });
     }
 
     /// Adds a mistake that is in no text.
-    pub(crate) fn add_general(&mut self, diagnostic: Diagnostic) {
+    pub fn add_general(&mut self, diagnostic: Diagnostic) {
         self.findings.push(Finding { source: None, diagnostic });
     }
 
     /// Adds all of another report.
-    pub(crate) fn extend(&mut self, other: Report) {
+    pub fn extend(&mut self, other: Report) {
         self.findings.extend(other.findings);
     }
 
     /// The mistakes.
-    pub(crate) fn findings(&self) -> &[Finding] {
+    pub fn findings(&self) -> &[Finding] {
         &self.findings
     }
 
     /// Whether there is nothing to say.
-    pub(crate) fn is_empty(&self) -> bool {
+    pub fn is_empty(&self) -> bool {
         self.findings.is_empty()
     }
 
     /// Whether something cannot be used as it is.
-    pub(crate) fn has_errors(&self) -> bool {
+    pub fn has_errors(&self) -> bool {
         self.count(Severity::Error) > 0
     }
 
     /// How many there are of one severity.
-    pub(crate) fn count(&self, severity: Severity) -> usize {
+    pub fn count(&self, severity: Severity) -> usize {
         self.findings.iter().filter(|finding| finding.diagnostic.severity == severity).count()
     }
 
     /// Orders the mistakes of each text by their places, the texts by when they were first named.
-    pub(crate) fn sort(&mut self) {
+    pub fn sort(&mut self) {
         let mut texts: Vec<String> = Vec::new();
         let rank = |finding: &Finding| {
             let name = finding.source.as_ref().map_or("", |source| &source.name);
@@ -166,7 +164,7 @@ impl Report {
     }
 
     /// Removes what is said twice of one place: a file may be reached on two ways.
-    pub(crate) fn dedup(&mut self) {
+    pub fn dedup(&mut self) {
         let mut seen = BTreeSet::new();
         self.findings.retain(|Finding { source, diagnostic }| {
             let file = source.as_ref().map(|source| source.name.clone());

@@ -7,22 +7,23 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::cli::PlanArgs;
-use crate::output;
-use crate::render::plural;
+use terminal::output;
+use terminal::render::plural;
+
+use crate::arguments::PlanArgs;
 
 /// How often a person is told that it still goes on.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Says now and then how far it is, until it is dropped.
-pub(super) struct Telling {
+pub(crate) struct Telling {
     stop: Option<mpsc::Sender<()>>,
     thread: Option<thread::JoinHandle<()>>,
 }
 
 /// What the embedded planner is at.
 #[derive(Clone, Copy, Default)]
-pub(super) enum Stage {
+pub(crate) enum Stage {
     #[default]
     Grounding,
     Preparing {
@@ -36,17 +37,17 @@ pub(super) enum Stage {
 
 /// The stage it has reached. Clones share it.
 #[derive(Clone, Default)]
-pub(super) struct Progress(Arc<Mutex<Stage>>);
+pub(crate) struct Progress(Arc<Mutex<Stage>>);
 
 // === impl Progress ===
 
 impl Progress {
-    pub(super) fn set(&self, stage: Stage) {
+    pub(crate) fn set(&self, stage: Stage) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = stage;
     }
 
     /// The line about it, of the seconds gone.
-    pub(super) fn line(&self) -> impl Fn(u64) -> String + Send + 'static {
+    pub(crate) fn line(&self) -> impl Fn(u64) -> String + Send + 'static {
         let Progress(stage) = self.clone();
         move |seconds| {
             let stage = *stage.lock().unwrap_or_else(PoisonError::into_inner);
@@ -75,7 +76,7 @@ impl fmt::Display for Stage {
 
 impl Telling {
     /// Starts, where a person is there to read it; `line` makes the line of the seconds gone.
-    pub(super) fn start(
+    pub(crate) fn start(
         args: &PlanArgs,
         started: Instant,
         line: impl Fn(u64) -> String + Send + 'static,

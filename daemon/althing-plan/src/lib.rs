@@ -1,9 +1,11 @@
-//! `althing plan`: the planner alone, with the habits of the planning competitions.
+//! The planner alone, with the habits of the planning competitions: `althing plan`, and a program of
+//! its own that starts in a quarter of the time, `althing-plan`.
 //!
 //! - Hands on to `external` what another engine is to plan, to `list` what there is to choose.
 //! - Owns the wall clock: the planner knows none, so a timer sets its `Cancel` flag.
 //! - Refuses by name what the planner cannot do yet; nothing asked for is silently left out.
 
+pub mod arguments;
 mod external;
 mod list;
 mod telling;
@@ -22,16 +24,16 @@ use planner::{
     StopReason, Text, configuration,
 };
 use serde_json::{Value, json};
+use terminal::pddl_files::{self, Task};
+use terminal::render::{number, plural};
+use terminal::report::{Report, reason};
+use terminal::{exit, output};
 
-use self::telling::{Progress, Stage, Telling};
-use crate::cli::{Engine, PlanArgs};
-use crate::pddl_files::{self, Task};
-use crate::render::{number, plural};
-use crate::report::{Report, reason};
-use crate::{exit, output};
+use crate::arguments::{Engine, PlanArgs};
+use crate::telling::{Progress, Stage, Telling};
 
 /// Plans, and shows the plan or why there is none.
-pub(crate) fn run(args: &PlanArgs) -> ExitCode {
+pub fn run(args: &PlanArgs) -> ExitCode {
     let started = Instant::now();
     let (Some(domain), Some(problem), false) = (&args.domain, &args.problem, args.list) else {
         return list::run(args.print.json);
@@ -286,7 +288,7 @@ fn json_outcome(outcome: &Outcome, unit_cost: bool, report: &Report, took: Took)
         "cost": plan.map(|plan| number(cost(plan))),
         "cost_kind": plan.map(|_| cost_kind(unit_cost)),
         "statistics": json_statistics(&outcome.statistics, took),
-        "diagnostics": crate::render::json(report),
+        "diagnostics": terminal::render::json(report),
     })
 }
 

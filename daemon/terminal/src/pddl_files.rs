@@ -10,25 +10,31 @@ use pddl::{ActionModel, Diagnostic, Domain, Parsed, Problem};
 use crate::report::{Report, Source};
 
 /// A domain and a problem without errors, and their texts.
-pub(crate) struct Task {
-    pub(crate) domain: Domain,
-    pub(crate) problem: Problem,
-    pub(crate) domain_source: Arc<Source>,
-    pub(crate) problem_source: Arc<Source>,
+pub struct Task {
+    /// What can be done.
+    pub domain: Domain,
+    /// What is wanted, and from where.
+    pub problem: Problem,
+    /// The domain's text.
+    pub domain_source: Arc<Source>,
+    /// The problem's text.
+    pub problem_source: Arc<Source>,
     /// Warnings.
-    pub(crate) report: Report,
+    pub report: Report,
 }
 
 /// A domain as far as it can be read.
-pub(crate) struct DomainText {
-    pub(crate) source: Arc<Source>,
-    pub(crate) domain: Option<Domain>,
+pub struct DomainText {
+    /// The text.
+    pub source: Arc<Source>,
+    /// What of it could be read.
+    pub domain: Option<Domain>,
     /// The lines that cannot be read: what they declare is missing in `domain`.
     damaged: Vec<String>,
 }
 
 /// Reads both files and gathers what is wrong in both.
-pub(crate) fn read_task(domain: &Path, problem: &Path) -> Result<Task, Report> {
+pub fn read_task(domain: &Path, problem: &Path) -> Result<Task, Report> {
     let mut report = Report::default();
     let domain = read(domain, &mut report).map(|source| domain_of(source, &mut report));
     let problem = read(problem, &mut report).map(|source| {
@@ -47,13 +53,13 @@ pub(crate) fn read_task(domain: &Path, problem: &Path) -> Result<Task, Report> {
 }
 
 /// Reads a file, or reports that it cannot be read.
-pub(crate) fn read(path: &Path, report: &mut Report) -> Option<Arc<Source>> {
+pub fn read(path: &Path, report: &mut Report) -> Option<Arc<Source>> {
     Source::read(path).map_err(|failure| report.add_failure(failure)).ok()
 }
 
 /// The text to blame for a mistake that the planner found and does not place: the domain where it
 /// is wrong without any problem, else the problem.
-pub(crate) fn blamed(task: &Task) -> &Arc<Source> {
+pub fn blamed(task: &Task) -> &Arc<Source> {
     let nothing = Problem::named("nothing", task.domain.name.clone());
     match planner::validate::World::initial(&task.domain, &nothing) {
         Ok(_) => &task.problem_source,
@@ -62,7 +68,7 @@ pub(crate) fn blamed(task: &Task) -> &Arc<Source> {
 }
 
 /// The domain in a text, as far as there is one; its mistakes are reported.
-pub(crate) fn domain_of(source: Arc<Source>, report: &mut Report) -> DomainText {
+pub fn domain_of(source: Arc<Source>, report: &mut Report) -> DomainText {
     let Parsed { value: domain, diagnostics } = pddl::parse_domain(&source.text);
     let damaged = damaged_lines(&source.text, &diagnostics);
     let checked = domain.as_ref().map(pddl::check_domain).unwrap_or_default();
@@ -71,7 +77,7 @@ pub(crate) fn domain_of(source: Arc<Source>, report: &mut Report) -> DomainText 
 }
 
 /// The problem in a text; checked against its domain where that is known.
-pub(crate) fn problem_of(
+pub fn problem_of(
     source: &Arc<Source>,
     domain: Option<&DomainText>,
     report: &mut Report,
@@ -85,7 +91,7 @@ pub(crate) fn problem_of(
 }
 
 /// The action model in a text; checked against the ontology where that is known.
-pub(crate) fn action_model_of(
+pub fn action_model_of(
     source: &Arc<Source>,
     ontology: Option<&DomainText>,
     report: &mut Report,

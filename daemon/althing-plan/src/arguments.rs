@@ -1,0 +1,105 @@
+//! What can be asked of the planner on a command line.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, ValueEnum};
+use terminal::arguments::{PrintArgs, seconds};
+
+const HELP: &str = "\
+The plan goes to stdout in the format of the planning competitions, a summary to
+stderr.
+
+Exit codes: 0 plan found, 10 proven unsolvable before search, 11 proven
+unsolvable, 12 search ended without plan or proof, 22 out of memory, 23 out of
+time, 32 an engine broke down, 33 bad input, 34 unsupported feature, 69 the
+engine is not installed
+
+Other engines are programs of their own. Fast Downward is found on PATH or, after
+`pip install up-fast-downward`, in a Python on PATH; Metric-FF on PATH. The
+variables ALTHING_FAST_DOWNWARD and ALTHING_METRIC_FF name another program. Their
+memory limit is one for each of their processes.";
+
+/// What is told below the options, to whoever calls us by `name`.
+pub fn help(name: &str) -> String {
+    format!(
+        "{HELP}\n\n\
+         Examples: {name} domain.pddl problem.pddl --plan plan.txt --time-limit 10\n          \
+         {name} domain.pddl problem.pddl --engine fast-downward"
+    )
+}
+
+/// A domain, a problem, and how to plan for them.
+#[derive(Debug, Args)]
+pub struct PlanArgs {
+    /// The PDDL domain
+    #[arg(value_name = "DOMAIN", required_unless_present = "list")]
+    pub domain: Option<PathBuf>,
+    /// The PDDL problem
+    #[arg(value_name = "PROBLEM", required_unless_present = "list")]
+    pub problem: Option<PathBuf>,
+    /// Write the plan to this file instead of stdout; with --anytime, each better one
+    #[arg(long, value_name = "FILE")]
+    pub plan: Option<PathBuf>,
+    /// Stop after this many seconds
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub time_limit: Option<Duration>,
+    /// Stop before the planner's tables take more than this [default: 2048]
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u32).range(1..))]
+    pub memory_limit: Option<u32>,
+    /// Search on so many threads, 1 or 2; the same number finds the same plan
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 1,
+        value_parser = clap::value_parser!(u16).range(1..)
+    )]
+    pub threads: u16,
+    /// Which planner
+    #[arg(long, value_enum, default_value_t = Engine::Embedded)]
+    pub engine: Engine,
+    /// How the first plan is searched for; --list shows the ways there are
+    #[arg(long, value_name = "NAME", default_value = planner::CONFIGURATIONS[0].name, value_parser = search())]
+    pub search: String,
+    /// Show heuristics and ways to search, and what they promise
+    #[arg(long)]
+    pub list: bool,
+    /// Go on after the first plan, to cheaper ones, until a limit
+    #[arg(long)]
+    pub anytime: bool,
+    /// Only a plan that is proven to be the cheapest
+    #[arg(long)]
+    pub optimal: bool,
+    /// How the outcome is printed.
+    #[command(flatten)]
+    pub print: PrintArgs,
+}
+
+/// The names of the planner's ways to search.
+fn search() -> clap::builder::PossibleValuesParser {
+    planner::CONFIGURATIONS.iter().map(|one| one.name).collect::<Vec<_>>().into()
+}
+
+/// Which planner.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Engine {
+    /// Althing's own
+    Embedded,
+    /// Fast Downward, as a program of its own
+    FastDownward,
+    /// Metric-FF, as a program of its own
+    MetricFf,
+}
+
+// === impl Engine ===
+
+impl Engine {
+    /// As it is written on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Engine::Embedded => "embedded",
+            Engine::FastDownward => "fast-downward",
+            Engine::MetricFf => "metric-ff",
+        }
+    }
+}

@@ -1,0 +1,51 @@
+//! What the command lines of all our programs have in common.
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::error::ErrorKind;
+use clap::{Args, Parser};
+
+use crate::exit;
+
+/// How results are printed.
+#[derive(Clone, Debug, Args)]
+pub struct PrintArgs {
+    /// Print JSON, for programs
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Reads the command line; what the process ends with where it is wrong, or asks for help.
+pub fn parse<P: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<P, ExitCode> {
+    P::try_parse_from(words).map_err(|err| {
+        let asked_for = matches!(err.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
+        // To a reader that went away there is nothing to say.
+        let _ = err.print();
+        exit::with(if asked_for { exit::DONE } else { exit::USAGE })
+    })
+}
+
+/// A positive number of seconds, fractions allowed.
+pub fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds: f64 =
+        text.parse().map_err(|_| "a number of seconds, such as 30 or 0.5".to_owned())?;
+    match Duration::try_from_secs_f64(seconds) {
+        Ok(limit) if !limit.is_zero() => Ok(limit),
+        _ => Err("more than 0 seconds, such as 30 or 0.5".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_time_limit_is_positive() {
+        assert!(seconds("0.5").is_ok());
+        for bad in ["0", "-1", "nan", "inf", "1e300", "soon"] {
+            assert!(seconds(bad).is_err(), "{bad}");
+        }
+    }
+}
