@@ -7,7 +7,8 @@ use std::process::{Command, Stdio};
 use engines::{Aim, Ending, Options};
 use planner::{Cancel, plan};
 
-use crate::features::{FEATURES, Feature, Judges, texts};
+use crate::features::{FEATURES, Feature, Judges, domain_of, texts};
+use crate::following;
 use crate::support::{fast_downward, parse, run, unified_planning};
 
 /// The embedded planner's plan.
@@ -35,11 +36,7 @@ fn an_independent_validator_accepts_the_plans() {
     let judged: Vec<&Feature> =
         FEATURES.iter().filter(|feature| feature.by != Judges::FastDownward).collect();
     for (index, feature) in judged.iter().enumerate() {
-        let (mut domain, mut problem) = texts(feature);
-        if feature.by == Judges::Printed {
-            let (read_domain, read_problem) = parse(&domain, &problem);
-            (domain, problem) = (read_domain.to_string(), read_problem.to_string());
-        }
+        let (domain, problem) = for_unified_planning(feature);
         let mut paths = Vec::new();
         for (name, text) in
             [("domain", domain), ("problem", problem), ("plan", embedded(feature).to_string())]
@@ -69,6 +66,37 @@ fn an_independent_validator_accepts_the_plans() {
         .collect();
     assert!(told.is_empty(), "{told}");
     assert_eq!(verdicts.len(), judged.len(), "a verdict for each feature");
+}
+
+/// The task in a form that unified-planning can read.
+fn for_unified_planning(feature: &Feature) -> (String, String) {
+    let (domain, problem) = texts(feature);
+    match feature.by {
+        Judges::Printed => {
+            let (domain, problem) = parse(&domain, &problem);
+            (domain.to_string(), problem.to_string())
+        }
+        Judges::Twin(sections) => (domain_of(sections), problem),
+        Judges::Both | Judges::Validator | Judges::FastDownward => (domain, problem),
+    }
+}
+
+#[test]
+fn fast_downward_follows_the_plans_that_no_other_validator_can_read() {
+    let Some(installation) = fast_downward() else { return };
+    let options = Options::default();
+    for feature in FEATURES.iter().filter(|feature| feature.by == Judges::FastDownward) {
+        let (domain, problem) = texts(feature);
+        let plan = embedded(feature);
+        let ends = |steps: &[pddl::PlanStep]| {
+            let (domain, problem) = following::task(&parse(&domain, &problem), steps);
+            run(&installation, &domain, &problem, &options).expect("it can be read").ending
+        };
+        assert_eq!(ends(&plan.steps), Ending::GoalReached, "{}", feature.name);
+        // It can say no: the plan without its last step.
+        let short = &plan.steps[..plan.steps.len() - 1];
+        assert!(matches!(ends(short), Ending::Unsolvable { .. }), "{}", feature.name);
+    }
 }
 
 #[test]

@@ -21,8 +21,11 @@ pub(crate) enum Judges {
     Printed,
     /// unified-planning alone: Fast Downward knows no numbers.
     Validator,
-    /// Fast Downward alone: its cheapest plan costs the same. unified-planning cannot read this.
+    /// Fast Downward alone, as unified-planning cannot read this: its cheapest plan costs the same,
+    /// and told to follow ours, step by step, it reaches the goal (`following.rs`).
     FastDownward,
+    /// Both, unified-planning by this domain: it says the same in words that it can read.
+    Twin(&'static str),
 }
 
 const fn feature(
@@ -35,7 +38,7 @@ const fn feature(
     Feature { name, domain, problem, cost, by }
 }
 
-use Judges::{Both, FastDownward, Printed, Validator};
+use Judges::{Both, FastDownward, Printed, Twin, Validator};
 
 pub(crate) const FEATURES: &[Feature] = &[
     feature(
@@ -54,7 +57,18 @@ pub(crate) const FEATURES: &[Feature] = &[
     ),
     feature(
         "either",
-        FastDownward,
+        Twin(
+            "(:requirements :typing :adl) (:types a b c - object)
+             (:predicates (p ?x - object) (q ?x - object))
+             (:action go :parameters (?x - object)
+               :precondition (and (or (exists (?a - a) (= ?a ?x)) (exists (?b - b) (= ?b ?x)))
+                                  (not (p ?x)))
+               :effect (p ?x))
+             (:action mark :parameters (?x - object)
+               :precondition (and (or (exists (?b - b) (= ?b ?x)) (exists (?c - c) (= ?c ?x)))
+                                  (not (q ?x)))
+               :effect (q ?x))",
+        ),
         3.0,
         "(:requirements :typing :adl) (:types a b c - object)
          (:predicates (p ?x - (either a b)) (q ?x - object))
@@ -280,7 +294,11 @@ pub(crate) const FEATURES: &[Feature] = &[
 
 /// The texts of a feature's task.
 pub(crate) fn texts(feature: &Feature) -> (String, String) {
-    let domain = format!("(define (domain d) {})", feature.domain);
     let problem = format!("(define (problem p) (:domain d) {})", feature.problem);
-    (domain, problem)
+    (domain_of(feature.domain), problem)
+}
+
+/// The text of a domain with these sections.
+pub(crate) fn domain_of(sections: &str) -> String {
+    format!("(define (domain d) {sections})")
 }

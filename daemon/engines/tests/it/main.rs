@@ -5,6 +5,7 @@ mod conformance;
 mod differential;
 mod fast_downward;
 mod features;
+mod following;
 mod leaving;
 mod metric_ff;
 mod support;
