@@ -5,7 +5,8 @@
 //! 3. Search with all that is known (`search::lazy`), on one thread or in two lanes.
 //! 4. Steps that the plan does not need are left out (`search::improve`).
 //! 5. On small tasks, the cheapest plan (`search::optimal`), with a proof.
-//! 6. Anytime: searches with less and less haste, each for a cheaper plan than the last.
+//! 6. Anytime: searches with less and less haste, each for a cheaper plan than the last, and between
+//!    them for shortcuts (`search::neighborhood`).
 
 use crate::configuration::Method;
 use crate::heuristic::{Evaluator, FastForward, LandmarkCut, Weights, heuristic};
@@ -14,8 +15,9 @@ use crate::outcome::{Statistics, StopReason};
 use crate::prune::{Pruned, prune};
 use crate::search::climbing::{Climb, Climbed};
 use crate::search::lazy::{Lazy, List, Manner};
+use crate::search::neighborhood::Extent;
 use crate::search::optimal::{AStar, weight};
-use crate::search::{Search, Told, improve, lanes, run};
+use crate::search::{Search, Told, improve, lanes, neighborhood, run};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
@@ -35,6 +37,10 @@ const PRUNING_MAX: u64 = 300_000_000;
 /// Expansions after which a search for a better plan makes room for another one, if not more were
 /// made before it.
 const STAGE_MIN: u64 = 10_000;
+
+/// Steps looked at for shortcuts, for each expansion of the searches between: a step is taken in a
+/// hundredth of the time of an expansion with its estimate.
+const SHORTCUTS_PER_EXPANSION: u64 = 8;
 
 /// The lists of the searches for better plans.
 const LAMA: &[List] = &[List::Ff, List::FfPreferred, List::Landmarks, List::LandmarksPreferred];
@@ -227,6 +233,28 @@ impl<'t> Solver<'t> {
         }
     }
 
+    /// Looks for shortcuts near the plan, and near each that is found, until there are none.
+    fn take_shortcuts(
+        &mut self,
+        best: &mut Vec<OperatorId>,
+        expansions: u64,
+        tell: &mut dyn FnMut(Told<'_>),
+    ) {
+        let extent = Extent {
+            steps_max: expansions.saturating_mul(SHORTCUTS_PER_EXPANSION),
+            bytes_max: self.options.budget.memory_max_bytes,
+        };
+        while let Some(cheaper) =
+            neighborhood::cheaper(self.task, &self.generator, best, extent, self.cancel)
+        {
+            let costs_less = self.task.cost(&cheaper) < self.task.cost(best);
+            *best = improve::eliminate(self.task, cheaper, self.cancel);
+            if costs_less {
+                tell(Told::Found(best));
+            }
+        }
+    }
+
     /// Searches for cheaper plans until there is none or a limit is reached.
     fn improve(&mut self, mut best: Vec<OperatorId>, tell: &mut dyn FnMut(Told<'_>)) -> StopReason {
         // Where all steps cost the same, the first search was the first of these.
@@ -235,6 +263,7 @@ impl<'t> Solver<'t> {
             let left = STAGE_MIN.max(self.statistics.expansions);
             let makes_room = left < self.options.budget.expansions_max;
             let expansions_max = left.min(self.options.budget.expansions_max);
+            self.take_shortcuts(&mut best, expansions_max, tell);
             let budget = Budget { expansions_max, ..self.options.budget };
             let manner = Manner {
                 weights: Weights::PlusOne,

@@ -92,6 +92,11 @@ impl StateSpace {
         space
     }
 
+    /// How many states there are.
+    pub(crate) fn len(&self) -> usize {
+        self.ways.len()
+    }
+
     pub(crate) fn state(&self, id: StateId) -> &State {
         let start = id.0 as usize * self.width;
         &self.words[start..start + self.width]

@@ -5,12 +5,13 @@
 //! - [`climbing`] tries what is quick, [`lazy`] finds a plan wherever there is one.
 //! - [`lanes`] runs two searches in step.
 //! - [`optimal`] finds the cheapest where the task is small; it proves that there is none cheaper.
-//! - [`improve`] drops steps that a plan does not need.
+//! - [`improve`] drops steps that a plan does not need, [`neighborhood`] finds shortcuts.
 
 pub(crate) mod climbing;
 pub(crate) mod improve;
 pub(crate) mod lanes;
 pub(crate) mod lazy;
+pub(crate) mod neighborhood;
 mod open;
 pub(crate) mod optimal;
 mod types;

@@ -1,0 +1,203 @@
+//! Plan neighborhood graph search: shortcuts between the states of a plan (Nakhost and Müller, 2010).
+//!
+//! First all states near those of the plan are gathered, breadth first from all of them at once, as
+//! many as are allowed; then the cheapest way through what was gathered is taken. There is no
+//! heuristic that could be led astray: where a plan goes round in circles, this finds it.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use super::optimal::weight;
+use crate::heuristic::Weights;
+use crate::limits::Cancel;
+use crate::state::{Progression, StateId, StateSpace, all_hold};
+use crate::successors::SuccessorGenerator;
+use crate::task::{OperatorId, Task};
+
+/// How far it is looked around.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Extent {
+    /// Steps from one state to another that are looked at.
+    pub(crate) steps_max: u64,
+    /// Memory for all of it.
+    pub(crate) bytes_max: usize,
+}
+
+/// States near a plan, and the steps between them.
+struct Neighborhood<'t> {
+    task: &'t Task,
+    space: StateSpace,
+    /// By state that was looked at, in the order of their ids: where its steps begin; and the end.
+    starts: Vec<usize>,
+    steps: Vec<(StateId, OperatorId)>,
+}
+
+/// A plan that is cheaper, or as cheap and shorter, by states near those of the given one.
+pub(crate) fn cheaper(
+    task: &Task,
+    generator: &SuccessorGenerator,
+    plan: &[OperatorId],
+    extent: Extent,
+    cancel: &Cancel,
+) -> Option<Vec<OperatorId>> {
+    let neighborhood = Neighborhood::gather(task, generator, plan, extent, cancel);
+    neighborhood.cheapest(weight(task, plan), cancel)
+}
+
+// === impl Neighborhood ===
+
+impl<'t> Neighborhood<'t> {
+    fn gather(
+        task: &'t Task,
+        generator: &SuccessorGenerator,
+        plan: &[OperatorId],
+        extent: Extent,
+        cancel: &Cancel,
+    ) -> Neighborhood<'t> {
+        let mut progression = Progression::new(task);
+        let mut space = StateSpace::new(&progression.initial());
+        let (mut next, mut from) = (Vec::new(), StateId(0));
+        for &id in plan {
+            if !progression.apply(task.operator(id), space.state(from), &mut next) {
+                break;
+            }
+            (from, _) = space.insert(&next, from, id);
+        }
+        let mut gathered = Neighborhood { task, space, starts: vec![0], steps: Vec::new() };
+        let mut applicable = Vec::new();
+        // Ids are given in the order of arrival, so that going through them is going breadth first.
+        for id in (0..).map(StateId) {
+            let is_end = id.0 as usize >= gathered.space.len() || cancel.is_set();
+            if is_end || gathered.steps.len() as u64 >= extent.steps_max {
+                break;
+            }
+            if gathered.bytes() >= extent.bytes_max {
+                break;
+            }
+            generator.applicable(task, gathered.space.state(id), &mut applicable);
+            for &operator in &applicable {
+                let state = gathered.space.state(id);
+                if progression.apply(task.operator(operator), state, &mut next) {
+                    let (to, _) = gathered.space.insert(&next, id, operator);
+                    gathered.steps.push((to, operator));
+                }
+            }
+            gathered.starts.push(gathered.steps.len());
+        }
+        gathered
+    }
+
+    /// With what Dijkstra's algorithm will take.
+    fn bytes(&self) -> usize {
+        let per_state = size_of::<u64>() + 2 * size_of::<(u64, StateId)>();
+        let steps = self.steps.len() * size_of::<(StateId, OperatorId)>();
+        self.space.bytes() + self.space.len() * per_state + steps
+    }
+
+    /// The cheapest way to a goal, if it weighs less than `bound`.
+    fn cheapest(mut self, bound: u64, cancel: &Cancel) -> Option<Vec<OperatorId>> {
+        let mut weights = vec![u64::MAX; self.space.len()];
+        let mut open = BinaryHeap::from([Reverse((0, StateId(0)))]);
+        weights[0] = 0;
+        while let Some(Reverse((spent, id))) = open.pop() {
+            if spent > weights[id.0 as usize] {
+                continue;
+            }
+            if spent >= bound || cancel.is_set() {
+                return None;
+            }
+            if all_hold(self.space.state(id), &self.task.goal) {
+                return Some(self.space.path(id));
+            }
+            let Some(range) = self.starts.get(id.0 as usize..id.0 as usize + 2) else { continue };
+            for &(to, operator) in &self.steps[range[0]..range[1]] {
+                let step = Weights::CostThenSteps.weight(self.task, self.task.operator(operator));
+                let spent = spent.saturating_add(step);
+                if spent < weights[to.0 as usize] {
+                    weights[to.0 as usize] = spent;
+                    self.space.reparent(to, id, operator);
+                    open.push(Reverse((spent, to)));
+                }
+            }
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::heuristic::LandmarkCut;
+    use crate::limits::Budget;
+    use crate::search::optimal::AStar;
+    use crate::search::run;
+    use crate::small_tasks::{task, texts, with_goal};
+
+    const ALL: Extent = Extent { steps_max: u64::MAX, bytes_max: usize::MAX };
+
+    fn found(task: &Task, plan: &[OperatorId], extent: Extent) -> Option<Vec<OperatorId>> {
+        cheaper(task, &SuccessorGenerator::new(task), plan, extent, &Cancel::new())
+    }
+
+    /// A plan that goes wherever the choices lead, if that is a goal at last.
+    fn strolled(task: &Task, choices: &[usize]) -> Option<Vec<OperatorId>> {
+        let generator = SuccessorGenerator::new(task);
+        let mut progression = Progression::new(task);
+        let (mut state, mut next) = (progression.initial(), Vec::new());
+        let (mut plan, mut applicable) = (Vec::new(), Vec::new());
+        for choice in choices {
+            generator.applicable(task, &state, &mut applicable);
+            let operator = *applicable.get(choice % applicable.len().max(1))?;
+            if progression.apply(task.operator(operator), &state, &mut next) {
+                std::mem::swap(&mut state, &mut next);
+                plan.push(operator);
+            }
+            if all_hold(&state, &task.goal) {
+                return Some(plan);
+            }
+        }
+        None
+    }
+
+    proptest! {
+        /// Where all is looked at, what is found is the cheapest there is; nothing, where that is
+        /// the plan.
+        #[test]
+        fn the_whole_neighborhood_has_the_cheapest_plan(
+            (actions, initial) in texts(),
+            choices in prop::collection::vec(0..64_usize, 1..40),
+        ) {
+            let Some(task) = with_goal(&actions, &initial, "(z)") else { return Ok(()) };
+            let Some(plan) = strolled(&task, &choices) else { return Ok(()) };
+            let generator = SuccessorGenerator::new(&task);
+            let evaluator = Box::new(LandmarkCut::new(&task));
+            let mut search = AStar::new(&task, &generator, evaluator, u64::MAX, u64::MAX);
+            let cheapest = run(&mut search, Budget::default(), &Cancel::new(), &mut |_| ());
+            let cheapest = weight(&task, &cheapest.expect("there is a plan"));
+            let found = found(&task, &plan, ALL);
+            prop_assert_eq!(weight(&task, found.as_ref().unwrap_or(&plan)), cheapest);
+            prop_assert_eq!(found.is_some(), cheapest < weight(&task, &plan));
+        }
+    }
+
+    #[test]
+    fn a_way_round_is_cut_short_as_far_as_is_looked() {
+        let task = task(
+            "(define (domain d) (:predicates (at ?x) (door ?x ?y))
+               (:action go :parameters (?x ?y) :precondition (and (at ?x) (door ?x ?y))
+                 :effect (and (not (at ?x)) (at ?y))))",
+            "(define (problem p) (:domain d) (:objects a b c e)
+               (:init (at a) (door a b) (door b c) (door c e) (door a e)) (:goal (at e)))",
+        );
+        let around = strolled(&task, &[0, 0, 0]).filter(|plan| plan.len() == 3);
+        let around = around.or_else(|| strolled(&task, &[1, 0, 0])).expect("both doors lead there");
+        assert_eq!(around.len(), 3);
+        let shorter = found(&task, &around, ALL).expect("there is a door");
+        assert_eq!(shorter.len(), 1);
+        assert_eq!(found(&task, &shorter, ALL), None);
+        assert_eq!(found(&task, &around, Extent { steps_max: 0, ..ALL }), None);
+        assert_eq!(found(&task, &around, Extent { bytes_max: 0, ..ALL }), None);
+    }
+}
