@@ -65,8 +65,12 @@ fn on_interrupt(cancel: Cancel) -> Arc<Mutex<Option<SignalKind>>> {
     // Where this cannot be set up, a signal ends this process, and the engine with it.
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     if let Ok(runtime) = runtime {
+        let listening = {
+            let _context = runtime.enter();
+            exit::interrupted()
+        };
         thread::spawn(move || {
-            let signal = runtime.block_on(exit::interrupted());
+            let signal = runtime.block_on(listening);
             *tell.lock().unwrap_or_else(PoisonError::into_inner) = Some(signal);
             cancel.set();
         });

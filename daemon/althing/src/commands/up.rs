@@ -214,6 +214,7 @@ async fn up(ecosystem: Arc<Ecosystem>, place: Place, others: Others, manner: Man
         Ok(abroad) => abroad,
         Err(problem) => return unavailable(format!("failed to {problem}")),
     };
+    // Before anybody hears that the daemon is ready, and may tell it to stop.
     let interrupted = terminal::exit::interrupted();
     tokio::pin!(interrupted);
     announce(&ecosystem, &place, &node);
