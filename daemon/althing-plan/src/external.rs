@@ -5,7 +5,7 @@
 //! - What a plan costs is what our validator says, and never what the engine claims.
 
 use std::process::ExitCode;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, OnceLock};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -13,10 +13,11 @@ use engines::{Aim, Ending, Engine, EngineError, Installation, Options, Outcome};
 use pddl::{Diagnostic, Span};
 use planner::{Cancel, Text};
 use serde_json::json;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
 use terminal::pddl_files::{self, Task};
 use terminal::render::number;
 use terminal::{exit, output};
-use tokio::signal::unix::SignalKind;
 
 use crate::arguments::PlanArgs;
 use crate::telling::Telling;
@@ -49,9 +50,8 @@ pub(crate) fn run(args: &PlanArgs, engine: Engine, task: &Task, started: Instant
     drop(telling);
     match outcome {
         Ok(outcome) if outcome.ending == Ending::Cancelled => {
-            let signal = *interrupted.lock().unwrap_or_else(PoisonError::into_inner);
             show(args, engine, task, &outcome, started.elapsed());
-            exit::by_signal(signal.unwrap_or_else(SignalKind::interrupt))
+            exit::by_signal(interrupted.get().copied().unwrap_or(SIGINT))
         }
         Ok(outcome) => show(args, engine, task, &outcome, started.elapsed()),
         Err(err) => show_error(args, task, &err),
@@ -59,20 +59,17 @@ pub(crate) fn run(args: &PlanArgs, engine: Engine, task: &Task, started: Instant
 }
 
 /// Sets the flag at SIGINT or SIGTERM; which of them it was.
-fn on_interrupt(cancel: Cancel) -> Arc<Mutex<Option<SignalKind>>> {
-    let interrupted = Arc::new(Mutex::new(None));
+fn on_interrupt(cancel: Cancel) -> Arc<OnceLock<i32>> {
+    let interrupted = Arc::new(OnceLock::new());
     let tell = Arc::clone(&interrupted);
     // Where this cannot be set up, a signal ends this process, and the engine with it.
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-    if let Ok(runtime) = runtime {
-        let listening = {
-            let _context = runtime.enter();
-            exit::interrupted()
-        };
+    if let Ok(mut signals) = Signals::new([SIGINT, SIGTERM]) {
         thread::spawn(move || {
-            let signal = runtime.block_on(listening);
-            *tell.lock().unwrap_or_else(PoisonError::into_inner) = Some(signal);
-            cancel.set();
+            for signal in signals.forever() {
+                // A second one says nothing new.
+                let _ = tell.set(signal);
+                cancel.set();
+            }
         });
     }
     interrupted

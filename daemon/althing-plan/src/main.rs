@@ -9,6 +9,14 @@ use std::process::ExitCode;
 use althing_plan::arguments::{PlanArgs, help};
 use clap::Parser;
 
+// The unwinder of the program's own. The shared `libgcc_s`, else linked, asks the processor what it
+// can do whenever a process starts: on a virtual machine each such question is a trap, and all of them
+// a fifteenth of what a building's plan takes.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+#[expect(unsafe_code, reason = "declares nothing that could be called: it names a library")]
+#[link(name = "gcc_eh", kind = "static", modifiers = "-bundle")]
+unsafe extern "C" {}
+
 /// Find a plan for a PDDL domain and problem.
 #[derive(Debug, Parser)]
 #[command(name = "althing-plan", version, max_term_width = 80, after_help = help("althing-plan"))]

@@ -5,14 +5,16 @@
 //!
 //! Around them: [`prompt`] (a person at a terminal), [`hosting`] (one daemon and its agents), [`plugins`] (the table of them), [`scenario`]
 //! (the paper's demonstrations), [`config`] (what the ecosystem file means), [`logging`],
-//! [`service_manager`] (what systemd is told). How files are read, and mistakes and results shown,
-//! is the crate [`terminal`]'s; `althing plan` is [`althing_plan`].
+//! [`service_manager`] (what systemd is told), [`interruption`] (what it, or Ctrl-C, tells us). How
+//! files are read, and mistakes and results shown, is the crate [`terminal`]'s; `althing plan` is
+//! [`althing_plan`].
 
 mod cli;
 mod commands;
 mod config;
 mod hosting;
 mod interfacing;
+mod interruption;
 mod logging;
 mod plugins;
 mod prompt;

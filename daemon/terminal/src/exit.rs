@@ -7,8 +7,6 @@
 
 use std::process::ExitCode;
 
-use tokio::signal::unix::{SignalKind, signal};
-
 /// Done; of `plan`, a plan was found.
 pub const DONE: u8 = 0;
 /// `validate`: the plan does not work. Validators of the field say it so.
@@ -32,48 +30,12 @@ pub const OUTPUT: u8 = 74;
 /// `EX_CONFIG`: the configuration is wrong; a service manager need not try again.
 pub const CONFIG: u8 = 78;
 
-/// Ended by a signal, as a shell says it: 130 for SIGINT, 143 for SIGTERM.
-pub fn by_signal(signal: SignalKind) -> ExitCode {
-    u8::try_from(128 + signal.as_raw_value()).map_or_else(|_| with(UNAVAILABLE), with)
+/// Ended by the signal of that number, as a shell says it: 130 for SIGINT, 143 for SIGTERM.
+pub fn by_signal(signal: i32) -> ExitCode {
+    u8::try_from(128 + signal).map_or_else(|_| with(UNAVAILABLE), with)
 }
 
 /// The process's own form of a code.
 pub fn with(code: u8) -> ExitCode {
     ExitCode::from(code)
-}
-
-/// Whether the process has been told to stop, by SIGINT or SIGTERM, which the future yields. Listens
-/// from the call on, not only from when it is first polled: who has said that he is ready must not
-/// die of the answer. Where signals cannot be listened to, they end the process as they always do.
-///
-/// # Panics
-///
-/// Outside of a tokio runtime.
-pub fn interrupted() -> impl Future<Output = SignalKind> {
-    let (interrupt, terminate) = (SignalKind::interrupt(), SignalKind::terminate());
-    let listening = (signal(interrupt), signal(terminate));
-    async move {
-        let (Ok(mut interrupts), Ok(mut terminations)) = listening else {
-            return std::future::pending().await;
-        };
-        tokio::select! {
-            _ = interrupts.recv() => interrupt,
-            _ = terminations.recv() => terminate,
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use rustix::process::{Signal, getpid, kill_process};
-
-    use super::*;
-
-    #[tokio::test]
-    async fn a_signal_that_comes_before_anybody_waits_is_heard() {
-        let interrupted = interrupted();
-        // Were nobody listening yet, this would end the tests.
-        kill_process(getpid(), Signal::TERM).expect("our own process");
-        assert_eq!(interrupted.await, SignalKind::terminate());
-    }
 }

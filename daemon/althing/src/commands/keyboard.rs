@@ -8,6 +8,7 @@ use terminal::{exit, output};
 
 use crate::cli::KeyboardArgs;
 use crate::commands::client::{self, Link};
+use crate::interruption;
 use crate::prompt::{self, Guest};
 
 /// Opens the prompt.
@@ -36,7 +37,7 @@ async fn open(link: &Link, id: AgentId, json: bool) -> ExitCode {
     let (keyboard, terminal) = Keyboard::with_terminal();
     link.node.launch(id.clone(), keyboard, link.view.ontology());
     let guest = Guest { view: link.view.clone(), id, terminal, json };
-    if prompt::run(guest, terminal::exit::interrupted()).await {
+    if prompt::run(guest, interruption::interrupted()).await {
         return exit::with(exit::DONE);
     }
     output::note("some of what was asked for failed");

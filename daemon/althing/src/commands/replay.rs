@@ -30,6 +30,7 @@ use crate::commands::watch::record::Recording;
 use crate::config::{self, Ecosystem, Overrides};
 use crate::hosting::{self, Mishaps, Node, Part, Wire};
 use crate::interfacing::voice::{News, Voice};
+use crate::interruption;
 use crate::plugins;
 use plays::{End, Play, Plays, Words};
 use terminal::render::plural;
@@ -71,7 +72,7 @@ pub(super) fn run(args: &ReplayArgs) -> ExitCode {
                     exit::with(exit::UNAVAILABLE)
                 }
             },
-            signal = terminal::exit::interrupted() => exit::by_signal(signal),
+            signal = interruption::interrupted() => exit::by_signal(signal.as_raw_value()),
         }
     })
 }

@@ -8,6 +8,7 @@ use serde_json::json;
 use terminal::{exit, output};
 
 use crate::cli::{ScenarioArgs, SubstrateArg};
+use crate::interruption;
 use crate::scenario::{Event, Played, Scenario, Script, Stage, play};
 
 /// The outcome does not hold.
@@ -34,7 +35,7 @@ pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
         tokio::select! {
             code = perform(number, script, json) => code,
             // The stage falls with the play, and what was started for it ends.
-            signal = terminal::exit::interrupted() => exit::by_signal(signal),
+            signal = interruption::interrupted() => exit::by_signal(signal.as_raw_value()),
         }
     })
 }

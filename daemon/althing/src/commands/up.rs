@@ -19,6 +19,7 @@ use crate::commands::{READY, hearing};
 use crate::config::{self, AgentEntry, Ecosystem, InterfaceEntry, Overrides};
 use crate::hosting::{self, GuestKeys, Node, Part, Processes, Stay, Wire, socket_in};
 use crate::interfacing::{self, Other};
+use crate::interruption;
 use crate::plugins;
 use crate::prompt::{self, Guest};
 use crate::service_manager::{self, Watchdog};
@@ -215,7 +216,7 @@ async fn up(ecosystem: Arc<Ecosystem>, place: Place, others: Others, manner: Man
         Err(problem) => return unavailable(format!("failed to {problem}")),
     };
     // Before anybody hears that the daemon is ready, and may tell it to stop.
-    let interrupted = terminal::exit::interrupted();
+    let interrupted = interruption::interrupted();
     tokio::pin!(interrupted);
     announce(&ecosystem, &place, &node);
     if !manner.has_prompt {

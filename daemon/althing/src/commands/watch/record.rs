@@ -20,6 +20,7 @@ use tokio::sync::mpsc;
 use super::{WAITING_MAX, discreet};
 use crate::commands::brief;
 use crate::commands::client::{self, Target};
+use crate::interruption;
 
 /// The version of the lines written here.
 const VERSION: u32 = 1;
@@ -112,7 +113,7 @@ pub(super) fn run(
     crate::commands::in_runtime(async move {
         let ended = tokio::select! {
             ended = record(target, conversation, &mut recorder) => ended,
-            _ = terminal::exit::interrupted() => Ok(()),
+            _ = interruption::interrupted() => Ok(()),
         };
         recorder.tell(file);
         match ended {
