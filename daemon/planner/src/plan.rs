@@ -5,9 +5,10 @@
 
 use pddl::{Diagnostic, Domain, Number, Plan, Problem};
 
-use crate::ground::{GroundError, ground};
-use crate::limits::{Cancel, Options};
-use crate::normalize::{normalize, split_wide};
+use crate::ground::{GroundError, Grounded, ground};
+use crate::limits::{Budget, Cancel, Options};
+use crate::normalize::lifted::Lifted;
+use crate::normalize::{Piecewise, is_wide, normalize, split_wide};
 use crate::outcome::{News, Outcome, PlanError, Statistics, StopReason};
 use crate::search::Told;
 use crate::solve::Solver;
@@ -38,8 +39,9 @@ pub fn plan_and_tell(
     let mut lifted = normalize(domain, problem)?;
     split_wide(&mut lifted);
     let mut statistics = Statistics::default();
-    let grounded = match ground(&lifted, options.budget, cancel, &mut statistics.join_steps) {
-        Ok(grounded) => grounded,
+    let ground = ground_somehow(&lifted, options.budget, cancel, &mut statistics.join_steps);
+    let (grounded, piecewise) = match ground {
+        Ok(ground) => ground,
         Err(GroundError::Unsupported(unsupported)) => return Err(unsupported.into()),
         Err(GroundError::Stopped(reason)) => {
             return Ok(without_plan(reason, statistics, Vec::new()));
@@ -57,10 +59,44 @@ pub fn plan_and_tell(
     let reason = solver.run(&mut |told| match told {
         Told::Searching(expansions) => tell(News::Searching { expansions }),
         Told::Found(operators) => {
-            judge.hear(task.plan(operators), &mut |plan| tell(News::Plan(plan)));
+            let mut plan = task.plan(operators);
+            if let Some(piecewise) = &piecewise {
+                plan = piecewise.whole(plan);
+            }
+            judge.hear(plan, &mut |plan| tell(News::Plan(plan)));
         }
     });
     judge.outcome(reason, statistics, grounded.warnings)
+}
+
+/// Grounds a task; one that has wide actions and takes too much, with these applied piece by piece.
+fn ground_somehow(
+    lifted: &Lifted,
+    budget: Budget,
+    cancel: &Cancel,
+    join_steps: &mut u64,
+) -> Result<(Grounded, Option<Piecewise>), GroundError> {
+    if !is_wide(lifted) {
+        return Ok((ground(lifted, budget, cancel, join_steps)?, None));
+    }
+    // There is a way out, so that not all is spent on the way in.
+    let half = Budget {
+        join_steps_max: budget.join_steps_max / 2,
+        memory_max_bytes: budget.memory_max_bytes / 2,
+        ..budget
+    };
+    match ground(lifted, half, cancel, join_steps) {
+        Err(GroundError::Stopped(
+            StopReason::MemoryLimit { .. } | StopReason::JoinStepLimit { .. },
+        )) => {
+            let piecewise = Piecewise::new(lifted);
+            let mut more = 0;
+            let grounded = ground(&piecewise.lifted, budget, cancel, &mut more);
+            *join_steps += more;
+            Ok((grounded?, Some(piecewise)))
+        }
+        ended => Ok((ended?, None)),
+    }
 }
 
 /// Holds plans against the texts, and keeps the cheapest.

@@ -1,18 +1,49 @@
 //! Small tasks, made up by chance or written down, for the tests of what reads ground tasks.
 
+use pddl::{Domain, Plan, Problem};
 use proptest::prelude::*;
 
 use crate::ground::ground;
-use crate::limits::{Budget, Cancel};
+use crate::limits::{Budget, Cancel, Effort, Options};
+use crate::normalize::lifted::Lifted;
 use crate::normalize::normalize;
+use crate::outcome::Statistics;
+use crate::search::Told;
+use crate::solve::Solver;
 use crate::task::Task;
+
+/// Two texts as trees.
+pub(crate) fn parsed(domain: &str, problem: &str) -> (Domain, Problem) {
+    let domain = pddl::parse_domain(domain).into_result().expect("a domain");
+    let problem = pddl::parse_problem(problem).into_result().expect("a problem");
+    (domain, problem)
+}
+
+/// The lifted task of two texts.
+pub(crate) fn lifted(domain: &str, problem: &str) -> Lifted {
+    let (domain, problem) = parsed(domain, problem);
+    normalize(&domain, &problem).expect("supported")
+}
 
 /// The ground task of two texts; `None` if its goal is out of reach.
 pub(crate) fn grounded(domain: &str, problem: &str) -> Option<Task> {
-    let domain = pddl::parse_domain(domain).into_result().expect("a domain");
-    let problem = pddl::parse_problem(problem).into_result().expect("a problem");
-    let lifted = normalize(&domain, &problem).expect("supported");
+    let lifted = lifted(domain, problem);
     ground(&lifted, Budget::default(), &Cancel::new(), &mut 0).expect("no limit").task
+}
+
+/// A cheapest plan, with its cost.
+pub(crate) fn cheapest(lifted: &Lifted) -> Option<Plan> {
+    let cancel = Cancel::new();
+    let task = ground(lifted, Budget::default(), &cancel, &mut 0).expect("no limit").task?;
+    let options = Options { effort: Effort::Optimal, ..Options::default() };
+    let mut statistics = Statistics::default();
+    let mut cheapest = None;
+    Solver::new(&task, &options, &cancel, &mut statistics).run(&mut |told| {
+        if let Told::Found(plan) = told {
+            cheapest = Some(task.plan(plan));
+        }
+    });
+    cheapest
 }
 
 pub(crate) fn task(domain: &str, problem: &str) -> Task {

@@ -177,7 +177,9 @@ impl Instantiation<'_, '_, '_> {
         draft: &mut Draft,
     ) -> Result<(), GroundError> {
         draft.clear();
-        draft.cost = self.grounder.lifted.costs.per_step;
+        if ready.schema.is_step {
+            draft.cost = self.grounder.lifted.costs.per_step;
+        }
         let frame = &ready.schema.frame;
         let Instantiation { grounder, work, .. } = self;
         let mut rest =

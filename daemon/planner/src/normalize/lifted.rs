@@ -77,6 +77,8 @@ pub(crate) enum Formula {
 #[derive(Clone, Debug)]
 pub(crate) struct Schema {
     pub(crate) name: Name,
+    /// Whether it is a step of a plan, and not one of the pieces before it.
+    pub(crate) is_step: bool,
     /// The first slots of the frame are the parameters, the agent before all.
     pub(crate) parameter_count: usize,
     pub(crate) frame: Vec<TypeIndex>,

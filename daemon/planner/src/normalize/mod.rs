@@ -8,6 +8,7 @@ mod effects;
 mod formula;
 pub(crate) mod lifted;
 mod metric;
+mod piecewise;
 mod quantifiers;
 mod strata;
 mod symbols;
@@ -17,6 +18,7 @@ use pddl::{Assignment, Diagnostic, Domain, InitElement, Problem};
 
 use self::formula::Scope;
 use self::lifted::{Closed, Lifted, LiftedAxiom, LiftedNumeric, LiftedTerm, Schema};
+pub(crate) use self::piecewise::{Piecewise, is_wide};
 use self::quantifiers::rearrange;
 pub(crate) use self::symbols::Symbols;
 pub(crate) use self::wide::split_wide;

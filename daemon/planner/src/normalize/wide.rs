@@ -182,7 +182,7 @@ impl Splitter<'_> {
 }
 
 /// The variables that formulas mention and do not bind, in order.
-fn scope<'f>(parts: impl Iterator<Item = &'f Formula>) -> Vec<Slot> {
+pub(super) fn scope<'f>(parts: impl Iterator<Item = &'f Formula>) -> Vec<Slot> {
     let mut scope = Vec::new();
     parts.for_each(|part| scope.extend(part.free_slots()));
     scope.sort_unstable();
@@ -191,7 +191,7 @@ fn scope<'f>(parts: impl Iterator<Item = &'f Formula>) -> Vec<Slot> {
 }
 
 /// Gives variables the numbers of their places in `slots`, which grows by those that it has not.
-fn renumber(formula: &mut Formula, slots: &mut Vec<Slot>) {
+pub(super) fn renumber(formula: &mut Formula, slots: &mut Vec<Slot>) {
     formula.slots_mut(&mut |slot| {
         let known = slots.iter().position(|one| one == slot);
         let place = known.unwrap_or_else(|| {
@@ -208,19 +208,10 @@ mod tests {
 
     use proptest::prelude::*;
 
-    use super::super::normalize;
     use super::*;
     use crate::ground::ground;
-    use crate::limits::{Budget, Cancel, Effort, Options};
-    use crate::outcome::Statistics;
-    use crate::search::Told;
-    use crate::solve::Solver;
-
-    fn lifted(domain: &str, problem: &str) -> Lifted {
-        let domain = pddl::parse_domain(domain).into_result().expect("a domain");
-        let problem = pddl::parse_problem(problem).into_result().expect("a problem");
-        normalize(&domain, &problem).expect("supported")
-    }
+    use crate::limits::{Budget, Cancel};
+    use crate::small_tasks::{cheapest, lifted};
 
     /// Where one thing leads to another in four steps, from a place that an action can change.
     fn chain(objects: usize) -> Lifted {
@@ -268,21 +259,6 @@ mod tests {
         let mut wide = chain(40);
         split_wide(&mut wide);
         assert!(!wide.axioms.is_empty());
-    }
-
-    /// The cost of the cheapest plan.
-    fn least(lifted: &Lifted) -> Option<u64> {
-        let cancel = Cancel::new();
-        let task = ground(lifted, Budget::default(), &cancel, &mut 0).expect("no limit").task?;
-        let options = Options { effort: Effort::Optimal, ..Options::default() };
-        let mut statistics = Statistics::default();
-        let mut cost = None;
-        Solver::new(&task, &options, &cancel, &mut statistics).run(&mut |told| {
-            if let Told::Found(plan) = told {
-                cost = Some(task.cost(plan));
-            }
-        });
-        cost
     }
 
     /// A part of a condition over ?a to ?d, of which ?a is free.
@@ -339,7 +315,8 @@ mod tests {
             let mut taken_apart = whole.clone();
             split_above(&mut taken_apart, 1.0, 1.5);
             prop_assume!(taken_apart.axioms.len() > whole.axioms.len());
-            prop_assert_eq!(least(&whole), least(&taken_apart), "{}", domain);
+            let cost = |lifted: &Lifted| cheapest(lifted).map(|plan| plan.cost);
+            prop_assert_eq!(cost(&whole), cost(&taken_apart), "{}", domain);
         }
     }
 }

@@ -15,3 +15,4 @@ mod spoiled;
 mod stopping;
 mod support;
 mod validation;
+mod wide;
