@@ -128,6 +128,11 @@ pub enum Text {
 // === impl StopReason ===
 
 impl StopReason {
+    /// Whether grounding took more than it may.
+    pub(crate) fn is_limit_of_grounding(self) -> bool {
+        matches!(self, StopReason::MemoryLimit { .. } | StopReason::JoinStepLimit { .. })
+    }
+
     /// The exit code that the field's planners use for it.
     pub fn exit_code(self) -> u8 {
         match self {

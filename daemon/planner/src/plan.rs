@@ -86,9 +86,7 @@ fn ground_somehow(
         ..budget
     };
     match ground(lifted, half, cancel, join_steps) {
-        Err(GroundError::Stopped(
-            StopReason::MemoryLimit { .. } | StopReason::JoinStepLimit { .. },
-        )) => {
+        Err(GroundError::Stopped(reason)) if reason.is_limit_of_grounding() => {
             let piecewise = Piecewise::new(lifted);
             let mut more = 0;
             let grounded = ground(&piecewise.lifted, budget, cancel, &mut more);
@@ -97,6 +95,14 @@ fn ground_somehow(
         }
         ended => Ok((ended?, None)),
     }
+}
+
+/// Whether something of the texts is so wide that [`plan()`] takes it apart, or may.
+pub(crate) fn is_taken_apart(domain: &Domain, problem: &Problem) -> Result<bool, PlanError> {
+    let mut lifted = normalize(domain, problem)?;
+    let axioms = lifted.axioms.len();
+    split_wide(&mut lifted);
+    Ok(lifted.axioms.len() > axioms || is_wide(&lifted))
 }
 
 /// Holds plans against the texts, and keeps the cheapest.

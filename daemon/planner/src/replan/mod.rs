@@ -18,7 +18,9 @@ use crate::ground::{GroundError, Outgrown, Present, Standing};
 use crate::limits::{Cancel, Options};
 use crate::normalize::{Initial, normalize_named, refuse_time};
 use crate::outcome::{Outcome, PlanError, Statistics, StopReason};
-use crate::plan::{Judge, refuse_mistakes, refuse_mistakes_of_goal, refuse_mistakes_of_problem};
+use crate::plan::{
+    Judge, is_taken_apart, refuse_mistakes, refuse_mistakes_of_goal, refuse_mistakes_of_problem,
+};
 use crate::search::Told;
 use crate::solve::Solver;
 use crate::task::Task;
@@ -155,6 +157,12 @@ impl Replanner {
         loop {
             let (mut held, ready) = match self.ready(&mut call, difference.take()) {
                 Ok(ready) => ready,
+                // What is held grows with the texts and is not taken apart; what is asked once is.
+                Err(GroundFailure::Stopped(reason))
+                    if reason.is_limit_of_grounding() && is_taken_apart(domain, problem)? =>
+                {
+                    return call.once();
+                }
                 Err(GroundFailure::Stopped(reason)) => {
                     return Ok(call.nothing(reason, Grounding::Afresh, Vec::new()));
                 }
@@ -167,10 +175,7 @@ impl Replanner {
             match task {
                 // The goal is over numbers that nobody has followed, say; afresh, they are.
                 Ok(Err(Outgrown)) if grounding != Grounding::Afresh => (),
-                Ok(Err(Outgrown)) => {
-                    let outcome = crate::plan(domain, problem, options, cancel)?;
-                    return Ok(Replanned { outcome, course: Course::Planned, grounding });
-                }
+                Ok(Err(Outgrown)) => return call.once(),
                 Ok(Ok(task)) => {
                     let Some(task) = task else {
                         self.held = Some(held);
@@ -341,6 +346,12 @@ impl<'c> Call<'c> {
     ) -> Call<'c> {
         let (statistics, judge) = (Statistics::default(), Judge::new(domain, problem));
         Call { domain, problem, options, cancel, statistics, judge }
+    }
+
+    /// As if it were asked once and never again.
+    fn once(&self) -> Result<Replanned, PlanError> {
+        let outcome = crate::plan(self.domain, self.problem, self.options, self.cancel)?;
+        Ok(Replanned { outcome, course: Course::Planned, grounding: Grounding::Afresh })
     }
 
     /// The rest of the old plan, if there is one and it still leads to the goal.

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use planner::{Budget, Cancel, Options, plan};
+use planner::{Budget, Cancel, Grounding, Options, Replanner, plan};
 
 use crate::support::parse;
 
@@ -37,6 +37,9 @@ fn what_is_too_wide_to_ground_is_planned_for_piece_by_piece() {
     let budget = Budget { memory_max_bytes: 32 << 20, ..Budget::default() };
     let options = Options { budget, ..Options::default() };
     let outcome = plan(&domain, &problem, &options, &Cancel::new()).expect("supported");
+    let again = Replanner::default().plan(&domain, &problem, &[], &options, &Cancel::new());
+    let again = again.expect("supported");
+    assert_eq!((again.outcome.plan, again.grounding), (outcome.plan.clone(), Grounding::Afresh));
     let plan = outcome.plan.unwrap_or_else(|| panic!("no plan: {:?}", outcome.stop_reason));
     // The validator has seen the plan in the words of the text: both ends are as the goal has them.
     let ends = |step: &pddl::PlanStep| {
