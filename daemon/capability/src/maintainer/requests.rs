@@ -217,18 +217,19 @@ impl Maintainer {
                 self.beliefs.withdraw(&key, &Owner::Map);
             }
         }
-        let mut told: BTreeSet<(FactKey, Owner)> = BTreeSet::new();
+        let mut told: Vec<(FactKey, Owner)> = Vec::with_capacity(facts.len());
         for (agent, known) in facts {
             let Statement::Is(key, value) = Statement::of(&known.fact) else { continue };
             let owner = Owner::Agent(agent.clone());
-            told.insert((key.clone(), owner.clone()));
             if self.is_news(agent, &key, value, known.until) {
                 self.beliefs.has_room(&owner, 1)?;
                 let claim = Claim::new(value, Source::Told, now).until(known.until);
-                self.beliefs.claim(key, &owner, claim);
+                self.beliefs.claim(key.clone(), &owner, claim);
             }
+            told.push((key, owner));
         }
-        self.beliefs.withdraw_told(|fact, owner| told.contains(&(fact.clone(), owner.clone())));
+        told.sort_unstable();
+        self.beliefs.withdraw_told(&told);
         Ok(self.conclude(now))
     }
 
