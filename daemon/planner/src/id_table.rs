@@ -38,8 +38,8 @@ impl IdTable {
 
     /// Adds an id that is not in the table. `hash_of` gives the hash of those that are.
     pub(crate) fn insert(&mut self, hash: u64, id: u32, hash_of: impl Fn(u32) -> u64) {
-        if (self.count + 1) * 8 > self.places.len() * 7 {
-            let grown = (self.places.len() * 2).max(16);
+        if self.is_full() {
+            let grown = self.grown();
             let old = std::mem::replace(&mut self.places, vec![FREE; grown]);
             for id in old.into_iter().filter(|id| *id != FREE) {
                 self.place(hash_of(id), id);
@@ -49,9 +49,18 @@ impl IdTable {
         self.count += 1;
     }
 
-    /// Bytes taken.
+    /// Bytes taken; of a full table, also those that it grows to.
     pub(crate) fn bytes(&self) -> usize {
-        self.places.len() * size_of::<u32>()
+        let grown = if self.is_full() { self.grown() } else { 0 };
+        (self.places.len() + grown) * size_of::<u32>()
+    }
+
+    fn is_full(&self) -> bool {
+        (self.count + 1) * 8 > self.places.len() * 7
+    }
+
+    fn grown(&self) -> usize {
+        (self.places.len() * 2).max(16)
     }
 
     fn place(&mut self, hash: u64, id: u32) {

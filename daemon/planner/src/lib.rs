@@ -64,6 +64,8 @@ mod id_table;
 
 mod rows;
 
+mod arena;
+
 mod axioms;
 
 pub use configuration::{CONFIGURATIONS, Configuration, configuration};

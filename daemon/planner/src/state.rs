@@ -5,6 +5,7 @@
 
 use pddl::Assignment;
 
+use crate::arena;
 use crate::axioms::Axioms;
 use crate::id_table::{IdTable, hash_words};
 use crate::task::{Changes, ConditionalEffect, FactId, Literal, Operator, OperatorId, Task};
@@ -120,6 +121,8 @@ impl StateSpace {
             let start = id as usize * *width;
             hash_words(words[start..start + *width].iter().copied())
         });
+        arena::make_room(words, *width);
+        arena::make_room(ways, 1);
         words.extend_from_slice(state);
         ways.push(Way { parent, operator });
         (StateId(id), true)
@@ -147,9 +150,9 @@ impl StateSpace {
         path
     }
 
-    /// Bytes taken.
+    /// Bytes taken, and those that the next state may take.
     pub(crate) fn bytes(&self) -> usize {
-        self.words.len() * size_of::<u64>() + self.ways.len() * size_of::<Way>() + self.ids.bytes()
+        arena::bytes(&self.words, self.width) + arena::bytes(&self.ways, 1) + self.ids.bytes()
     }
 }
 

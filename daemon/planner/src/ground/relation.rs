@@ -2,12 +2,10 @@
 
 use std::cell::OnceCell;
 
+use crate::arena;
 use crate::id_table::IdTable;
 use crate::normalize::lifted::LiftedTerm;
 use crate::task::ObjectId;
-
-/// Objects of a relation beyond which memory counts more than copying: 64 MB.
-const LONG: usize = 1 << 24;
 
 /// No further row.
 const END: u32 = u32::MAX;
@@ -82,12 +80,12 @@ impl Relation {
         self.count
     }
 
-    /// Bytes taken, without the small change.
+    /// Bytes taken, and those that the next tuple may take, without the small change.
     pub(super) fn bytes(&self) -> usize {
         let indices =
-            self.indices.iter().map(|index| index.heads.bytes() + index.next.capacity() * 4);
+            self.indices.iter().map(|index| index.heads.bytes() + arena::bytes(&index.next, 1));
         let set = self.set.as_ref().map_or(0, IdTable::bytes);
-        self.flat.capacity() * 4 + set + indices.sum::<usize>()
+        arena::bytes(&self.flat, self.arity) + set + indices.sum::<usize>()
     }
 
     #[inline]
@@ -129,7 +127,7 @@ impl Relation {
             }
             self.note(key);
         }
-        self.make_room();
+        arena::make_room(&mut self.flat, self.arity);
         self.flat.extend_from_slice(tuple);
         self.count += 1;
     }
@@ -155,17 +153,9 @@ impl Relation {
             }
             self.note(key);
         }
-        self.make_room();
+        arena::make_room(&mut self.flat, self.arity);
         self.flat.extend(terms.iter().map(|term| term.object(binding)));
         self.count += 1;
-    }
-
-    /// Lets a long array grow by less than it is long.
-    #[inline]
-    fn make_room(&mut self) {
-        if self.flat.len() + self.arity > self.flat.capacity() && self.flat.len() > LONG {
-            self.flat.reserve_exact(self.flat.len() / 4);
-        }
     }
 
     /// Puts the row that comes next into the set.
