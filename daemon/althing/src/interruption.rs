@@ -2,14 +2,14 @@
 
 use tokio::signal::unix::{SignalKind, signal};
 
-/// Whether the process has been told to stop, by SIGINT or SIGTERM, which the future yields. Listens
+/// Whether the process has been told to stop, by SIGINT or SIGTERM, whose number comes. Listens
 /// from the call on, not only from when it is first polled: who has said that he is ready must not
 /// die of the answer. Where signals cannot be listened to, they end the process as they always do.
 ///
 /// # Panics
 ///
 /// Outside of a tokio runtime.
-pub(crate) fn interrupted() -> impl Future<Output = SignalKind> {
+pub(crate) fn interrupted() -> impl Future<Output = i32> {
     let (interrupt, terminate) = (SignalKind::interrupt(), SignalKind::terminate());
     let listening = (signal(interrupt), signal(terminate));
     async move {
@@ -17,8 +17,8 @@ pub(crate) fn interrupted() -> impl Future<Output = SignalKind> {
             return std::future::pending().await;
         };
         tokio::select! {
-            _ = interrupts.recv() => interrupt,
-            _ = terminations.recv() => terminate,
+            _ = interrupts.recv() => interrupt.as_raw_value(),
+            _ = terminations.recv() => terminate.as_raw_value(),
         }
     }
 }
@@ -34,6 +34,6 @@ mod tests {
         let interrupted = interrupted();
         // Were nobody listening yet, this would end the tests.
         kill_process(getpid(), Signal::TERM).expect("our own process");
-        assert_eq!(interrupted.await, SignalKind::terminate());
+        assert_eq!(interrupted.await, Signal::TERM.as_raw());
     }
 }

@@ -39,7 +39,8 @@ pub fn plan_and_tell(
     let mut lifted = normalize(domain, problem)?;
     split_wide(&mut lifted);
     let mut statistics = Statistics::default();
-    let ground = ground_somehow(&lifted, options.budget, cancel, &mut statistics.join_steps);
+    let ground =
+        ground_whole_or_piecewise(&lifted, options.budget, cancel, &mut statistics.join_steps);
     let (grounded, piecewise) = match ground {
         Ok(ground) => ground,
         Err(GroundError::Unsupported(unsupported)) => return Err(unsupported.into()),
@@ -70,7 +71,7 @@ pub fn plan_and_tell(
 }
 
 /// Grounds a task; one that has wide actions and takes too much, with these applied piece by piece.
-fn ground_somehow(
+fn ground_whole_or_piecewise(
     lifted: &Lifted,
     budget: Budget,
     cancel: &Cancel,

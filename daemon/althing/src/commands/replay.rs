@@ -72,7 +72,7 @@ pub(super) fn run(args: &ReplayArgs) -> ExitCode {
                     exit::with(exit::UNAVAILABLE)
                 }
             },
-            signal = interruption::interrupted() => exit::by_signal(signal.as_raw_value()),
+            signal = interruption::interrupted() => exit::by_signal(signal),
         }
     })
 }

@@ -35,7 +35,7 @@ pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
         tokio::select! {
             code = perform(number, script, json) => code,
             // The stage falls with the play, and what was started for it ends.
-            signal = interruption::interrupted() => exit::by_signal(signal.as_raw_value()),
+            signal = interruption::interrupted() => exit::by_signal(signal),
         }
     })
 }

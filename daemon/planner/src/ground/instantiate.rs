@@ -177,7 +177,7 @@ impl Instantiation<'_, '_, '_> {
         draft: &mut Draft,
     ) -> Result<(), GroundError> {
         draft.clear();
-        if ready.schema.is_step {
+        if ready.schema.piece_of.is_none() {
             draft.cost = self.grounder.lifted.costs.per_step;
         }
         let frame = &ready.schema.frame;
@@ -198,7 +198,7 @@ impl Instantiation<'_, '_, '_> {
             draft.cost = draft.cost.max(0.0);
         }
         if draft.cost < 0.0 {
-            let feature = format!("a negative cost of `{}`", ready.schema.name);
+            let feature = format!("a negative cost of `{}`", ready.schema.action());
             return Err(Unsupported::in_domain(feature, ready.schema.span).into());
         }
         let schema = ready.index as u32;
@@ -400,7 +400,7 @@ impl Instantiation<'_, '_, '_> {
     fn warn_undefined(&mut self, change: &LiftedNumeric, schema: &Schema) {
         let message = format!(
             "some instances of `{}` never apply: they use a function value that :init leaves out",
-            schema.name
+            schema.action()
         );
         let warning = Diagnostic::warning(change.span, message);
         let is_same = |other: &Diagnostic| {

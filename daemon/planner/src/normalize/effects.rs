@@ -23,7 +23,7 @@ pub(super) fn schema(symbols: &mut Symbols, action: &ActionSchema) -> Schema {
     flat.effect(&action.effect, &Guard::default());
     Schema {
         name: action.name.clone(),
-        is_step: true,
+        piece_of: None,
         parameter_count,
         frame: flat.scope.frame,
         precondition,

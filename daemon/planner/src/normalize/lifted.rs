@@ -77,8 +77,8 @@ pub(crate) enum Formula {
 #[derive(Clone, Debug)]
 pub(crate) struct Schema {
     pub(crate) name: Name,
-    /// Whether it is a step of a plan, and not one of the pieces before it.
-    pub(crate) is_step: bool,
+    /// The action of which it is a piece, and no step of a plan yet.
+    pub(crate) piece_of: Option<Name>,
     /// The first slots of the frame are the parameters, the agent before all.
     pub(crate) parameter_count: usize,
     pub(crate) frame: Vec<TypeIndex>,
@@ -251,6 +251,13 @@ pub(crate) fn objects<'a>(
     binding: &'a [ObjectId],
 ) -> impl Iterator<Item = ObjectId> + 'a {
     terms.iter().map(|term| term.object(binding))
+}
+
+impl Schema {
+    /// The name of the action in the text.
+    pub(crate) fn action(&self) -> &Name {
+        self.piece_of.as_ref().unwrap_or(&self.name)
+    }
 }
 
 impl LiftedEffect {

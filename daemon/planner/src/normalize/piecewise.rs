@@ -204,7 +204,7 @@ impl Taker {
         self.roles.insert(name.clone(), role);
         self.made.schemas.push(Schema {
             name,
-            is_step: false,
+            piece_of: Some(schema.name.clone()),
             parameter_count,
             frame: slots.iter().map(|slot| schema.frame[*slot as usize]).collect(),
             precondition,
@@ -243,7 +243,7 @@ impl Taker {
         self.roles.insert(name.clone(), Role::Applies(schema.name.clone()));
         self.made.schemas.push(Schema {
             name,
-            is_step: true,
+            piece_of: None,
             parameter_count: 0,
             frame: schema.frame.clone(),
             precondition: holds(stage, &[]),

@@ -8,6 +8,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use super::optimal::weight;
+use crate::arena;
 use crate::heuristic::Weights;
 use crate::limits::Cancel;
 use crate::state::{Progression, StateId, StateSpace, all_hold};
@@ -79,6 +80,7 @@ impl<'t> Neighborhood<'t> {
                 let state = gathered.space.state(id);
                 if progression.apply(task.operator(operator), state, &mut next) {
                     let (to, _) = gathered.space.insert(&next, id, operator);
+                    arena::make_room(&mut gathered.steps, 1);
                     gathered.steps.push((to, operator));
                 }
             }
@@ -90,8 +92,7 @@ impl<'t> Neighborhood<'t> {
     /// With what Dijkstra's algorithm will take.
     fn bytes(&self) -> usize {
         let per_state = size_of::<u64>() + 2 * size_of::<(u64, StateId)>();
-        let steps = self.steps.len() * size_of::<(StateId, OperatorId)>();
-        self.space.bytes() + self.space.len() * per_state + steps
+        self.space.bytes() + self.space.len() * per_state + arena::bytes(&self.steps, 1)
     }
 
     /// The cheapest way to a goal, if it weighs less than `bound`.

@@ -21,7 +21,7 @@ macro_rules! texts {
     };
 }
 
-const TEXTS: [&str; 4] = [
+const TEXTS: [&str; 5] = [
     texts!("office"),
     texts!("scenarios/2-two-robots"),
     texts!("scenarios/3-validation"),
@@ -38,6 +38,22 @@ const TEXTS: [&str; 4] = [
      \0(define (problem e) (:domain d) (:objects c - u) (:init (p a) (= (n) 0) (= (f a) 2)
        (= (f b) 0) (= (f c) 1)) (:goal (and (z) (r c a) (> (n) (f b))))
        (:metric minimize (+ (total-cost) (* 3 (total-time)))))",
+    // Too wide to be ground within the limits, so that it is applied piece by piece.
+    "(define (domain w) (:types t) (:predicates (n ?x ?y - t) (p ?x - t) (s ?x ?y - t))
+       (:functions (total-cost) (f ?x ?y - t))
+       (:action go :parameters (?a ?b ?c ?d ?e ?g ?h ?i - t)
+         :precondition (and (n ?a ?b) (n ?b ?c) (n ?c ?d) (n ?d ?e) (n ?e ?g) (n ?g ?h) (n ?h ?i)
+           (p ?i) (not (= ?a ?i)) (not (= ?b ?i)) (not (s ?a ?i)) (or (p ?h) (n ?a ?i))
+           (forall (?v - t) (imply (p ?v) (not (s ?v ?a)))))
+         :effect (and (s ?a ?i) (p ?a) (when (n ?i ?a) (not (p ?i)))
+           (forall (?v - t) (when (s ?v ?i) (p ?v))) (increase (total-cost) (f ?a ?i))))
+       (:action rest :parameters (?x - t) :precondition (p ?x) :effect (not (p ?x))))
+     \0(define (problem x) (:domain w) (:objects a b c d e g - t)
+       (:init (p a) (n a b) (n a c) (n a d) (n a e) (n a g) (n b a) (n b c) (n b d) (n b e) (n b g)
+         (n c a) (n c b) (n c d) (n c e) (n c g) (n d a) (n d b) (n d c) (n d e) (n d g) (n e a)
+         (n e b) (n e c) (n e d) (n e g) (n g a) (n g b) (n g c) (n g d) (n g e)
+         (= (f c a) 2) (= (f b c) 1) (= (f d a) 3))
+       (:goal (s c a)) (:metric minimize (total-cost)))",
 ];
 
 /// Debug builds on a busy machine; libFuzzer asks for less.
