@@ -456,18 +456,7 @@ impl<A: Agent> Context<A> {
         compute: impl FnOnce() -> T + Send + 'static,
         then: impl FnOnce(&mut A, T, &mut Context<A>) + Send + 'static,
     ) -> Work {
-        let turns = Arc::clone(self.switchboard().turns());
-        let machine = self.switchboard().machine();
-        let computed = async move {
-            // Nobody closes the turns; without one it would only be in a greater hurry.
-            let turn = turns.acquire_owned().await.ok();
-            let in_turn = move || {
-                let outcome = compute();
-                drop(turn);
-                outcome
-            };
-            machine.work(in_turn).await
-        };
+        let computed = self.switchboard().machine().compute(compute);
         self.run(computed, |agent, outcome, ctx| match outcome {
             Ok(outcome) => then(agent, outcome, ctx),
             Err(error) => tracing::error!(agent = %ctx.id(), %error, "a computation was lost"),

@@ -45,6 +45,7 @@ mod rights;
 mod settings;
 mod standing;
 mod switchboard;
+mod turns;
 pub mod upkeep;
 
 pub use acl::content::Mode;

@@ -11,15 +11,28 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use acl::Incarnation;
+use tokio::sync::Semaphore;
+
+use crate::turns::Turns;
 
 /// In the state folder: the number of the last life that began on this machine.
 const LIVES: &str = "lives";
 
+/// Computations at one time on a simulated machine.
+const SIMULATED_AT_ONCE: usize = 2;
+
 /// A machine. Clones are the same machine.
-#[derive(Clone, Default)]
+#[derive(Clone)]
 pub struct Machine {
-    simulated: Option<Arc<dyn Simulated>>,
+    threads: Threads,
     lives: Arc<Lives>,
+}
+
+/// Where work is done that takes a while.
+#[derive(Clone)]
+enum Threads {
+    Real(Arc<Turns>),
+    Simulated(Arc<dyn Simulated>, Arc<Semaphore>),
 }
 
 /// A machine of a simulation.
@@ -46,17 +59,25 @@ struct Lives {
 impl Machine {
     /// The machine this process runs on; in `state` it remembers what its next process must know.
     pub fn new(state: Option<PathBuf>) -> Machine {
-        Machine { simulated: None, lives: Arc::new(Lives::open(state)) }
+        // One per core, and two where there is one, so that a long search does not keep a short one
+        // waiting.
+        let at_once = std::thread::available_parallelism().map_or(2, |cores| cores.get().max(2));
+        let threads = Threads::Real(Arc::new(Turns::new(at_once)));
+        Machine { threads, lives: Arc::new(Lives::open(state)) }
     }
 
     /// A machine of a simulation.
     pub fn simulated(simulated: Arc<dyn Simulated>, state: Option<PathBuf>) -> Machine {
-        Machine { simulated: Some(simulated), lives: Arc::new(Lives::open(state)) }
+        let threads = Threads::Simulated(simulated, Arc::new(Semaphore::new(SIMULATED_AT_ONCE)));
+        Machine { threads, lives: Arc::new(Lives::open(state)) }
     }
 
     /// The time of day. Deadlines are never told by it: it may jump.
     pub fn wall_clock(&self) -> SystemTime {
-        self.simulated.as_ref().map_or_else(SystemTime::now, |machine| machine.wall_clock())
+        match &self.threads {
+            Threads::Real(_) => SystemTime::now(),
+            Threads::Simulated(machine, _) => machine.wall_clock(),
+        }
     }
 
     /// The life of an agent that begins now: greater than any before on this machine, also where the
@@ -66,16 +87,7 @@ impl Machine {
         self.lives.next(u64::try_from(now).unwrap_or(0))
     }
 
-    /// Computations at one time: one per core, and two where there is one, so that a long search
-    /// does not keep a short one waiting.
-    pub(crate) fn computations_max(&self) -> usize {
-        match self.simulated {
-            None => std::thread::available_parallelism().map_or(2, |cores| cores.get().max(2)),
-            Some(_) => 2,
-        }
-    }
-
-    /// Does what may wait for a disk, or compute for long, on a thread that may.
+    /// Does what may wait for a disk on a thread that may.
     ///
     /// # Errors
     ///
@@ -84,22 +96,55 @@ impl Machine {
         self,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, Lost> {
-        match self.simulated {
-            None => {
+        match self.threads {
+            Threads::Real(_) => {
                 let worked = tokio::task::spawn_blocking(work).await;
                 worked.map_err(|error| Lost(error.to_string()))
             }
-            Some(machine) => {
+            Threads::Simulated(machine, _) => {
                 tokio::time::sleep(machine.work_takes()).await;
                 Ok(work())
             }
         }
     }
+
+    /// Computes on a thread that may be busy for long, when its turn has come: agents of one daemon
+    /// share the machine's cores.
+    ///
+    /// # Errors
+    ///
+    /// If it panicked, or the daemon is ending.
+    pub(crate) async fn compute<T: Send + 'static>(
+        self,
+        compute: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, Lost> {
+        match &self.threads {
+            Threads::Real(turns) => {
+                let computed = Arc::clone(turns).compute(compute).await;
+                computed.ok_or_else(|| Lost("it panicked, or the daemon is ending".to_owned()))
+            }
+            Threads::Simulated(_, turns) => {
+                // Nobody closes the turns; without one it would only be in a greater hurry.
+                let _turn = Arc::clone(turns).acquire_owned().await.ok();
+                self.work(compute).await
+            }
+        }
+    }
+}
+
+impl Default for Machine {
+    /// One that remembers nothing of its former processes.
+    fn default() -> Machine {
+        Machine::new(None)
+    }
 }
 
 impl fmt::Debug for Machine {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(if self.simulated.is_some() { "Machine(simulated)" } else { "Machine" })
+        f.write_str(match self.threads {
+            Threads::Real(_) => "Machine",
+            Threads::Simulated(..) => "Machine(simulated)",
+        })
     }
 }
 

@@ -26,7 +26,7 @@ use substrate::{
     PresenceToken, Question, Rejected, Resident, Resource, SendError, Subject, Substrate,
 };
 use tokio::runtime::Handle;
-use tokio::sync::{Semaphore, broadcast, mpsc};
+use tokio::sync::{broadcast, mpsc};
 
 use crate::commons::Commons;
 use crate::directory::Directory;
@@ -59,7 +59,6 @@ pub struct Switchboard {
     /// Models that were missed.
     fetching: Fetching,
     counters: Counters,
-    turns: Arc<Semaphore>,
     machine: Machine,
     /// How the plugins that run as processes are, where this daemon hosts any.
     plugins: OnceLock<Box<dyn Fn() -> String + Send + Sync>>,
@@ -134,7 +133,6 @@ impl Switchboard {
             gathering: Gathering::default(),
             fetching: Fetching::default(),
             counters: Counters::default(),
-            turns: Arc::new(Semaphore::new(machine.computations_max())),
             machine,
             plugins: OnceLock::new(),
             discovered: Mutex::default(),
@@ -174,12 +172,6 @@ impl Switchboard {
         if let Ok(bytes) = serde_json::to_vec(&appeared) {
             (question.answer)(Bytes::from(bytes));
         }
-    }
-
-    /// Whose turn it is to compute: agents of one daemon share the machine's cores, and a hundred
-    /// that plan at once would leave none to those who listen.
-    pub(crate) fn turns(&self) -> &Arc<Semaphore> {
-        &self.turns
     }
 
     /// The machine it runs on.
