@@ -5,6 +5,7 @@
 //! cheapest for several conjuncts alone, a second round asks it for all of them together.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::{
@@ -26,7 +27,7 @@ use crate::sharing::Verdict;
 
 /// A call under way.
 pub(crate) struct Call {
-    known: Known,
+    known: Arc<Known>,
     open: Vec<Condition>,
     conjuncts: Vec<String>,
     /// Who has not answered in this round, and in which exchange.
@@ -116,7 +117,7 @@ impl PlanRequester {
         let reminder = self.reminder(id, ctx.settings().retry_first, ctx);
         let awaited = called.into_iter().map(|agent| (agent, token.clone())).collect();
         let call = Call {
-            known,
+            known: Arc::new(known),
             open,
             conjuncts,
             awaited,
@@ -279,7 +280,7 @@ impl PlanRequester {
         let Some(goal) = self.goals.get_mut(id) else { return };
         let phase = std::mem::replace(&mut goal.phase, Phase::Queued);
         let Phase::Calling(call) = phase else { return };
-        let known = call.known.clone();
+        let known = Arc::clone(&call.known);
         let Some(wanted) = self.wanted(id, &known) else { return };
         let mut problems = Vec::new();
         for selection in selections(&call.conjuncts, &call.bids) {
@@ -300,7 +301,7 @@ impl PlanRequester {
         let explained = move |known: &Known, cancel: &Cancel| {
             why_none(known, open, &missing, &problems, cancel)
         };
-        self.unplanned(id, known, explained, ctx);
+        self.unplanned(id, Arc::unwrap_or_clone(known), explained, ctx);
     }
 
     /// A set of proposals works: it is carried out, unless other goals come first.
@@ -312,7 +313,7 @@ impl PlanRequester {
         (plan, cost): (&Plan, f64),
         ctx: &mut Context<Self>,
     ) {
-        let known = call.known.clone();
+        let known = Arc::clone(&call.known);
         let verdict = self.verdict(id, &known, plan);
         if matches!(verdict, Verdict::Go) {
             let why = explaining::choice(selection, &call.bids, &call.refusals, &call.silent);

@@ -88,8 +88,10 @@ impl Known {
     /// The same without the actions that failed a moment ago.
     pub(crate) fn avoiding(mut self, avoided: Avoided) -> Known {
         let guards = take_avoided(&mut self.offers, &avoided);
-        self.problem = without(self.problem, &guards);
-        self.whole = self.problem.clone();
+        if !guards.is_empty() {
+            self.leave_out(&guards);
+            self.whole = self.problem.clone();
+        }
         self.avoided = avoided;
         self
     }
@@ -98,9 +100,22 @@ impl Known {
     pub(crate) fn sparing(mut self, reserved: &BTreeSet<AgentId>) -> Known {
         let taken = reserved.iter().filter_map(|agent| self.offers.remove(agent));
         let guards = taken.flat_map(BTreeMap::into_values).map(|offer| offer.guard).collect();
-        self.problem = without(self.problem, &guards);
+        self.leave_out(&guards);
         self.spared.clone_from(reserved);
         self
+    }
+
+    /// Takes out of the problem that agents can act by these guards.
+    fn leave_out(&mut self, guards: &BTreeSet<String>) {
+        let predicates: BTreeSet<&Name> =
+            self.guards.values().map(|each| &each.predicate).collect();
+        // Of a large state few facts are guards: the others are not compared as texts.
+        self.problem.init.retain(|element| match element {
+            InitElement::Atom(fact) if predicates.contains(&fact.predicate) => {
+                !guards.contains(&fact.to_string())
+            }
+            _ => true,
+        });
     }
 
     /// The problem of reaching `goal` from here.
@@ -273,12 +288,6 @@ pub(crate) fn outside(step: &PlanStep, offers: &Offers) -> PlanStep {
 fn bounded() -> Options {
     let budget = Budget { join_steps_max: EXPLAINING_STEPS_MAX, ..Budget::default() };
     Options { budget, ..Options::default() }
-}
-
-/// A problem in which some facts do not hold.
-fn without(mut problem: Problem, guards: &BTreeSet<String>) -> Problem {
-    problem.init.retain(|element: &InitElement| !guards.contains(&element.to_string()));
-    problem
 }
 
 /// Takes the avoided actions out of the offers; yields the facts that stood for them.

@@ -483,6 +483,8 @@ impl PlanRequester {
         let Ok(Inform::Epoch(change)) = message.content_as::<Inform>() else { return };
         let agents_changed = !change.joined.is_empty() || !change.left.is_empty();
         let mut concerned = Vec::new();
+        // Whoever is planned for says when the next has its turn.
+        let is_busy = self.goals.values().any(|goal| goal.phase.is_planning());
         for (id, goal) in &mut self.goals {
             change.joined.iter().for_each(|agent| goal.forgive(agent));
             if agents_changed {
@@ -491,7 +493,8 @@ impl PlanRequester {
                 goal.unsolved_since = None;
             }
             let is_concerned = match goal.phase {
-                Phase::Queued | Phase::Waiting(_) | Phase::Holding => true,
+                Phase::Queued => !is_busy,
+                Phase::Waiting(_) | Phase::Holding => true,
                 // What others are using is not freed by news of the state.
                 Phase::Blocked(_) => agents_changed,
                 _ => false,
