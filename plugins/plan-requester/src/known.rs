@@ -2,7 +2,7 @@
 //! planning: “the plan request compiles all the state and domain information that may be required
 //! to solve a planning problem” (the paper, “Plan Requester”).
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 use acl::AgentId;
 use acl::content::{Offers, Snapshot};
@@ -105,17 +105,12 @@ impl Known {
         self
     }
 
-    /// Takes out of the problem that agents can act by these guards.
+    /// Takes out of the problem that agents can act by these guards, as offers tell them.
     fn leave_out(&mut self, guards: &BTreeSet<String>) {
-        let predicates: BTreeSet<&Name> =
-            self.guards.values().map(|each| &each.predicate).collect();
-        // Of a large state few facts are guards: the others are not compared as texts.
-        self.problem.init.retain(|element| match element {
-            InitElement::Atom(fact) if predicates.contains(&fact.predicate) => {
-                !guards.contains(&fact.to_string())
-            }
-            _ => true,
-        });
+        // Ours to read: a Domain Maintainer prints them.
+        let read = |guard: &String| pddl::parse_init_elements(guard).into_result().ok();
+        let guards: HashSet<InitElement> = guards.iter().filter_map(read).flatten().collect();
+        self.problem.init.retain(|fact| !guards.contains(fact));
     }
 
     /// The problem of reaching `goal` from here.
