@@ -684,10 +684,13 @@ pub struct EpochChange {
     /// PDDL facts that are believed no longer.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub retracted: String,
-    /// Everything that requests changed and that no heartbeat says, where it is news or somebody
-    /// joined who has not heard it.
+    /// Everything that requests changed and that no heartbeat says: when somebody joined who has not
+    /// heard it, and once more a moment after it was news.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub requested: Option<Requested>,
+    /// What of it is news.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub requested_since: Option<RequestedSince>,
 }
 
 /// What requests changed, complete: whoever hears it needs nothing that was said before.
@@ -706,6 +709,22 @@ pub struct Requested {
     /// Actions that are withheld.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub withheld: Vec<ActionOf>,
+}
+
+/// What requests changed since it was told last: as much as is new, however much there was before.
+/// It may be taken also by those who missed what was told last; all of it is told soon after.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RequestedSince {
+    /// Facts that are somebody's word now, or are known for another time than before.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub facts: Vec<RequestedFact>,
+    /// Facts that are somebody's word no longer; of a number, whatever its value.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub withdrawn: Vec<RequestedFact>,
+    /// PDDL facts of the map that are believed no longer.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub retracted: String,
 }
 
 /// A fact, and whose word it is.

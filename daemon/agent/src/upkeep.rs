@@ -16,7 +16,9 @@ use std::time::Duration;
 
 use acl::content::{EpochChange, Heartbeat, Inform, ModelAnnouncement};
 use acl::{AgentId, Incarnation, Message};
-use capability::{Admission, Announcement, Beat, Change, Conflict, Maintainer, Moment, Requests};
+use capability::{
+    Admission, Announcement, Beat, Change, Conflict, Maintainer, Moment, Requests, RequestsSince,
+};
 use pddl::Diagnostic;
 use substrate::Presence;
 use tokio::time::Instant;
@@ -293,19 +295,26 @@ impl Heard {
         change: &EpochChange,
         now: Moment,
     ) {
-        let Some(requested) = &change.requested else { return };
         // Who has an action model is no Domain Maintainer, whatever it says of others.
         if !maintainer.follows() || maintainer.incarnation(&message.sender).is_some() {
             return;
         }
-        match Requests::read(requested, now) {
-            Ok(requests) => match maintainer.follow(&requests, now) {
-                Ok(change) => self.changes.push(change),
-                Err(declined) => {
+        let EpochChange { requested, requested_since, .. } = change;
+        let all = requested.iter().map(|told| {
+            Requests::read(told, now).map(|requests| maintainer.follow(&requests, now))
+        });
+        let mut followed: Vec<_> = all.collect();
+        followed.extend(requested_since.iter().map(|told| {
+            RequestsSince::read(told, now).map(|since| maintainer.follow_since(&since, now))
+        }));
+        for followed in followed {
+            match followed {
+                Ok(Ok(change)) => self.changes.push(change),
+                Ok(Err(declined)) => {
                     tracing::warn!(from = %message.sender, %declined, "requests are not followed");
                 }
-            },
-            Err(diagnostics) => self.mistake = Some(joined(&diagnostics)),
+                Err(diagnostics) => self.mistake = Some(joined(&diagnostics)),
+            }
         }
     }
 }

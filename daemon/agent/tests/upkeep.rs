@@ -4,7 +4,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::content::{EpochChange, Heartbeat, Inform, ModelAnnouncement, Requested, RequestedFact};
+use acl::content::{
+    EpochChange, Heartbeat, Inform, ModelAnnouncement, Requested, RequestedFact, RequestedSince,
+};
 use acl::{AgentId, DaemonId, Deadline, EcosystemId, Incarnation, Message, Performative};
 use agent::upkeep::{self, Maintains, Upkeep};
 use agent::{
@@ -239,7 +241,7 @@ async fn a_daemon_has_its_own_models_at_hand() {
 /// Announces once what requests changed, as a Domain Maintainer does; with a model of its own or
 /// without.
 struct Teller {
-    requested: Requested,
+    change: EpochChange,
     has_model: bool,
 }
 
@@ -262,26 +264,37 @@ impl Agent for Teller {
             ctx.beat(&Inform::Model(Box::new(ModelAnnouncement { model, methods, heartbeat })));
         }
         ctx.after(Duration::from_secs(1), |teller: &mut Self, ctx| {
-            let requested = Some(teller.requested.clone());
-            ctx.inform_all(&Inform::Epoch(EpochChange { requested, ..EpochChange::default() }));
+            ctx.inform_all(&Inform::Epoch(teller.change.clone()));
         });
     }
 }
 
-fn told(facts: &[(&str, Option<u64>)]) -> Requested {
+fn facts(facts: &[(&str, Option<u64>)]) -> Vec<RequestedFact> {
     let fact = |(fact, known_for): &(&str, Option<u64>)| RequestedFact {
         fact: (*fact).to_owned(),
         owner: name("ann"),
         known_for: known_for.map(Deadline::from),
     };
-    Requested { facts: facts.iter().map(fact).collect(), ..Requested::default() }
+    facts.iter().map(fact).collect()
 }
 
-/// Whether the commons know the hall before they hear `requested`, soon after, and a second later.
-async fn known_when_told(requested: Requested, has_model: bool) -> [bool; 3] {
+/// An announcement of all that requests changed.
+fn told(these: &[(&str, Option<u64>)]) -> EpochChange {
+    let requested = Requested { facts: facts(these), ..Requested::default() };
+    EpochChange { requested: Some(requested), ..EpochChange::default() }
+}
+
+/// An announcement of news of it.
+fn told_anew(these: &[(&str, Option<u64>)]) -> EpochChange {
+    let since = RequestedSince { facts: facts(these), ..RequestedSince::default() };
+    EpochChange { requested_since: Some(since), ..EpochChange::default() }
+}
+
+/// Whether the commons know the hall before they hear `change`, soon after, and a second later.
+async fn known_when_told(change: EpochChange, has_model: bool) -> [bool; 3] {
     let (house, began) = (House::new(), Instant::now());
     let commons = house.commons();
-    drop(Box::new(Teller { requested, has_model }).launch(house.berth("teller", 2)));
+    drop(Box::new(Teller { change, has_model }).launch(house.berth("teller", 2)));
     let mut known = [false; 3];
     for (known, time) in known.iter_mut().zip([900, 1_100, 2_100]) {
         (_, *known) = known_at(&commons, began, Duration::from_millis(time)).await;
@@ -289,11 +302,11 @@ async fn known_when_told(requested: Requested, has_model: bool) -> [bool; 3] {
     known
 }
 
-/// What a central keeper believes of `requested`.
-async fn believed(requested: Requested) -> Vec<String> {
+/// What a central keeper believes of `change`.
+async fn believed(change: EpochChange) -> Vec<String> {
     let house = House::new();
     let mut changes = house.keep(Scope::Everything);
-    drop(Box::new(Teller { requested, has_model: false }).launch(house.berth("teller", 2)));
+    drop(Box::new(Teller { change, has_model: false }).launch(house.berth("teller", 2)));
     let mut heard = Vec::new();
     while let Ok(change) = timeout(Duration::from_secs(2), changes.recv()).await {
         let Change { believed, .. } = change.expect("the keeper lives");
@@ -304,12 +317,14 @@ async fn believed(requested: Requested) -> Vec<String> {
 
 #[tokio::test(start_paused = true)]
 async fn what_requests_changed_is_believed_by_those_who_hear_heartbeats_only() {
-    let known = told(&[("(known hall)", Some(500))]);
-    assert_eq!(known_when_told(known, false).await, [false, true, false]);
-    let lasting = told(&[("(known hall)", None)]);
-    assert_eq!(known_when_told(lasting.clone(), false).await, [false, true, true]);
-    // The central one knows better, and an agent with a model is no Domain Maintainer.
-    assert_eq!(believed(lasting.clone()).await, [""; 0]);
-    assert_eq!(known_when_told(lasting, true).await, [false; 3]);
-    assert_eq!(known_when_told(told(&[("(known", None)]), false).await, [false; 3]);
+    for tell in [told, told_anew] {
+        let known = tell(&[("(known hall)", Some(500))]);
+        assert_eq!(known_when_told(known, false).await, [false, true, false]);
+        let lasting = tell(&[("(known hall)", None)]);
+        assert_eq!(known_when_told(lasting.clone(), false).await, [false, true, true]);
+        // The central one knows better, and an agent with a model is no Domain Maintainer.
+        assert_eq!(believed(lasting.clone()).await, [""; 0]);
+        assert_eq!(known_when_told(lasting, true).await, [false; 3]);
+        assert_eq!(known_when_told(tell(&[("(known", None)]), false).await, [false; 3]);
+    }
 }

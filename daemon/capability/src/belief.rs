@@ -90,10 +90,33 @@ pub(crate) struct Beliefs {
     settles: bool,
     /// Whether something may hold that did not, or the reverse, since that was asked last.
     is_moved: bool,
+    untold: Untold,
     stamps: u64,
 }
 
+/// Whose requested words about what may be other than when they were told last.
+#[derive(Clone, Debug, Default)]
+pub(crate) enum Untold {
+    /// Any: nothing was told yet, or too much is other.
+    #[default]
+    Any,
+    These(BTreeSet<(FactKey, Owner)>),
+}
+
+/// Of more than this all words are told anew.
+const UNTOLD_MAX: usize = 1_024;
+
 // === impl Source ===
+
+impl Source {
+    /// Whether nobody may hear of it but from who took the request.
+    pub(crate) fn is_requested(self) -> bool {
+        match self {
+            Source::Request | Source::Observation | Source::Effect => true,
+            Source::Model | Source::Heartbeat | Source::Told => false,
+        }
+    }
+}
 
 impl fmt::Display for Source {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -154,6 +177,24 @@ impl Owners {
     fn iter(&self) -> impl Iterator<Item = (&Owner, &Stamped)> {
         self.0.iter().map(|(owner, stamped)| (owner, stamped))
     }
+
+    /// What these claims of a fact come to, if it can be known here.
+    fn judge(&self, fact: &FactKey, composite: &Composite, now: Moment) -> Option<Holding> {
+        let known = { self.iter() }
+            .filter(|(owner, _)| composite.secrets.sees(owner, fact))
+            .map(|(_, stamped)| stamped)
+            .filter(|stamped| stamped.claim.until.is_none_or(|until| until > now));
+        let holding = match fact.space() {
+            // Without an end is longest.
+            Space::Predicate => known
+                .map(|stamped| stamped.claim.until)
+                .max_by_key(|until| until.unwrap_or(Moment(u64::MAX)))
+                .map(|until| Holding { value: Value::True, until }),
+            Space::Function => newest(known)
+                .map(|Stamped { claim, .. }| Holding { value: claim.value, until: claim.until }),
+        };
+        holding.filter(|_| composite.vocabulary.fact_misfit(fact).is_none())
+    }
 }
 
 // === impl Beliefs ===
@@ -169,6 +210,24 @@ impl Beliefs {
         if self.settles {
             self.touched.insert(fact);
         }
+    }
+
+    /// A word of `owner` about a fact comes or goes; whoever is told of requests has to hear it, if
+    /// it is one of the map or came by request.
+    fn leave_untold(&mut self, fact: &FactKey, owner: &Owner, source: Source) {
+        let Untold::These(untold) = &mut self.untold else { return };
+        if *owner != Owner::Map && !source.is_requested() {
+            return;
+        }
+        untold.insert((fact.clone(), owner.clone()));
+        if untold.len() > UNTOLD_MAX {
+            self.untold = Untold::Any;
+        }
+    }
+
+    /// What may be other than when this was asked last.
+    pub(crate) fn take_untold(&mut self) -> Untold {
+        std::mem::replace(&mut self.untold, Untold::These(BTreeSet::new()))
     }
 
     /// Whether something may have changed since this was asked last, for who does not settle.
@@ -219,6 +278,7 @@ impl Beliefs {
     /// Believes `owner`, in place of what it said of this fact before.
     pub(crate) fn claim(&mut self, fact: FactKey, owner: &Owner, claim: Claim) {
         self.disturb(&fact, owner, Some(claim.source));
+        self.leave_untold(&fact, owner, claim.source);
         self.stamps += 1;
         let stamp = self.stamps;
         let mut since = stamp;
@@ -231,7 +291,9 @@ impl Beliefs {
                 }
                 // Most of what a heartbeat says is what the one before said.
                 if known.claim.until == claim.until {
+                    let before = known.claim.source;
                     *known = Stamped { stamp, since, claim };
+                    self.leave_untold(&fact, owner, before);
                     if is_contested || !is_repeated {
                         self.touch(fact);
                     }
@@ -262,6 +324,7 @@ impl Beliefs {
         if owners.0.is_empty() {
             self.claims.remove(fact);
         }
+        self.leave_untold(fact, owner, claim.source);
         if let Some(until) = claim.until {
             self.deadlines.remove(&(until, fact.clone(), owner.clone()));
         }
@@ -397,22 +460,7 @@ impl Beliefs {
     }
 
     fn judge(&self, fact: &FactKey, composite: &Composite, now: Moment) -> Option<Holding> {
-        let owners = self.claims.get(fact)?;
-        let known = owners
-            .iter()
-            .filter(|(owner, _)| composite.secrets.sees(owner, fact))
-            .map(|(_, stamped)| stamped)
-            .filter(|stamped| stamped.claim.until.is_none_or(|until| until > now));
-        let holding = match fact.space() {
-            // Without an end is longest.
-            Space::Predicate => known
-                .map(|stamped| stamped.claim.until)
-                .max_by_key(|until| until.unwrap_or(Moment(u64::MAX)))
-                .map(|until| Holding { value: Value::True, until }),
-            Space::Function => newest(known)
-                .map(|Stamped { claim, .. }| Holding { value: claim.value, until: claim.until }),
-        };
-        holding.filter(|_| composite.vocabulary.fact_misfit(fact).is_none())
+        self.claims.get(fact)?.judge(fact, composite, now)
     }
 
     /// What holds at `now`, in a fixed order.
@@ -435,8 +483,8 @@ impl Beliefs {
         composite: &'a Composite,
         now: Moment,
     ) -> impl Iterator<Item = InitElement> + 'a {
-        self.claims.keys().filter_map(move |fact| {
-            let holding = self.judge(fact, composite, now)?;
+        self.claims.iter().filter_map(move |(fact, owners)| {
+            let holding = owners.judge(fact, composite, now)?;
             Some(fact.element(holding.value))
         })
     }

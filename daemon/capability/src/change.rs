@@ -48,6 +48,7 @@ impl From<&Change> for EpochChange {
             believed: text_of(believed),
             retracted: text_of(retracted),
             requested: None,
+            requested_since: None,
         }
     }
 }

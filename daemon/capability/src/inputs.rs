@@ -3,7 +3,10 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::content::{ChangeState, Heartbeat, Methods, ModelAnnouncement, Observation, Requested};
+use acl::content::{
+    ChangeState, Heartbeat, Methods, ModelAnnouncement, Observation, Requested, RequestedFact,
+    RequestedSince,
+};
 use acl::{AgentId, Deadline, Incarnation};
 use pddl::{ActionModel, Diagnostic, InitElement, Metric, Name};
 
@@ -93,6 +96,17 @@ pub struct Requests {
     pub metric: Option<Metric>,
     /// Actions that are withheld, of one agent or of all.
     pub withheld: Vec<(Name, Option<AgentId>)>,
+}
+
+/// What requests changed since it was told last.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RequestsSince {
+    /// Facts that are told now, each with whose word it is.
+    pub facts: Vec<(AgentId, Known)>,
+    /// Facts that are nobody's word any longer, each with whose it was; of numbers, any value.
+    pub withdrawn: Vec<(AgentId, InitElement)>,
+    /// Facts of the map that are believed no longer.
+    pub retracted: Vec<InitElement>,
 }
 
 // === impl Announcement ===
@@ -216,24 +230,46 @@ impl Requests {
     /// If it is no PDDL; the diagnostics point into the first text that has mistakes.
     pub fn read(told: &Requested, now: Moment) -> Result<Requests, Vec<Diagnostic>> {
         let Requested { facts, retracted, metric, withheld } = told;
-        let mut requests = Requests {
+        let metric = metric.as_ref().map(|metric| pddl::parse_metric(metric).into_result());
+        Ok(Requests {
+            facts: known(facts, now)?,
             retracted: pddl::parse_init_elements(retracted).into_result()?,
+            metric: metric.transpose()?,
             withheld: { withheld.iter() }
                 .map(|of| (Name::new(&of.action), of.agent.clone()))
                 .collect(),
-            ..Requests::default()
-        };
-        for told in facts {
-            let until = told.known_for.map(|left| now.after(left.0));
-            for fact in pddl::parse_init_elements(&told.fact).into_result()? {
-                requests.facts.push((told.owner.clone(), Known { fact, until }));
-            }
-        }
-        if let Some(metric) = metric {
-            requests.metric = Some(pddl::parse_metric(metric).into_result()?);
-        }
-        Ok(requests)
+        })
     }
+}
+
+// === impl RequestsSince ===
+
+impl RequestsSince {
+    /// Reads what was told at `now`.
+    ///
+    /// # Errors
+    ///
+    /// If it is no PDDL; the diagnostics point into the first text that has mistakes.
+    pub fn read(told: &RequestedSince, now: Moment) -> Result<RequestsSince, Vec<Diagnostic>> {
+        let RequestedSince { facts, withdrawn, retracted } = told;
+        let withdrawn = known(withdrawn, now)?.into_iter();
+        Ok(RequestsSince {
+            facts: known(facts, now)?,
+            withdrawn: withdrawn.map(|(agent, known)| (agent, known.fact)).collect(),
+            retracted: pddl::parse_init_elements(retracted).into_result()?,
+        })
+    }
+}
+
+fn known(told: &[RequestedFact], now: Moment) -> Result<Vec<(AgentId, Known)>, Vec<Diagnostic>> {
+    let mut facts = Vec::with_capacity(told.len());
+    for RequestedFact { fact, owner, known_for } in told {
+        let until = known_for.map(|left| now.after(left.0));
+        for fact in pddl::parse_init_elements(fact).into_result()? {
+            facts.push((owner.clone(), Known { fact, until }));
+        }
+    }
+    Ok(facts)
 }
 
 const _: () = assert!(SILENCE_HALF_PERIODS > 2 * 3, "one heartbeat lost, one late");

@@ -57,7 +57,9 @@ pub use declined::Declined;
 pub use digest::{model_digest, problem_digest, text_digest};
 pub use fact::Owner;
 pub use follower::{Follower, Lag};
-pub use inputs::{Announcement, Beat, Effects, Known, Repeated, Requests, SILENCE_HALF_PERIODS};
+pub use inputs::{
+    Announcement, Beat, Effects, Known, Repeated, Requests, RequestsSince, SILENCE_HALF_PERIODS,
+};
 pub use maintainer::{Admission, AgentView, ClaimedBy, Maintainer, Provenance, Scope, Sight};
 pub use moment::Moment;
 pub use snapshot::Snapshot;

@@ -14,7 +14,7 @@ use agent::{Context, Engagement};
 use capability::{Change, Effects, Known, Owner};
 use pddl::{Diagnostic, InitElement, Name, Severity, check_init_elements};
 
-use crate::DomainMaintainer;
+use crate::{DomainMaintainer, Tells};
 
 /// What was taken: what follows from it, and what to say of it.
 type Taken = (Change, String);
@@ -43,7 +43,7 @@ impl DomainMaintainer {
         };
         match taken {
             Ok((change, detail)) => {
-                self.spreads_requests = true;
+                self.tells = self.tells.max(Tells::News);
                 upkeep::conclude(self, &change, ctx);
                 // What was observed again changes nothing here, and lasts longer elsewhere too.
                 if is_observed {

@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use acl::content::{
     BelievedFact, BelievedState, Claim, EpochChange, Inform, Reason, Record, Refusal, Requested,
-    Version, value,
+    RequestedSince, Version, value,
 };
 use acl::{Deadline, Message, Performative};
 use agent::keeping::{self, Keeper, Keeps};
@@ -33,6 +33,10 @@ use crate::kept::KeptRequests;
 /// starts come within this time, and one announcement serves them all. What changes by itself is
 /// announced at once.
 const GATHERING: Duration = Duration::from_millis(5);
+
+/// How long after news of requests all that they changed is told: who missed the news hears it then,
+/// and however many news come meanwhile, it is told once.
+const TELLING_ALL: Duration = Duration::from_secs(1);
 
 /// Under which key the Journals keep what requests changed.
 const REQUESTED: &str = "state/requested";
@@ -54,7 +58,8 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         unannounced: None,
         announcing: None,
         announced: None,
-        spreads_requests: false,
+        tells: Tells::Nothing,
+        telling_all: None,
         has_requests: false,
         keeper: Keeper::new(&blueprint.host),
         is_leading: false,
@@ -69,15 +74,24 @@ struct DomainMaintainer {
     announcing: Option<TimerId>,
     /// When it announced something last.
     announced: Option<Moment>,
-    /// Whether the next announcement tells what requests changed.
-    spreads_requests: bool,
-    /// Whether the last one that did had something to tell.
+    /// What the next announcement tells of requests.
+    tells: Tells,
+    telling_all: Option<TimerId>,
+    /// Whether the last one that told of them had something to tell.
     has_requests: bool,
     keeper: Keeper,
     /// Whether it acts: who stands by hears the same and says nothing.
     is_leading: bool,
     /// What requests had changed when it was kept last, if that was read.
     recalled: Option<Version>,
+}
+
+/// How much of what requests changed is told: at each moment the most that somebody lacks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Tells {
+    Nothing,
+    News,
+    All,
 }
 
 impl Agent for DomainMaintainer {
@@ -93,7 +107,7 @@ impl Agent for DomainMaintainer {
         keeping::leads(self, is_leading, ctx);
         if is_leading && self.upkeep.maintainer.revision() > 0 {
             // Whoever listens learns that somebody speaks again, and all that requests changed.
-            self.spreads_requests = true;
+            self.tells = Tells::All;
             self.announce_requests(ctx);
         }
     }
@@ -144,7 +158,9 @@ impl Maintains for DomainMaintainer {
                 "a new epoch");
         }
         // Whoever joined has not heard what requests changed before.
-        self.spreads_requests |= change.epoch_changed;
+        if change.epoch_changed {
+            self.tells = Tells::All;
+        }
         self.announce_soon(EpochChange::from(change), ctx);
     }
 
@@ -195,7 +211,7 @@ impl Keeps for DomainMaintainer {
         match recalled {
             Ok(change) => {
                 tracing::info!("believes again what was requested before");
-                self.spreads_requests = true;
+                self.tells = Tells::All;
                 upkeep::conclude(self, &change, ctx);
             }
             Err(why) => tracing::warn!(why, "what was requested before cannot be believed"),
@@ -216,11 +232,11 @@ impl DomainMaintainer {
     }
 
     /// Has the Journals keep what requests changed: nobody says it again by itself.
-    fn keep_requests(&mut self, requested: Option<&Requested>, ctx: &mut Context<Self>) {
-        let Some(requested) = requested.filter(|_| !self.keeper.journals().is_empty()) else {
+    fn keep_requests(&mut self, requested: Requested, ctx: &mut Context<Self>) {
+        if self.keeper.journals().is_empty() {
             return;
-        };
-        let kept = KeptRequests::new(requested.clone(), ctx.switchboard().machine().wall_clock());
+        }
+        let kept = KeptRequests::new(requested, ctx.switchboard().machine().wall_clock());
         let record = self.keeper.write(REQUESTED.to_owned(), value(&kept));
         self.recalled = Some(record.version);
         keeping::keep(self, vec![record], ctx, |_, kept, _| {
@@ -252,15 +268,51 @@ impl DomainMaintainer {
         self.announcing = None;
         let Some(mut change) = self.unannounced.take() else { return };
         self.announced = Some(self.upkeep.moment());
-        if std::mem::take(&mut self.spreads_requests) {
-            let requested = self.upkeep.maintainer.requested(self.upkeep.moment());
-            let is_nothing = requested == Requested::default();
-            // That it is nothing now is news once.
-            let was_something = std::mem::replace(&mut self.has_requests, !is_nothing);
-            change.requested = (!is_nothing || was_something).then_some(requested);
-            self.keep_requests(change.requested.as_ref(), ctx);
+        match std::mem::replace(&mut self.tells, Tells::Nothing) {
+            Tells::Nothing => (),
+            Tells::News => self.tell_news(&mut change, ctx),
+            Tells::All => self.tell_all(&mut change, ctx),
         }
         ctx.inform_all(&Inform::Epoch(change));
+    }
+
+    /// Tells what is new of requests, and in a moment all of it: so that it costs as much as is new,
+    /// and who missed it does not lack it for long.
+    fn tell_news(&mut self, change: &mut EpochChange, ctx: &mut Context<Self>) {
+        let now = self.upkeep.moment();
+        let Some(since) = self.upkeep.maintainer.requested_since(now) else {
+            return self.tell_all(change, ctx);
+        };
+        if since == RequestedSince::default() {
+            return;
+        }
+        self.has_requests = true;
+        change.requested_since = Some(since);
+        if !self.keeper.journals().is_empty() {
+            let requested = self.upkeep.maintainer.requested(now);
+            self.keep_requests(requested, ctx);
+        }
+        if self.telling_all.is_none() {
+            self.telling_all = Some(ctx.after(TELLING_ALL, |maintainer: &mut Self, ctx| {
+                maintainer.telling_all = None;
+                maintainer.tells = Tells::All;
+                maintainer.announce_requests(ctx);
+            }));
+        }
+    }
+
+    fn tell_all(&mut self, change: &mut EpochChange, ctx: &mut Context<Self>) {
+        let now = self.upkeep.moment();
+        // From now on counts what is new beside it.
+        let _ = self.upkeep.maintainer.requested_since(now);
+        let requested = self.upkeep.maintainer.requested(now);
+        let is_nothing = requested == Requested::default();
+        // That it is nothing now is news once.
+        let was_something = std::mem::replace(&mut self.has_requests, !is_nothing);
+        if !is_nothing || was_something {
+            change.requested = Some(requested.clone());
+            self.keep_requests(requested, ctx);
+        }
     }
 
     fn state(&self) -> BelievedState {
@@ -303,7 +355,7 @@ fn known_for(claims: &[capability::ClaimedBy]) -> Option<Deadline> {
 }
 
 fn gather(gathered: &mut EpochChange, change: EpochChange) {
-    let EpochChange { epoch, revision, joined, left, believed, retracted, requested: _ } = change;
+    let EpochChange { epoch, revision, joined, left, believed, retracted, .. } = change;
     (gathered.epoch, gathered.revision) = (epoch, revision);
     gathered.joined.retain(|agent| !left.contains(agent));
     gathered.left.retain(|agent| !joined.contains(agent));

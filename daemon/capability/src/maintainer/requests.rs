@@ -3,16 +3,16 @@
 
 use std::collections::BTreeSet;
 
-use acl::content::{ActionOf, Requested, RequestedFact};
+use acl::content::{ActionOf, Requested, RequestedFact, RequestedSince};
 use acl::{AgentId, Deadline};
-use pddl::{Condition, InitElement, Metric, Name, Problem};
+use pddl::{Condition, InitElement, Metric, Name, Number, Problem};
 
 use super::Maintainer;
-use crate::belief::{Claim, Source};
+use crate::belief::{Claim, Source, Untold};
 use crate::change::{Change, text_of};
 use crate::declined::Declined;
-use crate::fact::{FactKey, Owner, Statement, Value};
-use crate::inputs::Requests;
+use crate::fact::{FactKey, Owner, Space, Statement, Value};
+use crate::inputs::{Known, Requests, RequestsSince};
 use crate::limits;
 use crate::moment::Moment;
 
@@ -132,15 +132,8 @@ impl Maintainer {
         let mut facts = Vec::new();
         for (fact, claims) in self.beliefs.claims() {
             for (owner, claim) in claims {
-                if let Owner::Agent(agent) = owner
-                    && self.is_unsaid(agent, fact, claim)
-                    && claim.until.is_none_or(|until| until > now)
-                {
-                    facts.push(RequestedFact {
-                        fact: fact.element(claim.value).to_string(),
-                        owner: agent.clone(),
-                        known_for: claim.until.map(|until| Deadline(until.since(now))),
-                    });
+                if let Owner::Agent(agent) = owner {
+                    facts.extend(self.told_of(agent, fact, claim, now));
                 }
             }
         }
@@ -158,14 +151,53 @@ impl Maintainer {
         }
     }
 
-    /// Whether nobody learns of a claim from its owner's model or heartbeats.
-    fn is_unsaid(&self, owner: &AgentId, fact: &FactKey, claim: &Claim) -> bool {
-        match claim.source {
-            Source::Request | Source::Observation | Source::Effect => {
-                self.roster.get(owner).is_none_or(|member| !member.owns(fact))
+    /// What of that is other than when this was asked last. `None` if there is more than facts to
+    /// tell: when it is asked first, or where facts of the map are back or very many are other. What
+    /// plans are measured by and what is withheld is not in it.
+    pub fn requested_since(&mut self, now: Moment) -> Option<RequestedSince> {
+        let Untold::These(untold) = self.beliefs.take_untold() else { return None };
+        let mut since = RequestedSince::default();
+        let mut gone = Vec::new();
+        for (fact, owner) in &untold {
+            let claim = self.beliefs.claim_of(fact, owner);
+            match (owner, claim) {
+                (Owner::Map, Some(_)) => return None,
+                (Owner::Map, None) => gone.push(fact.element(any_value(fact))),
+                (Owner::Agent(agent), claim) => {
+                    match claim.and_then(|claim| self.told_of(agent, fact, claim, now)) {
+                        Some(told) => since.facts.push(told),
+                        // Perhaps it never was: then nobody believes it, and nobody minds.
+                        None => since.withdrawn.push(RequestedFact {
+                            fact: fact.element(any_value(fact)).to_string(),
+                            owner: agent.clone(),
+                            known_for: None,
+                        }),
+                    }
+                }
             }
-            Source::Model | Source::Heartbeat | Source::Told => false,
         }
+        since.retracted = text_of(&gone);
+        Some(since)
+    }
+
+    /// A claim as it is told, if nobody learns of it from its owner's model or heartbeats.
+    fn told_of(
+        &self,
+        owner: &AgentId,
+        fact: &FactKey,
+        claim: &Claim,
+        now: Moment,
+    ) -> Option<RequestedFact> {
+        let is_said = !claim.source.is_requested()
+            || self.roster.get(owner).is_some_and(|member| member.owns(fact));
+        if is_said || claim.until.is_some_and(|until| until <= now) {
+            return None;
+        }
+        Some(RequestedFact {
+            fact: fact.element(claim.value).to_string(),
+            owner: owner.clone(),
+            known_for: claim.until.map(|until| Deadline(until.since(now))),
+        })
     }
 
     /// Whether it believes what another tells of requests: who does not need not read it.
@@ -185,6 +217,37 @@ impl Maintainer {
             return Ok(self.conclude(now));
         }
         self.adopt(requests, now)
+    }
+
+    /// Believes what the central maintainer tells of requests since it told last: the same, but that
+    /// the rest of what it told before stays.
+    ///
+    /// # Errors
+    ///
+    /// If it is too much.
+    pub fn follow_since(
+        &mut self,
+        requests: &RequestsSince,
+        now: Moment,
+    ) -> Result<Change, Declined> {
+        if !self.follows {
+            return Ok(self.conclude(now));
+        }
+        let RequestsSince { facts, withdrawn, retracted } = requests;
+        self.retract_from_map(retracted);
+        for (agent, fact) in withdrawn {
+            let Statement::Is(key, _) = Statement::of(fact) else { continue };
+            let owner = Owner::Agent(agent.clone());
+            let known = self.beliefs.claim_of(&key, &owner);
+            if known.is_some_and(|known| known.source == Source::Told) {
+                self.beliefs.withdraw(&key, &owner);
+            }
+        }
+        for (agent, known) in facts {
+            // That it is news is said with it.
+            self.believe_told(agent, known, |_, _| true, now)?;
+        }
+        Ok(self.conclude(now))
     }
 
     /// Whether this central maintainer stands by, and follows what the one that acts tells of
@@ -212,46 +275,62 @@ impl Maintainer {
         self.set_withheld(withheld.iter().cloned().collect())?;
         self.is_changed |= self.metric != *metric;
         self.metric.clone_from(metric);
-        for fact in retracted {
-            if let Statement::Is(key, _) = Statement::of(fact) {
-                self.beliefs.withdraw(&key, &Owner::Map);
-            }
-        }
+        self.retract_from_map(retracted);
         let mut told: Vec<(FactKey, Owner)> = Vec::with_capacity(facts.len());
         for (agent, known) in facts {
-            let Statement::Is(key, value) = Statement::of(&known.fact) else { continue };
-            let owner = Owner::Agent(agent.clone());
-            if self.is_news(agent, &key, value, known.until) {
-                self.beliefs.has_room(&owner, 1)?;
-                let claim = Claim::new(value, Source::Told, now).until(known.until);
-                self.beliefs.claim(key.clone(), &owner, claim);
-            }
-            told.push((key, owner));
+            told.extend(self.believe_told(agent, known, is_other, now)?);
         }
         told.sort_unstable();
         self.beliefs.withdraw_told(&told);
         Ok(self.conclude(now))
     }
 
-    /// Whether something told is not known already, and not for its owner to say here. Saying
-    /// again what is known would make it newer than another's word.
-    fn is_news(
-        &self,
-        owner: &AgentId,
-        fact: &FactKey,
-        value: Value,
-        until: Option<Moment>,
-    ) -> bool {
-        if self.roster.get(owner).is_some_and(|member| member.owns(fact)) {
-            return false;
+    fn retract_from_map(&mut self, facts: &[InitElement]) {
+        for fact in facts {
+            if let Statement::Is(key, _) = Statement::of(fact) {
+                self.beliefs.withdraw(&key, &Owner::Map);
+            }
         }
-        let Some(known) = self.beliefs.claim_of(fact, &Owner::Agent(owner.clone())) else {
-            return true;
+    }
+
+    /// Believes a fact that is told, unless its owner is heard here itself.
+    fn believe_told(
+        &mut self,
+        agent: &AgentId,
+        known: &Known,
+        is_news: fn(&Claim, &Claim) -> bool,
+        now: Moment,
+    ) -> Result<Option<(FactKey, Owner)>, Declined> {
+        let Statement::Is(key, value) = Statement::of(&known.fact) else { return Ok(None) };
+        let owner = Owner::Agent(agent.clone());
+        let claim = Claim::new(value, Source::Told, now).until(known.until);
+        let is_heard = self.roster.get(agent).is_some_and(|member| member.owns(&key));
+        let is_taken = match self.beliefs.claim_of(&key, &owner) {
+            Some(known) => known.source == Source::Told && is_news(known, &claim),
+            None => true,
         };
-        let same_end = match (known.until, until) {
-            (Some(known), Some(until)) => known.0.abs_diff(until.0) < SAME_END_MS,
-            (known, until) => known == until,
-        };
-        known.source == Source::Told && !(known.value == value && same_end)
+        if is_taken && !is_heard {
+            self.beliefs.has_room(&owner, 1)?;
+            self.beliefs.claim(key.clone(), &owner, claim);
+        }
+        Ok(Some((key, owner)))
+    }
+}
+
+/// Whether it is told otherwise than it was. Saying again what is known would make it newer than
+/// another's word.
+fn is_other(known: &Claim, told: &Claim) -> bool {
+    let is_same_end = match (known.until, told.until) {
+        (Some(known), Some(told)) => known.0.abs_diff(told.0) < SAME_END_MS,
+        (known, told) => known == told,
+    };
+    !is_same_end || known.value != told.value
+}
+
+/// A value that a fact may have, where only the term counts.
+fn any_value(fact: &FactKey) -> Value {
+    match fact.space() {
+        Space::Predicate => Value::True,
+        Space::Function => Value::Number(Number(0.0)),
     }
 }

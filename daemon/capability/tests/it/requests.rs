@@ -1,9 +1,12 @@
 //! What requests change while the house lives, and how the actuators' own maintainers learn of it.
 
-use acl::content::{Observation, Requested};
+use acl::content::{Observation, Requested, RequestedSince};
 use acl::{AgentId, Deadline};
-use capability::{Declined, Known, Moment, Owner, Requests, Source};
+use capability::{Declined, Known, Moment, Owner, Requests, RequestsSince, Source};
 use expect_test::expect;
+use proptest::collection::vec;
+use proptest::prelude::*;
+use proptest::sample::select;
 
 use crate::office::{Office, effects, facts, id, office, office_of, thermometer, turtlebot};
 
@@ -20,6 +23,17 @@ fn tell(central: &Office, local: &mut Office) -> Requested {
     let requests = Requests::read(&told, local.now).expect("PDDL");
     local.maintainer.follow(&requests, local.now).expect("room");
     told
+}
+
+/// Tells it what is new to tell, or all if that is what it takes.
+fn tell_news(central: &mut Office, local: &mut Office) -> Option<RequestedSince> {
+    let Some(since) = central.maintainer.requested_since(central.now) else {
+        tell(central, local);
+        return None;
+    };
+    let requests = RequestsSince::read(&since, local.now).expect("PDDL");
+    local.maintainer.follow_since(&requests, local.now).expect("room");
+    Some(since)
 }
 
 fn metric(text: &str) -> Option<pddl::Metric> {
@@ -153,6 +167,118 @@ fn what_requests_changed_reaches_an_actuators_own_maintainer() {
     assert_eq!(local.snapshot().offers().len(), 1);
     local.now = Moment(11_000);
     assert_eq!(local.known("known-temperature"), "");
+}
+
+/// Something that happens to requested facts, and whether the actuators are told afterwards.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    what: u8,
+    who: &'static str,
+    fact: &'static str,
+    number: u8,
+    is_told: bool,
+}
+
+fn steps() -> impl Strategy<Value = Vec<Step>> {
+    let facts =
+        ["(connected office2 corridor)", "(= (speed t) 9)", "(= (speed t) 8)", "(at t office2)"];
+    let step = (0..6u8, select(vec!["ann", "bob", "t", "one"]), select(facts.to_vec()), 1..4u8);
+    let step = (step, any::<bool>()).prop_map(|((what, who, fact, number), is_told)| Step {
+        what,
+        who,
+        fact,
+        number,
+        is_told,
+    });
+    vec(step, 1..60)
+}
+
+/// What the central maintainer and, of what everybody hears, those of the actuators make of it.
+fn happen(step: Step, beat: u64, central: &mut Office, locals: [&mut Office; 2]) {
+    let Step { what, who, fact, number, .. } = step;
+    let (owner, now) = (Owner::Agent(id(who)), central.now);
+    let maintainer = &mut central.maintainer;
+    match what {
+        0 => drop(maintainer.set(&owner, &effects(fact), now).expect("room")),
+        1 if fact.starts_with("(=") => (),
+        1 => {
+            let not = effects(&format!("(not {fact}) (not (connected corridor office2))"));
+            drop(maintainer.set(&owner, &not, now).expect("room"));
+        }
+        2 => observed(central, who, "", &[(fact, u64::from(number) * 1_000)]),
+        3 => drop(maintainer.confirm(&id("t"), None, &effects(fact), now).expect("it is here")),
+        4 => {
+            let said = format!("(at t corridor) (= (speed t) {number})");
+            for office in { locals }.into_iter().chain([central]) {
+                office.beat("t", (1, beat), &said, "").expect("a heartbeat");
+            }
+        }
+        _ => {
+            for office in { locals }.into_iter().chain([central]) {
+                office.now = Moment(now.0 + 2_000);
+                office.maintainer.expire(office.now);
+            }
+        }
+    }
+}
+
+/// What is claimed, by whom, why, and for how long.
+fn claims(office: &Office) -> Vec<String> {
+    let mut claims = Vec::new();
+    for fact in office.maintainer.provenance(office.now) {
+        claims.extend(fact.claims.iter().map(|claim| {
+            format!("{} of {}, {}, {:?}", claim.said, claim.owner, claim.source, claim.left)
+        }));
+    }
+    claims
+}
+
+proptest! {
+    #[test]
+    fn news_of_requests_leave_an_actuators_maintainer_knowing_what_all_of_it_would(
+        steps in steps(),
+    ) {
+        let house = || [turtlebot("t"), thermometer("one"), thermometer("two")];
+        let mut central = office().with(house());
+        let mut by_all = office_of("one").with(house());
+        let mut by_news = office_of("one").with(house());
+        let _ = central.maintainer.requested_since(central.now);
+        for (beat, step) in (1..).zip(steps) {
+            happen(step, beat, &mut central, [&mut by_all, &mut by_news]);
+            if step.is_told {
+                tell(&central, &mut by_all);
+                prop_assert!(tell_news(&mut central, &mut by_news).is_some());
+                prop_assert_eq!(claims(&by_news), claims(&by_all));
+            }
+        }
+    }
+}
+
+#[test]
+fn news_of_requests_are_as_long_as_what_is_new() {
+    let mut central = office().with([turtlebot("t"), thermometer("one")]);
+    let mut local = office_of("one").with([turtlebot("t"), thermometer("one")]);
+    let ann = Owner::Agent(id("ann"));
+    let now = central.now;
+    assert_eq!(tell_news(&mut central, &mut local), None);
+    assert_eq!(tell_news(&mut central, &mut local), Some(RequestedSince::default()));
+    for number in 0..1_000 {
+        let fact = effects(&format!("(connected room-{number} corridor)"));
+        central.maintainer.set(&ann, &fact, now).expect("room");
+        let since = tell_news(&mut central, &mut local).expect("no more than facts");
+        assert_eq!((since.facts.len(), since.withdrawn.len()), (1, 0));
+    }
+    central.maintainer.set(&ann, &effects("(not (connected room-7 corridor))"), now).expect("room");
+    let since = tell_news(&mut central, &mut local).expect("no more than facts");
+    assert_eq!((since.facts.len(), since.withdrawn.len()), (0, 1));
+    assert_eq!(since.withdrawn[0].fact, "(connected room-7 corridor)");
+    // Very much at once is told as a whole.
+    for number in 1_000..2_500 {
+        let fact = effects(&format!("(connected room-{number} corridor)"));
+        central.maintainer.set(&ann, &fact, now).expect("room");
+    }
+    assert_eq!(tell_news(&mut central, &mut local), None);
+    assert_eq!(local.known("connected"), central.known("connected"));
 }
 
 #[test]

@@ -4,11 +4,12 @@
 use std::time::Duration;
 
 use acl::content::{
-    ActionOf, BelievedState, ChangeActions, ChangeMetric, ChangeState, Observation, Request,
-    Snapshot,
+    ActionOf, BelievedState, ChangeActions, ChangeMetric, ChangeState, EpochChange, Inform,
+    Observation, Request, RequestedFact, Snapshot,
 };
-use acl::{AgentId, Deadline};
-use agent::{Mode, Resource};
+use acl::{AgentId, Deadline, Message, Performative};
+use agent::{Agent, Callbacks, Context, Mode, Resource};
+use tokio::sync::mpsc;
 
 use super::asking::{change, office, read};
 
@@ -53,6 +54,54 @@ async fn what_is_changed_by_request_reaches_those_who_plan_alone() {
     tokio::time::sleep(Duration::from_secs(20)).await;
     let local: Snapshot = read(&set, &sensor, Resource::Domain).await;
     assert!(!local.problem.contains("(known-temperature office2)"));
+}
+
+/// Passes on what the Domain Maintainer announces of requests.
+struct Listener(mpsc::UnboundedSender<EpochChange>);
+
+impl Agent for Listener {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new().on_broadcast(Performative::Inform, Self::informed)
+    }
+}
+
+impl Listener {
+    fn informed(&mut self, message: Message, _: &mut Context<Self>) {
+        if let Ok(Inform::Epoch(change)) = message.content_as()
+            && (change.requested.is_some() || change.requested_since.is_some())
+        {
+            let _ = self.0.send(change);
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_is_new_is_told_alone_and_all_of_it_a_moment_later() {
+    let (set, _) = office(Mode::Decentralized).await;
+    let (tell, mut announced) = mpsc::unbounded_channel();
+    let listener = AgentId::new("listener").expect("a name");
+    set.node.launch(listener, Listener(tell), set.ecosystem.domain.name.as_str());
+    let facts = |told: Vec<RequestedFact>| -> Vec<String> {
+        told.into_iter().map(|told| told.fact).collect()
+    };
+    let (one, two) = ("(connected office1 office2)", "(connected office2 office1)");
+    let cases = [("ann", believe(one, "")), ("bob", believe(two, "")), ("cem", believe("", one))];
+    let told = [(vec![one], vec![]), (vec![two], vec![]), (vec![], vec![one])];
+    for ((who, request), (believed, withdrawn)) in cases.into_iter().zip(told) {
+        assert_eq!(change(&set, who, request).await, "done: believed");
+        let news = announced.recv().await.and_then(|change| change.requested_since).expect("news");
+        assert_eq!(facts(news.facts), believed);
+        assert_eq!(facts(news.withdrawn), withdrawn);
+        if who == "ann" {
+            continue;
+        }
+        // Once for all that came within a second.
+        let all = announced.recv().await.and_then(|change| change.requested).expect("all");
+        let expected = if who == "bob" { vec![one, two] } else { vec![two] };
+        assert_eq!(facts(all.facts), expected);
+    }
+    tokio::time::sleep(Duration::from_secs(5)).await;
+    assert!(announced.try_recv().is_err(), "nothing more is new");
 }
 
 #[tokio::test(start_paused = true)]
