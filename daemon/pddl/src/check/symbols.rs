@@ -1,5 +1,7 @@
 //! Everything that has a name, gathered from the texts that speak of it.
 
+use std::cell::{Cell, OnceCell};
+
 use foldhash::{HashMap, HashSet};
 
 use crate::tree::{
@@ -23,8 +25,14 @@ pub(super) struct Symbols<'t> {
 /// Declarations by name and in order.
 struct Table<'t, T> {
     order: Vec<&'t T>,
-    index: HashMap<&'t str, usize>,
+    /// Made once it is worth while: of a large building, a goal names one or two objects.
+    index: OnceCell<HashMap<&'t str, usize>>,
+    /// How often something was looked for one by one.
+    scans: Cell<u8>,
 }
+
+/// After so many the index is made.
+const SCANS_MAX: u8 = 4;
 
 /// Something that is declared with a name.
 pub(super) trait Named {
@@ -99,16 +107,26 @@ impl<'t> Symbols<'t> {
 
 impl<'t, T: Named> Table<'t, T> {
     fn new(declarations: impl IntoIterator<Item = &'t T>) -> Table<'t, T> {
-        let mut table = Table { order: Vec::new(), index: HashMap::default() };
-        for declaration in declarations {
-            table.index.entry(declaration.name().as_str()).or_insert(table.order.len());
-            table.order.push(declaration);
-        }
-        table
+        let order = declarations.into_iter().collect();
+        Table { order, index: OnceCell::new(), scans: Cell::new(0) }
     }
 
     fn get(&self, name: &str) -> Option<&'t T> {
-        self.index.get(name).map(|index| self.order[*index])
+        let scans = self.scans.get();
+        if scans < SCANS_MAX {
+            self.scans.set(scans + 1);
+            return self.order.iter().find(|one| one.name().as_str() == name).copied();
+        }
+        self.index.get_or_init(|| self.indexed()).get(name).map(|index| self.order[*index])
+    }
+
+    fn indexed(&self) -> HashMap<&'t str, usize> {
+        let mut index = HashMap::default();
+        index.reserve(self.order.len());
+        for (position, declaration) in self.order.iter().enumerate() {
+            index.entry(declaration.name().as_str()).or_insert(position);
+        }
+        index
     }
 }
 
