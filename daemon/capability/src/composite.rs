@@ -19,7 +19,7 @@ pub(crate) struct Composite {
     digest: OnceLock<String>,
     pub(crate) vocabulary: Vocabulary,
     /// The problem's objects, the map's before the agents'.
-    pub(crate) objects: Vec<ObjectDeclaration>,
+    pub(crate) objects: Arc<Vec<ObjectDeclaration>>,
     /// What each agent offers.
     pub(crate) offers: BTreeMap<AgentId, Vec<Offered>>,
     /// Names inside → names outside, where they differ.
@@ -67,6 +67,7 @@ impl Composite {
         secrets: Secrets,
     ) -> Composite {
         let (domain, digest) = (Arc::new(domain), OnceLock::new());
+        let objects = Arc::new(objects);
         let Offers { by_agent, qualified } = offers;
         Composite { domain, digest, vocabulary, objects, offers: by_agent, qualified, secrets }
     }

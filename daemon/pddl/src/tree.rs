@@ -422,8 +422,8 @@ pub struct Problem {
     pub domain: Name,
     /// Requirement flags, with their colon.
     pub requirements: Vec<Name>,
-    /// Objects.
-    pub objects: Vec<ObjectDeclaration>,
+    /// Objects. Clones share them: those of a building are many, and change less than its state.
+    pub objects: Arc<Vec<ObjectDeclaration>>,
     /// The initial state.
     pub init: Vec<InitElement>,
     /// What is to be true at the end; a problem without `:goal` (a map) asks for nothing.
@@ -763,7 +763,7 @@ impl Problem {
             name: name.into(),
             domain: domain.into(),
             requirements: Vec::new(),
-            objects: Vec::new(),
+            objects: Arc::default(),
             init: Vec::new(),
             goal: Condition::always(),
             metric: None,

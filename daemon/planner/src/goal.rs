@@ -1,6 +1,6 @@
 //! Goals taken apart: what they ask for one by one, and which of it cannot be had.
 
-use pddl::{Condition, Diagnostic, Domain, Problem};
+use pddl::{Condition, Domain, Problem};
 
 use crate::ground::{GroundError, ground};
 use crate::heuristic::{Evaluator, Max};
@@ -9,24 +9,19 @@ use crate::normalize::normalize;
 use crate::outcome::PlanError;
 use crate::plan::refuse_mistakes;
 use crate::state::Progression;
+use crate::validate::World;
 use crate::validate::bindings::Bindings;
 use crate::validate::model::Model;
 
 /// The parts of a goal that must all hold, each once: `forall` is expanded over the problem's
-/// objects, nested conjunctions are flattened, a disjunction stays one part.
-///
-/// Fails where the domain's axioms make no sense.
-pub fn conjuncts(
-    domain: &Domain,
-    problem: &Problem,
-    goal: &Condition,
-) -> Result<Vec<Condition>, Vec<Diagnostic>> {
-    let model = Model::new(domain, problem)?;
+/// objects, nested conjunctions are flattened, a disjunction stays one part. Of a state of the problem
+/// only its objects matter.
+pub fn conjuncts(world: &World, goal: &Condition) -> Vec<Condition> {
     let mut parts = Vec::new();
-    split(&model, goal, true, &mut Bindings::default(), &mut parts);
+    split(world.model(), goal, true, &mut Bindings::default(), &mut parts);
     let mut seen = std::collections::HashSet::new();
     parts.retain(|part| seen.insert(part.clone()));
-    Ok(parts)
+    parts
 }
 
 /// Which of the conditions cannot hold at any time, whatever is done: their positions.

@@ -5,9 +5,8 @@
 //! respects this leads to the same end (tests try them all). It is not the weakest such order, which
 //! is hard to find; it is one that always holds.
 
-use pddl::{Domain, Plan, PlanStep, Problem};
+use pddl::PlanStep;
 
-use crate::outcome::PlanError;
 use crate::validate::{Footprint, World};
 
 /// A plan's steps with what each waits for.
@@ -18,24 +17,21 @@ pub struct PartialOrder {
     pub predecessors: Vec<Vec<usize>>,
 }
 
-/// Finds the order that a plan's steps need.
-pub fn deorder(domain: &Domain, problem: &Problem, plan: &Plan) -> Result<PartialOrder, PlanError> {
-    let world = World::initial(domain, problem).map_err(PlanError::BadInput)?;
-    let footprints: Vec<Footprint> = plan.steps.iter().map(|step| world.footprint(step)).collect();
+/// Finds the order that the steps of a plan need; of a state of their problem, its facts do not matter.
+pub fn deorder(world: &World, steps: &[PlanStep]) -> PartialOrder {
+    let footprints: Vec<Footprint> = steps.iter().map(|step| world.footprint(step)).collect();
     let must_wait =
         |later: usize, earlier: usize| footprints[later].must_wait_for(&footprints[earlier]);
-    Ok(PartialOrder::reduced(footprints.len(), must_wait))
+    PartialOrder::reduced(footprints.len(), must_wait)
 }
 
 /// The first pair of steps of two plans, ours and theirs, whose order may matter; `None` if both
 /// plans can run side by side, however their steps interleave.
 pub fn interference(
-    domain: &Domain,
-    problem: &Problem,
+    world: &World,
     ours: &[PlanStep],
     theirs: &[PlanStep],
-) -> Result<Option<(usize, usize)>, PlanError> {
-    let world = World::initial(domain, problem).map_err(PlanError::BadInput)?;
+) -> Option<(usize, usize)> {
     let footprints = |steps: &[PlanStep]| -> Vec<Footprint> {
         steps.iter().map(|step| world.footprint(step)).collect()
     };
@@ -44,10 +40,10 @@ pub fn interference(
         let theirs = theirs.iter().enumerate();
         theirs.map(move |(their_index, their)| ((our_index, our), (their_index, their)))
     });
-    Ok(pairs
+    pairs
         .filter(|((_, our), (_, their))| our.must_wait_for(their))
         .map(|((our_index, _), (their_index, _))| (our_index, their_index))
-        .next())
+        .next()
 }
 
 // === impl PartialOrder ===

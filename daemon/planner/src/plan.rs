@@ -147,7 +147,7 @@ impl<'j> Judge<'j> {
             None => World::initial(self.domain, self.problem).map_err(PlanError::BadInput)?,
         };
         let world = self.world.insert(world);
-        let cost = cost_from(world.clone(), &plan.steps, &self.problem.goal);
+        let cost = cost_from(world, &plan.steps, &self.problem.goal);
         let cost = cost.map_err(PlanError::Internal)?;
         Ok(Plan { cost: Some(Number(cost)), ..plan })
     }

@@ -1,13 +1,11 @@
 //! One plan under way: its order, its steps, and the state as it follows from what was confirmed.
 //! Without I/O.
 
-use std::collections::BTreeSet;
-
 use acl::AgentId;
 use acl::content::{ChangeState, Execute, Offer, Offers, Snapshot};
 use pddl::{Atom, Domain, Plan, PlanStep, Problem};
 use planner::order::{PartialOrder, deorder};
-use planner::validate::{Verdict, World, rest_reaches, validate};
+use planner::validate::{World, cost_from, rest_reaches};
 
 use crate::translate::{Order, acting_agent, translate};
 
@@ -41,14 +39,10 @@ impl Execution {
         let domain = pddl::parse_domain(&execute.domain).into_result().map_err(first)?;
         let problem = pddl::parse_problem(&execute.problem).into_result().map_err(first)?;
         let plan: Plan = pddl::parse_plan(&execute.plan).into_result().map_err(first)?;
-        match validate(&domain, &problem, &plan) {
-            Verdict::Valid { .. } => (),
-            Verdict::Fault(fault) => return Err(format!("the plan is not valid: {fault}")),
-            Verdict::BadInput(diagnostics) => return Err(first(diagnostics)),
-        }
         let world = World::initial(&domain, &problem).map_err(first)?;
-        let order = deorder(&domain, &problem, &plan)
-            .map_err(|error| format!("the plan cannot be ordered: {error}"))?;
+        cost_from(&world, &plan.steps, &problem.goal)
+            .map_err(|fault| format!("the plan is not valid: {fault}"))?;
+        let order = deorder(&world, &plan.steps);
         let phases = vec![StepPhase::Waiting; plan.steps.len()];
         let offers = execute.offers.clone();
         let (domain_text, steps) = (execute.domain.clone(), plan.steps);
@@ -102,23 +96,16 @@ impl Execution {
     ///
     /// If it could not have happened in the state as known.
     pub(crate) fn finish(&mut self, step: usize) -> Result<ChangeState, String> {
-        let before: BTreeSet<String> = self.facts();
+        let before = self.world.clone();
         self.world
             .apply(&self.steps[step])
             .map_err(|fault| format!("{} was confirmed, yet {fault}", self.step_text(step)))?;
         self.phases[step] = StepPhase::Done;
-        let after = self.facts();
-        let difference =
-            |a: &BTreeSet<String>, b| a.difference(b).cloned().collect::<Vec<_>>().join(" ");
         Ok(ChangeState {
-            believe: difference(&after, &before),
-            retract: difference(&before, &after),
+            believe: text(&self.world.beyond(&before)),
+            retract: text(&before.beyond(&self.world)),
             owner: None,
         })
-    }
-
-    fn facts(&self) -> BTreeSet<String> {
-        self.world.atoms().map(|atom: Atom| atom.to_string()).collect()
     }
 
     /// Whether every step is done.
@@ -153,10 +140,8 @@ impl Execution {
         let world = World::initial(read, &problem).map_err(first)?;
         rest_reaches(&world, &steps, &problem.goal).map_err(|fault| fault.to_string())?;
         if let Some(domain) = domain {
-            let rest = Plan { steps, cost: None };
-            let order = deorder(&domain, &problem, &rest)
-                .map_err(|error| format!("the plan cannot be ordered: {error}"))?;
-            for ((step, renamed), before) in left.iter().zip(rest.steps).zip(order.predecessors) {
+            let order = deorder(&world, &steps);
+            for ((step, renamed), before) in left.iter().zip(steps).zip(order.predecessors) {
                 self.steps[*step] = renamed;
                 self.order.predecessors[*step] = before.into_iter().map(|at| left[at]).collect();
             }
@@ -185,10 +170,7 @@ impl Execution {
     pub(crate) fn uncertain(&self, step: usize) -> ChangeState {
         let mut after = self.world.clone();
         let retract = match after.apply(&self.steps[step]) {
-            Ok(()) => {
-                let after: BTreeSet<String> = after.atoms().map(|atom| atom.to_string()).collect();
-                self.facts().difference(&after).cloned().collect::<Vec<_>>().join(" ")
-            }
+            Ok(()) => text(&self.world.beyond(&after)),
             // It could not have been done, and so changed nothing.
             Err(_) => String::new(),
         };
@@ -221,6 +203,10 @@ impl Execution {
         let order = translate(&self.steps[step], &self.domain, &self.offers);
         order.map_or_else(|_| self.steps[step].to_string(), |order| order.action)
     }
+}
+
+fn text(facts: &[Atom]) -> String {
+    facts.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")
 }
 
 fn first(diagnostics: Vec<pddl::Diagnostic>) -> String {

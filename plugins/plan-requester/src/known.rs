@@ -3,13 +3,15 @@
 //! to solve a planning problem” (the paper, “Plan Requester”).
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::sync::OnceLock;
 
 use acl::AgentId;
 use acl::content::{Offers, Snapshot};
 use pddl::{ActionModel, Condition, Domain, InitElement, Name, Plan, PlanStep, Problem};
 use planner::explain::{self, Explanation, Guard};
+use planner::goal::conjuncts;
 use planner::order::interference;
-use planner::validate::{Verdict, World, validate};
+use planner::validate::{World, cost_from};
 use planner::{Budget, Cancel, Options};
 
 /// Candidates that grounding may look at for an explanation: a second, for the largest buildings.
@@ -21,6 +23,8 @@ pub(crate) struct Known {
     pub(crate) epoch: u64,
     pub(crate) domain: Domain,
     pub(crate) problem: Problem,
+    /// The state that the problem begins in, or why there is none; for whoever asks first.
+    world: OnceLock<Result<World, String>>,
     pub(crate) domain_text: String,
     pub(crate) offers: Offers,
     /// What everyone offers, planned with or not.
@@ -74,6 +78,7 @@ impl Known {
             epoch,
             domain,
             problem,
+            world: OnceLock::new(),
             domain_text,
             offers,
             all_offers,
@@ -111,6 +116,13 @@ impl Known {
         let read = |guard: &String| pddl::parse_init_elements(guard).into_result().ok();
         let guards: HashSet<InitElement> = guards.iter().filter_map(read).flatten().collect();
         self.problem.init.retain(|fact| !guards.contains(fact));
+        self.world = OnceLock::new();
+    }
+
+    fn world(&self) -> Result<&World, &str> {
+        let world =
+            self.world.get_or_init(|| World::initial(&self.domain, &self.problem).map_err(first));
+        world.as_ref().map_err(String::as_str)
     }
 
     /// The problem of reaching `goal` from here.
@@ -120,15 +132,14 @@ impl Known {
 
     /// What of a goal does not hold: ground conjuncts.
     pub(crate) fn open_conjuncts(&self, goal: &Condition) -> Result<Vec<Condition>, String> {
-        let world = World::initial(&self.domain, &self.problem).map_err(first)?;
-        let conjuncts =
-            planner::goal::conjuncts(&self.domain, &self.problem, goal).map_err(first)?;
-        Ok(conjuncts.into_iter().filter(|conjunct| !world.holds(conjunct)).collect())
+        let world = self.world()?;
+        let conjuncts = conjuncts(world, goal).into_iter();
+        Ok(conjuncts.filter(|conjunct| !world.holds(conjunct)).collect())
     }
 
     /// A conjunct of a goal that the goal also wants not to hold.
     pub(crate) fn contradiction(&self, goal: &Condition) -> Option<Condition> {
-        let conjuncts = planner::goal::conjuncts(&self.domain, &self.problem, goal).ok()?;
+        let conjuncts = conjuncts(self.world().ok()?, goal);
         let denied = conjuncts.iter().filter_map(|conjunct| match conjunct {
             Condition::Not(inner) => Some(&**inner),
             _ => None,
@@ -146,7 +157,7 @@ impl Known {
 
     /// Whether a condition holds.
     pub(crate) fn holds(&self, condition: &Condition) -> bool {
-        World::initial(&self.domain, &self.problem).is_ok_and(|world| world.holds(condition))
+        self.world().is_ok_and(|world| world.holds(condition))
     }
 
     /// Whether a plan can run beside steps of others, and leaves what they have reached of their
@@ -160,22 +171,9 @@ impl Known {
         // A step that nobody offers any more fails by itself.
         let named = |step: &PlanStep| self.named(step, &self.all_offers).ok();
         let theirs: Vec<_> = steps.into_iter().filter_map(named).collect();
-        let apart = interference(&self.domain, &self.problem, &plan.steps, &theirs);
-        matches!(apart, Ok(None)) && self.leaves(plan, goals)
-    }
-
-    /// Whether what holds of some goals holds at the end of a plan.
-    fn leaves<'g>(&self, plan: &Plan, goals: impl IntoIterator<Item = &'g Condition>) -> bool {
-        let Ok(now) = World::initial(&self.domain, &self.problem) else { return false };
-        let mut end = now.clone();
-        if plan.steps.iter().try_for_each(|step| end.apply(step)).is_err() {
-            return false;
-        }
-        let conjuncts = |goal: &Condition| {
-            planner::goal::conjuncts(&self.domain, &self.problem, goal).unwrap_or_default()
-        };
-        let mut reached = goals.into_iter().flat_map(conjuncts);
-        reached.all(|conjunct| !now.holds(&conjunct) || end.holds(&conjunct))
+        self.world().is_ok_and(|now| {
+            interference(now, &plan.steps, &theirs).is_none() && leaves(now, plan, goals)
+        })
     }
 
     /// What it costs to do the rest of a plan from here; `None` if it does not reach its goal.
@@ -217,11 +215,7 @@ impl Known {
 
     /// The cost of a plan that reaches `goal`, or why it does not.
     pub(crate) fn validate(&self, plan: &Plan, goal: &Condition) -> Result<f64, String> {
-        match validate(&self.domain, &self.problem_of(goal), plan) {
-            Verdict::Valid { cost, .. } => Ok(cost),
-            Verdict::Fault(fault) => Err(fault.to_string()),
-            Verdict::BadInput(diagnostics) => Err(first(diagnostics)),
-        }
+        cost_from(self.world()?, &plan.steps, goal).map_err(|fault| fault.to_string())
     }
 
     /// Whether nothing is held against any step of a plan of an agent's own, and all are offered.
@@ -277,6 +271,16 @@ pub(crate) fn outside(step: &PlanStep, offers: &Offers) -> PlanStep {
     let named = { offered }.find(|(_, offer)| step.action == *offer.inside.as_str());
     let action = named.map_or(step.action.as_str(), |(outside, _)| outside.as_str());
     PlanStep { action: action.into(), ..step.clone() }
+}
+
+/// Whether what holds now of some goals holds at the end of a plan.
+fn leaves<'g>(now: &World, plan: &Plan, goals: impl IntoIterator<Item = &'g Condition>) -> bool {
+    let mut end = now.clone();
+    if plan.steps.iter().try_for_each(|step| end.apply(step)).is_err() {
+        return false;
+    }
+    let mut reached = goals.into_iter().flat_map(|goal| conjuncts(now, goal));
+    reached.all(|conjunct| !now.holds(&conjunct) || end.holds(&conjunct))
 }
 
 /// What looking for a reason may take.

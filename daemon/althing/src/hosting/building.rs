@@ -160,7 +160,7 @@ fn text<'a>(entry: &'a AgentEntry, key: &'static str) -> Result<&'a str, Simulat
 
 fn add_places(layout: &mut Layout, ecosystem: &Ecosystem) -> Result<(), LayoutError> {
     let types = Types::of(&ecosystem.domain);
-    for declaration in &ecosystem.problem.objects {
+    for declaration in ecosystem.problem.objects.iter() {
         let object = &declaration.object;
         let is_a = |sort: &str| {
             object.ty.alternatives.iter().any(|ty| types.is_subtype(ty.as_str(), sort))

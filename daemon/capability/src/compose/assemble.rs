@@ -28,7 +28,7 @@ pub(super) fn assemble(
     domain.actions.clear();
     domain.durative_actions.clear();
     require(&mut domain, parties);
-    let mut objects = shared.map.objects.clone();
+    let mut objects = shared.map.objects.to_vec();
     for kept in &standing.kept {
         declare(&mut domain, &mut objects, kept);
     }

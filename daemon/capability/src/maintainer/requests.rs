@@ -2,6 +2,7 @@
 //! what they changed reaches the maintainers of the actuators, who hear heartbeats only.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use acl::content::{ActionOf, Requested, RequestedFact, RequestedSince};
 use acl::{AgentId, Deadline};
@@ -111,7 +112,7 @@ impl Maintainer {
         if let Some(metric) = &metric {
             let composite = self.composed();
             let problem = Problem {
-                objects: composite.objects.clone(),
+                objects: Arc::clone(&composite.objects),
                 goal: Condition::always(),
                 metric: Some(metric.clone()),
                 ..self.frame()

@@ -165,7 +165,7 @@ impl Maintainer {
             .map(|(agent, member)| ((*agent).clone(), Methods::clone(&member.described.methods)))
             .collect();
         let problem = Problem {
-            objects: composite.objects.clone(),
+            objects: Arc::clone(&composite.objects),
             init: self.init(composite, believed),
             goal: Condition::always(),
             metric: self.metric(composite),
@@ -183,7 +183,7 @@ impl Maintainer {
             name: map.name.clone(),
             domain: self.shared.ontology.name.clone(),
             requirements: map.requirements.clone(),
-            objects: Vec::new(),
+            objects: Arc::default(),
             init: Vec::new(),
             goal: Condition::always(),
             metric: None,

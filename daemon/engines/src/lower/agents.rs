@@ -1,6 +1,8 @@
 //! MA-PDDL: who acts becomes the first parameter, as it is the first argument of a plan's step; who
 //! may know what is no engine's concern.
 
+use std::sync::Arc;
+
 use pddl::{Domain, Privacy, Problem};
 
 /// Takes agents and privacy out.
@@ -12,5 +14,5 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) {
     }
     domain.predicates.iter_mut().for_each(|it| it.privacy = Privacy::Public);
     domain.functions.iter_mut().for_each(|it| it.privacy = Privacy::Public);
-    problem.objects.iter_mut().for_each(|it| it.privacy = Privacy::Public);
+    Arc::make_mut(&mut problem.objects).iter_mut().for_each(|it| it.privacy = Privacy::Public);
 }

@@ -8,6 +8,7 @@
 //! lose what is nested in them, and repeated facts are said once.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::sync::Arc;
 
 use pddl::{
     ActionSchema, Assign, Atom, Compare, Condition, Derived, Domain, Effect, Expression,
@@ -49,10 +50,11 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Names {
     domain.types.iter_mut().for_each(|typed| names.typed(Kind::Type, typed));
     domain.constants.iter_mut().for_each(|typed| names.typed(Kind::Object, typed));
     let constants: HashSet<Name> = domain.constants.iter().map(|it| it.name.clone()).collect();
-    problem.objects.iter_mut().for_each(|it| names.typed(Kind::Object, &mut it.object));
+    let objects = Arc::make_mut(&mut problem.objects);
+    objects.iter_mut().for_each(|it| names.typed(Kind::Object, &mut it.object));
     // Said twice, an object is a mistake to engines.
     let mut said = constants;
-    problem.objects.retain(|it| said.insert(it.object.name.clone()));
+    objects.retain(|it| said.insert(it.object.name.clone()));
     for predicate in &mut domain.predicates {
         predicate.name = names.of(Kind::Predicate, &predicate.name);
         plain(&mut predicate.parameters);

@@ -5,6 +5,8 @@
 //! before the effect. Where a type of the hierarchy has several supertypes or an object several
 //! types, all types become predicates.
 
+use std::sync::Arc;
+
 use pddl::{
     Atom, Condition, Domain, Effect, InitElement, Name, PredicateDeclaration, Privacy, Problem,
     Span, Term, TypeExpr, Typed, Types,
@@ -34,7 +36,7 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) {
     }
     guards.declare(domain, problem, &types);
     if hierarchy.is_none() {
-        let objects = problem.objects.iter_mut().map(|it| &mut it.object);
+        let objects = Arc::make_mut(&mut problem.objects).iter_mut().map(|it| &mut it.object);
         domain.constants.iter_mut().chain(objects).for_each(|it| it.ty = TypeExpr::default());
     }
     domain.types = hierarchy.unwrap_or_default();

@@ -10,7 +10,8 @@ use pddl::{Atom, Condition, Domain, Effect, Name, PlanStep, Problem, Span, Term}
 pub(crate) fn task((domain, problem): &(Domain, Problem), steps: &[PlanStep]) -> (String, String) {
     let (mut domain, mut problem) = (domain.clone(), problem.clone());
     // Steps name objects, so that the domain has to know them.
-    domain.constants.extend(problem.objects.drain(..).map(|declared| declared.object));
+    let objects = std::mem::take(&mut problem.objects);
+    domain.constants.extend(objects.iter().map(|declared| declared.object.clone()));
     let schemas = std::mem::take(&mut domain.actions);
     let turns = steps.len() + 1;
     domain.predicates.extend((0..turns).map(|turn| pddl::PredicateDeclaration {

@@ -1,5 +1,7 @@
 //! Problems.
 
+use std::sync::Arc;
+
 use super::definition::Sections;
 use super::reader::{Keyword, Place, Reader, excerpt};
 use super::{condition, declarations, expression, facts, names};
@@ -23,7 +25,7 @@ pub(super) fn problem<'f>(reader: &mut Reader<'f>, name: Name, items: Items<'f>)
         match section.keyword {
             ":domain" => domain = domain_name(reader, items),
             ":requirements" => problem.requirements = declarations::requirements(reader, items),
-            ":objects" => problem.objects = declarations::objects(reader, items),
+            ":objects" => problem.objects = Arc::new(declarations::objects(reader, items)),
             ":init" => problem.init = facts::init_elements(reader, items),
             ":goal" => problem.goal = goal(reader, items).unwrap_or_default(),
             _ => problem.metric = metric(reader, items, section.span),

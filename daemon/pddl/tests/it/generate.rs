@@ -1,5 +1,7 @@
 //! Strategies for trees: everything that a text can say.
 
+use std::sync::Arc;
+
 use pddl::*;
 use proptest::collection::vec;
 use proptest::option;
@@ -308,7 +310,7 @@ fn problem() -> impl Strategy<Value = Problem> {
             name,
             domain,
             requirements,
-            objects,
+            objects: Arc::new(objects),
             init,
             goal,
             metric,
@@ -325,7 +327,7 @@ fn action_model() -> impl Strategy<Value = ActionModel> {
         types: domain.types,
         predicates: domain.predicates,
         functions: domain.functions,
-        objects: problem.objects,
+        objects: problem.objects.to_vec(),
         init: problem.init,
         derived: domain.derived,
         actions: domain.actions,

@@ -6,6 +6,7 @@
 //! stand for a part of the goal and for a fact in it.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use pddl::{
     ActionModel, ActionSchema, Atom, Condition, Derived, Domain, Effect, InitElement, Name,
@@ -152,7 +153,7 @@ impl Supposed {
             self.new.insert(name.clone(), ty.clone());
             let object = Typed { name: name.clone(), ty: ty.clone() };
             let privacy = Privacy::Public;
-            self.problem.objects.push(ObjectDeclaration { object, privacy });
+            Arc::make_mut(&mut self.problem.objects).push(ObjectDeclaration { object, privacy });
             self.problem.init.push(InitElement::Atom(atom(NEW, vec![Term::Object(name)])));
         }
         let types = Types::of(&self.domain);

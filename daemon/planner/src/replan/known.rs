@@ -1,6 +1,8 @@
 //! What a [`super::Replanner`] knows of its texts: everything that was in them since it was ground
 //! afresh, in the order in which it came.
 
+use std::sync::Arc;
+
 use pddl::{ActionSchema, Domain, ObjectDeclaration, PredicateDeclaration, Problem, Typed};
 use rustc_hash::FxHashSet;
 
@@ -11,8 +13,18 @@ use crate::ground::{Present, Standing};
 pub(super) struct Known {
     /// Without constants: they are objects.
     domain: Domain,
-    objects: Vec<ObjectDeclaration>,
+    objects: Arc<Vec<ObjectDeclaration>>,
     metric: Option<pddl::Metric>,
+    /// What was looked at last: as long as nobody comes or goes, it is the same.
+    seen: Option<Seen>,
+}
+
+/// The objects of a text, and which of all that are known those are.
+#[derive(Debug)]
+struct Seen {
+    constants: Vec<Typed>,
+    objects: Arc<Vec<ObjectDeclaration>>,
+    present: Vec<bool>,
 }
 
 /// What texts have that is not known.
@@ -36,8 +48,9 @@ impl Known {
     pub(super) fn of(domain: &Domain, problem: &Problem) -> Known {
         let mut known = Known {
             domain: Domain { constants: Vec::new(), ..domain.clone() },
-            objects: Vec::new(),
+            objects: Arc::default(),
             metric: problem.metric.clone(),
+            seen: None,
         };
         known.add(objects(domain, problem).map(declaration));
         known
@@ -46,12 +59,13 @@ impl Known {
     /// Adds objects that are new, each once.
     fn add(&mut self, objects: impl Iterator<Item = ObjectDeclaration>) {
         let mut seen = FxHashSet::default();
-        self.objects.extend(objects.filter(|one| seen.insert(one.object.name.clone())));
+        let new = objects.filter(|one| seen.insert(one.object.name.clone()));
+        Arc::make_mut(&mut self.objects).extend(new);
     }
 
     /// What the texts have beyond what is known, and what of that they have.
     pub(super) fn compare(
-        &self,
+        &mut self,
         domain: &Domain,
         problem: &Problem,
         standing: &Standing,
@@ -66,25 +80,49 @@ impl Known {
         }
         let mut additions = Additions::default();
         let mut present = Present {
-            objects: vec![false; self.objects.len()],
+            objects: self.compare_objects(domain, problem, standing, &mut additions)?,
             schemas: vec![false; self.domain.actions.len()],
             predicates: vec![false; self.domain.predicates.len()],
         };
         self.compare_actions(domain, &mut additions, &mut present);
         self.compare_predicates(domain, &mut additions, &mut present)?;
-        for object in objects(domain, problem) {
-            match standing.object(&object.name).map(|id| id.index()) {
-                Some(id) if self.objects[id].object.ty == object.ty => present.objects[id] = true,
-                Some(_) => return Err(Other),
-                None => additions.objects.push(declaration(object)),
-            }
-        }
         let gone = |here: &[bool]| here.iter().filter(|is_here| !**is_here).count();
         let is_stale = |here: &[bool]| gone(here) > here.len() / 2 + GONE_MAX;
         if is_stale(&present.objects) || is_stale(&present.schemas) {
             return Err(Other);
         }
         Ok((additions, present))
+    }
+
+    /// Which of the known objects the texts have.
+    fn compare_objects(
+        &mut self,
+        domain: &Domain,
+        problem: &Problem,
+        standing: &Standing,
+        additions: &mut Additions,
+    ) -> Result<Vec<bool>, Other> {
+        let is_same = |seen: &&Seen| {
+            Arc::ptr_eq(&seen.objects, &problem.objects) && seen.constants == domain.constants
+        };
+        if let Some(seen) = self.seen.as_ref().filter(is_same) {
+            return Ok(seen.present.clone());
+        }
+        let mut present = vec![false; self.objects.len()];
+        for object in objects(domain, problem) {
+            match standing.object(&object.name).map(|id| id.index()) {
+                Some(id) if self.objects[id].object.ty == object.ty => present[id] = true,
+                Some(_) => return Err(Other),
+                None => additions.objects.push(declaration(object)),
+            }
+        }
+        // Who brings new ones is seen when they are learned.
+        self.seen = additions.objects.is_empty().then(|| Seen {
+            constants: domain.constants.clone(),
+            objects: Arc::clone(&problem.objects),
+            present: present.clone(),
+        });
+        Ok(present)
     }
 
     /// Texts mostly keep their order, so each action is looked for where the last one's successor is.
@@ -138,7 +176,7 @@ impl Known {
 
     /// All that is known, in the state of a problem.
     pub(super) fn texts(&self, problem: &Problem) -> (&Domain, Problem) {
-        (&self.domain, Problem { objects: self.objects.clone(), ..problem.clone() })
+        (&self.domain, Problem { objects: Arc::clone(&self.objects), ..problem.clone() })
     }
 
     /// All of it, as it was when it was learned.

@@ -114,19 +114,16 @@ pub fn validate(domain: &Domain, problem: &Problem, plan: &Plan) -> Verdict {
         Ok(world) => world,
         Err(diagnostics) => return Verdict::BadInput(diagnostics),
     };
-    match cost_from(world, &plan.steps, &problem.goal) {
+    match cost_from(&world, &plan.steps, &problem.goal) {
         Ok(cost) => Verdict::Valid { cost, steps: plan.steps.len() },
         Err(fault) => Verdict::Fault(fault),
     }
 }
 
-/// What steps cost that lead from a state to a goal.
-pub(crate) fn cost_from(
-    world: World,
-    steps: &[PlanStep],
-    goal: &Condition,
-) -> Result<f64, Box<Fault>> {
-    run(world, steps, goal).and_then(|end| end.cost())
+/// What steps cost that lead from a state to a goal: what the metric says, or their number where there
+/// is none.
+pub fn cost_from(world: &World, steps: &[PlanStep], goal: &Condition) -> Result<f64, Box<Fault>> {
+    run(world.clone(), steps, goal).and_then(|end| end.cost())
 }
 
 /// Whether the rest of a plan still leads from a state to a goal.

@@ -5,6 +5,7 @@
 //! - An executor keeps one, applies confirmed steps, and asks what holds.
 
 use std::cmp::Ordering;
+use std::collections::HashSet;
 use std::sync::{Arc, OnceLock};
 
 use pddl::{
@@ -59,6 +60,18 @@ impl World {
     fn of(model: Arc<Model>, (facts, values): (Vec<Table>, Vec<Values>)) -> World {
         let derived = model.axioms.components.iter().map(|_| OnceLock::new()).collect();
         World { facts, derived, values, model, steps: 0 }
+    }
+
+    /// The texts that it is a state of.
+    pub(crate) fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// What is true here and is not in `other`, a state of the same texts: facts, sorted; those of
+    /// axioms come last.
+    pub fn beyond(&self, other: &World) -> Vec<Atom> {
+        let others: HashSet<Atom> = other.atoms().collect();
+        self.atoms().filter(|atom| !others.contains(atom)).collect()
     }
 
     /// Whether a closed condition holds.

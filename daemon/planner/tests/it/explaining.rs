@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use expect_test::{Expect, expect};
 use pddl::{ActionModel, Domain, Name, Problem};
 use planner::explain::{Explanation, Guard, Known, explain};
+use planner::validate::World;
 use planner::{Cancel, Options};
 use proptest::prelude::*;
 
@@ -69,7 +70,8 @@ fn explained(
     goal: &str,
 ) -> Explanation {
     let goal = pddl::parse_condition(goal).into_result().expect("the goal parses");
-    let parts = planner::goal::conjuncts(domain, problem, &goal).expect("makes sense");
+    let world = World::initial(domain, problem).expect("makes sense");
+    let parts = planner::goal::conjuncts(&world, &goal);
     let guards = guards(of);
     let known = Known { domain, problem, guards: &guards, former };
     explain(known, &parts, &Options::default(), &Cancel::new()).expect("supported")

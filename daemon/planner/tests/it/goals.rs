@@ -3,6 +3,7 @@
 use expect_test::{Expect, expect};
 use pddl::Condition;
 use planner::goal::{conjuncts, unreachable};
+use planner::validate::World;
 use planner::{Cancel, Options, Replanner};
 
 use crate::support::parse;
@@ -14,7 +15,8 @@ const MORNING: &str = include_str!("../../benches/office/problem.pddl");
 fn check(goal: &str, replaced: (&str, &str), expected: Expect) {
     let (domain, problem) = parse(OFFICE, &MORNING.replace(replaced.0, replaced.1));
     let goal = pddl::parse_condition(goal).into_result().expect("the goal parses");
-    let parts = conjuncts(&domain, &problem, &goal).expect("makes sense");
+    let world = World::initial(&domain, &problem).expect("makes sense");
+    let parts = conjuncts(&world, &goal);
     let missing = unreachable(&domain, &problem, &parts, &Options::default(), &Cancel::new())
         .expect("supported");
     let all: Vec<_> = parts.iter().collect();

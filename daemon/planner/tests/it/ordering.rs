@@ -3,6 +3,7 @@
 use expect_test::{Expect, expect};
 use pddl::{Domain, Plan, Problem};
 use planner::order::{PartialOrder, deorder, interference};
+use planner::validate::World;
 use planner::{Verdict, validate};
 
 use crate::support::{domain, parse, problem};
@@ -43,7 +44,8 @@ pub(crate) fn assert_all_orders_work(
 fn check(domain: &str, problem: &str, plan: &str, expected: Expect) {
     let (domain, problem) = parse(domain, problem);
     let plan = pddl::parse_plan(plan).into_result().expect("the plan parses");
-    let order = deorder(&domain, &problem, &plan).expect("makes sense");
+    let world = World::initial(&domain, &problem).expect("makes sense");
+    let order = deorder(&world, &plan.steps);
     let orders = assert_all_orders_work(&domain, &problem, &plan, &order, 10_000);
     expected.assert_eq(&format!("{:?}, {orders} orders", order.predecessors));
 }
@@ -98,8 +100,9 @@ fn check_interference(ours: &str, theirs: &str, expected: Option<(usize, usize)>
     let problem = MORNING.replace("(forall (?r - room) (known-temperature ?r))", "(and)");
     let (domain, problem) = parse(OFFICE, &problem);
     let steps = |plan| pddl::parse_plan(plan).into_result().expect("the plan parses").steps;
-    let found = interference(&domain, &problem, &steps(ours), &steps(theirs));
-    assert_eq!(found.expect("makes sense"), expected, "{ours} beside {theirs}");
+    let world = World::initial(&domain, &problem).expect("makes sense");
+    let found = interference(&world, &steps(ours), &steps(theirs));
+    assert_eq!(found, expected, "{ours} beside {theirs}");
 }
 
 #[test]

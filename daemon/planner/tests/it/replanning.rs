@@ -1,7 +1,9 @@
 //! Planning again, while actions, objects, facts and goals come and go: what is kept answers what a
 //! fresh start would.
 
-use pddl::{Atom, Domain, InitElement, Name, PlanStep, Problem, Span, Term};
+use std::sync::Arc;
+
+use pddl::{Atom, Domain, InitElement, Name, ObjectDeclaration, PlanStep, Problem, Span, Term};
 use planner::validate::World;
 use planner::{Cancel, Course, Grounding, Options, Replanned, Replanner, StopReason};
 use proptest::prelude::*;
@@ -28,6 +30,8 @@ struct Moment {
     goal: Index,
     /// Whether `c` is there.
     has_guest: bool,
+    /// Whether its objects are those of an earlier moment, not only as they were.
+    shares_objects: bool,
     /// What changes by itself once the first step of the plan is done, before the rest is looked at.
     news: Option<Index>,
 }
@@ -39,14 +43,11 @@ fn history() -> impl Strategy<Value = History> {
         prop::collection::vec(any(), 0..7),
         any(),
         prop::bool::weighted(0.6),
+        prop::bool::ANY,
         prop::option::weighted(0.7, any()),
     );
-    let moment = moment.prop_map(|(actions, facts, goal, has_guest, news)| Moment {
-        actions,
-        facts,
-        goal,
-        has_guest,
-        news,
+    let moment = moment.prop_map(|(actions, facts, goal, has_guest, shares_objects, news)| {
+        Moment { actions, facts, goal, has_guest, shares_objects, news }
     });
     let parts = (
         prop::collection::vec(action(), 3..6),
@@ -98,9 +99,14 @@ struct Tally {
 /// Plays a history; what it says at each moment is what trying everything says.
 fn play(history: &History, tally: &mut Tally) -> Result<(), TestCaseError> {
     let mut replanner = Replanner::default();
+    let mut earlier: Vec<Arc<Vec<ObjectDeclaration>>> = Vec::new();
     for moment in &history.moments {
         let (domain, problem) = history.texts(moment);
         let (domain, mut problem) = parse(&domain, &problem);
+        match earlier.iter().find(|objects| **objects == problem.objects) {
+            Some(objects) if moment.shares_objects => problem.objects = Arc::clone(objects),
+            _ => earlier.push(Arc::clone(&problem.objects)),
+        }
         let plan = answered(&mut replanner, &domain, &problem, &[], tally)?;
         let (Some(news), Some((first, rest))) = (&moment.news, plan.split_first()) else {
             continue;
