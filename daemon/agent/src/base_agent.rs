@@ -3,6 +3,7 @@
 //! Waiting is async; deciding is not. Everything that can wake an agent is an [`Event`]; each is
 //! handled by one synchronous callback.
 
+use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -11,8 +12,8 @@ use acl::{AgentId, EcosystemId, Incarnation, Message};
 use substrate::{Presence, PresenceToken, Question, Resident, Resource, SendError};
 use tokio::sync::broadcast;
 use tokio::task::JoinHandle;
-use tokio::time::Instant;
-use tokio_util::sync::CancellationToken;
+use tokio::time::{Instant, Sleep};
+use tokio_util::sync::{CancellationToken, WaitForCancellationFutureOwned};
 use tracing::Instrument;
 
 use crate::callbacks::Callbacks;
@@ -147,7 +148,10 @@ struct Life<A: Agent> {
     presence: broadcast::Receiver<Presence>,
     /// What this agent was told of who is here: the daemon's own, where it was told all.
     told: Arc<Directory>,
-    stopping: CancellationToken,
+    /// Kept from one event to the next, as `alarm` is: those of a thousand agents that are all woken
+    /// at once would otherwise be put on the daemon's lists and taken off them each time.
+    stopping: Pin<Box<WaitForCancellationFutureOwned>>,
+    alarm: Pin<Box<Sleep>>,
     /// Whether it acts; none where nobody else can.
     standing: Option<Standing>,
     /// Keeps the agent present.
@@ -168,8 +172,10 @@ async fn live<A: Agent>(agent: Box<A>, berth: Berth) -> Result<(), LaunchError> 
         CommunicationAgent::new(id.clone(), incarnation, Arc::clone(&switchboard), ontology, via);
     let ctx = Context::new(communication);
     let standing = stands_by.then(|| Standing::new(Instant::now()));
+    let stopping = Box::pin(stopping.cancelled_owned());
+    let alarm = Box::pin(tokio::time::sleep_until(Instant::now()));
     let mut life =
-        Life { agent, callbacks, ctx, mailbox, presence, told, stopping, standing, _token };
+        Life { agent, callbacks, ctx, mailbox, presence, told, stopping, alarm, standing, _token };
     let end = life.run().await;
     life.ctx.communication.send_receipts();
     switchboard.dismiss(&id, incarnation);
@@ -216,21 +222,18 @@ impl<A: Agent> Life<A> {
     async fn next_event(&mut self, draining: bool) -> Event<A> {
         let standing = self.standing.as_ref().and_then(Standing::due);
         let due = self.ctx.next_due().into_iter().chain(standing).min();
-        let due_now = async {
-            match due {
-                Some(due) => tokio::time::sleep_until(due).await,
-                None => std::future::pending().await,
-            }
-        };
+        if let Some(due) = due.filter(|due| *due != self.alarm.deadline()) {
+            self.alarm.as_mut().reset(due);
+        }
         tokio::select! {
             biased;
-            () = self.stopping.cancelled(), if !draining => Event::Stopping,
+            () = &mut self.stopping, if !draining => Event::Stopping,
             presence = self.presence.recv() => match presence {
                 Ok(presence) => Event::Presence(presence),
                 Err(_) => Event::PresenceMissed,
             },
             Some(deferred) = self.ctx.finished() => Event::Finished(deferred),
-            () = due_now => Event::Due,
+            () = &mut self.alarm, if due.is_some() => Event::Due,
             letter = self.mailbox.next() => match letter {
                 Some(letter) => Event::Letter(letter),
                 None => Event::Stopping,

@@ -1,6 +1,7 @@
 //! Who is here, where, and in which life: our view, fed by presence.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use acl::{AgentId, DaemonId, Incarnation};
 use substrate::{Address, Presence, Resident};
@@ -12,7 +13,8 @@ use substrate::{Address, Presence, Resident};
 /// leaves.
 #[derive(Clone, Debug, Default)]
 pub struct Directory {
-    residents: BTreeMap<AgentId, Vec<Resident>>,
+    /// Shared by clones: of a thousand names, one changes at a time.
+    residents: BTreeMap<AgentId, Arc<Vec<Resident>>>,
 }
 
 impl Directory {
@@ -55,7 +57,7 @@ impl Directory {
     pub fn update(&mut self, presence: &Presence) -> Vec<Presence> {
         let agent = &presence.resident().agent;
         let before = self.find(agent).cloned();
-        let rivals = self.residents.entry(agent.clone()).or_default();
+        let rivals = Arc::make_mut(self.residents.entry(agent.clone()).or_default());
         match presence {
             Presence::Joined(resident) => {
                 // A daemon has one life of an agent at a time; the newest token is the truth.

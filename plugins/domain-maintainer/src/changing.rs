@@ -46,7 +46,7 @@ impl DomainMaintainer {
                 self.tells = self.tells.max(Tells::News);
                 upkeep::conclude(self, &change, ctx);
                 // What was observed again changes nothing here, and lasts longer elsewhere too.
-                if is_observed {
+                if is_observed && change.is_empty() {
                     self.announce_requests(ctx);
                 }
                 let report = Report::new(Outcome::Done, detail);

@@ -255,12 +255,19 @@ impl DomainMaintainer {
             None => self.unannounced = Some(change),
             Some(gathered) => gather(gathered, change),
         }
-        if self.announcing.is_none() {
-            let now = self.upkeep.moment();
-            let over = self.announced.map_or(GATHERING, |last| now.since(last));
-            let announce =
-                |maintainer: &mut Self, ctx: &mut Context<Self>| maintainer.announce(ctx);
-            self.announcing = Some(ctx.after(GATHERING.saturating_sub(over), announce));
+        if self.announcing.is_some() {
+            return;
+        }
+        let now = self.upkeep.moment();
+        let over = self.announced.map_or(GATHERING, |last| now.since(last));
+        match GATHERING.saturating_sub(over) {
+            // Not by a timer: the shortest runs out in the next millisecond.
+            Duration::ZERO => self.announce(ctx),
+            wait => {
+                let announce =
+                    |maintainer: &mut Self, ctx: &mut Context<Self>| maintainer.announce(ctx);
+                self.announcing = Some(ctx.after(wait, announce));
+            }
         }
     }
 
