@@ -120,7 +120,8 @@ impl Machine {
     ) -> Result<T, Lost> {
         match &self.threads {
             Threads::Real(turns) => {
-                turns.compute(compute).await.map_err(|error| Lost(error.to_string()))
+                let computed = Arc::clone(turns).compute(compute).await;
+                computed.ok_or_else(|| Lost("it panicked, or the daemon is ending".to_owned()))
             }
             Threads::Simulated(_, turns) => {
                 // Nobody closes the turns; without one it would only be in a greater hurry.

@@ -1,104 +1,152 @@
 //! Whose turn it is to compute on a machine: agents of one daemon share its cores, and a hundred
 //! that plan at once would leave none to those who listen.
 //!
-//! A Tokio runtime of its own, of which nothing is used but its threads for blocking work: it has
-//! as many as there are turns, and each goes on with what waits longest. What many agents compute
-//! for a moment each, as when all are called for proposals, wakes no thread for each of them.
+//! Whoever has a turn goes on with what waits longest. What many agents compute for a moment each, as
+//! when all are called for proposals, wakes as many threads as there are turns, and not one for each.
 
-use tokio::runtime::{Builder, Runtime};
-use tokio_util::task::AbortOnDropHandle;
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
+
+/// A computation, whoever waits for it.
+type Computation = Box<dyn FnOnce() + Send>;
 
 /// The computations of one machine.
 ///
 /// As many wait as agents want: each has one under way per exchange that it takes part in, and both
 /// are bounded.
-pub(crate) struct Turns(Option<Runtime>);
+pub(crate) struct Turns {
+    turns: Arc<Semaphore>,
+    /// In the order in which they were wanted.
+    waiting: Mutex<VecDeque<Computation>>,
+}
 
 impl Turns {
     pub(crate) fn new(at_once_max: usize) -> Turns {
-        let mut builder = Builder::new_current_thread();
-        let runtime = builder.max_blocking_threads(at_once_max).thread_name("computing").build();
-        Turns(Some(runtime.expect("invariant: without drivers nothing of it can fail")))
+        let turns = Arc::new(Semaphore::new(at_once_max));
+        Turns { turns, waiting: Mutex::default() }
     }
 
-    /// Computes on a thread that may be busy for long, when its turn has come. What nobody waits for
-    /// any more by then is left out.
-    pub(crate) fn compute<T: Send + 'static>(
-        &self,
+    /// Computes on a thread of the runtime that may be busy for long, when its turn has come. What
+    /// nobody waits for any more by then is left out.
+    ///
+    /// `None` if it panicked, or the daemon is ending.
+    pub(crate) async fn compute<T: Send + 'static>(
+        self: Arc<Self>,
         compute: impl FnOnce() -> T + Send + 'static,
-    ) -> AbortOnDropHandle<T> {
-        let runtime = self.0.as_ref().expect("invariant: it is taken when this is dropped");
-        AbortOnDropHandle::new(runtime.spawn_blocking(compute))
-    }
-}
-
-impl Drop for Turns {
-    /// Waits for nobody: the last handle may be dropped by an agent, which must not wait.
-    fn drop(&mut self) {
-        if let Some(runtime) = self.0.take() {
-            runtime.shutdown_background();
+    ) -> Option<T> {
+        let (tell, outcome) = oneshot::channel();
+        let computation = move || {
+            if !tell.is_closed() {
+                // Who has stopped waiting meanwhile is not told.
+                let _ = tell.send(compute());
+            }
+        };
+        self.waiting().push_back(Box::new(computation));
+        if let Ok(turn) = Arc::clone(&self.turns).try_acquire_owned() {
+            tokio::task::spawn_blocking(move || self.take(turn));
         }
+        outcome.await.ok()
+    }
+
+    /// Takes a turn, until nothing waits.
+    fn take(&self, turn: OwnedSemaphorePermit) {
+        let mut turn = Some(turn);
+        while turn.is_some() {
+            while let Some(computation) = self.next() {
+                // Its panic is on stderr, with its place; whoever waits learns that it was lost.
+                let _ = catch_unwind(AssertUnwindSafe(computation));
+            }
+            drop(turn.take());
+            // What came while this was held found no turn free.
+            if !self.waiting().is_empty() {
+                turn = Arc::clone(&self.turns).try_acquire_owned().ok();
+            }
+        }
+    }
+
+    fn next(&self) -> Option<Computation> {
+        self.waiting().pop_front()
+    }
+
+    fn waiting(&self) -> MutexGuard<'_, VecDeque<Computation>> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering};
     use std::sync::mpsc;
+    use std::time::Duration;
+
+    use tokio::task::JoinSet;
+    use tokio::time::Instant;
 
     use super::*;
 
-    #[tokio::test]
+    #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
     async fn everything_is_computed_and_no_more_at_once_than_there_are_turns() {
-        let turns = Turns::new(2);
+        let turns = Arc::new(Turns::new(2));
         let (now, most) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicUsize::new(0)));
-        let computed = (0..200).map(|number| {
+        let mut computed = JoinSet::new();
+        for number in 0..2_000 {
             let (now, most) = (Arc::clone(&now), Arc::clone(&most));
-            turns.compute(move || {
+            computed.spawn(Arc::clone(&turns).compute(move || {
                 most.fetch_max(now.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
                 std::thread::yield_now();
                 now.fetch_sub(1, Ordering::SeqCst);
                 number
-            })
-        });
-        for (number, computed) in computed.collect::<Vec<_>>().into_iter().enumerate() {
-            assert_eq!(computed.await.expect("it ends"), number);
+            }));
         }
+        let mut numbers: Vec<_> = computed.join_all().await.into_iter().flatten().collect();
+        numbers.sort_unstable();
+        assert_eq!(numbers, (0..2_000).collect::<Vec<_>>());
         assert!((1..=2).contains(&most.load(Ordering::SeqCst)));
     }
 
     #[tokio::test]
     async fn one_that_panics_stops_no_other() {
-        let turns = Turns::new(1);
-        let lost = turns.compute(|| -> u8 { panic!("for the test") });
-        let next = turns.compute(|| 2);
-        assert!(lost.await.is_err_and(|error| error.is_panic()));
-        assert_eq!(next.await.expect("it ends"), 2);
-        assert_eq!(turns.compute(|| 3).await.expect("it ends"), 3);
+        let turns = Arc::new(Turns::new(1));
+        let lost = Arc::clone(&turns).compute(|| -> u8 { panic!("for the test") });
+        let next = Arc::clone(&turns).compute(|| 2);
+        assert_eq!(tokio::join!(lost, next), (None, Some(2)));
+        assert_eq!(turns.compute(|| 3).await, Some(3));
     }
 
     #[tokio::test]
     async fn what_nobody_waits_for_is_left_out() {
-        let turns = Turns::new(1);
+        let turns = Arc::new(Turns::new(1));
         let (begin, begun) = mpsc::channel::<()>();
-        let first = turns.compute(move || begun.recv().is_ok());
+        let first = tokio::spawn(Arc::clone(&turns).compute(move || begun.recv().is_ok()));
         let touched = Arc::new(AtomicUsize::new(0));
         let touch = Arc::clone(&touched);
-        drop(turns.compute(move || touch.fetch_add(1, Ordering::SeqCst)));
+        let second =
+            tokio::spawn(Arc::clone(&turns).compute(move || touch.fetch_add(1, Ordering::SeqCst)));
+        // Both are there: the first has the turn, or will have it before the second.
+        tokio::task::yield_now().await;
+        second.abort();
+        assert!(second.await.is_err_and(|error| error.is_cancelled()));
         begin.send(()).expect("it waits");
-        assert!(first.await.expect("it ends"));
-        assert_eq!(turns.compute(|| 1).await.expect("it ends"), 1, "behind the one left out");
+        assert_eq!(first.await.expect("it ends"), Some(true));
+        assert_eq!(turns.compute(|| 1).await, Some(1), "behind the one that was left out");
         assert_eq!(touched.load(Ordering::SeqCst), 0);
     }
 
-    #[tokio::test]
-    async fn who_drops_the_last_handle_does_not_wait() {
-        let turns = Turns::new(1);
-        let (end, ended) = mpsc::channel::<()>();
-        let endless = turns.compute(move || ended.recv().is_ok());
-        drop(turns);
-        end.send(()).expect("it goes on");
-        assert!(endless.await.expect("it ends"));
+    /// Simulated days would pass otherwise while somebody plans.
+    #[tokio::test(start_paused = true)]
+    async fn a_clock_that_is_paused_stands_still_meanwhile() {
+        let (turns, began) = (Arc::new(Turns::new(1)), Instant::now());
+        let ticking = tokio::spawn(async move {
+            loop {
+                tokio::time::sleep(Duration::from_secs(1)).await;
+            }
+        });
+        // Real time, as a search takes it.
+        let computed = turns.compute(|| std::thread::sleep(Duration::from_millis(20))).await;
+        assert_eq!((computed, began.elapsed()), (Some(()), Duration::ZERO));
+        ticking.abort();
     }
 }

@@ -410,7 +410,12 @@ impl Beliefs {
     }
 
     pub(crate) fn claim_of(&self, fact: &FactKey, owner: &Owner) -> Option<&Claim> {
-        self.claims.get(fact)?.get(owner).map(|stamped| &stamped.claim)
+        self.stamped_claim_of(fact, owner).map(|(_, claim)| claim)
+    }
+
+    /// The same, with its place in the order in which all claims were made.
+    pub(crate) fn stamped_claim_of(&self, fact: &FactKey, owner: &Owner) -> Option<(u64, &Claim)> {
+        self.claims.get(fact)?.get(owner).map(|stamped| (stamped.stamp, &stamped.claim))
     }
 
     /// Forgets the claims whose time is over.

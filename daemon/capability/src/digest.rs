@@ -1,7 +1,8 @@
 //! Digests: how two sides learn that they speak of the same text without sending it.
 //!
-//! FNV-1a with 64 bits: defined in four lines, the same in every language and version. It guards
-//! against accidents, not against forgery, which the substrate's certificates are for.
+//! FNV-1a with 64 bits, where others may make it too: defined in four lines, the same in every
+//! language and version. It guards against accidents, not against forgery, which the substrate's
+//! certificates are for.
 
 use std::hash::{BuildHasher as _, Hash as _, Hasher as _};
 

@@ -28,7 +28,6 @@ impl DomainMaintainer {
         let engagement = Engagement::of(&message);
         let asker = &message.sender;
         let request = message.content_as::<Request>();
-        let is_observed = matches!(request, Ok(Request::Observe(_)));
         let taken = match request {
             Ok(Request::ChangeState(change)) => self.change_state(asker, &change, ctx),
             Ok(Request::ChangeMetric(change)) => self.change_metric(&change),
@@ -45,8 +44,9 @@ impl DomainMaintainer {
             Ok((change, detail)) => {
                 self.tells = self.tells.max(Tells::News);
                 upkeep::conclude(self, &change, ctx);
-                // What was observed again changes nothing here, and lasts longer elsewhere too.
-                if is_observed && change.is_empty() {
+                // What is said again changes nothing here, and lasts longer elsewhere, or is newer
+                // than another's word.
+                if change.is_empty() {
                     self.announce_requests(ctx);
                 }
                 let report = Report::new(Outcome::Done, detail);

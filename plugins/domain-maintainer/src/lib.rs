@@ -52,7 +52,9 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let (ontology, map) = (&blueprint.host.ontology, &blueprint.host.map);
-    let maintainer = Maintainer::new(Arc::clone(ontology), Arc::clone(map), Scope::Everything);
+    let mut maintainer = Maintainer::new(Arc::clone(ontology), Arc::clone(map), Scope::Everything);
+    // Until it is said to act.
+    maintainer.stands_by(true);
     Ok(Box::new(DomainMaintainer {
         upkeep: Upkeep::new(maintainer),
         unannounced: None,
@@ -77,7 +79,7 @@ struct DomainMaintainer {
     /// What the next announcement tells of requests.
     tells: Tells,
     telling_all: Option<TimerId>,
-    /// Whether the last one that told of them had something to tell.
+    /// Whether there was something to tell when they were told last.
     has_requests: bool,
     keeper: Keeper,
     /// Whether it acts: who stands by hears the same and says nothing.
@@ -91,6 +93,9 @@ struct DomainMaintainer {
 enum Tells {
     Nothing,
     News,
+    /// All of it, for who missed the news.
+    Again,
+    /// All of it, where there is more than facts, or somebody has heard nothing yet.
     All,
 }
 
@@ -275,25 +280,31 @@ impl DomainMaintainer {
         self.announcing = None;
         let Some(mut change) = self.unannounced.take() else { return };
         self.announced = Some(self.upkeep.moment());
-        match std::mem::replace(&mut self.tells, Tells::Nothing) {
+        let tells = std::mem::replace(&mut self.tells, Tells::Nothing);
+        match tells {
             Tells::Nothing => (),
             Tells::News => self.tell_news(&mut change, ctx),
-            Tells::All => self.tell_all(&mut change, ctx),
+            Tells::Again | Tells::All => self.tell_all(tells, &mut change, ctx),
         }
-        ctx.inform_all(&Inform::Epoch(change));
+        let EpochChange { epoch, revision, .. } = change;
+        let is_nothing = change == EpochChange { epoch, revision, ..EpochChange::default() };
+        // That somebody speaks again is something.
+        if !is_nothing || tells == Tells::All {
+            ctx.inform_all(&Inform::Epoch(change));
+        }
     }
 
-    /// Tells what is new of requests, and in a moment all of it: so that it costs as much as is new,
-    /// and who missed it does not lack it for long.
+    /// Tells what is new of requests, and in a moment all of it: so that what is told is as long as
+    /// what is new, and who missed it does not lack it for long.
     fn tell_news(&mut self, change: &mut EpochChange, ctx: &mut Context<Self>) {
         let now = self.upkeep.moment();
         let Some(since) = self.upkeep.maintainer.requested_since(now) else {
-            return self.tell_all(change, ctx);
+            return self.tell_all(Tells::All, change, ctx);
         };
         if since == RequestedSince::default() {
             return;
         }
-        self.has_requests = true;
+        self.has_requests |= !since.facts.is_empty() || !since.retracted.is_empty();
         change.requested_since = Some(since);
         if !self.keeper.journals().is_empty() {
             let requested = self.upkeep.maintainer.requested(now);
@@ -301,23 +312,29 @@ impl DomainMaintainer {
         }
         if self.telling_all.is_none() {
             self.telling_all = Some(ctx.after(TELLING_ALL, |maintainer: &mut Self, ctx| {
-                maintainer.telling_all = None;
-                maintainer.tells = Tells::All;
+                maintainer.tells = maintainer.tells.max(Tells::Again);
                 maintainer.announce_requests(ctx);
             }));
         }
     }
 
-    fn tell_all(&mut self, change: &mut EpochChange, ctx: &mut Context<Self>) {
+    fn tell_all(&mut self, tells: Tells, change: &mut EpochChange, ctx: &mut Context<Self>) {
+        if let Some(timer) = self.telling_all.take() {
+            ctx.forget(timer);
+        }
         let now = self.upkeep.moment();
         // From now on counts what is new beside it.
-        let _ = self.upkeep.maintainer.requested_since(now);
+        let since = self.upkeep.maintainer.requested_since(now);
         let requested = self.upkeep.maintainer.requested(now);
         let is_nothing = requested == Requested::default();
         // That it is nothing now is news once.
         let was_something = std::mem::replace(&mut self.has_requests, !is_nothing);
-        if !is_nothing || was_something {
-            change.requested = Some(requested.clone());
+        if is_nothing && !was_something {
+            return;
+        }
+        change.requested = Some(requested.clone());
+        // What is told again was kept when it was news.
+        if tells == Tells::All || since != Some(RequestedSince::default()) {
             self.keep_requests(requested, ctx);
         }
     }

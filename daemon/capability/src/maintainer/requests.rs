@@ -158,16 +158,20 @@ impl Maintainer {
     pub fn requested_since(&mut self, now: Moment) -> Option<RequestedSince> {
         let Untold::These(untold) = self.beliefs.take_untold() else { return None };
         let mut since = RequestedSince::default();
-        let mut gone = Vec::new();
+        let (mut told, mut gone) = (Vec::new(), Vec::new());
         for (fact, owner) in &untold {
-            let claim = self.beliefs.claim_of(fact, owner);
+            let claim = self.beliefs.stamped_claim_of(fact, owner);
             match (owner, claim) {
                 (Owner::Map, Some(_)) => return None,
                 (Owner::Map, None) => gone.push(fact.element(any_value(fact))),
+                // Nobody was told: its heartbeats say it.
+                (Owner::Agent(agent), _) if self.says(agent, fact) => (),
                 (Owner::Agent(agent), claim) => {
-                    match claim.and_then(|claim| self.told_of(agent, fact, claim, now)) {
-                        Some(told) => since.facts.push(told),
-                        // Perhaps it never was: then nobody believes it, and nobody minds.
+                    let word = claim.and_then(|(stamp, claim)| {
+                        Some((stamp, self.told_of(agent, fact, claim, now)?))
+                    });
+                    match word {
+                        Some(word) => told.push(word),
                         None => since.withdrawn.push(RequestedFact {
                             fact: fact.element(any_value(fact)).to_string(),
                             owner: agent.clone(),
@@ -177,6 +181,9 @@ impl Maintainer {
                 }
             }
         }
+        // As they were said: of two numbers the later is believed.
+        told.sort_by_key(|(stamp, _)| *stamp);
+        since.facts = told.into_iter().map(|(_, told)| told).collect();
         since.retracted = text_of(&gone);
         Some(since)
     }
@@ -189,8 +196,7 @@ impl Maintainer {
         claim: &Claim,
         now: Moment,
     ) -> Option<RequestedFact> {
-        let is_said = !claim.source.is_requested()
-            || self.roster.get(owner).is_some_and(|member| member.owns(fact));
+        let is_said = !claim.source.is_requested() || self.says(owner, fact);
         if is_said || claim.until.is_some_and(|until| until <= now) {
             return None;
         }
@@ -199,6 +205,11 @@ impl Maintainer {
             owner: owner.clone(),
             known_for: claim.until.map(|until| Deadline(until.since(now))),
         })
+    }
+
+    /// Whether an agent that is here says itself whether a fact is so.
+    fn says(&self, agent: &AgentId, fact: &FactKey) -> bool {
+        self.roster.get(agent).is_some_and(|member| member.owns(fact))
     }
 
     /// Whether it believes what another tells of requests: who does not need not read it.
@@ -305,7 +316,7 @@ impl Maintainer {
         let Statement::Is(key, value) = Statement::of(&known.fact) else { return Ok(None) };
         let owner = Owner::Agent(agent.clone());
         let claim = Claim::new(value, Source::Told, now).until(known.until);
-        let is_heard = self.roster.get(agent).is_some_and(|member| member.owns(&key));
+        let is_heard = self.says(agent, &key);
         let is_taken = match self.beliefs.claim_of(&key, &owner) {
             Some(known) => known.source == Source::Told && is_news(known, &claim),
             None => true,

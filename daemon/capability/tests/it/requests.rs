@@ -282,6 +282,32 @@ fn news_of_requests_are_as_long_as_what_is_new() {
 }
 
 #[test]
+fn what_an_agent_says_itself_is_no_news() {
+    let mut central = office().with([turtlebot("t")]);
+    let now = central.now;
+    let _ = central.maintainer.requested_since(now);
+    let moved = effects("(not (at t corridor)) (at t office2)");
+    central.maintainer.confirm(&id("t"), None, &moved, now).expect("it is here");
+    assert_eq!(central.maintainer.requested_since(now), Some(RequestedSince::default()));
+    central.beat("t", (1, 1), "(at t office2)", "").expect("a heartbeat");
+    assert_eq!(central.maintainer.requested_since(now), Some(RequestedSince::default()));
+}
+
+#[test]
+fn of_several_words_the_last_is_told_last() {
+    let mut central = office().with([turtlebot("t")]);
+    let mut local = office_of("one").with([turtlebot("t"), thermometer("one")]);
+    let _ = central.maintainer.requested_since(central.now);
+    for (who, number) in [("zed", 9), ("bob", 8), ("zed", 9), ("bob", 7), ("ann", 6), ("zed", 5)] {
+        observed(&mut central, who, &format!("(= (distance corridor office2) {number})"), &[]);
+        if number < 9 {
+            tell_news(&mut central, &mut local);
+            assert_eq!(local.known("distance"), central.known("distance"));
+        }
+    }
+}
+
+#[test]
 fn a_word_that_is_told_does_not_go_before_what_an_owner_says_itself() {
     let mut central = office().with([turtlebot("t")]);
     let mut local = office_of("one").with([turtlebot("t"), thermometer("one")]);

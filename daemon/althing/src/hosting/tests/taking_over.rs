@@ -5,6 +5,9 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use ::building::Event;
+use acl::content::{BelievedState, ChangeState};
+use agent::Resource;
+use substrate::Ask;
 
 use super::*;
 
@@ -28,8 +31,18 @@ impl City {
         City::with(&REASONING, mode).await
     }
 
+    /// The same, and nobody writes anything down.
+    async fn without_journals(mode: Mode) -> City {
+        City::kept(&REASONING, &[], mode).await
+    }
+
     /// These reason on `alpha` and `beta`, the others on `gamma`.
     async fn with(on_both: &[&str], mode: Mode) -> City {
+        City::kept(on_both, &["alpha", "beta"], mode).await
+    }
+
+    /// The same, with a Journal on each of these daemons.
+    async fn kept(on_both: &[&str], journals: &[&str], mode: Mode) -> City {
         let folder = tempfile::tempdir().expect("a folder");
         let mut text = String::new();
         let on = |daemons: &str, entry: String| {
@@ -40,7 +53,7 @@ impl City {
             let daemons = if is_on_both { "[\"alpha\", \"beta\"]" } else { "\"gamma\"" };
             text += &on(daemons, entry(plugin, plugin, "{}"));
         }
-        for daemon in ["alpha", "beta"] {
+        for daemon in journals {
             let name = format!("journal-{daemon}");
             text += &on(&format!("\"{daemon}\""), entry(&name, "journal", "{}"));
         }
@@ -202,4 +215,27 @@ async fn all_may_be_killed_at_once_and_started_again() {
         let truth = timeout(PATIENCE, city.building.wait_for(was_read)).await;
         truth.unwrap_or_else(|_| panic!("{mode:?}: never read; {:#?}", city.building.truth()));
     }
+}
+
+#[tokio::test(start_paused = true)]
+async fn who_stands_by_has_heard_what_requests_changed() {
+    let mut city = City::without_journals(Mode::Decentralized).await;
+    let mut person = city.person("user");
+    let fact = "(connected office1 office2)";
+    let change = ChangeState { believe: fact.to_owned(), ..ChangeState::default() };
+    person.terminal.say.send(Said::Set(change)).await.expect("it listens");
+    person.hears_of("believed").await;
+    assert_eq!(city.acting("domain-maintainer"), "alpha");
+    city.kill("alpha").await;
+    while city.acting("domain-maintainer") != "beta" {
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+    // It looks around before it acts.
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    let agent = AgentId::new("domain-maintainer").ok();
+    let ask = Ask { daemon: None, resource: Resource::State, agent };
+    let answers = city.nodes["gamma"].switchboard().ask(ask, Duration::from_secs(5)).await;
+    let answer = answers.first().expect("it answers");
+    let state: BelievedState = serde_json::from_slice(answer).expect("a state");
+    assert!(state.facts.iter().any(|known| known.fact == fact), "{state:#?}");
 }
