@@ -17,7 +17,8 @@ use std::time::Duration;
 use acl::content::{EpochChange, Heartbeat, Inform, ModelAnnouncement};
 use acl::{AgentId, Incarnation, Message};
 use capability::{
-    Admission, Announcement, Beat, Change, Conflict, Maintainer, Moment, Requests, RequestsSince,
+    Admission, Announcement, Beat, Change, Conflict, Declined, Maintainer, Moment, Requests,
+    RequestsSince,
 };
 use pddl::Diagnostic;
 use substrate::Presence;
@@ -300,21 +301,27 @@ impl Heard {
             return;
         }
         let EpochChange { requested, requested_since, .. } = change;
-        let all = requested.iter().map(|told| {
-            Requests::read(told, now).map(|requests| maintainer.follow(&requests, now))
-        });
-        let mut followed: Vec<_> = all.collect();
-        followed.extend(requested_since.iter().map(|told| {
-            RequestsSince::read(told, now).map(|since| maintainer.follow_since(&since, now))
-        }));
-        for followed in followed {
-            match followed {
-                Ok(Ok(change)) => self.changes.push(change),
-                Ok(Err(declined)) => {
-                    tracing::warn!(from = %message.sender, %declined, "requests are not followed");
-                }
-                Err(diagnostics) => self.mistake = Some(joined(&diagnostics)),
+        if let Some(told) = requested {
+            let read = Requests::read(told, now);
+            self.followed(message, read.map(|requests| maintainer.follow(&requests, now)));
+        }
+        if let Some(told) = requested_since {
+            let read = RequestsSince::read(told, now);
+            self.followed(message, read.map(|since| maintainer.follow_since(&since, now)));
+        }
+    }
+
+    fn followed(
+        &mut self,
+        message: &Message,
+        followed: Result<Result<Change, Declined>, Vec<Diagnostic>>,
+    ) {
+        match followed {
+            Ok(Ok(change)) => self.changes.push(change),
+            Ok(Err(declined)) => {
+                tracing::warn!(from = %message.sender, %declined, "requests are not followed");
             }
+            Err(diagnostics) => self.mistake = Some(joined(&diagnostics)),
         }
     }
 }

@@ -17,6 +17,7 @@ use crate::declined::Declined;
 use crate::fact::{FactKey, Owner, Space, Value};
 use crate::limits;
 use crate::moment::Moment;
+use crate::untold::Untold;
 
 /// How a claim came about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -93,18 +94,6 @@ pub(crate) struct Beliefs {
     untold: Untold,
     stamps: u64,
 }
-
-/// Whose requested words about what may be other than when they were told last.
-#[derive(Clone, Debug, Default)]
-pub(crate) enum Untold {
-    /// Any: nothing was told yet, or too much is other.
-    #[default]
-    Any,
-    These(BTreeSet<(FactKey, Owner)>),
-}
-
-/// Of more than this all words are told anew.
-const UNTOLD_MAX: usize = 1_024;
 
 // === impl Source ===
 
@@ -212,22 +201,9 @@ impl Beliefs {
         }
     }
 
-    /// A word of `owner` about a fact comes or goes; whoever is told of requests has to hear it, if
-    /// it is one of the map or came by request.
-    fn leave_untold(&mut self, fact: &FactKey, owner: &Owner, source: Source) {
-        let Untold::These(untold) = &mut self.untold else { return };
-        if *owner != Owner::Map && !source.is_requested() {
-            return;
-        }
-        untold.insert((fact.clone(), owner.clone()));
-        if untold.len() > UNTOLD_MAX {
-            self.untold = Untold::Any;
-        }
-    }
-
     /// What may be other than when this was asked last.
     pub(crate) fn take_untold(&mut self) -> Untold {
-        std::mem::replace(&mut self.untold, Untold::These(BTreeSet::new()))
+        self.untold.take()
     }
 
     /// Whether something may have changed since this was asked last, for who does not settle.
@@ -278,7 +254,7 @@ impl Beliefs {
     /// Believes `owner`, in place of what it said of this fact before.
     pub(crate) fn claim(&mut self, fact: FactKey, owner: &Owner, claim: Claim) {
         self.disturb(&fact, owner, Some(claim.source));
-        self.leave_untold(&fact, owner, claim.source);
+        self.untold.note(&fact, owner, claim.source);
         self.stamps += 1;
         let stamp = self.stamps;
         let mut since = stamp;
@@ -293,7 +269,7 @@ impl Beliefs {
                 if known.claim.until == claim.until {
                     let before = known.claim.source;
                     *known = Stamped { stamp, since, claim };
-                    self.leave_untold(&fact, owner, before);
+                    self.untold.note(&fact, owner, before);
                     if is_contested || !is_repeated {
                         self.touch(fact);
                     }
@@ -324,7 +300,7 @@ impl Beliefs {
         if owners.0.is_empty() {
             self.claims.remove(fact);
         }
-        self.leave_untold(fact, owner, claim.source);
+        self.untold.note(fact, owner, claim.source);
         if let Some(until) = claim.until {
             self.deadlines.remove(&(until, fact.clone(), owner.clone()));
         }

@@ -29,6 +29,7 @@ mod change;
 mod conflict;
 mod declined;
 mod snapshot;
+mod untold;
 
 mod follower;
 

@@ -9,13 +9,14 @@ use acl::{AgentId, Deadline};
 use pddl::{Condition, InitElement, Metric, Name, Number, Problem};
 
 use super::Maintainer;
-use crate::belief::{Claim, Source, Untold};
+use crate::belief::{Claim, Source};
 use crate::change::{Change, text_of};
 use crate::declined::Declined;
 use crate::fact::{FactKey, Owner, Space, Statement, Value};
 use crate::inputs::{Known, Requests, RequestsSince};
 use crate::limits;
 use crate::moment::Moment;
+use crate::untold::Untold;
 
 /// Of what is known for a while, a later end by less than this is no news: a message takes time.
 const SAME_END_MS: u64 = 1_000;
