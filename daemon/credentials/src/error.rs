@@ -117,6 +117,12 @@ pub enum Distrust {
     /// It was heard before, or is of a former life.
     #[error("was heard before, or is of a former life")]
     Replayed,
+    /// It is for another life of who heard it.
+    #[error("is for a former life of this daemon: somebody plays it again, or its sender is late")]
+    Belated,
+    /// Its sender has not been called yet, or had not when it said this: it may be old.
+    #[error("was said before its daemon was called")]
+    Uncalled,
     /// Its sender speaks too much.
     #[error("is one of too many")]
     Flooded,

@@ -5,6 +5,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use acl::DaemonId;
 use ring::signature::{Ed25519KeyPair, KeyPair as _};
+use serde::{Deserialize, Serialize};
 
 use crate::certificate::Certificate;
 use crate::error::CredentialError;
@@ -13,7 +14,11 @@ use crate::seal::{Nonce, Seal, Statement};
 use crate::trust::Trust;
 
 /// How many channels there are.
-pub(crate) const CHANNELS: usize = 3;
+const CHANNELS: usize = 3;
+
+/// The channels whose messages are numbered.
+const NUMBERED: [usize; NUMBERED_CHANNELS] = [Channel::Message as usize, Channel::Beat as usize];
+pub(crate) const NUMBERED_CHANNELS: usize = 2;
 
 /// Messages of one channel come nearly in order; those of two may overtake each other at will, and
 /// are numbered apart.
@@ -26,6 +31,23 @@ pub enum Channel {
     Beat = 1,
     /// Answers to questions: they are bound to their question, and not numbered.
     Answer = 2,
+}
+
+/// How far a speaker has come, by its own word in answer to a question: whatever it has numbered
+/// up to here, it has said before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Said {
+    /// Its life: microseconds since the Unix epoch at its beginning.
+    pub life: u64,
+    /// The last number of each numbered channel, in the order of [`Channel`].
+    pub numbers: [u64; NUMBERED_CHANNELS],
+}
+
+/// What a seal says of its place among others.
+struct Numbers {
+    channel: Channel,
+    number: u64,
+    to: u64,
 }
 
 /// Who speaks, and with which key.
@@ -124,21 +146,35 @@ impl Identity {
         (folder.key(&daemon), folder.certificate(&daemon), folder.authority())
     }
 
-    /// The seal for a payload that goes out under this key expression.
-    pub fn seal(&self, channel: Channel, key_expr: &str, payload: &[u8]) -> Vec<u8> {
+    /// Which life this is, and how many messages it has sealed in each numbered channel.
+    pub fn said(&self) -> Said {
+        let numbers = NUMBERED.map(|channel| self.numbers[channel].load(Ordering::Relaxed));
+        Said { life: self.life, numbers }
+    }
+
+    /// The seal for a payload that goes out under this key expression, to one daemon in this life
+    /// of it, or to all.
+    pub fn seal(
+        &self,
+        channel: Channel,
+        key_expr: &str,
+        payload: &[u8],
+        to: Option<u64>,
+    ) -> Vec<u8> {
         let number = self.numbers[channel as usize].fetch_add(1, Ordering::Relaxed) + 1;
-        self.sealed(channel, number, key_expr, payload, &[])
+        let to = to.unwrap_or_default();
+        self.sealed(Numbers { channel, number, to }, key_expr, payload, &[])
     }
 
     /// The seal for an answer to the question with this nonce.
     pub fn seal_answer(&self, key_expr: &str, payload: &[u8], nonce: &Nonce) -> Vec<u8> {
-        self.sealed(Channel::Answer, 0, key_expr, payload, nonce)
+        let numbers = Numbers { channel: Channel::Answer, number: 0, to: 0 };
+        self.sealed(numbers, key_expr, payload, nonce)
     }
 
     fn sealed(
         &self,
-        channel: Channel,
-        number: u64,
+        Numbers { channel, number, to }: Numbers,
         key_expr: &str,
         payload: &[u8],
         nonce: &[u8],
@@ -146,10 +182,10 @@ impl Identity {
         let is_itself = self.speaker.as_str() == self.certificate.subject;
         let speaker = if is_itself { "" } else { self.speaker.as_str() };
         let life = self.life;
-        let statement = Statement { channel, life, number, speaker, key_expr, nonce };
+        let statement = Statement { channel, life, number, to, speaker, key_expr, nonce };
         let signature = self.key.sign(&statement.bytes(payload));
         let certificate = self.certificate.der.as_ref();
-        Seal { life, number, speaker, signature: signature.as_ref(), certificate }.write()
+        Seal { life, number, to, speaker, signature: signature.as_ref(), certificate }.write()
     }
 }
 

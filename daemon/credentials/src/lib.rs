@@ -27,7 +27,7 @@ pub use authority::{AUTHORITY_DAYS, Authority, DAEMON_DAYS};
 pub use certificate::Certificate;
 pub use error::{CredentialError, Distrust};
 pub use files::Folder;
-pub use identity::{Channel, Identity};
+pub use identity::{Channel, Identity, Said};
 pub use revocations::Revocations;
 pub use seal::{NONCE_BYTES, Nonce, nonce};
 pub use trust::Trust;

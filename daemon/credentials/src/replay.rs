@@ -1,15 +1,24 @@
 //! What was heard already: a sliding window per speaker, life and channel (as in RFC 4303, 3.4.3).
 //!
 //! Of a speaker the newest life counts; what is of an older one was recorded and is played again.
+//! Whoever begins to listen has heard nothing yet, and could be played all that was said before.
+//! So what is said to all counts only from where the speaker itself says, when it is called, that
+//! it has come; and what is said to one is for one life of it.
 
 use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
 
-use crate::identity::CHANNELS;
+use crate::error::Distrust;
+use crate::identity::{NUMBERED_CHANNELS, Said};
 
 /// How far a message may come behind a later one of its channel. Ten times what a burst of bids
 /// was seen to be shuffled by.
 const WINDOW: u64 = 4_096;
 const WORDS: usize = (WINDOW / 64) as usize;
+
+/// How long what was said before a speaker answered may be on its way after that: it is not heard,
+/// and nobody is blamed.
+const UNDERWAY: Duration = Duration::from_secs(2);
 
 /// Speakers remembered per certificate: a daemon and its guests, each of which is there for a
 /// moment. Beyond it the one that was silent for longest is forgotten, and with it nobody of a
@@ -29,8 +38,20 @@ pub(crate) struct Replays {
 #[derive(Debug)]
 struct Speaker {
     life: u64,
-    windows: [Option<Box<Window>>; CHANNELS],
+    /// Where it had come when it was first called in this life, and when that was.
+    from: Option<([u64; NUMBERED_CHANNELS], Instant)>,
+    windows: [Option<Box<Window>>; NUMBERED_CHANNELS],
     heard: u64,
+}
+
+/// One message's place among others.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Place {
+    pub(crate) life: u64,
+    pub(crate) channel: usize,
+    pub(crate) number: u64,
+    /// It is for this life of the listener, which is why it cannot have been said before it began.
+    pub(crate) is_for_this_life: bool,
 }
 
 /// The numbers heard lately.
@@ -45,22 +66,58 @@ struct Window {
 // === impl Replays ===
 
 impl Replays {
-    /// Whether a message is new; from then on it is not.
-    pub(crate) fn note(&mut self, speaker: &str, life: u64, channel: usize, number: u64) -> bool {
+    /// Hears a message, if it is new.
+    ///
+    /// # Errors
+    ///
+    /// If it may have been said before.
+    pub(crate) fn note(
+        &mut self,
+        speaker: &str,
+        place: Place,
+        now: Instant,
+    ) -> Result<(), Distrust> {
+        let Place { life, channel, number, is_for_this_life } = place;
+        let known = self.speaker(speaker, life).ok_or(Distrust::Replayed)?;
+        if !is_for_this_life {
+            let (from, answered) = known.from.as_ref().ok_or(Distrust::Uncalled)?;
+            let is_before = from.get(channel).is_none_or(|from| number <= *from);
+            if is_before && now.saturating_duration_since(*answered) < UNDERWAY {
+                return Err(Distrust::Uncalled);
+            } else if is_before {
+                return Err(Distrust::Replayed);
+            }
+        }
+        let window = known.windows.get_mut(channel).ok_or(Distrust::Replayed)?;
+        let is_new = window.get_or_insert_default().note(number);
+        if is_new { Ok(()) } else { Err(Distrust::Replayed) }
+    }
+
+    /// A speaker has answered how far it has come.
+    pub(crate) fn answered(&mut self, speaker: &str, said: Said, now: Instant) {
+        if let Some(known) = self.speaker(speaker, said.life) {
+            known.from.get_or_insert((said.numbers, now));
+        }
+    }
+
+    /// The life in which a speaker has answered.
+    pub(crate) fn life(&self, speaker: &str) -> Option<u64> {
+        let known = self.speakers.get(speaker)?;
+        known.from.map(|_| known.life)
+    }
+
+    /// What is known of a speaker in this life, unless it is a former one.
+    fn speaker(&mut self, speaker: &str, life: u64) -> Option<&mut Speaker> {
         self.turn += 1;
         if !self.speakers.contains_key(speaker) && !self.admit(speaker, life) {
-            return false;
+            return None;
         }
-        let Some(known) = self.speakers.get_mut(speaker) else { return false };
-        if life < known.life {
-            return false;
-        }
+        let known = self.speakers.get_mut(speaker).filter(|known| life >= known.life)?;
         if life > known.life {
             *known = Speaker::new(life);
         }
         known.heard = self.turn;
-        let window = known.windows.get_mut(channel);
-        window.is_some_and(|window| window.get_or_insert_default().note(number))
+        Some(known)
     }
 
     /// Makes room for a speaker not known yet, unless it may be one that was forgotten.
@@ -82,7 +139,7 @@ impl Replays {
 
 impl Speaker {
     fn new(life: u64) -> Speaker {
-        Speaker { life, windows: Default::default(), heard: 0 }
+        Speaker { life, from: None, windows: Default::default(), heard: 0 }
     }
 }
 
@@ -135,6 +192,55 @@ mod tests {
 
     use super::*;
 
+    /// Whether something said to all is heard.
+    fn is_heard(
+        replays: &mut Replays,
+        speaker: &str,
+        life: u64,
+        channel: usize,
+        number: u64,
+    ) -> bool {
+        let place = Place { life, channel, number, is_for_this_life: false };
+        replays.note(speaker, place, Instant::now()).is_ok()
+    }
+
+    fn begun(life: u64) -> Said {
+        Said { life, numbers: [0; NUMBERED_CHANNELS] }
+    }
+
+    #[test]
+    fn what_was_said_before_one_listened_is_not_heard() {
+        let (mut replays, began) = (Replays::default(), Instant::now());
+        let (place, later) = (
+            |number, is_for_this_life| Place { life: 5, channel: 0, number, is_for_this_life },
+            began + UNDERWAY,
+        );
+        let mut note = |place| replays.note("pi", place, later);
+        assert_eq!(note(place(7, false)), Err(Distrust::Uncalled));
+        assert_eq!(note(place(3, true)), Ok(()), "it cannot have been said before");
+        assert_eq!(replays.life("pi"), None);
+        replays.answered("pi", Said { life: 5, numbers: [9, 40] }, began);
+        assert_eq!(replays.life("pi"), Some(5));
+        assert_eq!(replays.note("pi", place(7, false), began), Err(Distrust::Uncalled));
+        let mut note = |place| replays.note("pi", place, later);
+        assert_eq!(note(place(7, false)), Err(Distrust::Replayed));
+        assert_eq!(note(place(8, true)), Ok(()), "on its way when it answered");
+        assert_eq!(note(place(8, true)), Err(Distrust::Replayed));
+        assert_eq!(note(place(10, false)), Ok(()));
+        let beat = |number| Place { channel: 1, ..place(number, false) };
+        assert_eq!([note(beat(40)), note(beat(41))], [Err(Distrust::Replayed), Ok(())]);
+        replays.answered("pi", Said { life: 5, numbers: [20, 50] }, began);
+        let mut note = |place| replays.note("pi", place, later);
+        assert_eq!(note(place(11, false)), Ok(()), "only the first answer counts");
+        replays.answered("pi", Said { life: 4, numbers: [0, 0] }, began);
+        let mut note = |place| replays.note("pi", place, later);
+        assert_eq!(note(place(10, false)), Err(Distrust::Replayed));
+        let reborn = Place { life: 6, ..place(1, false) };
+        assert_eq!(note(reborn), Err(Distrust::Uncalled));
+        replays.answered("pi", Said { life: 6, numbers: [0, 0] }, began);
+        assert_eq!(replays.note("pi", reborn, later), Ok(()));
+    }
+
     #[test]
     fn nothing_is_heard_twice_and_nothing_too_late() {
         let mut replays = Replays::default();
@@ -154,21 +260,25 @@ mod tests {
             (6, u64::MAX, false),
             (6, 2, false),
         ] {
-            assert_eq!(replays.note("pi", life, 0, number), expected, "{life} {number}");
+            replays.answered("pi", begun(life), Instant::now());
+            assert_eq!(is_heard(&mut replays, "pi", life, 0, number), expected, "{life} {number}");
         }
-        assert!(replays.note("pi", 6, 1, 2), "channels are numbered apart");
+        assert!(is_heard(&mut replays, "pi", 6, 1, 2), "channels are numbered apart");
     }
 
     #[test]
     fn speakers_that_come_and_go_push_nobody_out_who_speaks() {
         let mut replays = Replays::default();
-        assert!(replays.note("pi", 1, 0, 1));
+        replays.answered("pi", begun(1), Instant::now());
+        assert!(is_heard(&mut replays, "pi", 1, 0, 1));
         for guest in 0..1_000_u64 {
-            assert!(replays.note(&format!("pi--cli-{guest}"), 10 + guest, 0, 1), "{guest}");
-            assert!(replays.note("pi", 1, 0, 2 + guest), "the daemon, at {guest}");
+            let name = format!("pi--cli-{guest}");
+            replays.answered(&name, begun(10 + guest), Instant::now());
+            assert!(is_heard(&mut replays, &name, 10 + guest, 0, 1), "{guest}");
+            assert!(is_heard(&mut replays, "pi", 1, 0, 2 + guest), "the daemon, at {guest}");
         }
         assert!(replays.speakers.len() <= SPEAKERS_MAX);
-        assert!(!replays.note("pi--cli-0", 10, 0, 2), "a guest of old, played again");
+        assert!(!is_heard(&mut replays, "pi--cli-0", 10, 0, 2), "a guest of old, played again");
     }
 
     proptest! {

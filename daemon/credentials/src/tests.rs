@@ -11,6 +11,9 @@ use super::*;
 const KEY: &str = "althing/office/in/pi/robot/request";
 const PLENTY: u32 = 1_000_000;
 
+/// The life of who hears.
+const HERE: u64 = 77;
+
 struct House {
     _temporary: tempfile::TempDir,
     folder: Folder,
@@ -42,7 +45,8 @@ impl House {
 }
 
 fn sealed<'s>(key_expr: &'s str, payload: &'s [u8], seal: &'s [u8]) -> Sealed<'s> {
-    Sealed { channel: Channel::Message, key_expr, payload, seal: Some(seal), nonce: None }
+    let channel = Channel::Message;
+    Sealed { channel, key_expr, payload, seal: Some(seal), nonce: None, only: None, heard_in: HERE }
 }
 
 #[track_caller]
@@ -55,17 +59,39 @@ fn refused(verifier: &Verifier, sealed: Sealed<'_>, why: Distrust, whose: Option
 fn what_a_daemon_says_is_believed_once() {
     let house = house();
     let (pi, verifier) = (house.identity("pi"), house.verifier());
-    let seal = pi.seal(Channel::Message, KEY, b"go");
+    let seal = pi.seal(Channel::Message, KEY, b"go", Some(HERE));
     let verified = verifier.open(sealed(KEY, b"go", &seal)).expect("it is true");
     assert_eq!(verified, Verified { speaker: daemon("pi"), voucher: daemon("pi") });
     refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Replayed, Some("pi"));
 }
 
 #[test]
+fn what_was_recorded_before_one_listened_is_not_believed() {
+    let house = house();
+    let (pi, verifier) = (house.identity("pi"), house.verifier());
+    let beat = |seal: &[u8]| {
+        let sealed = Sealed { channel: Channel::Beat, ..sealed(KEY, b"go", seal) };
+        verifier.open(sealed).map_err(|(why, _)| why)
+    };
+    let recorded = pi.seal(Channel::Beat, KEY, b"go", None);
+    assert_eq!(beat(&recorded), Err(Distrust::Uncalled));
+    let verified = Verified { speaker: daemon("pi"), voucher: daemon("pi") };
+    verifier.answered(&verified, pi.said());
+    assert_eq!(verifier.life(&daemon("pi")), Some(pi.said().life));
+    assert_eq!(beat(&recorded), Err(Distrust::Uncalled), "it may have been on its way");
+    let said = pi.seal(Channel::Beat, KEY, b"go", None);
+    assert_eq!(beat(&said), Ok(verified));
+    assert_eq!(beat(&said), Err(Distrust::Replayed));
+
+    let seal = pi.seal(Channel::Message, KEY, b"go", Some(HERE - 1));
+    refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Belated, Some("pi"));
+}
+
+#[test]
 fn whatever_is_changed_is_noticed() {
     let house = house();
     let (pi, verifier) = (house.identity("pi"), house.verifier());
-    let seal = pi.seal(Channel::Message, KEY, b"go");
+    let seal = pi.seal(Channel::Message, KEY, b"go", Some(HERE));
     refused(&verifier, sealed(KEY, b"stop", &seal), Distrust::Forged, Some("pi"));
     let elsewhere = "althing/office/in/pi/door/request";
     refused(&verifier, sealed(elsewhere, b"go", &seal), Distrust::Forged, Some("pi"));
@@ -101,7 +127,7 @@ fn an_answer_is_to_one_question() {
 fn another_authoritys_daemon_is_a_stranger() {
     let (house, other) = (house(), self::house());
     let (stranger, verifier) = (other.identity("pi"), house.verifier());
-    let seal = stranger.seal(Channel::Message, KEY, b"go");
+    let seal = stranger.seal(Channel::Message, KEY, b"go", Some(HERE));
     refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Stranger, Some("pi"));
     let own = fs::copy(other.folder.authority(), house.folder.authority());
     own.expect("an attacker does not get this far");
@@ -123,14 +149,24 @@ fn a_guest_speaks_under_its_hosts_name_only() {
     let verifier = house.verifier();
     let name = daemon("pi").guest("cli-7").expect("short");
     let guest = house.identity("pi").for_guest(name.clone());
-    let seal = guest.seal(Channel::Message, KEY, b"go");
+    let seal = guest.seal(Channel::Message, KEY, b"go", Some(HERE));
     let verified = verifier.open(sealed(KEY, b"go", &seal)).expect("it is true");
     assert_eq!(verified, Verified { speaker: name, voucher: daemon("pi") });
     for other in ["robot-pi", "robot-pi--cli-7", "pi-"] {
         let impostor = house.identity("pi").for_guest(daemon(other));
-        let seal = impostor.seal(Channel::Message, KEY, b"go");
+        let seal = impostor.seal(Channel::Message, KEY, b"go", Some(HERE));
         refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Impostor, Some(other));
     }
+}
+
+#[test]
+fn what_one_alone_may_say_nobody_else_does() {
+    let house = house();
+    let (pi, verifier) = (house.identity("pi"), house.verifier());
+    let seal = pi.seal(Channel::Beat, KEY, b"go", None);
+    let beat = Sealed { channel: Channel::Beat, ..sealed(KEY, b"go", &seal) };
+    refused(&verifier, Sealed { only: Some("other"), ..beat }, Distrust::Impostor, Some("pi"));
+    refused(&verifier, Sealed { only: Some("pi"), ..beat }, Distrust::Uncalled, Some("pi"));
 }
 
 #[test]
@@ -157,20 +193,20 @@ fn who_is_revoked_is_believed_no_more_and_may_come_back_with_a_new_certificate()
     let house = house();
     let (pi, other) = (house.identity("pi"), house.identity("other"));
     let verifier = house.verifier();
-    let seal = pi.seal(Channel::Message, KEY, b"go");
+    let seal = pi.seal(Channel::Message, KEY, b"go", Some(HERE));
     assert!(verifier.open(sealed(KEY, b"go", &seal)).is_ok());
 
     assert_eq!(house.authority.revoke(&daemon("pi")).expect("it has one"), 1);
     assert!(verifier.reread_revocations().expect("just written"));
 
-    let seal = pi.seal(Channel::Message, KEY, b"go");
+    let seal = pi.seal(Channel::Message, KEY, b"go", Some(HERE));
     refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Revoked, Some("pi"));
-    let seal = other.seal(Channel::Message, KEY, b"go");
+    let seal = other.seal(Channel::Message, KEY, b"go", Some(HERE));
     assert!(verifier.open(sealed(KEY, b"go", &seal)).is_ok());
     assert!(house.verifier().revocations().is_some(), "a new life knows it from the start");
 
     let anew = house.identity("pi");
-    let seal = anew.seal(Channel::Message, KEY, b"go");
+    let seal = anew.seal(Channel::Message, KEY, b"go", Some(HERE));
     assert!(verifier.open(sealed(KEY, b"go", &seal)).is_ok());
     assert_eq!(house.authority.revoke(&daemon("pi")).expect("it has two"), 1, "one is new");
     assert_eq!(house.authority.revoke(&daemon("pi")).expect("it has two"), 0);
@@ -211,7 +247,7 @@ fn who_speaks_too_much_is_not_heard_and_others_are() {
     let (pi, other) = (house.identity("pi"), house.identity("other"));
     let verifier = Verifier::new(Trust::read(&house.folder).expect("just made"), 10);
     let open = |identity: &Identity| {
-        let seal = identity.seal(Channel::Message, KEY, b"go");
+        let seal = identity.seal(Channel::Message, KEY, b"go", Some(HERE));
         verifier.open(sealed(KEY, b"go", &seal))
     };
     let flood: Vec<_> = (0..100).map(|_| open(&pi)).collect();

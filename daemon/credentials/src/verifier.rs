@@ -4,6 +4,7 @@
 //! that is kept is bounded, and only of daemons that the authority knows.
 
 use std::collections::{BTreeMap, HashMap};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::{Instant, SystemTime};
 
@@ -13,9 +14,9 @@ use ring::signature::{ED25519, UnparsedPublicKey};
 
 use crate::certificate::Certificate;
 use crate::error::Distrust;
-use crate::identity::Channel;
+use crate::identity::{Channel, Said};
 use crate::rate::Rate;
-use crate::replay::Replays;
+use crate::replay::{Place, Replays};
 use crate::revocations::Revocations;
 use crate::seal::{Nonce, Seal, Statement};
 use crate::trust::Trust;
@@ -37,6 +38,10 @@ pub struct Sealed<'s> {
     pub seal: Option<&'s [u8]>,
     /// Of an answer: what was chosen for the question.
     pub nonce: Option<&'s Nonce>,
+    /// The daemon that alone may say something under this key expression, if there is one.
+    pub only: Option<&'s str>,
+    /// The life of who has heard it.
+    pub heard_in: u64,
 }
 
 /// Who has said something.
@@ -58,6 +63,8 @@ pub struct Verifier {
     heard: Mutex<BTreeMap<String, Heard>>,
     /// How many messages one certificate's name may send in a second.
     messages_per_second: u32,
+    /// How often the list of revocations has changed.
+    revisions: AtomicU64,
 }
 
 #[derive(Debug)]
@@ -76,6 +83,7 @@ impl Verifier {
             known: Mutex::default(),
             heard: Mutex::default(),
             messages_per_second,
+            revisions: AtomicU64::new(0),
         }
     }
 
@@ -92,7 +100,7 @@ impl Verifier {
         let speaker = if seal.speaker.is_empty() { name.as_str() } else { seal.speaker };
         let verified = self.verify(&sealed, &seal, &certificate, speaker);
         verified.map_err(|why| {
-            let claimed = if why == Distrust::Impostor { seal.speaker } else { &name };
+            let claimed = if why == Distrust::Impostor { speaker } else { &name };
             (why, Some(claimed.to_owned()))
         })
     }
@@ -108,6 +116,7 @@ impl Verifier {
             channel: sealed.channel,
             life: seal.life,
             number: seal.number,
+            to: seal.to,
             speaker: seal.speaker,
             key_expr: sealed.key_expr,
             nonce: sealed.nonce.map_or(&[], Nonce::as_slice),
@@ -117,8 +126,11 @@ impl Verifier {
         let signed = statement.bytes(sealed.payload);
         key.verify(&signed, seal.signature).map_err(|_| Distrust::Forged)?;
         let verified = speaking(speaker, certificate).ok_or(Distrust::Impostor)?;
+        if sealed.only.is_some_and(|only| only != speaker) {
+            return Err(Distrust::Impostor);
+        }
         if sealed.channel != Channel::Answer {
-            self.note(certificate, seal, sealed.channel, speaker)?;
+            self.note(certificate, seal, sealed, speaker)?;
         }
         Ok(verified)
     }
@@ -155,22 +167,49 @@ impl Verifier {
         &self,
         certificate: &Certificate,
         seal: &Seal<'_>,
-        channel: Channel,
+        sealed: &Sealed<'_>,
         speaker: &str,
     ) -> Result<(), Distrust> {
         let now = Instant::now();
         let mut heard = lock(&self.heard);
-        // The names are those that the authority has given: they are few.
-        let heard = heard.entry(certificate.subject.clone()).or_insert_with(|| Heard {
-            replays: Replays::default(),
-            rate: Rate::new(self.messages_per_second, now),
-        });
+        let heard = self.heard_of(&mut heard, &certificate.subject, now);
         // First the rate: a message that is dropped for it may come again.
         if !heard.rate.take(self.messages_per_second, now) {
             return Err(Distrust::Flooded);
         }
-        let is_new = heard.replays.note(speaker, seal.life, channel as usize, seal.number);
-        if is_new { Ok(()) } else { Err(Distrust::Replayed) }
+        if seal.to != 0 && seal.to != sealed.heard_in {
+            return Err(Distrust::Belated);
+        }
+        let (channel, is_for_this_life) = (sealed.channel as usize, seal.to != 0);
+        let place = Place { life: seal.life, channel, number: seal.number, is_for_this_life };
+        heard.replays.note(speaker, place, now)
+    }
+
+    /// Who was asked has answered how far it has come: what it has said to all before is not
+    /// believed, what it says from now on is.
+    pub fn answered(&self, answerer: &Verified, said: Said) {
+        let (mut heard, now) = (lock(&self.heard), Instant::now());
+        let heard = self.heard_of(&mut heard, answerer.voucher.as_str(), now);
+        heard.replays.answered(answerer.speaker.as_str(), said, now);
+    }
+
+    /// The life in which a daemon, or a guest of one, has last answered how far it has come.
+    pub fn life(&self, speaker: &DaemonId) -> Option<u64> {
+        lock(&self.heard).get(speaker.host())?.replays.life(speaker.as_str())
+    }
+
+    /// What was heard of one certificate's name. The names are those that the authority has given:
+    /// they are few.
+    fn heard_of<'h>(
+        &self,
+        heard: &'h mut BTreeMap<String, Heard>,
+        name: &str,
+        now: Instant,
+    ) -> &'h mut Heard {
+        heard.entry(name.to_owned()).or_insert_with(|| Heard {
+            replays: Replays::default(),
+            rate: Rate::new(self.messages_per_second, now),
+        })
     }
 
     // === revocations ===
@@ -179,6 +218,17 @@ impl Verifier {
     pub fn revocations(&self) -> Option<Vec<u8>> {
         let trust = self.trust.read().unwrap_or_else(PoisonError::into_inner);
         trust.revocations().map(|list| list.der().to_vec())
+    }
+
+    /// To whom a certificate was made out, if it was taken back. It is given in DER, as it comes.
+    pub fn revoked(&self, certificate: &[u8]) -> Option<String> {
+        let certificate = Certificate::from_der(certificate)?;
+        self.has_revoked(&certificate).then_some(certificate.subject)
+    }
+
+    /// How often the list of revocations has changed.
+    pub fn revisions(&self) -> u64 {
+        self.revisions.load(Ordering::Acquire)
     }
 
     /// Whether a certificate was taken back.
@@ -229,6 +279,7 @@ impl Verifier {
         if is_newer {
             // Whoever was believed is looked at again.
             lock(&self.known).clear();
+            self.revisions.fetch_add(1, Ordering::AcqRel);
         }
         is_newer
     }

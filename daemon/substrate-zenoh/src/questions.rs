@@ -101,9 +101,13 @@ impl Asking {
         let daemon = self.keys.reached(sample.key_expr().as_str())?;
         let payload = into_bytes(sample.payload());
         let answered = self.answered(sample, &payload, nonce);
-        let has_said = |security: &Security| security.answerer(&answered).is_some();
-        let is_own_word = self.security.as_ref().is_none_or(has_said);
-        is_own_word.then(|| (daemon, Roll::read(&payload)))
+        let Some(security) = &self.security else { return Some((daemon, Roll::read(&payload))) };
+        let answerer = security.answerer(&answered)?;
+        let roll = Roll::read(&payload);
+        if let Some(said) = roll.as_ref().and_then(|roll| roll.said) {
+            security.answered(answerer, said);
+        }
+        Some((daemon, roll))
     }
 
     fn answered<'a>(
@@ -149,7 +153,9 @@ impl Answering {
         if *query.key_expr() == probed || *query.key_expr() == self.keys.everyone_reached() {
             let call = query.payload().map(ZBytes::to_bytes).unwrap_or_default();
             let me = self.keys.daemon();
-            let roll = Roll::answer(self.residents(), &self.told, (me, &Call::read(&call)));
+            let said = self.security.as_ref().map(Security::said);
+            let call = Call::read(&call);
+            let roll = Roll::answer(self.residents(), &self.told, said, (me, &call));
             return reply(query, &probed, roll, self.security.as_ref());
         }
         let Ok(agent) = agent(query.parameters()) else {

@@ -1,18 +1,23 @@
 //! How a revocation spreads: whoever has a newer list tells all, again and again; it is believed
 //! for the authority's signature, whoever brings it.
 //!
+//! Links with whoever is on it are not made, and those that there are close: a second later, so that
+//! who is reached only over one of them has heard.
+//!
 //! The list comes into the ecosystem as a file, in the folder of any daemon.
 
 use std::sync::{Arc, Weak};
 use std::time::Duration;
 
-use credentials::Verifier;
+use credentials::{Distrust, Verifier};
+use substrate::{Breach, Inbound, Rejected};
 use tokio::time::{Instant, MissedTickBehavior, interval};
 use tracing::Instrument as _;
 use zenoh::pubsub::Subscriber;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
+use zenoh_link_tls::admission::{self, Admission};
 
 use crate::config::OpenError;
 use crate::inbound::{into_bytes, undeclared};
@@ -39,13 +44,33 @@ pub(crate) fn declare(
     subscriber.wait().map_err(|source| undeclared("subscriber", &key_expr, source))
 }
 
+/// Sees to it that no link is with who was revoked, from before the session is opened.
+pub(crate) fn admission(security: &Security, inbound: &Arc<dyn Inbound>) -> Arc<Admission> {
+    let (verifier, inbound) = (Arc::clone(&security.verifier), Arc::downgrade(inbound));
+    let (key, _, _) = security.identity.files();
+    admission::decide(key.to_string_lossy().into_owned(), move |certificate| {
+        let Some(subject) = verifier.revoked(certificate) else { return true };
+        if let Some(inbound) = inbound.upgrade() {
+            let (breach, detail) = (Breach::Revoked, Distrust::Revoked.to_string());
+            let (detail, claimed, key) = (detail.as_str(), Some(subject.as_str()), "a link");
+            inbound.rejected(&Rejected { breach, detail, claimed, key });
+        }
+        false
+    })
+}
+
 /// Begins to tell of revocations.
 ///
 /// # Panics
 ///
 /// Outside a Tokio runtime.
-pub(crate) fn spread(session: &Arc<Session>, keys: &Keys, security: &Security) {
-    let told = tell(Arc::downgrade(session), keys.clone(), security.clone());
+pub(crate) fn spread(
+    session: &Arc<Session>,
+    keys: &Keys,
+    security: &Security,
+    admission: Arc<Admission>,
+) {
+    let told = tell(Arc::downgrade(session), keys.clone(), security.clone(), admission);
     tokio::spawn(told.instrument(tracing::debug_span!("revocations")));
 }
 
@@ -66,17 +91,22 @@ fn hear(verifier: &Verifier, sample: &Sample) {
 }
 
 /// Tells all of the list until the session is closed.
-async fn tell(session: Weak<Session>, keys: Keys, security: Security) {
+async fn tell(session: Weak<Session>, keys: Keys, security: Security, admission: Arc<Admission>) {
     let Security { identity, verifier } = security;
     let mut is_revoked = false;
     let mut ticks = interval(REREAD_PERIOD);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let (mut told, mut complained) = (None::<Instant>, false);
+    // Links were made by the list that there was at first.
+    let mut admitted_by = 0;
     loop {
         ticks.tick().await;
         let Some(session) = session.upgrade().filter(|session| !session.is_closed()) else {
             return;
         };
+        if std::mem::replace(&mut admitted_by, verifier.revisions()) != verifier.revisions() {
+            admission.look_again();
+        }
         let is_news = match verifier.reread_revocations() {
             Ok(is_news) => is_news,
             Err(error) => {

@@ -12,6 +12,8 @@
 //! - Each answers a call with whom it hosts, of whom it was told, and who of them is silent. Whom it
 //!   hosts is known as a rule: a call says what is known of each, as a digest, and who agrees does not
 //!   name its agents again.
+//! - In a secured ecosystem it says as well how far it has come in what it signs: who has just begun
+//!   to listen cannot be played what was said before.
 //! - Whoever is missing in an answer or does not answer, misses another that an answer names, or
 //!   has a link to a router of which it was not told, undeclares and declares everything anew.
 
@@ -22,6 +24,7 @@ use std::time::Duration;
 
 use acl::{AgentId, DaemonId, Incarnation};
 use bytes::Bytes;
+use credentials::Said;
 use serde::{Deserialize, Serialize};
 use tokio::sync::oneshot;
 use tokio::time::Instant;
@@ -67,6 +70,9 @@ pub(crate) struct Roll {
     /// Of whom it was told and who do not answer.
     #[serde(default)]
     silent: BTreeSet<DaemonId>,
+    /// In a secured ecosystem: how far it has come in what it has signed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) said: Option<Said>,
 }
 
 /// What a call says.
@@ -132,6 +138,7 @@ impl Roll {
     pub(crate) fn answer(
         hosts: Vec<(AgentId, Incarnation)>,
         told: &Told,
+        said: Option<Said>,
         (me, call): (&DaemonId, &Call),
     ) -> Bytes {
         let is_known = call.known.get(me) == Some(&digest(&hosts));
@@ -139,7 +146,7 @@ impl Roll {
         let known = lock(&told.0);
         let (told, silent) = (known.sessions.keys().cloned().collect(), known.silent.clone());
         drop(known);
-        let roll = Roll { hosts, told, silent };
+        let roll = Roll { hosts, told, silent, said };
         serde_json::to_vec(&roll).map_or_else(|_| Bytes::new(), Bytes::from)
     }
 
@@ -402,7 +409,7 @@ mod tests {
         let robot = (AgentId::new("robot").expect("a name"), Incarnation(7));
         let (pi, me) = (DaemonId::new("pi").expect("a name"), DaemonId::new("me").expect("a name"));
         let nothing = Call::read(b"");
-        let answer = Roll::answer(vec![robot.clone()], &told, (&pi, &nothing));
+        let answer = Roll::answer(vec![robot.clone()], &told, None, (&pi, &nothing));
         let read = Roll::read(&answer);
         let named = |roll: &Option<Roll>| roll.as_ref().expect("a roll").hosts.clone();
         assert_eq!(named(&read), Some(vec![robot.clone()]));
@@ -411,7 +418,7 @@ mod tests {
         {
             let call = Call::new([(pi.clone(), digest(&known))].into());
             let answer =
-                Roll::answer(vec![robot.clone()], &told, (&pi, &Call::read(&call.write())));
+                Roll::answer(vec![robot.clone()], &told, None, (&pi, &Call::read(&call.write())));
             assert_eq!(named(&Roll::read(&answer)).is_some(), is_named, "{known:?}");
         }
         let mut answers = Answers::default();
@@ -422,7 +429,7 @@ mod tests {
         answers.note(pi.clone(), read.as_ref(), ("a1", &me), &told);
         assert!(answers.untold.is_empty() && answers.unknown.is_empty());
         lock(&told.0).silent.insert(me.clone());
-        let read = Roll::read(&Roll::answer(Vec::new(), &told, (&pi, &nothing)));
+        let read = Roll::read(&Roll::answer(Vec::new(), &told, None, (&pi, &nothing)));
         answers.note(pi, read.as_ref(), ("a1", &me), &told);
         assert_eq!(answers.untold.len(), 1, "it is not answered");
         for garbage in [&b""[..], b"{", b"[1]", b"{\"hosts\":[[\"X\",1]],\"told\":[]}"] {

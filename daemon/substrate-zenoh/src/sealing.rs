@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use acl::DaemonId;
 use bytes::Bytes;
-use credentials::{Channel, Distrust, Identity, Nonce, Sealed, Verified, Verifier};
+use credentials::{Channel, Distrust, Identity, Nonce, Said, Sealed, Verified, Verifier};
 use substrate::{Answer, Breach, Inbound, Origin, Rejected};
 use zenoh::bytes::ZBytes;
 use zenoh::sample::Sample;
@@ -37,9 +37,26 @@ pub(crate) struct Answered<'a> {
 // === impl Security ===
 
 impl Security {
-    /// The seal for what goes out under this key.
+    /// The seal for what goes out to all under this key.
     pub(crate) fn seal(&self, channel: Channel, key_expr: &str, payload: &[u8]) -> ZBytes {
-        ZBytes::from(self.identity.seal(channel, key_expr, payload))
+        ZBytes::from(self.identity.seal(channel, key_expr, payload, None))
+    }
+
+    /// The seal for a message that goes to one daemon, in the life in which it has answered.
+    pub(crate) fn seal_to(&self, to: &DaemonId, key_expr: &str, payload: &[u8]) -> ZBytes {
+        let life = self.verifier.life(to);
+        ZBytes::from(self.identity.seal(Channel::Message, key_expr, payload, life))
+    }
+
+    /// How far this daemon has come, for who calls it.
+    pub(crate) fn said(&self) -> Said {
+        self.identity.said()
+    }
+
+    /// A daemon has answered a call. What it has said before, and is heard after, is not believed.
+    pub(crate) fn answered(&self, answerer: Origin, said: Said) {
+        let Origin { daemon: speaker, voucher } = answerer;
+        self.verifier.answered(&Verified { speaker, voucher }, said);
     }
 
     /// Who has sent this; what is not believed is told to `inbound`.
@@ -90,16 +107,17 @@ impl Security {
     ) -> Option<Origin> {
         let seal = attachment.map(ZBytes::to_bytes);
         let seal = seal.as_deref();
-        let opened = self.verifier.open(Sealed { channel, key_expr, payload, seal, nonce });
-        let opened = opened.and_then(|Verified { speaker, voucher }| {
-            let may = |daemon: &str| daemon == speaker.as_str();
-            match keys.speaker(key_expr) {
-                Some(named) if !may(named) => Err((Distrust::Impostor, Some(speaker.to_string()))),
-                _ => Ok(Origin { daemon: speaker, voucher }),
-            }
-        });
+        let heard_in = self.identity.said().life;
+        let only = keys.speaker(key_expr);
+        let sealed = Sealed { channel, key_expr, payload, seal, nonce, only, heard_in };
+        let opened = self.verifier.open(sealed);
         opened
+            .map(|Verified { speaker, voucher }| Origin { daemon: speaker, voucher })
             .map_err(|(why, claimed)| {
+                if why == Distrust::Uncalled {
+                    // Nothing is wrong with it; it is of who has just come, and not here yet.
+                    return tracing::debug!(from = claimed, key = key_expr, "not heard: it {why}");
+                }
                 let (breach, detail) = (breach(why), why.to_string());
                 let (detail, claimed) = (detail.as_str(), claimed.as_deref());
                 inbound.rejected(&Rejected { breach, detail, claimed, key: key_expr });
@@ -130,7 +148,7 @@ fn breach(why: Distrust) -> Breach {
         Distrust::Unsigned => Breach::Unsigned,
         Distrust::Stranger | Distrust::Expired => Breach::Unknown,
         Distrust::Revoked => Breach::Revoked,
-        Distrust::Replayed => Breach::Replayed,
+        Distrust::Replayed | Distrust::Belated => Breach::Replayed,
         Distrust::Flooded => Breach::Flooded,
         // What else can be wrong is so because somebody made it so.
         _ => Breach::Forged,

@@ -59,6 +59,7 @@ impl ZenohSubstrate {
         inbound: Arc<dyn Inbound>,
     ) -> Result<Arc<ZenohSubstrate>, OpenError> {
         let Settings { zenoh, listen, connect, scouts_at, lease, security } = settings;
+        let admission = security.as_ref().map(|each| revocations::admission(each, &inbound));
         let opened = match scouts_at {
             Some(at) => scouting::open(zenoh, &at).await,
             None => zenoh::open(zenoh).await,
@@ -71,8 +72,8 @@ impl ZenohSubstrate {
             Declarations::declare(&session, &keys, &inbound, security.as_ref(), &told)?;
         let asking = Asking { keys: keys.clone(), inbound, security: security.clone() };
         let watch = presence::declare(&session, &asking, lease)?;
-        if let Some(security) = &security {
-            revocations::spread(&session, &keys, security);
+        if let (Some(security), Some(admission)) = (&security, admission) {
+            revocations::spread(&session, &keys, security, admission);
         }
         let roll_call = RollCall {
             session: Arc::downgrade(&session),
@@ -104,15 +105,14 @@ impl ZenohSubstrate {
         let publisher = self.publishers.get_or_make(&route, || self.declare_publisher(&route));
         let publisher = publisher.map_err(declined)?;
         let stays = matches!(&route, Route::To(to, _) if to.daemon == *self.keys.daemon());
-        let channel = match route {
-            Route::To(..) | Route::All(..) => Channel::Message,
-            Route::Together => Channel::Beat,
-        };
-        let seal = self
-            .security
-            .as_ref()
-            .filter(|_| !stays)
-            .map(|security| security.seal(channel, publisher.key_expr().as_str(), &payload));
+        let seal = self.security.as_ref().filter(|_| !stays).map(|security| {
+            let key_expr = publisher.key_expr().as_str();
+            match &route {
+                Route::To(to, _) => security.seal_to(&to.daemon, key_expr, &payload),
+                Route::All(..) => security.seal(Channel::Message, key_expr, &payload),
+                Route::Together => security.seal(Channel::Beat, key_expr, &payload),
+            }
+        });
         publisher.put(payload).attachment(seal).wait().map_err(declined)
     }
 

@@ -2,7 +2,8 @@
 //!
 //! Everything goes over TLS on this machine's loopback, with certificates made for the test.
 
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
 
 use acl::{DaemonId, EcosystemId, Performative};
 use bytes::Bytes;
@@ -28,6 +29,8 @@ const PLENTY: u32 = 100_000;
 struct House {
     folder: Folder,
     authority: Authority,
+    /// In which life a daemon was opened last: what is sealed for it is for that one.
+    lives: Mutex<BTreeMap<String, u64>>,
     _temporary: TempDir,
 }
 
@@ -37,7 +40,7 @@ impl House {
         let folder = Folder::new(temporary.path().join("keys"));
         let office = EcosystemId::new("office").expect("a name");
         let authority = Authority::create(&folder, &office, AUTHORITY_DAYS).expect("a new one");
-        House { folder, authority, _temporary: temporary }
+        House { folder, authority, lives: Mutex::default(), _temporary: temporary }
     }
 
     fn identity(&self, name: &str) -> Identity {
@@ -62,13 +65,20 @@ impl House {
             std::fs::copy(file, there).expect("just made");
         }
         let authority = Authority::open(&self.folder).expect("just made");
-        House { folder, authority, _temporary: temporary }
+        House { folder, authority, lives: Mutex::default(), _temporary: temporary }
     }
 
     fn security(&self, name: &str, per_second: u32) -> Security {
         let trust = Trust::read(&self.folder).expect("just made");
         let verifier = Arc::new(Verifier::new(trust, per_second));
-        Security { identity: Arc::new(self.identity(name)), verifier }
+        let identity = Arc::new(self.identity(name));
+        let life = identity.said().life;
+        self.lives.lock().expect("no panic").insert(name.to_owned(), life);
+        Security { identity, verifier }
+    }
+
+    fn life(&self, name: &str) -> Option<u64> {
+        self.lives.lock().expect("no panic").get(name).copied()
     }
 
     /// A daemon that listens, and calls those that are given.
@@ -245,29 +255,34 @@ async fn what_is_not_signed_rightly_is_dropped_and_said() {
     assert_eq!(a.hear_any().await, ["rejected forged -"]);
     // Signed by itself, for something else.
     let identity = house.identity("rogue");
-    let seal = identity.seal(Channel::Message, TO_A, b"harmless");
+    let seal = identity.seal(Channel::Message, TO_A, b"harmless", house.life("a"));
     rogue.put(TO_A, "harmful").attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
     // In the name of a guest of another.
     let guest = DaemonId::new("b").expect("a name").guest("cli-1").expect("short");
-    let seal = house.identity("rogue").for_guest(guest).seal(Channel::Message, TO_A, b"x");
+    let seal = house.identity("rogue").for_guest(guest).seal(
+        Channel::Message,
+        TO_A,
+        b"x",
+        house.life("a"),
+    );
     rogue.put(TO_A, "x").attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged b--cli-1"]);
     // A heartbeat of an agent of another daemon.
     let beat = "althing/office/model/b/robot";
-    let seal = identity.seal(Channel::Beat, beat, b"x");
+    let seal = identity.seal(Channel::Beat, beat, b"x", None);
     rogue.put(beat, "x").attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
     let beats = "althing/office/model/b";
-    let seal = identity.seal(Channel::Beat, beats, br#"{"sender":"robot"}"#);
+    let seal = identity.seal(Channel::Beat, beats, br#"{"sender":"robot"}"#, None);
     rogue.put(beats, r#"{"sender":"robot"}"#).attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
     // With a certificate of another authority.
-    let foreign = House::new().identity("b").seal(Channel::Message, TO_A, b"x");
+    let foreign = House::new().identity("b").seal(Channel::Message, TO_A, b"x", house.life("a"));
     rogue.put(TO_A, "x").attachment(foreign).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected unknown b"]);
 
-    let seal = identity.seal(Channel::Message, TO_A, b"true");
+    let seal = identity.seal(Channel::Message, TO_A, b"true", house.life("a"));
     rogue.put(TO_A, "true").attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["to x inform: true <rogue>"]);
 }
@@ -303,6 +318,58 @@ async fn what_is_recorded_cannot_be_played_again() {
     assert_eq!(a.hear_any().await, ["rejected forged b"]);
     b.request("a", "x", "close the door");
     a.hear("to x request: close the door <b>").await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_was_recorded_before_a_restart_cannot_be_played_after_it() {
+    let house = House::new();
+    let mut a = house.open("a", &[]).await;
+    // The rogue stays linked to it while the other begins anew.
+    let mut b = house.open("b", &[&a]).await;
+    let rogue = house.rogue("rogue", &b).await;
+    let tape = rogue.declare_subscriber("althing/office/**").await.expect("open");
+    let _tokens = [a.announce("x"), b.announce("y")];
+    b.hear("joined x@a").await;
+    a.hear("joined y@b").await;
+    b.request("a", "x", "open the door");
+    b.substrate.broadcast(&agent("y"), Performative::Inform, "it is open".into()).expect("open");
+    b.substrate.beat(&agent("y"), "works".into()).expect("open");
+    a.hear("beat y: works <b>").await;
+    let mut recorded = Vec::new();
+    while recorded.len() < 3 {
+        let sample = tokio::time::timeout(DEADLINE, tape.recv_async()).await.expect("in time");
+        recorded.extend(Some(sample.expect("open")).filter(|each| each.attachment().is_some()));
+    }
+    a.substrate.close().await;
+    drop(a);
+    b.hear("left x@a").await;
+
+    let mut a = house.open("a", &[&b]).await;
+    let _token = a.announce("x");
+    b.hear("joined x@a").await;
+    a.hear_all(&["joined x@a", "joined y@b"]).await;
+    reach(&rogue, TO_A).await;
+    for each in recorded {
+        // For a moment it could still have been on its way, and is passed over without a word.
+        loop {
+            let put = rogue.put(each.key_expr().clone(), each.payload().clone());
+            put.attachment(each.attachment().cloned()).await.expect("open");
+            tokio::select! {
+                heard = a.hear_any() => {
+                    assert_eq!(heard, ["rejected replayed b"], "{}", each.key_expr());
+                    break;
+                }
+                () = tokio::time::sleep(std::time::Duration::from_millis(100)) => {}
+            }
+        }
+        while a.heard_already().is_some_and(|line| line == "rejected replayed b") {}
+    }
+    b.request("a", "x", "close the door");
+    a.hear("to x request: close the door <b>").await;
+    b.substrate.broadcast(&agent("y"), Performative::Inform, "it is closed".into()).expect("open");
+    a.hear("all y inform: it is closed <b>").await;
+    a.request("b", "y", "good");
+    b.hear("to y request: good <a>").await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -429,12 +496,12 @@ async fn a_message_of_100_mib_harms_nobody() {
 
     let rogue = house.rogue("rogue", &a).await;
     reach(&rogue, TO_A).await;
-    let seal = house.identity("rogue").seal(Channel::Message, TO_A, &huge);
+    let seal = house.identity("rogue").seal(Channel::Message, TO_A, &huge, house.life("a"));
     // Until it is out: what congestion drops would prove nothing.
     let put = rogue.put(TO_A, huge).attachment(seal).congestion_control(CongestionControl::Block);
     put.await.expect("open");
     let identity = house.identity("rogue");
-    let seal = identity.seal(Channel::Message, TO_A, b"after it");
+    let seal = identity.seal(Channel::Message, TO_A, b"after it", house.life("a"));
     rogue.put(TO_A, "after it").attachment(seal).await.expect("open");
     assert_eq!(a.hear("to x inform: after it <rogue>").await.len(), 1, "and nothing before it");
     b.request("a", "x", "unharmed");
@@ -468,20 +535,63 @@ async fn a_revocation_reaches_all_while_they_run() {
 
     house.authority.revoke(&DaemonId::new("b").expect("a name")).expect("it has one");
 
+    // What it says is not believed, it calls in vain, and its links are closed.
+    let lines = ["rejected revoked b", "left y@b"];
     tokio::select! {
         () = repeat(&b, "a") => {}
-        heard = a.hear("rejected revoked b") => drop(heard),
-    }
-    tokio::select! {
         () = repeat(&b, "c") => {}
-        heard = c.hear("rejected revoked b") => drop(heard),
+        _ = async { tokio::join!(a.hear_all(&lines), c.hear_all(&lines)) } => {}
     }
     assert!(apart.folder.revocations().exists(), "kept for the next life");
     assert_eq!(a.ask(Some("b"), Resource::State, None).await, [""; 0]);
     a.request("c", "x", "we remain");
     c.hear("to x request: we remain <a>").await;
-    // It has a token still, and a lease in which it may be silent.
-    for daemon in [&mut a, &mut c] {
-        daemon.hear("left y@b").await;
-    }
+}
+
+/// Waits until a session has no link.
+async fn alone(session: &Session) {
+    let unlinked = async {
+        while session.info().routers_zid().await.next().is_some() {
+            tokio::time::sleep(std::time::Duration::from_millis(10)).await;
+        }
+    };
+    tokio::time::timeout(DEADLINE, unlinked).await.expect("its links are closed");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_is_revoked_cannot_listen_any_more() {
+    let house = House::new();
+    let mut a = house.open("a", &[]).await;
+    let c = house.open("c", &[&a]).await;
+    let _tokens = [a.announce("x"), c.announce("z")];
+    a.hear("joined z@c").await;
+    let listening = house.open("spy", &[]).await;
+    let spy = house.rogue("spy", &a).await;
+    let tape = spy.declare_subscriber("althing/office/all/**").await.expect("open");
+    let told = async {
+        loop {
+            c.substrate
+                .broadcast(&agent("z"), Performative::Inform, "secret".into())
+                .expect("open");
+            let heard =
+                tokio::time::timeout(std::time::Duration::from_millis(50), tape.recv_async());
+            if heard.await.is_ok() {
+                break;
+            }
+        }
+    };
+    tokio::time::timeout(DEADLINE, told).await.expect("it can listen");
+
+    house.authority.revoke(&DaemonId::new("spy").expect("a name")).expect("it has one");
+    alone(&spy).await;
+    a.hear("rejected revoked spy").await;
+    assert!(spy.info().routers_zid().await.next().is_none(), "it has called again, in vain");
+    c.request("a", "x", "we remain");
+    a.hear("to x request: we remain <c>").await;
+
+    // Nor does anybody link to it by calling it.
+    let mut b = house.open("b", &[&a, &listening]).await;
+    let _token = b.announce("y");
+    b.hear("rejected revoked spy").await;
+    a.hear("joined y@b").await;
 }

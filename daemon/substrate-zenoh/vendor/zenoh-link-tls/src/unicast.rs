@@ -18,7 +18,7 @@ use std::{
     io,
     net::SocketAddr,
     pin::Pin,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
     task::{Context, Poll},
     time::Duration,
 };
@@ -29,6 +29,7 @@ use tokio::{
     io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadBuf},
     net::{TcpListener, TcpStream},
     sync::Mutex as AsyncMutex,
+    task::JoinHandle,
 };
 use tokio_rustls::{TlsAcceptor, TlsConnector, TlsStream};
 use tokio_util::sync::CancellationToken;
@@ -37,7 +38,10 @@ use zenoh_core::{bail, zasynclock};
 use zenoh_link_commons::{
     get_ip_interface_names,
     tcp::get_tcp_addrs,
-    tls::expiration::{LinkCertExpirationManager, LinkWithCertExpiration},
+    tls::{
+        config::{TLS_CONNECT_PRIVATE_KEY_FILE, TLS_LISTEN_PRIVATE_KEY_FILE},
+        expiration::{LinkCertExpirationManager, LinkWithCertExpiration},
+    },
     LinkAuthId, LinkManagerUnicastTrait, LinkUnicast, LinkUnicastTrait, ListenersUnicastIP,
     NewLinkChannelSender, BIND_INTERFACE, BIND_SOCKET,
 };
@@ -48,6 +52,7 @@ use zenoh_protocol::{
 use zenoh_result::{zerror, ZResult};
 
 use crate::{
+    admission,
     utils::{get_tls_addr, get_tls_host, get_tls_server_name, TlsClientConfig, TlsServerConfig},
     TLS_ACCEPT_THROTTLE_TIME, TLS_DEFAULT_MTU, TLS_LOCATOR_PREFIX,
 };
@@ -74,6 +79,8 @@ pub struct LinkUnicastTls {
     auth_identifier: LinkAuthId,
     mtu: BatchSize,
     expiration_manager: Option<LinkCertExpirationManager>,
+    // NOTE(althing): closes the link when its peer is not admitted any more.
+    admission_task: JoinHandle<()>,
 }
 
 /// The stream of a link, locked for each poll.
@@ -125,6 +132,7 @@ impl LinkUnicastTls {
         dst_addr: SocketAddr,
         auth_identifier: LinkAuthId,
         expiration_manager: Option<LinkCertExpirationManager>,
+        admission_task: JoinHandle<()>,
     ) -> LinkUnicastTls {
         let (tcp_stream, _) = socket.get_ref();
         // Set the TLS nodelay option
@@ -175,7 +183,21 @@ impl LinkUnicastTls {
             auth_identifier,
             mtu,
             expiration_manager,
+            admission_task,
         }
+    }
+
+    /// Closes the link of a peer that is not admitted any more.
+    async fn exclude(&self) -> ZResult<()> {
+        if let Some(expiration_manager) = &self.expiration_manager {
+            if !expiration_manager.set_closing() {
+                // Somebody else is closing the link.
+                return Ok(());
+            }
+            // The transport waits for it when it learns that the link is closed.
+            expiration_manager.cancel_expiration_task();
+        }
+        self.close().await
     }
 
     fn socket(&self) -> Locked<'_> {
@@ -308,6 +330,7 @@ impl LinkWithCertExpiration for LinkUnicastTls {
 
 impl Drop for LinkUnicastTls {
     fn drop(&mut self) {
+        self.admission_task.abort();
         // Close the underlying TCP stream
         let mut tls_stream = self.socket();
         let _ = zenoh_runtime::ZRuntime::Acceptor
@@ -329,6 +352,28 @@ impl fmt::Debug for LinkUnicastTls {
             .field("dst", &self.dst_addr)
             .finish()
     }
+}
+
+/// Looks at the peer of a link whenever that is asked for.
+fn watch_admission(
+    link: Weak<LinkUnicastTls>,
+    key_file: Arc<str>,
+    certificate: Vec<u8>,
+) -> JoinHandle<()> {
+    let mut looks = admission::looks(&key_file);
+    zenoh_runtime::ZRuntime::Acceptor.spawn(async move {
+        while looks.changed().await.is_ok() {
+            if admission::admits(&key_file, &certificate) {
+                continue;
+            }
+            let Some(link) = link.upgrade() else { return };
+            tracing::warn!("Closing TLS link {}: its peer is not admitted any more", link);
+            if let Err(e) = link.exclude().await {
+                tracing::debug!("Closing TLS link {}: {}", link, e);
+            }
+            return;
+        }
+    })
 }
 
 pub struct LinkManagerUnicastTls {
@@ -405,6 +450,11 @@ impl LinkManagerUnicastTrait for LinkManagerUnicastTls {
             })?;
 
         let (_, tls_conn) = tls_stream.get_ref();
+        let key_file: Arc<str> = epconf.get(TLS_CONNECT_PRIVATE_KEY_FILE).unwrap_or_default().into();
+        let certificate = get_certificate(tls_conn.peer_certificates());
+        if !admission::admits(&key_file, &certificate) {
+            bail!("Can not create a new TLS link to {dst_addr}: its certificate is not admitted");
+        }
         let auth_identifier = get_server_cert_common_name(tls_conn)?;
         let certchain_expiration_time = get_cert_chain_expiration(&tls_conn.peer_certificates())?
             .expect("server should have certificate chain");
@@ -429,6 +479,7 @@ impl LinkManagerUnicastTrait for LinkManagerUnicastTls {
                 dst_addr,
                 auth_identifier.into(),
                 expiration_manager,
+                watch_admission(weak_link.clone(), key_file, certificate),
             )
         });
 
@@ -458,6 +509,7 @@ impl LinkManagerUnicastTrait for LinkManagerUnicastTls {
         // Initialize the TlsAcceptor
         let token = self.listeners.token.child_token();
 
+        let key_file = epconf.get(TLS_LISTEN_PRIVATE_KEY_FILE).unwrap_or_default().into();
         let task = {
             let acceptor = TlsAcceptor::from(Arc::new(tls_server_config.server_config));
             let token = token.clone();
@@ -471,6 +523,7 @@ impl LinkManagerUnicastTrait for LinkManagerUnicastTls {
                     manager,
                     tls_server_config.tls_handshake_timeout,
                     tls_server_config.tls_close_link_on_expiration,
+                    key_file,
                 )
                 .await
             }
@@ -523,6 +576,7 @@ async fn accept_task(
     manager: NewLinkChannelSender,
     tls_handshake_timeout: Duration,
     tls_close_link_on_expiration: bool,
+    key_file: Arc<str>,
 ) -> ZResult<()> {
     let src_addr = socket.local_addr().map_err(|e| {
         let e = zerror!("Can not accept TLS connections: {}", e);
@@ -550,6 +604,11 @@ async fn accept_task(
                                 continue;
                             }
                         };
+                        let certificate = get_certificate(tls_conn.peer_certificates());
+                        if !admission::admits(&key_file, &certificate) {
+                            tracing::debug!("Can not accept TLS connection from {dst_addr}: its certificate is not admitted");
+                            continue;
+                        }
                         let auth_identifier = match get_client_cert_common_name(tls_conn) {
                             Ok(auth_id) => auth_id,
                             Err(e) => {
@@ -598,6 +657,7 @@ async fn accept_task(
                                 dst_addr,
                                 auth_identifier.into(),
                                 expiration_manager,
+                                watch_admission(weak_link.clone(), key_file.clone(), certificate),
                             )
                         });
 
@@ -625,6 +685,11 @@ async fn accept_task(
     }
 
     Ok(())
+}
+
+/// What the peer has shown, in DER; nothing, if it has shown nothing.
+fn get_certificate(shown: Option<&[rustls_pki_types::CertificateDer]>) -> Vec<u8> {
+    shown.and_then(|chain| chain.first()).map_or_else(Vec::new, |certificate| certificate.to_vec())
 }
 
 fn get_client_cert_common_name(tls_conn: &rustls::CommonState) -> ZResult<TlsAuthId> {
