@@ -415,6 +415,12 @@ impl Beliefs {
         self.touched.extend(facts.cloned());
     }
 
+    /// Looks again at the facts that speak of objects that have come.
+    pub(crate) fn reconsider_about(&mut self, objects: &BTreeSet<&Name>) {
+        let speaks = |fact: &&FactKey| fact.arguments().iter().any(|name| objects.contains(name));
+        self.touched.extend(self.claims.keys().filter(speaks).cloned());
+    }
+
     /// Brings what holds up to date; returns what holds now and did not, and the reverse.
     pub(crate) fn settle(
         &mut self,

@@ -1,15 +1,16 @@
 //! Composing: the shared ontology and many models → one [`Composite`], and what was left out.
 //!
-//! Pure and from the start each time: the result depends on who is here, on who was here first
+//! Pure, and as if from the start each time: the result depends on who is here, on who was here first
 //! where two disagree, and on names given before; on nothing else. Linear in the text of the
 //! models. Three steps, each a file: which declarations stand, which actions, and the domain
 //! that is written from both. Where nobody looks yet, only [whose declaration stands](incumbents)
-//! is kept.
+//! is kept; who is the next of its kind is [added](joining) to what was composed.
 
 mod actions;
 mod assemble;
 mod declarations;
 mod incumbents;
+mod joining;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -18,6 +19,7 @@ use acl::AgentId;
 use pddl::{Domain, Name, Privacy, Problem};
 
 use self::incumbents::Incumbents;
+pub(crate) use self::joining::join;
 use crate::composite::{Composite, Secrets};
 use crate::conflict::{Conflict, Kind, Subject};
 use crate::manifest::{Declaration, Manifest};

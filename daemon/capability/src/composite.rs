@@ -1,25 +1,30 @@
 //! The composite: one domain of many models, and who offers what of it.
 //!
-//! Made by [`compose`](crate::compose), never changed afterwards; shared by snapshots.
+//! Made by [`compose`](crate::compose); shared by snapshots, each of which sees it as it was.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, OnceLock};
 
 use acl::AgentId;
-use pddl::{Atom, Domain, Name, ObjectDeclaration, Span, Term};
+use pddl::{ActionSchema, Atom, Domain, Name, ObjectDeclaration, Span, Term};
 
+use crate::canonical::Key;
 use crate::digest::text_digest;
 use crate::fact::{FactKey, Owner};
 use crate::vocabulary::Vocabulary;
 
 /// One domain of many models.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Composite {
     pub(crate) domain: Arc<Domain>,
     digest: OnceLock<String>,
     pub(crate) vocabulary: Vocabulary,
     /// The problem's objects, the map's before the agents'.
     pub(crate) objects: Arc<Vec<ObjectDeclaration>>,
+    /// How many of them are the map's. The agents' are in the order of their names.
+    pub(crate) of_map: usize,
+    /// The actions that stand, by their names outside.
+    pub(crate) schemas: BTreeMap<Name, Vec<Stands>>,
     /// What each agent offers.
     pub(crate) offers: BTreeMap<AgentId, Vec<Offered>>,
     /// Names inside → names outside, where they differ.
@@ -38,10 +43,22 @@ pub(crate) struct Offered {
     pub(crate) guard: Name,
 }
 
+/// An action that stands, whoever offers it.
+#[derive(Clone, Debug)]
+pub(crate) struct Stands {
+    /// Its canonical text.
+    pub(crate) key: Key,
+    /// As the first of those who offer it, by name, wrote it.
+    pub(crate) tree: Arc<ActionSchema>,
+    pub(crate) first: AgentId,
+    pub(crate) offered: Offered,
+}
+
 /// Who offers what, while it is being gathered.
 #[derive(Debug, Default)]
 pub(crate) struct Offers {
     by_agent: BTreeMap<AgentId, Vec<Offered>>,
+    schemas: BTreeMap<Name, Vec<Stands>>,
     qualified: BTreeMap<Name, Name>,
 }
 
@@ -59,17 +76,26 @@ pub(crate) struct Secrets {
 // === impl Composite ===
 
 impl Composite {
+    /// `objects` come with how many of them are the map's.
     pub(crate) fn new(
         domain: Domain,
         vocabulary: Vocabulary,
-        objects: Vec<ObjectDeclaration>,
+        (objects, of_map): (Vec<ObjectDeclaration>, usize),
         offers: Offers,
         secrets: Secrets,
     ) -> Composite {
-        let (domain, digest) = (Arc::new(domain), OnceLock::new());
-        let objects = Arc::new(objects);
-        let Offers { by_agent, qualified } = offers;
-        Composite { domain, digest, vocabulary, objects, offers: by_agent, qualified, secrets }
+        let Offers { by_agent: offers, schemas, qualified } = offers;
+        Composite {
+            domain: Arc::new(domain),
+            digest: OnceLock::new(),
+            vocabulary,
+            objects: Arc::new(objects),
+            of_map,
+            schemas,
+            offers,
+            qualified,
+            secrets,
+        }
     }
 
     /// Digest of the domain's text; computed once, when somebody asks.
@@ -96,13 +122,24 @@ impl Composite {
 // === impl Offers ===
 
 impl Offers {
-    pub(crate) fn add(&mut self, offered: &Offered, offerers: &[&AgentId]) {
-        let Offered { outside, inside, guard: _ } = offered;
+    /// An action that stands, and who offers it, by name.
+    pub(crate) fn add(
+        &mut self,
+        key: Key,
+        tree: Arc<ActionSchema>,
+        offered: Offered,
+        offerers: &[&AgentId],
+    ) {
+        let Offered { outside, inside, guard: _ } = &offered;
         if inside != outside {
             self.qualified.insert(inside.clone(), outside.clone());
         }
         for offerer in offerers {
             self.by_agent.entry((*offerer).clone()).or_default().push(offered.clone());
+        }
+        if let Some(first) = offerers.first() {
+            let standing = self.schemas.entry(outside.clone()).or_default();
+            standing.push(Stands { key, tree, first: (*first).clone(), offered });
         }
     }
 }

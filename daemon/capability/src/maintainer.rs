@@ -19,7 +19,7 @@ use pddl::{ActionModel, Domain, Metric, Name, Problem};
 
 use crate::belief::{Beliefs, Source};
 use crate::change::Change;
-use crate::compose::{Memory, Party, Shared, compose};
+use crate::compose::{Memory, Party, Shared, compose, join};
 use crate::composite::Composite;
 use crate::conflict::Conflict;
 use crate::declined::Declined;
@@ -43,6 +43,15 @@ pub enum Scope {
     /// more than to read them. What changes is therefore told of agents only, and what counts
     /// changes may count some that nobody can see.
     Public,
+}
+
+/// What has come and is not composed yet.
+#[derive(Clone, Debug, Default)]
+struct Uncomposed {
+    /// Who was not here before.
+    joined: Vec<AgentId>,
+    /// Whether models are others than they were, or have gone.
+    others: bool,
 }
 
 /// What came of a model that was taken.
@@ -81,8 +90,7 @@ pub struct Maintainer {
     announced: BTreeSet<AgentId>,
     /// Whether the set of capabilities changed since the last change was told.
     is_changed: bool,
-    /// Whether models have come that are not composed yet.
-    is_stale: bool,
+    uncomposed: Uncomposed,
     /// What could not be composed when the first of them came.
     known_conflicts: Option<BTreeSet<Conflict>>,
     epoch: u64,
@@ -124,7 +132,7 @@ impl Maintainer {
             metric: None,
             announced: BTreeSet::new(),
             is_changed: false,
-            is_stale: false,
+            uncomposed: Uncomposed::default(),
             known_conflicts: None,
             epoch: 0,
             revision: 0,
@@ -179,12 +187,12 @@ impl Maintainer {
 
     /// Whether models have been [taken](Maintainer::take) that are not composed yet.
     pub fn is_stale(&self) -> bool {
-        self.is_stale
+        self.uncomposed.others || !self.uncomposed.joined.is_empty()
     }
 
     /// Composes what was taken: once, however much it is.
     pub fn compose_taken(&mut self, now: Moment) -> Admission {
-        if self.is_stale {
+        if self.is_stale() {
             self.recompose();
         }
         let known = self.known_conflicts.take();
@@ -256,7 +264,7 @@ impl Maintainer {
         if let Some(former) = self.roster.release(agent) {
             self.remodel(agent, Some(&former.described.manifest));
         }
-        if self.is_stale {
+        if self.is_stale() {
             self.recompose();
         }
         self.conclude(now)
@@ -299,7 +307,10 @@ impl Maintainer {
         self.memory.keep_standing(former, now.as_deref(), everything, parties);
         match self.scope {
             Scope::Everything => {
-                self.is_stale = true;
+                match former {
+                    None => self.uncomposed.joined.push(agent.clone()),
+                    Some(_) => self.uncomposed.others = true,
+                }
                 let known = || self.conflicts.iter().cloned().collect();
                 self.known_conflicts.get_or_insert_with(known);
             }
@@ -309,7 +320,10 @@ impl Maintainer {
     }
 
     fn recompose(&mut self) {
-        self.is_stale = false;
+        let Uncomposed { joined, others } = std::mem::take(&mut self.uncomposed);
+        if !others && self.add(&joined) {
+            return;
+        }
         let mut memory = std::mem::take(&mut self.memory);
         let (mut composite, conflicts) = self.compose(|_| true, &mut memory);
         self.memory = memory;
@@ -318,6 +332,23 @@ impl Maintainer {
         self.is_changed |= !composite.is_as(&self.composite);
         self.beliefs.reconsider(&self.composite, &composite);
         self.composite = Arc::new(composite);
+    }
+
+    /// Adds those who joined to what was composed; `false` if not all of them only add something.
+    fn add(&mut self, joined: &[AgentId]) -> bool {
+        // Who joins may mend what was left out.
+        if !self.conflicts.is_empty() {
+            return false;
+        }
+        let mut objects = BTreeSet::new();
+        let is_whole = joined.iter().all(|agent| {
+            let Some(party) = self.roster.party(agent) else { return false };
+            let added = join(&self.shared, &mut self.composite, &party);
+            self.is_changed |= added.is_some();
+            added.map(|added| objects.extend(added)).is_some()
+        });
+        self.beliefs.reconsider_about(&objects);
+        is_whole
     }
 
     /// One domain of all models, of which those that `trusts` names are known whole.
@@ -332,7 +363,7 @@ impl Maintainer {
 
     /// Tells what is other than at the end of the call before.
     fn conclude(&mut self, now: Moment) -> Change {
-        if self.is_stale {
+        if self.is_stale() {
             // All of it is told when it is composed.
             let (epoch, revision) = (self.epoch, self.revision);
             return Change { epoch, revision, ..Change::default() };

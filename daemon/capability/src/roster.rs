@@ -124,6 +124,13 @@ impl Roster {
         })
     }
 
+    /// One of them, as it is composed where all models are known whole.
+    pub(crate) fn party(&self, agent: &AgentId) -> Option<Party<'_>> {
+        let (agent, member) = self.members.get_key_value(agent)?;
+        let manifest = &*member.described.manifest;
+        Some(Party { agent, arrival: member.arrival, manifest, trusted: true })
+    }
+
     /// Whose presence may have changed since this was asked last, and whether their capabilities
     /// count for new plans now.
     pub(crate) fn take_stirred(&mut self) -> Vec<(AgentId, bool)> {

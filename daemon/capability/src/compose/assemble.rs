@@ -1,6 +1,7 @@
 //! Writing the domain: the ontology first, then what agents add, in the order of names.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use pddl::{
     ActionSchema, Atom, Condition, Domain, Name, ObjectDeclaration, PredicateDeclaration, Privacy,
@@ -33,26 +34,31 @@ pub(super) fn assemble(
         declare(&mut domain, &mut objects, kept);
     }
     domain.derived.extend(standing.axioms.iter().map(|axiom| axiom.tree.clone()));
-    let objects = name_constants(&mut domain, objects, &standing, schemas);
+    let named = named_objects(&standing, schemas);
+    let is_named = |declared: &ObjectDeclaration| named.contains(&declared.object.name);
+    let of_map = shared.map.objects.iter().filter(|declared| !is_named(declared)).count();
+    let (constants, objects): (Vec<_>, Vec<_>) = objects.into_iter().partition(is_named);
+    domain.constants.extend(constants.into_iter().map(|declared| declared.object));
     let vocabulary = standing.vocabulary;
     let (mut offers, mut guards) = (Offers::default(), BTreeSet::new());
-    for (inside, (outside, schema)) in by_name_inside(schemas, inside) {
+    for (inside, ((outside, key), schema)) in by_name_inside(schemas, inside) {
         let guard = unique(&format!("offers-{inside}"), |name| {
             guards.contains(name) || vocabulary.declares(name)
         });
         guards.insert(guard.clone());
         write(&mut domain, inside, &guard, schema);
         let (outside, inside) = (outside.clone(), inside.clone());
-        offers.add(&Offered { outside, inside, guard }, &schema.offerers);
+        let (key, tree) = (key.clone(), Arc::clone(schema.tree));
+        offers.add(key, tree, Offered { outside, inside, guard }, &schema.offerers);
     }
-    Composite::new(domain, vocabulary, objects, offers, secrets)
+    Composite::new(domain, vocabulary, (objects, of_map), offers, secrets)
 }
 
 fn by_name_inside<'a>(
     schemas: &'a Schemas<'a>,
     inside: &'a BTreeMap<(&Name, &Key), Name>,
-) -> BTreeMap<&'a Name, (&'a Name, &'a Schema<'a>)> {
-    { schemas.iter() }.filter_map(|(at, schema)| Some((inside.get(at)?, (at.0, schema)))).collect()
+) -> BTreeMap<&'a Name, ((&'a Name, &'a Key), &'a Schema<'a>)> {
+    { schemas.iter() }.filter_map(|(at, schema)| Some((inside.get(at)?, (*at, schema)))).collect()
 }
 
 /// Requirements are gathered: the ontology's as they are, then the agents' by name.
@@ -88,19 +94,10 @@ fn declare(domain: &mut Domain, objects: &mut Vec<ObjectDeclaration>, kept: &Kep
 }
 
 /// An object that a schema names outright must be a constant of the domain.
-fn name_constants(
-    domain: &mut Domain,
-    objects: Vec<ObjectDeclaration>,
-    standing: &Standing<'_>,
-    schemas: &Schemas<'_>,
-) -> Vec<ObjectDeclaration> {
+fn named_objects<'a>(standing: &Standing<'a>, schemas: &Schemas<'a>) -> BTreeSet<&'a Name> {
     let in_actions = schemas.values().flat_map(|schema| &schema.uses.objects);
     let in_axioms = standing.axioms.iter().flat_map(|axiom| &axiom.uses.objects);
-    let named: BTreeSet<&Name> = in_actions.chain(in_axioms).collect();
-    let (constants, objects): (Vec<_>, Vec<_>) =
-        objects.into_iter().partition(|declared| named.contains(&declared.object.name));
-    domain.constants.extend(constants.into_iter().map(|declared| declared.object));
-    objects
+    in_actions.chain(in_axioms).collect()
 }
 
 /// Writes a schema under its name inside, guarded so that it is grounded for its offerers only.

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use crate::office::{Office, announcement, model, office, office_of, thermometer};
+use crate::office::{Office, announcement, model, office, office_of, thermometer, turtlebot};
 
 /// What one agent may say of what another says otherwise; nothing of it is private, so that who
 /// composes everything at once sees the same.
@@ -100,6 +100,72 @@ proptest! {
         let untold: Vec<_> = conflicts.iter().filter(|one| !told.contains(one)).collect();
         let goes = events.iter().any(|event| matches!(event, Event::Goes(_)));
         prop_assert!(goes || untold.is_empty(), "{untold:?}");
+    }
+}
+
+/// What the next of a kind says of itself, or something that is not of any kind.
+fn kinds(name: &str) -> Vec<String> {
+    let flies = |parameter: &str| {
+        format!(
+            "(:objects {name} - mobile-base) (:init (located {name} office1))
+             (:action fly :agent {parameter} - mobile-base :parameters (?to - location)
+                 :effect (located {parameter} ?to))"
+        )
+    };
+    let lands = format!("{} (:action land :agent ?a - mobile-base :effect (and))", flies("?a"));
+    vec![
+        model(name, &flies("?a")),
+        model(name, &flies("?me")),
+        model(name, &lands),
+        model(name, &flies("?a").replace("?to)))", "office1)))")),
+        thermometer(name),
+        turtlebot(name),
+        model(name, &format!("(:objects {name} - mobile-base pole - location)")),
+        model(name, "(:objects agent-1 - location)"),
+        model(name, "(:predicates (aloft ?d - mobile-base))"),
+        model(name, "(:init (located agent-2 office1))"),
+        model(name, &format!("(:objects {name} - bird)")),
+        model(name, ""),
+    ]
+}
+
+fn kind() -> impl Strategy<Value = (usize, Option<usize>)> {
+    (0_usize..6, prop_oneof![4 => (0_usize..12).prop_map(Some), 1 => Just(None)])
+}
+
+proptest! {
+    #![proptest_config(config())]
+
+    /// Against one that composes from the start: for it, nobody joins with what it says, but says it
+    /// in place of nothing.
+    #[test]
+    fn who_is_added_is_composed_the_same(events in prop::collection::vec(kind(), 1..16)) {
+        let (mut added, mut anew) = (office(), office());
+        let mut here = std::collections::BTreeSet::new();
+        for (agent, kind) in events {
+            let name = format!("agent-{agent}");
+            let Some(kind) = kind else {
+                here.remove(&name);
+                added.remove(&name);
+                anew.remove(&name);
+                continue;
+            };
+            if here.insert(name.clone()) {
+                anew.admit(&model(&name, ""));
+            }
+            let said = kinds(&name).swap_remove(kind);
+            let one = added.admit(&said);
+            let two = anew.admit(&said);
+            prop_assert_eq!(one.conflicts, two.conflicts);
+            let (believed, retracted) = (one.change.believed, one.change.retracted);
+            prop_assert_eq!((believed, retracted), (two.change.believed, two.change.retracted));
+            let (one, two) = (added.snapshot(), anew.snapshot());
+            prop_assert_eq!(one.domain.to_string(), two.domain.to_string());
+            prop_assert_eq!(one.problem.to_string(), two.problem.to_string());
+            prop_assert_eq!(one.problem, two.problem);
+            prop_assert_eq!(one.qualified, two.qualified);
+            prop_assert_eq!(added.maintainer.conflicts(), anew.maintainer.conflicts());
+        }
     }
 }
 

@@ -1,0 +1,120 @@
+//! One more agent, without composing anew: where it adds nothing but itself.
+//!
+//! Most who come are the next of their kind: they bring objects of which nobody has spoken, and
+//! offer what others offer. Then all that stands goes on standing, and of a thousand models none
+//! is looked at but the new one. Whatever could be otherwise is left to [`compose`](super::compose),
+//! which says the same.
+
+use std::sync::Arc;
+
+use pddl::{Name, ObjectDeclaration};
+
+use super::{Party, Shared};
+use crate::composite::{Composite, Offered, Stands};
+use crate::manifest::{Declaration, Item, Manifest, Offer};
+
+/// What an agent adds.
+struct Additions<'p> {
+    objects: Vec<(&'p Name, &'p ObjectDeclaration)>,
+    /// The schemas that it offers: the name outside, and which of that name.
+    offers: Vec<(&'p Name, usize)>,
+}
+
+/// Adds an agent to a composite in which nothing was left out; the objects that came with it, or
+/// nothing if all has to be composed anew. All that is known there is known whole.
+pub(crate) fn join<'p>(
+    shared: &Shared,
+    composite: &mut Arc<Composite>,
+    party: &Party<'p>,
+) -> Option<Vec<&'p Name>> {
+    let Additions { objects, offers } = additions(shared, composite, party)?;
+    if objects.is_empty() && offers.is_empty() {
+        return Some(Vec::new());
+    }
+    let composite = Arc::make_mut(composite);
+    let listed = Arc::make_mut(&mut composite.objects);
+    for (name, declared) in &objects {
+        let theirs = &listed[composite.of_map..];
+        let place = theirs.partition_point(|other| other.object.name < **name);
+        listed.insert(composite.of_map + place, (*declared).clone());
+        composite.vocabulary.objects.insert((*name).clone(), declared.object.ty.clone());
+    }
+    let mut offered: Vec<Offered> = Vec::new();
+    for (outside, place) in offers {
+        let stands = composite.schemas.get_mut(outside).and_then(|stands| stands.get_mut(place));
+        if let Some(stands) = stands {
+            stands.first = std::cmp::min(&stands.first, party.agent).clone();
+            offered.push(stands.offered.clone());
+        }
+    }
+    offered.sort_by(|one, other| one.inside.cmp(&other.inside));
+    if !offered.is_empty() {
+        composite.offers.insert(party.agent.clone(), offered);
+    }
+    Some(objects.into_iter().map(|(name, _)| name).collect())
+}
+
+/// What an agent adds, if that is all that follows from it.
+fn additions<'p>(
+    shared: &Shared,
+    composite: &Composite,
+    party: &Party<'p>,
+) -> Option<Additions<'p>> {
+    let Manifest { requirements, declarations, loose_axioms, offers, flaws, .. } = party.manifest;
+    let required = &composite.domain.requirements;
+    let is_plain = flaws.is_empty()
+        && loose_axioms.is_empty()
+        && requirements.iter().all(|requirement| required.contains(requirement));
+    if !is_plain {
+        return None;
+    }
+    let mut objects = Vec::new();
+    for declaration in declarations {
+        match shared.declared(&declaration.subject) {
+            Some(declared) if declaration.repeats(declared) => (),
+            Some(_) => return None,
+            None => objects.push(new_object(composite, declaration)?),
+        }
+    }
+    let offers = { offers.iter() }
+        .map(|offer| Some((&offer.schema.name, stands(composite, &objects, party, offer)?)))
+        .collect::<Option<_>>()?;
+    Some(Additions { objects, offers })
+}
+
+/// An object of which nobody has spoken, of a type that is known.
+fn new_object<'p>(
+    composite: &Composite,
+    declaration: &'p Declaration,
+) -> Option<(&'p Name, &'p ObjectDeclaration)> {
+    let Item::Object(declared) = &declaration.item else { return None };
+    let name = &declared.object.name;
+    let is_new = !composite.vocabulary.objects.contains_key(name);
+    let types = &composite.vocabulary.types;
+    let is_typed = { declared.object.ty.alternatives.iter() }.all(|ty| types.contains(ty.as_str()));
+    (is_new && is_typed).then_some((name, declared))
+}
+
+/// The place of the schema that an agent offers among those of its name that stand, if it may offer
+/// it, and it stands in the words of another or in the same.
+fn stands(
+    composite: &Composite,
+    objects: &[(&Name, &ObjectDeclaration)],
+    party: &Party<'_>,
+    offer: &Offer,
+) -> Option<usize> {
+    let standing = composite.schemas.get(&offer.schema.name)?;
+    let place = standing.iter().position(|stands| stands.key == offer.key)?;
+    let Stands { tree, first, .. } = &standing[place];
+    let is_written_so = || **tree == *offer.schema && tree.to_string() == offer.schema.to_string();
+    if *party.agent < *first && !is_written_so() {
+        return None;
+    }
+    let agent = offer.schema.agent.as_ref()?;
+    let own = objects.iter().find(|(name, _)| name.as_str() == party.agent.as_str());
+    let ty = match own {
+        Some((_, declared)) => &declared.object.ty,
+        None => composite.vocabulary.objects.get(party.agent.as_str())?,
+    };
+    composite.vocabulary.types.accepts(&agent.ty, ty).then_some(place)
+}
