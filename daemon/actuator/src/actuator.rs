@@ -138,6 +138,10 @@ impl<D: Device> Agent for Actuator<D> {
         self.met(presence, ctx);
     }
 
+    fn heeds_presence(&self) -> bool {
+        self.wants_anything()
+    }
+
     fn asked(&mut self, resource: Resource, ctx: &mut Context<Self>) -> Option<String> {
         match resource {
             Resource::Domain => {

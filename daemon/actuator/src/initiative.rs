@@ -305,6 +305,11 @@ impl<D: Device> Actuator<D> {
         ctx.extend(&exchange, ctx.settings().answer_deadline * 4);
     }
 
+    /// Whether it has goals, of which a Plan Requester that comes has to be told.
+    pub(crate) fn wants_anything(&self) -> bool {
+        !self.initiatives.goals.is_empty()
+    }
+
     /// A Plan Requester that is new here knows nothing of what is wanted.
     pub(crate) fn met(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         let Presence::Joined(resident) = presence else { return };

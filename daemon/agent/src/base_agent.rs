@@ -10,7 +10,7 @@ use std::time::Duration;
 use acl::content::Reason;
 use acl::{AgentId, EcosystemId, Incarnation, Message};
 use substrate::{Presence, PresenceToken, Question, Resident, Resource, SendError};
-use tokio::sync::broadcast;
+use tokio::sync::broadcast::{self, error::TryRecvError};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, Sleep};
 use tokio_util::sync::{CancellationToken, WaitForCancellationFutureOwned};
@@ -42,6 +42,13 @@ pub trait Agent: Sized + Send + 'static {
 
     /// Another agent is here, or is not.
     fn presence(&mut self, _presence: &Presence, _ctx: &mut Context<Self>) {}
+
+    /// Whether it heeds who comes and goes. While it does not, it is not woken for it, is not told
+    /// of it, and finds out whom there is when it looks: of a thousand agents that wait, nobody is
+    /// woken for one that joins.
+    fn heeds_presence(&self) -> bool {
+        true
+    }
 
     /// Its action model, as it would announce it now; `None` if it has none.
     fn model(&self) -> Option<String> {
@@ -209,6 +216,9 @@ impl<A: Agent> Life<A> {
         loop {
             let event = self.next_event(draining).await;
             draining |= matches!(event, Event::Stopping);
+            if !self.heeds_presence() {
+                self.catch_up();
+            }
             self.handle(event);
             if let Some(holder) = self.usurped() {
                 return Err(LaunchError::NameTaken { holder });
@@ -221,6 +231,7 @@ impl<A: Agent> Life<A> {
 
     async fn next_event(&mut self, draining: bool) -> Event<A> {
         let standing = self.standing.as_ref().and_then(Standing::due);
+        let heeds = self.heeds_presence();
         let due = self.ctx.next_due().into_iter().chain(standing).min();
         if let Some(due) = due.filter(|due| *due != self.alarm.deadline()) {
             self.alarm.as_mut().reset(due);
@@ -228,7 +239,7 @@ impl<A: Agent> Life<A> {
         tokio::select! {
             biased;
             () = &mut self.stopping, if !draining => Event::Stopping,
-            presence = self.presence.recv() => match presence {
+            presence = self.presence.recv(), if heeds => match presence {
                 Ok(presence) => Event::Presence(presence),
                 Err(_) => Event::PresenceMissed,
             },
@@ -238,6 +249,28 @@ impl<A: Agent> Life<A> {
                 Some(letter) => Event::Letter(letter),
                 None => Event::Stopping,
             },
+        }
+    }
+
+    /// Whether who comes and goes is anything to it: to what it does, to what it has said and is not
+    /// received yet, or to whose turn it is.
+    fn heeds_presence(&self) -> bool {
+        self.standing.is_some()
+            || self.ctx.communication.awaits_receipts()
+            || self.agent.heeds_presence()
+    }
+
+    /// Learns who is here, without a word about who came and went meanwhile.
+    fn catch_up(&mut self) {
+        let mut has_changed = false;
+        loop {
+            match self.presence.try_recv() {
+                Ok(_) | Err(TryRecvError::Lagged(_)) => has_changed = true,
+                Err(TryRecvError::Empty | TryRecvError::Closed) => break,
+            }
+        }
+        if has_changed {
+            self.told = self.ctx.directory();
         }
     }
 
@@ -295,6 +328,8 @@ impl<A: Agent> Life<A> {
             }
             Letter::Receipts(ids) => self.ctx.communication.received(&ids),
             Letter::Question(question) => self.asked(&question),
+            // It has looked who is here before it opened this.
+            Letter::Namesake => (),
         }
     }
 

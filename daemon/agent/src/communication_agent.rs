@@ -528,6 +528,11 @@ impl CommunicationAgent {
         self.carry_out(due)
     }
 
+    /// Whether something it has said may still not have come.
+    pub(crate) fn awaits_receipts(&self) -> bool {
+        !self.outbox.is_empty()
+    }
+
     /// Queue operations on an agent's activation or death.
     pub(crate) fn presence(&mut self, presence: &Presence) -> Vec<(ReplyToken, Undelivered)> {
         let now = Instant::now();

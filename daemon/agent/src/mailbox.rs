@@ -21,6 +21,8 @@ pub(crate) enum Letter {
     Receipts(Vec<MessageId>),
     /// A question that this agent may answer.
     Question(Question),
+    /// An agent of its name has come or gone elsewhere.
+    Namesake,
 }
 
 /// The slot through which letters are put in.

@@ -187,6 +187,11 @@ impl Outbox {
         }
     }
 
+    /// Whether everything has a receipt.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.parcels.is_empty()
+    }
+
     /// When something is due next.
     pub(crate) fn next_due(&self) -> Option<Instant> {
         self.parcels.values().map(UnderWay::due).min()

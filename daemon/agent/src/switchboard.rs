@@ -662,8 +662,14 @@ impl Inbound for Switchboard {
         let mut state = self.write();
         let changes = Arc::make_mut(&mut state.directory).update(&presence);
         for change in &changes {
+            let resident = change.resident();
             if let Presence::Left(resident) = change {
                 state.heard.remove(&resident.agent);
+            }
+            let namesake = state.agents.get(&resident.agent);
+            if let Some(namesake) = namesake.filter(|_| resident.daemon != self.daemon) {
+                // Where there is no room, it has something to open, and looks before it does.
+                let _ = namesake.slot.put(Letter::Namesake);
             }
             tracing::debug!(?change, "presence");
             // Nobody listens where no agent runs.
