@@ -263,11 +263,8 @@ impl<A: Agent> Life<A> {
     /// Learns who is here, without a word about who came and went meanwhile.
     fn catch_up(&mut self) {
         let mut has_changed = false;
-        loop {
-            match self.presence.try_recv() {
-                Ok(_) | Err(TryRecvError::Lagged(_)) => has_changed = true,
-                Err(TryRecvError::Empty | TryRecvError::Closed) => break,
-            }
+        while let Ok(_) | Err(TryRecvError::Lagged(_)) = self.presence.try_recv() {
+            has_changed = true;
         }
         if has_changed {
             self.told = self.ctx.directory();

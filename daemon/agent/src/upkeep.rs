@@ -36,10 +36,12 @@ const COMPOSING_APART: Duration = Duration::from_millis(20);
 /// who asked all the same would be answered with what it knows.
 pub(crate) const TELLING: Duration = Duration::from_millis(20);
 
-/// How long before an agent that gave no answer is asked again, and how often: that it is here is known
-/// a moment before questions find their way to it. Who has no model is asked in vain.
-const ASK_AGAIN: Duration = Duration::from_millis(100);
-const ASKED_AGAIN: u32 = 4;
+/// How long before an agent that gave no answer is asked again for the first time, each time twice as
+/// long as before, and how often: that it is here is known a moment before questions find their way to
+/// it, and at most the tenth of a second after which Zenoh's routes are there. Who has no model is
+/// asked in vain.
+const ASK_AGAIN: Duration = Duration::from_millis(15);
+const ASKED_AGAIN: u32 = 5;
 
 /// A maintainer, and what keeps it up to date.
 pub struct Upkeep {
@@ -342,7 +344,8 @@ fn fetch<A: Maintains>(agent: &mut A, whose: &AgentId, again: u32, ctx: &mut Con
         agent.upkeep().fetching.remove(&name);
         if answers.is_empty() && again > 0 && agent.upkeep().maintainer.incarnation(&name).is_none()
         {
-            ctx.after(ASK_AGAIN, move |agent: &mut A, ctx| fetch(agent, &name, again - 1, ctx));
+            let wait = ASK_AGAIN * (1 << ASKED_AGAIN.saturating_sub(again));
+            ctx.after(wait, move |agent: &mut A, ctx| fetch(agent, &name, again - 1, ctx));
             return;
         }
         for answer in answers {

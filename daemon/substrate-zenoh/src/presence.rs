@@ -87,13 +87,13 @@ impl Watch {
         };
         let daemon = resident.daemon.clone();
         let mut is_unknown = false;
-        let take = |roster: &mut Roster| match sample.kind() {
-            SampleKind::Put => {
-                let Follows { passed_on, probe } = roster.put(resident, telling);
-                is_unknown = probe;
-                passed_on
-            }
-            SampleKind::Delete => roster.delete(&resident, telling),
+        let take = |roster: &mut Roster| {
+            let Follows { passed_on, probe } = match sample.kind() {
+                SampleKind::Put => roster.put(resident, telling),
+                SampleKind::Delete => roster.delete(&resident, telling),
+            };
+            is_unknown = probe;
+            passed_on
         };
         if daemon == *watch.asking.keys.daemon() {
             // At once: whoever announces an agent has heard of it when that call returns.
@@ -156,10 +156,10 @@ impl Watch {
         self.lock().roster.silent()
     }
 
-    /// Probes a daemon until it answers or [`REACHED_WITHIN`] has passed.
+    /// Probes a daemon until it answers, all its tokens are gone, or [`REACHED_WITHIN`] has passed.
     async fn probe(watch: Arc<Watch>, daemon: DaemonId) {
         let answered = async {
-            while !watch.is_reached(&daemon).await {
+            while watch.lock().roster.awaits(&daemon) && !watch.is_reached(&daemon).await {
                 tokio::time::sleep(PROBE_PERIOD).await;
             }
         };

@@ -50,7 +50,7 @@ enum Route {
     Unknown,
     /// It is being probed.
     Probed,
-    /// It answered, and none of its agents has left since.
+    /// It answered, and answered again after an agent of it had left.
     Known,
 }
 
@@ -65,7 +65,7 @@ pub(crate) enum Hosts<'h> {
     Named(&'h [(AgentId, Incarnation)]),
 }
 
-/// What follows from a token.
+/// What follows from a token that has come or gone.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct Follows {
     pub(crate) passed_on: Vec<Presence>,
@@ -102,24 +102,33 @@ impl Roster {
         Follows { passed_on: Vec::new(), probe }
     }
 
-    /// A token has gone. Its daemon's route is unknown from then on: whether the daemon went with
-    /// it shows at the next token, or call.
-    pub(crate) fn delete(&mut self, resident: &Resident, telling: u64) -> Vec<Presence> {
-        let Some(hosted) = self.daemons.get_mut(&resident.daemon) else { return Vec::new() };
-        let Some(token) = hosted.tokens.get_mut(resident) else { return Vec::new() };
+    /// A token has gone. Whether its daemon went with it is not known; it is probed at once, so that
+    /// who comes next need not wait for that.
+    pub(crate) fn delete(&mut self, resident: &Resident, telling: u64) -> Follows {
+        let Some(hosted) = self.daemons.get_mut(&resident.daemon) else {
+            return Follows::default();
+        };
+        let Some(token) = hosted.tokens.get_mut(resident) else { return Follows::default() };
         token.tellings.remove(&telling);
         if !token.tellings.is_empty() {
-            return Vec::new();
+            return Follows::default();
         }
         hosted.tokens.remove(resident);
-        if hosted.route == Route::Known {
-            hosted.route = Route::Unknown;
-        }
-        let left = hosted.leave(resident);
+        let passed_on = hosted.leave(resident);
+        let probe = hosted.route == Route::Known && resident.daemon != self.own;
         if hosted.tokens.is_empty() {
             self.daemons.remove(&resident.daemon);
+            return Follows { passed_on, probe: false };
         }
-        left
+        if probe {
+            hosted.route = Route::Probed;
+        }
+        Follows { passed_on, probe }
+    }
+
+    /// Whether a daemon is still to be probed.
+    pub(crate) fn awaits(&self, daemon: &DaemonId) -> bool {
+        self.daemons.get(daemon).is_some_and(|hosted| hosted.route == Route::Probed)
     }
 
     /// Of whom there are tokens, by daemon.
@@ -257,8 +266,16 @@ mod tests {
         assert_eq!(joined, [robot.clone(), second].map(Presence::Joined));
         let third = resident("late", "pi", 1);
         assert_eq!(roster.put(third.clone(), 0).passed_on, [Presence::Joined(third)]);
-        assert_eq!(roster.delete(&robot, 0), [Presence::Left(robot.clone())]);
-        assert!(roster.put(robot, 0).probe, "whether its daemon went along is not known");
+        let Follows { passed_on, probe } = roster.delete(&robot, 0);
+        assert_eq!(passed_on, [Presence::Left(robot.clone())]);
+        assert!(
+            probe && roster.awaits(&daemon("pi")),
+            "whether its daemon went along is not known"
+        );
+        assert_eq!(roster.put(robot.clone(), 0), Follows::default(), "one probe is enough");
+        let joined = roster.answered(&daemon("pi"), Hosts::AsKnown, roster.mark());
+        assert_eq!(joined, [Presence::Joined(robot)]);
+        assert!(!roster.awaits(&daemon("pi")));
     }
 
     #[test]
@@ -266,8 +283,8 @@ mod tests {
         let (mut roster, robot) = (roster(), resident("robot", "own", 1));
         assert_eq!(roster.put(robot.clone(), 0).passed_on, [Presence::Joined(robot.clone())]);
         assert_eq!(roster.put(robot.clone(), 1).passed_on, []);
-        assert_eq!(roster.delete(&robot, 0), []);
-        assert_eq!(roster.delete(&robot, 1), [Presence::Left(robot)]);
+        assert_eq!(roster.delete(&robot, 0).passed_on, []);
+        assert_eq!(roster.delete(&robot, 1).passed_on, [Presence::Left(robot)]);
     }
 
     #[test]
@@ -312,8 +329,8 @@ mod tests {
         roster.put(new.clone(), 0);
         roster.answered(&daemon("pi"), Hosts::Unsaid, roster.mark());
         assert_eq!(roster.put(old.clone(), 0).passed_on, []);
-        assert_eq!(roster.delete(&old, 0), []);
-        assert_eq!(roster.delete(&new, 0), [Presence::Left(new)]);
+        assert_eq!(roster.delete(&old, 0).passed_on, []);
+        assert_eq!(roster.delete(&new, 0).passed_on, [Presence::Left(new)]);
     }
 
     #[test]
