@@ -23,6 +23,11 @@ impl Directory {
         self.residents.get(agent)?.first()
     }
 
+    /// All of this name: who holds it, and those who want it.
+    pub fn all(&self, agent: &AgentId) -> &[Resident] {
+        self.residents.get(agent).map_or(&[], |all| all.as_slice())
+    }
+
     /// This life of an agent, whether it holds the name or wants it.
     pub fn life(&self, agent: &AgentId, incarnation: Incarnation) -> Option<&Resident> {
         self.residents.get(agent)?.iter().find(|resident| resident.incarnation == incarnation)

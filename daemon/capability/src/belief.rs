@@ -92,6 +92,8 @@ pub(crate) struct Beliefs {
     /// Whether something may hold that did not, or the reverse, since that was asked last.
     is_moved: bool,
     untold: Untold,
+    /// What requests changed while another acted elsewhere, if one did.
+    apart: Option<Untold>,
     stamps: u64,
 }
 
@@ -201,6 +203,28 @@ impl Beliefs {
         }
     }
 
+    fn note_change(&mut self, fact: &FactKey, owner: &Owner, source: Source) {
+        self.untold.note(fact, owner, source);
+        if let Some(apart) = &mut self.apart {
+            apart.note(fact, owner, source);
+        }
+    }
+
+    /// Notes from now on what requests change, unless it does already.
+    pub(crate) fn part(&mut self) {
+        self.apart.get_or_insert_with(Untold::nothing);
+    }
+
+    /// What requests have changed since then; nobody is apart any more.
+    pub(crate) fn reunite(&mut self) -> Option<Untold> {
+        self.apart.take()
+    }
+
+    /// Whether requests may have changed here what `owner` says of a fact, since another acts elsewhere.
+    pub(crate) fn has_changed_apart(&self, fact: &FactKey, owner: &Owner) -> bool {
+        self.apart.as_ref().is_some_and(|apart| apart.has(fact, owner))
+    }
+
     /// What may be other than when this was asked last.
     pub(crate) fn take_untold(&mut self) -> Untold {
         self.untold.take()
@@ -254,7 +278,7 @@ impl Beliefs {
     /// Believes `owner`, in place of what it said of this fact before.
     pub(crate) fn claim(&mut self, fact: FactKey, owner: &Owner, claim: Claim) {
         self.disturb(&fact, owner, Some(claim.source));
-        self.untold.note(&fact, owner, claim.source);
+        self.note_change(&fact, owner, claim.source);
         self.stamps += 1;
         let stamp = self.stamps;
         let mut since = stamp;
@@ -269,7 +293,7 @@ impl Beliefs {
                 if known.claim.until == claim.until {
                     let before = known.claim.source;
                     *known = Stamped { stamp, since, claim };
-                    self.untold.note(&fact, owner, before);
+                    self.note_change(&fact, owner, before);
                     if is_contested || !is_repeated {
                         self.touch(fact);
                     }
@@ -300,7 +324,7 @@ impl Beliefs {
         if owners.0.is_empty() {
             self.claims.remove(fact);
         }
-        self.untold.note(fact, owner, claim.source);
+        self.note_change(fact, owner, claim.source);
         if let Some(until) = claim.until {
             self.deadlines.remove(&(until, fact.clone(), owner.clone()));
         }
@@ -376,6 +400,17 @@ impl Beliefs {
             for claim in owners.0.iter_mut().map(|(_, stamped)| &mut stamped.claim) {
                 if claim.source == Source::Told {
                     claim.source = Source::Request;
+                }
+            }
+        }
+    }
+
+    /// What was requested here is from now on what was told by another: who does not say it is right.
+    pub(crate) fn disown(&mut self) {
+        for owners in self.claims.values_mut() {
+            for claim in owners.0.iter_mut().map(|(_, stamped)| &mut stamped.claim) {
+                if claim.source.is_requested() {
+                    claim.source = Source::Told;
                 }
             }
         }

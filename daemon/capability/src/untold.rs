@@ -33,6 +33,19 @@ impl Untold {
 
     /// All of them; from now on, those that come.
     pub(crate) fn take(&mut self) -> Untold {
-        std::mem::replace(self, Untold::These(BTreeSet::new()))
+        std::mem::replace(self, Untold::nothing())
+    }
+
+    /// None yet.
+    pub(crate) fn nothing() -> Untold {
+        Untold::These(BTreeSet::new())
+    }
+
+    /// Whether a word may be one of them.
+    pub(crate) fn has(&self, fact: &FactKey, owner: &Owner) -> bool {
+        match self {
+            Untold::Any => true,
+            Untold::These(untold) => untold.contains(&(fact.clone(), owner.clone())),
+        }
     }
 }

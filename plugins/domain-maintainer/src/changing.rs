@@ -25,6 +25,7 @@ const TOLD_MAX: usize = 8;
 impl DomainMaintainer {
     pub(crate) fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
         upkeep::compose(self, ctx);
+        self.look_around(ctx);
         let engagement = Engagement::of(&message);
         let asker = &message.sender;
         let request = message.content_as::<Request>();
@@ -33,6 +34,7 @@ impl DomainMaintainer {
             Ok(Request::ChangeMetric(change)) => self.change_metric(&change),
             Ok(Request::ChangeActions(change)) => self.change_actions(change),
             Ok(Request::Observe(observed)) => self.observe(asker, &observed),
+            Ok(Request::Keep(handed)) => return self.handed(&message, &handed, ctx),
             Ok(_) => Err(Refusal::new(
                 Reason::Incapable,
                 "a Domain Maintainer takes `change-state`, `change-metric`, `change-actions` and \

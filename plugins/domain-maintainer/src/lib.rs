@@ -8,6 +8,7 @@
 //! - Does not plan, and decides nothing about goals.
 
 mod changing;
+mod handing_over;
 mod kept;
 
 use std::sync::Arc;
@@ -27,6 +28,7 @@ use agent::{
 use capability::{Change, Conflict, Maintainer, Moment, Requests, Scope};
 use serde::Deserialize;
 
+use crate::handing_over::Namesakes;
 use crate::kept::KeptRequests;
 
 /// How long after an announcement changes are gathered for the next: the models of a daemon that
@@ -66,6 +68,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         keeper: Keeper::new(&blueprint.host),
         is_leading: false,
         recalled: None,
+        namesakes: Namesakes::default(),
     }))
 }
 
@@ -86,6 +89,7 @@ struct DomainMaintainer {
     is_leading: bool,
     /// What requests had changed when it was kept last, if that was read.
     recalled: Option<Version>,
+    namesakes: Namesakes,
 }
 
 /// How much of what requests changed is told: at each moment the most that somebody lacks.
@@ -107,9 +111,16 @@ impl Agent for DomainMaintainer {
     }
 
     fn leads(&mut self, is_leading: bool, ctx: &mut Context<Self>) {
-        self.is_leading = is_leading;
+        let was_leading = std::mem::replace(&mut self.is_leading, is_leading);
         self.upkeep.maintainer.stands_by(!is_leading);
         keeping::leads(self, is_leading, ctx);
+        if is_leading {
+            // Another may act where this one does not reach.
+            self.upkeep.maintainer.part();
+            self.look_around(ctx);
+        } else if was_leading {
+            self.stand_down(ctx);
+        }
         if is_leading && self.upkeep.maintainer.revision() > 0 {
             // Whoever listens learns that somebody speaks again, and all that requests changed.
             self.tells = Tells::All;
@@ -120,6 +131,9 @@ impl Agent for DomainMaintainer {
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         upkeep::presence(self, presence, ctx);
         keeping::presence(self, presence, ctx);
+        if presence.resident().agent == *ctx.id() {
+            self.look_around(ctx);
+        }
     }
 
     fn asked(&mut self, resource: Resource, ctx: &mut Context<Self>) -> Option<String> {

@@ -158,12 +158,23 @@ impl Maintainer {
     /// plans are measured by and what is withheld is not in it.
     pub fn requested_since(&mut self, now: Moment) -> Option<RequestedSince> {
         let Untold::These(untold) = self.beliefs.take_untold() else { return None };
+        let is_back = |(fact, owner): &(FactKey, Owner)| {
+            *owner == Owner::Map && self.beliefs.claim_of(fact, owner).is_some()
+        };
+        if untold.iter().any(is_back) {
+            return None;
+        }
+        Some(self.words(&untold, now))
+    }
+
+    /// What is said now of these.
+    fn words(&self, of: &BTreeSet<(FactKey, Owner)>, now: Moment) -> RequestedSince {
         let mut since = RequestedSince::default();
         let (mut told, mut gone) = (Vec::new(), Vec::new());
-        for (fact, owner) in &untold {
+        for (fact, owner) in of {
             let claim = self.beliefs.stamped_claim_of(fact, owner);
             match (owner, claim) {
-                (Owner::Map, Some(_)) => return None,
+                (Owner::Map, Some(_)) => (),
                 (Owner::Map, None) => gone.push(fact.element(any_value(fact))),
                 // Nobody was told: its heartbeats say it.
                 (Owner::Agent(agent), _) if self.says(agent, fact) => (),
@@ -186,7 +197,74 @@ impl Maintainer {
         told.sort_by_key(|(stamp, _)| *stamp);
         since.facts = told.into_iter().map(|(_, told)| told).collect();
         since.retracted = text_of(&gone);
-        Some(since)
+        since
+    }
+
+    // === of several that act apart, one goes on ===
+
+    /// Another central maintainer acts where this one does not reach, or may: from now on it is noted
+    /// what requests change here.
+    pub fn part(&mut self) {
+        self.beliefs.part();
+    }
+
+    /// All that could act elsewhere are here, and nobody has anything to tell.
+    pub fn reunite(&mut self) {
+        self.beliefs.reunite();
+    }
+
+    /// They meet again, and this one stands down: what requests changed here meanwhile, for the one
+    /// that goes on. What it tells is right from now on.
+    pub fn stand_down(&mut self, now: Moment) -> RequestedSince {
+        let changed = match self.beliefs.reunite() {
+            None => RequestedSince::default(),
+            Some(Untold::These(changed)) => self.words(&changed, now),
+            // Too much is other: all of it, but for what was withdrawn.
+            Some(Untold::Any) => {
+                let Requested { facts, retracted, .. } = self.requested(now);
+                RequestedSince { facts, retracted, withdrawn: Vec::new() }
+            }
+        };
+        self.beliefs.disown();
+        changed
+    }
+
+    /// They meet again, and this one goes on: takes what requests changed at the other. Of what was
+    /// changed at both, the word that was given here stands.
+    ///
+    /// # Errors
+    ///
+    /// If it is too much; what came before that is taken.
+    pub fn reconcile(&mut self, changed: &RequestsSince, now: Moment) -> Result<Change, Declined> {
+        let RequestsSince { facts, withdrawn, retracted } = changed;
+        for fact in retracted {
+            if let Statement::Is(key, _) = Statement::of(fact)
+                && !self.beliefs.has_changed_apart(&key, &Owner::Map)
+            {
+                self.beliefs.withdraw(&key, &Owner::Map);
+            }
+        }
+        for (agent, fact) in withdrawn {
+            let Statement::Is(key, _) = Statement::of(fact) else { continue };
+            let owner = Owner::Agent(agent.clone());
+            let known = self.beliefs.claim_of(&key, &owner);
+            if known.is_some_and(|known| known.source.is_requested())
+                && !self.beliefs.has_changed_apart(&key, &owner)
+            {
+                self.beliefs.withdraw(&key, &owner);
+            }
+        }
+        for (agent, known) in facts {
+            let Statement::Is(key, value) = Statement::of(&known.fact) else { continue };
+            let owner = Owner::Agent(agent.clone());
+            if self.says(agent, &key) || self.beliefs.has_changed_apart(&key, &owner) {
+                continue;
+            }
+            self.beliefs.has_room(&owner, 1)?;
+            let claim = Claim::new(value, Source::Request, now).until(known.until);
+            self.beliefs.claim(key, &owner, claim);
+        }
+        Ok(self.conclude(now))
     }
 
     /// A claim as it is told, if nobody learns of it from its owner's model or heartbeats.

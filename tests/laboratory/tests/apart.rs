@@ -1,0 +1,163 @@
+//! What requests change while the network is in two pieces, each with a Domain Maintainer that acts: when
+//! the pieces meet, nothing of it is lost, and who goes on knows it.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::content::{BelievedState, ChangeState, Request, value};
+use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative, Protocol};
+use agent::{
+    Agent, Answer, Berth, Blueprint, Callbacks, Context, Host, Opening, Resource, Settings,
+    Switchboard,
+};
+use substrate::Ask;
+use substrate::faulty::Network;
+use tokio::sync::mpsc;
+use tokio::time::timeout;
+use tokio_util::sync::CancellationToken;
+
+const DOMAIN: &str = "(define (domain d) (:requirements :strips :typing)
+    (:types lamp) (:predicates (lit ?l - lamp)) (:functions (price ?l - lamp)))";
+const PROBLEM: &str = "(define (problem p) (:domain d)
+    (:objects hall attic cellar porch - lamp) (:init (lit porch)) (:goal (and)))";
+
+const LEASE: Duration = Duration::from_secs(4);
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Asks for a change, and tells the answer.
+struct Asker(ChangeState, mpsc::UnboundedSender<Performative>);
+
+impl Agent for Asker {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        let opening = Opening {
+            to: Some(name("domain-maintainer")),
+            performative: Performative::Request,
+            protocol: Protocol::StateChange,
+            conversation: ctx.new_conversation(),
+            content: value(&Request::ChangeState(std::mem::take(&mut self.0))),
+        };
+        ctx.open(opening, PATIENCE, |asker: &mut Asker, answer, _| {
+            if let Answer::Message(message) = answer {
+                asker.1.send(message.performative).expect("the test listens");
+            }
+        });
+    }
+}
+
+fn name(text: &str) -> AgentId {
+    AgentId::new(text).expect("a name")
+}
+
+struct Machine {
+    switchboard: Arc<Switchboard>,
+    lives: u64,
+}
+
+impl Machine {
+    /// A daemon with a Domain Maintainer; the earlier its life, the sooner its turn.
+    fn new(network: &Network, daemon: &str, life: u64) -> Machine {
+        let daemon = DaemonId::new(daemon).expect("a name");
+        let ecosystem = EcosystemId::new("home").expect("a name");
+        let settings = Settings::default();
+        let switchboard = Switchboard::new(ecosystem, daemon.clone(), settings.clone());
+        switchboard.connect(network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _));
+        let ontology = pddl::parse_domain(DOMAIN).into_result().expect("a domain");
+        let map = pddl::parse_problem(PROBLEM).into_result().expect("a problem");
+        let host = Arc::new(Host { settings, ..Host::new(ontology, map) });
+        let config = serde_json::json!({}).into();
+        let (id, driver) = (name("domain-maintainer"), String::new());
+        let blueprint = Blueprint { id: id.clone(), driver, config, host };
+        let maintainer = (domain_maintainer::PLUGIN.build)(blueprint).expect("built");
+        let mut machine = Machine { switchboard, lives: life };
+        let berth = machine.berth(id, true);
+        drop(maintainer.launch(berth));
+        machine
+    }
+
+    fn berth(&mut self, id: AgentId, stands_by: bool) -> Berth {
+        self.lives += 10;
+        Berth {
+            id,
+            incarnation: Incarnation(self.lives),
+            switchboard: Arc::clone(&self.switchboard),
+            ontology: Arc::from("d"),
+            stopping: CancellationToken::new(),
+            stands_by,
+            via: [].into(),
+        }
+    }
+
+    /// Somebody here asks for a change in the name of `owner`.
+    async fn change(&mut self, owner: &str, believe: &str, retract: &str) {
+        let (told, mut heard) = mpsc::unbounded_channel();
+        let (believe, retract) = (believe.to_owned(), retract.to_owned());
+        let asker = Asker(ChangeState { believe, retract, owner: Some(name(owner)) }, told);
+        let id = name(&format!("asker-{}", self.lives));
+        let berth = self.berth(id, false);
+        drop(agent::Launch::launch(Box::new(asker), berth));
+        let answer = timeout(PATIENCE, heard.recv()).await.expect("in time");
+        assert_eq!(answer, Some(Performative::Confirm));
+    }
+
+    /// What the Domain Maintainer of this machine believes.
+    async fn believes(&self) -> BTreeSet<String> {
+        let ask = Ask {
+            daemon: Some(self.switchboard.daemon().clone()),
+            resource: Resource::State,
+            agent: Some(name("domain-maintainer")),
+        };
+        let answers = self.switchboard.ask(ask, PATIENCE).await;
+        let states = answers.iter().filter_map(|text| serde_json::from_slice(text).ok());
+        let facts = states.flat_map(|state: BelievedState| state.facts);
+        facts.map(|fact| fact.fact).collect()
+    }
+
+    /// Waits until it acts and believes this.
+    async fn comes_to_believe(&self, expected: &[&str]) {
+        let expected: BTreeSet<_> = expected.iter().map(|&fact| fact.to_owned()).collect();
+        let mut believed = BTreeSet::new();
+        let waiting = async {
+            while believed != expected {
+                tokio::time::sleep(Duration::from_millis(100)).await;
+                believed = self.believes().await;
+            }
+        };
+        let in_time = timeout(PATIENCE, waiting).await;
+        assert!(in_time.is_ok(), "{}: {believed:?}", self.switchboard.daemon());
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_was_changed_on_either_side_of_a_partition_is_known_after_it() {
+    let network = Network::new(7);
+    let mut one = Machine::new(&network, "one", 1);
+    let mut two = Machine::new(&network, "two", 1_000);
+    one.comes_to_believe(&["(lit porch)"]).await;
+    one.change("ann", "(lit hall) (= (price hall) 1) (= (price attic) 1)", "").await;
+    // So long that nobody counts as apart.
+    tokio::time::sleep(Duration::from_secs(20)).await;
+    one.change("cem", "(lit cellar)", "").await;
+
+    let cut = network.cut([DaemonId::new("two").expect("a name")].into(), LEASE);
+    let before = ["(lit porch)", "(lit hall)", "(= (price hall) 1)", "(= (price attic) 1)"];
+    two.comes_to_believe(&[&before[..], &["(lit cellar)"]].concat()).await;
+    // In one piece a price is raised and the hall darkened, in the other another price, and a room
+    // is lit; the attic's price is changed in both.
+    one.change("ann", "(= (price attic) 2)", "(lit hall)").await;
+    two.change("ann", "(= (price hall) 5) (= (price attic) 9)", "").await;
+    two.change("bob", "(lit attic)", "(lit porch)").await;
+    two.change("cem", "", "(lit cellar)").await;
+
+    network.mend(cut);
+    let after = ["(lit attic)", "(= (price hall) 5)", "(= (price attic) 2)"];
+    one.comes_to_believe(&after).await;
+    // Who stands by has heard it, and goes on with it.
+    tokio::time::sleep(Duration::from_secs(5)).await;
+    network.kill(&DaemonId::new("one").expect("a name"));
+    two.comes_to_believe(&after).await;
+}
