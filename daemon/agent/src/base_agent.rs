@@ -153,8 +153,9 @@ struct Life<A: Agent> {
     ctx: Context<A>,
     mailbox: Mailbox,
     presence: broadcast::Receiver<Presence>,
-    /// What this agent was told of who is here: the daemon's own, where it was told all.
-    told: Arc<Directory>,
+    /// What this agent was told of who is here: the daemon's own, where it was told all. None while it
+    /// does not heed that: of those that wait, none is to keep a directory that is over.
+    told: Option<Arc<Directory>>,
     /// Kept from one event to the next, as `alarm` is: those of a thousand agents that are all woken
     /// at once would otherwise be put on the daemon's lists and taken off them each time.
     stopping: Pin<Box<WaitForCancellationFutureOwned>>,
@@ -181,6 +182,7 @@ async fn live<A: Agent>(agent: Box<A>, berth: Berth) -> Result<(), LaunchError> 
     let standing = stands_by.then(|| Standing::new(Instant::now()));
     let stopping = Box::pin(stopping.cancelled_owned());
     let alarm = Box::pin(tokio::time::sleep_until(Instant::now()));
+    let told = Some(told);
     let mut life =
         Life { agent, callbacks, ctx, mailbox, presence, told, stopping, alarm, standing, _token };
     let end = life.run().await;
@@ -204,7 +206,7 @@ async fn await_name(id: &AgentId, switchboard: &Switchboard) -> Result<(), Launc
 
 impl<A: Agent> Life<A> {
     async fn run(&mut self) -> Result<(), LaunchError> {
-        let already: Vec<_> = self.told.iter().cloned().map(Presence::Joined).collect();
+        let already: Vec<_> = self.told().iter().cloned().map(Presence::Joined).collect();
         self.agent.activated(&mut self.ctx);
         if self.standing.is_none() {
             self.agent.leads(true, &mut self.ctx);
@@ -232,6 +234,7 @@ impl<A: Agent> Life<A> {
     async fn next_event(&mut self, draining: bool) -> Event<A> {
         let standing = self.standing.as_ref().and_then(Standing::due);
         let heeds = self.heeds_presence();
+        self.told = if heeds { Some(self.told()) } else { None };
         let due = self.ctx.next_due().into_iter().chain(standing).min();
         if let Some(due) = due.filter(|due| *due != self.alarm.deadline()) {
             self.alarm.as_mut().reset(due);
@@ -260,15 +263,15 @@ impl<A: Agent> Life<A> {
             || self.agent.heeds_presence()
     }
 
-    /// Learns who is here, without a word about who came and went meanwhile.
+    /// Leaves unread who came and went meanwhile.
     fn catch_up(&mut self) {
-        let mut has_changed = false;
-        while let Ok(_) | Err(TryRecvError::Lagged(_)) = self.presence.try_recv() {
-            has_changed = true;
-        }
-        if has_changed {
-            self.told = self.ctx.directory();
-        }
+        while let Ok(_) | Err(TryRecvError::Lagged(_)) = self.presence.try_recv() {}
+    }
+
+    /// What it was told of who is here; who has not heeded that begins with who is.
+    fn told(&mut self) -> Arc<Directory> {
+        let ctx = &self.ctx;
+        Arc::clone(self.told.get_or_insert_with(|| ctx.directory()))
     }
 
     fn handle(&mut self, event: Event<A>) {
@@ -277,7 +280,7 @@ impl<A: Agent> Life<A> {
             Event::Presence(presence) => self.tell(&presence),
             Event::PresenceMissed => {
                 let now = self.ctx.directory();
-                for change in self.told.changes_to(&now) {
+                for change in self.told().changes_to(&now) {
                     self.tell(&change);
                 }
             }
@@ -290,9 +293,13 @@ impl<A: Agent> Life<A> {
 
     /// Sees whether it is this agent's turn to act.
     fn take_its_stand(&mut self) {
+        if self.standing.is_none() {
+            return;
+        }
+        let told = self.told();
         let Some(standing) = &mut self.standing else { return };
         let (id, daemon) = (self.ctx.id(), self.ctx.switchboard().daemon());
-        let is_first = self.told.find(id).is_some_and(|holder| holder.daemon == *daemon);
+        let is_first = told.find(id).is_some_and(|holder| holder.daemon == *daemon);
         let news = standing.take(is_first, Instant::now());
         let kept = if standing.is_about_to_act() { Vec::new() } else { standing.kept() };
         if let Some(is_leading) = news {
@@ -359,7 +366,8 @@ impl<A: Agent> Life<A> {
             Opened::Continues(token, message) => return self.continued(&token, message),
             _ => return,
         };
-        let acts = self.told.find(self.ctx.id()).map(|holder| holder.daemon.to_string());
+        let told = self.told();
+        let acts = told.find(self.ctx.id()).map(|holder| holder.daemon.to_string());
         let detail = match acts {
             Some(daemon) => format!("I stand by; the one at `{daemon}` acts"),
             None => "I stand by".to_owned(),
@@ -429,9 +437,12 @@ impl<A: Agent> Life<A> {
 
     fn tell(&mut self, presence: &Presence) {
         match self.ctx.switchboard().told_whole(&self.presence) {
-            Some(whole) => self.told = whole,
+            Some(whole) => self.told = Some(whole),
             None => {
-                Arc::make_mut(&mut self.told).update(presence);
+                let mut told = self.told();
+                self.told = None;
+                Arc::make_mut(&mut told).update(presence);
+                self.told = Some(told);
             }
         }
         let lost = self.ctx.communication.presence(presence);
@@ -452,7 +463,10 @@ impl<A: Agent> Life<A> {
         if self.standing.is_some() {
             return None;
         }
-        let holder = self.told.find(self.ctx.id())?;
-        (holder.daemon != *self.ctx.switchboard().daemon()).then(|| holder.clone())
+        let holder = match &self.told {
+            Some(told) => told.find(self.ctx.id()).cloned(),
+            None => self.ctx.find(self.ctx.id()),
+        };
+        holder.filter(|holder| holder.daemon != *self.ctx.switchboard().daemon())
     }
 }

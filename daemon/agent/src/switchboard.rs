@@ -209,6 +209,14 @@ impl Switchboard {
         self.read().directory.find(agent).cloned()
     }
 
+    /// Resolves when those who are here now hear what is said to all; see [`Substrate::introduced`].
+    pub fn introduced(&self) -> BoxFuture<()> {
+        match self.substrate.get() {
+            Some(substrate) => substrate.introduced(),
+            None => Box::pin(std::future::ready(())),
+        }
+    }
+
     /// Asks daemons for a resource.
     pub fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
         if ask.daemon.as_ref() == Some(&self.daemon) {
@@ -666,14 +674,14 @@ impl Inbound for Switchboard {
             if let Presence::Left(resident) = change {
                 state.heard.remove(&resident.agent);
             }
+            tracing::debug!(?change, "presence");
+            // Nobody listens where no agent runs.
+            let _ = self.presence.send(change.clone());
             let namesake = state.agents.get(&resident.agent);
             if let Some(namesake) = namesake.filter(|_| resident.daemon != self.daemon) {
                 // Where there is no room, it has something to open, and looks before it does.
                 let _ = namesake.slot.put(Letter::Namesake);
             }
-            tracing::debug!(?change, "presence");
-            // Nobody listens where no agent runs.
-            let _ = self.presence.send(change.clone());
         }
         drop(state);
         changes.iter().for_each(|change| self.show_commons(change));

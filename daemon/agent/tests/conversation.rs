@@ -1,6 +1,7 @@
 //! Agents in conversation, over the in-memory substrate: receipts, retries, refusals, deaths.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use acl::content::{Outcome, Reason, Refusal, Report, Request, value};
@@ -8,8 +9,8 @@ use acl::{
     AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message, Performative, Protocol,
 };
 use agent::{
-    Agent, Answer, Berth, Callbacks, Context, Engagement, Launch, LaunchError, Opening, Settings,
-    Switchboard,
+    Agent, Answer, Berth, Callbacks, Context, Engagement, Launch, LaunchError, Opening, Presence,
+    Settings, Switchboard,
 };
 use bytes::Bytes;
 use substrate::memory::Network;
@@ -476,4 +477,80 @@ async fn of_several_the_oldest_acts_and_the_next_takes_over() {
     network.kill(&DaemonId::new("b").expect("a name"));
     assert!(ask("second", 11).await.contains("confirm"));
     assert!(deeds[0].try_recv().is_ok(), "it takes over");
+}
+
+// === who does not heed who comes and goes ===
+
+/// Heeds presence while it is to; passes on what it is told of it.
+struct Idler {
+    heeds: Arc<AtomicBool>,
+    met: mpsc::UnboundedSender<String>,
+}
+
+impl Agent for Idler {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new().on(Performative::Request, Self::requested)
+    }
+
+    fn presence(&mut self, presence: &Presence, _: &mut Context<Self>) {
+        let word = if matches!(presence, Presence::Joined(_)) { "joined" } else { "left" };
+        let line = format!("{} {word}", presence.resident().agent);
+        self.met.send(line).expect("the test listens");
+    }
+
+    fn heeds_presence(&self) -> bool {
+        self.heeds.load(Ordering::Relaxed)
+    }
+}
+
+impl Idler {
+    fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let engagement = Engagement::of(&message);
+        ctx.answer(&engagement, Performative::Agree, &serde_json::json!({}));
+        let report = Report::new(Outcome::Done, "idle");
+        ctx.answer(&engagement, Performative::Confirm, &report);
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn who_does_not_heed_presence_is_told_from_when_it_does() {
+    let network = Network::new();
+    let [a, b] = ["a", "b"].map(|name| Daemon::open(&network, name, Settings::default()));
+    let (heeds, (met, mut meets)) = (Arc::new(AtomicBool::new(false)), mpsc::unbounded_channel());
+    a.launch(Idler { heeds: Arc::clone(&heeds), met }, "worker", 1);
+    let ask = async |asker: &str, life: u64| {
+        let (heard, mut hears) = mpsc::unbounded_channel();
+        let (patience, performative) = (Duration::from_secs(5), Performative::Request);
+        b.launch(Asker { patience, performative, changes_its_mind: false, heard }, asker, life);
+        while !hears.recv().await.expect("an answer").contains("confirm") {}
+    };
+    let (done, _did) = mpsc::unbounded_channel();
+    ask("first", 1).await;
+    // As long as its answer may not have come, it heeds who comes all the same.
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    while meets.try_recv().is_ok() {}
+    b.launch(Worker { takes: Duration::ZERO, done: done.clone() }, "newcomer", 1);
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    assert!(meets.try_recv().is_err(), "it is not told");
+    // The next that happens to it shows it that it heeds now.
+    heeds.store(true, Ordering::Relaxed);
+    ask("second", 2).await;
+    b.launch(Worker { takes: Duration::ZERO, done }, "another", 1);
+    let told = async { while meets.recv().await.expect("it lives") != "another joined" {} };
+    tokio::time::timeout(Duration::from_secs(5), told).await.expect("it is told");
+}
+
+#[tokio::test(start_paused = true)]
+async fn who_does_not_heed_presence_gives_way_to_who_had_its_name_before() {
+    let network = Network::new();
+    let settings = Settings { mailbox_messages_max: 1, ..Settings::default() };
+    let [a, b] = ["a", "b"].map(|name| Daemon::open(&network, name, settings.clone()));
+    let (met, _meets) = mpsc::unbounded_channel();
+    let life = a.launch(Idler { heeds: Arc::default(), met }, "worker", 9);
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    // It comes from where it was not seen.
+    let _token = b.port.announce(&name("worker"), Incarnation(3)).expect("open");
+    let ended = tokio::time::timeout(Duration::from_secs(5), life).await.expect("in time");
+    let error = ended.expect("no panic").expect_err("the name is taken").to_string();
+    assert!(error.contains("already at daemon `b`"), "{error}");
 }

@@ -122,6 +122,12 @@ impl Identity {
         })
     }
 
+    /// The same, in a life that is known to be later than any before, where the clock may not say so.
+    #[must_use]
+    pub fn in_life(self, life: u64) -> Identity {
+        Identity { life, ..self }
+    }
+
     /// The same key, for a guest of this daemon; see [`DaemonId::guest`].
     #[must_use]
     pub fn for_guest(self, guest: DaemonId) -> Identity {

@@ -5,6 +5,7 @@
 //! So what is said to all counts only from where the speaker itself says, when it is called, that
 //! it has come; and what is said to one is for one life of it.
 
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
@@ -78,7 +79,12 @@ impl Replays {
         now: Instant,
     ) -> Result<(), Distrust> {
         let Place { life, channel, number, is_for_this_life } = place;
-        let known = self.speaker(speaker, life).ok_or(Distrust::Replayed)?;
+        // Only who has answered, or speaks to this life, is remembered: who plays what was recorded of
+        // many must push nobody out.
+        let known = match is_for_this_life {
+            true => self.speaker(speaker, life).ok_or(Distrust::Replayed)?,
+            false => self.answerer(speaker, life)?,
+        };
         if !is_for_this_life {
             let (from, answered) = known.from.as_ref().ok_or(Distrust::Uncalled)?;
             let is_before = from.get(channel).is_none_or(|from| number <= *from);
@@ -93,8 +99,26 @@ impl Replays {
         if is_new { Ok(()) } else { Err(Distrust::Replayed) }
     }
 
-    /// A speaker has answered how far it has come.
+    /// A speaker that has answered in this life of it.
+    fn answerer(&mut self, speaker: &str, life: u64) -> Result<&mut Speaker, Distrust> {
+        self.turn += 1;
+        let known = self.speakers.get_mut(speaker).ok_or(Distrust::Uncalled)?;
+        match life.cmp(&known.life) {
+            Ordering::Less => Err(Distrust::Replayed),
+            Ordering::Equal => {
+                known.heard = self.turn;
+                Ok(known)
+            }
+            Ordering::Greater => Err(Distrust::Uncalled),
+        }
+    }
+
+    /// A speaker has answered how far it has come. That is its word of this moment, also where it was
+    /// forgotten.
     pub(crate) fn answered(&mut self, speaker: &str, said: Said, now: Instant) {
+        if !self.speakers.contains_key(speaker) {
+            self.remember(speaker, said.life);
+        }
         if let Some(known) = self.speaker(speaker, said.life) {
             known.from.get_or_insert((said.numbers, now));
         }
@@ -125,6 +149,11 @@ impl Replays {
         if life <= self.forgotten {
             return false;
         }
+        self.remember(speaker, life);
+        true
+    }
+
+    fn remember(&mut self, speaker: &str, life: u64) {
         if self.speakers.len() >= SPEAKERS_MAX {
             let silent = self.speakers.iter().min_by_key(|(_, known)| known.heard);
             if let Some((name, life)) = silent.map(|(name, known)| (name.clone(), known.life)) {
@@ -132,8 +161,8 @@ impl Replays {
                 self.forgotten = self.forgotten.max(life);
             }
         }
-        self.speakers.insert(speaker.to_owned(), Speaker::new(life));
-        true
+        self.speakers
+            .insert(speaker.to_owned(), Speaker { heard: self.turn, ..Speaker::new(life) });
     }
 }
 
@@ -235,6 +264,13 @@ mod tests {
         replays.answered("pi", Said { life: 4, numbers: [0, 0] }, began);
         let mut note = |place| replays.note("pi", place, later);
         assert_eq!(note(place(10, false)), Err(Distrust::Replayed));
+        for guest in 0..1_000 {
+            let name = format!("pi--cli-{guest}");
+            assert_eq!(replays.note(&name, place(1, false), later), Err(Distrust::Uncalled));
+        }
+        assert_eq!(replays.speakers.len(), 1, "who is not heard is not remembered");
+        let mut note = |place| replays.note("pi", place, later);
+        assert_eq!(note(place(12, false)), Ok(()));
         let reborn = Place { life: 6, ..place(1, false) };
         assert_eq!(note(reborn), Err(Distrust::Uncalled));
         replays.answered("pi", Said { life: 6, numbers: [0, 0] }, began);

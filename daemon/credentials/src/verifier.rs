@@ -6,7 +6,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
-use std::time::{Instant, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use acl::DaemonId;
 use ring::digest::{SHA256, digest};
@@ -24,6 +24,10 @@ use crate::trust::Trust;
 /// Certificates remembered as good. Beyond it all are checked anew, which takes a tenth of a
 /// millisecond each.
 const CERTIFICATES_MAX: usize = 1_024;
+
+/// How long others may take to notice that a daemon has begun a new life: they call it at least once a
+/// second while anybody comes or goes.
+const NOTICED: Duration = Duration::from_secs(5);
 
 /// Something heard, with its seal.
 #[derive(Clone, Copy, Debug)]
@@ -63,6 +67,7 @@ pub struct Verifier {
     heard: Mutex<BTreeMap<String, Heard>>,
     /// How many messages one certificate's name may send in a second.
     messages_per_second: u32,
+    began: Instant,
     /// How often the list of revocations has changed.
     revisions: AtomicU64,
 }
@@ -83,6 +88,7 @@ impl Verifier {
             known: Mutex::default(),
             heard: Mutex::default(),
             messages_per_second,
+            began: Instant::now(),
             revisions: AtomicU64::new(0),
         }
     }
@@ -178,7 +184,9 @@ impl Verifier {
             return Err(Distrust::Flooded);
         }
         if seal.to != 0 && seal.to != sealed.heard_in {
-            return Err(Distrust::Belated);
+            // Whoever has not noticed yet that this is another life of it is not to blame.
+            let is_young = now.saturating_duration_since(self.began) < NOTICED;
+            return Err(if is_young { Distrust::Uncalled } else { Distrust::Belated });
         }
         let (channel, is_for_this_life) = (sealed.channel as usize, seal.to != 0);
         let place = Place { life: seal.life, channel, number: seal.number, is_for_this_life };

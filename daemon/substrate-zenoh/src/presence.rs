@@ -21,7 +21,7 @@ use zenoh::{Session, Wait};
 use crate::config::OpenError;
 use crate::inbound::undeclared;
 use crate::questions::Asking;
-use crate::roll_call::{Roll, digest};
+use crate::roll_call::{Call, Roll, digest};
 use crate::roster::{Follows, Hosts, Roster};
 
 /// How long a daemon is probed after its first token; from then on it is called together with all
@@ -129,15 +129,22 @@ impl Watch {
         state.is_passing = false;
     }
 
-    /// How many tokens have come. To be asked for when a call goes out.
-    pub(crate) fn mark(&self) -> u64 {
-        self.lock().roster.mark()
+    /// The daemons of which there is a token, but for this one.
+    pub(crate) fn others(&self) -> BTreeSet<DaemonId> {
+        let (_, known) = self.known();
+        known.into_keys().filter(|daemon| daemon != self.asking.keys.daemon()).collect()
     }
 
-    /// The same, and the agents that are known of each daemon, as digests.
+    /// How many tokens have come, to be asked for when a call goes out; and the agents that are known of
+    /// each daemon, as digests.
     pub(crate) fn known(&self) -> (u64, BTreeMap<DaemonId, u64>) {
+        self.known_of(None)
+    }
+
+    /// The same of one daemon only.
+    fn known_of(&self, one: Option<&DaemonId>) -> (u64, BTreeMap<DaemonId, u64>) {
         let state = self.lock();
-        let known = state.roster.known();
+        let known = state.roster.known(one);
         (state.roster.mark(), known.map(|(daemon, agents)| (daemon, digest(&agents))).collect())
     }
 
@@ -173,12 +180,14 @@ impl Watch {
     /// reaches everyone, so that the probe ends.
     async fn is_reached(&self, daemon: &DaemonId) -> bool {
         let (answers, mut heard) = mpsc::channel(1);
-        let (mark, nonce, asking) = (self.mark(), self.asking.nonce(), self.asking.clone());
+        let (nonce, asking) = (self.asking.nonce(), self.asking.clone());
+        let (mark, known) = self.known_of(Some(daemon));
+        let call = Call::new(known, asking.keys.daemon());
         {
             let Some(session) = self.session.upgrade() else { return true };
             let get =
                 session.get(self.asking.keys.reach(daemon)).attachment(nonce.map(ZBytes::from));
-            let get = get.congestion_control(CongestionControl::Drop);
+            let get = get.congestion_control(CongestionControl::Drop).payload(call.write());
             let get = get.express(true).timeout(REACHED_WITHIN);
             let asked = get.callback(move |reply| {
                 if let Some((_, roll)) = asking.roll(&reply, nonce.as_ref()) {

@@ -1,8 +1,8 @@
 //! How a revocation spreads: whoever has a newer list tells all, again and again; it is believed
 //! for the authority's signature, whoever brings it.
 //!
-//! Links with whoever is on it are not made, and those that there are close: a second later, so that
-//! who is reached only over one of them has heard.
+//! Links with whoever is on it are not made, and those that there are close: when the list is
+//! looked at next, within a second, so that who is reached only over one of them may have heard.
 //!
 //! The list comes into the ecosystem as a file, in the folder of any daemon.
 

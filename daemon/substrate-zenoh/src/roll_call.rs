@@ -26,7 +26,7 @@ use acl::{AgentId, DaemonId, Incarnation};
 use bytes::Bytes;
 use credentials::Said;
 use serde::{Deserialize, Serialize};
-use tokio::sync::oneshot;
+use tokio::sync::{Notify, oneshot};
 use tokio::time::Instant;
 use zenoh::bytes::ZBytes;
 use zenoh::qos::CongestionControl;
@@ -56,6 +56,9 @@ const PAUSE_MAX: Duration = Duration::from_secs(60);
 /// plain router, a stranger, or a dead whose token somebody else still holds.
 const TOLD_MAX: u32 = 3;
 
+/// Callers that are remembered: as many daemons as an ecosystem may have.
+const CALLERS_MAX: usize = 1_024;
+
 /// The longest answer that is read.
 const ANSWER_BYTES_MAX: usize = 1 << 20;
 
@@ -81,16 +84,25 @@ pub(crate) struct Call {
     /// The agents it knows of each daemon, as a [`digest`].
     #[serde(default)]
     known: BTreeMap<DaemonId, u64>,
+    /// Who calls.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    by: Option<DaemonId>,
 }
 
 /// The sessions of which this one was told, and what it says of others when it is called.
 #[derive(Clone, Default)]
-pub(crate) struct Told(Arc<Mutex<Known>>);
+pub(crate) struct Told {
+    known: Arc<Mutex<Known>>,
+    /// Told whenever somebody calls.
+    called: Arc<Notify>,
+}
 
 #[derive(Default)]
 struct Known {
     sessions: BTreeMap<String, BTreeSet<u64>>,
     silent: BTreeSet<DaemonId>,
+    /// Who has called, by its own word.
+    callers: BTreeSet<DaemonId>,
 }
 
 /// Calls until the session is closed.
@@ -143,7 +155,8 @@ impl Roll {
     ) -> Bytes {
         let is_known = call.known.get(me) == Some(&digest(&hosts));
         let hosts = (!is_known).then_some(hosts);
-        let known = lock(&told.0);
+        told.called(call);
+        let known = lock(&told.known);
         let (told, silent) = (known.sessions.keys().cloned().collect(), known.silent.clone());
         drop(known);
         let roll = Roll { hosts, told, silent, said };
@@ -160,8 +173,8 @@ impl Roll {
 // === impl Call ===
 
 impl Call {
-    pub(crate) fn new(known: BTreeMap<DaemonId, u64>) -> Call {
-        Call { known }
+    pub(crate) fn new(known: BTreeMap<DaemonId, u64>, by: &DaemonId) -> Call {
+        Call { known, by: Some(by.clone()) }
     }
 
     /// Reads a call; one that says nothing knows nobody.
@@ -170,7 +183,7 @@ impl Call {
         is_read.then(|| serde_json::from_slice(call).ok()).flatten().unwrap_or_default()
     }
 
-    fn write(&self) -> Vec<u8> {
+    pub(crate) fn write(&self) -> Vec<u8> {
         serde_json::to_vec(self).unwrap_or_default()
     }
 }
@@ -205,7 +218,7 @@ impl Told {
     }
 
     fn hear(&self, zid: &str, telling: u64, kind: SampleKind) {
-        let told = &mut lock(&self.0).sessions;
+        let told = &mut lock(&self.known).sessions;
         match kind {
             SampleKind::Put => {
                 told.entry(zid.to_owned()).or_default().insert(telling);
@@ -221,8 +234,34 @@ impl Told {
         }
     }
 
+    fn called(&self, call: &Call) {
+        let Some(by) = &call.by else { return };
+        let callers = &mut lock(&self.known).callers;
+        if callers.len() < CALLERS_MAX && callers.insert(by.clone()) {
+            self.called.notify_waiters();
+        }
+    }
+
+    /// Waits until all of these have called, or nobody will.
+    pub(crate) async fn called_by(&self, those: &BTreeSet<DaemonId>) {
+        let called = async {
+            loop {
+                let next = self.called.notified();
+                tokio::pin!(next);
+                // From before it is looked at.
+                next.as_mut().enable();
+                if those.is_subset(&lock(&self.known).callers) {
+                    return;
+                }
+                next.await;
+            }
+        };
+        // Everybody calls at least once a second while anybody comes.
+        let _ = tokio::time::timeout(UNREST_PERIOD * 2, called).await;
+    }
+
     fn has(&self, zid: &str) -> bool {
-        lock(&self.0).sessions.contains_key(zid)
+        lock(&self.known).sessions.contains_key(zid)
     }
 }
 
@@ -244,10 +283,13 @@ impl RollCall {
                 }
             }
             let (mark, known) = self.watch.known();
-            let Some(answers) = self.call(mark, &Call::new(known)).await else { return };
+            let Some(answers) = self.call(mark, &Call::new(known, self.asking.keys.daemon())).await
+            else {
+                return;
+            };
             let silent = self.watch.called(&answers.answered, mark);
             let is_beyond_doubt = silent.is_empty();
-            lock(&self.told.0).silent = silent;
+            lock(&self.told.known).silent = silent;
             let verdict = judgement.judge(&answers, Instant::now());
             if !is_beyond_doubt || verdict != Verdict::AllIsWell {
                 unrest_until = Instant::now() + UNREST;
@@ -416,7 +458,7 @@ mod tests {
         let later = (robot.0.clone(), Incarnation(8));
         for (known, is_named) in [(vec![robot.clone()], false), (vec![later], true), (vec![], true)]
         {
-            let call = Call::new([(pi.clone(), digest(&known))].into());
+            let call = Call::new([(pi.clone(), digest(&known))].into(), &me);
             let answer =
                 Roll::answer(vec![robot.clone()], &told, None, (&pi, &Call::read(&call.write())));
             assert_eq!(named(&Roll::read(&answer)).is_some(), is_named, "{known:?}");
@@ -428,7 +470,8 @@ mod tests {
         let mut answers = Answers::default();
         answers.note(pi.clone(), read.as_ref(), ("a1", &me), &told);
         assert!(answers.untold.is_empty() && answers.unknown.is_empty());
-        lock(&told.0).silent.insert(me.clone());
+        assert!(lock(&told.known).callers.contains(&me), "who called is known");
+        lock(&told.known).silent.insert(me.clone());
         let read = Roll::read(&Roll::answer(Vec::new(), &told, None, (&pi, &nothing)));
         answers.note(pi, read.as_ref(), ("a1", &me), &told);
         assert_eq!(answers.untold.len(), 1, "it is not answered");

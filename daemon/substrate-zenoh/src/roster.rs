@@ -131,9 +131,13 @@ impl Roster {
         self.daemons.get(daemon).is_some_and(|hosted| hosted.route == Route::Probed)
     }
 
-    /// Of whom there are tokens, by daemon.
-    pub(crate) fn known(&self) -> impl Iterator<Item = (DaemonId, Vec<(AgentId, Incarnation)>)> {
-        self.daemons.iter().map(|(daemon, hosted)| {
+    /// Of whom there are tokens, by daemon; of all, or of one.
+    pub(crate) fn known(
+        &self,
+        one: Option<&DaemonId>,
+    ) -> impl Iterator<Item = (DaemonId, Vec<(AgentId, Incarnation)>)> {
+        let is_meant = move |daemon: &DaemonId| one.is_none_or(|one| one == daemon);
+        self.daemons.iter().filter(move |(daemon, _)| is_meant(daemon)).map(|(daemon, hosted)| {
             let residents = hosted.tokens.keys();
             let lives = residents.map(|resident| (resident.agent.clone(), resident.incarnation));
             (daemon.clone(), lives.collect())

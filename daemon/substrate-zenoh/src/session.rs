@@ -15,12 +15,13 @@ use zenoh::{Session, Wait};
 use crate::config::{MESSAGE_BYTES_MAX, OpenError, Settings};
 use crate::declarations::Declarations;
 use crate::key_expr::Keys;
+use crate::presence::{self, Watch};
 use crate::publishers::{Cache, PUBLISHERS_MAX};
 use crate::questions::{self, Asking};
 use crate::roll_call::{RollCall, Told};
 use crate::sealing::Security;
 use crate::together::{self, Parcel};
-use crate::{presence, revocations, scouting};
+use crate::{revocations, scouting};
 
 /// Of the longest message, what is left for its seal, its key and Zenoh's own words.
 const SEAL_BYTES_MAX: usize = 16 << 10;
@@ -33,6 +34,8 @@ pub struct ZenohSubstrate {
     keys: Keys,
     declarations: Arc<Declarations>,
     asking: Asking,
+    told: Told,
+    watch: Arc<Watch>,
     /// Seals what goes over links, if the ecosystem is secured.
     security: Option<Security>,
     /// Before the session: they are undeclared while it is still open.
@@ -78,14 +81,24 @@ impl ZenohSubstrate {
         let roll_call = RollCall {
             session: Arc::downgrade(&session),
             asking: asking.clone(),
-            told,
-            watch,
+            told: told.clone(),
+            watch: Arc::clone(&watch),
             declarations: Arc::clone(&declarations),
             lease,
         };
         tokio::spawn(roll_call.run().instrument(tracing::debug_span!("roll_call")));
         let publishers = Cache::new(PUBLISHERS_MAX);
-        Ok(Arc::new(ZenohSubstrate { keys, declarations, asking, security, publishers, session }))
+        let substrate = ZenohSubstrate {
+            keys,
+            declarations,
+            asking,
+            told,
+            watch,
+            security,
+            publishers,
+            session,
+        };
+        Ok(Arc::new(substrate))
     }
 
     /// Where this daemon is really listening, with the ports that the kernel chose.
@@ -195,6 +208,14 @@ impl Substrate for ZenohSubstrate {
 
     fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
         questions::ask(&self.session, &self.asking, &ask, timeout)
+    }
+
+    fn introduced(&self) -> BoxFuture<()> {
+        if self.security.is_none() {
+            return Box::pin(std::future::ready(()));
+        }
+        let (told, others) = (self.told.clone(), self.watch.others());
+        Box::pin(async move { told.called_by(&others).await })
     }
 
     fn close(&self) -> BoxFuture<()> {

@@ -81,6 +81,13 @@ pub trait Substrate: Send + Sync + 'static {
     /// may be none.
     fn ask(&self, question: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>>;
 
+    /// Resolves when those who are here now hear what is said to all, or soon if some of them never
+    /// will: to be waited for by who comes, says one thing to all, and goes. An agent has to be
+    /// announced before.
+    fn introduced(&self) -> BoxFuture<()> {
+        Box::pin(std::future::ready(()))
+    }
+
     /// Closes the substrate: what is still queued may go out, nothing comes in any more.
     fn close(&self) -> BoxFuture<()>;
 }

@@ -45,6 +45,10 @@ pub(super) async fn say(link: &Link, said: Said, manner: Manner<'_>) -> ExitCode
         return client::unavailable(problem, json);
     }
     link.node.launch(id, keyboard, link.view.ontology());
+    if is_to_all {
+        // Nobody says it again who has not heard it.
+        link.node.switchboard().introduced().await;
+    }
     if terminal.say.send(said).await.is_err() {
         return client::unavailable("speak: the keyboard has ended", json);
     }

@@ -12,6 +12,7 @@ use std::time::{Duration, SystemTime};
 
 use ::credentials::{Certificate, CredentialError, Folder, Identity, Trust, Verifier};
 use acl::{DaemonId, EcosystemId};
+use agent::Machine;
 use substrate_zenoh::Security;
 
 use super::folders::state_folder;
@@ -48,7 +49,10 @@ pub(crate) fn secure(
     let folder = Folder::new(&settings.folder);
     let read = || -> Result<Security, CredentialError> {
         let trust = Trust::read(&folder)?.keeping(kept.join("revoked.pem"))?;
-        let identity = Arc::new(Identity::read(&folder, daemon, &trust)?);
+        // Later than any before, also where the clock was put back.
+        let life = Machine::new(Some(kept.clone())).next_life();
+        let identity = Identity::read(&folder, daemon, &trust)?.in_life(life.0);
+        let identity = Arc::new(identity);
         let verifier = Arc::new(Verifier::new(trust, settings.messages_per_second_max));
         Ok(Security { identity, verifier })
     };

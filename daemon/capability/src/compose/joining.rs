@@ -2,7 +2,7 @@
 //!
 //! Most who come are the next of their kind: they bring objects of which nobody has spoken, and
 //! offer what others offer. Then all that stands goes on standing, and of a thousand models none
-//! is looked at but the new one. Whatever could be otherwise is left to [`compose`](super::compose),
+//! is read but the new one. Whatever could be otherwise is left to [`compose`](super::compose),
 //! which says the same.
 
 use std::sync::Arc;

@@ -169,6 +169,40 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(config())]
+
+    /// Several at once, some of whom cannot be added: what is added before is composed with the rest.
+    #[test]
+    fn who_are_added_together_are_composed_the_same(
+        first in prop::collection::vec(0_usize..12, 1..4),
+        then in prop::collection::vec(0_usize..12, 1..5),
+    ) {
+        let (mut added, mut anew) = (office(), office());
+        let name = |agent: usize| format!("agent-{agent}");
+        for (agent, kind) in first.iter().enumerate() {
+            let said = kinds(&name(agent)).swap_remove(*kind);
+            added.admit(&said);
+            anew.admit(&said);
+        }
+        let mut facts = Vec::new();
+        for (agent, kind) in (first.len()..).zip(&then) {
+            let said = kinds(&name(agent)).swap_remove(*kind);
+            let taken = added.maintainer.take(announcement(&said, 1), added.now);
+            prop_assert!(taken.is_ok());
+            anew.admit(&model(&name(agent), ""));
+            facts.extend(anew.admit(&said).change.believed);
+        }
+        let together = added.maintainer.compose_taken(added.now);
+        prop_assert_eq!(together.change.believed.len(), facts.len());
+        let (one, two) = (added.snapshot(), anew.snapshot());
+        prop_assert_eq!(one.domain.to_string(), two.domain.to_string());
+        prop_assert_eq!(one.problem, two.problem);
+        prop_assert_eq!(one.qualified, two.qualified);
+        prop_assert_eq!(added.maintainer.conflicts(), anew.maintainer.conflicts());
+    }
+}
+
 #[test]
 fn what_is_taken_changes_nothing_until_it_is_composed() {
     let mut office = office();

@@ -210,6 +210,31 @@ async fn a_guest_speaks_with_its_hosts_key() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_guest_that_comes_and_speaks_to_all_is_heard() {
+    let house = House::new();
+    let mut a = house.open("a", &[]).await;
+    let mut b = house.open("b", &[&a]).await;
+    let _tokens = [a.announce("x"), b.announce("y")];
+    a.hear("joined y@b").await;
+    let guest = DaemonId::new("a").expect("a name").guest("cli-7").expect("short");
+    let mut security = house.security("a", PLENTY);
+    security.identity = Arc::new(house.identity("a").for_guest(guest.clone()));
+    let connect = a.substrate.locators();
+    let mut client = Daemon::open("a--cli-7", |config| {
+        config.mode = Mode::Client;
+        config.connect = connect;
+        config.security = Some(security);
+    })
+    .await;
+    client.hear_all(&["joined x@a", "joined y@b"]).await;
+    let _token = client.announce("person");
+    client.substrate.introduced().await;
+    client.substrate.broadcast(&agent("person"), Performative::Cfp, "who?".into()).expect("open");
+    a.hear("all person cfp: who? <a--cli-7>").await;
+    b.hear("all person cfp: who? <a--cli-7>").await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn an_unknown_certificate_does_not_get_in() {
     let (house, other) = (House::new(), House::new());
     let mut a = house.open("a", &[]).await;

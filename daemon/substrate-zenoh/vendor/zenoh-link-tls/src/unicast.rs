@@ -28,7 +28,7 @@ use time::OffsetDateTime;
 use tokio::{
     io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadBuf},
     net::{TcpListener, TcpStream},
-    sync::Mutex as AsyncMutex,
+    sync::{watch, Mutex as AsyncMutex},
     task::JoinHandle,
 };
 use tokio_rustls::{TlsAcceptor, TlsConnector, TlsStream};
@@ -82,6 +82,9 @@ pub struct LinkUnicastTls {
     // NOTE(althing): closes the link when its peer is not admitted any more.
     admission_task: JoinHandle<()>,
 }
+
+/// How long a peer that is not admitted any more may hold up the end of its link.
+const EXCLUDED_WITHIN: Duration = Duration::from_secs(2);
 
 /// The stream of a link, locked for each poll.
 struct Locked<'a>(&'a Mutex<TlsStream<TcpStream>>);
@@ -197,7 +200,11 @@ impl LinkUnicastTls {
             // The transport waits for it when it learns that the link is closed.
             expiration_manager.cancel_expiration_task();
         }
-        self.close().await
+        // Whoever does not read holds up who writes, and with it what is left to be written.
+        match tokio::time::timeout(EXCLUDED_WITHIN, self.close()).await {
+            Ok(res) => res,
+            Err(_) => self.socket().shutdown().await.map_err(|e| zerror!(e).into()),
+        }
     }
 
     fn socket(&self) -> Locked<'_> {
@@ -359,8 +366,8 @@ fn watch_admission(
     link: Weak<LinkUnicastTls>,
     key_file: Arc<str>,
     certificate: Vec<u8>,
+    mut looks: watch::Receiver<()>,
 ) -> JoinHandle<()> {
-    let mut looks = admission::looks(&key_file);
     zenoh_runtime::ZRuntime::Acceptor.spawn(async move {
         while looks.changed().await.is_ok() {
             if admission::admits(&key_file, &certificate) {
@@ -452,6 +459,8 @@ impl LinkManagerUnicastTrait for LinkManagerUnicastTls {
         let (_, tls_conn) = tls_stream.get_ref();
         let key_file: Arc<str> = epconf.get(TLS_CONNECT_PRIVATE_KEY_FILE).unwrap_or_default().into();
         let certificate = get_certificate(tls_conn.peer_certificates());
+        // Before it is looked at, so that no change falls in between.
+        let looks = admission::looks(&key_file);
         if !admission::admits(&key_file, &certificate) {
             bail!("Can not create a new TLS link to {dst_addr}: its certificate is not admitted");
         }
@@ -479,7 +488,7 @@ impl LinkManagerUnicastTrait for LinkManagerUnicastTls {
                 dst_addr,
                 auth_identifier.into(),
                 expiration_manager,
-                watch_admission(weak_link.clone(), key_file, certificate),
+                watch_admission(weak_link.clone(), key_file, certificate, looks),
             )
         });
 
@@ -605,6 +614,8 @@ async fn accept_task(
                             }
                         };
                         let certificate = get_certificate(tls_conn.peer_certificates());
+                        // Before it is looked at, so that no change falls in between.
+                        let looks = admission::looks(&key_file);
                         if !admission::admits(&key_file, &certificate) {
                             tracing::debug!("Can not accept TLS connection from {dst_addr}: its certificate is not admitted");
                             continue;
@@ -657,7 +668,7 @@ async fn accept_task(
                                 dst_addr,
                                 auth_identifier.into(),
                                 expiration_manager,
-                                watch_admission(weak_link.clone(), key_file.clone(), certificate),
+                                watch_admission(weak_link.clone(), key_file.clone(), certificate, looks),
                             )
                         });
 
