@@ -163,11 +163,17 @@ impl<D: Device> Actuator<D> {
     /// Its local domain, as of now: all that is public, and whole what itself and those it
     /// carries can do. Made only where it is wanted, because that takes a millisecond.
     fn local(&self, ctx: &Context<Self>) -> impl FnOnce(&mut Sight) -> Snapshot + Send + 'static {
-        let (known, now) = ctx.switchboard().commons(&self.host).look();
+        let commons = ctx.switchboard().commons(&self.host);
+        let (known, _) = commons.look();
         let carried = known.said().filter(|(_, facts)| self.device.carries(facts));
         let own = std::iter::once(ctx.id().clone());
         let whole: BTreeSet<_> = own.chain(carried.map(|(agent, _)| agent.clone())).collect();
-        move |sight| known.snapshot_again(sight, &whole, now)
+        // Looked at anew when its turn has come: as long as anybody holds what is known, the next
+        // word that is heard is believed by a copy of it.
+        move |sight| {
+            let (known, now) = commons.look();
+            known.snapshot_again(sight, &whole, now)
+        }
     }
 
     // === announcing ===
