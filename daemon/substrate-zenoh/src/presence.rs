@@ -11,26 +11,32 @@ use std::time::{Duration, Instant};
 use acl::DaemonId;
 use substrate::Presence;
 use tokio::runtime::Handle;
-use tokio::sync::{Notify, mpsc};
+use tokio::sync::{Notify, oneshot};
 use tracing::Instrument as _;
 use zenoh::bytes::ZBytes;
 use zenoh::qos::CongestionControl;
+use zenoh::query::ConsolidationMode;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
 use crate::config::OpenError;
 use crate::inbound::undeclared;
 use crate::questions::Asking;
-use crate::roll_call::{Call, Roll, digest};
+use crate::roll_call::{Call, PRIORITY, Roll, digest};
 use crate::roster::{Follows, Hosts, Roster};
 
 /// How long a daemon is probed after its first token; from then on it is called together with all
-/// others. Three times the 100 ms after which the routes are there on an idle machine.
-const REACHED_WITHIN: Duration = Duration::from_millis(300);
+/// others, once a second. The routes are there after 100 ms on an idle machine, and were seen to take
+/// three times as long on a busy one.
+const REACHED_WITHIN: Duration = Duration::from_secs(1);
+
+/// How long the answer to a probe is awaited before the next: it may have been lost on its way. One
+/// that comes later counts as well.
+const ANSWERED_WITHIN: Duration = Duration::from_millis(100);
 
 /// Pause between two probes. A probe without a route costs a fifth of a millisecond.
 const PROBE_PERIOD: Duration = Duration::from_millis(5);
-const _: () = assert!(PROBE_PERIOD.as_millis() < REACHED_WITHIN.as_millis());
+const _: () = assert!(PROBE_PERIOD.as_millis() < ANSWERED_WITHIN.as_millis());
 
 /// Passes presence on, in the order in which it was heard.
 pub(crate) struct Watch {
@@ -166,8 +172,12 @@ impl Watch {
     /// Probes a daemon until it answers, all its tokens are gone, or [`REACHED_WITHIN`] has passed.
     async fn probe(watch: Arc<Watch>, daemon: DaemonId) {
         let answered = async {
-            while watch.lock().roster.awaits(&daemon) && !watch.is_reached(&daemon).await {
-                tokio::time::sleep(PROBE_PERIOD).await;
+            while watch.lock().roster.awaits(&daemon) {
+                let Some(ended) = Watch::call(&watch, &daemon) else { return };
+                // Without a route the question ends at once.
+                if tokio::time::timeout(ANSWERED_WITHIN, ended).await.is_ok() {
+                    tokio::time::sleep(PROBE_PERIOD).await;
+                }
             }
         };
         if tokio::time::timeout(REACHED_WITHIN, answered).await.is_err() {
@@ -176,32 +186,29 @@ impl Watch {
         }
     }
 
-    /// Whether a daemon answers. Without a route the question ends at once; a closed session
-    /// reaches everyone, so that the probe ends.
-    async fn is_reached(&self, daemon: &DaemonId) -> bool {
-        let (answers, mut heard) = mpsc::channel(1);
-        let (nonce, asking) = (self.asking.nonce(), self.asking.clone());
-        let (mark, known) = self.known_of(Some(daemon));
+    /// Calls one daemon. What is returned ends with the first answer, or when no more will come; there
+    /// is nothing to wait for where the session is closed.
+    fn call(watch: &Arc<Watch>, daemon: &DaemonId) -> Option<impl Future + use<>> {
+        let (ends, ended) = oneshot::channel::<()>();
+        let mut ends = Some(ends);
+        let (nonce, asking) = (watch.asking.nonce(), watch.asking.clone());
+        let (mark, known) = watch.known_of(Some(daemon));
         let call = Call::new(known, asking.keys.daemon());
-        {
-            let Some(session) = self.session.upgrade() else { return true };
-            let get =
-                session.get(self.asking.keys.reach(daemon)).attachment(nonce.map(ZBytes::from));
-            let get = get.congestion_control(CongestionControl::Drop).payload(call.write());
-            let get = get.express(true).timeout(REACHED_WITHIN);
-            let asked = get.callback(move |reply| {
-                if let Some((_, roll)) = asking.roll(&reply, nonce.as_ref()) {
-                    // There is room for one, and one is enough.
-                    let _ = answers.try_send(roll);
-                }
-            });
-            if asked.wait().is_err() {
-                return true;
+        let session = watch.session.upgrade()?;
+        let get = session.get(asking.keys.reach(daemon)).attachment(nonce.map(ZBytes::from));
+        let get = get.congestion_control(CongestionControl::Drop).payload(call.write());
+        let get = get.consolidation(ConsolidationMode::None).priority(PRIORITY);
+        let get = get.express(true).timeout(REACHED_WITHIN);
+        let hearing = Arc::downgrade(watch);
+        let asked = get.callback_mut(move |reply| {
+            let answer = asking.roll(&reply, nonce.as_ref());
+            if let (Some((daemon, roll)), Some(watch)) = (answer, hearing.upgrade()) {
+                watch.answered(&daemon, roll.as_ref(), mark);
+                // Who waits for it learns of it when this is dropped.
+                ends.take();
             }
-        }
-        let Some(roll) = heard.recv().await else { return false };
-        self.answered(daemon, roll.as_ref(), mark);
-        true
+        });
+        asked.wait().ok().map(|()| ended)
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {

@@ -156,7 +156,9 @@ impl Answering {
             let said = self.security.as_ref().map(Security::said);
             let call = Call::read(&call);
             let roll = Roll::answer(self.residents(), &self.told, said, (me, &call));
-            return reply(query, &probed, roll, self.security.as_ref());
+            reply(query, &probed, roll, self.security.as_ref());
+            // What waits to be introduced must not be said before the answer.
+            return self.told.called(&call);
         }
         let Ok(agent) = agent(query.parameters()) else {
             return tracing::debug!(selector = %query.selector(), "ignored a malformed question");

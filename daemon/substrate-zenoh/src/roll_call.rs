@@ -29,7 +29,7 @@ use serde::{Deserialize, Serialize};
 use tokio::sync::{Notify, oneshot};
 use tokio::time::Instant;
 use zenoh::bytes::ZBytes;
-use zenoh::qos::CongestionControl;
+use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{ConsolidationMode, QueryTarget, Reply};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
@@ -58,6 +58,10 @@ const TOLD_MAX: u32 = 3;
 
 /// Callers that are remembered: as many daemons as an ecosystem may have.
 const CALLERS_MAX: usize = 1_024;
+
+/// Calls, and with them their answers, have the priority of messages: what a daemon says to all
+/// after its answer must not come before it (see [`crate::session`]).
+pub(crate) const PRIORITY: Priority = Priority::DataHigh;
 
 /// The longest answer that is read.
 const ANSWER_BYTES_MAX: usize = 1 << 20;
@@ -155,7 +159,6 @@ impl Roll {
     ) -> Bytes {
         let is_known = call.known.get(me) == Some(&digest(&hosts));
         let hosts = (!is_known).then_some(hosts);
-        told.called(call);
         let known = lock(&told.known);
         let (told, silent) = (known.sessions.keys().cloned().collect(), known.silent.clone());
         drop(known);
@@ -234,7 +237,8 @@ impl Told {
         }
     }
 
-    fn called(&self, call: &Call) {
+    /// Somebody has called, and was answered.
+    pub(crate) fn called(&self, call: &Call) {
         let Some(by) = &call.by else { return };
         let callers = &mut lock(&self.known).callers;
         if callers.len() < CALLERS_MAX && callers.insert(by.clone()) {
@@ -326,7 +330,7 @@ impl RollCall {
             let everyone = self.asking.keys.everyone_reached();
             let get = session.get(everyone).target(QueryTarget::All);
             let get = get.attachment(nonce.map(ZBytes::from)).payload(call.write());
-            let get = get.consolidation(ConsolidationMode::None).express(true);
+            let get = get.consolidation(ConsolidationMode::None).express(true).priority(PRIORITY);
             let get = get.congestion_control(CongestionControl::Drop).timeout(UNREST_PERIOD);
             get.callback(hear).wait().ok()?;
         }
@@ -459,8 +463,9 @@ mod tests {
         for (known, is_named) in [(vec![robot.clone()], false), (vec![later], true), (vec![], true)]
         {
             let call = Call::new([(pi.clone(), digest(&known))].into(), &me);
-            let answer =
-                Roll::answer(vec![robot.clone()], &told, None, (&pi, &Call::read(&call.write())));
+            let call = Call::read(&call.write());
+            let answer = Roll::answer(vec![robot.clone()], &told, None, (&pi, &call));
+            told.called(&call);
             assert_eq!(named(&Roll::read(&answer)).is_some(), is_named, "{known:?}");
         }
         let mut answers = Answers::default();
