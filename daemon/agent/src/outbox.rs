@@ -33,6 +33,8 @@ pub(crate) struct Parcel {
 
 #[derive(Debug)]
 struct UnderWay {
+    /// Counts what is said: what was said first is sent first.
+    number: u64,
     parcel: Parcel,
     state: State,
 }
@@ -75,6 +77,8 @@ pub(crate) struct Outbox {
     retry_first: Duration,
     retry_max: Duration,
     grace: Duration,
+    lease: Duration,
+    numbered: u64,
 }
 
 impl Outbox {
@@ -85,6 +89,8 @@ impl Outbox {
             retry_first: settings.retry_first,
             retry_max: settings.retry_max,
             grace: settings.grace,
+            lease: settings.heartbeat_lease,
+            numbered: 0,
         }
     }
 
@@ -104,13 +110,15 @@ impl Outbox {
             Some(life) => {
                 State::Sent { life, again: now + self.retry_first, wait: self.retry_first }
             }
+            // It has asked, and may not be heard of here yet; who is not here after a lease is dead.
             // Another life may hold the name by now; the one that asked may come back.
             None if parcel.life.is_some() => {
-                State::Parked { life: None, until: parcel.give_up.min(now + self.grace) }
+                State::Parked { life: None, until: parcel.give_up.min(now + self.lease) }
             }
             None => State::Parked { life: None, until: parcel.give_up },
         };
-        self.parcels.insert(id, UnderWay { parcel, state });
+        self.numbered += 1;
+        self.parcels.insert(id, UnderWay { number: self.numbered, parcel, state });
         true
     }
 
@@ -162,15 +170,18 @@ impl Outbox {
             }
             if is_another && !(took_over && under_way.parcel.opens) {
                 let parcel = under_way.parcel.clone();
-                due.push(Due::GiveUp(id.clone(), parcel, Undelivered::Restarted));
+                due.push((
+                    under_way.number,
+                    Due::GiveUp(id.clone(), parcel, Undelivered::Restarted),
+                ));
                 return false;
             }
             let life = life.clone();
             under_way.state = State::Sent { life, again: now + retry_first, wait: retry_first };
-            due.push(Due::Send(under_way.parcel.clone()));
+            due.push((under_way.number, Due::Send(under_way.parcel.clone())));
             true
         });
-        due
+        as_said(due)
     }
 
     /// An agent is gone: what is under way to it waits for its return.
@@ -205,16 +216,17 @@ impl Outbox {
             if under_way.due() > now {
                 return true;
             }
-            let parcel = &under_way.parcel;
+            let (parcel, number) = (&under_way.parcel, under_way.number);
             match &mut under_way.state {
                 State::Sent { again, wait, .. } if parcel.give_up > now => {
                     *wait = (*wait * 2).min(retry_max);
                     *again = now + *wait;
-                    due.push(Due::Send(parcel.clone()));
+                    due.push((number, Due::Send(parcel.clone())));
                     return true;
                 }
                 State::Sent { .. } => {
-                    due.push(Due::GiveUp(id.clone(), parcel.clone(), Undelivered::NoReceipt));
+                    let why = Undelivered::NoReceipt;
+                    due.push((number, Due::GiveUp(id.clone(), parcel.clone(), why)));
                 }
                 // Nobody says that one has come back who does not hold the name.
                 State::Parked { .. }
@@ -222,19 +234,25 @@ impl Outbox {
                         && let Some(life) = parcel.its_life(directory) =>
                 {
                     let wait = retry_first;
-                    due.push(Due::Send(parcel.clone()));
+                    due.push((number, Due::Send(parcel.clone())));
                     under_way.state = State::Sent { life, again: now + wait, wait };
                     return true;
                 }
                 State::Parked { life, .. } => {
                     let why = if life.is_some() { Undelivered::Left } else { Undelivered::NotHere };
-                    due.push(Due::GiveUp(id.clone(), parcel.clone(), why));
+                    due.push((number, Due::GiveUp(id.clone(), parcel.clone(), why)));
                 }
             }
             false
         });
-        due
+        as_said(due)
     }
+}
+
+/// In the order in which it was said.
+fn as_said(mut due: Vec<(u64, Due)>) -> Vec<Due> {
+    due.sort_by_key(|(number, _)| *number);
+    due.into_iter().map(|(_, due)| due).collect()
 }
 
 impl Parcel {
@@ -393,6 +411,27 @@ mod tests {
         assert_eq!(words(&outbox.due(&directory, later)), ["send"], "it is back and stands by");
         outbox.left(&robot(), &nobody(), later);
         assert_eq!(words(&outbox.joined(&resident("a", 3), later)), ["Restarted"]);
+    }
+
+    /// A guest's token may come after what it asks.
+    #[tokio::test(start_paused = true)]
+    async fn who_asked_and_is_not_heard_of_yet_hears_all_in_order() {
+        let now = Instant::now();
+        let mut outbox = Outbox::new(&crate::Settings::default());
+        let asker = resident("a", 1);
+        for number in 8..=11 {
+            let payload = Bytes::from(format!("{number}"));
+            let life = Some(asker.incarnation);
+            let answer = Parcel { opens: false, life, payload, ..parcel(now + PATIENCE) };
+            assert!(outbox.put(MessageId::new(&format!("m.{number}")), answer, None, now));
+        }
+        let later = now + Duration::from_millis(3_499);
+        assert_eq!(words(&outbox.due(&nobody(), later)), [""; 0]);
+        let sent = outbox.joined(&asker, later).into_iter().map(|due| match due {
+            Due::Send(parcel) => parcel.payload,
+            Due::GiveUp(..) => Bytes::new(),
+        });
+        assert_eq!(sent.collect::<Vec<_>>(), ["8", "9", "10", "11"]);
     }
 
     #[tokio::test(start_paused = true)]
