@@ -10,6 +10,7 @@ use std::time::Duration;
 use acl::{DaemonId, EcosystemId};
 use serde_json::{Value, json};
 use substrate::Inbound;
+use zenoh::qos::Priority;
 
 use crate::endpoint::{self, EndpointError};
 use crate::key_expr::Keys;
@@ -21,6 +22,9 @@ use crate::session::ZenohSubstrate;
 /// the lease is; this is for the frozen machine and the pulled cable. Four keep-alives, of which
 /// a loaded board may miss three; below 2 s such boards are declared dead while they live.
 pub const LEASE: Duration = Duration::from_secs(4);
+
+/// One priority for all messages keeps those of one conversation in order.
+pub(crate) const MESSAGE_PRIORITY: Priority = Priority::DataHigh;
 
 /// The longest message accepted. A building's composite domain is far below 1 MiB; the bound
 /// keeps one sender from filling a small board's memory (Zenoh's own is 1 GiB).

@@ -13,16 +13,13 @@ use substrate::Presence;
 use tokio::runtime::Handle;
 use tokio::sync::{Notify, oneshot};
 use tracing::Instrument as _;
-use zenoh::bytes::ZBytes;
-use zenoh::qos::CongestionControl;
-use zenoh::query::ConsolidationMode;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
 use crate::config::OpenError;
 use crate::inbound::undeclared;
 use crate::questions::Asking;
-use crate::roll_call::{Call, PRIORITY, Roll, digest};
+use crate::roll_call::{Call, Roll, digest};
 use crate::roster::{Follows, Hosts, Roster};
 
 /// How long a daemon is probed after its first token; from then on it is called together with all
@@ -191,24 +188,20 @@ impl Watch {
     fn call(watch: &Arc<Watch>, daemon: &DaemonId) -> Option<impl Future + use<>> {
         let (ends, ended) = oneshot::channel::<()>();
         let mut ends = Some(ends);
-        let (nonce, asking) = (watch.asking.nonce(), watch.asking.clone());
         let (mark, known) = watch.known_of(Some(daemon));
-        let call = Call::new(known, asking.keys.daemon());
-        let session = watch.session.upgrade()?;
-        let get = session.get(asking.keys.reach(daemon)).attachment(nonce.map(ZBytes::from));
-        let get = get.congestion_control(CongestionControl::Drop).payload(call.write());
-        let get = get.consolidation(ConsolidationMode::None).priority(PRIORITY);
-        let get = get.express(true).timeout(REACHED_WITHIN);
+        let Asking { keys, .. } = &watch.asking;
+        let call = Call::new(known, keys.daemon());
         let hearing = Arc::downgrade(watch);
-        let asked = get.callback_mut(move |reply| {
-            let answer = asking.roll(&reply, nonce.as_ref());
-            if let (Some((daemon, roll)), Some(watch)) = (answer, hearing.upgrade()) {
+        let hear = move |daemon, roll: Option<Roll>| {
+            if let Some(watch) = hearing.upgrade() {
                 watch.answered(&daemon, roll.as_ref(), mark);
-                // Who waits for it learns of it when this is dropped.
-                ends.take();
             }
-        });
-        asked.wait().ok().map(|()| ended)
+            // Who waits for it learns of it when this is dropped.
+            ends.take();
+        };
+        let session = watch.session.upgrade()?;
+        watch.asking.call(&session, keys.reach(daemon), &call, REACHED_WITHIN, hear)?;
+        Some(ended)
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {

@@ -21,7 +21,7 @@ use zenoh::query::{ConsolidationMode, Parameters, Query, QueryTarget, Queryable,
 use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
-use crate::config::OpenError;
+use crate::config::{MESSAGE_PRIORITY, OpenError};
 use crate::declarations::Declarations;
 use crate::inbound::{into_bytes, undeclared};
 use crate::key_expr::{AGENT_PARAMETER, Keys};
@@ -91,12 +91,35 @@ impl Asking {
         self.security.as_ref().and_then(|_| credentials::nonce())
     }
 
-    /// Which daemon has answered a call, and what, if it has said it itself.
-    pub(crate) fn roll(
+    /// Calls a daemon, or all: `hear` is told who has answered, and what, until it is dropped, when no
+    /// more answers will come. `None` where the session is closed.
+    ///
+    /// An answer is heard as it comes, and has the priority of messages: what its daemon says to all
+    /// after it must not be heard before it.
+    pub(crate) fn call(
         &self,
-        reply: &Reply,
-        nonce: Option<&Nonce>,
-    ) -> Option<(DaemonId, Option<Roll>)> {
+        session: &Session,
+        whom: KeyExpr<'static>,
+        call: &Call,
+        within: Duration,
+        mut hear: impl FnMut(DaemonId, Option<Roll>) + Send + Sync + 'static,
+    ) -> Option<()> {
+        let (asking, nonce) = (self.clone(), self.nonce());
+        let get = session.get(whom).target(QueryTarget::All).timeout(within);
+        let get = get.attachment(nonce.map(ZBytes::from)).payload(call.write());
+        let get =
+            get.consolidation(ConsolidationMode::None).priority(MESSAGE_PRIORITY).express(true);
+        let get = get.congestion_control(CongestionControl::Drop);
+        let get = get.callback_mut(move |reply| {
+            if let Some((daemon, roll)) = asking.roll(&reply, nonce.as_ref()) {
+                hear(daemon, roll);
+            }
+        });
+        get.wait().ok()
+    }
+
+    /// Which daemon has answered a call, and what, if it has said it itself.
+    fn roll(&self, reply: &Reply, nonce: Option<&Nonce>) -> Option<(DaemonId, Option<Roll>)> {
         let sample = reply.result().ok()?;
         let daemon = self.keys.reached(sample.key_expr().as_str())?;
         let payload = into_bytes(sample.payload());

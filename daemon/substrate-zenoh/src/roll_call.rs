@@ -28,9 +28,6 @@ use credentials::Said;
 use serde::{Deserialize, Serialize};
 use tokio::sync::{Notify, oneshot};
 use tokio::time::Instant;
-use zenoh::bytes::ZBytes;
-use zenoh::qos::{CongestionControl, Priority};
-use zenoh::query::{ConsolidationMode, QueryTarget, Reply};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
@@ -58,10 +55,6 @@ const TOLD_MAX: u32 = 3;
 
 /// Callers that are remembered: as many daemons as an ecosystem may have.
 const CALLERS_MAX: usize = 1_024;
-
-/// Calls, and with them their answers, have the priority of messages: what a daemon says to all
-/// after its answer must not come before it (see [`crate::session`]).
-pub(crate) const PRIORITY: Priority = Priority::DataHigh;
 
 /// The longest answer that is read.
 const ANSWER_BYTES_MAX: usize = 1 << 20;
@@ -313,26 +306,18 @@ impl RollCall {
         {
             let session = self.session.upgrade().filter(|session| !session.is_closed())?;
             let own = session.zid().to_string();
-            let (asking, nonce) = (self.asking.clone(), self.asking.nonce());
             let (told, watch) = (self.told.clone(), Arc::clone(&self.watch));
-            let heard = Arc::clone(&answers);
-            let hear = move |reply: Reply| {
+            let (me, heard) = (self.asking.keys.daemon().clone(), Arc::clone(&answers));
+            let hear = move |daemon, roll: Option<Roll>| {
                 // Dropped with this callback, when no more answers come.
                 let _ends = &ends;
-                let me = asking.keys.daemon();
-                let answer = asking.roll(&reply, nonce.as_ref());
-                let Some((daemon, roll)) = answer.filter(|(daemon, _)| daemon != me) else {
-                    return;
-                };
-                watch.answered(&daemon, roll.as_ref(), mark);
-                lock(&heard).note(daemon, roll.as_ref(), (&own, me), &told);
+                if daemon != me {
+                    watch.answered(&daemon, roll.as_ref(), mark);
+                    lock(&heard).note(daemon, roll.as_ref(), (&own, &me), &told);
+                }
             };
             let everyone = self.asking.keys.everyone_reached();
-            let get = session.get(everyone).target(QueryTarget::All);
-            let get = get.attachment(nonce.map(ZBytes::from)).payload(call.write());
-            let get = get.consolidation(ConsolidationMode::None).express(true).priority(PRIORITY);
-            let get = get.congestion_control(CongestionControl::Drop).timeout(UNREST_PERIOD);
-            get.callback(hear).wait().ok()?;
+            self.asking.call(&session, everyone, call, UNREST_PERIOD, hear)?;
         }
         // An error: the callback is gone, as it should be.
         let _ = ended.await;

@@ -12,7 +12,7 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Session, Wait};
 
-use crate::config::{MESSAGE_BYTES_MAX, OpenError, Settings};
+use crate::config::{MESSAGE_BYTES_MAX, MESSAGE_PRIORITY, OpenError, Settings};
 use crate::declarations::Declarations;
 use crate::key_expr::Keys;
 use crate::presence::{self, Watch};
@@ -140,8 +140,7 @@ impl ZenohSubstrate {
     /// behind it look dead. What must arrive is retried until its receipt comes, and a burst has
     /// a megabyte of queue per link (`BATCHES_MAX`).
     ///
-    /// One priority for all messages keeps those of one conversation in order; models, which are
-    /// long and repeated, give way to them.
+    /// Models, which are long and repeated, give way to messages.
     fn declare_publisher(&self, route: &Route) -> zenoh::Result<Publisher<'static>> {
         let key_expr = match route {
             Route::To(to, subject) => self.keys.to_one(to, *subject),
@@ -149,7 +148,7 @@ impl ZenohSubstrate {
             Route::Together => self.keys.models_together(),
         };
         let priority = match route {
-            Route::To(..) | Route::All(..) => Priority::DataHigh,
+            Route::To(..) | Route::All(..) => MESSAGE_PRIORITY,
             Route::Together => Priority::DataLow,
         };
         // Nobody waits for a receipt, which has been late on purpose, or for a heartbeat: these may
