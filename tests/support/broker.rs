@@ -2,13 +2,23 @@
 
 use std::io::{BufRead as _, BufReader};
 use std::net::{Ipv4Addr, TcpListener};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::sync::mpsc;
+use std::time::Duration;
 
 use tempfile::TempDir;
 
 const PROGRAM: &str = "/usr/sbin/mosquitto";
+
+/// How long it may take to begin on a machine that is busy with other tests.
+const BEGIN_MAX: Duration = Duration::from_secs(60);
+
+/// How often somebody else may take the port between its choice and its use.
+const TAKEN_MAX: u32 = 10;
+
+/// Retained words of hundreds of devices come at once.
+const OPEN: &str = "allow_anonymous true\nmax_queued_messages 0\nmax_inflight_messages 0\n";
 
 /// A broker; it ends with the test.
 pub(crate) struct Broker {
@@ -21,32 +31,48 @@ pub(crate) struct Broker {
 pub(crate) struct Subscriber(Child);
 
 impl Broker {
-    /// `None`, loudly, where it is not installed.
+    /// One that listens, to everybody here; `None`, loudly, where it is not installed.
     pub(crate) fn start() -> Option<Broker> {
+        Broker::start_in(tempfile::tempdir().expect("a folder"), OPEN)
+    }
+
+    /// The same, with settings of its own, of which the files are in `folder`.
+    pub(crate) fn start_in(folder: TempDir, settings: &str) -> Option<Broker> {
         if !Path::new(PROGRAM).exists() {
             assert!(std::env::var_os("CI").is_none(), "mosquitto is missing");
             eprintln!("NOT TESTED: apt-get install mosquitto mosquitto-clients");
             return None;
         }
-        let port = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).and_then(|free| free.local_addr());
-        let port = port.expect("a free port").port();
-        let folder = tempfile::tempdir().expect("a folder");
-        // Retained words of hundreds of devices come at once.
-        let config = format!(
-            "listener {port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n\
-             max_inflight_messages 0\n"
-        );
-        std::fs::write(folder.path().join("broker.conf"), config).expect("a file");
-        let broker = Broker { port, child: Broker::begin(&folder), folder };
-        // From here on it listens.
-        broker.say("begin", "");
-        Some(broker)
+        let (port, child) = (0..TAKEN_MAX)
+            .find_map(|_| {
+                let port = TcpListener::bind((Ipv4Addr::LOCALHOST, 0));
+                let port = port.and_then(|free| free.local_addr()).expect("a free port").port();
+                let config = format!("log_dest stderr\nlistener {port} 127.0.0.1\n{settings}");
+                std::fs::write(folder.path().join("broker.conf"), config).expect("a file");
+                Some((port, Broker::begin(&folder)?))
+            })
+            .expect("a port that nobody takes");
+        Some(Broker { port, child, folder })
     }
 
-    fn begin(folder: &TempDir) -> Child {
+    /// Its process, once it listens; `None` if it cannot and has ended.
+    fn begin(folder: &TempDir) -> Option<Child> {
         let mut command = Command::new(PROGRAM);
         command.arg("-c").arg(folder.path().join("broker.conf"));
-        command.stderr(Stdio::null()).stdout(Stdio::null()).spawn().expect("it is installed")
+        command.stderr(Stdio::piped()).stdout(Stdio::null());
+        let mut child = command.spawn().expect("it is installed");
+        let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
+        let (begins, begun) = mpsc::channel();
+        std::thread::spawn(move || {
+            let mut lines = lines.by_ref().map_while(Result::ok);
+            let _ = begins.send(lines.any(|line| line.ends_with(" running")));
+            lines.for_each(drop);
+        });
+        let listens = begun.recv_timeout(BEGIN_MAX).expect("the broker says whether it listens");
+        if !listens {
+            child.wait().expect("our own child");
+        }
+        listens.then_some(child)
     }
 
     /// By SIGKILL: it forgets all that was retained.
@@ -56,7 +82,16 @@ impl Broker {
     }
 
     pub(crate) fn restart(&mut self) {
-        self.child = Broker::begin(&self.folder);
+        self.child = Broker::begin(&self.folder).expect("its port is still free");
+    }
+
+    pub(crate) fn port(&self) -> u16 {
+        self.port
+    }
+
+    /// One of the files of its settings.
+    pub(crate) fn file(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
     }
 
     /// What it is called in a config.
@@ -82,13 +117,8 @@ impl Broker {
     }
 
     fn say_with(&self, arguments: &[&str]) {
-        let deadline = Instant::now() + Duration::from_secs(10);
-        while !self.command("mosquitto_pub").args(arguments).status().expect("installed").success()
-        {
-            assert!(Instant::now() < deadline, "the broker does not listen");
-            // The broker begins to listen.
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        let said = self.command("mosquitto_pub").args(arguments).status().expect("installed");
+        assert!(said.success(), "the broker takes it: {said}");
     }
 
     /// A device that does something with each word it is told; `does` runs on a thread of its own.

@@ -1,75 +1,54 @@
 //! A real broker that speaks TLS and wants a password.
 
+#[path = "../../../tests/support/broker.rs"]
+#[allow(dead_code, reason = "what other tests need of a broker besides")]
+mod broker;
+
 use std::fs;
-use std::net::{Ipv4Addr, TcpListener};
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::path::Path;
+use std::process::Command;
 use std::time::Duration;
 
-use mqtt_link::{Broker, Connection};
+use broker::Broker;
+use mqtt_link::Connection;
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
-use tempfile::TempDir;
 use tokio::sync::watch;
 
-const MOSQUITTO: &str = "/usr/sbin/mosquitto";
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// The broker's process, its port and its files; it ends with the test.
-struct Secured {
-    child: Child,
-    port: u16,
-    folder: TempDir,
+/// `None` where it is not installed.
+fn secured() -> Option<Broker> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = |name: &str| folder.path().join(name).display().to_string();
+    certify(folder.path());
+    fs::write(file("password"), "hunter2\n").expect("a file");
+    fs::write(file("users"), "").expect("a file");
+    let settings = format!(
+        "user root\nallow_anonymous false\npassword_file {}\ncertfile {}\nkeyfile {}\n",
+        file("users"),
+        file("broker.pem"),
+        file("broker.key")
+    );
+    let entered = Command::new("mosquitto_passwd")
+        .args(["-b", &file("users"), "gateway", "hunter2"])
+        .status()
+        .is_ok_and(|status| status.success());
+    let broker = Broker::start_in(folder, &settings)?;
+    assert!(entered, "the program for passwords comes with the broker");
+    Some(broker)
 }
 
-impl Secured {
-    fn start() -> Secured {
-        let folder = tempfile::tempdir().expect("a folder");
-        let file = |name: &str| folder.path().join(name).display().to_string();
-        certify(folder.path());
-        fs::write(file("password"), "hunter2\n").expect("a file");
-        fs::write(file("users"), "").expect("a file");
-        let status = Command::new("mosquitto_passwd")
-            .args(["-b", &file("users"), "gateway", "hunter2"])
-            .status()
-            .expect("it comes with the broker");
-        assert!(status.success());
-        let port = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).and_then(|free| free.local_addr());
-        let port = port.expect("a free port").port();
-        let config = format!(
-            "user root\nlistener {port} 127.0.0.1\nallow_anonymous false\npassword_file {}\n\
-             certfile {}\nkeyfile {}\n",
-            file("users"),
-            file("broker.pem"),
-            file("broker.key")
-        );
-        fs::write(file("broker.conf"), config).expect("a file");
-        let child = Command::new(MOSQUITTO)
-            .args(["-c", &file("broker.conf")])
-            .stderr(Stdio::null())
-            .stdout(Stdio::null())
-            .spawn()
-            .expect("it is installed");
-        Secured { child, port, folder }
-    }
-
-    fn file(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn trouble(&self, password: &str, ca: &str) -> (watch::Receiver<Option<String>>, impl Sized) {
-        let name = format!("mqtts://localhost:{}", self.port);
-        let (password, ca) = (Some(self.file(password)), Some(self.file(ca)));
-        let broker = Broker::new(Some(&name), Some("gateway".to_owned()), password, ca);
-        let connection = Connection::to(&broker.expect("it is right"));
-        (connection.trouble(), connection)
-    }
-}
-
-impl Drop for Secured {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
+/// What a connection that shows this password and trusts this authority has to complain of.
+fn trouble(
+    broker: &Broker,
+    password: &str,
+    ca: &str,
+) -> (watch::Receiver<Option<String>>, impl Sized + use<>) {
+    let name = format!("mqtts://localhost:{}", broker.port());
+    let (password, ca) = (Some(broker.file(password)), Some(broker.file(ca)));
+    let broker = mqtt_link::Broker::new(Some(&name), Some("gateway".to_owned()), password, ca);
+    let connection = Connection::to(&broker.expect("it is right"));
+    (connection.trouble(), connection)
 }
 
 /// Writes an authority, what it has signed for the broker, and an authority of somebody else.
@@ -100,35 +79,30 @@ async fn until(
 
 #[tokio::test]
 async fn a_broker_with_a_password_and_tls_lets_in_who_shows_both() {
-    if !Path::new(MOSQUITTO).exists() {
-        assert!(std::env::var_os("CI").is_none(), "mosquitto is missing");
-        eprintln!("NOT TESTED: apt-get install mosquitto mosquitto-clients");
-        return;
-    }
-    let broker = Secured::start();
-    let (mut trouble, _connection) = broker.trouble("password", "ca.pem");
-    until(&mut trouble, Option::is_none).await;
+    let Some(broker) = secured() else { return };
+    let (mut said, _connection) = trouble(&broker, "password", "ca.pem");
+    until(&mut said, Option::is_none).await;
 
     fs::write(broker.file("wrong"), "hunter3").expect("a file");
-    let (mut trouble, _wrong) = broker.trouble("wrong", "ca.pem");
+    let (mut said, _wrong) = trouble(&broker, "wrong", "ca.pem");
     let refused = "BadUserNamePassword";
     let is_refused = |said: &Option<String>| {
         said.as_ref().is_some_and(|said| said.contains(refused) || said.contains("NotAuthorized"))
     };
-    until(&mut trouble, is_refused).await;
+    until(&mut said, is_refused).await;
 
-    let (mut trouble, _stranger) = broker.trouble("password", "other.pem");
+    let (mut said, _stranger) = trouble(&broker, "password", "other.pem");
     let is_unknown = |said: &Option<String>| {
         said.as_ref().is_some_and(|said| said.contains("invalid peer certificate"))
     };
-    until(&mut trouble, is_unknown).await;
+    until(&mut said, is_unknown).await;
 
     // A file that is missing is said, and it goes on as soon as it is there.
-    let (mut trouble, _late) = broker.trouble("late", "ca.pem");
+    let (mut said, _late) = trouble(&broker, "late", "ca.pem");
     let is_missing = |said: &Option<String>| {
         said.as_ref().is_some_and(|said| said.contains("/late: No such file"))
     };
-    until(&mut trouble, is_missing).await;
+    until(&mut said, is_missing).await;
     fs::copy(broker.file("password"), broker.file("late")).expect("a file");
-    until(&mut trouble, Option::is_none).await;
+    until(&mut said, Option::is_none).await;
 }

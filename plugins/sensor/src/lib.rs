@@ -23,6 +23,10 @@ mod simulated;
 mod text;
 
 #[cfg(test)]
+#[path = "../../../tests/support/broker.rs"]
+#[allow(dead_code, reason = "what other tests need of a broker besides")]
+mod broker;
+#[cfg(test)]
 mod tests;
 
 use std::collections::BTreeMap;

@@ -200,96 +200,32 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 #[cfg(test)]
 mod tests {
-    use std::net::{Ipv4Addr, TcpListener};
-    use std::path::Path;
-    use std::process::{Child, Command, Stdio};
-
     use actuator::Device as _;
     use serde_json::{Value, json};
-    use tempfile::TempDir;
 
     use super::*;
+    use crate::broker::Broker;
     use crate::tests::{blueprint_with, facts, measure};
     use crate::{Sensor, sensor, temperature_sensor};
 
     const PATIENCE: Duration = Duration::from_secs(20);
 
-    /// Debian's broker on a port that the kernel chose.
-    struct Broker {
-        port: u16,
-        child: Child,
-        folder: TempDir,
+    /// What a sensor is told, with more.
+    fn config(broker: &Broker, more: Value) -> Value {
+        let mut config =
+            json!({ "location": "lab", "broker": broker.name(), "topic": "zigbee2mqtt/thermo" });
+        if let (Value::Object(config), Value::Object(more)) = (&mut config, more) {
+            config.extend(more);
+        }
+        config
     }
 
-    impl Broker {
-        /// `None`, loudly, where it is not installed.
-        fn start() -> Option<Broker> {
-            if !Path::new("/usr/sbin/mosquitto").exists() {
-                assert!(std::env::var_os("CI").is_none(), "mosquitto is missing");
-                eprintln!("NOT TESTED: apt-get install mosquitto mosquitto-clients");
-                return None;
-            }
-            let port = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port");
-            let port = port.local_addr().expect("bound").port();
-            let folder = tempfile::tempdir().expect("a folder");
-            let config = format!("listener {port} 127.0.0.1\nallow_anonymous true\n");
-            std::fs::write(folder.path().join("broker.conf"), config).expect("a file");
-            let child = Broker::begin(&folder);
-            Some(Broker { port, child, folder })
-        }
-
-        fn begin(folder: &TempDir) -> Child {
-            let mut command = Command::new("/usr/sbin/mosquitto");
-            command.arg("-c").arg(folder.path().join("broker.conf"));
-            command.stderr(Stdio::null()).stdout(Stdio::null()).spawn().expect("it is installed")
-        }
-
-        fn kill(&mut self) {
-            self.child.kill().expect("our own child");
-            self.child.wait().expect("our own child");
-        }
-
-        fn restart(&mut self) {
-            self.child = Broker::begin(&self.folder);
-        }
-
-        /// Says something as a device does, and is sure that the broker has it.
-        fn say(&self, topic: &str, text: &str, is_retained: bool) {
-            let port = self.port.to_string();
-            let mut command = Command::new("mosquitto_pub");
-            command.args(["-h", "127.0.0.1", "-p", &port, "-q", "1", "-t", topic, "-m", text]);
-            command.args(is_retained.then_some("-r"));
-            while !command.stderr(Stdio::null()).status().expect("it is installed").success() {
-                // The broker begins to listen.
-                std::thread::sleep(Duration::from_millis(20));
-            }
-        }
-
-        fn config(&self, more: Value) -> Value {
-            let broker = format!("127.0.0.1:{}", self.port);
-            let mut config =
-                json!({ "location": "lab", "broker": broker, "topic": "zigbee2mqtt/thermo" });
-            if let (Value::Object(config), Value::Object(more)) = (&mut config, more) {
-                config.extend(more);
-            }
-            config
-        }
-
-        async fn thermometer(&self) -> Sensor {
-            let more =
-                json!({ "humidity": true, "availability": "zigbee2mqtt/thermo/availability" });
-            let blueprint = blueprint_with("mqtt", self.config(more));
-            let sensor = temperature_sensor(&blueprint).expect("a sensor");
-            sensor.look().expect("it may be away").await;
-            sensor
-        }
-    }
-
-    impl Drop for Broker {
-        fn drop(&mut self) {
-            let _ = self.child.kill();
-            let _ = self.child.wait();
-        }
+    async fn thermometer(broker: &Broker) -> Sensor {
+        let more = json!({ "humidity": true, "availability": "zigbee2mqtt/thermo/availability" });
+        let blueprint = blueprint_with("mqtt", config(broker, more));
+        let sensor = temperature_sensor(&blueprint).expect("a sensor");
+        sensor.look().expect("it may be away").await;
+        sensor
     }
 
     fn offers(sensor: &Sensor) -> usize {
@@ -312,31 +248,31 @@ mod tests {
     async fn what_a_device_says_is_known_at_once_and_its_availability_is_presence() {
         let Some(broker) = Broker::start() else { return };
         let said = r#"{"battery":100,"humidity":44.72,"linkquality":121,"temperature":27.34}"#;
-        broker.say("zigbee2mqtt/thermo", said, true);
-        let mut sensor = broker.thermometer().await;
+        broker.retain("zigbee2mqtt/thermo", said);
+        let mut sensor = thermometer(&broker).await;
         let performed = measure(&mut sensor, "temperature").await.expect("it was retained");
         assert_eq!(performed.detail, "27.3 °C at lab");
         until(&mut sensor, |sensor| facts(sensor).contains("(= (humidity lab) 44.72)")).await;
 
-        broker.say("zigbee2mqtt/thermo", r#"{"humidity":45,"temperature":19}"#, false);
+        broker.say("zigbee2mqtt/thermo", r#"{"humidity":45,"temperature":19}"#);
         until(&mut sensor, |sensor| facts(sensor).contains("(= (temperature lab) 19)")).await;
         // What a device says of its battery takes nothing back.
-        broker.say("zigbee2mqtt/thermo", r#"{"humidity":46,"battery":97}"#, false);
+        broker.say("zigbee2mqtt/thermo", r#"{"humidity":46,"battery":97}"#);
         until(&mut sensor, |sensor| facts(sensor).contains("(= (humidity lab) 46)")).await;
         let performed = measure(&mut sensor, "temperature").await.expect("it was said before");
         assert_eq!(performed.detail, "19.0 °C at lab");
         let availability = "zigbee2mqtt/thermo/availability";
-        broker.say(availability, r#"{"state":"offline"}"#, true);
+        broker.retain(availability, r#"{"state":"offline"}"#);
         until(&mut sensor, |sensor| offers(sensor) == 0).await;
-        broker.say(availability, "online", true);
+        broker.retain(availability, "online");
         until(&mut sensor, |sensor| offers(sensor) == 2).await;
     }
 
     #[tokio::test]
     async fn a_broker_that_dies_takes_its_devices_along_and_brings_them_back() {
         let Some(mut broker) = Broker::start() else { return };
-        broker.say("zigbee2mqtt/thermo", r#"{"temperature":20}"#, true);
-        let mut sensor = broker.thermometer().await;
+        broker.retain("zigbee2mqtt/thermo", r#"{"temperature":20}"#);
+        let mut sensor = thermometer(&broker).await;
         until(&mut sensor, |sensor| facts(sensor).contains("(= (temperature lab) 20)")).await;
         broker.kill();
         until(&mut sensor, |sensor| offers(sensor) == 0).await;
@@ -345,7 +281,7 @@ mod tests {
         // It remembers nobody who had subscribed. What is said before it is told again is lost.
         let saying = async {
             for degrees in 21.. {
-                broker.say("zigbee2mqtt/thermo", &format!(r#"{{"temperature":{degrees}}}"#), false);
+                broker.say("zigbee2mqtt/thermo", &format!(r#"{{"temperature":{degrees}}}"#));
                 tokio::time::sleep(Duration::from_millis(50)).await;
             }
         };
@@ -359,12 +295,12 @@ mod tests {
     #[tokio::test]
     async fn rubbish_and_silence_have_reasons() {
         let Some(broker) = Broker::start() else { return };
-        let mut sensor = broker.thermometer().await;
+        let mut sensor = thermometer(&broker).await;
         let problem = measure(&mut sensor, "temperature").await.expect_err("nothing was said");
         assert_eq!(problem.to_string(), "hear from `zigbee2mqtt/thermo`: it has said nothing yet");
         for rubbish in ["", "{", "[]", r#"{"temperature":null}"#, r#"{"temperature":"warm"}"#] {
-            broker.say("zigbee2mqtt/thermo", rubbish, true);
-            let mut sensor = broker.thermometer().await;
+            broker.retain("zigbee2mqtt/thermo", rubbish);
+            let mut sensor = thermometer(&broker).await;
             let failed = measure(&mut sensor, "temperature").await;
             assert!(failed.is_err(), "{rubbish}: {failed:?}");
         }
@@ -381,16 +317,16 @@ mod tests {
         let Some(broker) = Broker::start() else { return };
         let availability = "zigbee2mqtt/thermo/availability";
         let more = json!({ "quantity": "motion", "availability": availability });
-        let mut sensor = sensor(&blueprint_with("mqtt", broker.config(more))).expect("a sensor");
+        let mut sensor = sensor(&blueprint_with("mqtt", config(&broker, more))).expect("a sensor");
         sensor.look().expect("it may be away").await;
-        broker.say("zigbee2mqtt/thermo", r#"{"battery":97}"#, false);
-        broker.say("zigbee2mqtt/thermo", r#"{"occupancy":true}"#, true);
+        broker.say("zigbee2mqtt/thermo", r#"{"battery":97}"#);
+        broker.retain("zigbee2mqtt/thermo", r#"{"occupancy":true}"#);
         until(&mut sensor, |sensor| facts(sensor).contains("(motion lab)")).await;
         // Of a detector that is away nobody knows whether anybody moves.
-        broker.say(availability, "offline", true);
+        broker.retain(availability, "offline");
         until(&mut sensor, |sensor| offers(sensor) == 0).await;
         assert_eq!(facts(&sensor), "(located s lab)");
-        broker.say(availability, "online", true);
+        broker.retain(availability, "online");
         until(&mut sensor, |sensor| facts(sensor).contains("(motion lab)")).await;
     }
 
