@@ -23,12 +23,13 @@ mod standing;
 mod tree;
 mod triggers;
 mod values;
+mod wanted;
 mod work;
 
 use pddl::Diagnostic;
 
 use self::finish::Start;
-pub(crate) use self::standing::{Outgrown, Present, Standing};
+pub(crate) use self::standing::{Now, Outgrown, Present, Standing};
 use self::values::Values;
 use self::work::Work;
 use crate::limits::{Budget, Cancel};

@@ -7,6 +7,8 @@
 //! - Each predicate has room for more facts than there are. Where it is used up, or where a change
 //!   is not one of these, the answer is [`Outgrown`], and the texts are ground afresh.
 
+use pddl::{Atom, InitElement, Term};
+
 use super::drawn::{Drawn, Layout, Raw};
 use super::finish::{Start, finish};
 use super::possible::{Flow, Possible};
@@ -15,13 +17,14 @@ use super::relation::Relation;
 use super::sets::Sets;
 use super::tree::RawAxiom;
 use super::values::Values;
+use super::wanted::Sources;
 use super::work::Work;
 use super::{GroundError, action_relation};
 use crate::limits::{Budget, Cancel};
 use crate::normalize::lifted::{
     Closed, Formula, Lifted, LiftedAtom, PredicateIndex, Schema, TypeSet,
 };
-use crate::normalize::{Initial, Symbols, closed, initial};
+use crate::normalize::{Symbols, closed, initial_values};
 use crate::operators::Operators;
 use crate::outcome::StopReason;
 use crate::task::{Literal, ObjectId, Task};
@@ -35,6 +38,7 @@ pub(crate) struct Standing {
     reached: Reached,
     drawn: Drawn,
     flow: Option<Flow>,
+    sources: Option<Sources>,
     /// Whether some condition ranges over objects, so that one that is gone would still count.
     is_quantified: bool,
     /// Comparisons and auxiliaries of the texts alone; those of goals come after them.
@@ -50,6 +54,14 @@ pub(crate) struct Present {
     pub(crate) schemas: Vec<bool>,
     /// By predicate, as far as they are declared.
     pub(crate) predicates: Vec<bool>,
+}
+
+/// What `:init` says, as numbers.
+#[derive(Debug, Default)]
+pub(crate) struct Now {
+    /// The facts, each as a predicate and a row of its relation.
+    facts: Vec<(PredicateIndex, usize)>,
+    values: Vec<(usize, Vec<ObjectId>, f64)>,
 }
 
 /// A change that masks and additions cannot follow.
@@ -90,7 +102,18 @@ impl Standing {
         drawn.draw(&lifted, &mut reached, &mut values, &rows, &mut work)?;
         let is_quantified = is_quantified(&lifted);
         let made_up = drawn.made_up();
-        Ok(Standing { lifted, symbols, values, reached, drawn, flow: None, is_quantified, made_up })
+        let (flow, sources) = (None, None);
+        Ok(Standing {
+            lifted,
+            symbols,
+            values,
+            reached,
+            drawn,
+            flow,
+            sources,
+            is_quantified,
+            made_up,
+        })
     }
 
     /// The number of an object, if it is known.
@@ -109,24 +132,43 @@ impl Standing {
     }
 
     /// Whether `:init` gives values to nothing but what had some when this was ground.
-    pub(crate) fn knows_values(&self, now: &Initial) -> bool {
-        self.values.know(&now.1)
+    pub(crate) fn knows_values(&self, now: &Now) -> bool {
+        self.values.know(&now.values)
     }
 
-    /// What `:init` says, as numbers; `None` if it speaks of facts that are not known here.
-    pub(crate) fn now(&mut self, problem: &pddl::Problem) -> Option<Initial> {
-        let now = initial(&mut self.symbols, problem);
-        let is_known = |(predicate, arguments): &(PredicateIndex, Vec<ObjectId>)| {
-            self.reached.relations[*predicate].find(arguments).is_some()
-        };
-        let is_whole = now.0.iter().all(is_known) && self.symbols.take_problems().is_empty();
-        is_whole.then_some(now)
+    /// What `:init` says; `None` if it speaks of facts that are not known here.
+    pub(crate) fn now(&mut self, problem: &pddl::Problem) -> Option<Now> {
+        let (symbols, relations) = (&mut self.symbols, &self.reached.relations);
+        let mut facts = Vec::with_capacity(problem.init.len());
+        let mut objects = Vec::new();
+        // Facts of one predicate mostly come one after the other.
+        let mut last: Option<(&Atom, PredicateIndex)> = None;
+        for element in &problem.init {
+            let InitElement::Atom(atom) = element else { continue };
+            let arity = atom.arguments.len();
+            let is_same = |(other, _): &(&Atom, usize)| {
+                other.predicate == atom.predicate && other.arguments.len() == arity
+            };
+            let predicate = match last.filter(is_same) {
+                Some((_, predicate)) => predicate,
+                None => symbols.known_predicate(&atom.predicate, arity)?,
+            };
+            last = Some((atom, predicate));
+            objects.clear();
+            for term in &atom.arguments {
+                let Term::Object(name) = term else { return None };
+                objects.push(symbols.known_object(name)?);
+            }
+            facts.push((predicate, relations[predicate].find(&objects)?));
+        }
+        let values = initial_values(symbols, problem);
+        symbols.take_problems().is_empty().then_some(Now { facts, values })
     }
 
     /// Whether operators would still be the same under these values: those that change may have
     /// others, if they have any, and the rest must have the same.
-    pub(crate) fn agrees(&self, values: &[(usize, Vec<ObjectId>, f64)], present: &Present) -> bool {
-        !self.lifted.costs.varies && self.values.agree(&self.lifted, values, &present.objects)
+    pub(crate) fn agrees(&self, now: &Now, present: &Present) -> bool {
+        !self.lifted.costs.varies && self.values.agree(&self.lifted, &now.values, &present.objects)
     }
 
     /// Grounds what is new. `lifted` says again what is known, in the same order, and then more.
@@ -174,10 +216,13 @@ impl Standing {
                 rows[index] = sizes[action_relation(&lifted, index)];
             }
         }
-        self.drawn.operators = kept(&self.drawn.operators, |_, schema| settled[schema as usize]);
+        let operators = &self.drawn.operators;
+        let stays = |index: &usize| settled[operators.get(*index).schema as usize];
+        self.drawn.operators = chosen(operators, (0..operators.len()).filter(stays));
         self.drawn.draw(&lifted, &mut self.reached, &mut self.values, &rows, &mut work)?;
         self.is_quantified = is_quantified(&lifted);
-        (self.lifted, self.symbols, self.flow) = (lifted, symbols, None);
+        (self.lifted, self.symbols) = (lifted, symbols);
+        (self.flow, self.sources) = (None, None);
         Ok(Ok(()))
     }
 
@@ -185,7 +230,7 @@ impl Standing {
     /// if the goal asks for numbers that nobody has followed, or goals have left too much behind.
     pub(crate) fn task(
         &mut self,
-        now: &Initial,
+        now: &Now,
         present: &Present,
         goal: &pddl::Condition,
         budget: Budget,
@@ -204,7 +249,7 @@ impl Standing {
         }
         let Some(goal) = self.goal(&goal, present, &mut work)? else { return Ok(Ok(None)) };
         let (layout, holds, possible) = self.possible(now, present);
-        let operators = kept(&self.drawn.operators, |index, _| possible.operators[index]);
+        let operators = self.wanted(&layout, &goal, &possible);
         let can = |axiom: &&_| is_possible(&layout, &possible.facts, axiom);
         let raw = Raw {
             operators,
@@ -215,7 +260,8 @@ impl Standing {
             warnings: Vec::new(),
         };
         let never = possible.facts.iter().map(|can| !can).collect();
-        let start = Start { initial: holds, never, values: self.values.at(&self.lifted, &now.1) };
+        let start =
+            Start { initial: holds, never, values: self.values.at(&self.lifted, &now.values) };
         let relations = &self.reached.relations;
         finish(&self.lifted, relations, start, raw, &mut work).map(Ok)
     }
@@ -223,7 +269,7 @@ impl Standing {
     /// Which facts can ever hold, by number; those that nobody knows cannot.
     pub(crate) fn reaches(
         &mut self,
-        now: &Initial,
+        now: &Now,
         present: &Present,
         facts: &[(PredicateIndex, Vec<ObjectId>)],
     ) -> Vec<bool> {
@@ -249,13 +295,11 @@ impl Standing {
     }
 
     /// What holds, by raw fact, and what can come of it.
-    fn possible(&mut self, now: &Initial, present: &Present) -> (Layout, Vec<bool>, Possible) {
+    fn possible(&mut self, now: &Now, present: &Present) -> (Layout, Vec<bool>, Possible) {
         let layout = self.drawn.layout();
         let mut holds = vec![false; layout.comparison_offset];
-        for (predicate, arguments) in &now.0 {
-            if let Some(row) = self.reached.relations[*predicate].find(arguments) {
-                holds[layout.offsets[*predicate] + row] = true;
-            }
+        for (predicate, row) in &now.facts {
+            holds[layout.offsets[*predicate] + row] = true;
         }
         let masked = self.masked(present);
         let Drawn { operators, .. } = &self.drawn;
@@ -264,6 +308,17 @@ impl Standing {
         let possible = flow.possible(&layout, &holds, &masked);
         self.flow = Some(flow);
         (layout, holds, possible)
+    }
+
+    /// The operators that are possible and may be needed for a goal.
+    fn wanted(&mut self, layout: &Layout, goal: &[Literal], possible: &Possible) -> Operators {
+        let Drawn { operators, .. } = &self.drawn;
+        let sources = self.sources.take().filter(|sources| sources.covers(layout, operators));
+        let new = || Sources::new(layout, operators, self.drawn.axioms());
+        let sources = sources.unwrap_or_else(new);
+        let wanted = sources.wanted(layout, goal, &possible.operators);
+        self.sources = Some(sources);
+        chosen(operators, wanted.into_iter())
     }
 
     /// Grounds a goal over the objects that are there.
@@ -310,15 +365,13 @@ fn make_changeable(lifted: &mut Lifted) {
     }
 }
 
-/// Those operators that stay, by index and schema.
-fn kept(operators: &Operators, stays: impl Fn(usize, u32) -> bool) -> Operators {
-    let mut kept = Operators::default();
-    for (index, operator) in operators.iter().enumerate() {
-        if stays(index, operator.schema) {
-            kept.push_with(operator, operator.preconditions.iter().copied());
-        }
+/// Some of the operators, by their numbers.
+fn chosen(operators: &Operators, numbers: impl Iterator<Item = usize>) -> Operators {
+    let mut chosen = Operators::default();
+    for operator in numbers.map(|number| operators.get(number)) {
+        chosen.push_with(operator, operator.preconditions.iter().copied());
     }
-    kept
+    chosen
 }
 
 /// Whether all the facts that an axiom asks for can be.

@@ -56,7 +56,7 @@ fn lift(symbols: &mut Symbols, domain: &Domain, problem: &Problem) -> Result<Lif
     mark_functions(symbols, &schemas, &axioms, &goal);
     let mut costs = metric::costs(symbols, problem)?;
     metric::check_additive(&mut costs, &schemas, &symbols.functions)?;
-    let (init, values) = initial(symbols, problem);
+    let (init, values) = (initial_facts(symbols, problem), initial_values(symbols, problem));
     reject_derived_changes(symbols, domain, problem);
     if let Err(problem) = strata::assign(&mut axioms, domain) {
         symbols.problems.push(*problem);
@@ -148,32 +148,33 @@ fn mark_functions(
     }
 }
 
-/// Facts that hold, and values, as numbers.
-pub(crate) type Initial = (Vec<(usize, Vec<ObjectId>)>, Vec<(usize, Vec<ObjectId>, f64)>);
-
-/// What `:init` says.
-pub(crate) fn initial(symbols: &mut Symbols, problem: &Problem) -> Initial {
-    let mut facts = Vec::new();
-    let mut values = Vec::new();
-    for element in &problem.init {
-        let mut scope = Scope::new(symbols, []);
-        match element {
-            InitElement::Atom(atom) => {
-                if let Some(atom) = scope.atom(atom) {
-                    facts.push((atom.predicate, ground(&atom.arguments)));
-                }
-            }
-            InitElement::Assign(fluent, number) => {
-                // Competition problems carry values that no domain asks for; `check` warns of them.
-                let is_known = scope.symbols.has_function(&fluent.function);
-                if let Some(fluent) = is_known.then(|| scope.fluent(fluent)).flatten() {
-                    values.push((fluent.function, ground(&fluent.arguments), number.0));
-                }
-            }
-            InitElement::Not(_) | InitElement::At(..) => (),
+/// The facts that `:init` says hold.
+fn initial_facts(symbols: &mut Symbols, problem: &Problem) -> Vec<(usize, Vec<ObjectId>)> {
+    let mut scope = Scope::new(symbols, []);
+    let fact = |element: &InitElement| match element {
+        InitElement::Atom(atom) => {
+            scope.atom(atom).map(|atom| (atom.predicate, ground(&atom.arguments)))
         }
-    }
-    (facts, values)
+        _ => None,
+    };
+    problem.init.iter().filter_map(fact).collect()
+}
+
+/// The values that `:init` gives.
+pub(crate) fn initial_values(
+    symbols: &mut Symbols,
+    problem: &Problem,
+) -> Vec<(usize, Vec<ObjectId>, f64)> {
+    let mut scope = Scope::new(symbols, []);
+    let value = |element: &InitElement| match element {
+        // Competition problems carry values that no domain asks for; `check` warns of them.
+        InitElement::Assign(fluent, number) if scope.symbols.has_function(&fluent.function) => {
+            let fluent = scope.fluent(fluent)?;
+            Some((fluent.function, ground(&fluent.arguments), number.0))
+        }
+        _ => None,
+    };
+    problem.init.iter().filter_map(value).collect()
 }
 
 /// The objects of an argument list without variables.

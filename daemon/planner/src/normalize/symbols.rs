@@ -80,6 +80,12 @@ impl Symbols {
         found.filter(|index| self.predicates[*index].arity == arity)
     }
 
+    /// The same; one that is unknown is nobody's mistake.
+    pub(crate) fn known_predicate(&self, name: &Name, arity: usize) -> Option<usize> {
+        let found = self.predicate_ids.get(name).copied();
+        found.filter(|index| self.predicates[*index].arity == arity)
+    }
+
     /// The function of this name, if it takes that many arguments.
     pub(super) fn function(&mut self, name: &Name, arity: usize) -> Option<usize> {
         let found = self.function_ids.get(name).copied();

@@ -14,9 +14,9 @@ use pddl::{Condition, Diagnostic, Domain, Plan, PlanStep, Problem};
 
 use self::known::{Additions, Known};
 use self::repair::Resumable;
-use crate::ground::{GroundError, Outgrown, Present, Standing};
+use crate::ground::{GroundError, Now, Outgrown, Present, Standing};
 use crate::limits::{Cancel, Options};
-use crate::normalize::{Initial, normalize_named, refuse_time};
+use crate::normalize::{normalize_named, refuse_time};
 use crate::outcome::{Outcome, PlanError, Statistics, StopReason};
 use crate::plan::{
     Judge, is_taken_apart, refuse_mistakes, refuse_mistakes_of_goal, refuse_mistakes_of_problem,
@@ -106,12 +106,12 @@ struct Difference {
     additions: Additions,
     present: Present,
     /// The state, if all its facts are known.
-    now: Option<Initial>,
+    now: Option<Now>,
 }
 
 /// A ground problem in a state.
 struct Ready {
-    now: Initial,
+    now: Now,
     present: Present,
     grounding: Grounding,
 }
@@ -319,9 +319,9 @@ impl Held {
             }
             now = self.standing.now(call.problem);
         }
-        let fits = |now: &Initial| {
+        let fits = |now: &Now| {
             (self.standing.can_mask_objects() || !present.objects.contains(&false))
-                && self.standing.agrees(&now.1, &present)
+                && self.standing.agrees(now, &present)
         };
         Ok(now.filter(fits).map(|now| Ready { now, present, grounding }))
     }

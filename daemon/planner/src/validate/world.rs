@@ -70,6 +70,9 @@ impl World {
     /// What is true here and is not in `other`, a state of the same texts: facts, sorted; those of
     /// axioms come last.
     pub fn beyond(&self, other: &World) -> Vec<Atom> {
+        if Arc::ptr_eq(&self.model, &other.model) {
+            return self.atoms_where(|predicate, tuple| !other.is_true(predicate, tuple));
+        }
         let others: HashSet<Atom> = other.atoms().collect();
         self.atoms().filter(|atom| !others.contains(atom)).collect()
     }
@@ -88,17 +91,32 @@ impl World {
 
     /// The facts that are true, sorted; those of axioms come last.
     pub fn atoms(&self) -> impl Iterator<Item = Atom> + '_ {
+        self.atoms_where(|_, _| true).into_iter()
+    }
+
+    /// Those of them that `shows` tells.
+    fn atoms_where(&self, shows: impl Fn(Relation, &[Object]) -> bool) -> Vec<Atom> {
         let mut derived = Vec::new();
         for predicate in self.model.predicates.iter() {
             if let Some((component, at)) = self.model.axioms.place(predicate) {
                 let claimed = &self.facts[predicate.index()];
                 let all = self.derived(component)[at].tuples();
                 let new = all.filter(|tuple| !claimed.contains(|column| tuple[column]));
-                derived.extend(new.filter_map(|tuple| self.atom(predicate, tuple)));
+                let shown = new.filter(|tuple| shows(predicate, tuple));
+                derived.extend(shown.filter_map(|tuple| self.atom(predicate, tuple)));
             }
         }
         derived.sort_by(by_name);
-        self.claimed().into_iter().chain(derived)
+        let mut atoms = self.claimed_where(shows);
+        atoms.append(&mut derived);
+        atoms
+    }
+
+    /// Whether a fact is true, claimed or derived.
+    fn is_true(&self, predicate: Relation, tuple: &[Object]) -> bool {
+        let is_in = |table: &Table| table.contains(|column| tuple[column]);
+        is_in(&self.facts[predicate.index()]) || { self.model.axioms.place(predicate) }
+            .is_some_and(|(component, at)| is_in(&self.derived(component)[at]))
     }
 
     /// The value of a ground fluent, if it has one.
@@ -157,10 +175,16 @@ impl World {
 
     /// The facts that are true without axioms, sorted.
     fn claimed(&self) -> Vec<Atom> {
+        self.claimed_where(|_, _| true)
+    }
+
+    /// Those of them that `shows` tells.
+    fn claimed_where(&self, shows: impl Fn(Relation, &[Object]) -> bool) -> Vec<Atom> {
         let mut claimed = Vec::new();
         for predicate in self.model.predicates.iter() {
             let facts = self.facts[predicate.index()].tuples();
-            claimed.extend(facts.filter_map(|tuple| self.atom(predicate, tuple)));
+            let shown = facts.filter(|tuple| shows(predicate, tuple));
+            claimed.extend(shown.filter_map(|tuple| self.atom(predicate, tuple)));
         }
         claimed.sort_by(by_name);
         claimed
@@ -222,12 +246,21 @@ fn initially(
     let mut facts: Vec<Table> = model.predicates.arities().map(Table::new).collect();
     values[total_cost.index()].set(&[], 0.0);
     let mut tuple = Vec::new();
+    // Facts of one predicate mostly come one after the other.
+    let mut last: Option<(&Atom, Relation)> = None;
     for element in &problem.init {
         tuple.clear();
         match element {
             InitElement::Atom(atom) => {
                 let arity = atom.arguments.len();
-                let predicate = model.predicates.insert(&atom.predicate, arity);
+                let is_same = |(other, _): &(&Atom, Relation)| {
+                    other.predicate == atom.predicate && other.arguments.len() == arity
+                };
+                let predicate = match last.filter(is_same) {
+                    Some((_, predicate)) => predicate,
+                    None => model.predicates.insert(&atom.predicate, arity),
+                };
+                last = Some((atom, predicate));
                 tuple.extend(atom.arguments.iter().map(|term| model.objects.insert(term.name())));
                 if predicate.index() == facts.len() {
                     facts.push(Table::new(arity));

@@ -372,6 +372,31 @@ fn numbers_that_change_are_followed_and_others_are_ground_again() {
 }
 
 #[test]
+fn who_changes_numbers_alone_is_needed_where_they_are_compared() {
+    let domain = domain(
+        "(:requirements :typing :fluents :action-costs) (:types room)
+         (:predicates (dry ?x - room)) (:functions (heat) (total-cost))
+         (:action burn :parameters () :effect (and (increase (heat) 3) (increase (total-cost) 1)))
+         (:action air :parameters (?x - room) :precondition (>= (heat) 5)
+           :effect (and (dry ?x) (increase (total-cost) 1)))",
+    );
+    let mut replanner = Replanner::default();
+    let mut again = |heat, goal: &str| {
+        let problem = problem(&format!(
+            "(:objects a b - room) (:init (= (heat) {heat}) (= (total-cost) 0))
+             (:goal {goal}) (:metric minimize (total-cost))"
+        ));
+        let (domain, problem) = parse(&domain, &problem);
+        let found = replanner.plan(&domain, &problem, &[], &Options::default(), &Cancel::new());
+        let found = found.expect("it can");
+        (found.outcome.plan.map(|plan| plan.steps.len()), found.grounding)
+    };
+    assert_eq!(again(0, "(dry a)"), (Some(3), Grounding::Afresh));
+    assert_eq!(again(2, "(and (dry a) (dry b))"), (Some(3), Grounding::Kept));
+    assert_eq!(again(5, "(dry b)"), (Some(1), Grounding::Kept));
+}
+
+#[test]
 fn texts_that_make_no_sense_are_refused_as_ever() {
     let mut replanner = Replanner::default();
     let (options, cancel) = (Options::default(), Cancel::new());
