@@ -239,28 +239,38 @@ impl Relevance {
         let changers = Changers::new(facts, raw);
         let mut operators = vec![false; raw.operators.len()];
         relevance.want(facts, goal);
+        // Who changes numbers is kept in any case, and so is what it asks for.
+        for (index, operator) in raw.operators.iter().enumerate() {
+            if all_changes(operator).any(|changes| !changes.numeric.is_empty()) {
+                operators[index] = true;
+                relevance.want_of(facts, operator);
+            }
+        }
         while let Some(fact) = relevance.waiting.pop() {
             for &axiom in changers.axioms.row(fact) {
                 relevance.want(facts, &raw.axioms[axiom as usize].body);
             }
             for &operator in changers.operators.row(fact) {
-                if std::mem::replace(&mut operators[operator as usize], true) {
-                    continue;
-                }
-                work.breathe()?;
-                let operator = raw.operators.get(operator as usize);
-                if facts.never_applies(operator) {
-                    continue;
-                }
-                relevance.want(facts, operator.preconditions);
-                for one in operator.conditional.iter() {
-                    if !one.conditions.iter().any(|literal| facts.is_impossible(*literal)) {
-                        relevance.want(facts, one.conditions);
-                    }
+                if !std::mem::replace(&mut operators[operator as usize], true) {
+                    work.breathe()?;
+                    relevance.want_of(facts, raw.operators.get(operator as usize));
                 }
             }
         }
         Ok(relevance)
+    }
+
+    /// Wants all that an operator asks for, unless it never applies.
+    fn want_of(&mut self, facts: &Facts<'_>, operator: Operator<'_>) {
+        if facts.never_applies(operator) {
+            return;
+        }
+        self.want(facts, operator.preconditions);
+        for one in operator.conditional.iter() {
+            if !one.conditions.iter().any(|literal| facts.is_impossible(*literal)) {
+                self.want(facts, one.conditions);
+            }
+        }
     }
 
     fn want(&mut self, facts: &Facts<'_>, literals: &[Literal]) {

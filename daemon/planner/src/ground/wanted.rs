@@ -17,7 +17,8 @@ pub(super) struct Sources {
     changers: Rows,
     /// By step, the operators before the axioms: the facts it asks for, in whichever condition.
     asked: Rows,
-    /// The operators that change numbers, of which any comparison may read one.
+    /// The operators that change numbers: whoever compares one, is priced by one or changes one by
+    /// another may need them, also that it has a value at all.
     counting: Vec<u32>,
     operator_count: usize,
 }
@@ -67,28 +68,26 @@ impl Sources {
     /// Those operators of which one or the other may be needed for a goal, among those that `can`
     /// happen: in order.
     pub(super) fn wanted(&self, layout: &Layout, goal: &[Literal], can: &[bool]) -> Vec<usize> {
-        let comparisons = layout.comparison_offset..layout.comparison_end();
         let mut facts = vec![false; self.changers.len()];
         let mut steps = vec![false; self.asked.len()];
         let mut queue: Vec<u32> = Vec::new();
-        let mut want = |fact: usize, queue: &mut Vec<u32>| {
-            if !std::mem::replace(&mut facts[fact], true) {
-                queue.push(fact as u32);
+        let mut want = |fact: u32, queue: &mut Vec<u32>| {
+            if !std::mem::replace(&mut facts[fact as usize], true) {
+                queue.push(fact);
             }
         };
-        goal.iter().for_each(|literal| want(layout.dense(literal.fact()), &mut queue));
-        while let Some(fact) = queue.pop() {
-            let is_comparison = comparisons.contains(&(fact as usize));
-            let counting = if is_comparison { &*self.counting } else { &[] };
-            for &step in self.changers.row(fact).iter().chain(counting) {
-                let step = step as usize;
-                if can.get(step) == Some(&false) || std::mem::replace(&mut steps[step], true) {
-                    continue;
-                }
-                for &asked in self.asked.row(step as u32) {
-                    want(asked as usize, &mut queue);
-                }
+        for literal in goal {
+            want(layout.dense(literal.fact()) as u32, &mut queue);
+        }
+        let mut take = |step: u32, queue: &mut Vec<u32>| {
+            let is_possible = can.get(step as usize) != Some(&false);
+            if is_possible && !std::mem::replace(&mut steps[step as usize], true) {
+                self.asked.row(step).iter().for_each(|asked| want(*asked, queue));
             }
+        };
+        self.counting.iter().for_each(|step| take(*step, &mut queue));
+        while let Some(fact) = queue.pop() {
+            self.changers.row(fact).iter().for_each(|step| take(*step, &mut queue));
         }
         (0..self.operator_count).filter(|operator| steps[*operator]).collect()
     }

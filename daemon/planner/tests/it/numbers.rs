@@ -82,6 +82,23 @@ fn increasing_what_has_no_value_never_applies() {
 }
 
 #[test]
+fn what_an_action_asks_for_that_changes_numbers_alone_is_done_before() {
+    case(
+        "(:predicates (done) (ready)) (:functions (count))
+         (:action prepare :effect (ready))
+         (:action start :precondition (ready) :effect (assign (count) 0))
+         (:action go :effect (and (done) (increase (count) 1)))",
+        "(:init) (:goal (done))",
+        expect![[r#"
+            (prepare)
+            (start)
+            (go)
+            cost 3, optimal
+        "#]],
+    );
+}
+
+#[test]
 fn division_by_zero_makes_no_condition_true() {
     case(
         "(:predicates (done)) (:functions (a) (b))

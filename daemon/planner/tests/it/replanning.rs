@@ -397,6 +397,24 @@ fn who_changes_numbers_alone_is_needed_where_they_are_compared() {
 }
 
 #[test]
+fn who_gives_a_number_its_value_is_needed_where_it_is_changed() {
+    let domain = domain(
+        "(:requirements :fluents) (:predicates (done) (ready)) (:functions (count))
+         (:action prepare :parameters () :effect (ready))
+         (:action start :parameters () :precondition (ready) :effect (assign (count) 0))
+         (:action go :parameters () :effect (and (done) (increase (count) 1)))",
+    );
+    let mut replanner = Replanner::default();
+    let mut again = |init: &str| {
+        let (domain, problem) = parse(&domain, &problem(&format!("(:init {init}) (:goal (done))")));
+        let found = replanner.plan(&domain, &problem, &[], &Options::default(), &Cancel::new());
+        found.expect("it can").outcome.plan.map(|plan| plan.steps.len())
+    };
+    assert_eq!(again(""), Some(3));
+    assert_eq!(again("(ready)"), Some(2));
+}
+
+#[test]
 fn texts_that_make_no_sense_are_refused_as_ever() {
     let mut replanner = Replanner::default();
     let (options, cancel) = (Options::default(), Cancel::new());
