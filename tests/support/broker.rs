@@ -65,10 +65,20 @@ impl Broker {
         let (begins, begun) = mpsc::channel();
         std::thread::spawn(move || {
             let mut lines = lines.by_ref().map_while(Result::ok);
-            let _ = begins.send(lines.any(|line| line.ends_with(" running")));
+            let runs = lines.any(|line| {
+                if line.contains("Error") {
+                    eprintln!("mosquitto: {line}");
+                }
+                line.ends_with(" running")
+            });
+            let _ = begins.send(runs);
             lines.for_each(drop);
         });
-        let listens = begun.recv_timeout(BEGIN_MAX).expect("the broker says whether it listens");
+        let Ok(listens) = begun.recv_timeout(BEGIN_MAX) else {
+            let _ = child.kill();
+            let _ = child.wait();
+            panic!("the broker does not say whether it listens");
+        };
         if !listens {
             child.wait().expect("our own child");
         }

@@ -94,14 +94,17 @@ impl Store {
     /// Opens the file, or makes it. One that is broken is moved aside, and said to be: the other
     /// Journals have what was in it.
     pub(crate) fn open(path: &Path) -> Result<(Store, Vec<Record>), StoreError> {
+        if !path.exists() {
+            return begin(path);
+        }
         match read(path) {
             Err(Trouble::Broken(why)) => {
-                let aside = path.with_extension(format!("broken-{}", std::process::id()));
+                let aside = free_name_beside(path);
                 tracing::error!(file = %path.display(), aside = %aside.display(), why,
                     "the journal is broken; it is moved aside, and begun anew");
                 let failed = |error: io::Error| failed("move aside", path, &error);
                 fs::rename(path, &aside).map_err(failed)?;
-                read(path).map_err(|trouble| trouble.about(path))
+                begin(path)
             }
             other => other.map_err(|trouble| trouble.about(path)),
         }
@@ -191,12 +194,27 @@ fn failed(what: &'static str, path: &Path, error: &io::Error) -> StoreError {
     StoreError::Failed { what, path: path.to_owned(), why: error.to_string() }
 }
 
+/// Makes a file where none is. Half of one, as a full disk leaves it, would be in the way when there
+/// is room again.
+fn begin(path: &Path) -> Result<(Store, Vec<Record>), StoreError> {
+    read(path).map_err(|trouble| {
+        if matches!(trouble, Trouble::Broken(_) | Trouble::Other(_)) {
+            let _ = fs::remove_file(path);
+        }
+        trouble.about(path)
+    })
+}
+
+/// Where a broken file goes, over none that is there already.
+fn free_name_beside(path: &Path) -> PathBuf {
+    let name = |number: u32| path.with_extension(format!("broken-{number}"));
+    (1..).map(name).find(|name| !name.exists()).unwrap_or_else(|| name(0))
+}
+
 fn read(path: &Path) -> Result<(Store, Vec<Record>), Trouble> {
     let database = Database::create(path).map_err(|error| match error {
         DatabaseError::DatabaseAlreadyOpen => Trouble::InUse,
-        DatabaseError::Storage(StorageError::Io(error))
-            if error.kind() == io::ErrorKind::InvalidData =>
-        {
+        DatabaseError::Storage(StorageError::Io(error)) if is_of_the_file(error.kind()) => {
             Trouble::Broken(error.to_string())
         }
         DatabaseError::Storage(StorageError::Io(error)) => Trouble::Other(error.to_string()),
@@ -205,10 +223,17 @@ fn read(path: &Path) -> Result<(Store, Vec<Record>), Trouble> {
     })?;
     let records = all(&database).map_err(|error| match error {
         Unread::Newer(found) => Trouble::Newer(found),
-        Unread::Store(redb::Error::Io(error)) => Trouble::Other(error.to_string()),
+        Unread::Store(redb::Error::Io(error)) if !is_of_the_file(error.kind()) => {
+            Trouble::Other(error.to_string())
+        }
         Unread::Store(broken) => Trouble::Broken(broken.to_string()),
     })?;
     Ok((Store::File(Filed::new(path, database)), records))
+}
+
+/// Whether what is in a file is the trouble, or that it is cut off, and not the disk.
+fn is_of_the_file(kind: io::ErrorKind) -> bool {
+    matches!(kind, io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof)
 }
 
 enum Unread {
@@ -306,15 +331,21 @@ mod tests {
     }
 
     #[test]
-    fn a_broken_file_is_moved_aside() {
+    fn broken_files_are_moved_aside_each_under_a_name_of_its_own() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("journal.redb");
-        fs::write(&path, vec![7; 100_000]).expect("written");
-        let (_, records) = Store::open(&path).expect("begun anew");
-        assert!(records.is_empty());
-        let aside = fs::read_dir(folder.path()).expect("readable").flatten();
-        let names: Vec<_> = aside.map(|entry| entry.file_name()).collect();
-        let is_aside = |name: &&std::ffi::OsString| name.to_string_lossy().contains("broken");
-        assert_eq!(names.iter().filter(is_aside).count(), 1, "{names:?}");
+        let (store, _) = Store::open(&path).expect("made");
+        store.write(&[record("goal/a", 1)], &[]).expect("written");
+        drop(store);
+        let whole = fs::read(&path).expect("readable");
+        // Rubbish, and files that are cut off wherever it may be.
+        let torn = [100, 600, 5_000, whole.len() / 2].map(|length| whole[..length].to_vec());
+        for (count, broken) in std::iter::once(vec![7; 100_000]).chain(torn).enumerate() {
+            fs::write(&path, &broken).expect("written");
+            let (_, records) = Store::open(&path).expect("begun anew");
+            assert!(records.is_empty());
+            let aside = path.with_extension(format!("broken-{}", count + 1));
+            assert_eq!(fs::read(aside).expect("it is aside").len(), broken.len());
+        }
     }
 }
