@@ -79,9 +79,13 @@ struct Open<A: Agent> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct TimerId(Instant, u64);
 
-/// A piece of work aside; ends when it is dropped.
+/// A piece of work aside; ends when it is dropped, and nothing comes of it then: also where it was
+/// done already, and its agent had not been told.
 #[derive(Debug)]
-pub struct Work(AbortHandle);
+pub struct Work {
+    task: AbortHandle,
+    _awaited: Arc<()>,
+}
 
 /// An agent that another has brought; it leaves when this is dropped.
 #[derive(Debug)]
@@ -98,7 +102,7 @@ impl Drop for Brought {
 
 impl Drop for Work {
     fn drop(&mut self) {
-        self.0.abort();
+        self.task.abort();
     }
 }
 
@@ -415,12 +419,19 @@ impl<A: Agent> Context<A> {
         work: impl Future<Output = T> + Send + 'static,
         then: impl FnOnce(&mut A, T, &mut Context<A>) + Send + 'static,
     ) -> Work {
+        let awaited = Arc::new(());
+        let is_awaited = Arc::downgrade(&awaited);
         let deferred = async move {
             let outcome = work.await;
-            let deferred: Deferred<A> = Box::new(move |agent, ctx| then(agent, outcome, ctx));
+            let deferred: Deferred<A> = Box::new(move |agent, ctx| {
+                if is_awaited.strong_count() > 0 {
+                    then(agent, outcome, ctx);
+                }
+            });
             deferred
         };
-        Work(self.work.spawn(deferred.instrument(tracing::Span::current())))
+        let task = self.work.spawn(deferred.instrument(tracing::Span::current()));
+        Work { task, _awaited: awaited }
     }
 
     /// Lets another agent live beside this one, on its daemon; when it ends by itself, calls back with

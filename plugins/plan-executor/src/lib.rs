@@ -27,7 +27,7 @@ use agent::{
 use serde::Deserialize;
 
 use crate::execution::Execution;
-use crate::taking_over::{Ended, PlanId};
+use crate::taking_over::{Askers, Ended, PlanId};
 use crate::word::{Doubt, Words};
 
 /// Plans that may run side by side. Each keeps a copy of the state; a building has few goals.
@@ -76,8 +76,8 @@ struct PlanExecutor {
 
 /// One plan under way.
 struct Running {
-    /// Who asked last.
-    engagement: Engagement,
+    /// Who asked for it, and hears of it.
+    askers: Askers,
     plan: PlanId,
     /// As it was asked for.
     asked: Box<Execute>,
@@ -185,7 +185,7 @@ impl PlanExecutor {
     ) {
         let token = engagement.exchange.clone();
         let running = Running {
-            engagement,
+            askers: Askers::new(engagement),
             plan,
             asked,
             execution,
@@ -205,8 +205,7 @@ impl PlanExecutor {
     }
 
     fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
-        // Who was taken over from decides nothing any more.
-        let asked = |running: &Running| Some(&running.engagement.exchange) == message.exchange();
+        let asked = |running: &Running| running.askers.has(message.exchange());
         let token = self.running.iter().find(|(_, running)| asked(running));
         if let Some(token) = token.map(|(token, _)| token.clone()) {
             self.give_up(&token, Report::new(Outcome::Cancelled, "cancelled as asked"), ctx);
@@ -242,7 +241,7 @@ impl PlanExecutor {
     fn act(&mut self, token: &ReplyToken, step: usize, ctx: &mut Context<Self>) {
         let patience = ctx.settings().answer_deadline;
         let Some(running) = self.running.get_mut(token) else { return };
-        let conversation = running.engagement.conversation.clone();
+        let conversation = running.plan.conversation.clone();
         let order = match running.execution.start(step) {
             Ok(order) => order,
             Err(problem) => return self.give_up(token, failure(problem), ctx),
@@ -421,7 +420,7 @@ impl PlanExecutor {
             to: Some(self.domain_maintainer.clone()),
             performative: Performative::Request,
             protocol: Protocol::StateChange,
-            conversation: running.engagement.conversation.clone(),
+            conversation: running.plan.conversation.clone(),
             content: value(&Request::ChangeState(change)),
         };
         let told = token.clone();
@@ -504,15 +503,15 @@ impl PlanExecutor {
         for timer in [running.check, running.grace, running.hearing].into_iter().flatten() {
             ctx.forget(timer);
         }
-        tracing::info!(conversation = %running.engagement.conversation, outcome = %report.outcome,
+        tracing::info!(conversation = %running.plan.conversation, outcome = %report.outcome,
             detail = report.detail, "ends");
-        ctx.answer(&running.engagement, Performative::Confirm, &report);
+        running.askers.tell(&report, ctx);
         self.ended.keep(running.plan, report);
     }
 
     fn report(&mut self, token: &ReplyToken, report: &Report, ctx: &mut Context<Self>) {
         if let Some(running) = self.running.get(token) {
-            ctx.answer(&running.engagement, Performative::Confirm, report);
+            running.askers.tell(report, ctx);
         }
     }
 }

@@ -5,6 +5,9 @@
 //! ended, how it ended is said again; if nobody here knows of it, the executor that had it is gone:
 //! it is begun at the steps that are known to be done. The others are asked for under the same
 //! tokens, so that their actuators do nothing twice.
+//!
+//! Who acts may be seen differently here and there, for a moment; and what was asked before its asker
+//! stood down may come after what the next has asked. So all who have asked for a plan hear of it.
 
 use std::collections::VecDeque;
 
@@ -27,6 +30,14 @@ pub(crate) struct PlanId {
     pub(crate) round: u32,
 }
 
+/// Plan Requesters that are told of one plan. Of a name there are as many as daemons that host it, of
+/// which one acts: whoever asked before so many others has long stood down.
+const ASKERS_MAX: usize = 4;
+
+/// Who has asked for a plan; who asked last comes last.
+#[derive(Clone, Debug)]
+pub(crate) struct Askers(Vec<Engagement>);
+
 /// How the last plans ended.
 #[derive(Debug, Default)]
 pub(crate) struct Ended(VecDeque<(PlanId, Report)>);
@@ -37,6 +48,33 @@ impl PlanId {
     pub(crate) fn of(conversation: &ConversationId, execute: &Execute) -> PlanId {
         let Execute { term, round, .. } = *execute;
         PlanId { conversation: conversation.clone(), term, round }
+    }
+}
+
+// === impl Askers ===
+
+impl Askers {
+    pub(crate) fn new(first: Engagement) -> Askers {
+        Askers(vec![first])
+    }
+
+    /// Who asks again in the same life hears no more of what it asked before.
+    fn add(&mut self, asker: &Engagement) {
+        let is_same =
+            |other: &Engagement| (&other.initiator, other.life) == (&asker.initiator, asker.life);
+        self.0.retain(|other| !is_same(other));
+        if self.0.len() >= ASKERS_MAX {
+            self.0.remove(0);
+        }
+        self.0.push(asker.clone());
+    }
+
+    pub(crate) fn has(&self, exchange: Option<&ReplyToken>) -> bool {
+        self.0.iter().any(|asker| Some(&asker.exchange) == exchange)
+    }
+
+    pub(crate) fn tell(&self, report: &Report, ctx: &mut Context<PlanExecutor>) {
+        self.0.iter().for_each(|asker| ctx.answer(asker, Performative::Confirm, report));
     }
 }
 
@@ -116,10 +154,10 @@ impl PlanExecutor {
         ctx.answer(engagement, Performative::Refuse, &refusal);
     }
 
-    /// Reports a running plan to who asked for it last, from its beginning.
+    /// Reports a running plan to who asks for it too, from its beginning.
     fn attach(&mut self, token: &ReplyToken, engagement: &Engagement, ctx: &mut Context<Self>) {
         let Some(running) = self.running.get_mut(token) else { return };
-        running.engagement = engagement.clone();
+        running.askers.add(engagement);
         for (step, action) in running.execution.done() {
             let report = Report::new(Outcome::Progress, format!("`{action}` is done"));
             let step = u32::try_from(step).ok();

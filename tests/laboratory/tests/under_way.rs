@@ -1,20 +1,20 @@
 //! What a Plan Executor does with a second plan for a goal: of the same Plan Requester it takes the
-//! first one's place; of another, which knew nothing of the first, it does not.
+//! first one's place; of another, which knew nothing of the first, it does not. And who hears of it.
 
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::content::{Execute, Method, Offer, Reason, Refusal, Request, value};
+use acl::content::{Execute, Method, Offer, Outcome, Reason, Refusal, Report, Request, value};
 use acl::{
-    AgentId, ConversationId, DaemonId, Deadline, EcosystemId, Incarnation, Message, Performative,
-    Protocol,
+    AgentId, ConversationId, DaemonId, Deadline, EcosystemId, Message, Performative, Protocol,
 };
 use agent::{
-    Agent, Answer, Berth, Blueprint, Callbacks, Context, Engagement, Host, Launch, Mode, Opening,
-    Settings, Switchboard,
+    Agent, Answer, Berth, Blueprint, Callbacks, Context, Engagement, Host, Launch, LaunchError,
+    Mode, Opening, Settings, Switchboard,
 };
 use substrate::memory::Network;
 use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
@@ -63,6 +63,8 @@ impl Agent for Lamp {
 /// Asks for these plans, one after the other, and tells what is answered.
 struct Asker {
     plans: Vec<Execute>,
+    /// When it asks for the first.
+    after: Duration,
     told: mpsc::UnboundedSender<Message>,
 }
 
@@ -73,7 +75,8 @@ impl Agent for Asker {
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
         for (n, plan) in std::mem::take(&mut self.plans).into_iter().enumerate() {
-            ctx.after(Duration::from_secs(1 + n as u64), move |_: &mut Asker, ctx| {
+            let after = self.after + Duration::from_secs(n as u64);
+            ctx.after(after, move |_: &mut Asker, ctx| {
                 let opening = Opening {
                     to: Some(name("plan-executor")),
                     performative: Performative::Request,
@@ -81,7 +84,7 @@ impl Agent for Asker {
                     conversation: ConversationId::new("goal"),
                     content: value(&Request::Execute(Box::new(plan))),
                 };
-                let patience = Duration::from_secs(60);
+                let patience = Duration::from_secs(300);
                 ctx.open(opening, patience, |asker: &mut Asker, answer, _| {
                     if let Answer::Message(message) = answer {
                         asker.told.send(*message).expect("the test listens");
@@ -96,38 +99,97 @@ fn name(text: &str) -> AgentId {
     AgentId::new(text).expect("a name")
 }
 
+/// Machines on one wire.
+struct House {
+    network: Network,
+    host: Arc<Host>,
+}
+
+impl House {
+    fn new() -> House {
+        let ontology = pddl::parse_domain(DOMAIN).into_result().expect("a domain");
+        let problem = pddl::parse_problem(PROBLEM).into_result().expect("a problem");
+        let (mode, settings) = (Mode::Centralized, Settings::default());
+        let host = Arc::new(Host { mode, settings, ..Host::new(ontology, problem) });
+        House { network: Network::new(), host }
+    }
+
+    fn machine(&self, name: &str) -> Arc<Switchboard> {
+        let daemon = DaemonId::new(name).expect("a name");
+        let ecosystem = EcosystemId::new("home").expect("a name");
+        let settings = self.host.settings.clone();
+        let machine = Switchboard::new(ecosystem, daemon.clone(), settings);
+        machine.connect(self.network.open(daemon, Arc::<Switchboard>::clone(&machine) as _));
+        machine
+    }
+
+    fn executor(&self) -> Box<dyn Launch> {
+        let (id, config) = (name("plan-executor"), serde_json::json!({}).into());
+        let host = Arc::clone(&self.host);
+        let blueprint = Blueprint { id, driver: String::new(), config, host };
+        (plan_executor::PLUGIN.build)(blueprint).expect("built")
+    }
+}
+
+/// Lets an agent live on a machine.
+fn launch(
+    agent: Box<dyn Launch>,
+    id: &str,
+    machine: &Arc<Switchboard>,
+    stands_by: bool,
+) -> JoinHandle<Result<(), LaunchError>> {
+    agent.launch(Berth {
+        id: name(id),
+        incarnation: machine.machine().next_life(),
+        switchboard: Arc::clone(machine),
+        ontology: Arc::from("d"),
+        stopping: CancellationToken::new(),
+        stands_by,
+        via: [].into(),
+    })
+}
+
 /// The first answer to any of these plans.
 async fn first_answer(plans: Vec<Execute>) -> Message {
-    let (network, settings) = (Network::new(), Settings::default());
-    let daemon = DaemonId::new("here").expect("a name");
-    let ecosystem = EcosystemId::new("home").expect("a name");
-    let switchboard = Switchboard::new(ecosystem, daemon.clone(), settings.clone());
-    switchboard.connect(network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _));
-    let ontology = pddl::parse_domain(DOMAIN).into_result().expect("a domain");
-    let host = Host::new(ontology, pddl::parse_problem(PROBLEM).into_result().expect("a problem"));
-    let host = Arc::new(Host { mode: Mode::Centralized, settings, ..host });
-    let launch = |agent: Box<dyn Launch>, id: &str| {
-        agent.launch(Berth {
-            id: name(id),
-            incarnation: Incarnation(1),
-            switchboard: Arc::clone(&switchboard),
-            ontology: Arc::from("d"),
-            stopping: CancellationToken::new(),
-            stands_by: false,
-            via: [].into(),
-        })
-    };
-    let (id, config) = (name("plan-executor"), serde_json::json!({}).into());
-    let blueprint = Blueprint { id, driver: String::new(), config, host };
-    let executor = (plan_executor::PLUGIN.build)(blueprint).expect("built");
+    let house = House::new();
+    let here = house.machine("here");
     let (told, mut heard) = mpsc::unbounded_channel();
+    let asker = Asker { plans, after: Duration::from_secs(1), told };
     let _lives = [
-        launch(executor, "plan-executor"),
-        launch(Box::new(Lamp), "lamp"),
-        launch(Box::new(Asker { plans, told }), "plan-requester"),
+        launch(house.executor(), "plan-executor", &here, false),
+        launch(Box::new(Lamp), "lamp", &here, false),
+        launch(Box::new(asker), "plan-requester", &here, false),
     ];
     let answer = timeout(Duration::from_secs(30), heard.recv()).await.expect("in time");
     answer.expect("somebody answers")
+}
+
+/// Of two Plan Requesters one has stood down. What it had asked for comes after what the other has
+/// asked for; or before.
+#[tokio::test(start_paused = true)]
+async fn whoever_asked_for_a_plan_hears_how_it_ends() {
+    for (first, second) in [(1, 2), (2, 1)] {
+        let house = House::new();
+        let [here, there] = ["here", "there"].map(|name| house.machine(name));
+        let asker = |after| {
+            let (told, heard) = mpsc::unbounded_channel();
+            let (plans, after) = (vec![execute(5, 1)], Duration::from_secs(after));
+            (Box::new(Asker { plans, after, told }), heard)
+        };
+        let ((acts, first_heard), (stands_by, second_heard)) = (asker(first), asker(second));
+        let _lives = [
+            launch(house.executor(), "plan-executor", &here, false),
+            launch(Box::new(Lamp), "lamp", &here, false),
+            launch(acts, "plan-requester", &here, true),
+            launch(stands_by, "plan-requester", &there, true),
+        ];
+        for mut heard in [first_heard, second_heard] {
+            // The lamp has a minute, and falls silent.
+            let answer = timeout(Duration::from_secs(120), heard.recv()).await.expect("in time");
+            let report: Report = answer.expect("it lives").content_as().expect("a report");
+            assert_eq!(report.outcome, Outcome::Failed, "{report:?}");
+        }
+    }
 }
 
 #[tokio::test(start_paused = true)]
@@ -145,8 +207,8 @@ async fn what_another_has_begun_goes_on_and_is_shown() {
 async fn a_later_plan_of_the_same_takes_the_place_of_the_first() {
     let answer = first_answer(vec![execute(5, 1), execute(5, 2)]).await;
     assert_eq!(answer.performative, Performative::Confirm, "{answer:?}");
-    let report: acl::content::Report = answer.content_as().expect("a report");
-    assert_eq!(report.outcome, acl::content::Outcome::Cancelled, "{report:?}");
+    let report: Report = answer.content_as().expect("a report");
+    assert_eq!(report.outcome, Outcome::Cancelled, "{report:?}");
     let answer = first_answer(vec![execute(5, 2), execute(5, 1)]).await;
     let refusal: Refusal = answer.content_as().expect("a refusal");
     assert_eq!((refusal.reason, refusal.under_way), (Reason::StaleToken, None));

@@ -1,0 +1,59 @@
+//! Work aside: who drops it hears nothing of it any more.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::{AgentId, DaemonId, EcosystemId, Incarnation};
+use agent::{Agent, Berth, Callbacks, Context, Launch as _, Settings, Switchboard, Work};
+use substrate::memory::Network;
+use tokio::sync::mpsc;
+use tokio_util::sync::CancellationToken;
+
+/// Begins two pieces of work that are done at once; whichever it is told of first, it drops the other.
+struct Fickle {
+    works: Vec<Work>,
+    told: mpsc::UnboundedSender<&'static str>,
+}
+
+impl Agent for Fickle {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        self.works = ["one", "other"]
+            .map(|which| {
+                ctx.run(std::future::ready(which), |fickle: &mut Self, which, _| {
+                    fickle.works.clear();
+                    fickle.told.send(which).expect("the test listens");
+                })
+            })
+            .into();
+        ctx.after(Duration::from_secs(1), |fickle: &mut Self, _| {
+            fickle.told.send("later").expect("the test listens");
+        });
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_is_dropped_is_not_heard_of_though_it_was_done() {
+    let daemon = DaemonId::new("here").expect("a name");
+    let ecosystem = EcosystemId::new("home").expect("a name");
+    let switchboard = Switchboard::new(ecosystem, daemon.clone(), Settings::default());
+    let network = Network::new();
+    switchboard.connect(network.open(daemon, Arc::<Switchboard>::clone(&switchboard) as _));
+    let (told, mut heard) = mpsc::unbounded_channel();
+    let life = Box::new(Fickle { works: Vec::new(), told }).launch(Berth {
+        id: AgentId::new("fickle").expect("a name"),
+        incarnation: Incarnation(1),
+        switchboard,
+        ontology: Arc::from("d"),
+        stopping: CancellationToken::new(),
+        stands_by: false,
+        via: [].into(),
+    });
+    let first = heard.recv().await.expect("it lives");
+    assert!(["one", "other"].contains(&first), "{first}");
+    assert_eq!(heard.recv().await, Some("later"), "and nothing of the other");
+    life.abort();
+}
