@@ -7,10 +7,12 @@ use std::fs;
 use std::net::TcpListener;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::PathBuf;
+use std::process::{Child, Stdio};
 use std::time::Instant;
 
 use serde_json::Value;
-use support::{Office, PATIENCE, stderr, stdout};
+use support::network::example;
+use support::{Office, PATIENCE, lines, stderr, stdout};
 
 const BOARDS: [&str; 2] = ["turtlebot-laptop", "office2-pi"];
 
@@ -40,20 +42,20 @@ impl Secured {
         assert!(output.status.success(), "{}", stderr(&output));
         stdout(&output)
     }
+}
 
-    /// What was rejected so far, and why, by a daemon.
-    fn rejected(&self, by: &str, kind: &str) -> u64 {
-        let counted = self.office.ask_json(&["mailbox"]);
-        let daemons = counted["daemons"].as_array().cloned().unwrap_or_default();
-        let of = daemons.iter().find(|daemon| daemon["daemon"] == by);
-        of.and_then(|daemon| daemon["rejected"][kind].as_u64()).unwrap_or(0)
-    }
+/// What was rejected so far, and why, by a daemon.
+fn rejected(office: &Office, by: &str, kind: &str) -> u64 {
+    let counted = office.ask_json(&["mailbox"]);
+    let daemons = counted["daemons"].as_array().cloned().unwrap_or_default();
+    let of = daemons.iter().find(|daemon| daemon["daemon"] == by);
+    of.and_then(|daemon| daemon["rejected"][kind].as_u64()).unwrap_or(0)
+}
 
-    fn await_rejected(&self, by: &str, kind: &str) {
-        let deadline = Instant::now() + PATIENCE;
-        while self.rejected(by, kind) == 0 {
-            assert!(Instant::now() < deadline, "`{by}` rejects nothing that is {kind}");
-        }
+fn await_rejected(office: &Office, by: &str, kind: &str) {
+    let deadline = Instant::now() + PATIENCE;
+    while rejected(office, by, kind) == 0 {
+        assert!(Instant::now() < deadline, "`{by}` rejects nothing that is {kind}");
     }
 }
 
@@ -122,7 +124,7 @@ fn who_may_not_ask_for_goals_is_refused_and_counted() {
     let (code, said) = secured.office.ask(&["goal", "(known-temperature office1)"]);
     assert_ne!(code, Some(0), "{said}");
     assert!(said.contains("does not let `keyboard-"), "{said}");
-    assert!(secured.rejected("reasoning", "overstepped") > 0);
+    assert!(rejected(&secured.office, "reasoning", "overstepped") > 0);
     let (_, table) = secured.office.ask(&["mailbox"]);
     assert!(table.contains("overstepped"), "{table}");
 }
@@ -134,7 +136,7 @@ fn who_is_revoked_is_not_believed_any_more() {
     secured.office.await_devices(3);
     let said = secured.cert(&["revoke", "office2-pi"]);
     assert!(said.starts_with("revoked `office2-pi`: 1 certificate"), "{said}");
-    secured.await_rejected("reasoning", "revoked");
+    await_rejected(&secured.office, "reasoning", "revoked");
     // Its heartbeats are not believed, and so it can do nothing any more.
     secured.office.await_devices(2);
     let shown = secured.cert(&["show", "--json"]);
@@ -197,4 +199,74 @@ fn rights_without_security_are_warned_of() {
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     let said = format!("{}{}", stdout(&output), stderr(&output));
     assert!(said.contains("nobody sees to rights in an ecosystem that is not secured"), "{said}");
+}
+
+/// Zenoh itself with these settings, which has sent a request that is longer than any may be; until
+/// it is dropped.
+struct Rogue(Child);
+
+impl Rogue {
+    #[track_caller]
+    fn shout(office: &Office, settings: &Value) -> Rogue {
+        let settings = office.write("rogue.json5", &settings.to_string());
+        let program = example("put");
+        assert!(program.exists(), "build it: cargo build -p substrate-zenoh --example put");
+        let mut command = office.program(&program.display().to_string());
+        let key = "althing/smart-office/in/reasoning/plan-requester/request";
+        let bytes = (100 << 20).to_string();
+        command.arg(settings).args([key, &bytes]).stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut child = command.spawn().expect("it is there");
+        let said = lines(&mut child).recv_timeout(PATIENCE).expect("it puts");
+        assert!(said.contains("put 104857600 bytes"), "{said}");
+        Rogue(child)
+    }
+}
+
+impl Drop for Rogue {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn what_is_too_long_is_counted_and_harms_nobody() {
+    let mut secured = Secured::new("");
+    secured.cert(&["daemon", "anna-laptop"]);
+    let port = TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
+    let endpoint = format!("tls/127.0.0.1:{}", port.expect("a port").port());
+    let text = fs::read_to_string(&secured.file).expect("ours");
+    let text =
+        text.replace("[zenoh]\n", &format!("[zenoh]\nlisten.endpoints = [\"{endpoint}\"]\n"));
+    let listening = secured.office.write("listening.toml", &text);
+    secured.office.up_from(&listening, "reasoning");
+    let file = |name: &str| secured.office.folder().join("keys").join(name).display().to_string();
+    let settings = serde_json::json!({
+        "mode": "client",
+        "connect": { "endpoints": [endpoint] },
+        "scouting": { "multicast": { "enabled": false } },
+        "transport": { "link": { "tls": {
+            "enable_mtls": true,
+            "verify_name_on_connect": false,
+            "root_ca_certificate": file("authority.pem"),
+            "connect_private_key": file("anna-laptop.key"),
+            "connect_certificate": file("anna-laptop.pem"),
+        } } },
+    });
+    let _rogue = Rogue::shout(&secured.office, &settings);
+    await_rejected(&secured.office, "reasoning", "oversized");
+}
+
+#[test]
+fn what_is_too_long_is_counted_also_where_nobody_knows_whose_it_is() {
+    let mut office = Office::new();
+    office.up(&["reasoning"], &[]);
+    let socket = office.runtime_folder().join("smart-office/reasoning.sock");
+    let settings = serde_json::json!({
+        "mode": "client",
+        "connect": { "endpoints": [format!("unixsock-stream/{}", socket.display())] },
+        "scouting": { "multicast": { "enabled": false } },
+    });
+    let _rogue = Rogue::shout(&office, &settings);
+    await_rejected(&office, "reasoning", "oversized");
 }

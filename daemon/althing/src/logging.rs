@@ -3,7 +3,9 @@
 //! `ALTHING_LOG` speaks the language of `tracing`'s filters (`info`, `agent=debug`) and wins over
 //! `-v`; results and mistakes are never logged, they are printed.
 
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
+use tracing_subscriber::{EnvFilter, Layer as _, fmt, registry};
 
 /// The variable that says what is logged.
 const VARIABLE: &str = "ALTHING_LOG";
@@ -16,13 +18,12 @@ pub(crate) fn start(verbose: u8) {
         terminal::output::note(&format!("{VARIABLE}={filter} is left out: {err}"));
         EnvFilter::new(level(verbose))
     });
-    let subscriber = tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let lines = fmt::layer()
         .with_writer(|| terminal::output::Notes)
         .with_ansi(terminal::output::stderr_is_colored())
-        .finish();
+        .with_filter(filter);
     // A second start, in a test, changes nothing.
-    let _ = tracing_subscriber::util::SubscriberInitExt::try_init(subscriber);
+    let _ = registry().with(lines).with(substrate_zenoh::too_long()).try_init();
 }
 
 /// What `-v` means. Zenoh tells much that is of use to nobody who does not work on Zenoh: its sessions,

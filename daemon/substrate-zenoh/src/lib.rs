@@ -30,9 +30,11 @@ mod sealing;
 mod session;
 mod tap;
 mod together;
+mod too_long;
 
 pub use config::{Config, LEASE, MESSAGE_BYTES_MAX, Mode, OpenError, REST, lease};
 pub use endpoint::EndpointError;
 pub use sealing::Security;
 pub use session::ZenohSubstrate;
 pub use tap::{Tap, tap};
+pub use too_long::too_long;

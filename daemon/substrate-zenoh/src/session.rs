@@ -21,6 +21,7 @@ use crate::questions::{self, Asking};
 use crate::roll_call::{RollCall, Told};
 use crate::sealing::Security;
 use crate::together::{self, Parcel};
+use crate::too_long::{self, Listening};
 use crate::{revocations, scouting};
 
 /// Of the longest message, what is left for its seal, its key and Zenoh's own words.
@@ -41,6 +42,7 @@ pub struct ZenohSubstrate {
     /// Before the session: they are undeclared while it is still open.
     publishers: Cache<Route, Publisher<'static>>,
     session: Arc<Session>,
+    _too_long: Arc<Listening>,
 }
 
 /// Where a message goes: one declared publisher each.
@@ -62,6 +64,7 @@ impl ZenohSubstrate {
         inbound: Arc<dyn Inbound>,
     ) -> Result<Arc<ZenohSubstrate>, OpenError> {
         let Settings { zenoh, listen, connect, scouts_at, lease, security } = settings;
+        let too_long = too_long::listen(security.as_ref(), &inbound);
         let admission = security.as_ref().map(|each| revocations::admission(each, &inbound));
         let opened = match scouts_at {
             Some(at) => scouting::open(zenoh, &at).await,
@@ -97,6 +100,7 @@ impl ZenohSubstrate {
             security,
             publishers,
             session,
+            _too_long: too_long,
         };
         Ok(Arc::new(substrate))
     }

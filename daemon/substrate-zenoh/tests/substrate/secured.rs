@@ -13,6 +13,8 @@ use credentials::{
 use substrate::{Address, Resource, SendError, Subject, Substrate};
 use substrate_zenoh::{MESSAGE_BYTES_MAX, Mode, Security};
 use tempfile::TempDir;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
 use zenoh::qos::CongestionControl;
 use zenoh::query::Query;
 use zenoh::sample::Sample;
@@ -505,7 +507,9 @@ async fn repeat(from: &Daemon, to: &str) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_message_of_100_mib_harms_nobody() {
+async fn a_message_of_100_mib_harms_nobody_and_is_counted() {
+    // As a program does that logs. What is noticed here is about this house's links alone.
+    let _ = tracing_subscriber::registry().with(substrate_zenoh::too_long()).try_init();
     let house = House::new();
     let mut a = house.open("a", &[]).await;
     let mut b = house.open("b", &[&a]).await;
@@ -528,7 +532,12 @@ async fn a_message_of_100_mib_harms_nobody() {
     let identity = house.identity("rogue");
     let seal = identity.seal(Channel::Message, TO_A, b"after it", house.life("a"));
     rogue.put(TO_A, "after it").attachment(seal).await.expect("open");
-    assert_eq!(a.hear("to x inform: after it <rogue>").await.len(), 1, "and nothing before it");
+    let heard = a.hear("to x inform: after it <rogue>").await;
+    let said: Vec<_> = heard.iter().filter(|line| line.starts_with("to ")).collect();
+    assert_eq!(said.len(), 1, "and nothing before it: {heard:?}");
+    if !heard.iter().any(|line| line == "rejected oversized rogue") {
+        a.hear("rejected oversized rogue").await;
+    }
     b.request("a", "x", "unharmed");
     a.hear("to x request: unharmed <b>").await;
 

@@ -29,6 +29,7 @@ use zenoh_protocol::{
 use zenoh_result::ZResult;
 
 pub mod admission;
+pub mod reading;
 mod unicast;
 mod utils;
 pub use unicast::*;

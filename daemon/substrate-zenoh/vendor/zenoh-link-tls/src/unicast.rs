@@ -52,7 +52,7 @@ use zenoh_protocol::{
 use zenoh_result::{zerror, ZResult};
 
 use crate::{
-    admission,
+    admission, reading,
     utils::{get_tls_addr, get_tls_host, get_tls_server_name, TlsClientConfig, TlsServerConfig},
     TLS_ACCEPT_THROTTLE_TIME, TLS_DEFAULT_MTU, TLS_LOCATOR_PREFIX,
 };
@@ -81,6 +81,8 @@ pub struct LinkUnicastTls {
     expiration_manager: Option<LinkCertExpirationManager>,
     // NOTE(althing): closes the link when its peer is not admitted any more.
     admission_task: JoinHandle<()>,
+    // NOTE(althing): whose bytes are read here.
+    peer: Arc<reading::Peer>,
 }
 
 /// How long a peer that is not admitted any more may hold up the end of its link.
@@ -136,6 +138,7 @@ impl LinkUnicastTls {
         auth_identifier: LinkAuthId,
         expiration_manager: Option<LinkCertExpirationManager>,
         admission_task: JoinHandle<()>,
+        peer: Arc<reading::Peer>,
     ) -> LinkUnicastTls {
         let (tcp_stream, _) = socket.get_ref();
         // Set the TLS nodelay option
@@ -187,6 +190,7 @@ impl LinkUnicastTls {
             mtu,
             expiration_manager,
             admission_task,
+            peer,
         }
     }
 
@@ -260,14 +264,18 @@ impl LinkUnicastTrait for LinkUnicastTls {
 
     async fn read(&self, buffer: &mut [u8], _priority: Option<Priority>) -> ZResult<usize> {
         let _guard = zasynclock!(self.read_mtx);
-        self.socket().read(buffer).await.map_err(|e| {
+        reading::begins();
+        let n = self.socket().read(buffer).await.map_err(|e| {
             tracing::trace!("Read error on TLS link {}: {}", self, e);
-            zerror!(e).into()
-        })
+            zerror!(e)
+        })?;
+        reading::ends(&self.peer);
+        Ok(n)
     }
 
     async fn read_exact(&self, buffer: &mut [u8], _priority: Option<Priority>) -> ZResult<()> {
         let _guard = zasynclock!(self.read_mtx);
+        reading::begins();
         let _ = self
             .socket()
             .read_exact(buffer)
@@ -276,6 +284,7 @@ impl LinkUnicastTrait for LinkUnicastTls {
                 tracing::trace!("Read error on TLS link {}: {}", self, e);
                 zerror!(e)
             })?;
+        reading::ends(&self.peer);
         Ok(())
     }
 
@@ -465,6 +474,7 @@ impl LinkManagerUnicastTrait for LinkManagerUnicastTls {
             bail!("Can not create a new TLS link to {dst_addr}: its certificate is not admitted");
         }
         let auth_identifier = get_server_cert_common_name(tls_conn)?;
+        let peer = auth_identifier.peer(&key_file);
         let certchain_expiration_time = get_cert_chain_expiration(&tls_conn.peer_certificates())?
             .expect("server should have certificate chain");
 
@@ -489,6 +499,7 @@ impl LinkManagerUnicastTrait for LinkManagerUnicastTls {
                 auth_identifier.into(),
                 expiration_manager,
                 watch_admission(weak_link.clone(), key_file, certificate, looks),
+                peer,
             )
         });
 
@@ -627,6 +638,7 @@ async fn accept_task(
                                 continue;
                             }
                         };
+                        let peer = auth_identifier.peer(&key_file);
 
                         // Get certificate chain expiration
                         let mut maybe_expiration_time = None;
@@ -669,6 +681,7 @@ async fn accept_task(
                                 auth_identifier.into(),
                                 expiration_manager,
                                 watch_admission(weak_link.clone(), key_file.clone(), certificate, looks),
+                                peer,
                             )
                         });
 
@@ -761,6 +774,13 @@ fn get_cert_chain_expiration(
 
 struct TlsAuthId {
     auth_value: Option<String>,
+}
+
+impl TlsAuthId {
+    fn peer(&self, key_file: &Arc<str>) -> Arc<reading::Peer> {
+        let (key_file, name) = (Arc::clone(key_file), self.auth_value.clone());
+        Arc::new(reading::Peer { key_file, name })
+    }
 }
 
 impl Debug for TlsAuthId {
