@@ -104,12 +104,9 @@ impl Agent for Journal {
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         let who = &presence.resident().agent;
-        if !self.others.contains(who) {
-            return;
-        }
-        match presence {
-            Presence::Joined(_) => self.fetch(who.clone(), ctx),
-            Presence::Left(_) => self.fetching.retain(|(other, _)| other != who),
+        // What one that has left was asked for may have been answered before.
+        if self.others.contains(who) && matches!(presence, Presence::Joined(_)) {
+            self.fetch(who.clone(), ctx);
         }
     }
 

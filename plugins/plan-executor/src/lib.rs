@@ -162,13 +162,13 @@ impl PlanExecutor {
             }
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
-        if self.running.len() >= EXECUTIONS_MAX {
-            let detail = format!("{EXECUTIONS_MAX} plans are being executed");
-            return ctx.refuse(&engagement, Reason::Busy, detail);
-        }
         let plan = PlanId::of(&engagement.conversation, &execute);
         if self.is_known(&engagement, &plan, ctx) {
             return;
+        }
+        if self.running.len() >= EXECUTIONS_MAX {
+            let detail = format!("{EXECUTIONS_MAX} plans are being executed");
+            return ctx.refuse(&engagement, Reason::Busy, detail);
         }
         match Execution::new(&execute) {
             Ok(execution) => self.begin(engagement, execution, (plan, execute), ctx),

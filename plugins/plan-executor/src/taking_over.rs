@@ -30,9 +30,9 @@ pub(crate) struct PlanId {
     pub(crate) round: u32,
 }
 
-/// Plan Requesters that are told of one plan. Of a name there are as many as daemons that host it, of
-/// which one acts: whoever asked before so many others has long stood down.
-const ASKERS_MAX: usize = 4;
+/// How often one plan may have been asked for, for each to be told of it: by each of the daemons that
+/// host a Plan Requester, and by one of them again where executors came and went.
+const ASKERS_MAX: usize = 8;
 
 /// Who has asked for a plan; who asked last comes last.
 #[derive(Clone, Debug)]
@@ -58,13 +58,17 @@ impl Askers {
         Askers(vec![first])
     }
 
-    /// Who asks again in the same life hears no more of what it asked before.
-    fn add(&mut self, asker: &Engagement) {
-        let is_same =
-            |other: &Engagement| (&other.initiator, other.life) == (&asker.initiator, asker.life);
-        self.0.retain(|other| !is_same(other));
+    /// What one has asked twice it hears twice: which of them it still listens to is not known here,
+    /// and they may come in any order. Who acts is not forgotten for others.
+    fn add(&mut self, asker: &Engagement, ctx: &Context<PlanExecutor>) {
+        if self.has(Some(&asker.exchange)) {
+            return;
+        }
         if self.0.len() >= ASKERS_MAX {
-            self.0.remove(0);
+            let acts = |asker: &Engagement| {
+                ctx.find(&asker.initiator).map(|resident| resident.incarnation) == asker.life
+            };
+            self.0.remove(self.0.iter().position(|asker| !acts(asker)).unwrap_or(0));
         }
         self.0.push(asker.clone());
     }
@@ -157,7 +161,7 @@ impl PlanExecutor {
     /// Reports a running plan to who asks for it too, from its beginning.
     fn attach(&mut self, token: &ReplyToken, engagement: &Engagement, ctx: &mut Context<Self>) {
         let Some(running) = self.running.get_mut(token) else { return };
-        running.askers.add(engagement);
+        running.askers.add(engagement, ctx);
         for (step, action) in running.execution.done() {
             let report = Report::new(Outcome::Progress, format!("`{action}` is done"));
             let step = u32::try_from(step).ok();

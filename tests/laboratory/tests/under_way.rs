@@ -1,6 +1,7 @@
 //! What a Plan Executor does with a second plan for a goal: of the same Plan Requester it takes the
 //! first one's place; of another, which knew nothing of the first, it does not. And who hears of it.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -151,6 +152,11 @@ fn launch(
 
 /// The first answer to any of these plans.
 async fn first_answer(plans: Vec<Execute>) -> Message {
+    first_answers(plans, 1, Duration::from_secs(30)).await.remove(0)
+}
+
+/// The first answers to these plans, so many.
+async fn first_answers(plans: Vec<Execute>, many: usize, within: Duration) -> Vec<Message> {
     let house = House::new();
     let here = house.machine("here");
     let (told, mut heard) = mpsc::unbounded_channel();
@@ -160,8 +166,21 @@ async fn first_answer(plans: Vec<Execute>) -> Message {
         launch(Box::new(Lamp), "lamp", &here, false),
         launch(Box::new(asker), "plan-requester", &here, false),
     ];
-    let answer = timeout(Duration::from_secs(30), heard.recv()).await.expect("in time");
-    answer.expect("somebody answers")
+    let mut answers = Vec::new();
+    while answers.len() < many {
+        let answer = timeout(within, heard.recv()).await.expect("in time");
+        answers.push(answer.expect("somebody answers"));
+    }
+    answers
+}
+
+/// It may have come again, or late, what it asked for first; it listens to one of the two.
+#[tokio::test(start_paused = true)]
+async fn who_asks_twice_for_a_plan_hears_twice_how_it_ends() {
+    let plans = vec![execute(5, 1), execute(5, 1)];
+    let answers = first_answers(plans, 2, Duration::from_secs(120)).await;
+    let exchanges: BTreeSet<_> = answers.iter().filter_map(Message::exchange).collect();
+    assert_eq!(exchanges.len(), 2, "{answers:?}");
 }
 
 /// Of two Plan Requesters one has stood down. What it had asked for comes after what the other has
