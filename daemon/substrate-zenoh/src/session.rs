@@ -1,6 +1,6 @@
 //! One Zenoh session as a [`Substrate`].
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative};
@@ -42,7 +42,8 @@ pub struct ZenohSubstrate {
     /// Before the session: they are undeclared while it is still open.
     publishers: Cache<Route, Publisher<'static>>,
     session: Arc<Session>,
-    _too_long: Arc<Listening>,
+    /// Until it is closed.
+    too_long: Mutex<Option<Arc<Listening>>>,
 }
 
 /// Where a message goes: one declared publisher each.
@@ -100,7 +101,7 @@ impl ZenohSubstrate {
             security,
             publishers,
             session,
-            _too_long: too_long,
+            too_long: Mutex::new(Some(too_long)),
         };
         Ok(Arc::new(substrate))
     }
@@ -223,6 +224,7 @@ impl Substrate for ZenohSubstrate {
 
     fn close(&self) -> BoxFuture<()> {
         self.publishers.clear();
+        *self.too_long.lock().unwrap_or_else(PoisonError::into_inner) = None;
         let session = Session::clone(&self.session);
         Box::pin(async move {
             if let Err(error) = session.close().await {

@@ -2,8 +2,8 @@
 //!
 //! Zenoh puts a long message together from its pieces, drops it when it grows beyond
 //! `max_message_size`, and says so nowhere but in its own log, at `trace`, without whom it came
-//! from. So [`too_long`] listens to that log. Whose bytes the thread was at, our crate of TLS links
-//! knows; who sends over another link is on this machine, and nobody knows who it is.
+//! from. So [`too_long`] listens to that log. Whose bytes were being read, our crate of TLS
+//! links knows; who sends over another link is on this machine, and nobody knows who it is.
 
 use std::fmt::{self, Write as _};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -91,12 +91,15 @@ impl<S: Subscriber> Layer<S> for Noticing {
     }
 }
 
-/// Tells those whose link it was; all, if that is not known.
+/// Tells the session whose link it was; all, if that is not known.
 fn tell(peer: Option<&Peer>) {
-    for each in all().iter().filter_map(Weak::upgrade) {
-        let is_its = peer.is_none_or(|peer| each.key_file.as_deref() == Some(&*peer.key_file));
+    let all: Vec<_> = all().iter().filter_map(Weak::upgrade).collect();
+    let key_file = peer.map(|peer| &*peer.key_file);
+    let is_its = |each: &Listening| key_file.is_some() && each.key_file.as_deref() == key_file;
+    let is_known = all.iter().any(|each| is_its(each));
+    for each in all.iter().filter(|each| !is_known || is_its(each)) {
         // Where so many wait, one less says the same.
-        let _ = is_its.then(|| each.told.try_send(peer.and_then(|peer| peer.name.clone())));
+        let _ = each.told.try_send(peer.and_then(|peer| peer.name.clone()));
     }
 }
 

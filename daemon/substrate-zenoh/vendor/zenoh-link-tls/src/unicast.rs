@@ -264,18 +264,16 @@ impl LinkUnicastTrait for LinkUnicastTls {
 
     async fn read(&self, buffer: &mut [u8], _priority: Option<Priority>) -> ZResult<usize> {
         let _guard = zasynclock!(self.read_mtx);
-        reading::begins();
         let n = self.socket().read(buffer).await.map_err(|e| {
             tracing::trace!("Read error on TLS link {}: {}", self, e);
             zerror!(e)
         })?;
-        reading::ends(&self.peer);
+        reading::has_read(&self.peer);
         Ok(n)
     }
 
     async fn read_exact(&self, buffer: &mut [u8], _priority: Option<Priority>) -> ZResult<()> {
         let _guard = zasynclock!(self.read_mtx);
-        reading::begins();
         let _ = self
             .socket()
             .read_exact(buffer)
@@ -284,7 +282,7 @@ impl LinkUnicastTrait for LinkUnicastTls {
                 tracing::trace!("Read error on TLS link {}: {}", self, e);
                 zerror!(e)
             })?;
-        reading::ends(&self.peer);
+        reading::has_read(&self.peer);
         Ok(())
     }
 
