@@ -244,14 +244,18 @@ impl Testbed {
         format!("{ended}\n{}goals:\n{goals}", views.concat())
     }
 
-    /// Waits until these, which were cut off, and the rest do not see each other any more.
+    /// Waits until these, which were cut off, and the rest do not see each other any more, each by
+    /// itself: links are missed at different times.
     pub(crate) fn cut_off(&self, hosts: &[&str]) -> Result<(), String> {
         self.present.gone(hosts)?;
         let deadline = Instant::now() + PATIENCE;
-        for host in hosts {
-            while self.site.hosts_seen(host).iter().any(|seen| !hosts.contains(&seen.as_str())) {
+        for machine in MACHINES {
+            let is_away = hosts.contains(&machine);
+            let is_beyond = |seen: &String| hosts.contains(&seen.as_str()) != is_away;
+            while self.site.hosts_seen(machine).iter().any(is_beyond) {
                 if Instant::now() > deadline {
-                    return Err(format!("`{host}` still sees {:?}", self.site.hosts_seen(host)));
+                    let seen = self.site.hosts_seen(machine);
+                    return Err(format!("`{machine}` still sees {seen:?}"));
                 }
             }
         }
