@@ -161,9 +161,22 @@ impl Meaning<'_> {
         if self.place(&super::reader::join(table, key)).is_some() {
             return;
         }
-        let message = format!("`{key}` is missing in `{}`", super::reader::spoken(table));
+        let spoken = super::reader::spoken(table);
+        let message = format!("`{key}` is missing in `{spoken}`");
         let help = format!("write {key} = \"{example}\"");
-        self.about_key(table, |span| Diagnostic::error(span, message).with_help(help));
+        // The defaults have the table too; it is missed where the user could have written it.
+        let written = self.layers.iter().skip(1).rev().find_map(|layer| {
+            layer.places.get(table).map(|place| (Arc::clone(&layer.source), place.key))
+        });
+        match written {
+            Some((source, span)) => {
+                self.report.add(&source, [Diagnostic::error(span, message).with_help(help)]);
+            }
+            None => {
+                let help = format!("{help} under [{spoken}]");
+                self.about_file(Diagnostic::error(Span::default(), message).with_help(help));
+            }
+        }
     }
 
     /// Reports a name that cannot be one.

@@ -55,6 +55,43 @@ fn a_file_without_mistakes_is_told_in_a_line() {
     );
 }
 
+/// What the defaults have too is missed in the file, where it can be written.
+#[test]
+fn a_table_that_is_missing_is_missed_in_the_file() {
+    house("[goals]\n").check("check house.toml", 33).shows(
+        expect![[r#"
+            house.toml: ecosystem: has errors
+        "#]],
+        expect![[r#"
+            error: `name` is missing in `ecosystem`
+             --> house.toml:1:1
+              |
+            1 | [goals]
+              | ^
+              |
+              = help: write name = "smart-office" under [ecosystem]
+
+            error: `domain` is missing in `ecosystem`
+             --> house.toml:1:1
+              |
+            1 | [goals]
+              | ^
+              |
+              = help: write domain = "domain.pddl" under [ecosystem]
+
+            error: `problem` is missing in `ecosystem`
+             --> house.toml:1:1
+              |
+            1 | [goals]
+              | ^
+              |
+              = help: write problem = "map.pddl" under [ecosystem]
+
+            3 errors
+        "#]],
+    );
+}
+
 #[test]
 fn the_environment_wins_over_the_file() {
     let file = ECOSYSTEM.replace("[[agent]]", "mode = \"decentralized\"\n\n[[agent]]");
