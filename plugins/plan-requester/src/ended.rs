@@ -20,7 +20,7 @@ const UNTOLD_MAX: usize = 128;
 /// What is remembered of goals that have ended.
 #[derive(Debug, Default)]
 pub(crate) struct Ended {
-    known: VecDeque<(ConversationId, Version)>,
+    known: VecDeque<(ConversationId, Version, Report)>,
     /// The records of those that this Plan Requester ended itself.
     own: VecDeque<Record>,
     told: VecDeque<(Engagement, Report)>,
@@ -29,15 +29,25 @@ pub(crate) struct Ended {
 impl Ended {
     /// Whether a goal is known to have ended, by a record as late as this.
     pub(crate) fn has(&self, id: &ConversationId, version: Version) -> bool {
-        self.known.iter().any(|(other, at)| other == id && *at >= version)
+        self.known.iter().any(|(other, at, _)| other == id && *at >= version)
+    }
+
+    /// How a goal is known to have ended, by whatever record.
+    pub(crate) fn how(&self, id: &ConversationId) -> Option<&Report> {
+        self.known.iter().find(|(other, ..)| other == id).map(|(_, _, report)| report)
     }
 
     /// Notes an end; yields the goals that are forgotten for it.
-    pub(crate) fn note(&mut self, id: ConversationId, version: Version) -> Vec<ConversationId> {
-        self.known.retain(|(other, _)| *other != id);
-        self.known.push_back((id, version));
+    pub(crate) fn note(
+        &mut self,
+        id: ConversationId,
+        version: Version,
+        report: Report,
+    ) -> Vec<ConversationId> {
+        self.known.retain(|(other, ..)| *other != id);
+        self.known.push_back((id, version, report));
         let surplus = self.known.len().saturating_sub(KNOWN_MAX);
-        self.known.drain(..surplus).map(|(oldest, _)| oldest).collect()
+        self.known.drain(..surplus).map(|(oldest, ..)| oldest).collect()
     }
 
     /// Keeps the record of an end, to say it once more.
@@ -83,6 +93,7 @@ impl Ended {
 
 #[cfg(test)]
 mod tests {
+    use acl::content::Outcome;
     use serde_json::Value;
 
     use super::*;
@@ -92,8 +103,9 @@ mod tests {
         let mut ended = Ended::default();
         let id = |n: usize| ConversationId::new(&format!("c{n}"));
         let version = |term| Version { term, count: 0 };
+        let report = || Report::new(Outcome::Done, "it holds");
         let forgotten: Vec<_> =
-            (0..KNOWN_MAX + 2).flat_map(|n| ended.note(id(n), version(5))).collect();
+            (0..KNOWN_MAX + 2).flat_map(|n| ended.note(id(n), version(5), report())).collect();
         assert_eq!(forgotten, [id(0), id(1)]);
         assert!(ended.has(&id(2), version(5)) && !ended.has(&id(2), version(6)));
         assert!(!ended.has(&id(0), version(5)));

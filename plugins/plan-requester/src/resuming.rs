@@ -149,13 +149,20 @@ impl PlanRequester {
             return;
         }
         let id = goal.conversation().clone();
-        self.keep_ended(&id, GoalRecord { ended: Some(report), ..record_of(goal) }, ctx);
+        self.keep_ended(&id, report, record_of(goal), ctx);
     }
 
-    fn keep_ended(&mut self, id: &ConversationId, record: GoalRecord, ctx: &mut Context<Self>) {
+    fn keep_ended(
+        &mut self,
+        id: &ConversationId,
+        report: Report,
+        record: GoalRecord,
+        ctx: &mut Context<Self>,
+    ) {
+        let record = GoalRecord { running: None, ended: Some(report.clone()), ..record };
         let record = self.keeper.write(format!("{GOAL}{id}"), value(&record));
         self.ended.keep(record.clone());
-        let forgotten = self.ended.note(id.clone(), record.version);
+        let forgotten = self.ended.note(id.clone(), record.version, report);
         let mut records = vec![record, self.keeper.write(format!("{PLAN}{id}"), Value::Null)];
         for oldest in forgotten {
             records.push(self.keeper.write(format!("{GOAL}{oldest}"), Value::Null));
@@ -218,6 +225,13 @@ impl PlanRequester {
         if is_known || self.ended.has(&id, version) {
             return;
         }
+        if record.ended.is_none()
+            && let Some(report) = self.ended.how(&id).cloned()
+        {
+            // Who wrote this did not know that it has ended, and may have told its asker otherwise.
+            self.tell_end(&record, &report, ctx);
+            return self.keep_ended(&id, report, record, ctx);
+        }
         if record.ended.is_none() && self.is_gone_on_with(&id, record.running.is_some()) {
             // Both sides of a partition did. Theirs stands down; what is kept from now on is later.
             if record.running.is_some() {
@@ -225,6 +239,7 @@ impl PlanRequester {
             }
             return self.keep_plan(&id, ctx);
         }
+        let was_running = self.goals.get(&id).is_some_and(|goal| goal.phase.is_running());
         if record.ended.is_some() {
             self.take_back(&id, ctx);
         }
@@ -235,15 +250,13 @@ impl PlanRequester {
             record.engagement = engagement;
         }
         self.let_go(&id, ctx);
+        if was_running {
+            self.release(&id);
+        }
         let GoalRecord { engagement, life, asked, .. } = &record;
         if let Some(report) = &record.ended {
-            self.ended.note(id.clone(), version);
-            self.ended.told(engagement.clone(), report.clone());
-            // Its asker may not have heard it; to one that has, it is no news.
-            if ctx.find(&engagement.initiator).is_some_and(|asker| asker.incarnation == *life) {
-                ctx.answer(engagement, Performative::Confirm, report);
-            }
-            return;
+            self.ended.note(id, version, report.clone());
+            return self.tell_end(&record, report, ctx);
         }
         let (asker, text, keep) = (&engagement.initiator, &asked.goal, asked.keep);
         let is_asked_anew = |goal: &&Goal| {
@@ -253,9 +266,19 @@ impl PlanRequester {
         if self.goals.values().any(|goal| is_asked_anew(&goal)) {
             // A later life of its asker was faster than the Journals.
             let report = Report::new(Outcome::Cancelled, "its asker asked for it anew");
-            return self.keep_ended(&id, GoalRecord { ended: Some(report), ..record }, ctx);
+            return self.keep_ended(&id, report, record, ctx);
         }
         self.go_on(record, version, plan, ctx);
+    }
+
+    /// Tells the asker of a goal how it ended, which it may not have heard; to one that has, it is no
+    /// news.
+    fn tell_end(&mut self, record: &GoalRecord, report: &Report, ctx: &mut Context<Self>) {
+        let GoalRecord { engagement, life, .. } = record;
+        self.ended.told(engagement.clone(), report.clone());
+        if ctx.find(&engagement.initiator).is_some_and(|asker| asker.incarnation == *life) {
+            ctx.answer(engagement, Performative::Confirm, report);
+        }
     }
 
     /// Goes on with a goal that nobody else has.
@@ -404,6 +427,8 @@ impl PlanRequester {
         if is_news {
             self.tell(id, progress(&format!("waiting: {why}")), ctx);
         }
+        // What pursues its goal meanwhile need not wait with it.
+        self.next(ctx);
     }
 
     /// Looks again at goals that wait for the others.

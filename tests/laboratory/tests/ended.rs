@@ -1,0 +1,193 @@
+//! What a Plan Requester believes of goals that another one of its name says something of, which
+//! acted where it could not be seen: what has ended on either side has ended.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::content::{
+    Achieve, Keep, Keeping, Outcome, Partition, Record, Report, Request, Version, value,
+};
+use acl::{AgentId, ConversationId, DaemonId, EcosystemId, Performative, Protocol};
+use agent::{
+    Agent, Answer, Berth, Blueprint, Callbacks, Context, Engagement, Host, Launch, Mode, Opening,
+    Resource, Settings, Switchboard,
+};
+use substrate::Ask;
+use substrate::memory::Network;
+use tokio::sync::mpsc;
+use tokio::time::timeout;
+use tokio_util::sync::CancellationToken;
+
+const DOMAIN: &str = "(define (domain d) (:requirements :strips)
+    (:predicates (lit)))";
+const PROBLEM: &str = "(define (problem p) (:domain d) (:init (lit)) (:goal (and)))";
+const PATIENCE: Duration = Duration::from_secs(30);
+
+fn name(text: &str) -> AgentId {
+    AgentId::new(text).expect("a name")
+}
+
+/// Keeps what it is told to keep, and shows it.
+struct Journal(mpsc::UnboundedSender<Record>);
+
+impl Agent for Journal {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new().on(Performative::Request, |journal: &mut Journal, message, ctx| {
+            if let Ok(Request::Keep(Keeping { records })) = message.content_as::<Request>() {
+                records.into_iter().for_each(|record| journal.0.send(record).expect("it is read"));
+            }
+            let report = Report::new(Outcome::Done, "kept");
+            ctx.answer(&Engagement::of(&message), Performative::Confirm, &report);
+        })
+    }
+
+    fn asked(&mut self, resource: Resource, _: &mut Context<Self>) -> Option<String> {
+        (resource == Resource::Journal).then(|| "[]".to_owned())
+    }
+}
+
+/// Says something once, and tells what is answered.
+struct Sayer {
+    to: AgentId,
+    protocol: Protocol,
+    conversation: &'static str,
+    says: Request,
+    told: mpsc::UnboundedSender<Report>,
+}
+
+impl Agent for Sayer {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        let opening = Opening {
+            to: Some(self.to.clone()),
+            performative: Performative::Request,
+            protocol: self.protocol,
+            conversation: ConversationId::new(self.conversation),
+            content: value(&self.says),
+        };
+        ctx.open(opening, PATIENCE, |sayer: &mut Sayer, answer, _| {
+            if let Answer::Message(message) = answer
+                && let Ok(report) = message.content_as::<Report>()
+            {
+                sayer.told.send(report).expect("the test listens");
+            }
+        });
+    }
+}
+
+struct House {
+    network: Network,
+    host: Arc<Host>,
+}
+
+impl House {
+    fn new() -> House {
+        let ontology = pddl::parse_domain(DOMAIN).into_result().expect("a domain");
+        let problem = pddl::parse_problem(PROBLEM).into_result().expect("a problem");
+        let (mode, settings) = (Mode::Centralized, Settings::default());
+        let journals = vec![name("journal")];
+        let host = Host { mode, settings, journals, ..Host::new(ontology, problem) };
+        House { network: Network::new(), host: Arc::new(host) }
+    }
+
+    fn machine(&self, name: &str) -> Arc<Switchboard> {
+        let daemon = DaemonId::new(name).expect("a name");
+        let ecosystem = EcosystemId::new("home").expect("a name");
+        let machine = Switchboard::new(ecosystem, daemon.clone(), self.host.settings.clone());
+        machine.connect(self.network.open(daemon, Arc::<Switchboard>::clone(&machine) as _));
+        machine
+    }
+
+    fn built(&self, plugin: &agent::PluginEntry) -> Box<dyn Launch> {
+        let (id, config) = (name(plugin.name), serde_json::json!({}).into());
+        let host = Arc::clone(&self.host);
+        (plugin.build)(Blueprint { id, driver: String::new(), config, host }).expect("built")
+    }
+}
+
+fn launch(agent: Box<dyn Launch>, id: &str, machine: &Arc<Switchboard>, stands_by: bool) {
+    drop(agent.launch(Berth {
+        id: name(id),
+        incarnation: machine.machine().next_life(),
+        switchboard: Arc::clone(machine),
+        ontology: Arc::from("d"),
+        stopping: CancellationToken::new(),
+        stands_by,
+        via: [].into(),
+    }));
+}
+
+/// Waits for a record of a goal.
+async fn kept(
+    records: &mut mpsc::UnboundedReceiver<Record>,
+    is_it: impl Fn(&Record) -> bool,
+) -> Record {
+    let found = async {
+        loop {
+            let record = records.recv().await.expect("the Journal lives");
+            if is_it(&record) {
+                return record;
+            }
+        }
+    };
+    timeout(PATIENCE, found).await.expect("in time")
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_has_ended_is_not_begun_again_from_a_later_copy_that_did_not_know() {
+    let house = House::new();
+    let [here, there] = ["here", "there"].map(|name| house.machine(name));
+    let (keeps, mut records) = mpsc::unbounded_channel();
+    launch(Box::new(Journal(keeps)), "journal", &here, false);
+    launch(house.built(&domain_maintainer::PLUGIN), "domain-maintainer", &here, true);
+    launch(house.built(&plan_requester::PLUGIN), "plan-requester", &here, true);
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    let achieve = Achieve {
+        goal: "(lit)".to_owned(),
+        keep: Keep::Achieve,
+        priority: 0,
+        partition: Partition::Pursue,
+    };
+    let (told, mut heard) = mpsc::unbounded_channel();
+    let sayer = Sayer {
+        to: name("plan-requester"),
+        protocol: Protocol::Goal,
+        conversation: "g",
+        says: Request::Achieve(achieve),
+        told,
+    };
+    launch(Box::new(sayer), "asker", &here, false);
+    let is_goal = |record: &Record| record.key == "goal/g";
+    let open =
+        kept(&mut records, |record| is_goal(record) && record.body.get("ended").is_none()).await;
+    let ended =
+        kept(&mut records, |record| is_goal(record) && record.body.get("ended").is_some()).await;
+    while timeout(PATIENCE, heard.recv()).await.expect("in time").expect("it lives").outcome
+        != Outcome::Done
+    {}
+
+    // Who acted elsewhere meanwhile had read the copy from before.
+    let late = Record { version: Version { term: u64::MAX / 2, count: 7 }, ..open };
+    let (told, mut heard) = mpsc::unbounded_channel();
+    let sayer = Sayer {
+        to: name("plan-requester"),
+        protocol: Protocol::StateChange,
+        conversation: "handing-over",
+        says: Request::Keep(Keeping { records: vec![late.clone()] }),
+        told,
+    };
+    launch(Box::new(sayer), "plan-requester", &there, true);
+    let report = timeout(PATIENCE, heard.recv()).await.expect("in time").expect("it lives");
+    assert_eq!(report.outcome, Outcome::Done, "{report:?}");
+    let again = kept(&mut records, |record| is_goal(record) && record.version > late.version).await;
+    assert_eq!(again.body["ended"], ended.body["ended"], "{again:?}");
+    let ask = Ask {
+        daemon: Some(here.daemon().clone()),
+        resource: Resource::Goals,
+        agent: Some(name("plan-requester")),
+    };
+    assert_eq!(here.ask(ask, PATIENCE).await, ["[]"]);
+}
