@@ -22,7 +22,7 @@ use acl::content::{Act, ActionToken, Execute, Outcome, Reason, Refusal, Report, 
 use acl::{AgentId, Incarnation, Message, Performative, Protocol, ReplyToken};
 use agent::{
     Agent, Answer, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Opening,
-    PluginEntry, Presence, TimerId, Work,
+    PluginEntry, Presence, Resident, TimerId, Work,
 };
 use serde::Deserialize;
 
@@ -141,6 +141,12 @@ impl Agent for PlanExecutor {
     }
 
     fn drained(&mut self, ctx: &mut Context<Self>) -> bool {
+        let is_other = |resident: &Resident| resident.incarnation != ctx.incarnation();
+        if ctx.directory().all(ctx.id()).iter().any(is_other) {
+            // Who stands by goes on with what runs.
+            self.let_go(ctx);
+            return true;
+        }
         let running: Vec<_> = self.running.keys().cloned().collect();
         for token in running {
             self.give_up(&token, Report::new(Outcome::Cancelled, "the daemon is stopping"), ctx);

@@ -103,6 +103,12 @@ impl City {
         node.drain().await;
     }
 
+    /// As a SIGTERM.
+    async fn stop(&mut self, name: &str) {
+        let node = self.nodes.remove(name).expect("it runs");
+        assert!(node.drain().await, "all that it did is given up");
+    }
+
     fn person(&self, name: &str) -> Person {
         let (keyboard, terminal) = Keyboard::with_terminal();
         let id = AgentId::new(name).expect("a name");
@@ -171,6 +177,25 @@ async fn the_death_of_all_who_reason_leaves_the_plan_going_on() {
         city.start("alpha").await;
         assert!(person.reaches("(known-temperature office1)").await, "{:#?}", person.lines);
         assert_eq!(city.acting("plan-requester"), "beta", "{mode:?}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn who_ends_in_good_order_tears_no_plan_that_another_goes_on_with() {
+    for mode in MODES {
+        let mut city = City::open(mode).await;
+        let mut person = city.person("user");
+        person.wish("(known-temperature office2)", Keep::Achieve).await;
+        person.hears_of("a plan of").await;
+        tokio::time::sleep(Duration::from_secs(2)).await;
+        assert_eq!(city.moves(), [""; 0], "{mode:?}: it is on its way");
+        city.stop("alpha").await;
+        assert!(person.hears().await, "{mode:?}: {:#?}", person.lines);
+        let told = person.lines.join("\n");
+        assert_eq!(told.matches("a plan of").count(), 1, "{mode:?}: {told}");
+        let (moves, mut once) = (city.moves(), city.moves());
+        once.dedup();
+        assert_eq!(moves, once, "{mode:?}: no move is made twice");
     }
 }
 
