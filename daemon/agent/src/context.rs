@@ -14,7 +14,7 @@ use acl::{AgentId, ConversationId, Incarnation, Message, MessageId, Performative
 use bytes::Bytes;
 use conversation::Exchange;
 use serde_json::Value;
-use substrate::{Ask, BoxFuture, Resident, Resource};
+use substrate::{Ask, BoxFuture, Breach, Rejected, Resident, Resource};
 use tokio::task::{AbortHandle, JoinSet};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
@@ -486,6 +486,10 @@ impl<A: Agent> Context<A> {
         message: Box<Message>,
     ) -> Option<Box<Message>> {
         let Some(open) = self.exchanges.get_mut(token) else { return Some(message) };
+        if let Some(to) = open.to.clone().filter(|to| *to != message.sender) {
+            self.overheard(&message, &to);
+            return None;
+        }
         if open.to.is_some() && stands_by(&message) && open.declined < ASKED_WHO_ACTS_MAX {
             open.declined += 1;
             let asked = token.clone();
@@ -514,6 +518,20 @@ impl<A: Agent> Context<A> {
             self.take_answer(agent, token, next);
         }
         None
+    }
+
+    /// Turns down an answer of one who was not asked: tokens are read by whoever listens, and what
+    /// another says of a robot's deed is nothing.
+    fn overheard(&mut self, message: &Message, asked: &AgentId) {
+        let detail = format!("answers what `{asked}` was asked");
+        self.switchboard().rejections.note(&Rejected {
+            breach: Breach::Overstepped,
+            detail: &detail,
+            claimed: Some(message.sender.as_str()),
+            key: message.exchange().map_or("", ReplyToken::as_str),
+        });
+        let detail = format!("`{asked}` was asked, and nobody else");
+        self.communication.not_understood(message, Reason::OutOfTurn, detail);
     }
 
     /// Says once more what opened an exchange, to who acts now under the name it was opened with:

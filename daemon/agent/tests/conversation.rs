@@ -407,6 +407,42 @@ async fn garbage_is_answered_and_hurts_nobody() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn what_another_says_of_a_deed_is_nothing() {
+    let mut room = room(10 * SECOND, SECOND);
+    let (tell, mut told) = mpsc::unbounded_channel();
+    room.network.tap(move |addressed, payload| {
+        if matches!(addressed, Addressed::To(_, Subject::Message(Performative::Agree))) {
+            let _ = tell.send(payload.clone());
+        }
+    });
+    room.work();
+    room.ask();
+    assert_eq!(room.hears().await, "agree 1");
+    // Whoever listens knows the exchange.
+    let agreed = acl::decode(&told.recv().await.expect("it was said")).expect("a message");
+    let _token = room.there.port.announce(&name("meddler"), Incarnation(1)).expect("open");
+    let done = Report::new(Outcome::Done, "believe me");
+    let said = Message {
+        id: acl::MessageId::new("meddler.1.1"),
+        sender: name("meddler"),
+        performative: Performative::Confirm,
+        content: value(&done),
+        ..agreed
+    };
+    let to = Address { daemon: room.here.switchboard.daemon().clone(), agent: name("asker") };
+    let subject = Subject::Message(Performative::Confirm);
+    room.there.port.send(&to, subject, acl::encode(&said)).expect("open");
+    assert_eq!((room.did().await, room.did().await), ("began", "done"));
+    assert_eq!(room.hears().await, "confirm 1");
+    assert!(room.heard.try_recv().is_err(), "the worker's own, and no other");
+    let daemon = Some(room.here.switchboard.daemon().clone());
+    let ask = substrate::Ask { daemon, resource: substrate::Resource::Mailbox, agent: None };
+    let answers = room.here.switchboard.ask(ask, SECOND).await;
+    let load: serde_json::Value = serde_json::from_slice(&answers[0]).expect("JSON");
+    assert_eq!(load["rejected"]["overstepped"], 1, "{load}");
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_full_mailbox_refuses() {
     let network = Network::new();
     let settings = Settings { mailbox_messages_max: 1, ..Settings::default() };
