@@ -9,6 +9,7 @@ use std::collections::{HashMap, VecDeque};
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use acl::content::{ActionToken, Outcome, Report};
 use acl::{AgentId, ConversationId};
@@ -19,10 +20,13 @@ use serde::{Deserialize, Serialize};
 /// the outcome is enough.
 const REPORTS_MAX: usize = 256;
 
+/// How much longer than what is remembered a file may grow before it is written anew.
+const LONGER_MAX: usize = 4;
+
 /// The tokens taken on so far.
 #[derive(Debug)]
 pub(crate) struct Ledger {
-    path: Option<PathBuf>,
+    file: Option<Arc<Mutex<Filed>>>,
     tokens_max: usize,
     taken: HashMap<ActionToken, Mark>,
     order: VecDeque<ActionToken>,
@@ -50,6 +54,14 @@ enum Mark {
     Ended(Outcome),
 }
 
+/// The file, and how many lines it has.
+#[derive(Debug)]
+struct Filed {
+    path: PathBuf,
+    lines: usize,
+    tokens_max: usize,
+}
+
 /// A line of the file.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -68,7 +80,7 @@ impl Ledger {
     /// One that remembers so many tokens, while the process lives.
     fn new(tokens_max: usize) -> Ledger {
         Ledger {
-            path: None,
+            file: None,
             tokens_max,
             taken: HashMap::new(),
             order: VecDeque::new(),
@@ -81,30 +93,27 @@ impl Ledger {
     ///
     /// # Errors
     ///
-    /// If the file is there and cannot be read. A torn last line is a token whose method never
-    /// ran, or one of which nobody knows how it ended: it is left out.
+    /// If the file is there and cannot be read.
     pub(crate) fn open(
         agent: &AgentId,
         folder: Option<&StateFolder>,
         tokens_max: usize,
     ) -> io::Result<Ledger> {
-        let mut ledger = Ledger::new(tokens_max);
-        let Some(folder) = folder else { return Ok(ledger) };
+        let Some(folder) = folder else { return Ok(Ledger::new(tokens_max)) };
         let path = folder.0.join(format!("{agent}.tokens"));
-        ledger.path = Some(path.clone());
-        let file = match File::open(&path) {
-            Ok(file) => file,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(ledger),
+        let (mut ledger, lines) = match read(&path, tokens_max) {
+            Ok(read) => read,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => (Ledger::new(tokens_max), 0),
             Err(error) => return Err(error),
         };
-        for line in BufReader::new(file).split(b'\n') {
-            match serde_json::from_slice(&line?) {
-                Ok(Line::Begun(token) | Line::Bare(token)) => ledger.note(token),
-                Ok(Line::Ended { token, report }) => ledger.note_end(token, report),
-                Err(_) => (),
-            }
+        let mut filed = Filed { path, lines, tokens_max };
+        // A disk that is full stops nobody: what is there is added to when there is room.
+        if lines > 0
+            && let Err(error) = filed.shorten()
+        {
+            tracing::warn!(%agent, %error, "what it has begun could not be written anew");
         }
-        ledger.rewrite(&path)?;
+        ledger.file = Some(Arc::new(Mutex::new(filed)));
         Ok(ledger)
     }
 
@@ -128,11 +137,11 @@ impl Ledger {
     /// Takes a token on. What comes back puts it on disk, and may wait for the disk; the method
     /// runs only after it has.
     pub(crate) fn take(&mut self, token: ActionToken) -> impl FnOnce() -> io::Result<()> + use<> {
-        let path = self.path.clone();
+        let file = self.file.clone();
         let line = serde_json::to_string(&Line::Begun(token.clone()));
         self.note(token);
-        move || match path {
-            Some(path) => append(&path, &line?)?.sync_data(),
+        move || match file {
+            Some(file) => lock(&file).append(&line?)?.sync_data(),
             None => Ok(()),
         }
     }
@@ -144,13 +153,15 @@ impl Ledger {
         token: ActionToken,
         report: Report,
     ) -> impl FnOnce() -> io::Result<()> + use<> {
-        let path = self.path.clone();
+        let file = self.file.clone();
         let line = Line::Ended { token: token.clone(), report: report.clone() };
         let line = serde_json::to_string(&line);
         self.note_end(token, report);
-        move || match path {
-            Some(path) => append(&path, &line?).map(drop),
-            None => Ok(()),
+        move || {
+            let Some(file) = file else { return Ok(()) };
+            let mut file = lock(&file);
+            file.append(&line?)?;
+            if file.is_long() { file.shorten() } else { Ok(()) }
         }
     }
 
@@ -184,28 +195,79 @@ impl Ledger {
         self.reports.push_back((token, report));
     }
 
-    /// Keeps the file as short as the memory. Written beside and renamed, so that a crash leaves
-    /// one or the other.
-    fn rewrite(&self, path: &Path) -> io::Result<()> {
-        let beside = path.with_extension("tokens.new");
-        let mut file = io::BufWriter::new(File::create(&beside)?);
-        for token in &self.order {
-            let line = match self.known(token) {
-                Known::Ended(report) => Line::Ended { token: token.clone(), report: *report },
-                _ => Line::Begun(token.clone()),
-            };
-            writeln!(file, "{}", serde_json::to_string(&line)?)?;
-        }
-        file.into_inner()?.sync_all()?;
-        std::fs::rename(beside, path)
+    /// All that is remembered, a line each.
+    fn lines(&self) -> impl Iterator<Item = Line> + '_ {
+        self.order.iter().map(|token| match self.known(token) {
+            Known::Ended(report) => Line::Ended { token: token.clone(), report: *report },
+            _ => Line::Begun(token.clone()),
+        })
     }
 }
 
-fn append(path: &Path, line: &str) -> io::Result<File> {
-    let mut file = OpenOptions::new().create(true).append(true).open(path)?;
-    // One write: two that append at once do not mix. A torn line before it ends here.
-    file.write_all(format!("{line}\n").as_bytes())?;
-    Ok(file)
+// === impl Filed ===
+
+impl Filed {
+    fn append(&mut self, line: &str) -> io::Result<File> {
+        let mut file = OpenOptions::new().create(true).append(true).open(&self.path)?;
+        self.lines += 1;
+        // What a full disk or a lost power tore before ends where this begins: else the two would be
+        // one line that nobody can read, of a token that is executed.
+        file.write_all(format!("\n{line}\n").as_bytes())?;
+        Ok(file)
+    }
+
+    fn is_long(&self) -> bool {
+        // Each token has two lines.
+        self.lines > LONGER_MAX * 2 * self.tokens_max.max(REPORTS_MAX)
+    }
+
+    /// Keeps the file as short as the memory. Written beside and renamed, so that a crash leaves
+    /// one or the other.
+    fn shorten(&mut self) -> io::Result<()> {
+        let (ledger, _) = read(&self.path, self.tokens_max)?;
+        let beside = self.path.with_extension("tokens.new");
+        let mut file = io::BufWriter::new(File::create(&beside)?);
+        let mut lines = 0;
+        for line in ledger.lines() {
+            writeln!(file, "{}", serde_json::to_string(&line)?)?;
+            lines += 1;
+        }
+        file.into_inner()?.sync_all()?;
+        std::fs::rename(beside, &self.path)?;
+        self.lines = lines;
+        Ok(())
+    }
+}
+
+/// What a file says, and how many lines it has. A torn line is a token whose method never ran, or one
+/// of which nobody knows how it ended: it is left out, and a copy of the file is kept, as a line may
+/// be one that a newer version wrote.
+fn read(path: &Path, tokens_max: usize) -> io::Result<(Ledger, usize)> {
+    let mut ledger = Ledger::new(tokens_max);
+    let (mut lines, mut unread) = (0, 0);
+    for line in BufReader::new(File::open(path)?).split(b'\n') {
+        let line = line?;
+        if line.is_empty() {
+            continue;
+        }
+        lines += 1;
+        match serde_json::from_slice(&line) {
+            Ok(Line::Begun(token) | Line::Bare(token)) => ledger.note(token),
+            Ok(Line::Ended { token, report }) => ledger.note_end(token, report),
+            Err(_) => unread += 1,
+        }
+    }
+    if unread > 0 {
+        let aside = path.with_extension("tokens.unread");
+        tracing::warn!(file = %path.display(), copy = %aside.display(), unread,
+            "lines of what was begun cannot be read");
+        std::fs::copy(path, aside)?;
+    }
+    Ok((ledger, lines))
+}
+
+fn lock(file: &Mutex<Filed>) -> std::sync::MutexGuard<'_, Filed> {
+    file.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
@@ -263,6 +325,41 @@ mod tests {
         assert_eq!(ledger.known(&token(1, 1, 0)), Known::Begun);
         assert_eq!(ledger.known(&token(1, 1, 1)), Known::Begun);
         assert_eq!(ledger.order.len(), 2);
+    }
+
+    #[test]
+    fn what_is_begun_after_a_torn_line_is_known_to_the_next_life() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("robot.tokens");
+        let folder = StateFolder(folder.path().to_owned());
+        let mut ledger = open(&folder);
+        ledger.take(token(1, 1, 0))().expect("written");
+        // As a disk leaves it that is full in the middle of a line.
+        let mut file = OpenOptions::new().append(true).open(&path).expect("there");
+        file.write_all(br#"{"begun":{"epoch":1,"conv"#).expect("written");
+        ledger.take(token(1, 1, 1))().expect("written");
+        let next_life = open(&folder);
+        assert_eq!(next_life.known(&token(1, 1, 0)), Known::Begun);
+        assert_eq!(next_life.known(&token(1, 1, 1)), Known::Begun);
+        assert!(path.with_extension("tokens.unread").exists(), "what nobody could read is kept");
+    }
+
+    #[test]
+    fn a_file_has_a_bound_too() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("robot.tokens");
+        let folder = StateFolder(folder.path().to_owned());
+        let mut ledger = Ledger::open(&robot(), Some(&folder), 0).expect("readable");
+        let bound = u32::try_from(LONGER_MAX * 2 * REPORTS_MAX).expect("few");
+        let length = || std::fs::read(&path).expect("there").len();
+        let mut end = |step| {
+            let done = Report::new(Outcome::Done, "done");
+            ledger.end(token(1, 1, step), done)().expect("written");
+        };
+        (0..bound).for_each(&mut end);
+        let longest = length();
+        end(bound);
+        assert!(length() < longest, "it was written anew");
     }
 
     #[test]
