@@ -120,6 +120,9 @@ pub enum Distrust {
     /// It is for another life of who heard it.
     #[error("is for a former life of this daemon: somebody plays it again, or its sender is late")]
     Belated,
+    /// It was sealed too long ago.
+    #[error("was held back for longer than anybody waits for it")]
+    Overdue,
     /// Its sender has not been called yet, or had not when it said this: it may be old.
     #[error("was said before its daemon was called")]
     Uncalled,

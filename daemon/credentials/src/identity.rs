@@ -1,7 +1,7 @@
 //! A daemon's own key and certificate: what it seals its messages with.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use acl::DaemonId;
 use ring::signature::{Ed25519KeyPair, KeyPair as _};
@@ -41,6 +41,10 @@ pub struct Said {
     pub life: u64,
     /// The last number of each numbered channel, in the order of [`Channel`].
     pub numbers: [u64; NUMBERED_CHANNELS],
+    /// How old its life is: milliseconds, by a clock that nobody sets. Nothing, of who does not say
+    /// when it has sealed what.
+    #[serde(default)]
+    pub age: u64,
 }
 
 /// What a seal says of its place among others.
@@ -58,6 +62,7 @@ pub struct Identity {
     /// The daemon, or a guest that speaks with its key.
     speaker: DaemonId,
     life: u64,
+    began: Instant,
     numbers: [AtomicU64; CHANNELS],
 }
 
@@ -118,6 +123,7 @@ impl Identity {
             key,
             speaker: daemon.clone(),
             life: now(),
+            began: Instant::now(),
             numbers: Default::default(),
         })
     }
@@ -155,7 +161,11 @@ impl Identity {
     /// Which life this is, and how many messages it has sealed in each numbered channel.
     pub fn said(&self) -> Said {
         let numbers = NUMBERED.map(|channel| self.numbers[channel].load(Ordering::Relaxed));
-        Said { life: self.life, numbers }
+        Said { life: self.life, numbers, age: self.age() }
+    }
+
+    fn age(&self) -> u64 {
+        u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
 
     /// The seal for a payload that goes out under this key expression, to one daemon in this life
@@ -187,11 +197,11 @@ impl Identity {
     ) -> Vec<u8> {
         let is_itself = self.speaker.as_str() == self.certificate.subject;
         let speaker = if is_itself { "" } else { self.speaker.as_str() };
-        let life = self.life;
-        let statement = Statement { channel, life, number, to, speaker, key_expr, nonce };
+        let (life, at) = (self.life, self.age());
+        let statement = Statement { channel, life, number, at, to, speaker, key_expr, nonce };
         let signature = self.key.sign(&statement.bytes(payload));
         let certificate = self.certificate.der.as_ref();
-        Seal { life, number, to, speaker, signature: signature.as_ref(), certificate }.write()
+        Seal { life, number, at, to, speaker, signature: signature.as_ref(), certificate }.write()
     }
 }
 

@@ -4,6 +4,9 @@
 //! Whoever begins to listen has heard nothing yet, and could be played all that was said before.
 //! So what is said to all counts only from where the speaker itself says, when it is called, that
 //! it has come; and what is said to one is for one life of it.
+//!
+//! Clocks of two machines are not compared: a speaker says how old its life is whenever it is called,
+//! and when in its life it has sealed a message.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -20,6 +23,10 @@ const WORDS: usize = (WINDOW / 64) as usize;
 /// How long what was said before a speaker answered may be on its way after that: it is not heard,
 /// and nobody is blamed.
 const UNDERWAY: Duration = Duration::from_secs(2);
+
+/// How long a message may be under way. Whoever speaks waits for answers for seconds and says it anew;
+/// what comes later was held back by somebody.
+const UNDERWAY_MAX: Duration = Duration::from_secs(30);
 
 /// Speakers remembered per certificate: a daemon and its guests, each of which is there for a
 /// moment. Beyond it the one that was silent for longest is forgotten, and with it nobody of a
@@ -41,6 +48,8 @@ struct Speaker {
     life: u64,
     /// Where it had come when it was first called in this life, and when that was.
     from: Option<([u64; NUMBERED_CHANNELS], Instant)>,
+    /// How old its life was when it was called last, and until when that was heard.
+    age: Option<(u64, Instant)>,
     windows: [Option<Box<Window>>; NUMBERED_CHANNELS],
     heard: u64,
 }
@@ -51,6 +60,8 @@ pub(crate) struct Place {
     pub(crate) life: u64,
     pub(crate) channel: usize,
     pub(crate) number: u64,
+    /// When it was sealed: milliseconds of that life.
+    pub(crate) at: u64,
     /// It is for this life of the listener, which is why it cannot have been said before it began.
     pub(crate) is_for_this_life: bool,
 }
@@ -78,7 +89,7 @@ impl Replays {
         place: Place,
         now: Instant,
     ) -> Result<(), Distrust> {
-        let Place { life, channel, number, is_for_this_life } = place;
+        let Place { life, channel, number, at, is_for_this_life } = place;
         // Only who has answered, or speaks to this life, is remembered: who plays what was recorded of
         // many must push nobody out.
         let known = match is_for_this_life {
@@ -93,6 +104,9 @@ impl Replays {
             } else if is_before {
                 return Err(Distrust::Replayed);
             }
+        }
+        if known.is_overdue(at, now) {
+            return Err(Distrust::Overdue);
         }
         let window = known.windows.get_mut(channel).ok_or(Distrust::Replayed)?;
         let is_new = window.get_or_insert_default().note(number);
@@ -121,6 +135,7 @@ impl Replays {
         }
         if let Some(known) = self.speaker(speaker, said.life) {
             known.from.get_or_insert((said.numbers, now));
+            known.age = Some((said.age, now));
         }
     }
 
@@ -168,7 +183,17 @@ impl Replays {
 
 impl Speaker {
     fn new(life: u64) -> Speaker {
-        Speaker { life, from: None, windows: Default::default(), heard: 0 }
+        Speaker { life, from: None, age: None, windows: Default::default(), heard: 0 }
+    }
+
+    /// Whether what was sealed then has been under way for too long. It is at least as old as that:
+    /// its age was true before it was heard here.
+    fn is_overdue(&self, at: u64, now: Instant) -> bool {
+        let Some((age, heard)) = self.age else { return false };
+        let before_answer = Duration::from_millis(age.saturating_sub(at));
+        let after_answer = Duration::from_millis(at.saturating_sub(age));
+        let since_answer = now.saturating_duration_since(heard);
+        (before_answer + since_answer).saturating_sub(after_answer) > UNDERWAY_MAX
     }
 }
 
@@ -229,26 +254,32 @@ mod tests {
         channel: usize,
         number: u64,
     ) -> bool {
-        let place = Place { life, channel, number, is_for_this_life: false };
+        let place = Place { life, channel, number, at: 0, is_for_this_life: false };
         replays.note(speaker, place, Instant::now()).is_ok()
     }
 
     fn begun(life: u64) -> Said {
-        Said { life, numbers: [0; NUMBERED_CHANNELS] }
+        Said { life, numbers: [0; NUMBERED_CHANNELS], age: 0 }
     }
 
     #[test]
     fn what_was_said_before_one_listened_is_not_heard() {
         let (mut replays, began) = (Replays::default(), Instant::now());
         let (place, later) = (
-            |number, is_for_this_life| Place { life: 5, channel: 0, number, is_for_this_life },
+            |number, is_for_this_life| Place {
+                life: 5,
+                channel: 0,
+                number,
+                at: 0,
+                is_for_this_life,
+            },
             began + UNDERWAY,
         );
         let mut note = |place| replays.note("pi", place, later);
         assert_eq!(note(place(7, false)), Err(Distrust::Uncalled));
         assert_eq!(note(place(3, true)), Ok(()), "it cannot have been said before");
         assert_eq!(replays.life("pi"), None);
-        replays.answered("pi", Said { life: 5, numbers: [9, 40] }, began);
+        replays.answered("pi", Said { life: 5, numbers: [9, 40], age: 0 }, began);
         assert_eq!(replays.life("pi"), Some(5));
         assert_eq!(replays.note("pi", place(7, false), began), Err(Distrust::Uncalled));
         let mut note = |place| replays.note("pi", place, later);
@@ -258,10 +289,10 @@ mod tests {
         assert_eq!(note(place(10, false)), Ok(()));
         let beat = |number| Place { channel: 1, ..place(number, false) };
         assert_eq!([note(beat(40)), note(beat(41))], [Err(Distrust::Replayed), Ok(())]);
-        replays.answered("pi", Said { life: 5, numbers: [20, 50] }, began);
+        replays.answered("pi", Said { life: 5, numbers: [20, 50], age: 0 }, began);
         let mut note = |place| replays.note("pi", place, later);
         assert_eq!(note(place(11, false)), Ok(()), "only the first answer counts");
-        replays.answered("pi", Said { life: 4, numbers: [0, 0] }, began);
+        replays.answered("pi", Said { life: 4, numbers: [0, 0], age: 0 }, began);
         let mut note = |place| replays.note("pi", place, later);
         assert_eq!(note(place(10, false)), Err(Distrust::Replayed));
         for guest in 0..1_000 {
@@ -273,7 +304,7 @@ mod tests {
         assert_eq!(note(place(12, false)), Ok(()));
         let reborn = Place { life: 6, ..place(1, false) };
         assert_eq!(note(reborn), Err(Distrust::Uncalled));
-        replays.answered("pi", Said { life: 6, numbers: [0, 0] }, began);
+        replays.answered("pi", Said { life: 6, numbers: [0, 0], age: 0 }, began);
         assert_eq!(replays.note("pi", reborn, later), Ok(()));
     }
 
@@ -300,6 +331,24 @@ mod tests {
             assert_eq!(is_heard(&mut replays, "pi", life, 0, number), expected, "{life} {number}");
         }
         assert!(is_heard(&mut replays, "pi", 6, 1, 2), "channels are numbered apart");
+    }
+
+    #[test]
+    fn what_was_held_back_is_overdue_whatever_clocks_say() {
+        let (mut replays, began) = (Replays::default(), Instant::now());
+        let second = Duration::from_secs(1);
+        // It has lived for an hour when it is called.
+        let hour = 3_600_000;
+        replays.answered("pi", Said { life: 5, numbers: [0; 2], age: hour }, began);
+        let mut hears = |number, at, now| {
+            let place = Place { life: 5, channel: 0, number, at, is_for_this_life: true };
+            replays.note("pi", place, now)
+        };
+        assert_eq!(hears(1, hour + 10_000, began + 11 * second), Ok(()));
+        assert_eq!(hears(2, hour - 1_000, began + 28 * second), Ok(()), "a slow reader");
+        assert_eq!(hears(3, hour + 1_000, began + 32 * second), Err(Distrust::Overdue));
+        assert_eq!(hears(4, hour - 60_000, began), Err(Distrust::Overdue));
+        assert_eq!(hears(3, hour + 1_000, began + 30 * second), Ok(()), "a loss, not a replay");
     }
 
     #[test]

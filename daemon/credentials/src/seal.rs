@@ -4,6 +4,7 @@
 //! 1 byte    version
 //! 8 bytes   life of the speaker, big-endian
 //! 8 bytes   number of the message in that life
+//! 8 bytes   when it was sealed: milliseconds of that life
 //! 8 bytes   life of the daemon that it is for; 0: it is for all, or for one of no known life
 //! 1 byte    length of the speaker's name; 0: it is the certificate's
 //! …         the name
@@ -11,7 +12,7 @@
 //! …         the certificate, DER
 //! ```
 //!
-//! Signed is a text of this protocol's own, then channel, the three numbers, speaker, key expression
+//! Signed is a text of this protocol's own, then channel, the four numbers, speaker, key expression
 //! and nonce, each with its length, then the SHA-256 of the payload: so that a message of 16 MiB
 //! is not copied to be signed.
 
@@ -20,7 +21,7 @@ use ring::rand::{SecureRandom as _, SystemRandom};
 
 use crate::identity::Channel;
 
-const VERSION: u8 = 2;
+const VERSION: u8 = 3;
 const NUMBERS_BYTES: usize = 8;
 pub(crate) const SIGNATURE_BYTES: usize = 64;
 
@@ -28,7 +29,7 @@ pub(crate) const SIGNATURE_BYTES: usize = 64;
 const CERTIFICATE_BYTES_MAX: usize = 4_096;
 
 /// What is signed begins with this, and so nothing else that the key signs can be taken for it.
-const CONTEXT: &[u8] = b"althing seal 2";
+const CONTEXT: &[u8] = b"althing seal 3";
 
 /// Length of a [`Nonce`].
 pub const NONCE_BYTES: usize = 16;
@@ -47,6 +48,7 @@ pub fn nonce() -> Option<Nonce> {
 pub(crate) struct Seal<'s> {
     pub(crate) life: u64,
     pub(crate) number: u64,
+    pub(crate) at: u64,
     pub(crate) to: u64,
     /// Empty where the certificate's owner speaks itself.
     pub(crate) speaker: &'s str,
@@ -60,6 +62,7 @@ pub(crate) struct Statement<'s> {
     pub(crate) channel: Channel,
     pub(crate) life: u64,
     pub(crate) number: u64,
+    pub(crate) at: u64,
     pub(crate) to: u64,
     pub(crate) speaker: &'s str,
     pub(crate) key_expr: &'s str,
@@ -71,12 +74,13 @@ pub(crate) struct Statement<'s> {
 
 impl<'s> Seal<'s> {
     pub(crate) fn write(&self) -> Vec<u8> {
-        let Seal { life, number, to, speaker, signature, certificate } = *self;
-        let length = 2 + 3 * NUMBERS_BYTES + speaker.len() + signature.len() + certificate.len();
+        let Seal { life, number, at, to, speaker, signature, certificate } = *self;
+        let length = 2 + 4 * NUMBERS_BYTES + speaker.len() + signature.len() + certificate.len();
         let mut bytes = Vec::with_capacity(length);
         bytes.push(VERSION);
         bytes.extend(life.to_be_bytes());
         bytes.extend(number.to_be_bytes());
+        bytes.extend(at.to_be_bytes());
         bytes.extend(to.to_be_bytes());
         // A name has at most 64 bytes.
         bytes.push(u8::try_from(speaker.len()).unwrap_or(u8::MAX));
@@ -91,6 +95,7 @@ impl<'s> Seal<'s> {
         let (version, rest) = bytes.split_first()?;
         let (life, rest) = rest.split_first_chunk::<NUMBERS_BYTES>()?;
         let (number, rest) = rest.split_first_chunk::<NUMBERS_BYTES>()?;
+        let (at, rest) = rest.split_first_chunk::<NUMBERS_BYTES>()?;
         let (to, rest) = rest.split_first_chunk::<NUMBERS_BYTES>()?;
         let (length, rest) = rest.split_first()?;
         let (speaker, rest) = rest.split_at_checked(usize::from(*length))?;
@@ -101,6 +106,7 @@ impl<'s> Seal<'s> {
         Some(Seal {
             life: u64::from_be_bytes(*life),
             number: u64::from_be_bytes(*number),
+            at: u64::from_be_bytes(*at),
             to: u64::from_be_bytes(*to),
             speaker: std::str::from_utf8(speaker).ok()?,
             signature,
@@ -114,12 +120,13 @@ impl<'s> Seal<'s> {
 impl Statement<'_> {
     /// The bytes that are signed.
     pub(crate) fn bytes(&self, payload: &[u8]) -> Vec<u8> {
-        let Statement { channel, life, number, to, speaker, key_expr, nonce } = *self;
-        let mut bytes = Vec::with_capacity(CONTEXT.len() + key_expr.len() + speaker.len() + 96);
+        let Statement { channel, life, number, at, to, speaker, key_expr, nonce } = *self;
+        let mut bytes = Vec::with_capacity(CONTEXT.len() + key_expr.len() + speaker.len() + 104);
         bytes.extend(CONTEXT);
         bytes.push(channel as u8);
         bytes.extend(life.to_be_bytes());
         bytes.extend(number.to_be_bytes());
+        bytes.extend(at.to_be_bytes());
         bytes.extend(to.to_be_bytes());
         for part in [speaker.as_bytes(), key_expr.as_bytes(), nonce] {
             bytes.extend(u64::try_from(part.len()).unwrap_or(u64::MAX).to_be_bytes());

@@ -122,6 +122,7 @@ impl Verifier {
             channel: sealed.channel,
             life: seal.life,
             number: seal.number,
+            at: seal.at,
             to: seal.to,
             speaker: seal.speaker,
             key_expr: sealed.key_expr,
@@ -189,7 +190,8 @@ impl Verifier {
             return Err(if is_young { Distrust::Uncalled } else { Distrust::Belated });
         }
         let (channel, is_for_this_life) = (sealed.channel as usize, seal.to != 0);
-        let place = Place { life: seal.life, channel, number: seal.number, is_for_this_life };
+        let Seal { life, number, at, .. } = *seal;
+        let place = Place { life, channel, number, at, is_for_this_life };
         heard.replays.note(speaker, place, now)
     }
 

@@ -148,7 +148,7 @@ fn breach(why: Distrust) -> Breach {
         Distrust::Unsigned => Breach::Unsigned,
         Distrust::Stranger | Distrust::Expired => Breach::Unknown,
         Distrust::Revoked => Breach::Revoked,
-        Distrust::Replayed | Distrust::Belated => Breach::Replayed,
+        Distrust::Replayed | Distrust::Belated | Distrust::Overdue => Breach::Replayed,
         Distrust::Flooded => Breach::Flooded,
         // What else can be wrong is so because somebody made it so.
         _ => Breach::Forged,
