@@ -21,18 +21,20 @@ use crate::communication_agent::{Answer, Opening};
 use crate::context::{Context, Work};
 use crate::plugin::Host;
 
-/// How many Journals are to have a record before it counts as kept: the machine that asks, and one
-/// other that can be reached.
+/// How many machines are to have a record before it counts as kept: this one, and one other that can
+/// be reached.
 const COPIES: usize = 2;
 
 /// How long the other Journals are waited for once one has answered: they hold the same, but for
 /// what was written last.
 const OTHERS_AWAITED: Duration = Duration::from_millis(100);
 
-/// How long before a Journal that gave no answer is asked again, and how often: a machine that has
-/// just started opens its file.
+/// How long before a Journal that gave no answer is asked again: a machine that has just started
+/// opens its file. After so many times it is asked less often, for as long as it is here: a slow card
+/// may take minutes to mend a file.
 const READ_AGAIN: Duration = Duration::from_millis(50);
-const READS_MAX: u32 = 40;
+const READS_OFTEN: u32 = 40;
+const READ_LATER: Duration = Duration::from_secs(2);
 
 /// What an agent has kept.
 pub struct Keeper {
@@ -41,6 +43,8 @@ pub struct Keeper {
     is_leading: bool,
     /// Journals that are here and have not been read in this life of theirs.
     unread: BTreeSet<AgentId>,
+    /// Whether any has been read since this agent began to act.
+    has_read: bool,
     reads: u32,
     reading: Option<Work>,
 }
@@ -72,6 +76,7 @@ impl Keeper {
             version: Version::default(),
             is_leading: false,
             unread: BTreeSet::new(),
+            has_read: false,
             reads: 0,
             reading: None,
         }
@@ -122,15 +127,16 @@ pub fn keep<A: Keeps>(
     then: impl FnOnce(&mut A, Kept, &mut Context<A>) + Send + 'static,
 ) {
     let journals = agent.keeper().journals.clone();
-    let here: Vec<_> = journals.into_iter().filter(|name| ctx.find(name).is_some()).collect();
+    let found = |journal: AgentId| Some((ctx.find(&journal)?.daemon, journal));
+    let here: Vec<_> = journals.into_iter().filter_map(found).collect();
     if here.is_empty() {
         ctx.after(Duration::ZERO, move |agent: &mut A, ctx| then(agent, Kept::default(), ctx));
         return;
     }
     let (awaited, kept) = (here.len(), Kept::default());
-    let tally = Arc::new(Mutex::new((kept, awaited, Some(then))));
+    let tally = Arc::new(Mutex::new((kept, BTreeSet::new(), awaited, Some(then))));
     let content = value(&Request::Keep(Keeping { records }));
-    for journal in here {
+    for (machine, journal) in here {
         let opening = Opening {
             to: Some(journal.clone()),
             performative: Performative::Request,
@@ -143,13 +149,16 @@ pub fn keep<A: Keeps>(
         ctx.open(opening, patience, move |agent: &mut A, answer, ctx| {
             let told = {
                 let mut tally = tally.lock().unwrap_or_else(PoisonError::into_inner);
-                let (kept, awaited, then) = &mut *tally;
+                let (kept, machines, awaited, then) = &mut *tally;
                 *awaited = awaited.saturating_sub(1);
                 match objection(answer) {
-                    None => kept.by.push(journal.clone()),
+                    None => {
+                        machines.insert(machine.clone());
+                        kept.by.push(journal.clone());
+                    }
                     Some(why) => drop(kept.not_by.insert(journal.clone(), why)),
                 }
-                let is_enough = kept.by.len() >= COPIES || *awaited == 0;
+                let is_enough = machines.len() >= COPIES || *awaited == 0;
                 if is_enough { then.take().map(|then| (then, kept.clone())) } else { None }
             };
             if let Some((then, kept)) = told {
@@ -178,6 +187,7 @@ pub fn leads<A: Keeps>(agent: &mut A, is_leading: bool, ctx: &mut Context<A>) {
     let keeper = agent.keeper();
     keeper.is_leading = is_leading;
     (keeper.unread, keeper.reading, keeper.reads) = (BTreeSet::new(), None, 0);
+    keeper.has_read = false;
     if is_leading {
         keeper.begin_term(life, &[]);
         let journals = keeper.journals.iter();
@@ -196,7 +206,10 @@ pub fn presence<A: Keeps>(agent: &mut A, presence: &Presence, ctx: &mut Context<
     }
     match presence {
         Presence::Joined(_) => {
-            keeper.unread.insert(who.clone());
+            // All are read, not this one alone: it may not know yet what the others know has ended.
+            let journals = keeper.journals.iter();
+            let here = journals.filter(|journal| ctx.find(journal).is_some());
+            keeper.unread = here.cloned().chain([who.clone()]).collect();
             keeper.reads = 0;
             read(agent, ctx);
         }
@@ -209,10 +222,13 @@ pub fn presence<A: Keeps>(agent: &mut A, presence: &Presence, ctx: &mut Context<
 /// Reads the Journals that have not been read, unless that is under way.
 fn read<A: Keeps>(agent: &mut A, ctx: &mut Context<A>) {
     let keeper = agent.keeper();
-    if keeper.reading.is_some() || keeper.unread.is_empty() || keeper.reads >= READS_MAX {
+    if keeper.reading.is_some() || keeper.unread.is_empty() {
         return;
     }
-    keeper.reads += 1;
+    keeper.reads = keeper.reads.saturating_add(1);
+    let (reads, deadline) = (keeper.reads, ctx.settings().answer_deadline);
+    // Who has just begun to act has to go on; later nobody waits for it.
+    let patience = if keeper.has_read { deadline } else { OTHERS_AWAITED };
     let mut asked = JoinSet::new();
     for journal in keeper.unread.clone() {
         let Some(resident) = ctx.find(&journal) else { continue };
@@ -221,10 +237,10 @@ fn read<A: Keeps>(agent: &mut A, ctx: &mut Context<A>) {
             resource: Resource::Journal,
             agent: Some(journal.clone()),
         };
-        let answers = ctx.switchboard().ask(ask, ctx.settings().answer_deadline);
+        let answers = ctx.switchboard().ask(ask, deadline);
         asked.spawn(async move { (journal, answers.await) });
     }
-    let reading = ctx.run(answers(asked), |agent: &mut A, answers, ctx| {
+    let reading = ctx.run(answers(asked, patience), move |agent: &mut A, answers, ctx| {
         agent.keeper().reading = None;
         let records = take_in(agent, answers, ctx.incarnation());
         let is_all_read = agent.keeper().unread.is_empty();
@@ -232,14 +248,18 @@ fn read<A: Keeps>(agent: &mut A, ctx: &mut Context<A>) {
             agent.recalled(records, ctx);
         }
         if !is_all_read {
-            ctx.after(READ_AGAIN, |agent: &mut A, ctx| read(agent, ctx));
+            let wait = if reads < READS_OFTEN { READ_AGAIN } else { READ_LATER };
+            ctx.after(wait, |agent: &mut A, ctx| read(agent, ctx));
         }
     });
     agent.keeper().reading = Some(reading);
 }
 
-/// What Journals answered; the slow are not waited for once one of them has.
-async fn answers(mut asked: JoinSet<(AgentId, Vec<bytes::Bytes>)>) -> Vec<(AgentId, Vec<Record>)> {
+/// What Journals answered; once one of them has, the slow are waited for no longer than `patience`.
+async fn answers(
+    mut asked: JoinSet<(AgentId, Vec<bytes::Bytes>)>,
+    patience: Duration,
+) -> Vec<(AgentId, Vec<Record>)> {
     let mut read = Vec::new();
     let mut until: Option<Instant> = None;
     loop {
@@ -257,7 +277,7 @@ async fn answers(mut asked: JoinSet<(AgentId, Vec<bytes::Bytes>)>) -> Vec<(Agent
             match serde_json::from_slice(&answer) {
                 Ok(records) => {
                     read.push((journal.clone(), records));
-                    until.get_or_insert_with(|| Instant::now() + OTHERS_AWAITED);
+                    until.get_or_insert_with(|| Instant::now() + patience);
                 }
                 Err(error) => tracing::warn!(%journal, %error, "an answer that is no journal"),
             }
@@ -275,6 +295,7 @@ fn take_in<A: Keeps>(
         return None;
     }
     let keeper = agent.keeper();
+    keeper.has_read = true;
     let mut newest: BTreeMap<String, Record> = BTreeMap::new();
     for (journal, records) in answers {
         keeper.unread.remove(&journal);
@@ -300,6 +321,7 @@ mod tests {
             version: Version::default(),
             is_leading: true,
             unread: BTreeSet::new(),
+            has_read: false,
             reads: 0,
             reading: None,
         }

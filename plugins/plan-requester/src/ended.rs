@@ -7,6 +7,8 @@ use acl::ConversationId;
 use acl::content::{Record, Report, Version};
 use agent::{Engagement, Resident};
 
+use crate::resuming::conversation_of;
+
 /// Goals that have ended and are remembered.
 const KNOWN_MAX: usize = 128;
 
@@ -57,6 +59,12 @@ impl Ended {
             self.own.pop_front();
         }
         self.own.push_back(record);
+    }
+
+    /// The record of an end.
+    pub(crate) fn record(&self, id: &ConversationId) -> Option<Record> {
+        let is_it = |record: &&Record| conversation_of(&record.key).as_ref() == Some(id);
+        self.own.iter().find(is_it).cloned()
     }
 
     /// The records of the last ends.

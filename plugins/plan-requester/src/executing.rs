@@ -189,7 +189,7 @@ impl PlanRequester {
 }
 
 /// The plan that is under way instead, if that is the answer.
-fn under_way(answer: Answer) -> Result<Box<Execute>, Answer> {
+pub(crate) fn under_way(answer: Answer) -> Result<Box<Execute>, Answer> {
     let Answer::Message(message) = &answer else { return Err(answer) };
     if message.performative != Performative::Refuse {
         return Err(answer);

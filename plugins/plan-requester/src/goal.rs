@@ -148,7 +148,12 @@ impl Phase {
 
     /// Whether a plan of it runs, so that its agents are needed.
     pub(crate) fn is_running(&self) -> bool {
-        matches!(self, Phase::Executing(_) | Phase::Cancelling(_) | Phase::Yielding(_))
+        self.is_under_way() || matches!(self, Phase::Yielding(_))
+    }
+
+    /// Whether whoever takes it over has to see to the plan that runs.
+    pub(crate) fn is_under_way(&self) -> bool {
+        matches!(self, Phase::Executing(_) | Phase::Cancelling(_))
     }
 }
 

@@ -10,6 +10,7 @@
 //! Start reading at `PlanRequester::consider`.
 
 mod calling;
+mod calling_off;
 mod ended;
 mod executing;
 mod explaining;
@@ -232,17 +233,20 @@ impl PlanRequester {
 
     fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
         let id = &message.conversation_id;
-        // Not the one who asked for the goal: it is answered for itself.
-        if message.opens_exchange() {
-            let engagement = Engagement::of(&message);
-            if self.goals.contains_key(id) {
-                let report = Report::new(Outcome::Cancelled, "the goal is given up");
-                ctx.answer(&engagement, Performative::Confirm, &report);
-            } else {
-                ctx.refuse(&engagement, Reason::Unknown, format!("there is no goal `{id}`"));
-            }
-        }
+        let is_here = self.goals.contains_key(id);
         self.cancel(id, ctx);
+        // Not the one who asked for the goal: it is answered for itself.
+        let other = message.opens_exchange().then(|| Engagement::of(&message));
+        if !is_here {
+            let unknown = || format!("there is no goal `{id}`");
+            other.iter().for_each(|other| ctx.refuse(other, Reason::Unknown, unknown()));
+            return;
+        }
+        // Said when it is kept: whoever acts next gives it up too.
+        self.keep_given_up(id, ctx, move |ctx| {
+            let report = Report::new(Outcome::Cancelled, "the goal is given up");
+            other.iter().for_each(|other| ctx.answer(other, Performative::Confirm, &report));
+        });
     }
 
     fn cancel(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
@@ -355,9 +359,14 @@ impl PlanRequester {
             Keep::Maintain => {
                 goal.phase = Phase::Holding;
                 goal.no_plan_because.clear();
+                let was_planned_for = goal.plan.take().is_some();
                 let news = !std::mem::replace(&mut goal.is_told, true);
                 if news {
                     self.tell(id, resuming::holding(), ctx);
+                }
+                if was_planned_for {
+                    // Whoever takes over need not read it.
+                    self.forget_plan(id, ctx);
                 }
                 self.settle_within(id, LOOK_AGAIN, ctx);
                 self.next(ctx);

@@ -38,6 +38,9 @@ struct GoalRecord {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     running: Option<Running>,
     history: Vec<String>,
+    /// Whether it is being given up: who asked for that was told that it is.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    cancelled: bool,
     /// How it ended, if it has.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     ended: Option<Report>,
@@ -77,7 +80,11 @@ impl Keeps for PlanRequester {
             }
         }
         // Of goals that are forgotten.
-        plans.keys().for_each(|id| self.forget_plan(&ConversationId::new(id), ctx));
+        for (id, plan) in plans {
+            let id = ConversationId::new(&id);
+            self.call_off(&id, plan, 0, ctx);
+            self.forget_plan(&id, ctx);
+        }
         self.next(ctx);
     }
 }
@@ -118,6 +125,19 @@ impl PlanRequester {
         let plan = plan.map(|plan| self.keeper.write(format!("{PLAN}{id}"), plan));
         let goal = self.record(id);
         self.send(plan.into_iter().chain(goal).collect(), ctx);
+    }
+
+    /// Has the Journals keep that a goal is given up; `then` is told when they do.
+    pub(crate) fn keep_given_up(
+        &mut self,
+        id: &ConversationId,
+        ctx: &mut Context<Self>,
+        then: impl FnOnce(&mut Context<Self>) + Send + 'static,
+    ) {
+        let record =
+            if self.goals.contains_key(id) { self.record(id) } else { self.ended.record(id) };
+        let Some(record) = record else { return then(ctx) };
+        keeping::keep(self, vec![record], ctx, move |_, _, ctx| then(ctx));
     }
 
     /// A Journal is here, or here again: it may have missed anything.
@@ -170,9 +190,9 @@ impl PlanRequester {
         self.send(records, ctx);
     }
 
-    /// Has the Journals forget the plan of a goal that has ended: whoever ended it may not have known
-    /// of this one, which was made on the other side of a partition.
-    fn forget_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+    /// Has the Journals forget the plan of a goal that has ended, or holds: whoever ended it may not
+    /// have known of this one, which was made on the other side of a partition.
+    pub(crate) fn forget_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let forgotten = self.keeper.write(format!("{PLAN}{id}"), Value::Null);
         self.send(vec![forgotten], ctx);
     }
@@ -191,8 +211,7 @@ impl PlanRequester {
     fn records_of(&mut self, id: &ConversationId) -> Vec<Record> {
         let Some(goal) = self.goals.get(id) else { return Vec::new() };
         let body = value(&record_of(goal));
-        let plan = goal.plan.as_deref().filter(|_| matches!(goal.phase, Phase::Executing(_)));
-        let plan = plan.map(value);
+        let plan = goal.plan.as_deref().filter(|_| goal.phase.is_under_way()).map(value);
         let plan = plan.map(|plan| self.keeper.write(format!("{PLAN}{id}"), plan));
         std::iter::once(self.keeper.write(format!("{GOAL}{id}"), body)).chain(plan).collect()
     }
@@ -216,21 +235,30 @@ impl PlanRequester {
         ctx: &mut Context<Self>,
     ) {
         let id = record.engagement.conversation.clone();
-        let is_known = self.goals.get(&id).is_some_and(|goal| goal.version >= version);
-        let has_plan = |goal: &Goal| goal.plan.is_some();
-        let has_plan = plan.is_some() || self.goals.get(&id).is_some_and(has_plan);
-        if has_plan && (record.ended.is_some() || self.ended.has(&id, version)) {
+        let here = self.goals.get(&id).map(|goal| (goal.version, goal.plan.is_some()));
+        let ended_here = self.ended.how(&id).cloned();
+        let is_over = record.cancelled || record.ended.is_some() || ended_here.is_some();
+        if is_over && (plan.is_some() || here.is_some_and(|(_, has_plan)| has_plan)) {
             self.forget_plan(&id, ctx);
         }
+        if is_over && let Some(plan) = plan.clone() {
+            self.call_off(&id, plan, 0, ctx);
+        }
+        // What has ended has, however late it was said of that it goes on.
+        let is_later_here = here.is_some_and(|(known, _)| known >= version);
+        let is_known = is_later_here && record.ended.is_none() && !record.cancelled;
         if is_known || self.ended.has(&id, version) {
             return;
         }
         if record.ended.is_none()
-            && let Some(report) = self.ended.how(&id).cloned()
+            && let Some(report) = ended_here
         {
             // Who wrote this did not know that it has ended, and may have told its asker otherwise.
             self.tell_end(&record, &report, ctx);
             return self.keep_ended(&id, report, record, ctx);
+        }
+        if record.cancelled && record.ended.is_none() {
+            return self.give_up(&id, record, ctx);
         }
         if record.ended.is_none() && self.is_gone_on_with(&id, record.running.is_some()) {
             // Both sides of a partition did. Theirs stands down; what is kept from now on is later.
@@ -253,11 +281,15 @@ impl PlanRequester {
         if was_running {
             self.release(&id);
         }
-        let GoalRecord { engagement, life, asked, .. } = &record;
-        if let Some(report) = &record.ended {
-            self.ended.note(id, version, report.clone());
-            return self.tell_end(&record, report, ctx);
+        if let Some(report) = record.ended.clone() {
+            self.tell_end(&record, &report, ctx);
+            if is_later_here {
+                return self.keep_ended(&id, report, record, ctx);
+            }
+            self.ended.note(id, version, report);
+            return;
         }
+        let GoalRecord { engagement, life, asked, .. } = &record;
         let (asker, text, keep) = (&engagement.initiator, &asked.goal, asked.keep);
         let is_asked_anew = |goal: &&Goal| {
             let is_same = goal.text == *text && goal.keep == keep;
@@ -269,6 +301,16 @@ impl PlanRequester {
             return self.keep_ended(&id, report, record, ctx);
         }
         self.go_on(record, version, plan, ctx);
+    }
+
+    /// A goal was given up, and who did so was told, before it came to its end.
+    fn give_up(&mut self, id: &ConversationId, record: GoalRecord, ctx: &mut Context<Self>) {
+        if self.goals.contains_key(id) {
+            return self.cancel(id, ctx);
+        }
+        let report = Report::new(Outcome::Cancelled, "cancelled as asked");
+        self.tell_end(&record, &report, ctx);
+        self.keep_ended(id, report, record, ctx);
     }
 
     /// Tells the asker of a goal how it ended, which it may not have heard; to one that has, it is no
@@ -463,7 +505,7 @@ fn record_of(goal: &Goal) -> GoalRecord {
         priority: goal.priority,
         partition: goal.partition,
     };
-    let running = goal.plan.as_ref().filter(|_| matches!(goal.phase, Phase::Executing(_)));
+    let running = goal.plan.as_ref().filter(|_| goal.phase.is_under_way());
     let running =
         running.map(|plan| Running { term: plan.term, round: plan.round, done: plan.done.clone() });
     GoalRecord {
@@ -474,6 +516,7 @@ fn record_of(goal: &Goal) -> GoalRecord {
         failures: goal.failures,
         running,
         history: goal.history().to_vec(),
+        cancelled: matches!(goal.phase, Phase::Cancelling(_)),
         ended: None,
     }
 }

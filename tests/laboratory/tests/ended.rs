@@ -136,58 +136,102 @@ async fn kept(
     timeout(PATIENCE, found).await.expect("in time")
 }
 
+fn is_goal(record: &Record) -> bool {
+    record.key == "goal/g"
+}
+
+/// A machine with a Plan Requester that has been asked for what holds already, and what was kept of
+/// that: as it was taken, and how it ended.
+struct Asked {
+    house: House,
+    here: Arc<Switchboard>,
+    records: mpsc::UnboundedReceiver<Record>,
+    heard: mpsc::UnboundedReceiver<Report>,
+    open: Record,
+    ended: Record,
+}
+
+impl Asked {
+    async fn open() -> Asked {
+        let house = House::new();
+        let here = house.machine("here");
+        let (keeps, mut records) = mpsc::unbounded_channel();
+        launch(Box::new(Journal(keeps)), "journal", &here, false);
+        launch(house.built(&domain_maintainer::PLUGIN), "domain-maintainer", &here, true);
+        launch(house.built(&plan_requester::PLUGIN), "plan-requester", &here, true);
+        tokio::time::sleep(Duration::from_secs(1)).await;
+        let (goal, keep) = ("(lit)".to_owned(), Keep::Achieve);
+        let achieve = Achieve { goal, keep, priority: 0, partition: Partition::Pursue };
+        let (told, mut heard) = mpsc::unbounded_channel();
+        let sayer = Sayer {
+            to: name("plan-requester"),
+            protocol: Protocol::Goal,
+            conversation: "g",
+            says: Request::Achieve(achieve),
+            told,
+        };
+        launch(Box::new(sayer), "asker", &here, false);
+        let has_ended = |record: &Record| record.body.get("ended").is_some();
+        let open = kept(&mut records, |record| is_goal(record) && !has_ended(record)).await;
+        let ended = kept(&mut records, |record| is_goal(record) && has_ended(record)).await;
+        while next(&mut heard).await.outcome != Outcome::Done {}
+        Asked { house, here, records, heard, open, ended }
+    }
+
+    /// One that acted elsewhere stands down, and says what it knew.
+    async fn is_handed(&self, record: Record) {
+        let there = self.house.machine("there");
+        let (told, mut heard) = mpsc::unbounded_channel();
+        let sayer = Sayer {
+            to: name("plan-requester"),
+            protocol: Protocol::StateChange,
+            conversation: "handing-over",
+            says: Request::Keep(Keeping { records: vec![record] }),
+            told,
+        };
+        launch(Box::new(sayer), "plan-requester", &there, true);
+        let report = next(&mut heard).await;
+        assert_eq!(report.outcome, Outcome::Done, "{report:?}");
+    }
+
+    async fn has_no_goal(&self) {
+        let ask = Ask {
+            daemon: Some(self.here.daemon().clone()),
+            resource: Resource::Goals,
+            agent: Some(name("plan-requester")),
+        };
+        assert_eq!(self.here.ask(ask, PATIENCE).await, ["[]"]);
+    }
+}
+
+async fn next(heard: &mut mpsc::UnboundedReceiver<Report>) -> Report {
+    timeout(PATIENCE, heard.recv()).await.expect("in time").expect("it lives")
+}
+
 #[tokio::test(start_paused = true)]
 async fn what_has_ended_is_not_begun_again_from_a_later_copy_that_did_not_know() {
-    let house = House::new();
-    let [here, there] = ["here", "there"].map(|name| house.machine(name));
-    let (keeps, mut records) = mpsc::unbounded_channel();
-    launch(Box::new(Journal(keeps)), "journal", &here, false);
-    launch(house.built(&domain_maintainer::PLUGIN), "domain-maintainer", &here, true);
-    launch(house.built(&plan_requester::PLUGIN), "plan-requester", &here, true);
-    tokio::time::sleep(Duration::from_secs(1)).await;
-    let achieve = Achieve {
-        goal: "(lit)".to_owned(),
-        keep: Keep::Achieve,
-        priority: 0,
-        partition: Partition::Pursue,
-    };
-    let (told, mut heard) = mpsc::unbounded_channel();
-    let sayer = Sayer {
-        to: name("plan-requester"),
-        protocol: Protocol::Goal,
-        conversation: "g",
-        says: Request::Achieve(achieve),
-        told,
-    };
-    launch(Box::new(sayer), "asker", &here, false);
-    let is_goal = |record: &Record| record.key == "goal/g";
-    let open =
-        kept(&mut records, |record| is_goal(record) && record.body.get("ended").is_none()).await;
-    let ended =
-        kept(&mut records, |record| is_goal(record) && record.body.get("ended").is_some()).await;
-    while timeout(PATIENCE, heard.recv()).await.expect("in time").expect("it lives").outcome
-        != Outcome::Done
-    {}
-
+    let mut asked = Asked::open().await;
     // Who acted elsewhere meanwhile had read the copy from before.
-    let late = Record { version: Version { term: u64::MAX / 2, count: 7 }, ..open };
-    let (told, mut heard) = mpsc::unbounded_channel();
-    let sayer = Sayer {
-        to: name("plan-requester"),
-        protocol: Protocol::StateChange,
-        conversation: "handing-over",
-        says: Request::Keep(Keeping { records: vec![late.clone()] }),
-        told,
-    };
-    launch(Box::new(sayer), "plan-requester", &there, true);
-    let report = timeout(PATIENCE, heard.recv()).await.expect("in time").expect("it lives");
-    assert_eq!(report.outcome, Outcome::Done, "{report:?}");
-    let again = kept(&mut records, |record| is_goal(record) && record.version > late.version).await;
-    assert_eq!(again.body["ended"], ended.body["ended"], "{again:?}");
-    let ask = Ask {
-        daemon: Some(here.daemon().clone()),
-        resource: Resource::Goals,
-        agent: Some(name("plan-requester")),
-    };
-    assert_eq!(here.ask(ask, PATIENCE).await, ["[]"]);
+    let version = Version { term: u64::MAX / 2, count: 7 };
+    asked.is_handed(Record { version, ..asked.open.clone() }).await;
+    let is_later = |record: &Record| is_goal(record) && record.version > version;
+    let again = kept(&mut asked.records, is_later).await;
+    assert_eq!(again.body["ended"], asked.ended.body["ended"], "{again:?}");
+    asked.has_no_goal().await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_was_given_up_is_not_gone_on_with_by_who_takes_over() {
+    let mut asked = Asked::open().await;
+    let version = Version { term: u64::MAX / 2, count: 7 };
+    let mut other = Record { key: "goal/h".to_owned(), version, ..asked.open.clone() };
+    // Who was told that it is given up was told so before it had come to its end.
+    other.body["engagement"]["conversation"] = "h".into();
+    other.body["cancelled"] = true.into();
+    asked.is_handed(other).await;
+    let is_it = |record: &Record| record.key == "goal/h" && record.version > version;
+    let again = kept(&mut asked.records, is_it).await;
+    assert_eq!(again.body["ended"]["outcome"], "cancelled", "{again:?}");
+    asked.has_no_goal().await;
+    assert!(asked.heard.try_recv().is_err(), "of the other goal nothing is said any more");
 }
