@@ -548,6 +548,9 @@ pub struct Mailboxes {
     pub unreadable: u64,
     /// Messages that its substrate did not take.
     pub unsent: u64,
+    /// What its disk did not keep: it is full, or what is on it cannot be read.
+    #[serde(default)]
+    pub unkept: u64,
     /// What came and was not believed, or was not to be said: by what was wrong with it.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub rejected: BTreeMap<String, u64>,

@@ -285,13 +285,14 @@ impl<D: Device> Actuator<D> {
         ctx.answer(engagement, Performative::Agree, &Agreement { token: token.clone() });
         let record = self.ledger.take(token.clone());
         let performance = self.device.perform(&call);
-        let machine = ctx.switchboard().machine();
+        let switchboard = Arc::clone(ctx.switchboard());
         let work = async move {
             // On disk before it acts: a life that dies now does not act twice in the next.
-            let recorded = machine.work(record).await;
+            let recorded = switchboard.machine().work(record).await;
             match recorded {
                 Ok(Ok(())) => (),
                 Ok(Err(error)) => {
+                    switchboard.count_unkept();
                     return Err(Failure::Driver(format!("keep the token on disk: {error}")));
                 }
                 Err(error) => return Err(Failure::Driver(error.to_string())),
@@ -405,6 +406,7 @@ impl<D: Device> Actuator<D> {
             actuator.telling.remove(&told);
             if let Ok(Err(error)) = written {
                 tracing::warn!(agent = %ctx.id(), %error, "an outcome could not be written down");
+                ctx.switchboard().count_unkept();
             }
             // What it knows now first: who hears the confirmation may ask at once.
             actuator.beat(ctx);

@@ -81,6 +81,8 @@ pub struct Counters {
     pub unreadable: AtomicU64,
     /// Messages that the substrate did not take.
     pub unsent: AtomicU64,
+    /// What the disk did not keep.
+    pub unkept: AtomicU64,
 }
 
 #[derive(Default)]
@@ -612,6 +614,11 @@ impl Switchboard {
         hosted.filter_map(|(_, hosted)| hosted.last_word.model()).collect()
     }
 
+    /// Counts what this machine's disk did not keep; who had it to keep says what, and why.
+    pub fn count_unkept(&self) {
+        self.counters.unkept.fetch_add(1, Ordering::Relaxed);
+    }
+
     fn answer_mailbox(&self, question: &Question) {
         let asked = |agent: &AgentId| question.agent.as_ref().is_none_or(|asked| asked == agent);
         let state = self.read();
@@ -628,6 +635,7 @@ impl Switchboard {
             unknown_receiver: count(&self.counters.unknown_receiver),
             unreadable: count(&self.counters.unreadable),
             unsent: count(&self.counters.unsent),
+            unkept: count(&self.counters.unkept),
             rejected: self.rejections.counts(),
         };
         if let Ok(bytes) = serde_json::to_vec(&answer) {

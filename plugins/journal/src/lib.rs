@@ -14,6 +14,7 @@ mod store;
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
 use acl::content::{Keeping, Outcome, Reason, Record, Refusal, Report, Request};
 use acl::{AgentId, Message, Performative};
@@ -29,6 +30,13 @@ use crate::store::{Store, StoreError};
 /// Requests that wait for the one write that is under way; more are refused. Each is a change of
 /// one goal, and one write serves all that wait.
 const WAITING_MAX: usize = 256;
+
+/// How long before a file that could not be opened is tried again: a disk that was full when the
+/// daemon started is looked at again, and so is a file that a former life has not let go of.
+const OPEN_AGAIN: Duration = Duration::from_secs(5);
+
+/// How long before another Journal that gave no answer is asked again: it opens its file.
+const FETCH_AGAIN: Duration = Duration::from_secs(2);
 
 /// The line in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -91,15 +99,7 @@ impl Agent for Journal {
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
-        let place = self.place.clone();
-        let opening = ctx.switchboard().machine().work(move || open(&place));
-        self.work = Some(ctx.run(opening, |journal: &mut Self, opened, ctx| {
-            journal.work = None;
-            journal.opened(
-                opened.unwrap_or_else(|error| Err(StoreError::Lost(error.to_string()))),
-                ctx,
-            );
-        }));
+        self.open(ctx);
     }
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
@@ -121,6 +121,18 @@ impl Agent for Journal {
 }
 
 impl Journal {
+    fn open(&mut self, ctx: &mut Context<Self>) {
+        let place = self.place.clone();
+        let opening = ctx.switchboard().machine().work(move || open(&place));
+        self.work = Some(ctx.run(opening, |journal: &mut Self, opened, ctx| {
+            journal.work = None;
+            journal.opened(
+                opened.unwrap_or_else(|error| Err(StoreError::Lost(error.to_string()))),
+                ctx,
+            );
+        }));
+    }
+
     fn opened(
         &mut self,
         opened: Result<(Store, Vec<Record>), StoreError>,
@@ -136,11 +148,20 @@ impl Journal {
             }
             Err(error) => {
                 tracing::error!(agent = %ctx.id(), %error, "the journal keeps nothing");
+                ctx.switchboard().count_unkept();
+                if error.may_pass() {
+                    ctx.after(OPEN_AGAIN, |journal: &mut Self, ctx| journal.open(ctx));
+                }
                 Disk::Unusable(error.to_string())
             }
         };
+        let was_unusable = matches!(self.disk, Disk::Unusable(_));
         if let Disk::Opening(early) = std::mem::replace(&mut self.disk, disk) {
             early.into_iter().for_each(|(asker, records)| self.keep(asker, records, ctx));
+        }
+        if was_unusable && matches!(self.disk, Disk::Open(_)) {
+            // Whatever came meanwhile was turned away here.
+            self.others.clone().into_iter().for_each(|other| self.fetch(other, ctx));
         }
     }
 
@@ -214,6 +235,7 @@ impl Journal {
         }
         if let Err(error) = &outcome {
             tracing::error!(agent = %ctx.id(), %error, "records are not kept");
+            ctx.switchboard().count_unkept();
         }
         let was_behind = std::mem::replace(&mut self.is_behind, outcome.is_err());
         if was_behind && outcome.is_ok() {
@@ -245,6 +267,10 @@ impl Journal {
         let from = other.clone();
         let work = ctx.run(asked, move |journal: &mut Self, answers, ctx| {
             journal.fetching.retain(|(other, _)| *other != from);
+            if answers.is_empty() {
+                let from = from.clone();
+                ctx.after(FETCH_AGAIN, move |journal: &mut Self, ctx| journal.fetch(from, ctx));
+            }
             for answer in answers {
                 match serde_json::from_slice::<Vec<Record>>(&answer) {
                     Ok(mut records) => {

@@ -18,6 +18,9 @@ const RECORDS: TableDefinition<&str, &[u8]> = TableDefinition::new("records");
 const ABOUT: TableDefinition<&str, u64> = TableDefinition::new("about");
 const FORMAT_KEY: &str = "format";
 
+/// What the store says of a file that a newer version of it wrote.
+const FOREIGN_FORMAT: &str = "file format version";
+
 /// Records in memory that outlive their Journal: stands in for a disk where a whole building lives
 /// in one process.
 #[derive(Debug, Default)]
@@ -64,6 +67,18 @@ pub(crate) enum StoreError {
         /// Its format.
         found: u64,
     },
+    /// Another version of the store wrote it.
+    #[error(
+        "read {}: another version of the store wrote it ({why}); update this machine, or move the file \
+         away: the other Journals have copies",
+        path.display()
+    )]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// What the store says of its format.
+        why: String,
+    },
     /// Another process has it open.
     #[error("open {}: another process has it open", path.display())]
     InUse {
@@ -86,6 +101,21 @@ pub(crate) enum StoreError {
     /// The thread that did it was lost.
     #[error("use the disk: {0}")]
     Lost(String),
+}
+
+// === impl StoreError ===
+
+impl StoreError {
+    /// Whether it may be otherwise a moment later, without anybody's doing.
+    pub(crate) fn may_pass(&self) -> bool {
+        match self {
+            StoreError::Nowhere | StoreError::Newer { .. } | StoreError::Foreign { .. } => false,
+            StoreError::InUse { .. }
+            | StoreError::Failed { .. }
+            | StoreError::Write(_)
+            | StoreError::Lost(_) => true,
+        }
+    }
 }
 
 // === impl Store ===
@@ -173,6 +203,7 @@ fn write(database: &Database, records: &[Record], gone: &[String]) -> Result<(),
 enum Trouble {
     Broken(String),
     Newer(u64),
+    Foreign(String),
     InUse,
     Other(String),
 }
@@ -182,6 +213,7 @@ impl Trouble {
         let path = path.to_owned();
         match self {
             Trouble::Newer(found) => StoreError::Newer { path, found },
+            Trouble::Foreign(why) => StoreError::Foreign { path, why },
             Trouble::InUse => StoreError::InUse { path },
             Trouble::Broken(why) | Trouble::Other(why) => {
                 StoreError::Failed { what: "open", path, why }
@@ -218,7 +250,13 @@ fn read(path: &Path) -> Result<(Store, Vec<Record>), Trouble> {
             Trouble::Broken(error.to_string())
         }
         DatabaseError::Storage(StorageError::Io(error)) => Trouble::Other(error.to_string()),
-        DatabaseError::UpgradeRequired(version) => Trouble::Newer(u64::from(version)),
+        DatabaseError::UpgradeRequired(version) => {
+            Trouble::Foreign(format!("its format is {version}, which is too old"))
+        }
+        // The store has no kind of its own for it: its words are held by a test.
+        DatabaseError::Storage(StorageError::Corrupted(why)) if why.contains(FOREIGN_FORMAT) => {
+            Trouble::Foreign(why)
+        }
         broken => Trouble::Broken(broken.to_string()),
     })?;
     let records = all(&database).map_err(|error| match error {
@@ -328,6 +366,23 @@ mod tests {
         let refused = Store::open(&path).map(drop).expect_err("newer").to_string();
         assert!(refused.contains("a newer Althing wrote it (format 2"), "{refused}");
         assert_eq!(fs::read(&path).expect("readable").len(), before.len());
+    }
+
+    #[test]
+    fn a_newer_format_of_the_store_is_refused_and_left_as_it_is() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("journal.redb");
+        drop(Store::open(&path).expect("made"));
+        let mut bytes = fs::read(&path).expect("readable");
+        // Each of the two commit slots begins with its version.
+        for slot in [64, 64 + 128] {
+            bytes[slot] = 9;
+        }
+        fs::write(&path, &bytes).expect("written");
+        let refused = Store::open(&path).map(drop).expect_err("newer");
+        assert!(matches!(refused, StoreError::Foreign { .. }), "{refused}");
+        assert!(!refused.may_pass());
+        assert_eq!(fs::read(&path).expect("readable"), bytes);
     }
 
     #[test]

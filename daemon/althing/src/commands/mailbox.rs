@@ -57,12 +57,18 @@ fn table(daemons: &[Mailboxes], with_daemons: bool) -> String {
         );
     }
     if with_daemons {
-        let header = ["MISADDRESSED", "UNREADABLE", "UNSENT"];
-        let [unknown, unreadable, unsent] = header;
-        let _ = writeln!(text, "\n{:<30} {unknown:>12} {unreadable:>12} {unsent:>12}", "DAEMON");
-        for Mailboxes { daemon, unknown_receiver, unreadable, unsent, .. } in daemons {
-            let _ =
-                writeln!(text, "{daemon:<30} {unknown_receiver:>12} {unreadable:>12} {unsent:>12}");
+        let header = ["MISADDRESSED", "UNREADABLE", "UNSENT", "UNKEPT"];
+        let [unknown, unreadable, unsent, unkept] = header;
+        let _ = writeln!(
+            text,
+            "\n{:<30} {unknown:>12} {unreadable:>12} {unsent:>8} {unkept:>8}",
+            "DAEMON"
+        );
+        for Mailboxes { daemon, unknown_receiver, unreadable, unsent, unkept, .. } in daemons {
+            let _ = writeln!(
+                text,
+                "{daemon:<30} {unknown_receiver:>12} {unreadable:>12} {unsent:>8} {unkept:>8}"
+            );
         }
         let rejecting = || daemons.iter().filter(|daemon| !daemon.rejected.is_empty());
         if rejecting().next().is_some() {
