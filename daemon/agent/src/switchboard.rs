@@ -11,7 +11,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use acl::content::{Appeared, Discovered, Inform, Mailboxes, Reason, Refusal, value};
 use acl::{
@@ -479,7 +479,11 @@ impl Switchboard {
     /// A full mailbox refuses: whoever asked learns it at once, and does not wait.
     fn refuse_overflow(&self, agent: &AgentId, payload: &[u8]) {
         self.counters.mailbox_full.fetch_add(1, Ordering::Relaxed);
-        tracing::warn!(%agent, "mailbox full: a message is refused");
+        let from = acl::sender_of(payload);
+        let from = from.as_ref().map_or("nobody known", AgentId::as_str);
+        if let Some(unsaid) = self.rejections.is_to_say("mailbox-full", from, Instant::now()) {
+            tracing::warn!(%agent, from, unsaid, "mailbox full: a message is refused");
+        }
         let Ok(message) = acl::decode(payload) else { return };
         if !message.opens_exchange() {
             // A turn of an open exchange is retried by its sender until there is room.
