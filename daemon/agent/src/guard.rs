@@ -11,6 +11,7 @@ use acl::{AgentId, Incarnation, Message, Performative};
 use bytes::Bytes;
 use substrate::{Address, Answer, Breach, Origin, Presence, Rejected, Resident, Resource, Subject};
 
+use crate::hearsay::MODEL_BYTES_MAX;
 use crate::rights::Rights;
 use crate::switchboard::{Switchboard, inform_of};
 
@@ -177,6 +178,11 @@ impl Switchboard {
     pub(crate) fn admits_answer(&self, answer: &Answer<'_>) -> bool {
         let Answer { origin, resource, agent, payload } = *answer;
         let Some((rights, origin)) = self.limits(Some(origin)) else { return true };
+        if resource == Resource::Model && payload.len() > MODEL_BYTES_MAX {
+            let detail = format!("answers with a model of more than {MODEL_BYTES_MAX} bytes");
+            self.note(&Overstep { breach: Breach::Oversized, detail }, origin, resource.as_str());
+            return false;
+        }
         let checked = match (resource, agent) {
             (Resource::Model, Some(agent)) => match acl::decode(payload) {
                 Ok(message) if message.sender == *agent => {
@@ -443,6 +449,41 @@ mod tests {
         let counted = house.hears("desk", Some("requester"), query("me"));
         assert_eq!(counted["forged"], 1, "that life is elsewhere");
         drop(house.network);
+    }
+
+    /// It would be kept, and copied for everybody who comes later.
+    #[tokio::test]
+    async fn what_is_longer_than_anybody_has_to_say_is_not_kept() {
+        let house = House::new();
+        let (daemon, incarnation) = (daemon("robot-pi"), Incarnation(5));
+        let robot = Resident { agent: agent("robot"), daemon, incarnation };
+        house.hub.presence(Presence::Joined(robot));
+        let padded = |bytes: usize| {
+            let mut long = model("robot", "move");
+            long.content["model"] = format!(
+                "{};{}",
+                long.content["model"].as_str().expect("a text"),
+                "x".repeat(bytes)
+            )
+            .into();
+            long
+        };
+        assert_eq!(house.hears("robot-pi", None, padded(900 << 10)), none());
+        assert_eq!(house.hears("robot-pi", None, padded(1 << 20)), one("oversized"));
+        let heartbeat = Inform::Heartbeat(Heartbeat {
+            digest: "d".to_owned(),
+            sequence: 2,
+            facts: "x".repeat(256 << 10),
+            known_for: BTreeMap::new(),
+            period: acl::Deadline(std::time::Duration::from_secs(1)),
+        });
+        let long = message("robot", Performative::Inform, value(&heartbeat));
+        assert_eq!(house.hears("robot-pi", None, long)["oversized"], 2);
+        let garbage = message("robot", Performative::Inform, "x".repeat(5 << 20).into());
+        assert_eq!(house.hears("robot-pi", None, garbage)["oversized"], 3, "before it is read");
+        let mailbox = house.hub.admit(&agent("late"), Incarnation(1), vec![Performative::Inform]);
+        drop(house.network);
+        assert_eq!(mailbox.waiting(), 1, "what was short enough is kept for who comes later");
     }
 
     /// A life that nobody will ever overtake, claimed by whom the lamp is not at.

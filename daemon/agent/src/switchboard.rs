@@ -32,7 +32,7 @@ use crate::commons::Commons;
 use crate::directory::Directory;
 use crate::fetching::Fetching;
 use crate::gathering::{GATHERED_WITHIN, Gathering};
-use crate::hearsay::Hearsay;
+use crate::hearsay::{self, Hearsay};
 use crate::last_word::LastWord;
 use crate::machine::Machine;
 use crate::mailbox::{Letter, Mailbox, Slot, mailbox};
@@ -524,7 +524,8 @@ impl Switchboard {
     }
 
     fn deliver_to_all(&self, payload: Bytes, sender: &AgentId, origin: Option<&Origin>) {
-        if self.take_again(&payload, sender, origin) {
+        let is_short_enough = |most| self.is_short_enough(&payload, most, sender, origin);
+        if self.take_again(&payload, sender, origin) || !is_short_enough(hearsay::EPOCH_BYTES_MAX) {
             return;
         }
         let message = match acl::decode(&payload) {
@@ -541,7 +542,9 @@ impl Switchboard {
             }
         };
         let inform = inform_of(&message);
-        if !self.is_its_to_say(origin, &message, inform.as_ref()) {
+        if inform.as_ref().and_then(hearsay::bytes_max).is_some_and(|most| !is_short_enough(most))
+            || !self.is_its_to_say(origin, &message, inform.as_ref())
+        {
             return;
         }
         if let Some(inform) = &inform {
@@ -555,6 +558,26 @@ impl Switchboard {
                 let _ = hosted.slot.put(Letter::Broadcast(Arc::clone(&message)));
             }
         }
+    }
+
+    /// Whether what somebody says to all is not longer than such may be: it is kept for those who come
+    /// later, of everybody. If it is, that is counted and said.
+    fn is_short_enough(
+        &self,
+        payload: &Bytes,
+        bytes_max: usize,
+        sender: &AgentId,
+        origin: Option<&Origin>,
+    ) -> bool {
+        let bytes = payload.len();
+        if bytes <= bytes_max {
+            return true;
+        }
+        let detail = format!("is to all and {bytes} bytes long, of which {bytes_max} are taken");
+        let claimed = origin.map_or(sender.as_str(), |origin| origin.daemon.as_str());
+        let (breach, claimed, key) = (Breach::Oversized, Some(claimed), sender.as_str());
+        self.rejections.note(&Rejected { breach, detail: &detail, claimed, key });
+        false
     }
 
     /// Takes a heartbeat that says what the one before said; `false` if it has to be read, because it
