@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use acl::Message;
 use substrate::{Breach, Rejected};
 
 /// How often one kind of breach in one name is said.
@@ -54,6 +55,14 @@ impl Rejections {
                 "rejected: the message {detail}"
             );
         }
+    }
+
+    /// What an agent says of itself is not taken.
+    pub(crate) fn not_taken(&self, message: &Message, why: &str) {
+        let detail = format!("says of its sender what is not taken: {why}");
+        let (breach, claimed) = (Breach::NotUnderstood, Some(message.sender.as_str()));
+        let key = message.id.as_str();
+        self.note(&Rejected { breach, detail: &detail, claimed, key });
     }
 
     /// How many of each kind there were.

@@ -65,7 +65,7 @@ pub struct Switchboard {
     /// Agents that no file names, by what has found them.
     discovered: Mutex<BTreeMap<String, Vec<Discovered>>>,
     /// What came and was not believed.
-    pub(crate) rejections: Rejections,
+    pub(crate) rejections: Arc<Rejections>,
     /// Who may do what, where that is limited: `guard` asks.
     pub(crate) rights: OnceLock<Arc<Rights>>,
 }
@@ -136,7 +136,7 @@ impl Switchboard {
             machine,
             plugins: OnceLock::new(),
             discovered: Mutex::default(),
-            rejections: Rejections::default(),
+            rejections: Arc::default(),
             rights: OnceLock::new(),
         })
     }
@@ -333,11 +333,26 @@ impl Switchboard {
     }
 
     fn tell_commons(&self, message: &Message, inform: Option<Inform>) {
-        if let (Some(Listening { commons, .. }), Some(inform)) = (self.commons.get(), inform)
-            && commons.hear(message, &inform)
-        {
+        let (Some(Listening { commons, .. }), Some(inform)) = (self.commons.get(), inform) else {
+            return;
+        };
+        let heard = commons.hear(message, &inform);
+        if let Some(why) = heard.not_taken() {
+            self.not_taken(message, why);
+        }
+        if heard.lacks_model {
             self.fetch(&message.sender, Duration::ZERO);
         }
+    }
+
+    /// Whether what agents say of themselves is heard by the commons.
+    pub(crate) fn has_commons(&self) -> bool {
+        self.commons.get().is_some()
+    }
+
+    /// What an agent says of itself is not taken: that is counted and said.
+    pub(crate) fn not_taken(&self, message: &Message, why: &str) {
+        self.rejections.not_taken(message, why);
     }
 
     fn show_commons(&self, presence: &Presence) {
@@ -373,12 +388,15 @@ impl Switchboard {
                 })
             }
         };
+        let rejections = Arc::clone(&self.rejections);
         runtime.spawn(async move {
             for answer in model.await {
                 match acl::decode(&answer) {
                     Ok(message) if message.sender == whose => {
-                        if let Some(inform) = inform_of(&message) {
-                            commons.hear(&message, &inform);
+                        if let Some(inform) = inform_of(&message)
+                            && let Some(why) = commons.hear(&message, &inform).not_taken()
+                        {
+                            rejections.not_taken(&message, why);
                         }
                     }
                     _ => tracing::info!(from = %whose, "an answer that is no model"),
