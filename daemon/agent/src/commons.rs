@@ -28,7 +28,7 @@ use tokio::time::Instant;
 use crate::hearsay::{Again, Repeatable, Said};
 use crate::plugin::Host;
 use crate::switchboard::inform_of;
-use crate::upkeep::{self, TELLING};
+use crate::upkeep::{self, Heard, Refused, TELLING};
 
 /// What the actuators of one daemon have heard.
 pub struct Commons {
@@ -46,6 +46,7 @@ struct State {
     asked: BTreeSet<AgentId>,
     /// What was said before, by whom: not read yet.
     unread: BTreeMap<AgentId, Vec<Bytes>>,
+    refused: Refused,
 }
 
 impl Commons {
@@ -54,7 +55,8 @@ impl Commons {
         let (ontology, map) = (Arc::clone(&host.ontology), Arc::clone(&host.map));
         let maintainer = Arc::new(Maintainer::new(ontology, map, Scope::Public));
         let (leaving, asked) = (BTreeSet::new(), BTreeSet::new());
-        let state = State { maintainer, leaving, asked, unread: BTreeMap::new() };
+        let (unread, refused) = (BTreeMap::new(), Refused::default());
+        let state = State { maintainer, leaving, asked, unread, refused };
         Commons { began: Instant::now(), removal: host.settings.removal, state: Mutex::new(state) }
     }
 
@@ -91,8 +93,9 @@ impl Commons {
         state.maintainer.announcement(agent, incarnation, digest)
     }
 
-    /// Hears an `inform` to all; `true` if its sender's model has to be asked for first.
-    pub(crate) fn hear(&self, message: &Message, inform: &Inform) -> bool {
+    /// Hears an `inform` to all; yields whether its sender's model has to be asked for first, and what
+    /// was not taken.
+    pub(crate) fn hear(&self, message: &Message, inform: &Inform) -> Heard {
         let (mut state, now) = self.state();
         self.read_of(&mut state, &message.sender, now);
         self.take(&mut state, message, inform, now)
@@ -139,16 +142,15 @@ impl Commons {
         }
     }
 
-    fn take(&self, state: &mut State, message: &Message, inform: &Inform, now: Moment) -> bool {
-        let heard = upkeep::hear(Arc::make_mut(&mut state.maintainer), message, inform, None, now);
+    fn take(&self, state: &mut State, message: &Message, inform: &Inform, now: Moment) -> Heard {
+        let State { maintainer, refused, .. } = &mut *state;
+        let keeper = (Arc::make_mut(maintainer), refused);
+        let heard = upkeep::hear(keeper, message, inform, None, now);
         for change in &heard.changes {
             self.note(state, change, now);
         }
-        if let Some(mistake) = heard.mistake {
-            // The central Domain Maintainer tells the sender.
-            tracing::debug!(from = %message.sender, mistake, "not understood");
-        }
-        heard.lacks_model
+        // The central Domain Maintainer tells the sender.
+        heard
     }
 
     /// Takes a change of presence; after how long the agent's model has to be asked for, if so.

@@ -10,6 +10,8 @@ use bytes::Bytes;
 use substrate::{Ask, BoxFuture, Resource, Substrate};
 use tokio::sync::oneshot;
 
+use crate::hearsay::MODEL_BYTES_MAX;
+
 /// So many of one daemon are asked for at once and one by one: whoever is back is asked before anybody
 /// judges by what it said before.
 const FEW: usize = 16;
@@ -66,7 +68,9 @@ impl Fetching {
                 let asked = Asked(self.clone(), daemon);
                 return Box::pin(async move {
                     let _asked = asked;
-                    answers.await
+                    let mut answers = answers.await;
+                    answers.retain(is_short_enough);
+                    answers
                 });
             }
             // In a task of its own: who asked first may lose interest.
@@ -117,9 +121,18 @@ impl Missing {
     }
 }
 
+/// As when it is told to all.
+fn is_short_enough(answer: &Bytes) -> bool {
+    let (bytes, is_short_enough) = (answer.len(), answer.len() <= MODEL_BYTES_MAX);
+    if !is_short_enough {
+        tracing::info!(bytes, "a model that is longer than {MODEL_BYTES_MAX} bytes is not read");
+    }
+    is_short_enough
+}
+
 fn share_out(wanted: Vec<(AgentId, oneshot::Sender<Vec<Bytes>>)>, answers: Vec<Bytes>) {
     let mut models = BTreeMap::<AgentId, Vec<Bytes>>::new();
-    for answer in answers {
+    for answer in answers.into_iter().filter(is_short_enough) {
         match acl::sender_of(&answer) {
             Some(sender) => models.entry(sender).or_default().push(answer),
             None => tracing::info!("an answer that is nobody's model"),

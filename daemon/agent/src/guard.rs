@@ -9,8 +9,9 @@ use std::sync::Arc;
 use acl::content::{Inform, Reason, Request};
 use acl::{AgentId, Incarnation, Message, Performative};
 use bytes::Bytes;
-use substrate::{Address, Answer, Breach, Origin, Presence, Rejected, Resource, Subject};
+use substrate::{Address, Answer, Breach, Origin, Presence, Rejected, Resident, Resource, Subject};
 
+use crate::hearsay::MODEL_BYTES_MAX;
 use crate::rights::Rights;
 use crate::switchboard::{Switchboard, inform_of};
 
@@ -23,6 +24,11 @@ pub(crate) struct Overstep {
 
 fn overstepped(detail: String) -> Overstep {
     Overstep { breach: Breach::Overstepped, detail }
+}
+
+fn is_at(holder: &Resident) -> Overstep {
+    let detail = format!("is in the name of `{}`, which is at `{}`", holder.agent, holder.daemon);
+    Overstep { breach: Breach::Forged, detail }
 }
 
 impl Switchboard {
@@ -76,6 +82,7 @@ impl Switchboard {
     ) -> bool {
         let Some((rights, origin)) = self.limits(origin) else { return true };
         let checked = self.check_sender(rights, origin, sender, incarnation);
+        let checked = checked.and_then(|()| self.check_holds(origin, sender));
         checked.map_err(|overstep| self.note(&overstep, origin, sender.as_str())).is_ok()
     }
 
@@ -89,6 +96,12 @@ impl Switchboard {
         let Some((rights, origin)) = self.limits(origin) else { return Ok(()) };
         let checked = self
             .check_sender(rights, origin, &message.sender, message.incarnation)
+            .and_then(|()| match inform {
+                Some(Inform::Model(_) | Inform::Heartbeat(_)) => {
+                    self.check_holds(origin, &message.sender)
+                }
+                _ => Ok(()),
+            })
             .and_then(|()| check_content(rights, origin, message, inform).map_err(overstepped));
         checked.map_err(|overstep| {
             self.note(&overstep, origin, message.sender.as_str());
@@ -97,7 +110,11 @@ impl Switchboard {
     }
 
     /// Whether the sender may be where it speaks from, and is not there in a later life, or
-    /// elsewhere.
+    /// elsewhere only.
+    ///
+    /// Whoever is seen at the daemon may speak from it, though another holds the name: so do those who
+    /// stand by. That it is there, the daemon has signed; of a message alone anybody could claim that
+    /// it is of a later life.
     fn check_sender(
         &self,
         rights: &Rights,
@@ -106,18 +123,24 @@ impl Switchboard {
         incarnation: Incarnation,
     ) -> Result<(), Overstep> {
         rights.may_host(sender, &origin.daemon).map_err(overstepped)?;
-        // Whoever is not seen yet may be on its way; a token travels apart from messages.
-        let Some(present) = self.find(sender) else { return Ok(()) };
-        let breach = if incarnation < present.incarnation {
-            let detail = format!("is of a former life of `{sender}`");
-            Some((Breach::Replayed, detail))
-        } else if incarnation == present.incarnation && present.daemon != origin.daemon {
-            let detail = format!("is in the name of `{sender}`, which is at `{}`", present.daemon);
-            Some((Breach::Forged, detail))
-        } else {
-            None
-        };
-        breach.map_or(Ok(()), |(breach, detail)| Err(Overstep { breach, detail }))
+        let directory = self.directory();
+        let present = directory.all(sender);
+        match present.iter().find(|resident| resident.daemon == origin.daemon) {
+            Some(here) if incarnation < here.incarnation => {
+                let detail = format!("is of a former life of `{sender}`");
+                Err(Overstep { breach: Breach::Replayed, detail })
+            }
+            Some(_) => Ok(()),
+            // Whoever is not seen yet may be on its way; a token travels apart from messages.
+            None => present.first().map_or(Ok(()), |elsewhere| Err(is_at(elsewhere))),
+        }
+    }
+
+    /// Whether the sender holds its name where it speaks from: who stands by has none of the name's
+    /// models and heartbeats to tell, and of two lives that tell them the later would be believed.
+    fn check_holds(&self, origin: &Origin, sender: &AgentId) -> Result<(), Overstep> {
+        let holder = self.find(sender).filter(|holder| holder.daemon != origin.daemon);
+        holder.map_or(Ok(()), |holder| Err(is_at(&holder)))
     }
 
     /// Refuses what was not to be said, to whoever has said it.
@@ -155,6 +178,11 @@ impl Switchboard {
     pub(crate) fn admits_answer(&self, answer: &Answer<'_>) -> bool {
         let Answer { origin, resource, agent, payload } = *answer;
         let Some((rights, origin)) = self.limits(Some(origin)) else { return true };
+        if resource == Resource::Model && payload.len() > MODEL_BYTES_MAX {
+            let detail = format!("answers with a model of more than {MODEL_BYTES_MAX} bytes");
+            self.note(&Overstep { breach: Breach::Oversized, detail }, origin, resource.as_str());
+            return false;
+        }
         let checked = match (resource, agent) {
             (Resource::Model, Some(agent)) => match acl::decode(payload) {
                 Ok(message) if message.sender == *agent => {
@@ -222,7 +250,7 @@ mod tests {
     use acl::content::{ChangeState, EpochChange, Heartbeat, ModelAnnouncement, Refusal, value};
     use acl::{ConversationId, DaemonId, EcosystemId, MessageId, ReplyToken};
     use substrate::memory::Network;
-    use substrate::{Addressed, Delivery, Inbound, Question, Resident};
+    use substrate::{Addressed, Delivery, Inbound, Question};
 
     use super::*;
     use crate::rights::{AgentRights, Allowed, Askers};
@@ -274,7 +302,7 @@ mod tests {
         Rights {
             agents: agents.into(),
             guests: Allowed::These([daemon("desk")].into()),
-            newcomers: Allowed::default(),
+            newcomers: Allowed::These([daemon("gate"), daemon("stall")].into()),
             goals: Askers::These { agents: [].into(), guests: true },
             changes: Askers::default(),
         }
@@ -420,6 +448,71 @@ mod tests {
         assert_eq!(counted["replayed"], 1, "it is of a former life");
         let counted = house.hears("desk", Some("requester"), query("me"));
         assert_eq!(counted["forged"], 1, "that life is elsewhere");
+        drop(house.network);
+    }
+
+    /// It would be kept, and copied for everybody who comes later.
+    #[tokio::test]
+    async fn what_is_longer_than_anybody_has_to_say_is_not_kept() {
+        let house = House::new();
+        let (daemon, incarnation) = (daemon("robot-pi"), Incarnation(5));
+        let robot = Resident { agent: agent("robot"), daemon, incarnation };
+        house.hub.presence(Presence::Joined(robot));
+        let padded = |bytes: usize| {
+            let mut long = model("robot", "move");
+            long.content["model"] = format!(
+                "{};{}",
+                long.content["model"].as_str().expect("a text"),
+                "x".repeat(bytes)
+            )
+            .into();
+            long
+        };
+        assert_eq!(house.hears("robot-pi", None, padded(900 << 10)), none());
+        assert_eq!(house.hears("robot-pi", None, padded(1 << 20)), one("oversized"));
+        let heartbeat = Inform::Heartbeat(Heartbeat {
+            digest: "d".to_owned(),
+            sequence: 2,
+            facts: "x".repeat(256 << 10),
+            known_for: BTreeMap::new(),
+            period: acl::Deadline(std::time::Duration::from_secs(1)),
+        });
+        let long = message("robot", Performative::Inform, value(&heartbeat));
+        assert_eq!(house.hears("robot-pi", None, long)["oversized"], 2);
+        let garbage = message("robot", Performative::Inform, "x".repeat(5 << 20).into());
+        assert_eq!(house.hears("robot-pi", None, garbage)["oversized"], 3, "before it is read");
+        let mailbox = house.hub.admit(&agent("late"), Incarnation(1), vec![Performative::Inform]);
+        drop(house.network);
+        assert_eq!(mailbox.waiting(), 1, "what was short enough is kept for who comes later");
+    }
+
+    /// A life that nobody will ever overtake, claimed by whom the lamp is not at.
+    #[tokio::test]
+    async fn who_is_elsewhere_is_not_spoken_for_in_any_life() {
+        let house = House::new();
+        let lamp = |place: &str, life| {
+            let (agent, daemon) = (agent("lamp"), daemon(place));
+            Resident { agent, daemon, incarnation: Incarnation(life) }
+        };
+        let says = |message: Message| Message { incarnation: Incarnation(1 << 53), ..message };
+        let query = || message("lamp", Performative::QueryRef, serde_json::Value::Null);
+        let shine = || model("lamp", "shine");
+        house.hub.presence(Presence::Joined(lamp("gate", 5)));
+        assert_eq!(house.hears("gate", None, shine()), none());
+        let counted = house.hears("stall", None, says(shine()));
+        assert_eq!(counted, one("forged"), "in a later life");
+        let counted = house.hears("stall", Some("requester"), says(query()));
+        assert_eq!(counted["forged"], 2);
+
+        house.hub.presence(Presence::Joined(lamp("stall", 1 << 53)));
+        let counted = house.hears("stall", Some("requester"), says(query()));
+        assert_eq!(counted["forged"], 2, "it stands by there, and may speak");
+        let counted = house.hears("stall", None, says(shine()));
+        assert_eq!(counted["forged"], 3, "but not of itself: another holds the name");
+        assert_eq!(house.hears("gate", None, shine())["forged"], 3);
+
+        house.hub.presence(Presence::Left(lamp("gate", 5)));
+        assert_eq!(house.hears("stall", None, says(shine()))["forged"], 3, "now it holds the name");
         drop(house.network);
     }
 }

@@ -13,6 +13,29 @@ use acl::content::{Heartbeat, Inform};
 use acl::{Incarnation, Message};
 use bytes::Bytes;
 
+/// The longest model that is read, with all that was said of it. The widest that
+/// `capability::limits` takes, with a hundred actions and a thousand objects, is a quarter of it;
+/// and of a thousand agents each daemon keeps one.
+pub(crate) const MODEL_BYTES_MAX: usize = 1 << 20;
+
+/// The longest heartbeat: it comes once a second. Four thousand facts of sixty bytes, which is all
+/// that an agent may claim.
+pub(crate) const HEARTBEAT_BYTES_MAX: usize = 256 << 10;
+
+/// The longest announcement of a Domain Maintainer, of which there are few: it tells what everybody's
+/// requests have changed, at most sixteen times what one agent may claim.
+pub(crate) const EPOCH_BYTES_MAX: usize = 4 << 20;
+
+/// How long what is said in these words may be; no bound of its own, if it is not kept.
+pub(crate) fn bytes_max(inform: &Inform) -> Option<usize> {
+    match inform {
+        Inform::Model(_) => Some(MODEL_BYTES_MAX),
+        Inform::Heartbeat(_) => Some(HEARTBEAT_BYTES_MAX),
+        Inform::Epoch(_) => Some(EPOCH_BYTES_MAX),
+        Inform::Answer(_) => None,
+    }
+}
+
 /// The last words of one agent, as they came: few will ever read them again.
 #[derive(Default)]
 pub(crate) struct Hearsay {

@@ -84,6 +84,12 @@ impl Slot {
 }
 
 impl Mailbox {
+    /// How many letters are in it.
+    #[cfg(test)]
+    pub(crate) fn waiting(&self) -> usize {
+        self.0.len()
+    }
+
     /// The next letter; `None` when nobody can put one in any more.
     pub(crate) async fn next(&mut self) -> Option<Letter> {
         self.0.recv().await

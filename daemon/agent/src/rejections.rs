@@ -4,19 +4,33 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use acl::Message;
 use substrate::{Breach, Rejected};
 
 /// How often one kind of breach in one name is said.
 const SAID_EVERY: Duration = Duration::from_secs(10);
 
-/// Names in whose name breaches were said lately. Who knows more than so many is let say anew.
-const NAMES_MAX: usize = 256;
+/// Lines of one kind within that time, in whatever names: whoever takes a new name each time is counted,
+/// and fills no log.
+const LINES_MAX: u32 = 16;
 
 /// Counts and says.
 #[derive(Debug, Default)]
 pub(crate) struct Rejections {
     counts: Mutex<BTreeMap<Breach, u64>>,
-    said: Mutex<HashMap<(Breach, String), Said>>,
+    said: Mutex<BTreeMap<&'static str, Kind>>,
+}
+
+/// What was said lately of one kind.
+#[derive(Debug)]
+struct Kind {
+    /// Since when lines are counted.
+    since: Instant,
+    lines: u32,
+    /// How many in other names were not said.
+    unsaid: u64,
+    /// In which names it was said. As each has cost a line, they are few.
+    names: HashMap<String, Said>,
 }
 
 #[derive(Debug)]
@@ -32,7 +46,7 @@ impl Rejections {
         let Rejected { breach, detail, claimed, key } = *rejected;
         *lock(&self.counts).entry(breach).or_default() += 1;
         let from = claimed.unwrap_or("nobody known");
-        if let Some(unsaid) = self.is_to_say(breach, from, Instant::now()) {
+        if let Some(unsaid) = self.is_to_say(breach.as_str(), from, Instant::now()) {
             tracing::warn!(
                 from,
                 key,
@@ -43,30 +57,51 @@ impl Rejections {
         }
     }
 
+    /// What an agent says of itself is not taken.
+    pub(crate) fn not_taken(&self, message: &Message, why: &str) {
+        let detail = format!("says of its sender what is not taken: {why}");
+        let (breach, claimed) = (Breach::NotUnderstood, Some(message.sender.as_str()));
+        let key = message.id.as_str();
+        self.note(&Rejected { breach, detail: &detail, claimed, key });
+    }
+
     /// How many of each kind there were.
     pub(crate) fn counts(&self) -> BTreeMap<String, u64> {
         let counts = lock(&self.counts);
         counts.iter().map(|(breach, count)| (breach.as_str().to_owned(), *count)).collect()
     }
 
-    /// Whether one is to be said now; with how many that were not.
-    fn is_to_say(&self, breach: Breach, from: &str, now: Instant) -> Option<u64> {
+    /// Whether something of a kind is to be said now; with how many that were not.
+    pub(crate) fn is_to_say(&self, kind: &'static str, from: &str, now: Instant) -> Option<u64> {
         let mut said = lock(&self.said);
-        let whose = (breach, from.to_owned());
-        if let Some(last) = said.get_mut(&whose) {
-            if now.saturating_duration_since(last.at) < SAID_EVERY {
-                last.unsaid += 1;
-                return None;
-            }
-            let unsaid = last.unsaid;
-            *last = Said { at: now, unsaid: 0 };
-            return Some(unsaid);
+        let empty = || Kind { since: now, lines: 0, unsaid: 0, names: HashMap::new() };
+        said.entry(kind).or_insert_with(empty).is_to_say(from, now)
+    }
+}
+
+impl Kind {
+    fn is_to_say(&mut self, from: &str, now: Instant) -> Option<u64> {
+        let is_over = |since: Instant| now.saturating_duration_since(since) >= SAID_EVERY;
+        if let Some(last) = self.names.get_mut(from).filter(|last| !is_over(last.at)) {
+            last.unsaid += 1;
+            return None;
         }
-        if said.len() >= NAMES_MAX {
-            said.clear();
+        if is_over(self.since) {
+            (self.since, self.lines) = (now, 0);
         }
-        said.insert(whose, Said { at: now, unsaid: 0 });
-        Some(0)
+        if self.lines >= LINES_MAX {
+            self.unsaid += 1;
+            return None;
+        }
+        self.lines += 1;
+        let own = self.names.remove(from).map_or(0, |last| last.unsaid);
+        if self.lines == 1 {
+            // With the first line of a time, those are forgotten who have been quiet for as long.
+            let over = self.names.extract_if(|_, last| is_over(last.at));
+            self.unsaid += over.map(|(_, last)| last.unsaid).sum::<u64>();
+        }
+        self.names.insert(from.to_owned(), Said { at: now, unsaid: 0 });
+        Some(own + std::mem::take(&mut self.unsaid))
     }
 }
 
@@ -83,16 +118,20 @@ mod tests {
         let rejections = Rejections::default();
         let began = Instant::now();
         let say = |from: &str, after| {
-            rejections.is_to_say(Breach::Forged, from, began + Duration::from_secs(after))
+            rejections.is_to_say("forged", from, began + Duration::from_secs(after))
         };
         assert_eq!(say("pi", 0), Some(0));
         assert_eq!([say("pi", 1), say("pi", 9)], [None, None]);
         assert_eq!(say("other", 9), Some(0));
         assert_eq!(say("pi", 10), Some(2));
-        for name in 0..1_000 {
-            say(&format!("x{name}"), 11);
+        for time in 2..5 {
+            let lines: Vec<_> = (0..1_000)
+                .filter_map(|name| say(&format!("x{name}{time}"), time * 10 + 1))
+                .collect();
+            assert!(lines.len() <= LINES_MAX as usize, "fresh names are no fresh lines");
         }
-        assert!(lock(&rejections.said).len() <= NAMES_MAX);
+        assert_eq!(say("pi", 51), Some(1_000 - u64::from(LINES_MAX)), "and none is forgotten");
+        assert!(lock(&rejections.said)["forged"].names.len() <= 2 * LINES_MAX as usize);
 
         let rejected = Rejected { breach: Breach::Forged, detail: "x", claimed: None, key: "k" };
         (0..3).for_each(|_| rejections.note(&rejected));

@@ -149,7 +149,15 @@ impl Rights {
             Request::Keep(_) if !self.may_reason(agent) => Err(format!(
                 "`{agent}` is no agent of the reasoning, whose journals are not its own"
             )),
-            Request::Keep(_) | Request::AnswerQuestion(_) | Request::Observe(_) => Ok(()),
+            Request::Keep(_) => Ok(()),
+            // Sensors and robots say what they see. What somebody has seen not to be so, nobody is
+            // believed about any longer: of all others that is a change.
+            Request::Observe(_) if self.agents.contains_key(agent) => Ok(()),
+            Request::Observe(_) => self.may(&self.changes, agent, "change things", "changes"),
+            // What a person answers decides what is done, and who comes in.
+            Request::AnswerQuestion(_) => {
+                self.may(&self.goals, agent, "answer for people", "goals")
+            }
         }
     }
 
@@ -218,7 +226,7 @@ impl Default for Askers {
 
 #[cfg(test)]
 mod tests {
-    use acl::content::{Achieve, ChangeState, Keep};
+    use acl::content::{Achieve, AnswerQuestion, ChangeState, Keep, Observation};
 
     use super::*;
 
@@ -300,14 +308,18 @@ mod tests {
             partition: Default::default(),
         });
         let change = Request::ChangeState(ChangeState::default());
-        for (who, goals, changes) in [
-            ("camera", true, false),
-            ("robot", false, false),
-            ("requester", true, true),
-            ("person", true, false),
+        let observation = Request::Observe(Observation::default());
+        let (question, text) = (1, "yes".to_owned());
+        let answer = Request::AnswerQuestion(AnswerQuestion { question, text });
+        for (who, goals, changes, observes) in [
+            ("camera", true, false, true),
+            ("robot", false, false, true),
+            ("requester", true, true, true),
+            ("person", true, false, false),
         ] {
             let may = |request| rights().may_ask(&agent(who), request).is_ok();
             assert_eq!((may(&goal), may(&change)), (goals, changes), "{who}");
+            assert_eq!((may(&answer), may(&observation)), (goals, observes), "{who}");
         }
         let open = Rights { goals: Askers::All, changes: Askers::All, ..rights() };
         assert!(open.may_ask(&agent("robot"), &change).is_ok());

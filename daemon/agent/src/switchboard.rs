@@ -11,7 +11,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use acl::content::{Appeared, Discovered, Inform, Mailboxes, Reason, Refusal, value};
 use acl::{
@@ -32,7 +32,7 @@ use crate::commons::Commons;
 use crate::directory::Directory;
 use crate::fetching::Fetching;
 use crate::gathering::{GATHERED_WITHIN, Gathering};
-use crate::hearsay::Hearsay;
+use crate::hearsay::{self, Hearsay};
 use crate::last_word::LastWord;
 use crate::machine::Machine;
 use crate::mailbox::{Letter, Mailbox, Slot, mailbox};
@@ -65,7 +65,7 @@ pub struct Switchboard {
     /// Agents that no file names, by what has found them.
     discovered: Mutex<BTreeMap<String, Vec<Discovered>>>,
     /// What came and was not believed.
-    pub(crate) rejections: Rejections,
+    pub(crate) rejections: Arc<Rejections>,
     /// Who may do what, where that is limited: `guard` asks.
     pub(crate) rights: OnceLock<Arc<Rights>>,
 }
@@ -138,7 +138,7 @@ impl Switchboard {
             machine,
             plugins: OnceLock::new(),
             discovered: Mutex::default(),
-            rejections: Rejections::default(),
+            rejections: Arc::default(),
             rights: OnceLock::new(),
         })
     }
@@ -335,11 +335,26 @@ impl Switchboard {
     }
 
     fn tell_commons(&self, message: &Message, inform: Option<Inform>) {
-        if let (Some(Listening { commons, .. }), Some(inform)) = (self.commons.get(), inform)
-            && commons.hear(message, &inform)
-        {
+        let (Some(Listening { commons, .. }), Some(inform)) = (self.commons.get(), inform) else {
+            return;
+        };
+        let heard = commons.hear(message, &inform);
+        if let Some(why) = heard.not_taken() {
+            self.not_taken(message, why);
+        }
+        if heard.lacks_model {
             self.fetch(&message.sender, Duration::ZERO);
         }
+    }
+
+    /// Whether what agents say of themselves is heard by the commons.
+    pub(crate) fn has_commons(&self) -> bool {
+        self.commons.get().is_some()
+    }
+
+    /// What an agent says of itself is not taken: that is counted and said.
+    pub(crate) fn not_taken(&self, message: &Message, why: &str) {
+        self.rejections.not_taken(message, why);
     }
 
     fn show_commons(&self, presence: &Presence) {
@@ -375,12 +390,15 @@ impl Switchboard {
                 })
             }
         };
+        let rejections = Arc::clone(&self.rejections);
         runtime.spawn(async move {
             for answer in model.await {
                 match acl::decode(&answer) {
                     Ok(message) if message.sender == whose => {
-                        if let Some(inform) = inform_of(&message) {
-                            commons.hear(&message, &inform);
+                        if let Some(inform) = inform_of(&message)
+                            && let Some(why) = commons.hear(&message, &inform).not_taken()
+                        {
+                            rejections.not_taken(&message, why);
                         }
                     }
                     _ => tracing::info!(from = %whose, "an answer that is no model"),
@@ -481,7 +499,11 @@ impl Switchboard {
     /// A full mailbox refuses: whoever asked learns it at once, and does not wait.
     fn refuse_overflow(&self, agent: &AgentId, payload: &[u8]) {
         self.counters.mailbox_full.fetch_add(1, Ordering::Relaxed);
-        tracing::warn!(%agent, "mailbox full: a message is refused");
+        let from = acl::sender_of(payload);
+        let from = from.as_ref().map_or("nobody known", AgentId::as_str);
+        if let Some(unsaid) = self.rejections.is_to_say("mailbox-full", from, Instant::now()) {
+            tracing::warn!(%agent, from, unsaid, "mailbox full: a message is refused");
+        }
         let Ok(message) = acl::decode(payload) else { return };
         if !message.opens_exchange() {
             // A turn of an open exchange is retried by its sender until there is room.
@@ -522,7 +544,8 @@ impl Switchboard {
     }
 
     fn deliver_to_all(&self, payload: Bytes, sender: &AgentId, origin: Option<&Origin>) {
-        if self.take_again(&payload, sender, origin) {
+        let is_short_enough = |most| self.is_short_enough(&payload, most, sender, origin);
+        if self.take_again(&payload, sender, origin) || !is_short_enough(hearsay::EPOCH_BYTES_MAX) {
             return;
         }
         let message = match acl::decode(&payload) {
@@ -539,7 +562,9 @@ impl Switchboard {
             }
         };
         let inform = inform_of(&message);
-        if !self.is_its_to_say(origin, &message, inform.as_ref()) {
+        if inform.as_ref().and_then(hearsay::bytes_max).is_some_and(|most| !is_short_enough(most))
+            || !self.is_its_to_say(origin, &message, inform.as_ref())
+        {
             return;
         }
         if let Some(inform) = &inform {
@@ -553,6 +578,26 @@ impl Switchboard {
                 let _ = hosted.slot.put(Letter::Broadcast(Arc::clone(&message)));
             }
         }
+    }
+
+    /// Whether what somebody says to all is not longer than such may be: it is kept for those who come
+    /// later, of everybody. If it is, that is counted and said.
+    fn is_short_enough(
+        &self,
+        payload: &Bytes,
+        bytes_max: usize,
+        sender: &AgentId,
+        origin: Option<&Origin>,
+    ) -> bool {
+        let bytes = payload.len();
+        if bytes <= bytes_max {
+            return true;
+        }
+        let detail = format!("is to all and {bytes} bytes long, of which {bytes_max} are taken");
+        let claimed = origin.map_or(sender.as_str(), |origin| origin.daemon.as_str());
+        let (breach, claimed, key) = (Breach::Oversized, Some(claimed), sender.as_str());
+        self.rejections.note(&Rejected { breach, detail: &detail, claimed, key });
+        false
     }
 
     /// Takes a heartbeat that says what the one before said; `false` if it has to be read, because it

@@ -43,6 +43,13 @@ pub(crate) const TELLING: Duration = Duration::from_millis(20);
 const ASK_AGAIN: Duration = Duration::from_millis(15);
 const ASKED_AGAIN: u32 = 5;
 
+/// How long a model that was not taken is neither asked for nor read again. Its agent says once a second
+/// that it has it; what it lacked, like room among others, may be there after a while.
+const REFUSED_FOR: Duration = Duration::from_secs(10);
+
+/// Agents whose models were not taken, remembered at a time: as many as there may be with one.
+const REFUSED_MAX: usize = capability::limits::AGENTS_MAX;
+
 /// A maintainer, and what keeps it up to date.
 pub struct Upkeep {
     /// The state machine.
@@ -53,7 +60,12 @@ pub struct Upkeep {
     composed: Option<Instant>,
     composing: Option<TimerId>,
     fetching: BTreeMap<AgentId, Work>,
+    refused: Refused,
 }
+
+/// Models that were not taken lately: whose, of which life, which, and when.
+#[derive(Default)]
+pub(crate) struct Refused(BTreeMap<AgentId, (Incarnation, String, Moment)>);
 
 /// An agent that keeps a maintainer.
 pub trait Maintains: Agent {
@@ -72,7 +84,8 @@ impl Upkeep {
     pub fn new(maintainer: Maintainer) -> Upkeep {
         let (expiry, composed, composing) = (None, None, None);
         let (began, fetching) = (Instant::now(), BTreeMap::new());
-        Upkeep { maintainer, began, expiry, composed, composing, fetching }
+        let refused = Refused::default();
+        Upkeep { maintainer, began, expiry, composed, composing, fetching, refused }
     }
 
     /// Now, on the maintainer's clock.
@@ -97,13 +110,20 @@ pub fn informed<A: Maintains>(agent: &mut A, message: &Message, ctx: &mut Contex
         read = ctx.switchboard().announcement(sender, message.incarnation, digest);
     }
     let now = agent.upkeep().moment();
-    let heard = hear(&mut agent.upkeep().maintainer, message, &inform, read, now);
+    let Upkeep { maintainer, refused, .. } = agent.upkeep();
+    let heard = hear((maintainer, refused), message, &inform, read, now);
     compose_soon(agent, ctx);
     for change in &heard.changes {
         conclude(agent, change, ctx);
     }
     if heard.lacks_model {
         fetch(agent, &message.sender, ASKED_AGAIN, ctx);
+    }
+    // Where the commons listen, they have counted it.
+    if let Some(why) = heard.not_taken()
+        && !ctx.switchboard().has_commons()
+    {
+        ctx.switchboard().not_taken(message, why);
     }
     if let Some(mistake) = heard.mistake {
         ctx.not_understood(message, mistake);
@@ -149,11 +169,13 @@ pub(crate) struct Heard {
     pub(crate) lacks_model: bool,
     /// What the sender did not say as it should.
     pub(crate) mistake: Option<String>,
+    /// Why what it said as it should is not believed, if it is not just late.
+    declined: Option<String>,
 }
 
 /// Tells a maintainer an `inform` to all; `read` is what it announces, if that was read before.
 pub(crate) fn hear(
-    maintainer: &mut Maintainer,
+    (maintainer, refused): (&mut Maintainer, &mut Refused),
     message: &Message,
     inform: &Inform,
     read: Option<Announcement>,
@@ -162,13 +184,21 @@ pub(crate) fn hear(
     let mut heard = Heard::default();
     match inform {
         Inform::Model(announced) => {
+            let digest = &announced.heartbeat.digest;
+            if refused.has(message, digest, now) {
+                return heard;
+            }
             if heard.admit(maintainer, message, announced, read, now) {
+                refused.0.remove(&message.sender);
                 heard.believe(maintainer, message, &announced.heartbeat, now);
+            } else {
+                refused.note(message, digest, now);
             }
         }
         Inform::Heartbeat(beat) => {
-            heard.lacks_model = maintainer.needs_model(&message.sender, &beat.digest);
-            if !heard.lacks_model {
+            let needs_model = maintainer.needs_model(&message.sender, &beat.digest);
+            heard.lacks_model = needs_model && !refused.has(message, &beat.digest, now);
+            if !needs_model {
                 heard.believe(maintainer, message, beat, now);
             }
         }
@@ -240,7 +270,30 @@ fn remove<A: Maintains>(agent: &mut A, gone: &AgentId, life: Incarnation, ctx: &
     conclude(agent, &change, ctx);
 }
 
+impl Refused {
+    fn has(&self, message: &Message, digest: &str, now: Moment) -> bool {
+        self.0.get(&message.sender).is_some_and(|(life, refused, at)| {
+            *life == message.incarnation && refused == digest && now.since(*at) < REFUSED_FOR
+        })
+    }
+
+    fn note(&mut self, message: &Message, digest: &str, now: Moment) {
+        if self.0.len() >= REFUSED_MAX {
+            self.0.retain(|_, (.., at)| now.since(*at) < REFUSED_FOR);
+        }
+        if self.0.len() < REFUSED_MAX {
+            let refused = (message.incarnation, digest.to_owned(), now);
+            self.0.insert(message.sender.clone(), refused);
+        }
+    }
+}
+
 impl Heard {
+    /// Why what the sender said of itself is not taken, if it is not.
+    pub(crate) fn not_taken(&self) -> Option<&str> {
+        self.mistake.as_deref().or(self.declined.as_deref())
+    }
+
     /// Takes a model; `false` if it is not taken.
     fn admit(
         &mut self,
@@ -263,7 +316,7 @@ impl Heard {
         match admitted {
             Ok(()) => true,
             Err(mistake) => {
-                tracing::warn!(from = %sender, mistake, "an action model is not taken");
+                tracing::debug!(from = %sender, mistake, "an action model is not taken");
                 self.mistake = Some(mistake);
                 false
             }
@@ -283,6 +336,14 @@ impl Heard {
                 Ok(change) => self.changes.push(change),
                 Err(declined) => {
                     tracing::debug!(from = %message.sender, %declined, "a heartbeat is not believed");
+                    // On a restart, and where messages overtake each other, some come too late.
+                    let is_late = matches!(
+                        declined,
+                        Declined::OldSequence { .. }
+                            | Declined::FormerIncarnation { .. }
+                            | Declined::UnknownAgent { .. }
+                    );
+                    self.declined = (!is_late).then(|| declined.to_string());
                 }
             },
             Err(diagnostics) => self.mistake = Some(joined(&diagnostics)),

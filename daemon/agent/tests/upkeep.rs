@@ -5,7 +5,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::{
-    EpochChange, Heartbeat, Inform, ModelAnnouncement, Requested, RequestedFact, RequestedSince,
+    EpochChange, Heartbeat, Inform, Mailboxes, ModelAnnouncement, Requested, RequestedFact,
+    RequestedSince,
 };
 use acl::{AgentId, DaemonId, Deadline, EcosystemId, Incarnation, Message, Performative};
 use agent::upkeep::{self, Maintains, Upkeep};
@@ -326,5 +327,63 @@ async fn what_requests_changed_is_believed_by_those_who_hear_heartbeats_only() {
         assert_eq!(believed(lasting.clone()).await, [""; 0]);
         assert_eq!(known_when_told(lasting, true).await, [false; 3]);
         assert_eq!(known_when_told(tell(&[("(known", None)]), false).await, [false; 3]);
+    }
+}
+
+/// Says once a second that it has a model that nobody can read, which whoever asks is given.
+struct Mumbler {
+    sequence: u64,
+}
+
+impl Agent for Mumbler {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        self.beat(ctx);
+    }
+}
+
+impl Mumbler {
+    fn beat(&mut self, ctx: &mut Context<Self>) {
+        self.sequence += 1;
+        let heartbeat = Heartbeat {
+            digest: "mumbled".to_owned(),
+            sequence: self.sequence,
+            facts: String::new(),
+            known_for: [].into(),
+            period: Deadline(ctx.settings().heartbeat_period),
+        };
+        let (model, methods) = ("(define (agent mumb".to_owned(), [].into());
+        ctx.beat(&match self.sequence {
+            1 => Inform::Model(Box::new(ModelAnnouncement { model, methods, heartbeat })),
+            _ => Inform::Heartbeat(heartbeat),
+        });
+        ctx.after(ctx.settings().heartbeat_period, |mumbler: &mut Self, ctx| mumbler.beat(ctx));
+    }
+}
+
+/// How often this daemon has heard what it could not take.
+async fn not_understood(switchboard: &Switchboard) -> Option<u64> {
+    let daemon = Some(switchboard.daemon().clone());
+    let ask = Ask { daemon, resource: Resource::Mailbox, agent: None };
+    let answers = switchboard.ask(ask, Duration::ZERO).await;
+    let told: Mailboxes = serde_json::from_slice(answers.first()?).expect("mailboxes");
+    told.rejected.get("not-understood").copied()
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_model_that_is_not_taken_is_counted_and_read_again_only_after_a_while() {
+    for (has_commons, has_keeper) in [(true, false), (false, true), (true, true)] {
+        let (house, began) = (House::new(), Instant::now());
+        let _commons = has_commons.then(|| house.commons());
+        let _changes = has_keeper.then(|| house.keep(Scope::Everything));
+        let _mumbler = Box::new(Mumbler { sequence: 0 }).launch(house.berth("mumbler", 1));
+        for (seconds, expected) in [(1, 1), (9, 1), (12, 2)] {
+            tokio::time::sleep_until(began + Duration::from_millis(seconds * 1_000 + 500)).await;
+            let counted = not_understood(&house.switchboard).await;
+            assert_eq!(counted, Some(expected), "{has_commons} {has_keeper} {seconds}");
+        }
     }
 }

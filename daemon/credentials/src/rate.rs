@@ -17,14 +17,18 @@ impl Rate {
 
     /// Takes one allowance, if there is any.
     pub(crate) fn take(&mut self, per_second: u32, now: Instant) -> bool {
+        self.take_up_to(1, per_second, now) == 1
+    }
+
+    /// Takes so many allowances, or as many as there are; yields how many.
+    pub(crate) fn take_up_to(&mut self, count: u32, per_second: u32, now: Instant) -> u32 {
         let passed = now.saturating_duration_since(self.since).as_secs_f64();
         self.since = now;
         self.left = (self.left + passed * f64::from(per_second)).min(burst(per_second));
-        let is_allowed = self.left >= 1.0;
-        if is_allowed {
-            self.left -= 1.0;
-        }
-        is_allowed
+        let taken = self.left.floor().min(f64::from(count));
+        self.left -= taken;
+        // Between zero and `count`.
+        taken as u32
     }
 }
 
@@ -48,5 +52,8 @@ mod tests {
         assert_eq!(taken(&mut rate, began + Duration::from_millis(1_000)), 10);
         assert_eq!(taken(&mut rate, began + Duration::from_millis(1_500)), 5);
         assert_eq!(taken(&mut rate, began + Duration::from_secs(3_600)), 20);
+        let later = began + Duration::from_secs(7_200);
+        let taken = [15, 15, 15].map(|count| rate.take_up_to(count, 10, later));
+        assert_eq!(taken, [15, 5, 0]);
     }
 }

@@ -65,6 +65,24 @@ fn what_a_daemon_says_is_believed_once() {
     refused(&verifier, sealed(KEY, b"go", &seal), Distrust::Replayed, Some("pi"));
 }
 
+/// Whoever plays again what it has recorded of another does not use up what that may say.
+#[test]
+fn what_is_played_again_is_not_charged_to_whose_it_was() {
+    let house = house();
+    let pi = house.identity("pi");
+    let verifier = Verifier::new(Trust::read(&house.folder).expect("just made"), 2);
+    let say = || pi.seal(Channel::Message, KEY, b"go", Some(HERE));
+    let (recorded, late) = (say(), pi.seal(Channel::Message, KEY, b"go", Some(HERE - 1)));
+    assert!(verifier.open(sealed(KEY, b"go", &recorded)).is_ok());
+    for _ in 0..100 {
+        refused(&verifier, sealed(KEY, b"go", &recorded), Distrust::Replayed, Some("pi"));
+        refused(&verifier, sealed(KEY, b"go", &late), Distrust::Uncalled, Some("pi"));
+    }
+    assert!(verifier.open(sealed(KEY, b"go", &say())).is_ok(), "of a burst of four");
+    assert_eq!(verifier.allowed(&daemon("pi"), 5), 2, "what is said together is charged");
+    refused(&verifier, sealed(KEY, b"go", &say()), Distrust::Flooded, Some("pi"));
+}
+
 #[test]
 fn what_was_recorded_before_one_listened_is_not_believed() {
     let house = house();

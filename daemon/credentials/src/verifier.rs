@@ -180,10 +180,6 @@ impl Verifier {
         let now = Instant::now();
         let mut heard = lock(&self.heard);
         let heard = self.heard_of(&mut heard, &certificate.subject, now);
-        // First the rate: a message that is dropped for it may come again.
-        if !heard.rate.take(self.messages_per_second, now) {
-            return Err(Distrust::Flooded);
-        }
         if seal.to != 0 && seal.to != sealed.heard_in {
             // Whoever has not noticed yet that this is another life of it is not to blame.
             let is_young = now.saturating_duration_since(self.began) < NOTICED;
@@ -192,7 +188,21 @@ impl Verifier {
         let (channel, is_for_this_life) = (sealed.channel as usize, seal.to != 0);
         let Seal { life, number, at, .. } = *seal;
         let place = Place { life, channel, number, at, is_for_this_life };
-        heard.replays.note(speaker, place, now)
+        heard.replays.note(speaker, place, now)?;
+        // Last the rate: whoever plays again what was recorded of others must not use up theirs. A
+        // message that is dropped for it is told again under another number.
+        match heard.rate.take(self.messages_per_second, now) {
+            true => Ok(()),
+            false => Err(Distrust::Flooded),
+        }
+    }
+
+    /// How many of so many more messages one may send that has come with a seal of its own: those
+    /// that several agents say together cost what they would cost one by one.
+    pub fn allowed(&self, voucher: &DaemonId, count: u32) -> u32 {
+        let (mut heard, now) = (lock(&self.heard), Instant::now());
+        let heard = self.heard_of(&mut heard, voucher.as_str(), now);
+        heard.rate.take_up_to(count, self.messages_per_second, now)
     }
 
     /// Who was asked has answered how far it has come: what it has said to all before is not

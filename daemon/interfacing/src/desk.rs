@@ -9,10 +9,10 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use acl::content::{Achieve, Outcome, Reason, Refusal, Report, Request};
-use acl::{EcosystemId, Message, Performative, ReplyToken};
+use acl::{AgentId, EcosystemId, Message, Performative, ReplyToken};
 use agent::{Agent, Callbacks, Context, Engagement, Work};
 use keyboard::Wish;
-use pddl::Domain;
+use pddl::{Domain, Problem};
 
 use super::bucket::Bucket;
 use super::export;
@@ -31,13 +31,17 @@ pub(super) struct Desk {
     pub(super) goals: BTreeSet<String>,
     /// Near = far.
     pub(super) words: Words,
-    pub(super) near: Arc<Domain>,
+    pub(super) near: (Arc<Domain>, Arc<Problem>),
     pub(super) revocable: bool,
     pub(super) voice: Voice,
     pub(super) outward: Arc<Bucket>,
     pub(super) counters: Arc<Counters>,
-    pub(super) open: BTreeMap<ReplyToken, Work>,
+    /// By who asked and its token: a token is its asker's alone.
+    pub(super) open: BTreeMap<Asking, Work>,
 }
+
+/// Who has asked, and what it calls that.
+pub(super) type Asking = (AgentId, ReplyToken);
 
 impl Agent for Desk {
     fn callbacks(&self) -> Callbacks<Self> {
@@ -73,7 +77,7 @@ impl Desk {
             return Err(Refusal::new(Reason::Conflict, detail));
         }
         let Achieve { goal, keep, priority, partition } = achieve;
-        let translator = Translator::of_ontology(words, near);
+        let translator = Translator::of_ontology(words, (&near.0, &near.1));
         let goal = export::goal(&goal, goals, &translator).map_err(|why| {
             counters.unexported.fetch_add(1, Ordering::Relaxed);
             Refusal::new(Reason::BadContent, why)
@@ -95,16 +99,16 @@ impl Desk {
         self.counters.passed.fetch_add(1, Ordering::Relaxed);
         let (voice, revocable) = (self.voice.clone(), self.revocable);
         let asked = async move { voice.wish(wish, revocable).await };
-        let exchange = engagement.exchange.clone();
+        let asking = asking(&engagement);
         let work = ctx.run(asked, move |desk: &mut Self, asked, ctx| {
             desk.follow(engagement, asked, ctx);
         });
-        self.open.insert(exchange, work);
+        self.open.insert(asking, work);
     }
 
     /// Waits for the next news of a goal.
     fn follow(&mut self, engagement: Engagement, mut asked: Asked, ctx: &mut Context<Self>) {
-        let exchange = engagement.exchange.clone();
+        let asking = asking(&engagement);
         let next = async move {
             let news = asked.next().await;
             (news, asked)
@@ -112,12 +116,12 @@ impl Desk {
         let work = ctx.run(next, move |desk: &mut Self, (news, asked), ctx| {
             desk.answer(&engagement, &news, ctx);
             if news.is_final() {
-                desk.open.remove(&engagement.exchange);
+                desk.open.remove(&self::asking(&engagement));
             } else {
                 desk.follow(engagement, asked, ctx);
             }
         });
-        self.open.insert(exchange, work);
+        self.open.insert(asking, work);
     }
 
     /// Passes on how a goal stands, and nothing else that is said of it over there.
@@ -144,11 +148,34 @@ impl Desk {
     }
 
     fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let Some(exchange) = message.exchange() else { return };
+        let Some(exchange) = message.exchange().cloned() else { return };
         // Dropped, it is taken back over there too.
-        if self.open.remove(exchange).is_some() {
+        if self.open.remove(&(message.sender.clone(), exchange)).is_some() {
             let report = Report::new(Outcome::Cancelled, "given up as asked");
             ctx.answer(&Engagement::of(&message), Performative::Confirm, &report);
         }
+    }
+}
+
+fn asking(engagement: &Engagement) -> Asking {
+    (engagement.initiator.clone(), engagement.exchange.clone())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Tokens are counted by whoever gives them: two may give the same.
+    #[test]
+    fn what_two_call_the_same_is_two_things() {
+        let of = |asker: &str| {
+            let text = format!(
+                r#"{{"version":1,"id":"{asker}.1","performative":"request","sender":"{asker}",
+                "incarnation":1,"content":{{}},"conversation_id":"c","reply_with":"r-1"}}"#
+            );
+            asking(&Engagement::of(&acl::decode(text.as_bytes()).expect("a message")))
+        };
+        assert_eq!(of("anna"), of("anna"));
+        assert_ne!(of("anna"), of("bert"));
     }
 }

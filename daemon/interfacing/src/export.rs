@@ -81,7 +81,7 @@ pub fn export(
     model: &ActionModel,
     methods: &Methods,
 ) -> Result<Exported, String> {
-    let translator = Translator::of_model(words, passage, shores.far.0, model);
+    let translator = Translator::of_model(words, passage, shores.far, model);
     let own = own_type(passage, shores, model, &translator)?;
     let mut mirror = ActionModel::of(passage.mirror.as_str(), shores.near.0.name.clone());
     mirror.types = declared_types(words, shores.near.0, &translator);
@@ -156,6 +156,7 @@ fn declared_predicates(
     far.filter_map(|declared| {
         let name = translator.predicate(&declared.name).ok()?;
         let is_new = near.iter().all(|it| it.name != name);
+        translator.begin();
         let parameters = translator.typed(&declared.parameters).ok()?;
         is_new.then_some(PredicateDeclaration { name, parameters, privacy: Privacy::Public })
     })
@@ -175,6 +176,7 @@ fn declared_functions(
         let name = words.functions.get(declared.name.as_str())?.clone();
         let is_private = translator.is_private(declared.name.as_str());
         let is_new = near.iter().all(|it| it.name != name);
+        translator.begin();
         let parameters = translator.typed(&declared.parameters).ok()?;
         let declared = FunctionDeclaration { name, parameters, privacy: Privacy::Public };
         (is_new && !is_private).then_some(declared)
@@ -258,16 +260,17 @@ fn exported(
     translator: &Translator<'_>,
     own: &TypeExpr,
 ) -> Result<ActionSchema, Why> {
+    translator.begin();
     // Whoever the action is for, its mirror alone offers it.
-    let agent = Typed { name: agent_variable(schema), ty: own.clone() };
+    let agent = Typed { name: translator.variable(&agent_variable(schema)), ty: own.clone() };
     let mut parameters = Vec::new();
     for parameter in &schema.parameters {
         let ty = translator.exact_type(&parameter.ty);
         let ty = ty.map_err(|lost| Why::Parameter(parameter.name.clone(), lost))?;
-        parameters.push(Typed { name: parameter.name.clone(), ty });
+        parameters.push(Typed { name: translator.variable(&parameter.name), ty });
     }
     let needed = translator.precondition(&schema.precondition).map_err(Why::Condition)?;
-    let variables = schema.parameters.iter().map(|it| Term::Variable(it.name.clone()));
+    let variables = parameters.iter().map(|it| Term::Variable(it.name.clone()));
     let guards = variables.map(|it| Condition::Atom(shared_with(&passage.guard, it)));
     let precondition = Condition::And([needed].into_iter().chain(guards).collect());
     let effect = translator.effect(&schema.effect).map_err(Why::Effect)?;
@@ -404,7 +407,7 @@ mod tests {
         (:functions (total-cost) (meters ?a ?b - place))
         (:derived (dark ?p - place) (not (lit ?p))))";
     const FAR_MAP: &str = "(define (problem m) (:domain far)
-        (:objects h1 h2 - hall vault - place) (:init (lit h1) (lit vault) (= (meters h1 h2) 3))
+        (:objects h1 h2 - hall vault - place (:private safe - place)) (:init (lit h1) (lit vault) (= (meters h1 h2) 3))
         (:goal (and)))";
     const NEAR: &str =
         "(define (domain near) (:types spot - object) (:predicates (bright ?s - spot))
@@ -427,7 +430,7 @@ mod tests {
                 ("wired", "wet"),
             ]),
             functions: table(&[]),
-            objects: table(&[("h1", "here"), ("h2", "there")]),
+            objects: table(&[("h1", "here"), ("h2", "there"), ("safe", "strongbox")]),
         };
         let agent = |name| AgentId::new(name).expect("a name");
         let passage = Passage {
@@ -454,8 +457,20 @@ mod tests {
                 let found = pddl::check_action_model(&near.0, &exported.model);
                 let text = exported.model.to_string();
                 assert!(found.iter().all(|found| !found.is_error()), "{found:?}\n{text}");
-                for secret in ["charged", "wired", "wet", "vault", "r1", "bot", "lit", "h1", "dark"]
-                {
+                for secret in [
+                    "charged",
+                    "wired",
+                    "wet",
+                    "vault",
+                    "r1",
+                    "bot",
+                    "lit",
+                    "h1",
+                    "dark",
+                    "safe",
+                    "strongbox",
+                    "merger",
+                ] {
                     assert!(!text.contains(secret), "`{secret}` is in {text}");
                 }
                 Ok(text)
@@ -482,9 +497,9 @@ mod tests {
             "(:objects helper - aide there - spot)",
             "(is-in helper here)",
             "(shared-with-far here)",
-            "(is-in ?r ?p)",
-            "(not (bright ?p))",
-            "(shared-with-far ?p)",
+            "(is-in ?x1 ?x2)",
+            "(not (bright ?x2))",
+            "(shared-with-far ?x2)",
             "(increase (total-cost) 3)",
         ] {
             assert!(text.contains(said), "`{said}` is not in {text}");
@@ -516,6 +531,33 @@ mod tests {
         }
         let other = action("", "()", "()").replace("action act", "action other");
         assert!(exported(&other).expect_err("not offered").contains("does not offer"));
+    }
+
+    /// A name of a variable is a word like any other.
+    #[test]
+    fn variables_are_numbered_and_stay_bound_as_they_were() {
+        let text = exported(&action(
+            "?merger-room - place",
+            "(and (at ?r ?merger-room)
+                (exists (?merger - place) (and (lit ?merger) (not (lit ?merger-room)))))",
+            "(forall (?merger-room - place) (when (at ?r ?merger-room) (lit ?merger-room)))",
+        ));
+        let text = text.expect("exported");
+        for said in [
+            "?x2 - spot",
+            "(exists (?x3 - spot) (and (bright ?x3) (not (bright ?x2))))",
+            "(forall (?x2 - spot) (when (is-in ?x1 ?x2) (bright ?x2)))",
+        ] {
+            let on_one_line = text.split_whitespace().collect::<Vec<_>>().join(" ");
+            assert!(on_one_line.contains(said), "`{said}` is not in {text}");
+        }
+    }
+
+    #[test]
+    fn a_secret_of_the_map_stays_where_it_is() {
+        let secret = action("?p - place", "(at ?r safe)", "(lit ?p)");
+        let left_out = exported(&secret).expect_err("it is private");
+        assert!(left_out.contains("`safe`, which is private"), "{left_out}");
     }
 
     #[test]

@@ -200,7 +200,7 @@ impl Bridge<'_> {
             far: self.far.name.clone(),
             goals,
             words,
-            near: Arc::clone(&self.near.domain),
+            near: (Arc::clone(&self.near.domain), Arc::clone(&self.near.problem)),
             revocable: rule.performatives.contains(&Performative::Cancel),
             voice: voice.clone(),
             outward: Arc::clone(&self.outward),

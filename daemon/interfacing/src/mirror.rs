@@ -84,7 +84,8 @@ impl Crossing {
     }
 
     fn translator<'t>(&'t self, model: &ActionModel) -> Translator<'t> {
-        Translator::of_model(&self.words, &self.passage, &self.far_files.0, model)
+        let far = (&*self.far_files.0, &*self.far_files.1);
+        Translator::of_model(&self.words, &self.passage, far, model)
     }
 
     /// A step as it is called over there. The error says what is not exported.

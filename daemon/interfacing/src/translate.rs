@@ -1,19 +1,21 @@
 //! From an agent's words to those of another ecosystem: symbol by symbol, through a dictionary.
 //!
 //! - What the dictionary does not have is not said. Nothing private is said, whatever the
-//!   dictionary has. No text is passed on: all that comes out is built of the dictionary's words.
+//!   dictionary has. No text is passed on: all that comes out is built of the dictionary's words,
+//!   and of variables that are numbered anew.
 //! - What an action *needs* must be said whole, or the action is not offered ([`Lost`]): who plans
 //!   with it would plan what cannot be done. Only what is its agent's own secret is left to the
 //!   agent, which looks after it when it is asked to act (MA-PDDL's public projection).
 //! - What an action *changes* may be left unsaid: nobody over there can see it anyway.
 
+use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 use acl::AgentId;
 use pddl::{
     ActionModel, Assign, Assignment, Atom, Compare, Condition, Domain, Effect, Expression,
-    FluentTerm, InitElement, Name, PlanStep, Privacy, Term, TypeExpr, Typed, Types,
+    FluentTerm, InitElement, Name, PlanStep, Privacy, Problem, Term, TypeExpr, Typed, Types,
 };
 
 use super::words::{Passage, Words};
@@ -42,6 +44,8 @@ pub struct Translator<'t> {
     types: Types,
     private: BTreeSet<Name>,
     derived: BTreeSet<Name>,
+    /// The variables of what is being said, in the order in which they came.
+    variables: RefCell<Vec<Name>>,
 }
 
 type Said<T> = Result<T, Lost>;
@@ -53,10 +57,10 @@ impl<'t> Translator<'t> {
     pub fn of_model(
         words: &'t Words,
         passage: &'t Passage,
-        ontology: &Domain,
+        (ontology, map): (&Domain, &Problem),
         model: &ActionModel,
     ) -> Translator<'t> {
-        let mut translator = Translator::of_ontology(words, ontology);
+        let mut translator = Translator::of_ontology(words, (ontology, map));
         translator.who = Some((&passage.agent, &passage.mirror));
         translator.types = Types::new(ontology.types.iter().chain(&model.types));
         let of_model = model.predicates.iter().map(|declared| (&declared.name, &declared.privacy));
@@ -68,14 +72,16 @@ impl<'t> Translator<'t> {
         translator
     }
 
-    /// A translator of what anybody may say over an ontology.
-    pub(crate) fn of_ontology(words: &'t Words, ontology: &Domain) -> Translator<'t> {
+    /// A translator of what anybody may say over an ontology and a map.
+    pub fn of_ontology(words: &'t Words, (ontology, map): (&Domain, &Problem)) -> Translator<'t> {
         let derived = ontology.derived.iter().map(|axiom| axiom.predicate.clone()).collect();
         let (types, private) = (Types::of(ontology), BTreeSet::new());
-        let mut translator = Translator { words, who: None, types, private, derived };
+        let variables = RefCell::default();
+        let mut translator = Translator { words, who: None, types, private, derived, variables };
         let predicates = ontology.predicates.iter().map(|it| (&it.name, &it.privacy));
         let functions = ontology.functions.iter().map(|it| (&it.name, &it.privacy));
-        translator.keep_private(predicates.chain(functions));
+        let objects = map.objects.iter().map(|it| (&it.object.name, &it.privacy));
+        translator.keep_private(predicates.chain(functions).chain(objects));
         translator
     }
 
@@ -122,9 +128,26 @@ impl<'t> Translator<'t> {
         }
     }
 
+    /// Begins to say something else, whose variables are numbered anew.
+    pub(crate) fn begin(&self) {
+        self.variables.borrow_mut().clear();
+    }
+
+    /// A variable: its name is a word of its agent's as any other, and nobody over there needs it. Two of
+    /// one name stay so, and none becomes another, so what each is bound by stays the same.
+    pub(crate) fn variable(&self, name: &Name) -> Name {
+        let mut variables = self.variables.borrow_mut();
+        let known = variables.iter().position(|known| known == name);
+        let index = known.unwrap_or_else(|| {
+            variables.push(name.clone());
+            variables.len() - 1
+        });
+        Name::new(&format!("x{}", index + 1))
+    }
+
     pub(crate) fn term(&self, term: &Term) -> Said<Term> {
         match term {
-            Term::Variable(name) => Ok(Term::Variable(name.clone())),
+            Term::Variable(name) => Ok(Term::Variable(self.variable(name))),
             Term::Object(name) => self.object(name).map(Term::Object),
         }
     }
@@ -163,8 +186,9 @@ impl<'t> Translator<'t> {
     }
 
     pub(crate) fn typed(&self, typed: &[Typed]) -> Said<Vec<Typed>> {
-        let one =
-            |typed: &Typed| Ok(Typed { name: typed.name.clone(), ty: self.exact_type(&typed.ty)? });
+        let one = |typed: &Typed| {
+            Ok(Typed { name: self.variable(&typed.name), ty: self.exact_type(&typed.ty)? })
+        };
         typed.iter().map(one).collect()
     }
 

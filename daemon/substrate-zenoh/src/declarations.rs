@@ -164,7 +164,7 @@ impl Declarations {
         let (keys, security) = (&self.keys, self.security.as_ref());
         let mut entities = Vec::new();
         if let Some(security) = security {
-            let subscriber = revocations::declare(session, keys, security, telling)?;
+            let subscriber = revocations::declare(session, keys, &self.inbound, security, telling)?;
             entities.push(Entity::Subscriber(subscriber));
         }
         let answering = Answering {

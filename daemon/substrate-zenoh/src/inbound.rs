@@ -8,7 +8,8 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use substrate::{Addressed, Delivery, Inbound};
+use credentials::Distrust;
+use substrate::{Addressed, Breach, Delivery, Inbound, Origin, Rejected};
 use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
 use zenoh::pubsub::Subscriber;
@@ -92,13 +93,36 @@ impl Ear {
             },
         };
         let Some(addressed) = addressed else {
-            for (sender, payload) in together::unpack(&payload) {
-                let (addressed, origin) = (Addressed::Beat(sender), origin.clone());
-                inbound.deliver(Delivery { addressed, payload, origin });
-            }
-            return;
+            return self.deliver_together(key, &payload, origin.as_ref(), is_own);
         };
         inbound.deliver(Delivery { addressed, payload, origin });
+    }
+
+    /// What agents of a daemon have said together, each as if it had come by itself.
+    fn deliver_together(&self, key: &str, bundle: &Bytes, origin: Option<&Origin>, is_own: bool) {
+        let claimed = origin.map(|origin| origin.daemon.as_str());
+        let reject = |breach, detail: &str| {
+            self.inbound.rejected(&Rejected { breach, detail, claimed, key });
+        };
+        let Some(words) = together::unpack(bundle) else {
+            let detail = format!("is a bundle of {} bytes, as nobody packs them", bundle.len());
+            return reject(Breach::Oversized, &detail);
+        };
+        let mut allowed = words.len();
+        if let (Some(security), Some(origin)) = (&self.security, origin.filter(|_| !is_own)) {
+            // The seal itself has cost one.
+            let beside = u32::try_from(words.len().saturating_sub(1)).unwrap_or(u32::MAX);
+            let taken = security.verifier.allowed(&origin.voucher, beside);
+            allowed = 1 + usize::try_from(taken).unwrap_or(0);
+        }
+        for (index, (sender, payload)) in words.into_iter().enumerate() {
+            if index >= allowed {
+                reject(Breach::Flooded, &Distrust::Flooded.to_string());
+                continue;
+            }
+            let (addressed, origin) = (Addressed::Beat(sender), origin.cloned());
+            self.inbound.deliver(Delivery { addressed, payload, origin });
+        }
     }
 }
 

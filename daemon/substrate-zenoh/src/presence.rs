@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 use acl::DaemonId;
-use substrate::Presence;
+use substrate::{Breach, Presence, Rejected, Resident};
 use tokio::runtime::Handle;
 use tokio::sync::{Notify, oneshot};
 use tracing::Instrument as _;
@@ -118,9 +118,14 @@ impl Watch {
     /// may announce an agent, which leads back to here. Whoever comes meanwhile leaves what is to
     /// be passed on to who is at it, so that the order is kept.
     fn with(&self, change: impl FnOnce(&mut Roster) -> Vec<Presence>) {
+        let surplus = {
+            let mut state = self.lock();
+            let follows = change(&mut state.roster);
+            state.outbox.extend(follows);
+            state.roster.surplus()
+        };
+        self.reject(&surplus);
         let mut state = self.lock();
-        let follows = change(&mut state.roster);
-        state.outbox.extend(follows);
         if std::mem::replace(&mut state.is_passing, true) {
             return;
         }
@@ -130,6 +135,15 @@ impl Watch {
             state = self.lock();
         }
         state.is_passing = false;
+    }
+
+    /// Tells of tokens that were one too many.
+    fn reject(&self, surplus: &[Resident]) {
+        for Resident { agent, daemon, .. } in surplus {
+            let detail = format!("is a token of `{agent}`, for which there is no room");
+            let (breach, claimed, key) = (Breach::Flooded, Some(daemon.as_str()), agent.as_str());
+            self.asking.inbound.rejected(&Rejected { breach, detail: &detail, claimed, key });
+        }
     }
 
     /// The daemons of which there is a token, but for this one.

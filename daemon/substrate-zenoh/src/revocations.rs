@@ -6,6 +6,7 @@
 //!
 //! The list comes into the ecosystem as a file, in the folder of any daemon.
 
+use std::net::SocketAddr;
 use std::sync::{Arc, Weak};
 use std::time::Duration;
 
@@ -18,6 +19,7 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 use zenoh_link_tls::admission::{self, Admission};
+use zenoh_link_tls::reading;
 
 use crate::config::OpenError;
 use crate::inbound::{into_bytes, undeclared};
@@ -34,29 +36,46 @@ const REPEAT_PERIOD: Duration = Duration::from_secs(10);
 pub(crate) fn declare(
     session: &Session,
     keys: &Keys,
+    inbound: &Arc<dyn Inbound>,
     security: &Security,
     telling: u64,
 ) -> Result<Subscriber<()>, OpenError> {
     let key_expr = keys.every_revocation(telling);
-    let hearing = Arc::clone(&security.verifier);
-    let hear = move |sample: Sample| hear(&hearing, &sample);
+    let (hearing, inbound) = (Arc::clone(&security.verifier), Arc::clone(inbound));
+    let hear = move |sample: Sample| hear(&hearing, &*inbound, &sample);
     let subscriber = session.declare_subscriber(&key_expr).callback(hear);
     subscriber.wait().map_err(|source| undeclared("subscriber", &key_expr, source))
 }
 
-/// Sees to it that no link is with who was revoked, from before the session is opened.
+/// Sees to it that no link is with who was revoked, from before the session is opened; and that it is
+/// known with whom there is none.
 pub(crate) fn admission(security: &Security, inbound: &Arc<dyn Inbound>) -> Arc<Admission> {
     let (verifier, inbound) = (Arc::clone(&security.verifier), Arc::downgrade(inbound));
     let (key, _, _) = security.identity.files();
-    admission::decide(key.to_string_lossy().into_owned(), move |certificate| {
+    let told = Weak::clone(&inbound);
+    let admits = move |certificate: &[u8], from| {
         let Some(subject) = verifier.revoked(certificate) else { return true };
-        if let Some(inbound) = inbound.upgrade() {
-            let (breach, detail) = (Breach::Revoked, Distrust::Revoked.to_string());
-            let (detail, claimed, key) = (detail.as_str(), Some(subject.as_str()), "a link");
-            inbound.rejected(&Rejected { breach, detail, claimed, key });
-        }
+        refused(&inbound, Breach::Revoked, Some(&subject), from, &Distrust::Revoked.to_string());
         false
-    })
+    };
+    let unlinked = move |from, why: &str| {
+        let detail = format!("would have come over a link that was refused: {why}");
+        refused(&told, Breach::Unlinked, None, from, &detail);
+    };
+    admission::decide(key.to_string_lossy().into_owned(), admits, unlinked)
+}
+
+fn refused(
+    inbound: &Weak<dyn Inbound>,
+    breach: Breach,
+    claimed: Option<&str>,
+    from: SocketAddr,
+    detail: &str,
+) {
+    if let Some(inbound) = inbound.upgrade() {
+        let key = format!("a link with {from}");
+        inbound.rejected(&Rejected { breach, detail, claimed, key: &key });
+    }
 }
 
 /// Begins to tell of revocations.
@@ -74,7 +93,7 @@ pub(crate) fn spread(
     tokio::spawn(told.instrument(tracing::debug_span!("revocations")));
 }
 
-fn hear(verifier: &Verifier, sample: &Sample) {
+fn hear(verifier: &Verifier, inbound: &dyn Inbound, sample: &Sample) {
     if sample.kind() != SampleKind::Put {
         return;
     }
@@ -86,7 +105,15 @@ fn hear(verifier: &Verifier, sample: &Sample) {
             }
         }
         Some(false) => (),
-        None => tracing::warn!("a list of revocations that the authority has not signed"),
+        None => {
+            // Whoever has brought it: a list has no other seal than the authority's. The link over
+            // which it came knows who relayed it last.
+            let peer = reading::peer();
+            let claimed = peer.as_ref().and_then(|peer| peer.name.as_deref());
+            let detail = "is a list of revocations that the authority has not signed";
+            let (breach, key) = (Breach::Forged, sample.key_expr().as_str());
+            inbound.rejected(&Rejected { breach, detail, claimed, key });
+        }
     }
 }
 

@@ -26,6 +26,7 @@ use acl::{AgentId, DaemonId, Incarnation};
 use bytes::Bytes;
 use credentials::Said;
 use serde::{Deserialize, Serialize};
+use substrate::{Breach, Inbound, Rejected};
 use tokio::sync::{Notify, oneshot};
 use tokio::time::Instant;
 use zenoh::sample::{Sample, SampleKind};
@@ -55,6 +56,13 @@ const TOLD_MAX: u32 = 3;
 
 /// Callers that are remembered: as many daemons as an ecosystem may have.
 const CALLERS_MAX: usize = 1_024;
+
+/// Sessions of which this one is told: twice as many, as guests come and go. Every answer names them
+/// all.
+const SESSIONS_MAX: usize = 2 * CALLERS_MAX;
+
+/// Tellings of one session: one, or for a moment two.
+const TELLINGS_MAX: usize = 8;
 
 /// The longest answer that is read.
 const ANSWER_BYTES_MAX: usize = 1 << 20;
@@ -196,15 +204,23 @@ pub(crate) fn digest<'a>(agents: impl IntoIterator<Item = &'a (AgentId, Incarnat
 
 impl Told {
     /// Declares what hears of sessions, with the history of those that were here before.
-    pub(crate) fn declare(session: &Session, keys: &Keys) -> Result<Told, OpenError> {
+    pub(crate) fn declare(
+        session: &Session,
+        keys: &Keys,
+        inbound: &Arc<dyn Inbound>,
+    ) -> Result<Told, OpenError> {
         let (told, key_expr) = (Told::default(), keys.every_session());
-        let (hearing, reading) = (told.clone(), keys.clone());
+        let (hearing, reading, inbound) = (told.clone(), keys.clone(), Arc::clone(inbound));
         let hear = move |sample: Sample| {
             let key = sample.key_expr().as_str();
             let Some((zid, telling)) = reading.session(key) else {
                 return tracing::debug!(key, "ignored a liveliness token that names no session");
             };
-            hearing.hear(zid, telling, sample.kind());
+            if !hearing.hear(zid, telling, sample.kind()) {
+                let detail = "is a token of a session, and one more than there is room for";
+                let (breach, claimed) = (Breach::Flooded, None);
+                inbound.rejected(&Rejected { breach, detail, claimed, key });
+            }
         };
         let liveliness = session.liveliness();
         let subscriber = liveliness.declare_subscriber(&key_expr).history(true).callback(hear);
@@ -213,11 +229,19 @@ impl Told {
         Ok(told)
     }
 
-    fn hear(&self, zid: &str, telling: u64, kind: SampleKind) {
+    /// Takes a session's token; `false` if it is one too many.
+    fn hear(&self, zid: &str, telling: u64, kind: SampleKind) -> bool {
         let told = &mut lock(&self.known).sessions;
         match kind {
+            SampleKind::Put if told.len() >= SESSIONS_MAX && !told.contains_key(zid) => {
+                return false;
+            }
             SampleKind::Put => {
-                told.entry(zid.to_owned()).or_default().insert(telling);
+                let tellings = told.entry(zid.to_owned()).or_default();
+                tellings.insert(telling);
+                if tellings.len() > TELLINGS_MAX {
+                    tellings.pop_first();
+                }
             }
             SampleKind::Delete => {
                 if let Some(tellings) = told.get_mut(zid) {
@@ -228,6 +252,7 @@ impl Told {
                 }
             }
         }
+        true
     }
 
     /// Somebody has called, and was answered.
@@ -429,6 +454,21 @@ mod tests {
         assert_eq!(told(&router, 100), 0);
         assert_eq!(told(&amiss(&[], &[]), 200), 0);
         assert_eq!(told(&router, 300), 3);
+    }
+
+    #[test]
+    fn sessions_are_remembered_within_a_bound() {
+        let told = Told::default();
+        let hear = |number: usize, kind| told.hear(&format!("{number:x}"), 0, kind);
+        let taken = (0..2 * SESSIONS_MAX).filter(|number| hear(*number, SampleKind::Put));
+        assert_eq!(taken.count(), SESSIONS_MAX);
+        assert!(hear(0, SampleKind::Put), "who is known is told again");
+        for telling in 0..100 {
+            told.hear("0", telling, SampleKind::Put);
+        }
+        assert_eq!(lock(&told.known).sessions["0"].len(), TELLINGS_MAX);
+        hear(1, SampleKind::Delete);
+        assert!(hear(SESSIONS_MAX, SampleKind::Put), "there is room again");
     }
 
     #[test]

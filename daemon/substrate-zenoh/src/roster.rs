@@ -12,6 +12,21 @@ use std::time::{Duration, Instant};
 use acl::{AgentId, DaemonId, Incarnation};
 use substrate::{Presence, Resident};
 
+/// Agents that are here at a time: four times as many as a Domain Maintainer takes. Beyond them
+/// newcomers have no effect, least of all on those who are here.
+const AGENTS_MAX: usize = 4_096;
+
+/// Agents of one certificate's name, which is a daemon and its guests: ten daemons share a thousand
+/// agents, and no four can keep all others out.
+const AGENTS_PER_HOST_MAX: usize = 1_024;
+
+/// Tokens whose daemons have not confirmed them. They are not signed, so anybody can make them of
+/// whomever he likes; those that have waited for longest are forgotten.
+const UNCONFIRMED_MAX: usize = 2 * AGENTS_MAX;
+
+/// Tellings of one token: one, or for a moment two.
+const TELLINGS_MAX: usize = 8;
+
 /// Tokens and answers of all daemons, and what follows from them.
 ///
 /// What its methods return is to be passed on in this order.
@@ -23,6 +38,19 @@ pub(crate) struct Roster {
     /// Counts tokens as they come, so that an answer is not held against one that came later.
     tokens: u64,
     daemons: BTreeMap<DaemonId, Hosted>,
+    /// How many there are, and of whom agents are here.
+    crowd: Crowd,
+    /// Tokens that were one too many, to be told.
+    surplus: Vec<Resident>,
+}
+
+/// How many there are.
+#[derive(Debug)]
+struct Crowd {
+    own: DaemonId,
+    tokens: usize,
+    /// Agents that have joined, by the name in the certificate of their daemon.
+    joined: BTreeMap<String, usize>,
 }
 
 /// What is known of one daemon. There is a token of it.
@@ -40,6 +68,8 @@ struct Hosted {
 struct Token {
     number: u64,
     tellings: BTreeSet<u64>,
+    /// It was said that there is no room for it.
+    is_surplus: bool,
 }
 
 /// Whether a daemon can be reached.
@@ -77,7 +107,9 @@ pub(crate) struct Follows {
 
 impl Roster {
     pub(crate) fn new(own: DaemonId, lease: Duration) -> Roster {
-        Roster { own, lease, tokens: 0, daemons: BTreeMap::new() }
+        let (daemons, surplus) = (BTreeMap::new(), Vec::new());
+        let crowd = Crowd { own: own.clone(), tokens: 0, joined: BTreeMap::new() };
+        Roster { own, lease, tokens: 0, daemons, crowd, surplus }
     }
 
     /// How many tokens have come. To be asked for when a call goes out.
@@ -89,17 +121,55 @@ impl Roster {
     pub(crate) fn put(&mut self, resident: Resident, telling: u64) -> Follows {
         self.tokens += 1;
         let is_own = resident.daemon == self.own;
+        if self.crowd.has_unconfirmed(UNCONFIRMED_MAX) {
+            self.forget_unconfirmed();
+        }
         let hosted = self.daemons.entry(resident.daemon.clone()).or_default();
         let number = self.tokens;
-        let token = hosted.tokens.entry(resident.clone());
-        let token = token.or_insert_with(|| Token { number, tellings: BTreeSet::new() });
+        let crowd = &mut self.crowd;
+        let token = hosted.tokens.entry(resident.clone()).or_insert_with(|| {
+            crowd.tokens += 1;
+            Token { number, tellings: BTreeSet::new(), is_surplus: false }
+        });
         token.tellings.insert(telling);
+        if token.tellings.len() > TELLINGS_MAX {
+            token.tellings.pop_first();
+        }
         if is_own || hosted.route == Route::Known {
-            return Follows { passed_on: hosted.join(resident), probe: false };
+            let passed_on = hosted.join(resident, crowd, &mut self.surplus);
+            return Follows { passed_on, probe: false };
         }
         let probe = hosted.route == Route::Unknown;
         hosted.route = Route::Probed;
         Follows { passed_on: Vec::new(), probe }
+    }
+
+    /// Tokens that were one too many since this was asked last, each once.
+    pub(crate) fn surplus(&mut self) -> Vec<Resident> {
+        std::mem::take(&mut self.surplus)
+    }
+
+    /// Forgets the older half of the tokens that nobody has confirmed. Whose they are tells again that
+    /// it is here when it shows that it is not known.
+    fn forget_unconfirmed(&mut self) {
+        let unconfirmed = self.daemons.values().flat_map(|hosted| {
+            let waiting = hosted.tokens.iter().filter(|(each, _)| !hosted.joined.contains(*each));
+            waiting.map(|(_, token)| token.number)
+        });
+        let mut numbers: Vec<_> = unconfirmed.collect();
+        let middle = numbers.len() / 2;
+        let (_, youngest, _) = numbers.select_nth_unstable(middle);
+        let youngest = *youngest;
+        for hosted in self.daemons.values_mut() {
+            let Hosted { tokens, joined, .. } = hosted;
+            let forgotten =
+                tokens.extract_if(.., |each, it| it.number <= youngest && !joined.contains(each));
+            for (resident, _) in forgotten {
+                self.crowd.tokens -= 1;
+                self.surplus.push(resident);
+            }
+        }
+        self.daemons.retain(|_, hosted| !hosted.tokens.is_empty());
     }
 
     /// A token has gone. Whether its daemon went with it is not known; it is probed at once, so that
@@ -114,7 +184,8 @@ impl Roster {
             return Follows::default();
         }
         hosted.tokens.remove(resident);
-        let passed_on = hosted.leave(resident);
+        self.crowd.tokens -= 1;
+        let passed_on = hosted.leave(resident, &mut self.crowd);
         let probe = hosted.route == Route::Known && resident.daemon != self.own;
         if hosted.tokens.is_empty() {
             self.daemons.remove(&resident.daemon);
@@ -151,8 +222,8 @@ impl Roster {
         hosts: Hosts<'_>,
         mark: u64,
     ) -> Vec<Presence> {
-        let is_own = *daemon == self.own;
-        let Some(hosted) = self.daemons.get_mut(daemon).filter(|_| !is_own) else {
+        let Roster { own, daemons, crowd, surplus, .. } = self;
+        let Some(hosted) = daemons.get_mut(daemon).filter(|_| daemon != own) else {
             return Vec::new();
         };
         hosted.route = Route::Known;
@@ -174,9 +245,12 @@ impl Roster {
                 ghosts.push(resident.clone());
             }
         }
-        let left: Vec<_> = ghosts.iter().flat_map(|resident| hosted.leave(resident)).collect();
-        let joined = here.into_iter().flat_map(|resident| hosted.join(resident));
-        left.into_iter().chain(joined).collect()
+        let left = ghosts.iter().flat_map(|resident| hosted.leave(resident, crowd));
+        let mut follows: Vec<_> = left.collect();
+        for resident in here {
+            follows.extend(hosted.join(resident, crowd, surplus));
+        }
+        follows
     }
 
     /// A probe was given up: the calls go on.
@@ -204,6 +278,7 @@ impl Roster {
             if now.duration_since(since) >= self.lease && !hosted.joined.is_empty() {
                 tracing::warn!(%daemon, "its tokens are here and it does not answer: it is gone");
                 hosted.route = Route::Unknown;
+                self.crowd.leave(daemon, hosted.joined.len());
                 left.extend(std::mem::take(&mut hosted.joined).into_iter().map(Presence::Left));
             }
         }
@@ -220,20 +295,76 @@ impl Roster {
 // === impl Hosted ===
 
 impl Hosted {
-    /// Of two lives of one agent here, the older is what is left of its death.
-    fn join(&mut self, resident: Resident) -> Vec<Presence> {
+    /// Of two lives of one agent here, the older is what is left of its death: the newer takes its
+    /// place. If that was another's invention, the older joins again with its daemon's next answer.
+    fn join(
+        &mut self,
+        resident: Resident,
+        crowd: &mut Crowd,
+        surplus: &mut Vec<Resident>,
+    ) -> Vec<Presence> {
         // Lives of one agent stand side by side, the newest last.
-        let after = self.joined.range(&resident..).find(|other| **other != resident);
-        let is_overtaken = after.is_some_and(|other| other.agent == resident.agent);
-        if is_overtaken || !self.joined.insert(resident.clone()) {
+        let after = self.joined.range(&resident..).next();
+        if after.is_some_and(|other| other.agent == resident.agent) {
             return Vec::new();
         }
+        let before = self.joined.range(..&resident).next_back().cloned();
+        match before.filter(|other| other.agent == resident.agent) {
+            Some(older) => drop(self.joined.remove(&older)),
+            None if crowd.has_room(&resident.daemon) => crowd.join(&resident.daemon),
+            None => {
+                let token = self.tokens.get_mut(&resident);
+                if token.is_some_and(|token| !std::mem::replace(&mut token.is_surplus, true)) {
+                    surplus.push(resident);
+                }
+                return Vec::new();
+            }
+        }
+        self.joined.insert(resident.clone());
         vec![Presence::Joined(resident)]
     }
 
-    fn leave(&mut self, resident: &Resident) -> Vec<Presence> {
-        let left = self.joined.take(resident).map(Presence::Left);
-        left.into_iter().collect()
+    fn leave(&mut self, resident: &Resident, crowd: &mut Crowd) -> Vec<Presence> {
+        let left = self.joined.take(resident);
+        if left.is_some() {
+            crowd.leave(&resident.daemon, 1);
+        }
+        left.map(Presence::Left).into_iter().collect()
+    }
+}
+
+// === impl Crowd ===
+
+impl Crowd {
+    /// Whether one more agent of a daemon may be here. Its own always may.
+    fn has_room(&self, daemon: &DaemonId) -> bool {
+        if *daemon == self.own {
+            return true;
+        }
+        let of_host = self.joined.get(daemon.host()).copied().unwrap_or_default();
+        of_host < AGENTS_PER_HOST_MAX && self.all() < AGENTS_MAX
+    }
+
+    fn has_unconfirmed(&self, count: usize) -> bool {
+        self.tokens.saturating_sub(self.all()) >= count
+    }
+
+    fn all(&self) -> usize {
+        self.joined.values().sum()
+    }
+
+    fn join(&mut self, daemon: &DaemonId) {
+        *self.joined.entry(daemon.host().to_owned()).or_default() += 1;
+    }
+
+    fn leave(&mut self, daemon: &DaemonId, count: usize) {
+        let host = daemon.host();
+        if let Some(here) = self.joined.get_mut(host) {
+            *here = here.saturating_sub(count);
+            if *here == 0 {
+                self.joined.remove(host);
+            }
+        }
     }
 }
 
@@ -301,10 +432,9 @@ mod tests {
         let came = roster.put(new.clone(), 0).passed_on;
         assert_eq!(came, [Presence::Joined(new.clone())]);
         let mine = hosts(std::slice::from_ref(&new));
-        assert_eq!(
-            roster.answered(&daemon("pi"), Hosts::Named(&mine), mark),
-            [Presence::Left(old)]
-        );
+        // The newer has taken the older's place.
+        assert_eq!(roster.answered(&daemon("pi"), Hosts::Named(&mine), mark), []);
+        assert_eq!(roster.delete(&old, 0).passed_on, []);
         assert_eq!(
             roster.answered(&daemon("pi"), Hosts::Named(&[]), mark),
             [],
@@ -353,5 +483,68 @@ mod tests {
         let back = roster.answered(&daemon("pi"), Hosts::Unsaid, mark);
         assert_eq!(back, [Presence::Joined(robot)]);
         assert!(roster.silent().is_empty());
+    }
+
+    /// A token is nobody's word: anybody can make one of another's agent.
+    #[test]
+    fn an_invented_life_displaces_nobody_for_good() {
+        let (mut roster, robot) = (roster(), resident("robot", "pi", 1));
+        roster.put(robot.clone(), 0);
+        roster.answered(&daemon("pi"), Hosts::Unsaid, roster.mark());
+        let invented = resident("robot", "pi", 1 << 53);
+        assert_eq!(roster.put(invented.clone(), 0).passed_on, [Presence::Joined(invented.clone())]);
+        let mine = hosts(std::slice::from_ref(&robot));
+        let follows = roster.answered(&daemon("pi"), Hosts::Named(&mine), roster.mark());
+        assert_eq!(follows, [Presence::Left(invented), Presence::Joined(robot)]);
+    }
+
+    #[test]
+    fn one_too_many_has_no_effect_until_there_is_room() {
+        let mut roster = roster();
+        let swarm = |host: &str, count: usize| -> Vec<Resident> {
+            let at = format!("{host}--cli-1");
+            (0..count).map(|number| resident(&format!("a-{number}"), &at, 1)).collect()
+        };
+        let come = |roster: &mut Roster, residents: &[Resident]| {
+            for one in residents {
+                roster.put(one.clone(), 0);
+            }
+            roster.answered(&residents[0].daemon, Hosts::Unsaid, roster.mark()).len()
+        };
+        let many = swarm("p1", AGENTS_PER_HOST_MAX + 2);
+        assert_eq!(come(&mut roster, &many), AGENTS_PER_HOST_MAX);
+        let surplus = roster.surplus();
+        assert_eq!(surplus.len(), 2, "they are told");
+        assert_eq!(come(&mut roster, &[resident("own", "p1", 1)]), 0, "its host's are counted");
+        assert_eq!(roster.surplus().len(), 1);
+        for host in ["p2", "p3", "p4"] {
+            assert_eq!(come(&mut roster, &swarm(host, AGENTS_PER_HOST_MAX)), AGENTS_PER_HOST_MAX);
+        }
+        let late = resident("robot", "pi", 1);
+        assert_eq!(come(&mut roster, std::slice::from_ref(&late)), 0, "the house is full");
+        let next = resident("a-7", "p1--cli-1", 2);
+        assert_eq!(roster.put(next.clone(), 0).passed_on, [Presence::Joined(next.clone())]);
+        assert_eq!(roster.delete(&next, 0).passed_on, [Presence::Left(next)]);
+        let joined = roster.answered(&daemon("pi"), Hosts::Unsaid, roster.mark());
+        assert_eq!(joined, [Presence::Joined(late)]);
+    }
+
+    #[test]
+    fn invented_tokens_push_nobody_out() {
+        let (mut roster, robot) = (roster(), resident("robot", "pi", 1));
+        roster.put(robot.clone(), 0);
+        roster.answered(&daemon("pi"), Hosts::Unsaid, roster.mark());
+        for number in 0..3 * UNCONFIRMED_MAX as u64 {
+            roster.put(resident("ghost", &format!("g-{}", number % 100), number), 0);
+            roster.put(resident("ghost", "pi", number), number);
+            roster.put(resident("ghost", "pi", 1), number);
+        }
+        assert!(roster.crowd.tokens <= UNCONFIRMED_MAX + AGENTS_MAX);
+        let tokens = roster.daemons.values().map(|hosted| hosted.tokens.len());
+        assert_eq!(tokens.sum::<usize>(), roster.crowd.tokens);
+        let tellings = roster.daemons.values().flat_map(|hosted| hosted.tokens.values());
+        assert!(tellings.map(|token| token.tellings.len()).all(|count| count <= TELLINGS_MAX));
+        assert!(!roster.surplus().is_empty());
+        assert_eq!(roster.delete(&robot, 0).passed_on, [Presence::Left(robot)]);
     }
 }

@@ -74,7 +74,7 @@ impl ZenohSubstrate {
         let session = opened.map_err(|source| OpenError::Session { listen, connect, source })?;
         let session = Arc::new(session);
         let keys = Keys::new(ecosystem, daemon);
-        let told = Told::declare(&session, &keys)?;
+        let told = Told::declare(&session, &keys, &inbound)?;
         let declarations =
             Declarations::declare(&session, &keys, &inbound, security.as_ref(), &told)?;
         let asking = Asking { keys: keys.clone(), inbound, security: security.clone() };

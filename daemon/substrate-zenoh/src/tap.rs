@@ -37,6 +37,8 @@ pub async fn tap(
         let (key, payload) = (sample.key_expr().as_str(), into_bytes(sample.payload()));
         match sample.kind() {
             SampleKind::Put if keys.is_together(key) => together::unpack(&payload)
+                .into_iter()
+                .flatten()
                 .for_each(|(sender, payload)| heard(&format!("{key}/{sender}"), payload)),
             SampleKind::Put => heard(key, payload),
             SampleKind::Delete => (),

@@ -12,6 +12,10 @@ use bytes::Bytes;
 /// (65,535 bytes), so that nothing of it has to be put together again.
 const BUNDLE_BYTES_MAX: usize = 60 << 10;
 
+/// How many agents' words a bundle may hold: four times what fits of heartbeats that say anything. A
+/// bundle of bare names would be thousands of messages.
+const BUNDLE_MESSAGES_MAX: usize = 1_024;
+
 /// What goes out at once.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Parcel {
@@ -33,7 +37,7 @@ pub(crate) fn pack(beats: Vec<(AgentId, Bytes)>) -> Vec<Parcel> {
             parcels.push(Parcel::One(sender, payload));
             continue;
         }
-        if bytes + payload.len() + 1 > BUNDLE_BYTES_MAX {
+        if bytes + payload.len() + 1 > BUNDLE_BYTES_MAX || gathered.len() >= BUNDLE_MESSAGES_MAX {
             parcels.extend(closed(&mut gathered));
             bytes = 0;
         }
@@ -53,10 +57,18 @@ fn closed(gathered: &mut Vec<(AgentId, Bytes)>) -> Option<Parcel> {
 }
 
 /// The words in a bundle, and whose each says it is. What is none is left out: it comes from outside.
-pub(crate) fn unpack(bundle: &Bytes) -> impl Iterator<Item = (AgentId, Bytes)> + '_ {
-    let lines = bundle.split(|byte| *byte == b'\n').filter(|line| !line.is_empty());
+/// `None` is a bundle that nobody has packed here: it is longer, or of more words.
+pub(crate) fn unpack(bundle: &Bytes) -> Option<Vec<(AgentId, Bytes)>> {
+    if bundle.len() > BUNDLE_BYTES_MAX {
+        return None;
+    }
+    let lines = || bundle.split(|byte| *byte == b'\n').filter(|line| !line.is_empty());
+    if lines().nth(BUNDLE_MESSAGES_MAX).is_some() {
+        return None;
+    }
     // A copy of its own: one that is kept for long would keep them all.
-    lines.filter_map(|line| Some((sender_of(line)?, Bytes::copy_from_slice(line))))
+    let word = |line| Some((sender_of(line)?, Bytes::copy_from_slice(line)));
+    Some(lines().filter_map(word).collect())
 }
 
 #[cfg(test)]
@@ -76,7 +88,7 @@ mod tests {
             Parcel::One(sender, payload) => vec![(sender, payload)],
             Parcel::Together(bundle) => {
                 assert!(bundle.len() <= BUNDLE_BYTES_MAX);
-                unpack(&bundle).collect()
+                unpack(&bundle).expect("it was packed here")
             }
         });
         (heard.collect(), count)
@@ -112,9 +124,19 @@ mod tests {
     #[test]
     fn garbage_says_nothing() {
         for garbage in ["", "\n\n", "x", "{}", r#"{"sender":"A/b"}"#, "\u{0}"] {
-            assert_eq!(unpack(&Bytes::from(garbage.to_owned())).count(), 0, "{garbage:?}");
+            assert_eq!(unpack(&Bytes::from(garbage.to_owned())), Some(vec![]), "{garbage:?}");
         }
         let mixed = Bytes::from("x\n{\"sender\":\"a\"}\n{");
-        assert_eq!(unpack(&mixed).count(), 1);
+        assert_eq!(unpack(&mixed).map(|words| words.len()), Some(1));
+    }
+
+    #[test]
+    fn what_nobody_has_packed_is_not_unpacked() {
+        let bare: Vec<_> = (0..2_000).map(|agent| beat(&format!("a-{agent}"), 0)).collect();
+        assert_eq!(carried(bare.clone()), (bare.clone(), 2));
+        let lines: Vec<_> = bare.into_iter().map(|(_, payload)| payload).collect();
+        assert_eq!(unpack(&Bytes::from(lines.join(&b'\n'))), None, "too many");
+        let (_, long) = beat("a", BUNDLE_BYTES_MAX);
+        assert_eq!(unpack(&long), None, "too long");
     }
 }

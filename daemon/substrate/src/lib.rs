@@ -154,6 +154,10 @@ pub enum Breach {
     Overstepped,
     /// It is longer than anything may be.
     Oversized,
+    /// It says of its sender what cannot be read, or cannot be taken.
+    NotUnderstood,
+    /// Somebody wanted a link and has shown no certificate that is good here.
+    Unlinked,
 }
 
 /// An answer that has come, and from whom.
@@ -341,6 +345,8 @@ impl Breach {
             Breach::Flooded => "flooded",
             Breach::Overstepped => "overstepped",
             Breach::Oversized => "oversized",
+            Breach::NotUnderstood => "not-understood",
+            Breach::Unlinked => "unlinked",
         }
     }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use acl::AgentId;
-use pddl::{ActionModel, Diagnostic, Domain, Problem, Span};
+use pddl::{ActionModel, Diagnostic, Domain, ObjectDeclaration, Privacy, Problem, Span};
 use terminal::report::Report;
 
 use ::interfacing::export::{self, Shores};
@@ -118,6 +118,7 @@ impl Desk<'_> {
         }
         let (our_models, their_models) = (hosting::models(ours), hosting::models(other));
         self.words(other, &our_models, &their_models);
+        self.map_secrets(other);
         let entry = self.entry().clone();
         for (index, rule) in entry.imports.iter().enumerate() {
             let path = format!("import.{index}");
@@ -225,14 +226,20 @@ impl Desk<'_> {
         model: &ActionModel,
         way: Way,
     ) {
-        let translator = Translator::of_model(words, passage, &far.domain, model);
+        let files = (&*far.domain, &*far.problem);
+        let translator = Translator::of_model(words, passage, files, model);
+        // What the map keeps to itself, it does whoever is exported.
+        let of_all = Translator::of_ontology(words, files);
         let tables = [
             ("predicates", &words.predicates),
             ("functions", &words.functions),
             ("objects", &words.objects),
         ];
         for (table, words) in tables {
-            for (word, near) in words.iter().filter(|(word, _)| translator.is_private(word)) {
+            let is_secret = |word: &str| {
+                translator.is_private(word) && !(table == "objects" && of_all.is_private(word))
+            };
+            for (word, near) in words.iter().filter(|(word, _)| is_secret(word)) {
                 let ours = match way {
                     Way::Import => near.as_str(),
                     Way::Export => word.as_str(),
@@ -241,6 +248,23 @@ impl Desk<'_> {
                 let help = "nothing private ever passes: take it out";
                 let found = Diagnostic::error(Span::default(), message).with_help(help);
                 self.say(&format!("{table}.{ours}"), found);
+            }
+        }
+    }
+
+    /// What a map keeps to itself never passes either, whichever way.
+    fn map_secrets(&mut self, other: &Ecosystem) {
+        let ours = self.ecosystem;
+        for (our, their) in &self.entry().objects.clone() {
+            for (ecosystem, word) in [(ours, our), (other, their)] {
+                let is_it = |it: &&ObjectDeclaration| it.object.name == word.as_str();
+                let declared = ecosystem.problem.objects.iter().find(is_it);
+                if declared.is_some_and(|it| matches!(it.privacy, Privacy::Private(_))) {
+                    let message = format!("`{word}` is private in the map of `{}`", ecosystem.name);
+                    let help = "nothing private ever passes: take it out";
+                    let found = Diagnostic::error(Span::default(), message).with_help(help);
+                    self.say(&format!("objects.{our}"), found);
+                }
             }
         }
     }

@@ -55,6 +55,20 @@ fn a_private_symbol_is_refused_where_it_is_written() {
 }
 
 #[test]
+fn what_a_map_keeps_to_itself_is_refused_where_it_is_written() {
+    let firm = firm("", "");
+    let map = include_str!("../../../../domains/house/map.pddl");
+    let with_secret =
+        map.replacen("lift lobby - corridor)", "lift - corridor (:private lobby - corridor))", 1);
+    assert_ne!(map, with_secret);
+    firm.write("domains/house/map.pddl", with_secret.as_bytes());
+    let run = firm.check("check ecosystems/firm.toml", 33);
+    for said in ["`lobby` is private in the map of `house`", "entrance = \"lobby\"", "1 error"] {
+        assert!(run.stderr.contains(said), "{said}: {}", run.stderr);
+    }
+}
+
+#[test]
 fn an_action_that_would_lose_what_it_needs_is_refused() {
     firm("next-to = \"connected\", ", "")
         .check("check ecosystems/firm.toml", 33)

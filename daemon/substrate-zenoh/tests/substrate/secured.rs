@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 use acl::{DaemonId, EcosystemId, Performative};
 use bytes::Bytes;
@@ -13,6 +14,8 @@ use credentials::{
 use substrate::{Address, Resource, SendError, Subject, Substrate};
 use substrate_zenoh::{MESSAGE_BYTES_MAX, Mode, Security};
 use tempfile::TempDir;
+use tokio::io::AsyncWriteExt as _;
+use tokio::net::TcpStream;
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use zenoh::qos::CongestionControl;
@@ -242,6 +245,7 @@ async fn an_unknown_certificate_does_not_get_in() {
     let mut a = house.open("a", &[]).await;
     let authority = format!("{:?}", house.folder.authority().display().to_string());
     assert!(raw(&a, &[], &authority).await.is_err(), "without a certificate");
+    a.hear("rejected unlinked -").await;
 
     let mut config = config("stranger");
     config.mode = Mode::Client;
@@ -265,8 +269,33 @@ async fn an_unknown_certificate_does_not_get_in() {
 
     let b = house.open("b", &[&a]).await;
     let _token = b.announce("y");
-    let heard = a.hear("joined y@b").await;
+    let mut heard = a.hear("joined y@b").await;
+    heard.retain(|line| line != "rejected unlinked -");
     assert_eq!(heard, ["joined y@b"]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_does_not_get_in_keeps_nobody_out() {
+    let house = House::new();
+    let mut a = house.open("a", &[]).await;
+    let locators = a.substrate.locators();
+    let address = locators[0].strip_prefix("tls/").expect("it listens there").to_owned();
+    // Three hundred a second, none of which says anything that TLS knows.
+    let knocking = tokio::spawn(async move {
+        loop {
+            if let Ok(mut stream) = TcpStream::connect(&address).await {
+                let _ = stream.write_all(&[b'x'; 64]).await;
+            }
+            tokio::time::sleep(Duration::from_millis(3)).await;
+        }
+    });
+    a.hear("rejected unlinked -").await;
+    let began = Instant::now();
+    let b = house.open("b", &[&a]).await;
+    let _token = b.announce("y");
+    a.hear("joined y@b").await;
+    assert!(began.elapsed() < Duration::from_secs(5), "it took {:?}", began.elapsed());
+    knocking.abort();
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -303,6 +332,9 @@ async fn what_is_not_signed_rightly_is_dropped_and_said() {
     let beats = "althing/office/model/b";
     let seal = identity.seal(Channel::Beat, beats, br#"{"sender":"robot"}"#, None);
     rogue.put(beats, r#"{"sender":"robot"}"#).attachment(seal).await.expect("open");
+    assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
+    // A list of revocations of its own making.
+    rogue.put("althing/office/revoked", "nobody").await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
     // With a certificate of another authority.
     let foreign = House::new().identity("b").seal(Channel::Message, TO_A, b"x", house.life("a"));
@@ -502,7 +534,7 @@ async fn a_flood_drowns_itself_alone() {
 async fn repeat(from: &Daemon, to: &str) {
     loop {
         from.request(to, "x", "hello");
-        tokio::time::sleep(std::time::Duration::from_millis(50)).await;
+        tokio::time::sleep(Duration::from_millis(50)).await;
     }
 }
 
@@ -607,8 +639,7 @@ async fn who_is_revoked_cannot_listen_any_more() {
             c.substrate
                 .broadcast(&agent("z"), Performative::Inform, "secret".into())
                 .expect("open");
-            let heard =
-                tokio::time::timeout(std::time::Duration::from_millis(50), tape.recv_async());
+            let heard = tokio::time::timeout(Duration::from_millis(50), tape.recv_async());
             if heard.await.is_ok() {
                 break;
             }

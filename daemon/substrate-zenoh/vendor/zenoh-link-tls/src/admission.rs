@@ -4,22 +4,29 @@
 //! Whom links are made with, and kept with, beyond what the authority has signed: TLS knows
 //! revocations, Zenoh's configuration does not.
 //!
+//! It is told as well of whom no link was made with, because of what TLS itself found wrong.
+//!
 //! Whoever opens a session says so by the file of its private key, which no two share but a daemon
 //! and its guests. Of several who decide over one key, all must agree.
 
 use std::{
     collections::HashMap,
+    net::SocketAddr,
     sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError, Weak},
 };
 
 use tokio::sync::watch;
 
-/// Whether a link may be with who shows this certificate, in DER.
-pub type Admits = dyn Fn(&[u8]) -> bool + Send + Sync;
+/// Whether a link may be with who shows this certificate, in DER, from this address.
+pub type Admits = dyn Fn(&[u8], SocketAddr) -> bool + Send + Sync;
+
+/// Told of a link that was not made with who is at this address, and why.
+pub type Refused = dyn Fn(SocketAddr, &str) + Send + Sync;
 
 /// Decides over the links of one key for as long as it is held.
 pub struct Admission {
     admits: Box<Admits>,
+    refused: Box<Refused>,
     looks: watch::Sender<()>,
 }
 
@@ -34,14 +41,17 @@ struct Deciding {
 /// By the file of the key.
 static DECIDING: LazyLock<Mutex<HashMap<String, Deciding>>> = LazyLock::new(Mutex::default);
 
-/// Lets `admits` decide over the links that show the key in `key_file`.
+/// Lets `admits` decide over the links that show the key in `key_file`, and tells `refused` of those
+/// that TLS did not let come about.
 pub fn decide(
     key_file: String,
-    admits: impl Fn(&[u8]) -> bool + Send + Sync + 'static,
+    admits: impl Fn(&[u8], SocketAddr) -> bool + Send + Sync + 'static,
+    refused: impl Fn(SocketAddr, &str) + Send + Sync + 'static,
 ) -> Arc<Admission> {
     let mut deciding = deciding();
     let Deciding { admissions, looks } = deciding.entry(key_file).or_default();
-    let admission = Arc::new(Admission { admits: Box::new(admits), looks: looks.clone() });
+    let (admits, refused) = (Box::new(admits), Box::new(refused));
+    let admission = Arc::new(Admission { admits, refused, looks: looks.clone() });
     admissions.retain(|each| each.strong_count() > 0);
     admissions.push(Arc::downgrade(&admission));
     admission
@@ -55,12 +65,20 @@ impl Admission {
 }
 
 /// Whether a link that shows this key may be with who shows this certificate.
-pub(crate) fn admits(key_file: &str, certificate: &[u8]) -> bool {
-    let admissions: Vec<_> = match deciding().get(key_file) {
+pub(crate) fn admits(key_file: &str, certificate: &[u8], from: SocketAddr) -> bool {
+    of_key(key_file).iter().all(|each| (each.admits)(certificate, from))
+}
+
+/// A link that shows this key was not made with who is at this address.
+pub(crate) fn refused(key_file: &str, from: SocketAddr, why: &str) {
+    of_key(key_file).iter().for_each(|each| (each.refused)(from, why));
+}
+
+fn of_key(key_file: &str) -> Vec<Arc<Admission>> {
+    match deciding().get(key_file) {
         Some(Deciding { admissions, .. }) => admissions.iter().filter_map(Weak::upgrade).collect(),
-        None => return true,
-    };
-    admissions.iter().all(|each| (each.admits)(certificate))
+        None => Vec::new(),
+    }
 }
 
 /// What changes when the links that show this key have to be looked at again.

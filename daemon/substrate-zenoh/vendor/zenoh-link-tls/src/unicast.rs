@@ -377,10 +377,10 @@ fn watch_admission(
 ) -> JoinHandle<()> {
     zenoh_runtime::ZRuntime::Acceptor.spawn(async move {
         while looks.changed().await.is_ok() {
-            if admission::admits(&key_file, &certificate) {
+            let Some(link) = link.upgrade() else { return };
+            if admission::admits(&key_file, &certificate, link.dst_addr) {
                 continue;
             }
-            let Some(link) = link.upgrade() else { return };
             tracing::warn!("Closing TLS link {}: its peer is not admitted any more", link);
             if let Err(e) = link.exclude().await {
                 tracing::debug!("Closing TLS link {}: {}", link, e);
@@ -452,10 +452,14 @@ impl LinkManagerUnicastTrait for LinkManagerUnicastTls {
             })?;
 
         // Initialize the TlsStream
+        let key_file: Arc<str> = epconf.get(TLS_CONNECT_PRIVATE_KEY_FILE).unwrap_or_default().into();
         let tls_stream = connector
             .connect(server_name.to_owned(), tcp_stream)
             .await
             .map_err(|e| {
+                if is_of_tls(&e) {
+                    admission::refused(&key_file, dst_addr, &e.to_string());
+                }
                 zerror!(
                     "Can not create a new TLS link bound to {:?}: {}",
                     server_name,
@@ -464,11 +468,10 @@ impl LinkManagerUnicastTrait for LinkManagerUnicastTls {
             })?;
 
         let (_, tls_conn) = tls_stream.get_ref();
-        let key_file: Arc<str> = epconf.get(TLS_CONNECT_PRIVATE_KEY_FILE).unwrap_or_default().into();
         let certificate = get_certificate(tls_conn.peer_certificates());
         // Before it is looked at, so that no change falls in between.
         let looks = admission::looks(&key_file);
-        if !admission::admits(&key_file, &certificate) {
+        if !admission::admits(&key_file, &certificate, dst_addr) {
             bail!("Can not create a new TLS link to {dst_addr}: its certificate is not admitted");
         }
         let auth_identifier = get_server_cert_common_name(tls_conn)?;
@@ -625,7 +628,7 @@ async fn accept_task(
                         let certificate = get_certificate(tls_conn.peer_certificates());
                         // Before it is looked at, so that no change falls in between.
                         let looks = admission::looks(&key_file);
-                        if !admission::admits(&key_file, &certificate) {
+                        if !admission::admits(&key_file, &certificate, dst_addr) {
                             tracing::debug!("Can not accept TLS connection from {dst_addr}: its certificate is not admitted");
                             continue;
                         }
@@ -691,6 +694,18 @@ async fn accept_task(
                             tracing::error!("{}-{}: {}", file!(), line!(), e)
                         }
                     }
+                    // NOTE(althing): one handshake that failed is nobody else's: as published, everybody
+                    //       waits for a tenth of a second after it.
+                    Err(tls_listener::Error::TlsAcceptError { error, peer_addr, .. }) => {
+                        tracing::debug!("Can not accept TLS connection from {peer_addr}: {error}");
+                        if is_of_tls(&error) {
+                            admission::refused(&key_file, peer_addr, &error.to_string());
+                        }
+                    }
+                    Err(tls_listener::Error::HandshakeTimeout { peer_addr, .. }) => {
+                        tracing::debug!("Can not accept TLS connection from {peer_addr}: timeout");
+                        admission::refused(&key_file, peer_addr, "it did not finish its handshake");
+                    }
                     Err(e) => {
                         tracing::warn!("{}. Hint: increase the system open file limit.", e);
                         // Throttle the accept loop upon an error
@@ -707,6 +722,12 @@ async fn accept_task(
     }
 
     Ok(())
+}
+
+/// Whether a handshake failed because of what was shown or said in it, and not because the other end
+/// went away.
+fn is_of_tls(error: &io::Error) -> bool {
+    error.get_ref().is_some_and(|error| error.is::<rustls::Error>())
 }
 
 /// What the peer has shown, in DER; nothing, if it has shown nothing.
