@@ -62,11 +62,13 @@ fn replay(seed: u64, without: Option<Guard>) -> ExitCode {
         Ok(verdict) => {
             verdict.story.iter().for_each(|line| println!("{line}"));
             tell(&verdict);
-            let Verdict { told, digest, lasted, .. } = verdict;
+            let Verdict { effects, goals, digest, lasted, .. } = verdict;
+            let kinds = effects.kinds().map(|(kind, count)| format!("{count} {kind}")).join(", ");
             println!(
-                "{lasted:.1?} of its own time; {} messages, {} lost, {} doubled; digest {digest:016x}",
-                told.sent, told.lost, told.doubled
+                "{} faults took effect; of {} messages: {kinds}",
+                effects.struck, effects.told.sent
             );
+            println!("{goals:?}; {lasted:.1?} of its own time; digest {digest:016x}");
             if verdict.broken.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
         }
         Err(error) => {
