@@ -3,20 +3,22 @@
 //!
 //! In each round somebody asks for a robot to be elsewhere, and a fault strikes. The goal must end:
 //! achieved, and then the robot is there by the building's own truth, or with a reason. The robot
-//! never sets off more often than its ledger has commands. At the end all daemons die and return,
-//! and every Journal still has every goal that was accepted, and how it ended.
+//! never sets off more often than its ledger has commands, and its ledger has none twice, and none of
+//! an older plan after one of a newer. At the end all daemons die and return, and every Journal
+//! still has every goal that was accepted, and how it ended.
 //!
 //! ```text
 //! ALTHING_FAULTS=200 cargo test --workspace --test faults -- --nocapture
 //! ```
 //!
 //! plays that many rounds of all kinds and prints a table; without the number it is one round of
-//! each. `ALTHING_FAULTS_OF=pieces` plays only kinds with that word.
+//! each, every other in the other flow. `ALTHING_FAULTS_OF=pieces` plays only kinds with that word.
 
 mod support;
 #[path = "support/testbed.rs"]
 mod testbed;
 
+use std::collections::VecDeque;
 use std::fs::OpenOptions;
 use std::io::{Seek as _, SeekFrom, Write as _};
 use std::time::{Duration, Instant};
@@ -47,7 +49,11 @@ const KINDS: &[Kind] = &[
     Kind { what: "SIGKILL of all at once", play: kill_all },
     Kind { what: "full disk of a journal", play: fill_journal },
     Kind { what: "full disk of the actuator", play: fill_actuator },
-    Kind { what: "torn store of a journal", play: tear_journal },
+    Kind { what: "store of a journal cut off", play: |bed, n| tear_journal(bed, n, Torn::CutOff) },
+    Kind {
+        what: "store of a journal overwritten",
+        play: |bed, n| tear_journal(bed, n, Torn::Overwritten),
+    },
     Kind { what: "torn ledger of the actuator", play: tear_ledger },
     Kind { what: "SIGSTOP of the acting requester", play: |bed, n| stop(bed, n, "plan-requester") },
     Kind { what: "SIGSTOP of the acting executor", play: |bed, n| stop(bed, n, "plan-executor") },
@@ -62,33 +68,49 @@ const KINDS: &[Kind] = &[
 #[test]
 fn faults_on_real_processes_are_survived() {
     let asked = std::env::var("ALTHING_FAULTS").ok();
-    let rounds = asked.map_or(KINDS.len(), |text| text.parse().expect("ALTHING_FAULTS: a number"));
+    let asked = asked.map(|text| text.parse().expect("ALTHING_FAULTS: a number"));
     let of = std::env::var("ALTHING_FAULTS_OF").unwrap_or_default();
     let kinds: Vec<_> = KINDS.iter().filter(|kind| kind.what.contains(&of)).collect();
     assert!(!kinds.is_empty(), "ALTHING_FAULTS_OF: no kind has `{of}`");
     let mut table = Table::default();
-    let mut round = 0;
-    for mode in ["decentralized", "centralized"].into_iter().cycle() {
-        if round == rounds {
-            break;
-        }
+    let mut campaigns = campaigns(asked);
+    while let Some((mode, rounds)) = campaigns.pop_front() {
         let Some(bed) = Testbed::open(mode) else { return };
-        let last = rounds.min(round + ROUNDS_PER_TESTBED);
-        round = campaign(bed, mode, &kinds, round..last, &mut table);
+        let rest = campaign(bed, mode, &kinds, &rounds, &mut table);
+        if !rest.is_empty() {
+            campaigns.push_front((mode, rest.to_vec()));
+        }
     }
     table.print();
     assert!(table.failures.is_empty(), "{:#?}", table.failures);
 }
 
-/// Plays these rounds, or fewer, if one fails; the number of the next.
-fn campaign(
+/// Which rounds are played in one testbed each, and by which flow. Where no number is asked for it is one
+/// of each kind: both flows are played in the time of one.
+fn campaigns(asked: Option<usize>) -> VecDeque<(&'static str, Vec<usize>)> {
+    let modes = ["decentralized", "centralized"];
+    let rounds: Vec<usize> = (0..asked.unwrap_or(KINDS.len())).collect();
+    match asked {
+        None => {
+            let (even, odd) = rounds.into_iter().partition(|round| round.is_multiple_of(2));
+            modes.into_iter().zip([even, odd]).collect()
+        }
+        Some(_) => {
+            let chunks = rounds.chunks(ROUNDS_PER_TESTBED).map(<[usize]>::to_vec);
+            modes.into_iter().cycle().zip(chunks).collect()
+        }
+    }
+}
+
+/// Plays these rounds, or fewer, if one fails; those that are left.
+fn campaign<'r>(
     mut bed: Testbed,
     mode: &str,
     kinds: &[&Kind],
-    rounds: std::ops::Range<usize>,
+    rounds: &'r [usize],
     table: &mut Table,
-) -> usize {
-    for round in rounds.clone() {
+) -> &'r [usize] {
+    for (played_before, round) in rounds.iter().copied().enumerate() {
         let kind = kinds[round % kinds.len()];
         let began = Instant::now();
         let played = play(&mut bed, kind, round);
@@ -104,14 +126,14 @@ fn campaign(
         }
         table.note(round, mode, kind.what, played, began.elapsed());
         if has_failed {
-            return round + 1;
+            return &rounds[played_before + 1..];
         }
     }
     match bed.check_journals() {
         Ok(accepted) => table.accepted += accepted,
         Err(problem) => table.failures.push(format!("{mode}, rounds {rounds:?}: {problem}")),
     }
-    rounds.end
+    &[]
 }
 
 /// Plays one round. What holds in each is checked here.
@@ -124,6 +146,7 @@ fn play(bed: &mut Testbed, kind: &Kind, round: usize) -> Played {
     if departures > commands {
         return Err(format!("{departures} departures by {commands} commands: {:#?}", ending.said));
     }
+    bed.check_ledger()?;
     Ok(ending)
 }
 
@@ -305,8 +328,15 @@ fn make_room(bed: &Testbed, machine: &str) {
     std::fs::remove_file(bed.kept(machine, "fill")).expect("it is there");
 }
 
-/// Its file is cut off, or overwritten in the middle, while the process is dead.
-fn tear_journal(bed: &mut Testbed, n: usize) -> Played {
+/// What a Journal's file is like when its process comes back.
+enum Torn {
+    CutOff,
+    /// In the middle.
+    Overwritten,
+}
+
+/// Its file is torn while the process is dead.
+fn tear_journal(bed: &mut Testbed, n: usize, torn: Torn) -> Played {
     let asked = bed.under_way(n)?;
     bed.site.office.kill("alpha");
     let path = bed.kept("alpha", "journal-alpha.redb");
@@ -314,10 +344,11 @@ fn tear_journal(bed: &mut Testbed, n: usize) -> Played {
     let length = file.metadata().map_err(|error| error.to_string())?.len();
     // Somewhere else each time.
     let at = length / 16 * (1 + n as u64 * 7 % 14);
-    let torn = if n.is_multiple_of(2) {
-        file.set_len(at)
-    } else {
-        file.seek(SeekFrom::Start(at)).and_then(|_| file.write_all(&[0xa5; 9_000]))
+    let torn = match torn {
+        Torn::CutOff => file.set_len(at),
+        Torn::Overwritten => {
+            file.seek(SeekFrom::Start(at)).and_then(|_| file.write_all(&[0xa5; 9_000]))
+        }
     };
     torn.map_err(|error| error.to_string())?;
     drop(file);

@@ -3,7 +3,7 @@
 
 mod support;
 
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
@@ -16,7 +16,9 @@ fn python() -> Option<&'static str> {
         return Some("python3");
     }
     assert!(std::env::var_os("CI").is_none(), "python3 has no zenoh");
-    eprintln!("NOT TESTED: python3 has no zenoh: pip install eclipse-zenoh");
+    // Past what libtest swallows of a test that passes.
+    let _ =
+        writeln!(std::io::stderr(), "NOT TESTED: python3 has no zenoh: pip install eclipse-zenoh");
     None
 }
 
@@ -110,7 +112,12 @@ fn what_is_said_in_both_flows_is_what_the_published_schema_says() {
     let has_validator = Command::new(python).args(["-c", "import jsonschema"]).status();
     if !has_validator.is_ok_and(|status| status.success()) {
         assert!(std::env::var_os("CI").is_none(), "python3 has no jsonschema");
-        return eprintln!("NOT TESTED: python3 has no jsonschema: pip install jsonschema");
+        // Past what libtest swallows of a test that passes.
+        let _ = writeln!(
+            std::io::stderr(),
+            "NOT TESTED: python3 has no jsonschema: pip install jsonschema"
+        );
+        return;
     }
     let schema = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/protocol.schema.json");
     for (mode, expected) in [

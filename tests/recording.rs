@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use std::process::{Child, Stdio};
 
 use serde_json::Value;
-use support::{Office, office, stderr, stdout};
+use support::{Office, PATIENCE, lines, office, stderr, stdout};
 
 /// Begins to record; returns when nothing is missed any more.
 fn record(office: &Office, file: &str) -> Child {
@@ -35,6 +35,7 @@ fn a_day() -> (Office, PathBuf) {
     assert_eq!(code, Some(0), "{said}");
     let (code, said) = office.ask(&["goal", "(at turtlebot-1 nowhere)"]);
     assert_ne!(code, Some(0), "{said}");
+    give_up(&office, "(at turtlebot-1 corridor)");
     office.terminate(&recorder);
     assert!(recorder.wait().expect("ours").success(), "it ends in order");
     for daemon in ["conf-room-pi", "office2-pi", "turtlebot-laptop", "reasoning"] {
@@ -42,6 +43,28 @@ fn a_day() -> (Office, PathBuf) {
     }
     let file = office.write("x", "").with_file_name("day.jsonl");
     (office, file)
+}
+
+/// Asks for a goal to be kept, and gives it up when it holds.
+fn give_up(office: &Office, goal: &str) {
+    let ecosystem = Office::file().display().to_string();
+    let arguments = ["goal", goal, "--maintain", "--ecosystem", &ecosystem];
+    let mut asker = office.command(&arguments).stdout(Stdio::piped()).spawn().expect("it runs");
+    let said = lines(&mut asker);
+    let mut conversation = None;
+    loop {
+        let line = said.recv_timeout(PATIENCE).expect("it holds");
+        if let Some(id) = line.strip_prefix("asked") {
+            conversation = Some(id.trim().to_owned());
+        }
+        if line.starts_with("holds") {
+            break;
+        }
+    }
+    let conversation = conversation.expect("it was asked for before it holds");
+    let (code, said) = office.ask(&["goal", "--cancel", &conversation]);
+    assert!(said.contains("given up"), "{code:?}: {said}");
+    asker.wait().expect("ours");
 }
 
 fn replay(office: &Office, file: &str, options: &[&str]) -> (Option<i32>, Value) {
@@ -67,6 +90,7 @@ fn a_day_is_recorded_and_played_again() {
     let ends: Vec<_> = plays.iter().map(|play| play["now"].as_str().unwrap_or("")).collect();
     assert_eq!(&ends[..2], ["done", "done"], "{played:#}");
     assert_ne!(ends[2], "done", "{played:#}");
+    assert_eq!(&ends[3..], ["given up", "given up"], "the goal, and who gave it up: {played:#}");
     assert_eq!(played["messages"]["lost"], 0);
 
     for seed in ["1", "2"] {
@@ -88,6 +112,8 @@ fn a_day_is_recorded_and_played_again() {
         replay(&office, &file, &["--lose", "1", "--speed", "100", "--patience", "2"]);
     assert_eq!(code, Some(1), "{played:#}");
     assert_eq!(played["status"], "otherwise");
+    let plays = played["plays"].as_array().expect("a list");
+    assert!(plays.iter().all(|play| play["same"] == false), "{played:#}");
 }
 
 #[test]

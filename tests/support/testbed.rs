@@ -7,13 +7,13 @@
 //! - What is awaited is awaited as an event: presence, what a goal's asker is told, the truth.
 //! - The testbed asks for goals and judges; which faults there are is said in `faults.rs`.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::process::{Child, Stdio};
 use std::sync::{Arc, Condvar, Mutex, PoisonError, mpsc};
 use std::time::{Duration, Instant};
 
-use acl::content::{BelievedState, Record};
+use acl::content::{ActionToken, BelievedState, Record};
 use acl::{AgentId, DaemonId, EcosystemId};
 use building::{Building, Event, Layout, Server};
 use credentials::{Folder, Identity, Trust, Verifier};
@@ -300,6 +300,36 @@ impl Testbed {
             Some(token.to_string())
         };
         ledger.lines().filter_map(begun).collect::<BTreeSet<_>>().len()
+    }
+
+    /// The robot has begun no command twice, nor one of an older plan for a goal after one of a newer,
+    /// by its own ledger.
+    pub(crate) fn check_ledger(&self) -> Result<(), String> {
+        let ledger = self.kept("robot", &format!("{ROBOT}.tokens"));
+        let ledger = std::fs::read_to_string(ledger).unwrap_or_default();
+        let token = |value: &Value| serde_json::from_value::<ActionToken>(value.clone()).ok();
+        let (mut seen, mut newest) = (BTreeSet::new(), BTreeMap::new());
+        for line in ledger.lines() {
+            let Ok(line) = serde_json::from_str::<Value>(line) else { continue };
+            // Of what a former life began and ended, only the end is kept.
+            if let Some(ended) = line.get("ended").and_then(|end| token(&end["token"])) {
+                let plan = (ended.epoch, ended.round);
+                let newest = newest.entry(ended.conversation.clone()).or_insert(plan);
+                *newest = plan.max(*newest);
+                seen.insert(ended);
+            }
+            let Some(begun) = line.get("begun").and_then(token) else { continue };
+            let plan = (begun.epoch, begun.round);
+            let newest = newest.entry(begun.conversation.clone()).or_insert(plan);
+            if plan < *newest {
+                return Err(format!("{begun} is begun after a command of the plan {newest:?}"));
+            }
+            *newest = plan;
+            if !seen.insert(begun.clone()) {
+                return Err(format!("{begun} is begun twice"));
+            }
+        }
+        Ok(())
     }
 
     /// A file in the state folder of a daemon.

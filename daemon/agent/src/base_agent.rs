@@ -18,7 +18,7 @@ use tracing::Instrument;
 
 use crate::callbacks::Callbacks;
 use crate::communication_agent::{CommunicationAgent, Engagement, Opened};
-use crate::context::{Context, Deferred};
+use crate::context::{Context, Deferred, Exchanges};
 use crate::directory::Directory;
 use crate::mailbox::{Letter, Mailbox};
 use crate::standing::Standing;
@@ -186,6 +186,7 @@ async fn live<A: Agent>(agent: Box<A>, berth: Berth) -> Result<(), LaunchError> 
     let mut life =
         Life { agent, callbacks, ctx, mailbox, presence, told, stopping, alarm, standing, _token };
     let end = life.run().await;
+    switchboard.machine().tell_waits(&id, incarnation, Exchanges::default);
     life.ctx.communication.send_receipts();
     switchboard.dismiss(&id, incarnation);
     end
@@ -216,6 +217,7 @@ impl<A: Agent> Life<A> {
         }
         let mut draining = false;
         loop {
+            self.ctx.tell_waits();
             let event = self.next_event(draining).await;
             draining |= matches!(event, Event::Stopping);
             if !self.heeds_presence() {

@@ -50,10 +50,12 @@ pub struct Context<A: Agent> {
 }
 
 /// The exchanges an agent opened and has not closed: what it waits for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Exchanges {
     /// How many.
     pub open_count: usize,
+    /// When the first of them is over, if nothing ends it before.
+    pub due: Option<Instant>,
 }
 
 struct Open<A: Agent> {
@@ -156,7 +158,8 @@ impl<A: Agent> Context<A> {
 
     /// The exchanges this agent waits in.
     pub fn exchanges(&self) -> Exchanges {
-        Exchanges { open_count: self.exchanges.len() }
+        let due = self.exchanges.values().map(|open| open.timer.0).min();
+        Exchanges { open_count: self.exchanges.len(), due }
     }
 
     /// Asks who holds a name for what it has to give. Only that one is waited for: an answer that waits
@@ -602,6 +605,12 @@ impl<A: Agent> Context<A> {
                 Err(error) => tracing::error!(agent = %self.id(), %error, "work was lost"),
             }
         }
+    }
+
+    /// Says what it waits for, where that is looked at: on a simulated machine.
+    pub(crate) fn tell_waits(&self) {
+        let waits = || self.exchanges();
+        self.switchboard().machine().tell_waits(self.id(), self.incarnation(), waits);
     }
 
     pub(crate) fn next_due(&self) -> Option<Instant> {

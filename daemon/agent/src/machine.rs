@@ -10,9 +10,10 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use acl::Incarnation;
+use acl::{AgentId, Incarnation};
 use tokio::sync::Semaphore;
 
+use crate::context::Exchanges;
 use crate::turns::Turns;
 
 /// In the state folder: the number of the last life that began on this machine.
@@ -42,6 +43,10 @@ pub trait Simulated: Send + Sync + 'static {
 
     /// How long the next piece of work takes.
     fn work_takes(&self) -> Duration;
+
+    /// An agent of this machine has done what it was woken for, or its life has ended; these
+    /// exchanges it waits in.
+    fn waits(&self, _agent: &AgentId, _life: Incarnation, _exchanges: Exchanges) {}
 }
 
 /// Work that did not come to its end: it panicked, or the daemon is ending. Completes “failed to …”.
@@ -85,6 +90,18 @@ impl Machine {
     pub fn next_life(&self) -> Incarnation {
         let now = self.wall_clock().duration_since(UNIX_EPOCH).unwrap_or_default().as_micros();
         self.lives.next(u64::try_from(now).unwrap_or(0))
+    }
+
+    /// An agent says what it waits for. Nobody looks at that on a real machine, and nothing is counted.
+    pub(crate) fn tell_waits(
+        &self,
+        agent: &AgentId,
+        life: Incarnation,
+        exchanges: impl FnOnce() -> Exchanges,
+    ) {
+        if let Threads::Simulated(machine, _) = &self.threads {
+            machine.waits(agent, life, exchanges());
+        }
     }
 
     /// Does what may wait for a disk on a thread that may.

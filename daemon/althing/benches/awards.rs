@@ -9,6 +9,9 @@
 //! A job takes no time, so that bidders are soon free again. The clock runs from the first wish
 //! until the last job is done, which is later than its award. First a burst of seven (the burst of
 //! rmf_demos#302), then all the others at once.
+//!
+//! What is counted are awards for which all have bid: of each it is heard that all twenty had answered
+//! its call before it was made, and how many had proposed.
 
 mod support;
 
@@ -22,6 +25,7 @@ use acl::{AgentId, Deadline};
 use actuator::{Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed};
 use agent::{Blueprint, Mode, PluginEntry};
 use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
+use support::overhearing::Award;
 use support::{Entry, Outcome, PATIENCE};
 
 /// As in the daemon.
@@ -59,7 +63,8 @@ async fn main() -> Outcome<()> {
     }
     let goals = if support::is_whole() { GOALS } else { BURST };
     let folder = tempfile::Builder::new().prefix("alt-").tempdir()?;
-    let switchboard = support::daemon(folder.path(), ECOSYSTEM, "reasoning", &[]).await?;
+    let (switchboard, overheard) =
+        support::daemon_overheard(folder.path(), ECOSYSTEM, "reasoning").await?;
     let host = Arc::new(support::host(DOMAIN, &map(BURST + goals), Mode::Decentralized)?);
     for plugin in REASONING {
         let entry = Entry {
@@ -83,21 +88,37 @@ async fn main() -> Outcome<()> {
 
     let took = ask(&mut terminal, 0..BURST).await?;
     println!("{BURST} goals at once: all served within {:.1} ms", took.as_secs_f64() * 1e3);
+    whole(&overheard.awards(), BURST);
     let worked = || -> Outcome<f64> {
         Ok(support::processor_time(&children)? + support::own_processor_time()?)
     };
     let before = worked()?;
     let took = ask(&mut terminal, BURST..BURST + goals).await?;
     let each = (worked()? - before) / goals as f64;
-    let rate = goals as f64 / took.as_secs_f64();
-    let verdict = if rate >= AIM_PER_SECOND { "reached" } else { "missed" };
+    let rate = whole(&overheard.awards(), goals) as f64 / took.as_secs_f64();
+    let verdict = support::verdict(rate >= AIM_PER_SECOND);
     println!(
         "{goals} goals at once, {} bidders in {PROCESSES} processes: {rate:.0} awards per second, \
          aim ≥ {AIM_PER_SECOND}: {verdict}",
         PROCESSES * BIDDERS_EACH
     );
     println!("    processor time of all five processes: {:.1} ms per award", each * 1e3);
-    Ok(())
+    support::reached()
+}
+
+/// How many awards were made when all bidders had answered, and all of them had proposed: others are
+/// none, and an aim is missed.
+fn whole(awards: &[Award], goals: usize) -> usize {
+    let bidders = PROCESSES * BIDDERS_EACH;
+    let is_whole = |it: &&Award| it.answers == bidders && it.proposals == bidders;
+    let whole = awards.iter().filter(is_whole).count();
+    let verdict = support::verdict(whole == awards.len() && whole >= goals);
+    println!(
+        "    {whole} of {} awards have the answers and proposals of all {bidders}, aim all of \
+         {goals}: {verdict}",
+        awards.len()
+    );
+    whole
 }
 
 fn map(jobs: usize) -> String {

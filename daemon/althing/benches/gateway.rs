@@ -63,7 +63,8 @@ async fn main() -> Outcome<()> {
     process.ready().await?;
     let client = Client::enter(&machine, &broker.name()).await?;
     client.words().await?;
-    client.crowd().await
+    client.crowd().await?;
+    support::reached()
 }
 
 /// Who listens on Zenoh, and speaks as devices do.

@@ -81,9 +81,9 @@ async fn main() -> Outcome<()> {
         println!("    one idle process: {what} {mebibytes:.1} MiB");
     }
     let held = weights.first().map_or(f64::NAN, |(_, mebibytes)| *mebibytes);
-    let verdict = if held <= MEMORY_MIB { "reached" } else { "missed" };
+    let verdict = support::verdict(held <= MEMORY_MIB);
     println!("    aim ≤ {MEMORY_MIB} MiB: {verdict}");
-    Ok(())
+    support::reached()
 }
 
 /// The plugin `sensor` as a program of its own.

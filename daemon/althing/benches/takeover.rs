@@ -10,6 +10,11 @@
 //! another machine stands by. The clock stops when who took over asks for the plan, or for its
 //! action, as a listener on Zenoh hears it. Nothing is waited for by design, so nothing is taken
 //! off. The goal must then be reached by the plan that was under way.
+//!
+//! Where one Planning Agent plans for all, its machine is also killed while it is asked for the plan:
+//! it stands still, so that it cannot answer before. Then the clock stops at the first action.
+//!
+//! Who misses the aim ends with an exit code that says so.
 
 mod support;
 
@@ -17,13 +22,13 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use acl::content::{Keep, Outcome as Ended, Partition, Request};
+use acl::content::{Keep, Outcome as Ended, Partition, Record, Request};
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation};
-use agent::{Mode, Settings, Switchboard};
+use agent::{Ask, Mode, Resource, Settings, Switchboard};
 use bytes::Bytes;
 use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
 use substrate_zenoh::{Config, Tap};
-use support::{Figures, Machine, Outcome, PATIENCE};
+use support::{Figures, Machine, Outcome, PATIENCE, Process};
 use tokio::sync::mpsc;
 
 /// Deaths of each kind in each flow.
@@ -34,8 +39,11 @@ const ONTOLOGY: &str = include_str!("../../../domains/smart-office/domain.pddl")
 const MAP: &str = include_str!("../../../domains/smart-office/map.pddl");
 const GOAL: &str = "(known-temperature office2)";
 
-const REASONING: [&str; 4] =
-    ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"];
+const PLANNER: &str = "planning-agent";
+const REASONING: [&str; 4] = ["domain-maintainer", "plan-requester", PLANNER, "plan-executor"];
+
+/// Journals that must have the plan before anybody is killed: as many as a goal is kept by.
+const KEPT_BY: usize = 2;
 
 /// Requests that wait to be read.
 const HEARD_MAX: usize = 1_024;
@@ -45,7 +53,11 @@ async fn main() -> Outcome<()> {
     let deaths = if support::is_whole() { DEATHS } else { 1 };
     for mode in [Mode::Centralized, Mode::Decentralized] {
         println!("{mode}");
-        for who in [&["plan-requester"][..], &["plan-executor"], &REASONING] {
+        for who in [&["plan-requester"][..], &["plan-executor"], &REASONING, &[PLANNER]] {
+            if who == [PLANNER] && mode == Mode::Decentralized {
+                // There each device plans for itself.
+                continue;
+            }
             let mut figures = Figures::default();
             for death in 0..deaths {
                 let took = play(who, mode).await;
@@ -56,14 +68,22 @@ async fn main() -> Outcome<()> {
             support::judge("p99", figures.within(0.99), AIM_MS);
         }
     }
-    Ok(())
+    support::reached()
 }
 
-/// What was asked of whom, by which life of whom, and when.
+/// What was asked, by which life of whom, and when.
 struct Asked {
     at: Instant,
     by: (AgentId, Incarnation),
-    is_action: bool,
+    what: What,
+}
+
+/// What is asked for on the way to a goal.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum What {
+    Plan,
+    Execution,
+    Action,
 }
 
 /// Plays one death; how long until somebody went on.
@@ -89,31 +109,78 @@ async fn play(who: &[&str], mode: Mode) -> Outcome<Duration> {
     let _tap: Tap =
         substrate_zenoh::tap(client(&machine, "listener")?, move |_, payload| hear(&payload))
             .await?;
-    let mut terminal = enter(&machine).await?;
+    let mut person = enter(&machine).await?;
+    let mut dying = processes.remove("alpha").ok_or("it runs")?;
+    let plans = who == [PLANNER];
+    if plans {
+        dying.stop()?;
+    }
     let wish = Wish {
         goal: GOAL.to_owned(),
         keep: Keep::Achieve,
         priority: 0,
         partition: Partition::Pursue,
     };
-    terminal.say.send(Said::Wish(wish)).await?;
-    // It is carried out, and those who keep the plan have had the time to write it down.
-    let first = next(&mut heard, |asked| asked.is_action).await?;
-    tokio::time::sleep(Duration::from_millis(100)).await;
-    let mut process = processes.remove("alpha").ok_or("it runs")?;
-    let killed = Instant::now();
-    process.kill()?;
-    let wants_action = who.contains(&"plan-executor");
-    let taken_over = next(&mut heard, |asked| {
-        asked.at > killed && asked.is_action == wants_action && asked.by != first.by
-    });
-    let took = taken_over.await?.at - killed;
-    process.ended().await?;
-    let plans = until_done(&mut terminal).await?;
+    person.terminal.say.send(Said::Wish(wish)).await?;
+    let took = if plans {
+        death_of_planner(&mut dying, &mut heard).await?
+    } else {
+        let next_is = if who.contains(&"plan-executor") { What::Action } else { What::Execution };
+        death_on_the_way(&mut dying, &mut heard, &person, next_is).await?
+    };
+    dying.ended().await?;
+    let plans = until_done(&mut person.terminal).await?;
     if plans != 1 {
         return Err(format!("{plans} plans were made").into());
     }
     Ok(took)
+}
+
+/// Kills who stands still before the plan that it is asked for; how long until an action is asked for.
+async fn death_of_planner(
+    dying: &mut Process,
+    heard: &mut mpsc::Receiver<Asked>,
+) -> Outcome<Duration> {
+    next(heard, |asked| asked.what == What::Plan).await?;
+    let killed = Instant::now();
+    dying.kill()?;
+    Ok(next(heard, |asked| asked.what == What::Action).await?.at - killed)
+}
+
+/// Kills it when the plan is carried out, and Journals have it; how long until another asks for what
+/// comes next.
+async fn death_on_the_way(
+    dying: &mut Process,
+    heard: &mut mpsc::Receiver<Asked>,
+    person: &Person,
+    next_is: What,
+) -> Outcome<Duration> {
+    let first = next(heard, |asked| asked.what == What::Action).await?;
+    until_kept(person).await?;
+    let killed = Instant::now();
+    dying.kill()?;
+    let taken_over =
+        next(heard, |asked| asked.at > killed && asked.what == next_is && asked.by != first.by);
+    Ok(taken_over.await?.at - killed)
+}
+
+/// Waits until enough Journals say that they have the plan.
+async fn until_kept(person: &Person) -> Outcome<()> {
+    let deadline = Instant::now() + PATIENCE;
+    let has_plan = |answer: &Bytes| {
+        let records: Vec<Record> = serde_json::from_slice(answer).unwrap_or_default();
+        records.iter().any(|record| record.key.starts_with("plan/") && !record.body.is_null())
+    };
+    loop {
+        let ask = Ask { daemon: None, resource: Resource::Journal, agent: None };
+        let answers = person.switchboard.ask(ask, Duration::from_secs(2)).await;
+        if answers.iter().filter(|answer| has_plan(answer)).count() >= KEPT_BY {
+            return Ok(());
+        }
+        if Instant::now() > deadline {
+            return Err("the plan is not kept".into());
+        }
+    }
 }
 
 async fn next(heard: &mut mpsc::Receiver<Asked>, is_it: impl Fn(&Asked) -> bool) -> Outcome<Asked> {
@@ -145,16 +212,23 @@ async fn until_done(terminal: &mut Terminal) -> Outcome<usize> {
 fn asked(payload: &Bytes) -> Option<Asked> {
     let at = Instant::now();
     let message = acl::decode(payload).ok()?;
-    let is_action = match message.content_as::<Request>().ok()? {
-        Request::Act(_) => true,
-        Request::Execute(_) => false,
+    let what = match message.content_as::<Request>().ok()? {
+        Request::Plan(_) => What::Plan,
+        Request::Execute(_) => What::Execution,
+        Request::Act(_) => What::Action,
         _ => return None,
     };
-    Some(Asked { at, by: (message.sender, message.incarnation), is_action })
+    Some(Asked { at, by: (message.sender, message.incarnation), what })
+}
+
+/// Who asks for goals, and can ask the Journals.
+struct Person {
+    terminal: Terminal,
+    switchboard: Arc<Switchboard>,
 }
 
 /// A keyboard for the person, when the robot can be planned with.
-async fn enter(machine: &Machine) -> Outcome<Terminal> {
+async fn enter(machine: &Machine) -> Outcome<Person> {
     let config = client(machine, "person")?;
     let (ecosystem, daemon) = (config.ecosystem.clone(), config.daemon.clone());
     let switchboard = Switchboard::new(ecosystem, daemon, Settings::default());
@@ -163,7 +237,7 @@ async fn enter(machine: &Machine) -> Outcome<Terminal> {
     support::await_offers(&switchboard, &devices.into()).await?;
     let (keyboard, terminal) = Keyboard::with_terminal();
     support::launch(&AgentId::new("user")?, Box::new(keyboard), &switchboard, "smart-office");
-    Ok(terminal)
+    Ok(Person { terminal, switchboard })
 }
 
 /// A client of the daemon that lives.

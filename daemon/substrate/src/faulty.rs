@@ -65,10 +65,18 @@ type Tap = Arc<dyn Fn(&DaemonId, &Addressed, &Bytes) + Send + Sync>;
 pub struct Told {
     /// Handed over.
     pub sent: u64,
-    /// Never came.
+    /// Never came, because of the weather or because too much was under way.
     pub lost: u64,
+    /// Never came, because a link was broken.
+    pub cut: u64,
     /// Came twice.
     pub doubled: u64,
+    /// Came after what was sent later.
+    pub overtaken: u64,
+    /// Took longer than anything does in fair weather.
+    pub delayed: u64,
+    /// Came late, because its receiver reads slowly.
+    pub slowed: u64,
 }
 
 /// One daemon's end of the wire.
@@ -126,19 +134,21 @@ impl Network {
             wire.cuts_count += 1;
             let cut = Cut(wire.cuts_count);
             let lease = Instant::now() + lease;
-            wire.cuts.insert(cut, Island { daemons, lease });
+            wire.cuts.insert(cut, Island { daemons, lease, stopped: 0 });
             let ends: Vec<_> = wire.daemons.keys().cloned().collect();
             ends.iter().for_each(|end| wire.happens(lease, end, Coming::Look));
             cut
         })
     }
 
-    /// Mends the links that a cut broke, but for those that another did too.
-    pub fn mend(&self, cut: Cut) {
+    /// Mends the links that a cut broke, but for those that another did too; how many messages that
+    /// cut has stopped.
+    pub fn mend(&self, cut: Cut) -> u64 {
         self.0.with(|wire| {
-            wire.cuts.remove(&cut);
+            let stopped = wire.cuts.remove(&cut).map_or(0, |island| island.stopped);
             wire.look_all();
-        });
+            stopped
+        })
     }
 
     /// Lets a daemon hear everything so much later.

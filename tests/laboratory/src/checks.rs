@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use std::sync::PoisonError;
 
 use acl::content::{GoalStatus, Keep, Mailboxes, Record};
-use building::{Event, Truth};
 
 use crate::city::City;
+use crate::commands;
 use crate::gates::Gate;
 use crate::machine::Post;
 use crate::people::Story;
@@ -24,14 +24,15 @@ pub fn all(
     has_settled: bool,
 ) -> Vec<String> {
     let mut broken = city.world.broken.lock().unwrap_or_else(PoisonError::into_inner).clone();
-    broken.extend(twice(city));
-    broken.extend(unrecorded(city, &city.truth()));
+    broken.extend(commands::broken(&city.given, &city.begun, &city.truth()));
+    broken.extend(waiting(city));
     let kept = kept(city);
     broken.extend(unread(mailboxes));
     broken.extend(outlived(&kept));
     for story in city.people.iter().flat_map(|person| person.stories.values()) {
         broken.extend(torn(story));
         broken.extend(unheard(story));
+        broken.extend(unexplained(story));
         broken.extend(repeated(city, story));
         broken.extend(vanished(story, &kept, goals));
     }
@@ -52,28 +53,21 @@ fn rests(goal: &GoalStatus) -> bool {
     goal.keep == Keep::Maintain && goal.phase == "holds"
 }
 
-/// No command is begun twice, says the disk of who obeys.
-fn twice(city: &City) -> Vec<String> {
-    let often = city.begun.iter().filter(|(_, times)| **times > 1);
-    often.map(|((agent, token), times)| format!("`{agent}` began {token} {times} times")).collect()
-}
-
-/// Nothing is done that the disk of who did it does not know of.
-fn unrecorded(city: &City, truth: &Truth) -> Vec<String> {
-    let mut done: BTreeMap<&str, u32> = BTreeMap::new();
-    for occurrence in truth.occurrences() {
-        if let Event::Departed { robot: who, .. } | Event::Asked { sensor: who } = &occurrence.event
-        {
-            *done.entry(who).or_default() += 1;
+/// Nobody waits for anything any more, but who asked for a goal to be kept: for the word that it holds
+/// no longer.
+fn waiting(city: &City) -> Vec<String> {
+    let mut waiting = Vec::new();
+    for (agent, open) in city.posts.iter().flat_map(|post| post.waits().open()) {
+        let person = city.people.iter().find(|person| person.name == agent.as_str());
+        let kept = person.map_or(0, |person| {
+            let stories = person.stories.values();
+            stories.filter(|story| story.is_listening && story.wish.keep == Keep::Maintain).count()
+        });
+        if open > kept {
+            waiting.push(format!("`{agent}` waits in {open} exchanges, with {kept} goals kept"));
         }
     }
-    let begun = |who: &str| -> u32 {
-        let of_it = city.begun.iter().filter(|((agent, _), _)| agent == who);
-        of_it.map(|(_, times)| *times).sum()
-    };
-    let more = done.into_iter().filter(|(who, times)| *times > begun(who));
-    more.map(|(who, times)| format!("`{who}` acted {times} times, and began {}", begun(who)))
-        .collect()
+    waiting
 }
 
 /// A blink tears no plan. What is declined is another matter: two may have taken one goal in that
@@ -93,6 +87,12 @@ fn unheard(story: &Story) -> Option<String> {
     let is_unheard = story.is_listening && !story.is_settled();
     let last = story.heard.last().map_or("nothing", |(_, line)| line.as_str());
     is_unheard.then(|| format!("{}: its end was never heard; last: {last}", story.wish.goal))
+}
+
+/// What comes to nothing does so for a reason.
+fn unexplained(story: &Story) -> Option<String> {
+    let goal = &story.wish.goal;
+    story.has_no_reason.then(|| format!("{goal}: it came to nothing, and nobody says why"))
 }
 
 /// What was said once is heard once, however often the wire brings it.

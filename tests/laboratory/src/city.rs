@@ -5,16 +5,18 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use acl::content::{GoalStatus, Mailboxes};
+use acl::content::{ActionToken, GoalStatus, Mailboxes};
 use acl::{ConversationId, DaemonId, MessageId, Performative};
 use agent::{Ask, Resource, Settings};
 use building::{Building, Truth};
 use keyboard::Terminal;
 use serde::de::DeserializeOwned;
-use substrate::faulty::{Cut, Network, Weather};
+use substrate::faulty::{Cut, Network, Told, Weather};
 use substrate::{Addressed, Subject};
 use tokio::time::Instant;
 
+use crate::commands::{Begun, Given};
+use crate::effects::{self, Effects};
 use crate::gates;
 use crate::machine::{Post, World};
 use crate::people::Person;
@@ -40,8 +42,10 @@ pub struct City {
     pub people: Vec<Person>,
     /// Who asks for what another ecosystem should do.
     clerk: Option<Terminal>,
-    /// How often each agent began each command.
-    pub begun: BTreeMap<(String, String), u32>,
+    /// What each agent has begun.
+    pub begun: Begun,
+    /// What was commanded, as the wire has it.
+    pub given: Arc<Given>,
     /// What was said to people, as the wire has it.
     pub said: Arc<Said>,
     building: Building,
@@ -50,7 +54,8 @@ pub struct City {
     agenda: BTreeMap<(Duration, u64), Undo>,
     undone: u64,
     /// Commands that a former life left open, as the next one writes them down again.
-    carried: BTreeMap<(String, String), u32>,
+    carried: BTreeSet<(String, ActionToken)>,
+    effects: Effects,
 }
 
 /// What was said to people: the confirmations of each conversation, by their names.
@@ -77,12 +82,13 @@ impl Said {
     }
 }
 
-/// The end of a fault.
+/// The end of a fault; where it can be seen only then whether it has hit anything, with what had
+/// happened before.
 enum Undo {
     Start(usize),
     Mend(Cut),
-    Fair,
-    Prompt(usize),
+    Fair(Told),
+    Prompt(usize, Told),
 }
 
 impl City {
@@ -135,20 +141,22 @@ impl City {
         }
         let said = Arc::<Said>::default();
         let people = PEOPLE.map(|name| Person::new(name, since)).into();
-        let (begun, carried, agenda) = (BTreeMap::new(), BTreeMap::new(), BTreeMap::new());
-        let (clerk, undone) = (None, 0);
+        let (begun, carried, agenda) = (Begun::new(), BTreeSet::new(), BTreeMap::new());
+        let (clerk, undone, effects, given) = (None, 0, Effects::default(), Arc::default());
         Ok(City {
             world,
             posts,
             people,
             clerk,
             begun,
+            given,
             said,
             building,
             since,
             agenda,
             undone,
             carried,
+            effects,
         })
     }
 
@@ -169,9 +177,7 @@ impl City {
         }
         // Not when it dies: in that very instant its disk may still take something.
         self.read_begun(number);
-        for (command, times) in self.on_disk(number, Unended) {
-            self.carried.insert(command, times);
-        }
+        self.carry_over(number);
         self.posts[number].start();
         if number == 0 && self.world.annex.is_some() {
             self.clerk = self.posts[0].seat("clerk");
@@ -190,6 +196,7 @@ impl City {
             return;
         }
         self.posts[number].kill();
+        self.effects.crashed += 1;
         for (person, seat) in SEATS.into_iter().enumerate() {
             if seat == number {
                 self.people[person].lose();
@@ -200,6 +207,7 @@ impl City {
     /// Lets something go wrong.
     pub fn suffer(&mut self, fault: &Fault) {
         let network = self.world.network.clone();
+        let (told, crashed) = (network.told(), self.effects.crashed);
         match *fault {
             Fault::Crash(number, lasts) => {
                 self.kill(number);
@@ -220,19 +228,24 @@ impl City {
                 let share = |hundredths| f64::from(hundredths) / 100.0;
                 let (loss, doubled, overtaken) = (share(lost), share(doubled), share(overtaken));
                 network.weather(Weather { loss, doubled, overtaken, ..Weather::fair() });
-                self.later(lasts, Undo::Fair);
+                self.later(lasts, Undo::Fair(told));
             }
             Fault::Delay(delay, lasts) => {
                 let delay = 100..u64::try_from(delay.as_micros()).unwrap_or(u64::MAX);
                 network.weather(Weather { delay, ..Weather::fair() });
-                self.later(lasts, Undo::Fair);
+                self.later(lasts, Undo::Fair(told));
             }
             Fault::Slow(number, by, lasts) => {
                 network.slow(&self.posts[number].daemon, by);
-                self.later(lasts, Undo::Prompt(number));
+                self.later(lasts, Undo::Prompt(number, told));
             }
-            Fault::Clock(number, seconds) => self.posts[number].jump(seconds),
+            Fault::Clock(number, seconds) => {
+                self.posts[number].jump(seconds);
+                self.effects.jumped += u64::from(seconds != 0);
+                self.effects.struck += u64::from(seconds != 0);
+            }
         }
+        self.effects.struck += u64::from(self.effects.crashed > crashed);
     }
 
     fn later(&mut self, after: Duration, undo: Undo) {
@@ -264,13 +277,25 @@ impl City {
     }
 
     fn undo(&mut self, undo: Undo) {
-        let network = &self.world.network;
-        match undo {
-            Undo::Start(number) => self.start(number),
-            Undo::Mend(cut) => network.mend(cut),
-            Undo::Fair => network.weather(Weather::fair()),
-            Undo::Prompt(number) => network.slow(&self.posts[number].daemon, Duration::ZERO),
-        }
+        let network = self.world.network.clone();
+        let has_struck = match undo {
+            Undo::Start(number) => {
+                self.effects.restarted += u64::from(!self.posts[number].is_up());
+                self.start(number);
+                // It is its crash that was counted.
+                false
+            }
+            Undo::Mend(cut) => network.mend(cut) > 0,
+            Undo::Fair(before) => {
+                network.weather(Weather::fair());
+                effects::stormy(&network.told()) > effects::stormy(&before)
+            }
+            Undo::Prompt(number, before) => {
+                network.slow(&self.posts[number].daemon, Duration::ZERO);
+                network.told().slowed > before.slowed
+            }
+        };
+        self.effects.struck += u64::from(has_struck);
     }
 
     /// Asks the second ecosystem for what only we can do.
@@ -283,6 +308,17 @@ impl City {
     }
 
     // === looking ===
+
+    /// What went wrong so far, where it took effect.
+    pub fn effects(&self) -> Effects {
+        Effects { told: self.world.network.told(), ..self.effects }
+    }
+
+    /// Who waits beyond what was to be waited.
+    pub fn overdue(&self) -> Vec<String> {
+        let now = Instant::now();
+        self.posts.iter().flat_map(|post| post.waits().overdue(now)).collect()
+    }
 
     /// What has come back from the second ecosystem, and must not.
     pub fn came_back(&mut self) -> Option<String> {
@@ -308,41 +344,37 @@ impl City {
         answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok()).collect()
     }
 
-    /// Counts the commands that were begun in the life of a daemon that is over.
+    /// Notes the commands that were begun in the life of a daemon that is over.
     pub fn read_begun(&mut self, number: usize) {
-        for (command, times) in self.on_disk(number, Begun) {
-            let carried = self.carried.remove(&command).unwrap_or(0);
-            *self.begun.entry(command).or_default() += times.saturating_sub(carried);
-        }
-    }
-
-    fn on_disk(&self, number: usize, kind: Kind) -> BTreeMap<(String, String), u32> {
-        let hosted = |entry: &&Entry| entry.daemons.contains(&number);
-        let mut found = BTreeMap::new();
-        for entry in self.world.script.agents.iter().filter(hosted) {
-            let (begun, ended) = self.posts[number].commands(&entry.name);
-            for token in begun {
-                let key = (entry.name.clone(), token);
-                match kind {
-                    Begun => *found.entry(key).or_default() += 1,
-                    // Without the guard nothing is written down again.
-                    Unended if self.world.without == Some(Guard::Fencing) => (),
-                    Unended if ended.contains(&key.1) => (),
-                    Unended => drop(found.insert(key, 1)),
+        for agent in self.hosted(number) {
+            for token in self.posts[number].commands(&agent).0 {
+                let command = (agent.clone(), token);
+                if !self.carried.remove(&command) {
+                    self.begun.entry(command.0).or_default().push(command.1);
                 }
             }
         }
-        found
+    }
+
+    /// Notes the commands that a former life left open: the next writes them down again, but without
+    /// the guard.
+    fn carry_over(&mut self, number: usize) {
+        if self.world.without == Some(Guard::Fencing) {
+            return;
+        }
+        for agent in self.hosted(number) {
+            let (begun, ended) = self.posts[number].commands(&agent);
+            let open = begun.into_iter().filter(|token| !ended.contains(token));
+            self.carried.extend(open.map(|token| (agent.clone(), token)));
+        }
+    }
+
+    fn hosted(&self, number: usize) -> Vec<String> {
+        let hosted = |entry: &&Entry| entry.daemons.contains(&number);
+        let entries = self.world.script.agents.iter().filter(hosted);
+        entries.map(|entry| entry.name.clone()).collect()
     }
 }
-
-/// Which commands of those on a disk.
-#[derive(Clone, Copy)]
-enum Kind {
-    Begun,
-    Unended,
-}
-use Kind::{Begun, Unended};
 
 /// The words of the smart office, and this building's map.
 fn words(script: &Script) -> Result<(pddl::Domain, pddl::Problem), TrialError> {

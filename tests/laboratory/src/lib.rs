@@ -12,17 +12,22 @@
 //! - [`gates`]: a second ecosystem, and the interfacing nodes between both.
 //! - [`endurance`]: a long day, to see what is held.
 //! - [`people`]: who asks for goals, and what they hear.
-//! - [`checks`]: what must hold afterwards.
+//! - [`checks`]: what must hold afterwards; of [`commands`], that each is obeyed once and in order; of
+//!   [`waits`], that they end.
+//! - [`effects`]: what went wrong, where it took effect.
 //! - [`trial`]: plays a seed.
 
 pub mod checks;
 pub mod city;
+pub mod commands;
+pub mod effects;
 pub mod endurance;
 pub mod gates;
 pub mod machine;
 pub mod people;
 pub mod script;
 pub mod trial;
+pub mod waits;
 
 pub use script::Guard;
 pub use trial::{Verdict, play};

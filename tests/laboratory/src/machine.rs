@@ -1,22 +1,22 @@
 //! One daemon on one machine: its processes die, its disk and its clock go on.
 
-use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use acl::content::Record;
-use acl::{AgentId, DaemonId, EcosystemId};
+use acl::content::{ActionToken, Record};
+use acl::{AgentId, DaemonId, EcosystemId, Incarnation};
 use agent::{
-    Berth, Blueprint, Host, Launch, LaunchError, Machine, PluginEntry, Resources, Settings,
-    Simulated, StateFolder, Switchboard,
+    Berth, Blueprint, Exchanges, Host, Launch, LaunchError, Machine, PluginEntry, Resources,
+    Settings, Simulated, StateFolder, Switchboard,
 };
 use building::BuildingHandle;
 use fastrand::Rng;
 use journal::Shelf;
 use keyboard::{Keyboard, Terminal};
 use pddl::{Domain, Problem};
+use serde::Deserialize as _;
 use serde_json::Value;
 use substrate::faulty::Network;
 use tokio::task::JoinHandle;
@@ -26,6 +26,7 @@ use tracing::Instrument;
 
 use crate::gates::{Gate, LABORATORY};
 use crate::script::{Entry, Guard, Script};
+use crate::waits::Waits;
 
 /// The plugins that live here.
 const PLUGINS: [&PluginEntry; 9] = [
@@ -88,7 +89,7 @@ struct Process {
     agents: Vec<JoinHandle<()>>,
 }
 
-/// A machine's wall clock, and how long its disk takes.
+/// A machine's wall clock, how long its disk takes, and what is waited for on it.
 struct Clock {
     began: Instant,
     /// No two machines begin in the same microsecond.
@@ -96,6 +97,7 @@ struct Clock {
     /// How far it is off, in seconds.
     jumped: AtomicI64,
     disk: Mutex<Rng>,
+    waits: Waits,
 }
 
 impl Simulated for Clock {
@@ -109,6 +111,10 @@ impl Simulated for Clock {
     fn work_takes(&self) -> Duration {
         let mut disk = self.disk.lock().unwrap_or_else(PoisonError::into_inner);
         Duration::from_micros(disk.u64(200..15_000))
+    }
+
+    fn waits(&self, agent: &AgentId, life: Incarnation, exchanges: Exchanges) {
+        self.waits.note(agent, life, exchanges);
     }
 }
 
@@ -128,6 +134,7 @@ impl Post {
             apart: Duration::from_micros(number as u64 * 997),
             jumped: AtomicI64::new(0),
             disk: Mutex::new(Rng::with_seed(seed)),
+            waits: Waits::default(),
         };
         std::fs::create_dir_all(&state)?;
         let gate = world.script.way(number).map(|way| Gate::new(way, &state)).transpose()?;
@@ -185,6 +192,7 @@ impl Post {
             gate.kill(&self.world, &self.daemon);
         }
         process.agents.iter().for_each(JoinHandle::abort);
+        self.clock.waits.forget();
         if self.world.without == Some(Guard::Journal) {
             self.shelf = Arc::default();
         }
@@ -201,8 +209,8 @@ impl Post {
         let (keyboard, terminal) = Keyboard::with_terminal();
         let id = AgentId::new(name).expect("invariant: a name");
         let berth = process.berth(&id, false);
-        let life = Launch::launch(Box::new(keyboard), berth);
-        process.agents.push(tokio::spawn(async move { drop(life.await) }));
+        let life = Aborted(Launch::launch(Box::new(keyboard), berth));
+        process.agents.push(tokio::spawn(async move { drop(life.ended().await) }));
         Some(terminal)
     }
 
@@ -216,25 +224,27 @@ impl Post {
         self.gate.as_ref()
     }
 
+    /// What its agents wait for.
+    pub fn waits(&self) -> &Waits {
+        &self.clock.waits
+    }
+
     /// What its Journal has on disk.
     pub fn kept(&self) -> Vec<Record> {
         self.shelf.records()
     }
 
-    /// The commands that this agent has begun here, as its disk says, once for every time; and those
-    /// that have ended.
-    pub fn commands(&self, agent: &str) -> (Vec<String>, BTreeSet<String>) {
+    /// The commands that this agent has begun here, as its disk says, in their order and once for
+    /// every time; and those that have ended.
+    pub fn commands(&self, agent: &str) -> (Vec<ActionToken>, Vec<ActionToken>) {
         let path = self.state.join(format!("{agent}.tokens"));
         let text = std::fs::read_to_string(path).unwrap_or_default();
-        let (mut begun, mut ended) = (Vec::new(), BTreeSet::new());
+        let (mut begun, mut ended) = (Vec::new(), Vec::new());
+        let token = |value: &Value| ActionToken::deserialize(value).ok();
         for line in text.lines() {
             let Ok(line) = serde_json::from_str::<Value>(line) else { continue };
-            if let Some(token) = line.get("begun") {
-                begun.push(token.to_string());
-            }
-            if let Some(end) = line.get("ended") {
-                ended.insert(end["token"].to_string());
-            }
+            begun.extend(line.get("begun").and_then(token));
+            ended.extend(line.get("ended").and_then(|end| token(&end["token"])));
         }
         (begun, ended)
     }

@@ -39,15 +39,16 @@ fn main() -> ExitCode {
     if let Some(seed) = arguments.replay {
         return replay(seed, arguments.without);
     }
-    let (began, failed) = (Instant::now(), play_all(&arguments));
-    let (played, failed) = failed;
-    println!(
-        "{played} seeds played in {:.1?}, {} failed{}",
-        began.elapsed(),
-        failed.len(),
-        if failed.is_empty() { String::new() } else { format!(": {failed:?}") }
-    );
-    if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+    let began = Instant::now();
+    let (played, failed) = play_all(&arguments);
+    let (took, count) = (began.elapsed(), failed.len());
+    let Some(first) = failed.first() else {
+        println!("{played} seeds played in {took:.1?}, 0 failed");
+        return ExitCode::SUCCESS;
+    };
+    println!("{played} seeds played in {took:.1?}, {count} failed: {failed:?}");
+    println!("play one again: cargo run --release -p laboratory -- --replay {first}");
+    ExitCode::FAILURE
 }
 
 /// Plays one seed, and tells everything about it.
@@ -61,11 +62,13 @@ fn replay(seed: u64, without: Option<Guard>) -> ExitCode {
         Ok(verdict) => {
             verdict.story.iter().for_each(|line| println!("{line}"));
             tell(&verdict);
-            let Verdict { told, digest, lasted, .. } = verdict;
+            let Verdict { effects, goals, digest, lasted, .. } = verdict;
+            let kinds = effects.kinds().map(|(kind, count)| format!("{count} {kind}")).join(", ");
             println!(
-                "{lasted:.1?} of its own time; {} messages, {} lost, {} doubled; digest {digest:016x}",
-                told.sent, told.lost, told.doubled
+                "{} faults took effect; of {} messages: {kinds}",
+                effects.struck, effects.told.sent
             );
+            println!("{goals:?}; {lasted:.1?} of its own time; digest {digest:016x}");
             if verdict.broken.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
         }
         Err(error) => {
@@ -85,7 +88,8 @@ impl FormatTime for OwnTime {
     }
 }
 
-/// Plays the seeds on all cores; how many were played, and which failed.
+/// Plays the seeds on all cores; how many were played, and which failed. One that could not be played
+/// has failed too: nobody knows what it would have shown.
 fn play_all(arguments: &Arguments) -> (u64, Vec<u64>) {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let (next, last) = (AtomicU64::new(arguments.from), arguments.from + arguments.seeds);
@@ -96,7 +100,11 @@ fn play_all(arguments: &Arguments) -> (u64, Vec<u64>) {
             scope.spawn(move || {
                 loop {
                     let seed = next.fetch_add(1, Ordering::Relaxed);
-                    if seed >= last || tell_verdict.send(play(seed, arguments.without)).is_err() {
+                    if seed >= last {
+                        return;
+                    }
+                    let played = play(seed, arguments.without);
+                    if tell_verdict.send((seed, played)).is_err() {
                         return;
                     }
                 }
@@ -104,15 +112,18 @@ fn play_all(arguments: &Arguments) -> (u64, Vec<u64>) {
         }
         drop(tell_verdict);
         let (mut played, mut failed) = (0, Vec::new());
-        while let Ok(verdict) = verdicts.recv() {
+        while let Ok((seed, verdict)) = verdicts.recv() {
             played += 1;
             match verdict {
                 Ok(verdict) if verdict.broken.is_empty() => (),
                 Ok(verdict) => {
                     tell(&verdict);
-                    failed.push(verdict.seed);
+                    failed.push(seed);
                 }
-                Err(error) => eprintln!("failed to {error}"),
+                Err(error) => {
+                    println!("seed {seed}: failed to {error}");
+                    failed.push(seed);
+                }
             }
             if played % 500 == 0 {
                 eprintln!("{played} of {} played, {} failed", arguments.seeds, failed.len());

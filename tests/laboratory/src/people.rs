@@ -35,6 +35,8 @@ pub struct Story {
     pub reports: usize,
     /// Whether it was said that so many Journals have it.
     pub is_accepted: bool,
+    /// Whether it was ever said to come to nothing, without a word why.
+    pub has_no_reason: bool,
     /// How it ended, if it has; a goal to be kept has come to its end when it holds.
     pub end: Option<Outcome>,
     /// Whether the terminal where it was asked for is still there to hear of it.
@@ -82,6 +84,7 @@ impl Person {
             heard: Vec::new(),
             reports: 0,
             is_accepted: false,
+            has_no_reason: false,
             end: None,
             is_listening: true,
         };
@@ -125,6 +128,13 @@ impl Story {
             other => format!("{other:?}"),
         };
         self.is_accepted |= line.contains("accepted; kept by");
+        let why = match heard {
+            Heard::Report(_, report) if report.outcome.is_final() => Some(&report.detail),
+            Heard::Refused(_, refusal) => Some(&refusal.detail),
+            Heard::Unanswered(_, why) => Some(why),
+            _ => None,
+        };
+        self.has_no_reason |= why.is_some_and(|why| why.trim().is_empty());
         self.heard.push((at, line));
         match heard {
             Heard::Report(_, report) => {

@@ -24,7 +24,7 @@ const GATES: [&str; 2] = ["gate-there", "gate-back"];
 
 /// What a trial has at least.
 pub const DAEMONS_MIN: usize = 5;
-/// As above.
+/// As above: agents of different names, people aside.
 pub const AGENTS_MIN: usize = 20;
 /// As above.
 pub const GOALS_MIN: usize = 3;
@@ -152,10 +152,25 @@ impl Script {
         let faults = faults(daemons.len(), &robots, rng);
         let errands = Vec::new();
         let mut script = Script { seed, mode, daemons, agents, layout, wishes, faults, errands };
+        script.crowd(&rooms)?;
         if seed % JOINED_EVERY == JOINED_EVERY - 1 {
             script.join(rng);
         }
         Ok(script)
+    }
+
+    /// Has more thermometers on walls, until there are enough agents. Drawn apart, so that all else is
+    /// drawn as it was before there had to be so many.
+    fn crowd(&mut self, rooms: &[String]) -> Result<(), LayoutError> {
+        let rng = &mut Rng::with_seed(!self.seed);
+        for n in 1.. {
+            if self.agents.len() >= AGENTS_MIN {
+                break;
+            }
+            let name = format!("wall-more-{n}");
+            self.agents.push(wall(name, rooms, self.daemons.len(), &mut self.layout, rng)?);
+        }
+        Ok(())
     }
 
     /// Joins a second ecosystem by two interfacing nodes, which die and are cut off as others do.
@@ -224,7 +239,7 @@ fn reasoning(daemons: usize, rng: &mut Rng) -> Vec<Entry> {
     entries
 }
 
-/// Robots that carry a thermometer, and thermometers on walls: enough for twenty agents.
+/// Robots that carry a thermometer, and thermometers on walls.
 fn devices(
     rooms: &[String],
     daemons: usize,
@@ -250,15 +265,25 @@ fn devices(
             config,
         });
     }
-    // Of the first room no wall knows anything: a robot has to go there.
     for n in 1..=rng.usize(6..9) {
-        let (name, room) = (format!("wall-{n}"), &rooms[rng.usize(1..rooms.len())]);
-        layout.add_fixed_sensor(&name, room)?;
-        let config = json!({ "location": room });
-        let daemons = vec![rng.usize(1..daemons)];
-        entries.push(Entry { name, plugin: "temperature-sensor", daemons, config });
+        entries.push(wall(format!("wall-{n}"), rooms, daemons, layout, rng)?);
     }
     Ok(entries)
+}
+
+/// A thermometer on a wall. Of the first room no wall knows anything: a robot has to go there.
+fn wall(
+    name: String,
+    rooms: &[String],
+    daemons: usize,
+    layout: &mut Layout,
+    rng: &mut Rng,
+) -> Result<Entry, LayoutError> {
+    let room = &rooms[rng.usize(1..rooms.len())];
+    layout.add_fixed_sensor(&name, room)?;
+    let config = json!({ "location": room });
+    let daemons = vec![rng.usize(1..daemons)];
+    Ok(Entry { name, plugin: "temperature-sensor", daemons, config })
 }
 
 fn wishes(rooms: &[String], rng: &mut Rng) -> Vec<Wish> {

@@ -5,11 +5,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use acl::content::Outcome;
-use substrate::faulty::Told;
 use tokio::time::{Instant, sleep_until};
 
 use crate::checks;
 use crate::city::City;
+use crate::effects::Effects;
 use crate::script::{FAULTS_UNTIL, Guard, Script};
 
 /// How long everything may take to come to its end once nothing goes wrong any more.
@@ -28,16 +28,29 @@ pub struct Verdict {
     pub seed: u64,
     /// What was promised and not held; none if all is well.
     pub broken: Vec<String>,
-    /// What happened on the wire.
-    pub told: Told,
+    /// What went wrong, where it took effect.
+    pub effects: Effects,
+    /// What became of the goals.
+    pub goals: Goals,
     /// A number that is the same where everything that was ever said is the same, and when.
     pub digest: u64,
-    /// How many daemons, agents, goals and faults there were.
+    /// How many daemons, agents of different names, goals and faults there were.
     pub size: [usize; 4],
     /// How long it lasted, in its own time.
     pub lasted: Duration,
     /// What people heard, for those who ask why.
     pub story: Vec<String>,
+}
+
+/// What became of the goals whose askers were there to the end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Goals {
+    /// All of them.
+    pub asked: usize,
+    /// Those that Journals kept, as their askers heard.
+    pub accepted: usize,
+    /// Those that were reached, or are kept and hold.
+    pub achieved: usize,
 }
 
 /// Why a trial cannot be played. Completes “failed to …”.
@@ -87,12 +100,13 @@ impl Trial {
                 payload.hash(&mut *digest);
             });
         }
-        let said = Arc::clone(&city.said);
+        let (said, given) = (Arc::clone(&city.said), Arc::clone(&city.given));
         city.world.network.tap(move |from, addressed, payload| {
             let mut digest = heard.lock().unwrap_or_else(PoisonError::into_inner);
             (since.elapsed(), from.as_str(), format!("{addressed:?}")).hash(&mut *digest);
             payload.hash(&mut *digest);
             said.note(addressed, payload);
+            given.note(addressed, payload);
             tracing::trace!(
                 from = from.as_str(),
                 ?addressed,
@@ -177,10 +191,10 @@ impl Trial {
     /// People look at their terminals; what they are told is done must be so.
     fn look(&mut self) {
         let truth = self.city.truth();
-        if let Some(came_back) = self.city.came_back()
-            && !self.broken.contains(&came_back)
-        {
-            self.broken.push(came_back);
+        for line in self.city.came_back().into_iter().chain(self.city.overdue()) {
+            if !self.broken.contains(&line) {
+                self.broken.push(line);
+            }
         }
         for person in &mut self.city.people {
             let before: Vec<_> = person.stories.values().map(|story| story.end).collect();
@@ -212,21 +226,46 @@ impl Trial {
             }
         }
         let script = &city.world.script;
-        let agents: usize = script.agents.iter().map(|agent| agent.daemons.len()).sum();
         Verdict {
             seed: script.seed,
             broken,
-            told: city.world.network.told(),
+            effects: city.effects(),
+            goals: Goals::of(&city),
             digest: digest.lock().unwrap_or_else(PoisonError::into_inner).finish(),
             size: [
                 script.daemons.len(),
-                agents + city.people.len(),
+                script.agents.len() + city.people.len(),
                 script.wishes.len(),
                 script.faults.len(),
             ],
             lasted: city.now(),
             story,
         }
+    }
+}
+
+// === impl Goals ===
+
+impl Goals {
+    fn of(city: &City) -> Goals {
+        let stories = city.people.iter().flat_map(|person| person.stories.values());
+        let mut goals = Goals::default();
+        for story in stories.filter(|story| story.is_listening) {
+            goals.asked += 1;
+            goals.accepted += usize::from(story.is_accepted);
+            let is_achieved = matches!(story.end, Some(Outcome::Done | Outcome::Holds));
+            goals.achieved += usize::from(is_achieved);
+        }
+        goals
+    }
+}
+
+impl std::ops::AddAssign for Goals {
+    fn add_assign(&mut self, other: Goals) {
+        let Goals { asked, accepted, achieved } = other;
+        self.asked += asked;
+        self.accepted += accepted;
+        self.achieved += achieved;
     }
 }
 

@@ -2,6 +2,7 @@
 
 #![allow(dead_code, reason = "each benchmark uses its part")]
 
+pub(crate) mod overhearing;
 pub(crate) mod workers;
 
 use std::collections::BTreeSet;
@@ -9,7 +10,7 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use acl::content::Snapshot;
@@ -62,10 +63,28 @@ impl Figures {
     }
 }
 
+/// Whether any aim was missed so far.
+static HAS_MISSED: AtomicBool = AtomicBool::new(false);
+
 /// Whether an aim is reached, for a person.
 pub(crate) fn judge(what: &str, value: f64, aim: f64) {
-    let verdict = if value <= aim { "reached" } else { "missed" };
+    let verdict = verdict(value <= aim);
     println!("    {what} {value:.1} ms, aim ≤ {aim} ms: {verdict}");
+}
+
+/// A word for whether an aim is reached, which is remembered for the end.
+pub(crate) fn verdict(is_reached: bool) -> &'static str {
+    HAS_MISSED.fetch_or(!is_reached, Ordering::Relaxed);
+    if is_reached { "reached" } else { "missed" }
+}
+
+/// The end of a benchmark: an error, and so an exit code, if an aim was missed. Who only tries whether
+/// it runs misses nothing.
+pub(crate) fn reached() -> Outcome<()> {
+    if is_whole() && HAS_MISSED.load(Ordering::Relaxed) {
+        return Err("an aim was missed".into());
+    }
+    Ok(())
 }
 
 /// Processor time that these processes have used so far, in seconds, by the kernel's account.
@@ -203,6 +222,24 @@ pub(crate) async fn daemon(
     let switchboard = Switchboard::new(ecosystem, daemon, Settings::default());
     switchboard.connect(config.open(Arc::<Switchboard>::clone(&switchboard)).await?);
     Ok(switchboard)
+}
+
+/// The same, and what is said here and heard here is noted.
+pub(crate) async fn daemon_overheard(
+    folder: &Path,
+    ecosystem: &str,
+    name: &str,
+) -> Outcome<(Arc<Switchboard>, Arc<overhearing::Overheard>)> {
+    let (ecosystem, daemon) = (EcosystemId::new(ecosystem)?, DaemonId::new(name)?);
+    let mut config = Config::new(ecosystem.clone(), daemon.clone());
+    let socket = folder.join(format!("{name}.sock"));
+    config.listen = vec![format!("unixsock-stream/{}", socket.display())];
+    let switchboard = Switchboard::new(ecosystem, daemon, Settings::default());
+    let overheard = Arc::new(overhearing::Overheard::default());
+    let inbound = overhearing::Inward::new(&switchboard, &overheard);
+    let wire = config.open(inbound).await?;
+    switchboard.connect(overhearing::outward(wire, &overheard));
+    Ok((switchboard, overheard))
 }
 
 /// This benchmark once more, with these arguments; it ends when it is dropped.

@@ -12,13 +12,13 @@ mod plays;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use acl::content::Outcome;
 use acl::{AgentId, ConversationId, DaemonId};
-use keyboard::Keyboard;
+use keyboard::{Draft, Keyboard, Said};
 use serde_json::json;
 use substrate::memory::Network;
 use tokio::sync::watch;
@@ -107,7 +107,7 @@ struct Show {
 }
 
 /// Where conversations of the recording go on now.
-type Now = Arc<Mutex<BTreeMap<ConversationId, ConversationId>>>;
+type Now = Arc<watch::Sender<BTreeMap<ConversationId, ConversationId>>>;
 
 impl Show {
     /// Plays it to its end. The error completes “failed to …”.
@@ -123,7 +123,7 @@ impl Show {
         let (now, ended) = (Now::default(), Arc::new(watch::Sender::new(BTreeSet::new())));
         let mut running = tokio::task::JoinSet::new();
         for (index, play) in self.plays.plays.iter().enumerate() {
-            let Some(voice) = voices.get(&play.who).cloned() else { continue };
+            let Some(voice) = voices.get(&voice_of(index, play)).cloned() else { continue };
             let wait = Duration::from_millis(play.after_ms).div_f64(self.speed);
             let until = began + self.lasts.div_f64(self.speed) + self.patience;
             let (play, now, ended) = (play.clone(), Arc::clone(&now), Arc::clone(&ended));
@@ -134,10 +134,13 @@ impl Show {
                 tokio::time::sleep(wait).await;
                 // What others wait for in vain is played all the same.
                 let _ = tokio::time::timeout_at(until, others.wait_for(is_its_turn)).await;
-                let end = perform(play.clone(), voice, now, until).await;
-                ended.send_modify(|ended| {
-                    ended.insert(index);
-                });
+                let has_ended = || {
+                    ended.send_modify(|ended| {
+                        ended.insert(index);
+                    });
+                };
+                let end = perform(play.clone(), voice, now, until, has_ended).await;
+                has_ended();
                 (index, end)
             });
         }
@@ -168,10 +171,10 @@ impl Show {
     /// A keyboard for everybody who said something, under the name it had.
     fn voices(&self, node: &Node, ecosystem: &Ecosystem) -> BTreeMap<AgentId, Voice> {
         let mut voices = BTreeMap::new();
-        for play in &self.plays.plays {
-            voices.entry(play.who.clone()).or_insert_with(|| {
+        for (index, play) in self.plays.plays.iter().enumerate() {
+            voices.entry(voice_of(index, play)).or_insert_with_key(|who| {
                 let (keyboard, terminal) = Keyboard::with_terminal();
-                node.launch(play.who.clone(), keyboard, ecosystem.domain.name.as_str());
+                node.launch(who.clone(), keyboard, ecosystem.domain.name.as_str());
                 let (voice, speaking) = Voice::new(terminal);
                 tokio::spawn(speaking);
                 voice
@@ -237,16 +240,24 @@ impl Show {
     }
 }
 
-/// Says one thing again, and hears how it ends.
-async fn perform(play: Play, voice: Voice, now: Now, until: Instant) -> End {
-    let lock = || now.lock().unwrap_or_else(PoisonError::into_inner);
+/// By which keyboard something is said. Who gives a goal up hears what is said to that, beside what
+/// its asker hears in the same conversation, and so has a keyboard of its own.
+fn voice_of(index: usize, play: &Play) -> AgentId {
+    match &play.words {
+        Words::Said(_) => play.who.clone(),
+        Words::GiveUp(..) => AgentId::new(&format!("replay-gives-up-{index}"))
+            .expect("invariant: letters, digits and dashes are a name"),
+    }
+}
+
+/// Says one thing again, and hears how it ends. Of a goal that is kept `has_ended` is told when it holds
+/// first, as in the recording: whoever gives it up has waited for no more.
+async fn perform(play: Play, voice: Voice, now: Now, until: Instant, has_ended: impl Fn()) -> End {
     let said = match play.words {
         Words::Said(said) => said,
-        Words::GiveUp(conversation) => {
-            let known = lock().get(&conversation).cloned();
-            let Some(conversation) = known else { return End::Refused };
-            voice.cancel(conversation).await;
-            return play.end;
+        Words::GiveUp(then, draft) => {
+            let conversation = Some(conversation_now(&now, then, until).await);
+            Said::Send(Draft { conversation, ..draft })
         }
     };
     let mut asked = voice.ask(said, false).await;
@@ -255,11 +266,14 @@ async fn perform(play: Play, voice: Voice, now: Now, until: Instant) -> End {
         loop {
             let news = asked.next().await;
             if let Some(conversation) = asked.conversation() {
-                lock().insert(play.conversation.clone(), conversation.clone());
+                now.send_modify(|now| {
+                    now.insert(play.conversation.clone(), conversation.clone());
+                });
             }
             let is_final = news.is_final();
             if let Some(heard) = End::of(&news) {
                 end = heard;
+                has_ended();
             }
             // A goal that was kept is played until it holds.
             if is_final || (end == End::Done && play.end == End::Done) {
@@ -270,6 +284,17 @@ async fn perform(play: Play, voice: Voice, now: Now, until: Instant) -> End {
     // Whatever is still open then, is open.
     let _ = tokio::time::timeout_at(until, hearing).await;
     end
+}
+
+/// Where a conversation of the recording goes on, as soon as it does; its old name, which nobody knows
+/// here, if it never does.
+async fn conversation_now(now: &Now, then: ConversationId, until: Instant) -> ConversationId {
+    let mut known = now.subscribe();
+    let asked = tokio::time::timeout_at(until, known.wait_for(|now| now.contains_key(&then)));
+    match asked.await {
+        Ok(Ok(now)) => now.get(&then).cloned().unwrap_or(then),
+        _ => then.clone(),
+    }
 }
 
 impl End {

@@ -67,7 +67,8 @@ pub(crate) fn said_by(test: &str) -> Option<Vec<String>> {
         Ok(needed) => needed,
         Err(missing) => {
             assert!(std::env::var_os("CI").is_none(), "{missing}");
-            eprintln!("NOT TESTED: {missing}");
+            // Past what libtest swallows of a test that passes.
+            let _ = writeln!(std::io::stderr(), "NOT TESTED: {missing}");
             return None;
         }
     };

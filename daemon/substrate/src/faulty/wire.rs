@@ -46,6 +46,8 @@ pub(super) struct Island {
     pub(super) daemons: BTreeSet<DaemonId>,
     /// When the ends of those links believe it.
     pub(super) lease: Instant,
+    /// Messages that did not come because of it.
+    pub(super) stopped: u64,
 }
 
 /// One life of one daemon.
@@ -115,7 +117,11 @@ impl Wire {
             self.happens(Instant::now(), to, coming);
             return Ok(());
         }
-        if self.broken(from, to).is_some() || self.once_in(self.weather.loss) {
+        if self.is_stopped(from, to) {
+            self.told.cut += 1;
+            return Err(coming);
+        }
+        if self.once_in(self.weather.loss) {
             self.told.lost += 1;
             return Err(coming);
         }
@@ -133,14 +139,25 @@ impl Wire {
 
     /// When what is sent now comes.
     fn arrival(&mut self, from: &DaemonId, to: &DaemonId) -> Instant {
-        let delay = Duration::from_micros(self.rng.u64(self.weather.delay.clone()));
-        let at = Instant::now() + delay + self.slow.get(to).copied().unwrap_or_default();
+        let micros = self.rng.u64(self.weather.delay.clone());
+        let (delay, slow) = (Duration::from_micros(micros), self.slow.get(to).copied());
+        self.told.delayed += u64::from(micros >= Weather::fair().delay.end);
+        self.told.slowed += u64::from(slow.is_some());
+        let at = Instant::now() + delay + slow.unwrap_or_default();
         if self.once_in(self.weather.overtaken) {
+            self.told.overtaken += 1;
             return at + delay * 4;
         }
         let last = self.last.entry((from.clone(), to.clone())).or_insert(at);
         *last = at.max(*last);
         *last
+    }
+
+    /// Whether a link is broken; every cut that breaks it counts what it stops.
+    fn is_stopped(&mut self, a: &DaemonId, b: &DaemonId) -> bool {
+        let breaks = |cut: &&mut Island| cut.daemons.contains(a) != cut.daemons.contains(b);
+        let stopping = self.cuts.values_mut().filter(breaks);
+        stopping.map(|cut| cut.stopped += 1).count() > 0
     }
 
     /// When the ends of a link believe that it is broken, if it is.

@@ -41,8 +41,8 @@ pub(super) struct Play {
 #[derive(Clone, Debug)]
 pub(super) enum Words {
     Said(Said),
-    /// Give up what was asked for in this conversation of the recording.
-    GiveUp(ConversationId),
+    /// Give up what was asked for in this conversation of the recording, in these words.
+    GiveUp(ConversationId, Draft),
 }
 
 /// How something ended.
@@ -70,7 +70,14 @@ impl Plays {
             if !is_outside || !ids.insert(&message.id) || !message.opens_exchange() {
                 continue;
             }
-            let Some(words) = words_of(message) else {
+            let mut words = words_of(message);
+            if let Some(Words::GiveUp(conversation, draft)) = &words
+                && !plays.plays.iter().any(|play| play.conversation == *conversation)
+            {
+                // It was asked for before the recording began, and is nothing that goes on here.
+                words = Some(Words::Said(Said::Send(draft.clone())));
+            }
+            let Some(words) = words else {
                 plays.left_out += 1;
                 continue;
             };
@@ -96,7 +103,9 @@ impl Plays {
 /// What is to be said again of a message; `None` where it cannot be.
 fn words_of(message: &Message) -> Option<Words> {
     if message.performative == Performative::Cancel {
-        return Some(Words::GiveUp(message.conversation_id.clone()));
+        let conversation = message.conversation_id.clone();
+        let draft = Draft { conversation: Some(conversation.clone()), ..draft_of(message)? };
+        return Some(Words::GiveUp(conversation, draft));
     }
     if message.performative != Performative::Request {
         return draft_of(message).map(|draft| Words::Said(Said::Send(draft)));
@@ -190,7 +199,7 @@ impl fmt::Display for Words {
             }
             Words::Said(Said::Mode(mode)) => write!(f, "mode {mode}"),
             Words::Said(Said::Send(draft)) => write!(f, "{} {}", draft.performative, draft.content),
-            Words::Said(Said::Cancel(_) | Said::Answer { .. }) | Words::GiveUp(_) => {
+            Words::Said(Said::Cancel(_) | Said::Answer { .. }) | Words::GiveUp(..) => {
                 write!(f, "give it up")
             }
         }

@@ -9,6 +9,8 @@ use std::fs::File;
 use std::io::{self, BufRead as _, BufReader, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use acl::{EcosystemId, Message};
@@ -16,6 +18,7 @@ use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 use terminal::{exit, output};
 use tokio::sync::mpsc;
+use tokio::sync::mpsc::error::TrySendError;
 
 use super::{WAITING_MAX, discreet};
 use crate::commands::brief;
@@ -85,14 +88,19 @@ pub(crate) enum RecordingError {
     },
 }
 
+/// How a message was addressed, and what it says.
+type Heard = (String, Bytes);
+
 /// Writes a recording, up to a size.
 struct Recorder {
     file: BufWriter<File>,
     began: Instant,
     left: u64,
     written: u64,
-    /// Messages that came when there was no room any more, or could not be read.
-    left_out: u64,
+    /// Messages that could not be read.
+    unread: u64,
+    /// Messages that came faster than they were written.
+    missed: Arc<AtomicU64>,
 }
 
 /// Records until Ctrl-C, or until the file is as large as it may be.
@@ -138,17 +146,17 @@ async fn record(
     recorder: &mut Recorder,
 ) -> Result<(), Failure> {
     let config = target.config().map_err(Failure::Unreachable)?;
-    let (hear, mut heard) = mpsc::channel::<(String, Bytes)>(WAITING_MAX);
+    let (hear, mut heard) = mpsc::channel::<Heard>(WAITING_MAX);
+    let missed = Arc::clone(&recorder.missed);
     let tap = substrate_zenoh::tap(config, move |key, payload| {
-        // A full queue loses a line of a recording, and nothing else.
-        let _ = hear.try_send((key.to_owned(), payload));
+        keep(&hear, &missed, (key.to_owned(), payload));
     });
     let _tap = tap.await.map_err(|error| Failure::Unreachable(error.to_string()))?;
     recorder.began = Instant::now();
     output::note(&format!("recording `{}`; Ctrl-C ends it", target.name));
     while let Some((key, payload)) = heard.recv().await {
         let Ok(message) = acl::decode(&payload) else {
-            recorder.left_out += 1;
+            recorder.unread += 1;
             continue;
         };
         let is_asked_for =
@@ -161,13 +169,22 @@ async fn record(
     Ok(())
 }
 
+/// Keeps a message until it is written. A full queue loses a line of a recording, which is counted, and
+/// nothing else.
+fn keep(waiting: &mpsc::Sender<Heard>, missed: &AtomicU64, heard: Heard) {
+    if let Err(TrySendError::Full(_)) = waiting.try_send(heard) {
+        missed.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
 // === impl Recorder ===
 
 impl Recorder {
     fn create(path: &Path, ecosystem: &EcosystemId, bytes_max: u64) -> io::Result<Recorder> {
         let file = BufWriter::new(File::create(path)?);
         let (began, left) = (Instant::now(), bytes_max);
-        let mut recorder = Recorder { file, began, left, written: 0, left_out: 0 };
+        let (unread, missed) = (0, Arc::default());
+        let mut recorder = Recorder { file, began, left, written: 0, unread, missed };
         let header = Header { recording: VERSION, ecosystem: ecosystem.clone() };
         recorder.line(&header)?;
         Ok(recorder)
@@ -192,13 +209,17 @@ impl Recorder {
     }
 
     fn tell(&self, file: &Path) {
-        let Recorder { began, written, left_out, .. } = self;
-        let left_out = match left_out {
-            0 => String::new(),
-            count => format!("; {count} could not be read"),
-        };
-        let time = brief(began.elapsed());
+        let time = brief(self.began.elapsed());
+        let (written, left_out) = (self.written, self.left_out());
         output::note(&format!("{written} messages in {time}, in {}{left_out}", file.display()));
+    }
+
+    /// What is not in the recording, in words.
+    fn left_out(&self) -> String {
+        let missed = self.missed.load(Ordering::Relaxed);
+        let counts = [(self.unread, "could not be read"), (missed, "came too fast to be written")];
+        let left_out = counts.into_iter().filter(|(count, _)| *count > 0);
+        left_out.map(|(count, why)| format!("; {count} {why}")).collect()
     }
 }
 
@@ -282,6 +303,21 @@ mod tests {
         let written = (0..100).filter(|_| recorder.take("k".into(), &message()).expect("written"));
         assert!((2..10).contains(&written.count()));
         assert!(std::fs::metadata(&path).expect("there").len() <= 1_000);
+    }
+
+    #[test]
+    fn what_comes_too_fast_is_counted() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let office = EcosystemId::new("office").expect("a name");
+        let recorder = Recorder::create(&folder.path().join("r.jsonl"), &office, 1 << 20);
+        let mut recorder = recorder.expect("created");
+        assert_eq!(recorder.left_out(), "");
+        let (hear, _heard) = mpsc::channel(2);
+        for _ in 0..5 {
+            keep(&hear, &recorder.missed, ("k".to_owned(), Bytes::new()));
+        }
+        recorder.unread = 1;
+        assert_eq!(recorder.left_out(), "; 1 could not be read; 3 came too fast to be written");
     }
 
     #[test]

@@ -1,0 +1,126 @@
+//! Commands to actuators: which were given, as the wire has it, and in which order they were begun,
+//! as the disks of those who obey have it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Mutex, PoisonError};
+
+use acl::content::{ActionToken, Request};
+use acl::{ConversationId, Performative};
+use building::{Event, Truth};
+use substrate::{Addressed, Subject};
+
+/// What is commanded by which token, of whom.
+#[derive(Default)]
+pub struct Given(Mutex<BTreeMap<(String, ActionToken), String>>);
+
+/// What each agent has begun, in its order; also what it has begun again.
+pub type Begun = BTreeMap<String, Vec<ActionToken>>;
+
+// === impl Given ===
+
+impl Given {
+    /// Notes what goes over the wire.
+    pub fn note(&self, addressed: &Addressed, payload: &[u8]) {
+        let Addressed::To(to, Subject::Message(Performative::Request)) = addressed else { return };
+        let Ok(message) = acl::decode(payload) else { return };
+        if let Ok(Request::Act(act)) = message.content_as() {
+            let mut given = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            given.insert((to.as_str().to_owned(), act.token), act.action);
+        }
+    }
+
+    /// From where to where a command moves, if it does.
+    fn way(&self, agent: &str, token: &ActionToken) -> Option<[String; 2]> {
+        let given = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let action = given.get(&(agent.to_owned(), token.clone()))?;
+        let words: Vec<_> = action.trim_matches(['(', ')']).split_whitespace().collect();
+        match words[..] {
+            ["move", _, from, to] => Some([from.to_owned(), to.to_owned()]),
+            _ => None,
+        }
+    }
+
+    fn knows(&self, agent: &str, token: &ActionToken) -> bool {
+        let given = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        given.contains_key(&(agent.to_owned(), token.clone()))
+    }
+}
+
+// === what must hold ===
+
+/// All that is wrong about what was begun and done.
+pub fn broken(given: &Given, begun: &Begun, truth: &Truth) -> Vec<String> {
+    let mut broken = Vec::new();
+    for (agent, tokens) in begun {
+        broken.extend(twice(agent, tokens));
+        broken.extend(overtaken(agent, tokens));
+        let unknown = tokens.iter().find(|token| !given.knows(agent, token));
+        broken.extend(unknown.map(|token| format!("`{agent}` began {token}, which nobody asked")));
+    }
+    broken.extend(strayed(given, begun, truth));
+    broken.extend(unrecorded(begun, truth));
+    broken
+}
+
+/// No command is begun twice, says the disk of who obeys.
+fn twice(agent: &str, tokens: &[ActionToken]) -> Vec<String> {
+    let once: BTreeSet<_> = tokens.iter().collect();
+    let times = |token: &ActionToken| tokens.iter().filter(|other| *other == token).count();
+    let often = once.into_iter().map(|token| (token, times(token))).filter(|(_, times)| *times > 1);
+    often.map(|(token, times)| format!("`{agent}` began {token} {times} times")).collect()
+}
+
+/// No command of an older plan for a goal is begun after one of a newer.
+fn overtaken(agent: &str, tokens: &[ActionToken]) -> Option<String> {
+    let mut newest: BTreeMap<&ConversationId, (u64, u32)> = BTreeMap::new();
+    tokens.iter().find_map(|token| {
+        let (plan, newest) = ((token.epoch, token.round), newest.entry(&token.conversation));
+        let newest = newest.or_insert(plan);
+        if plan < *newest {
+            let (term, round) = *newest;
+            return Some(format!(
+                "`{agent}` began {token} of an older plan after one of term {term}, round {round}"
+            ));
+        }
+        *newest = plan;
+        None
+    })
+}
+
+/// A robot sets off as it was commanded, in that order, and once for each command. What was begun may
+/// come to nothing: its process may die before it moves.
+fn strayed(given: &Given, begun: &Begun, truth: &Truth) -> Vec<String> {
+    let mut ways: BTreeMap<&str, Vec<[String; 2]>> = BTreeMap::new();
+    for occurrence in truth.occurrences() {
+        if let Event::Departed { robot, from, to } = &occurrence.event {
+            ways.entry(robot).or_default().push([from.clone(), to.clone()]);
+        }
+    }
+    let mut strayed = Vec::new();
+    for (robot, ways) in ways {
+        let tokens = begun.get(robot).into_iter().flatten();
+        let mut commanded = tokens.filter_map(|token| given.way(robot, token));
+        if let Some([from, to]) = ways.iter().find(|way| !commanded.any(|other| other == **way)) {
+            strayed.push(format!(
+                "`{robot}` set off from {from} to {to}, and had begun no command for it, or had \
+                 obeyed that one before"
+            ));
+        }
+    }
+    strayed
+}
+
+/// Nothing is done that the disk of who did it does not know of.
+fn unrecorded(begun: &Begun, truth: &Truth) -> Vec<String> {
+    let mut done: BTreeMap<&str, usize> = BTreeMap::new();
+    for occurrence in truth.occurrences() {
+        if let Event::Departed { robot: who, .. } | Event::Asked { sensor: who } = &occurrence.event
+        {
+            *done.entry(who).or_default() += 1;
+        }
+    }
+    let begun = |who: &str| begun.get(who).map_or(0, Vec::len);
+    let more = done.into_iter().filter(|(who, times)| *times > begun(who));
+    more.map(|(who, times)| format!("`{who}` acted {times} times, and began {}", begun(who)))
+        .collect()
+}

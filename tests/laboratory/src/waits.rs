@@ -1,0 +1,75 @@
+//! What the agents of a machine wait for: exchanges that they have opened and not closed.
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use acl::{AgentId, Incarnation};
+use agent::Exchanges;
+use tokio::time::Instant;
+
+/// How long after its deadline an exchange may be open: whoever waits is woken at the deadline, in
+/// simulated time, and what it then does takes none.
+const MARGIN: Duration = Duration::from_millis(100);
+
+/// What each life of each agent waits for, as it last said.
+#[derive(Default)]
+pub struct Waits(Mutex<BTreeMap<(AgentId, Incarnation), Exchanges>>);
+
+impl Waits {
+    /// An agent says what it waits for.
+    pub fn note(&self, agent: &AgentId, life: Incarnation, exchanges: Exchanges) {
+        self.with(|waits| {
+            if exchanges.open_count == 0 {
+                waits.remove(&(agent.clone(), life));
+            } else {
+                waits.insert((agent.clone(), life), exchanges);
+            }
+        });
+    }
+
+    /// The process is dead: nobody waits any more.
+    pub fn forget(&self) {
+        self.with(BTreeMap::clear);
+    }
+
+    /// Exchanges that should have been over, by now.
+    pub fn overdue(&self, now: Instant) -> Vec<String> {
+        self.with(|waits| {
+            let late = waits.iter().filter(|(_, it)| it.due.is_none_or(|due| due + MARGIN < now));
+            late.map(|((agent, _), _)| format!("`{agent}` waits beyond its deadline")).collect()
+        })
+    }
+
+    /// Who waits, and in how many exchanges.
+    pub fn open(&self) -> Vec<(AgentId, usize)> {
+        self.with(|waits| {
+            waits.iter().map(|((agent, _), it)| (agent.clone(), it.open_count)).collect()
+        })
+    }
+
+    fn with<T>(
+        &self,
+        act: impl FnOnce(&mut BTreeMap<(AgentId, Incarnation), Exchanges>) -> T,
+    ) -> T {
+        act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn who_waits_too_long_is_told_of_until_it_is_over() {
+        let (waits, now) = (Waits::default(), Instant::now());
+        let (robot, life) = (AgentId::new("robot").expect("a name"), Incarnation(1));
+        let due = now + Duration::from_secs(1);
+        waits.note(&robot, life, Exchanges { open_count: 2, due: Some(due) });
+        assert_eq!(waits.open(), [(robot.clone(), 2)]);
+        assert_eq!(waits.overdue(due + MARGIN), [""; 0]);
+        assert_eq!(waits.overdue(due + MARGIN * 2).len(), 1);
+        waits.note(&robot, life, Exchanges::default());
+        assert_eq!((waits.open(), waits.overdue(due + MARGIN * 2)), (vec![], vec![]));
+    }
+}
