@@ -235,17 +235,12 @@ impl PlanRequester {
         ctx: &mut Context<Self>,
     ) {
         let id = record.engagement.conversation.clone();
-        let here = self.goals.get(&id).map(|goal| (goal.version, goal.plan.is_some()));
         let ended_here = self.ended.how(&id).cloned();
-        let is_over = record.cancelled || record.ended.is_some() || ended_here.is_some();
-        if is_over && (plan.is_some() || here.is_some_and(|(_, has_plan)| has_plan)) {
-            self.forget_plan(&id, ctx);
-        }
-        if is_over && let Some(plan) = plan.clone() {
-            self.call_off(&id, plan, 0, ctx);
+        if record.cancelled || record.ended.is_some() || ended_here.is_some() {
+            self.drop_plan(&id, plan.as_ref(), ctx);
         }
         // What has ended has, however late it was said of that it goes on.
-        let is_later_here = here.is_some_and(|(known, _)| known >= version);
+        let is_later_here = self.goals.get(&id).is_some_and(|goal| goal.version >= version);
         let is_known = is_later_here && record.ended.is_none() && !record.cancelled;
         if is_known || self.ended.has(&id, version) {
             return;
@@ -301,6 +296,17 @@ impl PlanRequester {
             return self.keep_ended(&id, report, record, ctx);
         }
         self.go_on(record, version, plan, ctx);
+    }
+
+    /// Nobody needs a plan of this goal any more: what runs of it is called off, what is kept of it
+    /// forgotten.
+    fn drop_plan(&mut self, id: &ConversationId, plan: Option<&Execute>, ctx: &mut Context<Self>) {
+        if plan.is_some() || self.goals.get(id).is_some_and(|goal| goal.plan.is_some()) {
+            self.forget_plan(id, ctx);
+        }
+        if let Some(plan) = plan {
+            self.call_off(id, plan.clone(), 0, ctx);
+        }
     }
 
     /// A goal was given up, and who did so was told, before it came to its end.
