@@ -62,6 +62,15 @@ struct Filed {
     tokens_max: usize,
 }
 
+/// What a file says.
+struct Read {
+    ledger: Ledger,
+    lines: usize,
+    /// Lines left out: torn ones, of a token whose method never ran, or of which nobody knows how it
+    /// ended; or of a newer version.
+    unread: usize,
+}
+
 /// A line of the file.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -101,17 +110,14 @@ impl Ledger {
     ) -> io::Result<Ledger> {
         let Some(folder) = folder else { return Ok(Ledger::new(tokens_max)) };
         let path = folder.0.join(format!("{agent}.tokens"));
-        let (mut ledger, lines) = match read(&path, tokens_max) {
+        let Read { mut ledger, lines, .. } = match read(&path, tokens_max) {
             Ok(read) => read,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => (Ledger::new(tokens_max), 0),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Read::nothing(tokens_max),
             Err(error) => return Err(error),
         };
         let mut filed = Filed { path, lines, tokens_max };
-        // A disk that is full stops nobody: what is there is added to when there is room.
-        if lines > 0
-            && let Err(error) = filed.shorten()
-        {
-            tracing::warn!(%agent, %error, "what it has begun could not be written anew");
+        if lines > 0 {
+            filed.shorten();
         }
         ledger.file = Some(Arc::new(Mutex::new(filed)));
         Ok(ledger)
@@ -161,7 +167,10 @@ impl Ledger {
             let Some(file) = file else { return Ok(()) };
             let mut file = lock(&file);
             file.append(&line?)?;
-            if file.is_long() { file.shorten() } else { Ok(()) }
+            if file.is_long() {
+                file.shorten();
+            }
+            Ok(())
         }
     }
 
@@ -221,10 +230,28 @@ impl Filed {
         self.lines > LONGER_MAX * 2 * self.tokens_max.max(REPORTS_MAX)
     }
 
-    /// Keeps the file as short as the memory. Written beside and renamed, so that a crash leaves
-    /// one or the other.
-    fn shorten(&mut self) -> io::Result<()> {
-        let (ledger, _) = read(&self.path, self.tokens_max)?;
+    /// Keeps the file as short as the memory. A disk that is full stops nobody: what is there is added
+    /// to when there is room, and this is tried again when it is longer by half of what it may be.
+    fn shorten(&mut self) {
+        match self.written_anew() {
+            Ok(lines) => self.lines = lines,
+            Err(error) => {
+                self.lines /= 2;
+                tracing::warn!(file = %self.path.display(), %error, "could not be written anew");
+            }
+        }
+    }
+
+    /// Written beside and renamed, so that a crash leaves one or the other. Of a file with lines that
+    /// nobody here can read a copy is kept: a newer version may have written them.
+    fn written_anew(&self) -> io::Result<usize> {
+        let Read { ledger, unread, .. } = read(&self.path, self.tokens_max)?;
+        if unread > 0 {
+            let aside = self.path.with_extension("tokens.unread");
+            tracing::warn!(file = %self.path.display(), copy = %aside.display(), unread,
+                "lines of what was begun cannot be read");
+            std::fs::copy(&self.path, aside)?;
+        }
         let beside = self.path.with_extension("tokens.new");
         let mut file = io::BufWriter::new(File::create(&beside)?);
         let mut lines = 0;
@@ -234,17 +261,21 @@ impl Filed {
         }
         file.into_inner()?.sync_all()?;
         std::fs::rename(beside, &self.path)?;
-        self.lines = lines;
-        Ok(())
+        Ok(lines)
     }
 }
 
-/// What a file says, and how many lines it has. A torn line is a token whose method never ran, or one
-/// of which nobody knows how it ended: it is left out, and a copy of the file is kept, as a line may
-/// be one that a newer version wrote.
-fn read(path: &Path, tokens_max: usize) -> io::Result<(Ledger, usize)> {
-    let mut ledger = Ledger::new(tokens_max);
-    let (mut lines, mut unread) = (0, 0);
+// === impl Read ===
+
+impl Read {
+    fn nothing(tokens_max: usize) -> Read {
+        Read { ledger: Ledger::new(tokens_max), lines: 0, unread: 0 }
+    }
+}
+
+/// What a file says.
+fn read(path: &Path, tokens_max: usize) -> io::Result<Read> {
+    let Read { mut ledger, mut lines, mut unread } = Read::nothing(tokens_max);
     for line in BufReader::new(File::open(path)?).split(b'\n') {
         let line = line?;
         if line.is_empty() {
@@ -257,13 +288,7 @@ fn read(path: &Path, tokens_max: usize) -> io::Result<(Ledger, usize)> {
             Err(_) => unread += 1,
         }
     }
-    if unread > 0 {
-        let aside = path.with_extension("tokens.unread");
-        tracing::warn!(file = %path.display(), copy = %aside.display(), unread,
-            "lines of what was begun cannot be read");
-        std::fs::copy(path, aside)?;
-    }
-    Ok((ledger, lines))
+    Ok(Read { ledger, lines, unread })
 }
 
 fn lock(file: &Mutex<Filed>) -> std::sync::MutexGuard<'_, Filed> {
@@ -342,6 +367,23 @@ mod tests {
         assert_eq!(next_life.known(&token(1, 1, 0)), Known::Begun);
         assert_eq!(next_life.known(&token(1, 1, 1)), Known::Begun);
         assert!(path.with_extension("tokens.unread").exists(), "what nobody could read is kept");
+    }
+
+    #[test]
+    fn what_cannot_be_written_anew_is_read_all_the_same() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("robot.tokens");
+        let whole = serde_json::to_string(&Line::Begun(token(1, 1, 0))).expect("JSON");
+        let text = format!("{whole}\n{}", &whole[..20]);
+        std::fs::write(&path, &text).expect("written");
+        // In the way of the copy, as a full disk is.
+        std::fs::create_dir(path.with_extension("tokens.unread")).expect("made");
+        let mut ledger = open(&StateFolder(folder.path().to_owned()));
+        assert_eq!(ledger.known(&token(1, 1, 0)), Known::Begun);
+        assert_eq!(std::fs::read_to_string(&path).expect("there"), text, "nothing is lost");
+        ledger.take(token(1, 1, 1))().expect("written");
+        let next_life = open(&StateFolder(folder.path().to_owned()));
+        assert_eq!(next_life.known(&token(1, 1, 1)), Known::Begun);
     }
 
     #[test]
