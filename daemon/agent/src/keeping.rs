@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use acl::content::{Keeping, Record, Refusal, Request, Version, value};
-use acl::{AgentId, Incarnation, Performative, Protocol};
+use acl::{AgentId, DaemonId, Incarnation, Performative, Protocol};
 use serde_json::Value;
 use substrate::{Ask, Presence, Resource};
 use tokio::task::JoinSet;
@@ -18,7 +18,7 @@ use tokio::time::Instant;
 
 use crate::base_agent::Agent;
 use crate::communication_agent::{Answer, Opening};
-use crate::context::{Context, Work};
+use crate::context::{Context, TimerId, Work};
 use crate::plugin::Host;
 
 /// How many machines are to have a record before it counts as kept: this one, and one other that can
@@ -47,6 +47,8 @@ pub struct Keeper {
     has_read: bool,
     reads: u32,
     reading: Option<Work>,
+    /// Until those that gave no answer are asked again.
+    again: Option<TimerId>,
 }
 
 /// An agent that has records kept.
@@ -79,6 +81,7 @@ impl Keeper {
             has_read: false,
             reads: 0,
             reading: None,
+            again: None,
         }
     }
 
@@ -118,6 +121,31 @@ impl Keeper {
     }
 }
 
+/// Who is still to answer, and whom to tell.
+struct Tally<F> {
+    kept: Kept,
+    /// The machines that have the records.
+    machines: BTreeSet<DaemonId>,
+    awaited: usize,
+    then: Option<F>,
+}
+
+impl<F> Tally<F> {
+    /// A Journal has answered, or will not; whom to tell, if now is the time.
+    fn note(&mut self, journal: &AgentId, machine: &DaemonId, answer: Answer) -> Option<(F, Kept)> {
+        self.awaited = self.awaited.saturating_sub(1);
+        match objection(answer) {
+            None => {
+                self.machines.insert(machine.clone());
+                self.kept.by.push(journal.clone());
+            }
+            Some(why) => drop(self.kept.not_by.insert(journal.clone(), why)),
+        }
+        let is_enough = self.machines.len() >= COPIES || self.awaited == 0;
+        if is_enough { self.then.take().map(|then| (then, self.kept.clone())) } else { None }
+    }
+}
+
 /// Has records kept; `then` is told as soon as enough Journals have them, or all that are here
 /// have answered. The others keep them too.
 pub fn keep<A: Keeps>(
@@ -133,8 +161,8 @@ pub fn keep<A: Keeps>(
         ctx.after(Duration::ZERO, move |agent: &mut A, ctx| then(agent, Kept::default(), ctx));
         return;
     }
-    let (awaited, kept) = (here.len(), Kept::default());
-    let tally = Arc::new(Mutex::new((kept, BTreeSet::new(), awaited, Some(then))));
+    let (kept, machines, awaited) = (Kept::default(), BTreeSet::new(), here.len());
+    let tally = Arc::new(Mutex::new(Tally { kept, machines, awaited, then: Some(then) }));
     let content = value(&Request::Keep(Keeping { records }));
     for (machine, journal) in here {
         let opening = Opening {
@@ -147,20 +175,9 @@ pub fn keep<A: Keeps>(
         let tally = Arc::clone(&tally);
         let patience = ctx.settings().answer_deadline;
         ctx.open(opening, patience, move |agent: &mut A, answer, ctx| {
-            let told = {
-                let mut tally = tally.lock().unwrap_or_else(PoisonError::into_inner);
-                let (kept, machines, awaited, then) = &mut *tally;
-                *awaited = awaited.saturating_sub(1);
-                match objection(answer) {
-                    None => {
-                        machines.insert(machine.clone());
-                        kept.by.push(journal.clone());
-                    }
-                    Some(why) => drop(kept.not_by.insert(journal.clone(), why)),
-                }
-                let is_enough = machines.len() >= COPIES || *awaited == 0;
-                if is_enough { then.take().map(|then| (then, kept.clone())) } else { None }
-            };
+            let mut tally = tally.lock().unwrap_or_else(PoisonError::into_inner);
+            let told = tally.note(&journal, &machine, answer);
+            drop(tally);
             if let Some((then, kept)) = told {
                 then(agent, kept, ctx);
             }
@@ -190,10 +207,7 @@ pub fn leads<A: Keeps>(agent: &mut A, is_leading: bool, ctx: &mut Context<A>) {
     keeper.has_read = false;
     if is_leading {
         keeper.begin_term(life, &[]);
-        let journals = keeper.journals.iter();
-        let here = journals.filter(|journal| ctx.find(journal).is_some());
-        keeper.unread = here.cloned().collect();
-        read(agent, ctx);
+        read_all(agent, ctx);
     }
 }
 
@@ -206,17 +220,21 @@ pub fn presence<A: Keeps>(agent: &mut A, presence: &Presence, ctx: &mut Context<
     }
     match presence {
         Presence::Joined(_) => {
-            // All are read, not this one alone: it may not know yet what the others know has ended.
-            let journals = keeper.journals.iter();
-            let here = journals.filter(|journal| ctx.find(journal).is_some());
-            keeper.unread = here.cloned().chain([who.clone()]).collect();
-            keeper.reads = 0;
-            read(agent, ctx);
+            // Not this one alone: it may not know yet what the others know has ended.
+            read_all(agent, ctx);
         }
         Presence::Left(_) => {
             keeper.unread.remove(who);
         }
     }
+}
+
+/// Reads all Journals that are here.
+fn read_all<A: Keeps>(agent: &mut A, ctx: &mut Context<A>) {
+    let keeper = agent.keeper();
+    let here = keeper.journals.iter().filter(|journal| ctx.find(journal).is_some());
+    (keeper.unread, keeper.reads) = (here.cloned().collect(), 0);
+    read(agent, ctx);
 }
 
 /// Reads the Journals that have not been read, unless that is under way.
@@ -249,7 +267,9 @@ fn read<A: Keeps>(agent: &mut A, ctx: &mut Context<A>) {
         }
         if !is_all_read {
             let wait = if reads < READS_OFTEN { READ_AGAIN } else { READ_LATER };
-            ctx.after(wait, |agent: &mut A, ctx| read(agent, ctx));
+            let again = ctx.after(wait, |agent: &mut A, ctx| read(agent, ctx));
+            let former = agent.keeper().again.replace(again);
+            former.into_iter().for_each(|former| ctx.forget(former));
         }
     });
     agent.keeper().reading = Some(reading);
@@ -324,6 +344,7 @@ mod tests {
             has_read: false,
             reads: 0,
             reading: None,
+            again: None,
         }
     }
 
