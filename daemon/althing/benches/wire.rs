@@ -19,13 +19,13 @@ use std::process::ExitCode;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative};
+use acl::{AgentId, DaemonId, EcosystemId, Performative};
 use agent::{Mode, PluginEntry, Settings, Switchboard};
 use building::{Building, Campus, DEVICES_PER_HOUSE, Device};
 use bytes::Bytes;
 use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
 use substrate::memory::Network;
-use substrate::{Address, Ask, BoxFuture, PresenceToken, SendError, Subject, Substrate};
+use substrate::{Address, Ask, BoxFuture, SendError, Subject, Substrate, Through};
 use support::{Entry, Outcome};
 
 /// As in `ecosystems/campus.toml`.
@@ -265,7 +265,11 @@ struct Counted {
     counts: Arc<Counts>,
 }
 
-impl Substrate for Counted {
+impl Through for Counted {
+    fn wire(&self) -> &dyn Substrate {
+        &*self.port
+    }
+
     fn send(&self, to: &Address, subject: Subject, payload: Bytes) -> Result<(), SendError> {
         let kind = match subject {
             Subject::Message(performative) => performative.as_str(),
@@ -290,14 +294,6 @@ impl Substrate for Counted {
         self.port.beat(sender, payload)
     }
 
-    fn announce(
-        &self,
-        agent: &AgentId,
-        incarnation: Incarnation,
-    ) -> Result<PresenceToken, SendError> {
-        self.port.announce(agent, incarnation)
-    }
-
     fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
         self.counts.add("questions", &Bytes::new());
         let (answers, counts) = (self.port.ask(ask, timeout), Arc::clone(&self.counts));
@@ -306,9 +302,5 @@ impl Substrate for Counted {
             answers.iter().for_each(|answer| counts.add("answers", answer));
             answers
         })
-    }
-
-    fn close(&self) -> BoxFuture<()> {
-        self.port.close()
     }
 }

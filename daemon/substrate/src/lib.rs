@@ -7,6 +7,8 @@
 //! - [`memory`] carries messages within one process; `substrate-zenoh` carries them between
 //!   machines. The same agents run unchanged on both.
 //!
+//! - [`Through`] is a wire before another, for whoever counts, loses or listens.
+//!
 //! A substrate promises little: a message may be lost, late or doubled, and presence may err for
 //! the length of a lease. Receipts, retries and duplicates are the Communication Agent's.
 
@@ -14,6 +16,7 @@
 mod ear;
 pub mod faulty;
 pub mod memory;
+mod through;
 
 use std::fmt;
 use std::future::Future;
@@ -24,6 +27,8 @@ use std::time::Duration;
 use acl::{AgentId, DaemonId, Incarnation, Performative};
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
+
+pub use crate::through::Through;
 
 /// A future that a trait object can return.
 pub type BoxFuture<T> = Pin<Box<dyn Future<Output = T> + Send>>;

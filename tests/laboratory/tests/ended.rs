@@ -1,31 +1,26 @@
 //! What a Plan Requester believes of goals that another one of its name says something of, which
 //! acted where it could not be seen: what has ended on either side has ended.
 
+mod house;
+
 use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::{
     Achieve, Keep, Keeping, Outcome, Partition, Record, Report, Request, Version, value,
 };
-use acl::{AgentId, ConversationId, DaemonId, EcosystemId, Performative, Protocol};
-use agent::{
-    Agent, Answer, Berth, Blueprint, Callbacks, Context, Engagement, Host, Launch, Mode, Opening,
-    Resource, Settings, Switchboard,
-};
+use acl::{AgentId, ConversationId, Performative, Protocol};
+use agent::{Agent, Answer, Callbacks, Context, Engagement, Opening, Resource, Switchboard};
 use substrate::Ask;
-use substrate::memory::Network;
 use tokio::sync::mpsc;
 use tokio::time::timeout;
-use tokio_util::sync::CancellationToken;
+
+use house::{House, launch, name};
 
 const DOMAIN: &str = "(define (domain d) (:requirements :strips)
     (:predicates (lit)))";
 const PROBLEM: &str = "(define (problem p) (:domain d) (:init (lit)) (:goal (and)))";
 const PATIENCE: Duration = Duration::from_secs(30);
-
-fn name(text: &str) -> AgentId {
-    AgentId::new(text).expect("a name")
-}
 
 /// Keeps what it is told to keep, and shows it.
 struct Journal(mpsc::UnboundedSender<Record>);
@@ -78,48 +73,6 @@ impl Agent for Sayer {
     }
 }
 
-struct House {
-    network: Network,
-    host: Arc<Host>,
-}
-
-impl House {
-    fn new() -> House {
-        let ontology = pddl::parse_domain(DOMAIN).into_result().expect("a domain");
-        let problem = pddl::parse_problem(PROBLEM).into_result().expect("a problem");
-        let (mode, settings) = (Mode::Centralized, Settings::default());
-        let journals = vec![name("journal")];
-        let host = Host { mode, settings, journals, ..Host::new(ontology, problem) };
-        House { network: Network::new(), host: Arc::new(host) }
-    }
-
-    fn machine(&self, name: &str) -> Arc<Switchboard> {
-        let daemon = DaemonId::new(name).expect("a name");
-        let ecosystem = EcosystemId::new("home").expect("a name");
-        let machine = Switchboard::new(ecosystem, daemon.clone(), self.host.settings.clone());
-        machine.connect(self.network.open(daemon, Arc::<Switchboard>::clone(&machine) as _));
-        machine
-    }
-
-    fn built(&self, plugin: &agent::PluginEntry) -> Box<dyn Launch> {
-        let (id, config) = (name(plugin.name), serde_json::json!({}).into());
-        let host = Arc::clone(&self.host);
-        (plugin.build)(Blueprint { id, driver: String::new(), config, host }).expect("built")
-    }
-}
-
-fn launch(agent: Box<dyn Launch>, id: &str, machine: &Arc<Switchboard>, stands_by: bool) {
-    drop(agent.launch(Berth {
-        id: name(id),
-        incarnation: machine.machine().next_life(),
-        switchboard: Arc::clone(machine),
-        ontology: Arc::from("d"),
-        stopping: CancellationToken::new(),
-        stands_by,
-        via: [].into(),
-    }));
-}
-
 /// Waits for a record of a goal.
 async fn kept(
     records: &mut mpsc::UnboundedReceiver<Record>,
@@ -153,12 +106,12 @@ struct Asked {
 
 impl Asked {
     async fn open() -> Asked {
-        let house = House::new();
+        let house = House::new(DOMAIN, PROBLEM, vec![name("journal")]);
         let here = house.machine("here");
         let (keeps, mut records) = mpsc::unbounded_channel();
-        launch(Box::new(Journal(keeps)), "journal", &here, false);
-        launch(house.built(&domain_maintainer::PLUGIN), "domain-maintainer", &here, true);
-        launch(house.built(&plan_requester::PLUGIN), "plan-requester", &here, true);
+        drop(launch(Box::new(Journal(keeps)), "journal", &here, false));
+        drop(launch(house.built(&domain_maintainer::PLUGIN), "domain-maintainer", &here, true));
+        drop(launch(house.built(&plan_requester::PLUGIN), "plan-requester", &here, true));
         tokio::time::sleep(Duration::from_secs(1)).await;
         let (goal, keep) = ("(lit)".to_owned(), Keep::Achieve);
         let achieve = Achieve { goal, keep, priority: 0, partition: Partition::Pursue };
@@ -170,7 +123,7 @@ impl Asked {
             says: Request::Achieve(achieve),
             told,
         };
-        launch(Box::new(sayer), "asker", &here, false);
+        drop(launch(Box::new(sayer), "asker", &here, false));
         let has_ended = |record: &Record| record.body.get("ended").is_some();
         let open = kept(&mut records, |record| is_goal(record) && !has_ended(record)).await;
         let ended = kept(&mut records, |record| is_goal(record) && has_ended(record)).await;
@@ -189,7 +142,7 @@ impl Asked {
             says: Request::Keep(Keeping { records: vec![record] }),
             told,
         };
-        launch(Box::new(sayer), "plan-requester", &there, true);
+        drop(launch(Box::new(sayer), "plan-requester", &there, true));
         let report = next(&mut heard).await;
         assert_eq!(report.outcome, Outcome::Done, "{report:?}");
     }

@@ -1,23 +1,18 @@
 //! What a Plan Executor does with a second plan for a goal: of the same Plan Requester it takes the
 //! first one's place; of another, which knew nothing of the first, it does not. And who hears of it.
 
+mod house;
+
 use std::collections::BTreeSet;
-use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::{Execute, Method, Offer, Outcome, Reason, Refusal, Report, Request, value};
-use acl::{
-    AgentId, ConversationId, DaemonId, Deadline, EcosystemId, Message, Performative, Protocol,
-};
-use agent::{
-    Agent, Answer, Berth, Blueprint, Callbacks, Context, Engagement, Host, Launch, LaunchError,
-    Mode, Opening, Settings, Switchboard,
-};
-use substrate::memory::Network;
+use acl::{ConversationId, Deadline, Message, Performative, Protocol};
+use agent::{Agent, Answer, Callbacks, Context, Engagement, Opening};
 use tokio::sync::mpsc;
-use tokio::task::JoinHandle;
 use tokio::time::timeout;
-use tokio_util::sync::CancellationToken;
+
+use house::{House, launch, name};
 
 const DOMAIN: &str = "(define (domain d) (:requirements :strips :typing)
     (:types agent) (:predicates (idle ?a - agent) (lit ?a - agent))
@@ -96,60 +91,6 @@ impl Agent for Asker {
     }
 }
 
-fn name(text: &str) -> AgentId {
-    AgentId::new(text).expect("a name")
-}
-
-/// Machines on one wire.
-struct House {
-    network: Network,
-    host: Arc<Host>,
-}
-
-impl House {
-    fn new() -> House {
-        let ontology = pddl::parse_domain(DOMAIN).into_result().expect("a domain");
-        let problem = pddl::parse_problem(PROBLEM).into_result().expect("a problem");
-        let (mode, settings) = (Mode::Centralized, Settings::default());
-        let host = Arc::new(Host { mode, settings, ..Host::new(ontology, problem) });
-        House { network: Network::new(), host }
-    }
-
-    fn machine(&self, name: &str) -> Arc<Switchboard> {
-        let daemon = DaemonId::new(name).expect("a name");
-        let ecosystem = EcosystemId::new("home").expect("a name");
-        let settings = self.host.settings.clone();
-        let machine = Switchboard::new(ecosystem, daemon.clone(), settings);
-        machine.connect(self.network.open(daemon, Arc::<Switchboard>::clone(&machine) as _));
-        machine
-    }
-
-    fn executor(&self) -> Box<dyn Launch> {
-        let (id, config) = (name("plan-executor"), serde_json::json!({}).into());
-        let host = Arc::clone(&self.host);
-        let blueprint = Blueprint { id, driver: String::new(), config, host };
-        (plan_executor::PLUGIN.build)(blueprint).expect("built")
-    }
-}
-
-/// Lets an agent live on a machine.
-fn launch(
-    agent: Box<dyn Launch>,
-    id: &str,
-    machine: &Arc<Switchboard>,
-    stands_by: bool,
-) -> JoinHandle<Result<(), LaunchError>> {
-    agent.launch(Berth {
-        id: name(id),
-        incarnation: machine.machine().next_life(),
-        switchboard: Arc::clone(machine),
-        ontology: Arc::from("d"),
-        stopping: CancellationToken::new(),
-        stands_by,
-        via: [].into(),
-    })
-}
-
 /// The first answer to any of these plans.
 async fn first_answer(plans: Vec<Execute>) -> Message {
     first_answers(plans, 1, Duration::from_secs(30)).await.remove(0)
@@ -157,12 +98,12 @@ async fn first_answer(plans: Vec<Execute>) -> Message {
 
 /// The first answers to these plans, so many.
 async fn first_answers(plans: Vec<Execute>, many: usize, within: Duration) -> Vec<Message> {
-    let house = House::new();
+    let house = House::new(DOMAIN, PROBLEM, Vec::new());
     let here = house.machine("here");
     let (told, mut heard) = mpsc::unbounded_channel();
     let asker = Asker { plans, after: Duration::from_secs(1), told };
     let _lives = [
-        launch(house.executor(), "plan-executor", &here, false),
+        launch(house.built(&plan_executor::PLUGIN), "plan-executor", &here, false),
         launch(Box::new(Lamp), "lamp", &here, false),
         launch(Box::new(asker), "plan-requester", &here, false),
     ];
@@ -188,7 +129,7 @@ async fn who_asks_twice_for_a_plan_hears_twice_how_it_ends() {
 #[tokio::test(start_paused = true)]
 async fn whoever_asked_for_a_plan_hears_how_it_ends() {
     for (first, second) in [(1, 2), (2, 1)] {
-        let house = House::new();
+        let house = House::new(DOMAIN, PROBLEM, Vec::new());
         let [here, there] = ["here", "there"].map(|name| house.machine(name));
         let asker = |after| {
             let (told, heard) = mpsc::unbounded_channel();
@@ -197,7 +138,7 @@ async fn whoever_asked_for_a_plan_hears_how_it_ends() {
         };
         let ((acts, first_heard), (stands_by, second_heard)) = (asker(first), asker(second));
         let _lives = [
-            launch(house.executor(), "plan-executor", &here, false),
+            launch(house.built(&plan_executor::PLUGIN), "plan-executor", &here, false),
             launch(Box::new(Lamp), "lamp", &here, false),
             launch(acts, "plan-requester", &here, true),
             launch(stands_by, "plan-requester", &there, true),

@@ -213,15 +213,24 @@ pub(crate) async fn daemon(
     name: &str,
     others: &[String],
 ) -> Outcome<Arc<Switchboard>> {
+    let (switchboard, config) = prepared(folder, ecosystem, name, others)?;
+    switchboard.connect(config.open(Arc::<Switchboard>::clone(&switchboard)).await?);
+    Ok(switchboard)
+}
+
+fn prepared(
+    folder: &Path,
+    ecosystem: &str,
+    name: &str,
+    others: &[String],
+) -> Outcome<(Arc<Switchboard>, Config)> {
     let (ecosystem, daemon) = (EcosystemId::new(ecosystem)?, DaemonId::new(name)?);
     let endpoint =
         |name: &str| format!("unixsock-stream/{}", folder.join(format!("{name}.sock")).display());
     let mut config = Config::new(ecosystem.clone(), daemon.clone());
     config.listen = vec![endpoint(name)];
     config.connect = others.iter().map(|other| endpoint(other)).collect();
-    let switchboard = Switchboard::new(ecosystem, daemon, Settings::default());
-    switchboard.connect(config.open(Arc::<Switchboard>::clone(&switchboard)).await?);
-    Ok(switchboard)
+    Ok((Switchboard::new(ecosystem, daemon, Settings::default()), config))
 }
 
 /// The same, and what is said here and heard here is noted.
@@ -230,11 +239,7 @@ pub(crate) async fn daemon_overheard(
     ecosystem: &str,
     name: &str,
 ) -> Outcome<(Arc<Switchboard>, Arc<overhearing::Overheard>)> {
-    let (ecosystem, daemon) = (EcosystemId::new(ecosystem)?, DaemonId::new(name)?);
-    let mut config = Config::new(ecosystem.clone(), daemon.clone());
-    let socket = folder.join(format!("{name}.sock"));
-    config.listen = vec![format!("unixsock-stream/{}", socket.display())];
-    let switchboard = Switchboard::new(ecosystem, daemon, Settings::default());
+    let (switchboard, config) = prepared(folder, ecosystem, name, &[])?;
     let overheard = Arc::new(overhearing::Overheard::default());
     let inbound = overhearing::Inward::new(&switchboard, &overheard);
     let wire = config.open(inbound).await?;

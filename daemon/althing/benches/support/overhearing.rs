@@ -4,15 +4,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
 use acl::content::Bid;
-use acl::{AgentId, Incarnation, Performative, ReplyToken};
+use acl::{AgentId, Performative, ReplyToken};
 use agent::{Presence, Switchboard};
 use bytes::Bytes;
 use substrate::{
-    Address, Addressed, Answer, Ask, BoxFuture, Delivery, Inbound, PresenceToken, Question,
-    Rejected, SendError, Subject, Substrate,
+    Address, Addressed, Answer, Delivery, Inbound, Question, Rejected, SendError, Subject,
+    Substrate, Through,
 };
 
 /// What was said, in its order.
@@ -107,46 +106,13 @@ pub(crate) fn outward(wire: Arc<dyn Substrate>, overheard: &Arc<Overheard>) -> A
     Arc::new(Outward { wire, overheard: Arc::clone(overheard) })
 }
 
-impl Substrate for Outward {
+impl Through for Outward {
+    fn wire(&self) -> &dyn Substrate {
+        &*self.wire
+    }
+
     fn send(&self, to: &Address, subject: Subject, payload: Bytes) -> Result<(), SendError> {
         self.overheard.note(&subject, &payload);
         self.wire.send(to, subject, payload)
-    }
-
-    fn broadcast(
-        &self,
-        sender: &AgentId,
-        performative: Performative,
-        payload: Bytes,
-    ) -> Result<(), SendError> {
-        self.wire.broadcast(sender, performative, payload)
-    }
-
-    fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
-        self.wire.beat(sender, payload)
-    }
-
-    fn beat_together(&self, beats: Vec<(AgentId, Bytes)>) -> Result<(), SendError> {
-        self.wire.beat_together(beats)
-    }
-
-    fn introduced(&self) -> BoxFuture<()> {
-        self.wire.introduced()
-    }
-
-    fn announce(
-        &self,
-        agent: &AgentId,
-        incarnation: Incarnation,
-    ) -> Result<PresenceToken, SendError> {
-        self.wire.announce(agent, incarnation)
-    }
-
-    fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
-        self.wire.ask(ask, timeout)
-    }
-
-    fn close(&self) -> BoxFuture<()> {
-        self.wire.close()
     }
 }

@@ -7,11 +7,10 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
-use acl::{AgentId, Incarnation, Performative};
+use acl::{AgentId, Performative};
 use bytes::Bytes;
-use substrate::{Address, Ask, BoxFuture, PresenceToken, SendError, Subject, Substrate};
+use substrate::{Address, SendError, Subject, Substrate, Through};
 
 /// What happens to messages, and has happened so far.
 #[derive(Debug, Default)]
@@ -108,7 +107,11 @@ impl Unreliable {
     }
 }
 
-impl Substrate for Unreliable {
+impl Through for Unreliable {
+    fn wire(&self) -> &dyn Substrate {
+        &*self.reliable
+    }
+
     fn send(&self, to: &Address, subject: Subject, payload: Bytes) -> Result<(), SendError> {
         let sender = acl::decode(&payload).ok().map(|message| message.sender.to_string());
         let route = format!("{} {} {subject:?}", sender.unwrap_or_default(), to.agent);
@@ -129,22 +132,6 @@ impl Substrate for Unreliable {
     fn beat(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
         let route = format!("{sender} beat");
         self.pass(route, payload, |payload| self.reliable.beat(sender, payload))
-    }
-
-    fn announce(
-        &self,
-        agent: &AgentId,
-        incarnation: Incarnation,
-    ) -> Result<PresenceToken, SendError> {
-        self.reliable.announce(agent, incarnation)
-    }
-
-    fn ask(&self, ask: Ask, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
-        self.reliable.ask(ask, timeout)
-    }
-
-    fn close(&self) -> BoxFuture<()> {
-        self.reliable.close()
     }
 }
 
