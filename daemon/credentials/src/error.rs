@@ -37,6 +37,15 @@ pub enum CredentialError {
         /// Its permissions.
         mode: u32,
     },
+    /// Anybody on this machine can put another in its place.
+    #[error("trust {0}: anybody can write it (mode {mode:03o}); take that right away: chmod o-w {0}",
+        path.display())]
+    Writable {
+        /// The file, or its folder.
+        path: PathBuf,
+        /// Its permissions.
+        mode: u32,
+    },
     /// A file is not what it should be.
     #[error("read {}: {problem}", path.display())]
     Malformed {

@@ -105,6 +105,18 @@ pub(crate) fn read(path: &Path) -> Result<String, CredentialError> {
     fs::read_to_string(path).map_err(|source| failed(path, source))
 }
 
+/// Refuses what anybody could put another in the place of: whoever does that decides whom all trust.
+pub(crate) fn not_for_anybody(folder: &Folder, path: &Path) -> Result<(), CredentialError> {
+    for each in [folder.path(), path] {
+        let mode = fs::metadata(each).map_err(|source| failed(each, source))?.mode() & 0o1777;
+        // In a folder that is sticky nobody can replace what is another's.
+        if mode & 0o002 != 0 && mode & 0o1000 == 0 {
+            return Err(CredentialError::Writable { path: each.to_owned(), mode });
+        }
+    }
+    Ok(())
+}
+
 /// Reads a key, unless others can read it too.
 pub(crate) fn read_key(path: &Path) -> Result<PrivatePkcs8KeyDer<'static>, CredentialError> {
     let mode = fs::metadata(path).map_err(|source| failed(path, source))?.mode() & 0o777;

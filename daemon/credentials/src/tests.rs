@@ -295,6 +295,25 @@ fn a_key_that_others_can_read_is_refused_with_the_remedy() {
     assert!(matches!(Authority::open(&house.folder), Err(CredentialError::Loose { .. })));
 }
 
+/// Whoever can put another authority there decides whom all trust.
+#[test]
+fn what_anybody_can_write_is_not_trusted() {
+    let house = house();
+    let allow = |path: &std::path::Path, mode| {
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).expect("allowed");
+        Trust::read(&house.folder).map(drop)
+    };
+    let (file, folder) = (house.folder.authority(), house.folder.path().to_owned());
+    for (path, mode, is_trusted) in
+        [(&file, 0o644, true), (&file, 0o646, false), (&file, 0o644, true), (&folder, 0o777, false)]
+    {
+        assert_eq!(allow(path, mode).is_ok(), is_trusted, "{} {mode:o}", path.display());
+    }
+    let refused = allow(&folder, 0o707).expect_err("anybody's").to_string();
+    assert!(refused.contains("(mode 707); take that right away: chmod o-w"), "{refused}");
+    assert!(allow(&folder, 0o1777).is_ok(), "sticky");
+}
+
 #[test]
 fn what_is_missing_or_mistaken_is_named() {
     let house = house();

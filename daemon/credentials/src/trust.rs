@@ -39,6 +39,7 @@ impl Trust {
             let what = "the authority's certificate";
             return Err(CredentialError::Missing { what, path, remedy });
         }
+        files::not_for_anybody(folder, &path)?;
         let authority = Certificate::read(&path)?;
         if authority.public_key.is_none() {
             let problem = "it is not one that `althing cert authority` has made (Ed25519)";
