@@ -318,18 +318,13 @@ pub(crate) struct WishArgs {
     /// Keep the goal: plan again whenever it no longer holds
     #[arg(long, conflicts_with = "cancel")]
     pub(crate) maintain: bool,
-    /// More is more urgent
-    #[arg(
-        long,
-        value_name = "N",
-        default_value_t = 0,
-        allow_negative_numbers = true,
-        conflicts_with = "cancel"
-    )]
-    pub(crate) priority: i32,
-    /// What happens to it while the ecosystem is in pieces
-    #[arg(long, value_enum, default_value_t = PartitionArg::Pursue, conflicts_with = "cancel")]
-    pub(crate) partition: PartitionArg,
+    /// More is more urgent; without it, what the file says of it, or 0
+    #[arg(long, value_name = "N", allow_negative_numbers = true, conflicts_with = "cancel")]
+    pub(crate) priority: Option<i32>,
+    /// What happens to it while the ecosystem is in pieces; without it, what the file says of it,
+    /// or pursue
+    #[arg(long, value_enum, conflicts_with = "cancel")]
+    pub(crate) partition: Option<PartitionArg>,
     /// Give up the goal of this conversation
     #[arg(long, value_name = "ID")]
     pub(crate) cancel: Option<String>,

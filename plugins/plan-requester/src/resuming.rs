@@ -95,6 +95,11 @@ impl PlanRequester {
     /// Has the Journals keep a new goal, and tells its asker who does.
     pub(crate) fn accept(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         if self.keeper.journals().is_empty() {
+            if self.goals.get(id).is_some_and(|goal| goal.partition == Partition::Wait) {
+                let detail = "there is no Journal here that says which piece is the greater: it is \
+                              pursued in each";
+                self.tell(id, progress(detail), ctx);
+            }
             return;
         }
         let Some(record) = self.record(id) else { return };

@@ -326,7 +326,7 @@ fn faults(daemons: usize, robots: &[usize], rng: &mut Rng) -> Vec<(Duration, Fau
         faults.push((millis(rng, 5_000..19_000), blink));
     }
     let (from, until) = (BLINKS_UNTIL.as_millis() as u64, FAULTS_UNTIL.as_millis() as u64);
-    while faults.len() < FAULTS_MIN + 4 {
+    while faults.len() < FAULTS_MIN + 8 {
         faults.push((millis(rng, from..until), fault(daemons, rng)));
     }
     faults.sort_by_key(|(at, _)| *at);

@@ -9,7 +9,7 @@ use keyboard::{Said, Wish};
 use crate::cli::{GoalArgs, WishArgs};
 use crate::commands::client;
 use crate::commands::speaking::{self, Interrupt, Manner};
-use crate::config::Ecosystem;
+use crate::config::{Ecosystem, wish_for};
 
 /// Asks for a goal or cancels one.
 pub(super) fn run(args: &GoalArgs) -> ExitCode {
@@ -33,9 +33,9 @@ pub(crate) fn said(ecosystem: Option<&Ecosystem>, args: &WishArgs) -> Result<Sai
         return Ok(Said::Cancel(ConversationId::new(id)));
     }
     let asked = args.goal.as_deref().unwrap_or_default();
-    let goal = match ecosystem {
-        Some(ecosystem) => ecosystem.goal_text(asked)?.to_owned(),
-        None if asked.trim_start().starts_with('(') => asked.to_owned(),
+    let wish = match ecosystem {
+        Some(ecosystem) => ecosystem.wish(asked)?,
+        None if asked.trim_start().starts_with('(') => wish_for(asked),
         None => {
             return Err(format!(
                 "`{asked}` may be a goal of the ecosystem file, which is not known here; write \
@@ -43,8 +43,11 @@ pub(crate) fn said(ecosystem: Option<&Ecosystem>, args: &WishArgs) -> Result<Sai
             ));
         }
     };
-    pddl::parse_condition(&goal).into_result().map_err(|found| super::located(&found, &goal))?;
-    let keep = if args.maintain { Keep::Maintain } else { Keep::Achieve };
-    let partition = args.partition.into();
-    Ok(Said::Wish(Wish { goal, keep, priority: args.priority, partition }))
+    let Wish { goal, .. } = &wish;
+    pddl::parse_condition(goal).into_result().map_err(|found| super::located(&found, goal))?;
+    // What is said here counts more than what the file says of the goal.
+    let keep = if args.maintain { Keep::Maintain } else { wish.keep };
+    let priority = args.priority.unwrap_or(wish.priority);
+    let partition = args.partition.map_or(wish.partition, Into::into);
+    Ok(Said::Wish(Wish { keep, priority, partition, ..wish }))
 }

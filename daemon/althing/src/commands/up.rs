@@ -52,8 +52,7 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
             return exit::with(exit::CONFIG);
         }
     };
-    let goals: Result<Vec<_>, _> =
-        args.goals.iter().map(|goal| ecosystem.goal_text(goal).map(str::to_owned)).collect();
+    let goals: Result<Vec<_>, _> = args.goals.iter().map(|goal| ecosystem.wish(goal)).collect();
     let goals = match goals {
         Ok(goals) => goals,
         Err(problem) => {
@@ -73,7 +72,7 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
 /// What the daemon does for whoever started it.
 struct Manner {
     /// Goals it asks for.
-    goals: Vec<String>,
+    goals: Vec<Wish>,
     has_prompt: bool,
     until_stdin_ends: bool,
 }
@@ -255,11 +254,7 @@ async fn up(ecosystem: Arc<Ecosystem>, place: Place, others: Others, manner: Man
 
 /// A prompt's end of this daemon: a keyboard of its own, which asks for the goals of the command
 /// line.
-async fn prompt(
-    ecosystem: Arc<Ecosystem>,
-    node: &Node,
-    goals: Vec<String>,
-) -> Result<Guest, String> {
+async fn prompt(ecosystem: Arc<Ecosystem>, node: &Node, goals: Vec<Wish>) -> Result<Guest, String> {
     let (keyboard, terminal) = Keyboard::with_terminal();
     let name = client::guest_name("keyboard");
     let id = AgentId::new(&name).map_err(|error| error.to_string())?;
@@ -279,14 +274,9 @@ async fn prompt(
     Ok(Guest { view, id, terminal, json: false })
 }
 
-async fn wish(terminal: &Terminal, goals: Vec<String>) {
+async fn wish(terminal: &Terminal, goals: Vec<Wish>) {
     for goal in goals {
-        let wish = Wish {
-            goal,
-            keep: acl::content::Keep::Maintain,
-            priority: 0,
-            partition: Default::default(),
-        };
+        let wish = Wish { keep: acl::content::Keep::Maintain, ..goal };
         // The keyboard ends with the daemon, and then nobody wishes anything.
         let _ = terminal.say.send(Said::Wish(wish)).await;
     }
@@ -453,7 +443,7 @@ fn zenoh_settings(said: &Value) -> Value {
 }
 
 /// Asks for the goals of the command line, on behalf of whoever started the daemon.
-async fn ask(ecosystem: &Ecosystem, node: &Node, goals: Vec<String>) -> Option<Terminal> {
+async fn ask(ecosystem: &Ecosystem, node: &Node, goals: Vec<Wish>) -> Option<Terminal> {
     if goals.is_empty() {
         return None;
     }

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{Admit, Mode, Rights, Settings};
+use keyboard::Wish;
 use pddl::{Domain, Problem};
 use serde_json::Value;
 use terminal::report::Report;
@@ -32,7 +33,7 @@ pub(crate) struct Ecosystem {
     /// Where this ecosystem meets others.
     pub(crate) interfaces: Vec<InterfaceEntry>,
     /// Goals with a name; each has been parsed and checked.
-    pub(crate) goals: BTreeMap<String, String>,
+    pub(crate) goals: BTreeMap<String, Wish>,
     /// For Zenoh, as it is; null where nothing is said.
     pub(crate) zenoh: Value,
     /// Times and bounds.
@@ -109,18 +110,24 @@ pub(crate) struct BuildingSettings {
     pub(crate) socket: Option<PathBuf>,
 }
 
+/// A goal of which nothing more is said.
+pub(crate) fn wish_for(goal: &str) -> Wish {
+    let (keep, partition) = Default::default();
+    Wish { goal: goal.to_owned(), keep, priority: 0, partition }
+}
+
 // === impl Ecosystem ===
 
 impl Ecosystem {
-    /// The PDDL of a goal: that of the named goal, or `goal` itself if it is PDDL already.
+    /// What is wanted by `goal`: the named goal, or `goal` itself if it is PDDL already.
     ///
     /// The error says which names there are.
-    pub(crate) fn goal_text<'g>(&'g self, goal: &'g str) -> Result<&'g str, String> {
+    pub(crate) fn wish(&self, goal: &str) -> Result<Wish, String> {
         if goal.trim_start().starts_with('(') {
-            return Ok(goal);
+            return Ok(wish_for(goal));
         }
-        if let Some(text) = self.goals.get(goal) {
-            return Ok(text);
+        if let Some(wish) = self.goals.get(goal) {
+            return Ok(wish.clone());
         }
         let names = || self.goals.keys().map(String::as_str);
         let help = match (pddl::nearest(goal, names()), self.goals.len()) {

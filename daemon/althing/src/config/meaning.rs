@@ -73,7 +73,7 @@ pub(super) fn understand(
     daemons.extend(agents.iter().flat_map(|agent| agent.daemons.clone()));
     let interfaces = meaning.interfaces(interface, &agents, files.as_ref());
     daemons.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
-    meaning.goals(&goals, files.as_ref(), &agents);
+    let goals = meaning.goals(goals, files.as_ref(), &agents);
     let settings = meaning.settings(&timing, &limits);
     let security = meaning.security(security, name.as_ref());
     let mut rights = meaning.rights(&rights, &agents, &limited);

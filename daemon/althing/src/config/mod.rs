@@ -33,7 +33,7 @@ use ::config::{Config, ConfigError, Value};
 use agent::Mode;
 
 pub(crate) use ::interfacing::{InterfaceEntry, RuleEntry};
-pub(crate) use ecosystem::{AgentEntry, Ecosystem, SecuritySettings};
+pub(crate) use ecosystem::{AgentEntry, Ecosystem, SecuritySettings, wish_for};
 pub(crate) use environment::{Variables, variables};
 pub(crate) use find::{credentials_folder, find_ecosystem_file, resolve_ecosystem};
 

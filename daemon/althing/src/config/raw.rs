@@ -5,6 +5,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use acl::content::{Keep, Partition};
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -23,13 +24,26 @@ pub(super) struct Raw {
     #[serde(default)]
     pub(super) interface: Vec<RawInterface>,
     #[serde(default)]
-    pub(super) goals: BTreeMap<String, String>,
+    pub(super) goals: BTreeMap<String, RawGoal>,
     pub(super) timing: RawTiming,
     pub(super) limits: RawLimits,
     pub(super) security: RawSecurity,
     pub(super) rights: RawRights,
     pub(super) plugins: RawPlugins,
     pub(super) building: RawBuilding,
+}
+
+/// A goal of `[goals]`
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct RawGoal {
+    pub(super) goal: Option<String>,
+    #[serde(default)]
+    pub(super) keep: Keep,
+    #[serde(default)]
+    pub(super) priority: i32,
+    #[serde(default)]
+    pub(super) partition: Partition,
 }
 
 /// `[ecosystem]`

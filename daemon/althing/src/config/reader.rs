@@ -101,6 +101,15 @@ impl Reader {
             (Shape::List(shape), DeValue::Array(list)) => {
                 return Some(self.list(path, shape, about, list));
             }
+            (Shape::Brief(_, keys), DeValue::Table(table)) => {
+                return Some(table_value(self.table(path, keys, table)));
+            }
+            (Shape::Brief(key, _), DeValue::String(_)) => {
+                let place = self.place(0..0, value.span());
+                self.layer.places.insert(join(path, key), place);
+                let one = [((*key).to_owned(), handed_on(value.get_ref()))];
+                return Some(table_value(one.into_iter().collect()));
+            }
             // One is a list of one.
             (Shape::Texts, DeValue::String(_)) => {
                 let place = self.place(0..0, value.span());

@@ -33,6 +33,8 @@ pub(super) enum Shape {
     Table(&'static [Key]),
     /// A table with whatever keys, each of one shape.
     Each(&'static Shape),
+    /// A table with these keys; or a text alone, which is that of the key that is named.
+    Brief(&'static str, &'static [Key]),
     /// A table that is handed on as it is.
     Free,
 }
@@ -51,7 +53,7 @@ pub(super) static FILE: Shape = Shape::Table(&[
         Shape::List(&Shape::Table(INTERFACE)),
         "other ecosystems, one [[interface]] each",
     ),
-    key("goals", Shape::Each(&Shape::Text), "goals with a name, in PDDL"),
+    key("goals", Shape::Each(&Shape::Brief("goal", GOAL)), "goals with a name, in PDDL"),
     key("timing", Shape::Table(TIMING), "how long things may take"),
     key("limits", Shape::Table(LIMITS), "how many there may be"),
     key("security", Shape::Table(SECURITY), "links by TLS, and signed messages"),
@@ -67,6 +69,20 @@ const ECOSYSTEM: &[Key] = &[
     key("mode", Shape::Choice(&["centralized", "decentralized"]), "who plans"),
     key("daemons", Shape::List(&Shape::Text), "daemons that host no agent yet"),
 ];
+
+const GOAL: &[Key] = &[
+    key("goal", Shape::Text, "the goal, in PDDL"),
+    key("keep", Shape::Choice(&["achieve", "maintain"]), "whether it is reached once, or kept"),
+    key("priority", PRIORITY, "greater goes first"),
+    key(
+        "partition",
+        Shape::Choice(&["pursue", "wait"]),
+        "what happens to it while the ecosystem is in pieces",
+    ),
+];
+
+/// What an `i32` holds, and people can still compare.
+const PRIORITY: Shape = Shape::Number { min: -1_000_000.0, max: 1_000_000.0 };
 
 const AGENT: &[Key] = &[
     key("name", Shape::Text, "its name, such as \"thermometer-office2\""),
@@ -174,6 +190,7 @@ impl Shape {
         match self {
             Shape::Text => "a text in quotes".to_owned(),
             Shape::Texts => "a text in quotes, or a list of them in [ ]".to_owned(),
+            Shape::Brief(key, _) => format!("a text in quotes, or a table with `{key}`"),
             Shape::Choice(words) => {
                 let quoted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
                 quoted.join(" or ")
@@ -195,6 +212,7 @@ impl Shape {
                 let quoted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
                 quoted.join(" | ")
             }
+            Shape::Brief(key, _) => format!("\"TEXT\" | {{ {key} = \"TEXT\", … }}"),
             Shape::Duration => "\"NUMBER(ms|s|min|h)\"".to_owned(),
             Shape::Count => "INTEGER".to_owned(),
             Shape::Number { .. } => "NUMBER".to_owned(),

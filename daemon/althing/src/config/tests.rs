@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use acl::content::{Keep, Partition};
 use agent::Settings;
 use serde_json::json;
 use tempfile::TempDir;
@@ -153,10 +154,24 @@ fn layers_merge_key_by_key() {
 fn goals_have_names_or_are_pddl() {
     let ecosystem = House::new(FILE).load();
     let text = "(forall (?r - room) (known ?r))";
-    assert_eq!(ecosystem.goal_text("all-known"), Ok(text));
-    assert_eq!(ecosystem.goal_text(text), Ok(text));
-    let error = ecosystem.goal_text("all-knwon").expect_err("no such goal");
+    let text_of = |goal| ecosystem.wish(goal).map(|wish| wish.goal);
+    assert_eq!(text_of("all-known").as_deref(), Ok(text));
+    assert_eq!(text_of(text).as_deref(), Ok(text));
+    let error = text_of("all-knwon").expect_err("no such goal");
     assert_eq!(error, "there is no goal called `all-knwon`; did you mean `all-known`?");
+}
+
+#[test]
+fn of_a_goal_more_may_be_said() {
+    let file = FILE.replace(
+        "[timing]",
+        "[goals.warm]\ngoal = \"(known hall)\"\nkeep = \"maintain\"\npriority = 3\n\
+         partition = \"wait\"\n\n[timing]",
+    );
+    let house = House::new(&file).with_variable("ALTHING_GOALS__WARM", "(known cellar)");
+    let wish = house.load().wish("warm").expect("it has a name");
+    assert_eq!((wish.goal.as_str(), wish.priority), ("(known cellar)", 3));
+    assert_eq!((wish.keep, wish.partition), (Keep::Maintain, Partition::Wait));
 }
 
 #[test]

@@ -247,7 +247,7 @@ async fn say(terminal: &Terminal, said: Said) {
 }
 
 async fn wish(terminal: &Terminal, ecosystem: &Ecosystem, goal: &str) {
-    let goal = ecosystem.goal_text(goal).expect("a goal").to_owned();
+    let goal = ecosystem.wish(goal).expect("a goal").goal;
     say(
         terminal,
         Said::Wish(Wish { goal, keep: Keep::Achieve, priority: 0, partition: Default::default() }),

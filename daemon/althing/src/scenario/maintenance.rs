@@ -53,7 +53,7 @@ async fn acts(
     scenario: &Maintenance,
 ) -> Result<(), String> {
     performance.await_agents(setting).await?;
-    let goal = performance.set.ecosystem.goal_text(GOAL)?.to_owned();
+    let goal = performance.set.ecosystem.wish(GOAL)?.goal;
     performance.ask(&goal, Keep::Maintain).await?;
     performance.until_it_holds().await?;
 

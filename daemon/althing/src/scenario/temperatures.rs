@@ -55,7 +55,7 @@ async fn acts(
     performance.await_agents(setting).await?;
     let (building, fault) = (performance.building.clone(), Fault::Hangs);
     scenario.arm(&building, fault).map_err(|error| error.to_string())?;
-    let goal = performance.set.ecosystem.goal_text(GOAL)?.to_owned();
+    let goal = performance.set.ecosystem.wish(GOAL)?.goal;
     performance.ask(&goal, Keep::Maintain).await?;
     if scenario.dies == Dies::AfterReport {
         performance.until_it_holds().await?;

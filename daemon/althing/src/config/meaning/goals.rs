@@ -2,11 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use keyboard::Wish;
 use pddl::{Diagnostic, Severity, Span};
 
 use super::Meaning;
 use super::files::Files;
 use crate::config::ecosystem::AgentEntry;
+use crate::config::raw::RawGoal;
 
 // === impl Meaning ===
 
@@ -14,20 +16,27 @@ impl Meaning<'_> {
     /// Parses each goal, and checks it against the ontology and the map where they can be read.
     pub(super) fn goals(
         &mut self,
-        goals: &BTreeMap<String, String>,
+        goals: BTreeMap<String, RawGoal>,
         files: Option<&Files>,
         agents: &[AgentEntry],
-    ) {
-        for (name, goal) in goals {
-            for diagnostic in diagnose(goal, files, agents) {
-                self.about_goal(name, goal, diagnostic);
+    ) -> BTreeMap<String, Wish> {
+        let mut wishes = BTreeMap::new();
+        for (name, RawGoal { goal, keep, priority, partition }) in goals {
+            let Some(goal) = goal else {
+                self.missing(&format!("goals.{name}"), "goal", "(known-temperature office1)");
+                continue;
+            };
+            for diagnostic in diagnose(&goal, files, agents) {
+                self.about_goal(&name, &goal, diagnostic);
             }
+            wishes.insert(name, Wish { goal, keep, priority, partition });
         }
+        wishes
     }
 
     /// Moves a place of the goal's text to where that text stands.
     fn about_goal(&mut self, name: &str, goal: &str, mut found: Diagnostic) {
-        let Some((source, place)) = self.place(&format!("goals.{name}")) else {
+        let Some((source, place)) = self.place(&format!("goals.{name}.goal")) else {
             self.report.add_general(found);
             return;
         };
