@@ -7,7 +7,7 @@ use std::fs;
 
 use support::{Office, lab};
 
-/// A kettle by two programs; `FOLDER` is the test's.
+/// A kettle by two programs; `FOLDER` is the test's, and so is how it brews.
 const KETTLE: &str = r#"
 [[agent]]
 name = "kettle-1"
@@ -28,15 +28,18 @@ model = '''
 
 [agent.config.actions]
 fill = { run = ["/bin/sh", "-c", "echo filled >> FOLDER/log"] }
-brew = { run = ["/bin/sh", "-c", "test -e FOLDER/tea || { echo no tea >&2; exit 1; }; echo $1 >> FOLDER/log", "brew", "{r}"], time-out = "5s" }
+brew = BREW
 "#;
+
+const BREWS: &str = r#"{ run = ["/bin/sh", "-c", "test -e FOLDER/tea || { echo no tea >&2; exit 1; }; echo $1 >> FOLDER/log", "brew", "{r}"], time-out = "5s" }"#;
 
 #[test]
 fn any_program_is_planned_with_and_done_without_when_it_fails() {
     for mode in ["decentralized", "centralized"] {
         let office = Office::new();
         let folder = office.folder().display().to_string();
-        let file = office.write("lab.toml", &(lab(mode) + &KETTLE.replace("FOLDER", &folder)));
+        let kettle = KETTLE.replace("BREW", BREWS).replace("FOLDER", &folder);
+        let file = office.write("lab.toml", &(lab(mode) + &kettle));
         let mut office = office.with_file(file);
         office.write("tea", "Assam\n");
         office.up(&["daemon"], &[]);
@@ -55,4 +58,23 @@ fn any_program_is_planned_with_and_done_without_when_it_fails() {
         assert!(said.contains("no tea"), "{mode}: {said}");
         assert_eq!(log(), "filled\noffice1\nfilled\n", "{mode}");
     }
+}
+
+/// It has poured the water away, or it has not: nobody says that the kettle is full still.
+#[test]
+fn of_what_hung_nobody_knows_whether_it_was_done() {
+    let office = Office::new();
+    let folder = office.folder().display().to_string();
+    let hangs = r#"{ run = ["sleep", "600"], time-out = "500ms" }"#;
+    let kettle = KETTLE.replace("BREW", hangs).replace("FOLDER", &folder);
+    let text = lab("decentralized") + &kettle;
+    let file = office.write("lab.toml", &text);
+    let mut office = office.with_file(file);
+    office.up(&["daemon"], &[]);
+    office.await_devices(1);
+    let (code, said) = office.ask(&["goal", "(tea-ready office1)"]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("failed to finish within 500ms"), "{said}");
+    office.await_fact("(filled kettle-1)", false);
+    assert_eq!(fs::read_to_string(office.folder().join("log")).unwrap_or_default(), "filled\n");
 }

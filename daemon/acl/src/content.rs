@@ -425,6 +425,8 @@ pub enum Reason {
     StandingBy,
     /// Whether it was done cannot be known: the agent was restarted while it acted.
     Uncertain,
+    /// Whether it was done cannot be known: it took longer than it may, and was ended.
+    TimedOut,
     /// Nobody answered a question to a person in time.
     Unanswered,
     /// The ecosystem's file does not let the sender say this.

@@ -382,7 +382,10 @@ impl<D: Device> Actuator<D> {
             }
             Err(failure) => {
                 self.device.failed(&call, &failure);
-                Report::new(Outcome::Failed, format!("failed to {failure}"))
+                let report = Report::new(Outcome::Failed, format!("failed to {failure}"));
+                // It was ended somewhere in its middle.
+                let is_unknown = matches!(failure, Failure::TimedOut(_));
+                Report { declined: is_unknown.then_some(Reason::TimedOut), ..report }
             }
         };
         report.action = Some(call.action);

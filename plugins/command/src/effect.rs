@@ -57,6 +57,16 @@ impl Known {
         }
         added
     }
+
+    /// Whether an action's effect came about is not known: nothing is said any more of what it would
+    /// have made untrue.
+    pub(crate) fn doubt(&mut self, effect: &Effect, arguments: &BTreeMap<String, String>) {
+        match effect {
+            Effect::And(effects) => effects.iter().for_each(|each| self.doubt(each, arguments)),
+            Effect::Delete(_) => drop(self.apply(effect, arguments)),
+            _ => (),
+        }
+    }
 }
 
 fn ground(atom: &Atom, arguments: &BTreeMap<String, String>) -> Atom {

@@ -19,6 +19,7 @@ use acl::content::Method;
 use actuator::{Actuator, BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, Stir};
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use pddl::{ActionModel, InitElement};
+use programs::ProgramError;
 use tokio::time::Instant;
 
 use crate::config::{Config, Run};
@@ -90,7 +91,10 @@ impl Device for Commanded {
         Box::pin(async move {
             let program = program.ok_or_else(|| Failure::Driver("run nothing".to_owned()))?;
             let printed = program.run(time_out).await;
-            printed.map_err(|error| Failure::Driver(error.to_string()))
+            printed.map_err(|error| match error {
+                ProgramError::TimedOut { within, .. } => Failure::TimedOut(within),
+                other => Failure::Driver(other.to_string()),
+            })
         })
     }
 
@@ -109,7 +113,11 @@ impl Device for Commanded {
         Performed { detail, observations }
     }
 
-    fn failed(&mut self, _call: &Call, failure: &Failure) {
+    fn failed(&mut self, call: &Call, failure: &Failure) {
+        let action = self.model.actions.iter().find(|action| action.name.as_str() == call.method);
+        if let (Failure::TimedOut(_), Some(action)) = (failure, action) {
+            self.known.doubt(&action.effect, &call.arguments);
+        }
         if *failure != Failure::GivenUp {
             self.rests_until = Some(Instant::now() + REST_AFTER_FAILURE);
         }

@@ -349,10 +349,10 @@ impl PlanExecutor {
     ) {
         match report.outcome {
             Outcome::Done => self.done(token, step, agent, report, ctx),
-            Outcome::Failed if report.declined == Some(Reason::Uncertain) => {
-                self.unsure(token, step, agent, report, ctx);
-            }
             Outcome::Failed => {
+                if let Some(why @ (Reason::Uncertain | Reason::TimedOut)) = report.declined {
+                    return self.unsure((token, step), agent, (why, report), ctx);
+                }
                 self.failed(token, step, format!("`{agent}` failed: {}", report.detail), ctx);
             }
             Outcome::Cancelled => {
@@ -391,18 +391,19 @@ impl PlanExecutor {
     }
 
     /// Nobody knows whether a step was done: what it would have changed is not known any more, and
-    /// another plan is made from there. Its action is not to blame.
+    /// another plan is made from there. An action whose agent was restarted is not to blame.
     fn unsure(
         &mut self,
-        token: &ReplyToken,
-        step: usize,
+        (token, step): (&ReplyToken, usize),
         agent: &AgentId,
-        report: Report,
+        (why, report): (Reason, Report),
         ctx: &mut Context<Self>,
     ) {
         let Some(running) = self.running.get_mut(token) else { return };
         let mut change = running.execution.uncertain(step);
-        if let Some(acting) = running.acting.get_mut(&step) {
+        if why == Reason::Uncertain
+            && let Some(acting) = running.acting.get_mut(&step)
+        {
             acting.action.clear();
         }
         if !change.retract.is_empty() {
@@ -410,7 +411,7 @@ impl PlanExecutor {
             self.tell(token, change, ctx);
         }
         let problem = format!("`{agent}`: {}", report.detail);
-        self.declined(token, step, problem, Reason::Uncertain, ctx);
+        self.declined(token, step, problem, why, ctx);
     }
 
     /// Tells the Domain Maintainer what a confirmed action changed.
