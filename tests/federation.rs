@@ -105,6 +105,19 @@ fn a_daemon_returns_under_its_name_at_a_new_address() {
     reaches(&site, "reasoning", "(known-temperature office2)");
 }
 
+/// A board is given another address while its daemon runs.
+#[test]
+fn a_machine_moves_while_its_daemon_runs() {
+    let office = secured(&smart_office(SCOUTING), &BOARDS);
+    let Some(mut site) = Site::on_lan(office, &BOARDS) else { return };
+    BOARDS.iter().for_each(|board| site.up(board, &[]));
+    site.await_all(&BOARDS, &AGENTS);
+    site.readdress("office2-pi", "10.0.0.3", "10.0.0.99");
+    site.await_seen("reasoning", |seen| !has(seen, "thermometer-office2"));
+    site.await_all(&BOARDS, &AGENTS);
+    reaches(&site, "reasoning", "(known-temperature office2)");
+}
+
 /// A cable is pulled out for longer than the lease, and put in again.
 #[test]
 fn who_was_cut_off_is_found_again() {

@@ -192,6 +192,11 @@ impl Config {
         ZenohSubstrate::open(&self.ecosystem, self.daemon, settings, inbound).await
     }
 
+    /// Whether it looks for others by multicast. Settings that open nothing look for nobody.
+    pub fn scouts(&self) -> bool {
+        self.settings().is_ok_and(|settings| settings.scouts_at.is_some())
+    }
+
     pub(crate) fn settings(&self) -> Result<Settings, OpenError> {
         let mut merged = self.defaults();
         if self.security.is_some() {

@@ -206,7 +206,7 @@ async fn up(ecosystem: Arc<Ecosystem>, place: Place, others: Others, manner: Man
         exit::with(exit::UNAVAILABLE)
     };
     // They end after the node: others are told that a daemon has left when it has.
-    let (node, _server, _stay) = match open(&ecosystem, &place).await {
+    let (node, _server, _stay, scouts) = match open(&ecosystem, &place).await {
         Ok(opened) => opened,
         Err(problem) => return unavailable(format!("failed to {problem}")),
     };
@@ -221,6 +221,9 @@ async fn up(ecosystem: Arc<Ecosystem>, place: Place, others: Others, manner: Man
     if !manner.has_prompt {
         let lease = substrate_zenoh::lease(&ecosystem.zenoh);
         hosting::watch_standstill(lease.unwrap_or(substrate_zenoh::LEASE));
+        if scouts {
+            hosting::watch_addresses();
+        }
     }
     if manner.has_prompt {
         match prompt(ecosystem, &node, manner.goals).await {
@@ -333,16 +336,19 @@ fn announce(ecosystem: &Ecosystem, place: &Place, node: &Node) {
     }
 }
 
+/// A daemon's node, the building it lends others, its place in the folder of sockets, and whether it
+/// looks for others beyond its machine.
 async fn open(
     ecosystem: &Ecosystem,
     place: &Place,
-) -> Result<(Node, Option<Server>, Stay), String> {
+) -> Result<(Node, Option<Server>, Stay, bool), String> {
     let socket = building_socket(ecosystem, place)?;
     let (building, server) = simulated(ecosystem, &place.agents, socket.as_ref()).await?;
     let socket = socket.filter(|_| building.is_some());
     let state =
         hosting::state_folder(&ecosystem.name, &place.daemon).map_err(|error| error.to_string())?;
     let (wire, stay) = wire(ecosystem, &place.daemon).await?;
+    let scouts = wire.scouts();
     let part = Part {
         ecosystem,
         daemon: place.daemon.clone(),
@@ -360,7 +366,7 @@ async fn open(
         building: socket,
     };
     node.host_processes(processes)?;
-    Ok((node, server, stay))
+    Ok((node, server, stay, scouts))
 }
 
 /// Where several processes share the building: as the file says, or where plugins of this daemon that

@@ -2,10 +2,12 @@
 //!
 //! Configure ([`crate::config`]), [`Node::open`], run, [`Node::drain`].
 
+mod anew;
 mod building;
 mod credentials;
 mod entrance;
 mod folders;
+mod moving;
 mod processes;
 mod rehearsal;
 mod standstill;
@@ -34,6 +36,7 @@ pub(crate) use entrance::{Stay, enter};
 pub(crate) use folders::{
     plugins_folder, running_ecosystems, runtime_folder, socket_in, state_folder,
 };
+pub(crate) use moving::watch_addresses;
 pub(crate) use processes::{Processes, become_plugin};
 pub(crate) use rehearsal::{models, rehearse};
 pub(crate) use standstill::watch_standstill;
@@ -57,6 +60,13 @@ pub(crate) enum Wire {
     Unreliable(Network, Arc<Mishaps>),
     /// Zenoh, as configured.
     Zenoh(Box<substrate_zenoh::Config>),
+}
+
+impl Wire {
+    /// Whether others are looked for on the networks of this machine.
+    pub(crate) fn scouts(&self) -> bool {
+        matches!(self, Wire::Zenoh(config) if config.scouts())
+    }
 }
 
 /// A running daemon.

@@ -7,12 +7,10 @@
 //! from disk and from the Journals, as after any death. So it begins anew, under its process id.
 //! (Without this, two of eighteen stops in `tests/faults.rs` ended in goals that nobody began.)
 
-use std::ffi::CString;
-use std::os::unix::ffi::OsStringExt as _;
 use std::thread;
 use std::time::Duration;
 
-use nix::unistd::execv;
+use super::anew::begin_anew;
 
 /// How often it looks at the clock.
 const PERIOD: Duration = Duration::from_millis(250);
@@ -29,7 +27,8 @@ pub(crate) fn watch_standstill(lease: Duration) {
             let Some(now) = uptime() else { return };
             let stood_still = now.saturating_sub(last).saturating_sub(PERIOD);
             if stood_still > missed {
-                begin_anew(stood_still);
+                tracing::warn!(?stood_still, "stood still, and was counted as gone: begins anew");
+                begin_anew();
             }
             last = now;
         }
@@ -41,30 +40,6 @@ fn uptime() -> Option<Duration> {
     let text = std::fs::read_to_string("/proc/uptime").ok()?;
     let seconds: f64 = text.split_whitespace().next()?.parse().ok()?;
     Duration::try_from_secs_f64(seconds).ok()
-}
-
-fn begin_anew(stood_still: Duration) {
-    tracing::warn!(?stood_still, "stood still, and was counted as gone: begins anew");
-    give_up_sockets();
-    // An argument came from a string of C's, and so it has no zero within.
-    let arguments: Vec<_> =
-        std::env::args_os().filter_map(|each| CString::new(each.into_vec()).ok()).collect();
-    // The file that runs, also if another has been put in its place. Not by `std::process`, which
-    // first gives up ignoring SIGPIPE, of which this process then dies: others have closed the
-    // links that its other threads write to.
-    let Err(error) = execv(c"/proc/self/exe", &arguments);
-    tracing::error!(%error, "could not begin anew; some may not see this daemon");
-}
-
-/// Lets the next life take the sockets. Zenoh locks a file beside each, and alone of all that is
-/// open this is not closed with the program; a file of the same name is another.
-fn give_up_sockets() {
-    let Ok(open) = std::fs::read_dir("/proc/self/fd") else { return };
-    let targets = open.flatten().filter_map(|entry| std::fs::read_link(entry.path()).ok());
-    for path in targets.filter(|path| path.to_string_lossy().ends_with(".sock.lock")) {
-        // Then the next life says what it could not open.
-        let _ = std::fs::remove_file(path);
-    }
 }
 
 #[cfg(test)]
