@@ -77,6 +77,7 @@ pub struct Post {
     state: PathBuf,
     shelf: Arc<Shelf>,
     clock: Arc<Clock>,
+    waits: Arc<Waits>,
     world: Arc<World>,
     process: Option<Process>,
     gate: Option<Gate>,
@@ -89,7 +90,14 @@ struct Process {
     agents: Vec<JoinHandle<()>>,
 }
 
-/// A machine's wall clock, how long its disk takes, and what is waited for on it.
+/// What a process has of its machine, and what its agents wait for: one that is killed may be woken
+/// once more, and what it says then is of nobody.
+struct Given {
+    clock: Arc<Clock>,
+    waits: Arc<Waits>,
+}
+
+/// A machine's wall clock, and how long its disk takes.
 struct Clock {
     began: Instant,
     /// No two machines begin in the same microsecond.
@@ -97,19 +105,19 @@ struct Clock {
     /// How far it is off, in seconds.
     jumped: AtomicI64,
     disk: Mutex<Rng>,
-    waits: Waits,
 }
 
-impl Simulated for Clock {
+impl Simulated for Given {
     fn wall_clock(&self) -> SystemTime {
-        let now = UNIX_EPOCH + DAWN + self.apart + self.began.elapsed();
-        let jumped = self.jumped.load(Ordering::Relaxed);
+        let Clock { began, apart, jumped, .. } = &*self.clock;
+        let now = UNIX_EPOCH + DAWN + *apart + began.elapsed();
+        let jumped = jumped.load(Ordering::Relaxed);
         let by = Duration::from_secs(jumped.unsigned_abs());
         if jumped < 0 { now - by } else { now + by }
     }
 
     fn work_takes(&self) -> Duration {
-        let mut disk = self.disk.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut disk = self.clock.disk.lock().unwrap_or_else(PoisonError::into_inner);
         Duration::from_micros(disk.u64(200..15_000))
     }
 
@@ -134,7 +142,6 @@ impl Post {
             apart: Duration::from_micros(number as u64 * 997),
             jumped: AtomicI64::new(0),
             disk: Mutex::new(Rng::with_seed(seed)),
-            waits: Waits::default(),
         };
         std::fs::create_dir_all(&state)?;
         let gate = world.script.way(number).map(|way| Gate::new(way, &state)).transpose()?;
@@ -144,6 +151,7 @@ impl Post {
             state,
             shelf: Arc::default(),
             clock: Arc::new(clock),
+            waits: Arc::default(),
             world: Arc::clone(world),
             process: None,
             gate,
@@ -162,8 +170,9 @@ impl Post {
         }
         let world = Arc::clone(&self.world);
         let ecosystem = EcosystemId::new(LABORATORY).expect("invariant: a name");
-        let clock = Arc::<Clock>::clone(&self.clock);
-        let machine = move |state| Machine::simulated(clock.clone(), Some(state));
+        self.waits = Arc::default();
+        let given = Arc::new(Given { clock: self.clock.clone(), waits: self.waits.clone() });
+        let machine = move |state| Machine::simulated(given.clone(), Some(state));
         let switchboard = Switchboard::on(
             machine(self.state.clone()),
             ecosystem,
@@ -192,7 +201,7 @@ impl Post {
             gate.kill(&self.world, &self.daemon);
         }
         process.agents.iter().for_each(JoinHandle::abort);
-        self.clock.waits.forget();
+        self.waits = Arc::default();
         if self.world.without == Some(Guard::Journal) {
             self.shelf = Arc::default();
         }
@@ -226,7 +235,7 @@ impl Post {
 
     /// What its agents wait for.
     pub fn waits(&self) -> &Waits {
-        &self.clock.waits
+        &self.waits
     }
 
     /// What its Journal has on disk.

@@ -1,4 +1,4 @@
-//! What the agents of a machine wait for: exchanges that they have opened and not closed.
+//! What the agents of a process wait for: exchanges that they have opened and not closed.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
@@ -26,11 +26,6 @@ impl Waits {
                 waits.insert((agent.clone(), life), exchanges);
             }
         });
-    }
-
-    /// The process is dead: nobody waits any more.
-    pub fn forget(&self) {
-        self.with(BTreeMap::clear);
     }
 
     /// Exchanges that should have been over, by now.
