@@ -70,6 +70,21 @@ async fn a_cut_is_seen_after_its_lease_and_a_blink_is_not() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn who_has_gone_and_come_again_is_here_whatever_overtakes() {
+    let network = Network::new(1);
+    let (_port_a, ear_a, port_b, _) = pair(&network);
+    let _token = port_b.announce(&agent("robot"), Incarnation(1)).expect("open");
+    network.weather(Weather { overtaken: 0.5, ..Weather::fair() });
+    for _ in 0..30 {
+        let cut = network.cut([daemon("b")].into(), Duration::ZERO);
+        tokio::time::sleep(Duration::from_millis(1)).await;
+        network.mend(cut);
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        assert_eq!(ear_a.words().last().map(String::as_str), Some("joined robot"));
+    }
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_kill_is_seen_at_once_and_its_next_life_hears_nothing_of_the_last() {
     let network = Network::new(1);
     let (port_a, ear_a, port_b, ear_b) = pair(&network);

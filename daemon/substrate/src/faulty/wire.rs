@@ -137,17 +137,27 @@ impl Wire {
         Ok(())
     }
 
-    /// When what is sent now comes.
+    /// When a message that is sent now comes.
     fn arrival(&mut self, from: &DaemonId, to: &DaemonId) -> Instant {
+        let (delay, slow) = self.way(to);
+        if self.once_in(self.weather.overtaken) {
+            self.told.overtaken += 1;
+            return Instant::now() + delay + slow + delay * 4;
+        }
+        self.in_order(from, to, Instant::now() + delay + slow)
+    }
+
+    /// How long the next thing to a daemon is under way, and how much later it is read.
+    fn way(&mut self, to: &DaemonId) -> (Duration, Duration) {
         let micros = self.rng.u64(self.weather.delay.clone());
         let (delay, slow) = (Duration::from_micros(micros), self.slow.get(to).copied());
         self.told.delayed += u64::from(micros >= Weather::fair().delay.end);
         self.told.slowed += u64::from(slow.is_some());
-        let at = Instant::now() + delay + slow.unwrap_or_default();
-        if self.once_in(self.weather.overtaken) {
-            self.told.overtaken += 1;
-            return at + delay * 4;
-        }
+        (delay, slow.unwrap_or_default())
+    }
+
+    /// Not before what was sent over a link earlier.
+    fn in_order(&mut self, from: &DaemonId, to: &DaemonId, at: Instant) -> Instant {
         let last = self.last.entry((from.clone(), to.clone())).or_insert(at);
         *last = at.max(*last);
         *last
@@ -193,7 +203,10 @@ impl Wire {
         let joined = here.difference(&seen).cloned().map(Presence::Joined);
         for presence in left.chain(joined).collect::<Vec<_>>() {
             let host = presence.resident().daemon.clone();
-            let at = if host == *daemon { now } else { self.arrival(&host, daemon) };
+            // Never overtaken: who has gone and come again is here, and nobody would say so again.
+            let (delay, slow) = self.way(daemon);
+            let at = now + delay + slow;
+            let at = if host == *daemon { now } else { self.in_order(&host, daemon, at) };
             self.happens(at, daemon, Coming::Presence(presence));
         }
     }
