@@ -1,4 +1,4 @@
-//! Plans of goals that have ended, which another Plan Requester made: it was cut off, or died, and they
+//! Plans of goals that have ended, or hold, which another Plan Requester made: it was cut off, or died, and they
 //! may run still (design, “No single point of failure”).
 
 use acl::content::{Execute, Request, value};
@@ -37,10 +37,18 @@ impl PlanRequester {
         let token = ctx.open(opening, patience, move |requester: &mut Self, answer, ctx| {
             if let Ok(plan) = under_way(answer)
                 && times < TIMES_MAX
+                && !requester.runs(&called_off, &plan)
             {
                 requester.call_off(&called_off, *plan, times + 1, ctx);
             }
         });
         ctx.go_on(&token, &executor, Performative::Cancel, Value::Null);
+    }
+
+    /// Whether this plan is the one that runs for a goal here: it may have been begun meanwhile.
+    fn runs(&self, id: &ConversationId, plan: &Execute) -> bool {
+        let running = self.goals.get(id).filter(|goal| goal.phase.is_running());
+        let own = running.and_then(|goal| goal.plan.as_deref());
+        own.is_some_and(|own| (own.term, own.round) == (plan.term, plan.round))
     }
 }

@@ -247,7 +247,10 @@ impl PlanRequester {
         // What has ended has, however late it was said of that it goes on.
         let is_later_here = self.goals.get(&id).is_some_and(|goal| goal.version >= version);
         let is_known = is_later_here && record.ended.is_none() && !record.cancelled;
-        if is_known || self.ended.has(&id, version) {
+        if is_known {
+            return self.stand_alone(&id, plan, ctx);
+        }
+        if self.ended.has(&id, version) {
             return;
         }
         if record.ended.is_none()
@@ -301,6 +304,15 @@ impl PlanRequester {
             return self.keep_ended(&id, report, record, ctx);
         }
         self.go_on(record, version, plan, ctx);
+    }
+
+    /// A goal stands here later than another knew it. The plan that the other made runs for nobody, if
+    /// none runs here: a goal that is kept may hold long since.
+    fn stand_alone(&mut self, id: &ConversationId, plan: Option<Execute>, ctx: &mut Context<Self>) {
+        let runs = self.goals.get(id).is_some_and(|goal| goal.phase.is_running());
+        if let Some(plan) = plan.filter(|_| !runs) {
+            self.call_off(id, plan, 0, ctx);
+        }
     }
 
     /// Nobody needs a plan of this goal any more: what runs of it is called off, what is kept of it
