@@ -55,7 +55,7 @@ fn rests(goal: &GoalStatus) -> bool {
 
 /// Nobody waits for anything any more, but who asked for a goal to be kept: for the word that it holds
 /// no longer.
-fn waiting(city: &City) -> Vec<String> {
+pub fn waiting(city: &City) -> Vec<String> {
     let mut waiting = Vec::new();
     for (agent, open) in city.posts.iter().flat_map(|post| post.waits().open()) {
         let person = city.people.iter().find(|person| person.name == agent.as_str());

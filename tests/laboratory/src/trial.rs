@@ -174,10 +174,18 @@ impl Trial {
                 && checks::is_at_rest(&self.city.goals().await)
             {
                 self.wait_until(self.city.now() + QUIET).await;
+                self.let_finish(until).await;
                 return true;
             }
         }
         false
+    }
+
+    /// A plan that was given up while its executor was cut off may run to its end, for nobody.
+    async fn let_finish(&mut self, until: Duration) {
+        while self.city.now() < until && !checks::waiting(&self.city).is_empty() {
+            self.wait_until(self.city.now() + QUIET).await;
+        }
     }
 
     async fn wait_until(&mut self, at: Duration) {
