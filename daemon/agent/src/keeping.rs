@@ -113,12 +113,23 @@ impl Keeper {
 
     fn begin_term(&mut self, life: Incarnation, records: &[Record]) {
         let read = records.iter().map(|record| record.version.term).max();
-        let later = read.map_or(0, |term| term.saturating_add(1));
         // Of its own records it reads the same term again.
-        if later > self.version.term.saturating_add(1) || self.version.term == 0 {
+        if read > Some(self.version.term) || self.version.term == 0 {
+            let later = read.map_or(0, |term| term.saturating_add(stride_of(life)));
             self.version = Version { term: later.max(life.0), count: 0 };
         }
     }
+}
+
+/// How much later than what it has read an agent's term is, other than that of another life: two that
+/// have read the same records, cut off from each other, begin terms of their own.
+fn stride_of(Incarnation(life): Incarnation) -> u64 {
+    /// 2⁶⁴ by the golden ratio: lives that lie close together are spread (Knuth, The Art of Computer
+    /// Programming, 6.4).
+    const SPREAD: u64 = 0x9e37_79b9_7f4a_7c15;
+    // Of an hour of a life's microseconds: the clock is not left behind for long, and there is room
+    // for more terms than there are seconds in a century.
+    (life.wrapping_mul(SPREAD) >> 32).max(1)
 }
 
 /// Who is still to answer, and whom to tell.
@@ -358,7 +369,22 @@ mod tests {
         assert_eq!(keeper.term(), 7, "its own records begin no term");
         let theirs = Record { version: Version { term: 99, count: 3 }, ..mine };
         keeper.begin_term(Incarnation(7), std::slice::from_ref(&theirs));
-        assert_eq!(keeper.term(), 100);
+        assert!(keeper.term() > 99);
         assert!(keeper.write("goal/a".to_owned(), Value::Null).version > theirs.version);
+    }
+
+    /// Else a plan of one would be taken for that of the other, and a deed for another.
+    #[test]
+    fn two_that_read_the_same_begin_terms_of_their_own() {
+        let version = Version { term: 1_700_000_034_043_986, count: 3 };
+        let read = Record { key: "goal/a".to_owned(), version, body: Value::Null };
+        let terms = [1_700_000_034_042_988, 1_700_000_034_042_989, 1_700_000_034_039_001];
+        let terms = terms.map(|life| {
+            let mut keeper = keeper();
+            keeper.begin_term(Incarnation(life), std::slice::from_ref(&read));
+            keeper.term()
+        });
+        assert!(terms.iter().all(|term| *term > version.term));
+        assert_eq!(BTreeSet::from(terms).len(), 3, "{terms:?}");
     }
 }
