@@ -30,6 +30,8 @@ pub enum Request {
     Plan(PlanRequest),
     /// To the Plan Executor: execute this plan.
     Execute(Box<Execute>),
+    /// To the Plan Executor: nobody needs this plan any more.
+    CallOff(CallOff),
     /// To an actuator: execute this action, translated into its method.
     Act(Box<Act>),
     /// To the Domain Maintainer: change the state.
@@ -158,6 +160,18 @@ pub struct Execute {
     /// What the agents in the plan offer.
     #[serde(default)]
     pub offers: Offers,
+}
+
+/// Ask that a plan of the conversation's goal be given up. One that runs is taken back, another is not
+/// begun any more: it may have been asked for by a Plan Requester that acts no longer, and its request
+/// may come later than this.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CallOff {
+    /// See [`Execute::term`].
+    pub term: u64,
+    /// See [`Execute::round`].
+    pub round: u32,
 }
 
 /// What each agent offers: its actions, under the names it knows them by.

@@ -137,9 +137,11 @@ impl Rights {
     /// Says what it may not.
     pub fn may_ask(&self, agent: &AgentId, request: &Request) -> Result<(), String> {
         match request {
-            Request::Achieve(_) | Request::Plan(_) | Request::Execute(_) | Request::Act(_) => {
-                self.may_ask_for_goals(agent)
-            }
+            Request::Achieve(_)
+            | Request::Plan(_)
+            | Request::Execute(_)
+            | Request::CallOff(_)
+            | Request::Act(_) => self.may_ask_for_goals(agent),
             Request::ChangeState(_)
             | Request::SetMode(_)
             | Request::ChangeMetric(_)

@@ -162,6 +162,7 @@ impl PlanExecutor {
         let engagement = Engagement::of(&message);
         let execute = match message.content_as::<Request>() {
             Ok(Request::Execute(execute)) => execute,
+            Ok(Request::CallOff(plan)) => return self.called_off(&engagement, plan, ctx),
             Ok(_) => {
                 let detail = "a Plan Executor executes plans; ask the Plan Requester for goals";
                 return ctx.refuse(&engagement, Reason::Incapable, detail);

@@ -11,7 +11,7 @@
 
 use std::collections::VecDeque;
 
-use acl::content::{Cancelling, Execute, Outcome, Reason, Refusal, Report, value};
+use acl::content::{CallOff, Cancelling, Execute, Outcome, Reason, Refusal, Report, value};
 use acl::{ConversationId, Performative, ReplyToken};
 use agent::{Context, Engagement, Resident};
 
@@ -47,6 +47,10 @@ pub(crate) struct Ended(VecDeque<(PlanId, Report)>);
 impl PlanId {
     pub(crate) fn of(conversation: &ConversationId, execute: &Execute) -> PlanId {
         let Execute { term, round, .. } = *execute;
+        PlanId { conversation: conversation.clone(), term, round }
+    }
+
+    fn to_call_off(conversation: &ConversationId, CallOff { term, round }: CallOff) -> PlanId {
         PlanId { conversation: conversation.clone(), term, round }
     }
 }
@@ -140,6 +144,26 @@ impl PlanExecutor {
             }
         }
         false
+    }
+
+    /// Nobody needs a plan any more. Where it does not run, it is kept in mind: who has made it may have
+    /// asked for it, and what asks may come later than this.
+    pub(crate) fn called_off(
+        &mut self,
+        engagement: &Engagement,
+        plan: CallOff,
+        ctx: &mut Context<Self>,
+    ) {
+        let plan = PlanId::to_call_off(&engagement.conversation, plan);
+        let report = Report::new(Outcome::Cancelled, "called off");
+        if !self.is_known(engagement, &plan, ctx) {
+            ctx.answer(engagement, Performative::Confirm, &report);
+            return self.ended.keep(plan, report);
+        }
+        let it = self.running.iter().find(|(_, running)| running.plan == plan);
+        if let Some(token) = it.map(|(token, _)| token.clone()) {
+            self.give_up(&token, report, ctx);
+        }
     }
 
     fn goes_on(&self, token: &ReplyToken) -> bool {

@@ -1,10 +1,9 @@
 //! Plans of goals that have ended, or hold, which another Plan Requester made: it was cut off, or died, and they
 //! may run still (design, “No single point of failure”).
 
-use acl::content::{Execute, Request, value};
+use acl::content::{CallOff, Execute, Request, value};
 use acl::{ConversationId, Performative, Protocol};
 use agent::{Context, Opening};
-use serde_json::Value;
 
 use crate::PlanRequester;
 use crate::executing::under_way;
@@ -13,36 +12,30 @@ use crate::executing::under_way;
 const TIMES_MAX: u32 = 4;
 
 impl PlanRequester {
-    /// Has the executor give up a plan that nobody needs any more, if it runs.
+    /// Has the executor give up a plan that nobody needs any more.
     pub(crate) fn call_off(
         &mut self,
         id: &ConversationId,
-        plan: Execute,
+        plan: &Execute,
         times: u32,
         ctx: &mut Context<Self>,
     ) {
-        let steps = pddl::parse_plan(&plan.plan).into_result().map(|plan| plan.steps.len());
-        let count = u32::try_from(steps.unwrap_or_default()).unwrap_or(u32::MAX);
-        // As one that is done: where nobody runs it, it is not begun for this.
-        let asked = Box::new(Execute { done: (0..count).collect(), ..plan });
-        let executor = self.config.plan_executor.clone();
         let opening = Opening {
-            to: Some(executor.clone()),
+            to: Some(self.config.plan_executor.clone()),
             performative: Performative::Request,
             protocol: Protocol::Execution,
             conversation: id.clone(),
-            content: value(&Request::Execute(asked)),
+            content: value(&Request::CallOff(CallOff { term: plan.term, round: plan.round })),
         };
         let (called_off, patience) = (id.clone(), ctx.settings().answer_deadline * 2);
-        let token = ctx.open(opening, patience, move |requester: &mut Self, answer, ctx| {
+        ctx.open(opening, patience, move |requester: &mut Self, answer, ctx| {
             if let Ok(plan) = under_way(answer)
                 && times < TIMES_MAX
                 && !requester.runs(&called_off, &plan)
             {
-                requester.call_off(&called_off, *plan, times + 1, ctx);
+                requester.call_off(&called_off, &plan, times + 1, ctx);
             }
         });
-        ctx.go_on(&token, &executor, Performative::Cancel, Value::Null);
     }
 
     /// Whether this plan is the one that runs for a goal here: it may have been begun meanwhile.

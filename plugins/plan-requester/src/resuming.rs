@@ -82,7 +82,7 @@ impl Keeps for PlanRequester {
         // Of goals that are forgotten.
         for (id, plan) in plans {
             let id = ConversationId::new(&id);
-            self.call_off(&id, plan, 0, ctx);
+            self.call_off(&id, &plan, 0, ctx);
             self.forget_plan(&id, ctx);
         }
         self.next(ctx);
@@ -275,9 +275,7 @@ impl PlanRequester {
             self.take_back(&id, ctx);
         }
         // Who asked here, in this life, may not listen any more where it asked before.
-        let heard_here = self.goals.get(&id).map(|goal| goal.engagement.clone());
-        let heard_here = heard_here.filter(|engagement| engagement.life == record.engagement.life);
-        if let Some(engagement) = heard_here {
+        if let Some(engagement) = self.heard_here(&record.engagement) {
             record.engagement = engagement;
         }
         self.let_go(&id, ctx);
@@ -292,18 +290,25 @@ impl PlanRequester {
             self.ended.note(id, version, report);
             return;
         }
-        let GoalRecord { engagement, life, asked, .. } = &record;
-        let (asker, text, keep) = (&engagement.initiator, &asked.goal, asked.keep);
-        let is_asked_anew = |goal: &&Goal| {
-            let is_same = goal.text == *text && goal.keep == keep;
-            is_same && goal.engagement.initiator == *asker && *life < goal.life
-        };
-        if self.goals.values().any(|goal| is_asked_anew(&goal)) {
-            // A later life of its asker was faster than the Journals.
+        if self.is_asked_anew(&record) {
             let report = Report::new(Outcome::Cancelled, "its asker asked for it anew");
             return self.keep_ended(&id, report, record, ctx);
         }
         self.go_on(record, version, plan, ctx);
+    }
+
+    /// Whether a later life of its asker was faster than the Journals.
+    fn is_asked_anew(&self, GoalRecord { engagement, life, asked, .. }: &GoalRecord) -> bool {
+        self.goals.values().any(|goal| {
+            let is_same = goal.text == asked.goal && goal.keep == asked.keep;
+            is_same && goal.engagement.initiator == engagement.initiator && *life < goal.life
+        })
+    }
+
+    /// Where the asker of a goal has asked here, in the same life.
+    fn heard_here(&self, elsewhere: &Engagement) -> Option<Engagement> {
+        let engagement = &self.goals.get(&elsewhere.conversation)?.engagement;
+        (engagement.life == elsewhere.life).then(|| engagement.clone())
     }
 
     /// A goal stands here later than another knew it. The plan that the other made runs for nobody, if
@@ -311,7 +316,7 @@ impl PlanRequester {
     fn stand_alone(&mut self, id: &ConversationId, plan: Option<Execute>, ctx: &mut Context<Self>) {
         let runs = self.goals.get(id).is_some_and(|goal| goal.phase.is_running());
         if let Some(plan) = plan.filter(|_| !runs) {
-            self.call_off(id, plan, 0, ctx);
+            self.call_off(id, &plan, 0, ctx);
         }
     }
 
@@ -322,7 +327,7 @@ impl PlanRequester {
             self.forget_plan(id, ctx);
         }
         if let Some(plan) = plan {
-            self.call_off(id, plan.clone(), 0, ctx);
+            self.call_off(id, plan, 0, ctx);
         }
     }
 

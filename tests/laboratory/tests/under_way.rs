@@ -1,12 +1,15 @@
 //! What a Plan Executor does with a second plan for a goal: of the same Plan Requester it takes the
-//! first one's place; of another, which knew nothing of the first, it does not. And who hears of it.
+//! first one's place; of another, which knew nothing of the first, it does not. What is called off runs
+//! no more, nor is it begun. And who hears of it.
 
 mod house;
 
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use acl::content::{Execute, Method, Offer, Outcome, Reason, Refusal, Report, Request, value};
+use acl::content::{
+    CallOff, Execute, Method, Offer, Outcome, Reason, Refusal, Report, Request, value,
+};
 use acl::{ConversationId, Deadline, Message, Performative, Protocol};
 use agent::{Agent, Answer, Callbacks, Context, Engagement, Opening};
 use tokio::sync::mpsc;
@@ -19,6 +22,11 @@ const DOMAIN: &str = "(define (domain d) (:requirements :strips :typing)
     (:action light :parameters (?a - agent) :precondition (idle ?a) :effect (lit ?a)))";
 const PROBLEM: &str = "(define (problem p) (:domain d) (:objects lamp - agent)
     (:init (idle lamp)) (:goal (lit lamp)))";
+
+/// Asks for a plan, made in this term.
+fn asked(term: u64, round: u32) -> Request {
+    Request::Execute(Box::new(execute(term, round)))
+}
 
 /// A plan that lights the lamp, made in this term.
 fn execute(term: u64, round: u32) -> Execute {
@@ -56,9 +64,9 @@ impl Agent for Lamp {
     }
 }
 
-/// Asks for these plans, one after the other, and tells what is answered.
+/// Asks for this, one thing after the other, and tells what is answered.
 struct Asker {
-    plans: Vec<Execute>,
+    asks: Vec<Request>,
     /// When it asks for the first.
     after: Duration,
     told: mpsc::UnboundedSender<Message>,
@@ -70,7 +78,7 @@ impl Agent for Asker {
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
-        for (n, plan) in std::mem::take(&mut self.plans).into_iter().enumerate() {
+        for (n, asked) in std::mem::take(&mut self.asks).into_iter().enumerate() {
             let after = self.after + Duration::from_secs(n as u64);
             ctx.after(after, move |_: &mut Asker, ctx| {
                 let opening = Opening {
@@ -78,7 +86,7 @@ impl Agent for Asker {
                     performative: Performative::Request,
                     protocol: Protocol::Execution,
                     conversation: ConversationId::new("goal"),
-                    content: value(&Request::Execute(Box::new(plan))),
+                    content: value(&asked),
                 };
                 let patience = Duration::from_secs(300);
                 ctx.open(opening, patience, |asker: &mut Asker, answer, _| {
@@ -91,17 +99,17 @@ impl Agent for Asker {
     }
 }
 
-/// The first answer to any of these plans.
-async fn first_answer(plans: Vec<Execute>) -> Message {
-    first_answers(plans, 1, Duration::from_secs(30)).await.remove(0)
+/// The first answer to any of this.
+async fn first_answer(asks: Vec<Request>) -> Message {
+    first_answers(asks, 1, Duration::from_secs(30)).await.remove(0)
 }
 
-/// The first answers to these plans, so many.
-async fn first_answers(plans: Vec<Execute>, many: usize, within: Duration) -> Vec<Message> {
+/// The first answers to this, so many.
+async fn first_answers(asks: Vec<Request>, many: usize, within: Duration) -> Vec<Message> {
     let house = House::new(DOMAIN, PROBLEM, Vec::new());
     let here = house.machine("here");
     let (told, mut heard) = mpsc::unbounded_channel();
-    let asker = Asker { plans, after: Duration::from_secs(1), told };
+    let asker = Asker { asks, after: Duration::from_secs(1), told };
     let _lives = [
         launch(house.built(&plan_executor::PLUGIN), "plan-executor", &here, false),
         launch(Box::new(Lamp), "lamp", &here, false),
@@ -118,8 +126,7 @@ async fn first_answers(plans: Vec<Execute>, many: usize, within: Duration) -> Ve
 /// It may have come again, or late, what it asked for first; it listens to one of the two.
 #[tokio::test(start_paused = true)]
 async fn who_asks_twice_for_a_plan_hears_twice_how_it_ends() {
-    let plans = vec![execute(5, 1), execute(5, 1)];
-    let answers = first_answers(plans, 2, Duration::from_secs(120)).await;
+    let answers = first_answers(vec![asked(5, 1), asked(5, 1)], 2, Duration::from_secs(120)).await;
     let exchanges: BTreeSet<_> = answers.iter().filter_map(Message::exchange).collect();
     assert_eq!(exchanges.len(), 2, "{answers:?}");
 }
@@ -133,8 +140,8 @@ async fn whoever_asked_for_a_plan_hears_how_it_ends() {
         let [here, there] = ["here", "there"].map(|name| house.machine(name));
         let asker = |after| {
             let (told, heard) = mpsc::unbounded_channel();
-            let (plans, after) = (vec![execute(5, 1)], Duration::from_secs(after));
-            (Box::new(Asker { plans, after, told }), heard)
+            let (asks, after) = (vec![asked(5, 1)], Duration::from_secs(after));
+            (Box::new(Asker { asks, after, told }), heard)
         };
         let ((acts, first_heard), (stands_by, second_heard)) = (asker(first), asker(second));
         let _lives = [
@@ -155,7 +162,7 @@ async fn whoever_asked_for_a_plan_hears_how_it_ends() {
 #[tokio::test(start_paused = true)]
 async fn what_another_has_begun_goes_on_and_is_shown() {
     for (first, second) in [(5, 9), (9, 5)] {
-        let answer = first_answer(vec![execute(first, 1), execute(second, 1)]).await;
+        let answer = first_answer(vec![asked(first, 1), asked(second, 1)]).await;
         assert_eq!(answer.performative, Performative::Refuse, "{answer:?}");
         let refusal: Refusal = answer.content_as().expect("a refusal");
         assert_eq!(refusal.reason, Reason::StaleToken);
@@ -165,11 +172,31 @@ async fn what_another_has_begun_goes_on_and_is_shown() {
 
 #[tokio::test(start_paused = true)]
 async fn a_later_plan_of_the_same_takes_the_place_of_the_first() {
-    let answer = first_answer(vec![execute(5, 1), execute(5, 2)]).await;
+    let answer = first_answer(vec![asked(5, 1), asked(5, 2)]).await;
     assert_eq!(answer.performative, Performative::Confirm, "{answer:?}");
     let report: Report = answer.content_as().expect("a report");
     assert_eq!(report.outcome, Outcome::Cancelled, "{report:?}");
-    let answer = first_answer(vec![execute(5, 2), execute(5, 1)]).await;
+    let answer = first_answer(vec![asked(5, 2), asked(5, 1)]).await;
     let refusal: Refusal = answer.content_as().expect("a refusal");
     assert_eq!((refusal.reason, refusal.under_way), (Reason::StaleToken, None));
+}
+
+/// Who made it acts no longer; what it asked may come before it is called off, or after. Nobody is told
+/// that it was carried out.
+#[tokio::test(start_paused = true)]
+async fn a_plan_that_is_called_off_neither_goes_on_nor_begins() {
+    let off = || Request::CallOff(CallOff { term: 5, round: 1 });
+    for asks in [vec![asked(5, 1), off()], vec![off(), asked(5, 1)]] {
+        for answer in first_answers(asks, 2, Duration::from_secs(30)).await {
+            let report: Report = answer.content_as().expect("a report");
+            assert_eq!(report.outcome, Outcome::Cancelled, "{report:?}");
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn calling_one_plan_off_leaves_another_under_way() {
+    let asks = vec![asked(5, 1), Request::CallOff(CallOff { term: 9, round: 1 })];
+    let refusal: Refusal = first_answer(asks).await.content_as().expect("a refusal");
+    assert_eq!(refusal.under_way.as_deref(), Some(&execute(5, 1)));
 }

@@ -145,7 +145,7 @@ fn shape(performative: Performative, content: &Value) -> Result<Protocol, String
         Performative::Request => Ok(match Request::deserialize(content).map_err(wrong)? {
             Request::Achieve(_) => Protocol::Goal,
             Request::Plan(_) => Protocol::Planning,
-            Request::Execute(_) => Protocol::Execution,
+            Request::Execute(_) | Request::CallOff(_) => Protocol::Execution,
             Request::Act(_) => Protocol::Action,
             Request::ChangeState(_)
             | Request::ChangeMetric(_)
