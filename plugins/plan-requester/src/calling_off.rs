@@ -1,5 +1,5 @@
-//! Plans of goals that have ended, or hold, which another Plan Requester made: it was cut off, or died, and they
-//! may run still (design, “No single point of failure”).
+//! Plans of goals that have ended, or hold, which another Plan Requester made: it was cut off, or died,
+//! and they may run still (design, “No single point of failure”).
 
 use acl::content::{CallOff, Execute, Request, value};
 use acl::{ConversationId, Performative, Protocol};
