@@ -334,6 +334,13 @@ impl PlanRequester {
             }
             Ok(open) => {
                 goal.is_told = false;
+                if goal.rounds > 0
+                    && let Some(lost) = lost_to(goal, &known)
+                {
+                    goal.attempt = sharing::Attempt::default();
+                    self.tell_news(id, &known, &open, ctx);
+                    return self.no_plan(id, lost, ctx);
+                }
                 let known = known.sparing(&self.reserved(id));
                 if self.waits_for_everyone(id, &known, ctx) {
                     return;
@@ -538,14 +545,26 @@ impl PlanRequester {
     }
 }
 
+/// What nobody can read in a goal, seen from the composite domain.
+fn errors_in(goal: &Goal, known: &Known) -> Vec<pddl::Diagnostic> {
+    let diagnostics = pddl::check::check_condition(&known.domain, &known.problem, &goal.condition);
+    diagnostics.into_iter().filter(pddl::Diagnostic::is_error).collect()
+}
+
+/// What a goal that could be read speaks of and has gone with whoever brought it, for a person.
+fn lost_to(goal: &Goal, known: &Known) -> Option<String> {
+    let errors = errors_in(goal, known);
+    let lost: Vec<_> = errors.iter().map(|error| error.message.as_str()).collect();
+    (!lost.is_empty()).then(|| format!("{}: who brought it is not here", lost.join(", ")))
+}
+
 /// What is wrong in a goal, seen from the composite domain.
 fn wrong_in(goal: &Goal, known: &Known) -> Option<String> {
-    let diagnostics = pddl::check::check_condition(&known.domain, &known.problem, &goal.condition);
-    let errors: Vec<_> = diagnostics.into_iter().filter(pddl::Diagnostic::is_error).collect();
+    let errors = errors_in(goal, known);
     if errors.is_empty() {
         let both = known.contradiction(&goal.condition)?;
         return Some(format!("it can never hold: it wants `{both}`, and that `{both}` is not so"));
     }
     let lines: Vec<_> = errors.iter().map(|error| error.located(&goal.text)).collect();
-    Some(if lines.is_empty() { first(errors) } else { lines.join("\n") })
+    Some(lines.join("\n"))
 }

@@ -2,25 +2,25 @@
 //! acted where it could not be seen: what has ended on either side has ended.
 
 mod house;
+#[path = "house/sayer.rs"]
+mod sayer;
 
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::content::{
-    Achieve, Keep, Keeping, Outcome, Partition, Record, Report, Request, Version, value,
-};
-use acl::{AgentId, ConversationId, Performative, Protocol};
-use agent::{Agent, Answer, Callbacks, Context, Engagement, Opening, Resource, Switchboard};
+use acl::content::{Achieve, Keep, Keeping, Outcome, Partition, Record, Report, Request, Version};
+use acl::{Performative, Protocol};
+use agent::{Agent, Callbacks, Context, Engagement, Resource, Switchboard};
 use substrate::Ask;
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 
 use house::{House, launch, name};
+use sayer::{PATIENCE, Sayer};
 
 const DOMAIN: &str = "(define (domain d) (:requirements :strips)
     (:predicates (lit)))";
 const PROBLEM: &str = "(define (problem p) (:domain d) (:init (lit)) (:goal (and)))";
-const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Keeps what it is told to keep, and shows it.
 struct Journal(mpsc::UnboundedSender<Record>);
@@ -38,38 +38,6 @@ impl Agent for Journal {
 
     fn asked(&mut self, resource: Resource, _: &mut Context<Self>) -> Option<String> {
         (resource == Resource::Journal).then(|| "[]".to_owned())
-    }
-}
-
-/// Says something once, and tells what is answered.
-struct Sayer {
-    to: AgentId,
-    protocol: Protocol,
-    conversation: &'static str,
-    says: Request,
-    told: mpsc::UnboundedSender<Report>,
-}
-
-impl Agent for Sayer {
-    fn callbacks(&self) -> Callbacks<Self> {
-        Callbacks::new()
-    }
-
-    fn activated(&mut self, ctx: &mut Context<Self>) {
-        let opening = Opening {
-            to: Some(self.to.clone()),
-            performative: Performative::Request,
-            protocol: self.protocol,
-            conversation: ConversationId::new(self.conversation),
-            content: value(&self.says),
-        };
-        ctx.open(opening, PATIENCE, |sayer: &mut Sayer, answer, _| {
-            if let Answer::Message(message) = answer
-                && let Ok(report) = message.content_as::<Report>()
-            {
-                sayer.told.send(report).expect("the test listens");
-            }
-        });
     }
 }
 
