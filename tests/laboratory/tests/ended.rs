@@ -8,7 +8,7 @@ mod sayer;
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::content::{Achieve, Keep, Keeping, Outcome, Partition, Record, Report, Request, Version};
+use acl::content::{Keep, Keeping, Outcome, Record, Report, Request, Version};
 use acl::{Performative, Protocol};
 use agent::{Agent, Callbacks, Context, Engagement, Resource, Switchboard};
 use substrate::Ask;
@@ -81,16 +81,7 @@ impl Asked {
         drop(launch(house.built(&domain_maintainer::PLUGIN), "domain-maintainer", &here, true));
         drop(launch(house.built(&plan_requester::PLUGIN), "plan-requester", &here, true));
         tokio::time::sleep(Duration::from_secs(1)).await;
-        let (goal, keep) = ("(lit)".to_owned(), Keep::Achieve);
-        let achieve = Achieve { goal, keep, priority: 0, partition: Partition::Pursue };
-        let (told, mut heard) = mpsc::unbounded_channel();
-        let sayer = Sayer {
-            to: name("plan-requester"),
-            protocol: Protocol::Goal,
-            conversation: "g",
-            says: Request::Achieve(achieve),
-            told,
-        };
+        let (sayer, mut heard) = Sayer::of_goal("(lit)", Keep::Achieve);
         drop(launch(Box::new(sayer), "asker", &here, false));
         let has_ended = |record: &Record| record.body.get("ended").is_some();
         let open = kept(&mut records, |record| is_goal(record) && !has_ended(record)).await;

@@ -8,10 +8,11 @@ mod sayer;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use acl::content::{Achieve, Keep, Offer, Offers, Outcome, Partition, Report, Request, Snapshot};
-use acl::{Performative, Protocol};
-use agent::{Agent, Callbacks, Context, Engagement, Resource};
+use acl::Performative;
+use acl::content::{Keep, Offer, Offers, Outcome, Report, Snapshot};
+use agent::{Agent, Callbacks, Context, Engagement, LaunchError, Resource, Switchboard};
 use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
 use tokio::time::timeout;
 
 use house::{House, launch, name};
@@ -56,64 +57,83 @@ impl Agent for Maintainer {
 }
 
 /// The lamp leaves as it is asked to carry a plan out.
-struct Executor(Here);
+struct Executor {
+    lamp: Here,
+    asked: mpsc::UnboundedSender<()>,
+}
 
 impl Agent for Executor {
     fn callbacks(&self) -> Callbacks<Self> {
         Callbacks::new().on(Performative::Request, |executor: &mut Executor, message, ctx| {
-            executor.0.store(false, Ordering::Relaxed);
+            executor.lamp.store(false, Ordering::Relaxed);
+            executor.asked.send(()).expect("the test listens");
             let report = Report::new(Outcome::Failed, "the lamp has left");
             ctx.answer(&Engagement::of(&message), Performative::Confirm, &report);
         })
     }
 }
 
-/// What is said first of a goal about the lamp with this outcome.
-async fn told(keep: Keep, outcome: Outcome) -> String {
-    let house = House::new(DOMAIN, WITH_LAMP, Vec::new());
-    let machine = house.machine("here");
-    let here = Here::new(true.into());
-    let achieve =
-        Achieve { goal: "(lit lamp)".to_owned(), keep, priority: 0, partition: Partition::Pursue };
-    let (told, mut heard) = mpsc::unbounded_channel();
-    let sayer = Sayer {
-        to: name("plan-requester"),
-        protocol: Protocol::Goal,
-        conversation: "g",
-        says: Request::Achieve(achieve),
-        told,
-    };
-    let _lives = [
-        launch(Box::new(Maintainer(here.clone())), "domain-maintainer", &machine, false),
-        launch(house.built(&planning_agent::PLUGIN), "planning-agent", &machine, false),
-        launch(Box::new(Executor(here)), "plan-executor", &machine, false),
-        launch(house.built(&plan_requester::PLUGIN), "plan-requester", &machine, false),
-        launch(Box::new(sayer), "asker", &machine, false),
-    ];
-    let about_the_lamp = async {
-        loop {
-            let report = heard.recv().await.expect("it lives");
-            if report.outcome == outcome && report.detail.contains("who brought") {
-                return report.detail;
+/// A goal about the lamp, and who is there.
+struct Trial {
+    lamp: Here,
+    /// The plans that were to be carried out.
+    plans: mpsc::UnboundedReceiver<()>,
+    heard: mpsc::UnboundedReceiver<Report>,
+    /// Without it there is no wire.
+    _house: (House, Arc<Switchboard>),
+    _lives: [JoinHandle<Result<(), LaunchError>>; 5],
+}
+
+impl Trial {
+    fn new(keep: Keep) -> Trial {
+        let house = House::new(DOMAIN, WITH_LAMP, Vec::new());
+        let machine = house.machine("here");
+        let lamp = Here::new(true.into());
+        let (asked, plans) = mpsc::unbounded_channel();
+        let (sayer, heard) = Sayer::of_goal("(lit lamp)", keep);
+        let executor = Executor { lamp: lamp.clone(), asked };
+        let lives = [
+            launch(Box::new(Maintainer(lamp.clone())), "domain-maintainer", &machine, false),
+            launch(house.built(&planning_agent::PLUGIN), "planning-agent", &machine, false),
+            launch(Box::new(executor), "plan-executor", &machine, false),
+            launch(house.built(&plan_requester::PLUGIN), "plan-requester", &machine, false),
+            launch(Box::new(sayer), "asker", &machine, false),
+        ];
+        Trial { lamp, plans, heard, _house: (house, machine), _lives: lives }
+    }
+
+    /// What is said first with this outcome; before it, only how it goes on.
+    async fn told(&mut self, outcome: Outcome, of: &str) -> String {
+        let said = async {
+            loop {
+                let report = self.heard.recv().await.expect("it lives");
+                if report.outcome == outcome && report.detail.contains(of) {
+                    return report.detail;
+                }
+                assert_eq!(report.outcome, Outcome::Progress, "{report:?}");
             }
-            assert!(report.outcome == Outcome::Progress, "{report:?}");
-        }
-    };
-    timeout(PATIENCE, about_the_lamp).await.expect("in time")
+        };
+        timeout(PATIENCE, said).await.expect("in time")
+    }
+
+    async fn a_plan_is_to_be_carried_out(&mut self) {
+        timeout(PATIENCE, self.plans.recv()).await.expect("in time").expect("it lives");
+    }
 }
 
 #[tokio::test(start_paused = true)]
 async fn the_reason_names_what_a_goal_has_lost() {
-    let reason = told(Keep::Achieve, Outcome::Failed).await;
+    let reason = Trial::new(Keep::Achieve).told(Outcome::Failed, "").await;
     assert_eq!(reason, "unknown object `lamp`: who brought it is not here");
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_goal_that_is_kept_waits_for_what_it_has_lost() {
-    let news = told(Keep::Maintain, Outcome::Progress).await;
-    assert_eq!(
-        news,
-        "no plan now: unknown object `lamp`: who brought it is not here; waiting for the ecosystem to \
-         change"
-    );
+async fn a_goal_that_is_kept_waits_for_what_it_has_lost_and_goes_on() {
+    let mut trial = Trial::new(Keep::Maintain);
+    trial.a_plan_is_to_be_carried_out().await;
+    let news = trial.told(Outcome::Progress, "no plan now").await;
+    let lost = "unknown object `lamp`: who brought it is not here";
+    assert_eq!(news, format!("no plan now: {lost}; waiting for the ecosystem to change"));
+    trial.lamp.store(true, Ordering::Relaxed);
+    trial.a_plan_is_to_be_carried_out().await;
 }

@@ -2,10 +2,12 @@
 
 use std::time::Duration;
 
-use acl::content::{Report, Request, value};
+use acl::content::{Achieve, Keep, Partition, Report, Request, value};
 use acl::{AgentId, ConversationId, Performative, Protocol};
 use agent::{Agent, Answer, Callbacks, Context, Opening};
 use tokio::sync::mpsc;
+
+use crate::house::name;
 
 /// How long anything may take.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
@@ -17,6 +19,24 @@ pub(crate) struct Sayer {
     pub(crate) conversation: &'static str,
     pub(crate) says: Request,
     pub(crate) told: mpsc::UnboundedSender<Report>,
+}
+
+// === impl Sayer ===
+
+impl Sayer {
+    /// Asks the Plan Requester for a goal in the conversation `g`; and what it hears of it.
+    pub(crate) fn of_goal(goal: &str, keep: Keep) -> (Sayer, mpsc::UnboundedReceiver<Report>) {
+        let (goal, partition) = (goal.to_owned(), Partition::Pursue);
+        let (told, heard) = mpsc::unbounded_channel();
+        let sayer = Sayer {
+            to: name("plan-requester"),
+            protocol: Protocol::Goal,
+            conversation: "g",
+            says: Request::Achieve(Achieve { goal, keep, priority: 0, partition }),
+            told,
+        };
+        (sayer, heard)
+    }
 }
 
 impl Agent for Sayer {
