@@ -14,8 +14,8 @@ use serde_json::Value;
 use crate::{AgentId, ConversationId, DaemonId, Deadline};
 
 pub use self::state::{
-    ActionOf, BelievedFact, BelievedState, ChangeActions, ChangeMetric, ChangeState, Claim,
-    EpochChange, Guard, Heartbeat, ModelAnnouncement, Observation, Requested, RequestedFact,
+    ActionOf, Auxiliary, BelievedFact, BelievedState, ChangeActions, ChangeMetric, ChangeState,
+    Claim, EpochChange, Guard, Heartbeat, ModelAnnouncement, Observation, Requested, RequestedFact,
     RequestedSince, Snapshot,
 };
 
@@ -160,6 +160,9 @@ pub struct Execute {
     /// What the agents in the plan offer.
     #[serde(default)]
     pub offers: Offers,
+    /// The words of the domain for what is unknown: see [`Snapshot::knowledge`].
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub knowledge: BTreeMap<String, Auxiliary>,
 }
 
 /// Ask that a plan of the conversation's goal be given up. One that runs is taken back, another is not

@@ -1,6 +1,6 @@
 //! The agent around a device.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -165,9 +165,7 @@ impl<D: Device> Actuator<D> {
     fn local(&self, ctx: &Context<Self>) -> impl FnOnce(&mut Sight) -> Snapshot + Send + 'static {
         let commons = ctx.switchboard().commons(&self.host);
         let (known, _) = commons.look();
-        let carried = known.said().filter(|(_, facts)| self.device.carries(facts));
-        let own = std::iter::once(ctx.id().clone());
-        let whole: BTreeSet<_> = own.chain(carried.map(|(agent, _)| agent.clone())).collect();
+        let whole = known.with_carried(ctx.id());
         // Looked at anew when its turn has come: as long as anybody holds what is known, the next
         // word that is heard is believed by a copy of it.
         move |sight| {

@@ -90,8 +90,9 @@ fn within_reach(
     replanner: &mut Replanner,
     cancel: &Cancel,
 ) -> Vec<(String, Condition)> {
-    let conditions: Vec<_> = conjuncts.iter().map(|(_, condition)| condition).collect();
-    let mut problem = snapshot.with_goal(Condition::always(), None);
+    let sure: Vec<_> = conjuncts.iter().map(|(_, condition)| snapshot.sure(condition)).collect();
+    let conditions: Vec<_> = sure.iter().collect();
+    let mut problem = snapshot.with_goal(&Condition::always(), None);
     forget(&mut problem, &conjuncts);
     let options = Options::default();
     let proven =
@@ -110,7 +111,7 @@ fn propose(
     replanner: &mut Replanner,
     cancel: &Cancel,
 ) -> Option<Proposal> {
-    let conditions = conjuncts.iter().map(|(_, condition)| condition.clone());
+    let conditions = conjuncts.iter().map(|(_, condition)| snapshot.sure(condition));
     problem.goal = Condition::And(conditions.collect());
     forget(problem, conjuncts.iter().copied());
     let planned = replanner.plan(&snapshot.domain, problem, &[], &Options::default(), cancel);

@@ -64,12 +64,6 @@ pub trait Device: Sized + Send + 'static {
     fn bids(&self) -> bool {
         true
     }
-
-    /// Whether it carries the agent whose model says that this is true, and so can plan with its
-    /// actions.
-    fn carries(&self, _facts: &[InitElement]) -> bool {
-        false
-    }
 }
 
 /// What a device can do.

@@ -17,7 +17,6 @@ use std::time::Duration;
 use acl::Deadline;
 use acl::content::{Achieve, Keep, Method, Methods};
 use agent::{Blueprint, BuildError};
-use pddl::{InitElement, Term};
 use serde::Deserialize;
 use substrate::BoxFuture;
 use tokio::sync::watch;
@@ -399,17 +398,6 @@ impl MobileBase {
             methods.insert("recharge".to_owned(), recharge);
         }
         methods
-    }
-
-    /// Whether an agent that says this is mounted on this base.
-    pub fn carries(&self, facts: &[InitElement]) -> bool {
-        let is_self = |term: &Term| matches!(term, Term::Object(name) if *name == self.id.as_str());
-        facts.iter().any(|element| match element {
-            InitElement::Atom(atom) => {
-                atom.predicate == "mounted-on" && atom.arguments.get(1).is_some_and(is_self)
-            }
-            _ => false,
-        })
     }
 }
 

@@ -226,7 +226,7 @@ fn replan_for(snapshots: &[Snapshot], layout: &Layout, unknown: &str) -> Outcome
 /// The goal of knowing all rooms, of which all are known but `unknown`, or none is.
 fn problem_for(snapshot: &Snapshot, layout: &Layout, unknown: Option<&str>) -> Problem {
     let goal = layout.rooms().map(|room| Condition::Atom(known(room))).collect();
-    let mut problem = snapshot.with_goal(Condition::And(goal), None);
+    let mut problem = snapshot.with_goal(&Condition::And(goal), None);
     if let Some(unknown) = unknown {
         let others = layout.rooms().filter(|room| *room != unknown);
         problem.init.extend(others.map(|room| InitElement::Atom(known(room))));

@@ -1,6 +1,7 @@
 //! Beliefs: who claims which fact, since when and for how long; and what holds because of it.
 //!
-//! A fact holds while one owner claims it; of a number, the newest claim is believed. Heartbeats
+//! A fact holds while one owner claims it; it is unknown while nobody claims it and one owner says that
+//! it is unknown; of a number, the newest claim is believed. Heartbeats
 //! that contradict each other do not take turns: of those the word that changed last is newest,
 //! however often the others are repeated. What is claimed but does not fit the composite domain is
 //! kept, and holds as soon as it fits.
@@ -33,6 +34,8 @@ pub enum Source {
     Request,
     /// Somebody observed it, and asks to be believed.
     Observation,
+    /// The agent that answered for it left.
+    Departure,
     /// The central maintainer told that somebody else's word is so.
     Told,
 }
@@ -91,6 +94,14 @@ pub(crate) struct Beliefs {
     settles: bool,
     /// Whether something may hold that did not, or the reverse, since that was asked last.
     is_moved: bool,
+    /// What was asked to be believed, or was told or followed from an action: the word of an agent that
+    /// answers for such a fact overrides it.
+    requested: BTreeSet<(FactKey, Owner)>,
+    /// Predicates of which a fact was unknown. They stay, so that a domain does not change each time
+    /// that one becomes known.
+    unknowable: BTreeSet<Name>,
+    /// Whether one of them was not there when that was asked last.
+    is_newly_unknowable: bool,
     untold: Untold,
     /// What requests changed while another acted elsewhere, if one did.
     apart: Option<Untold>,
@@ -103,9 +114,17 @@ impl Source {
     /// Whether nobody may hear of it but from who took the request.
     pub(crate) fn is_requested(self) -> bool {
         match self {
-            Source::Request | Source::Observation | Source::Effect => true,
+            Source::Request | Source::Observation | Source::Effect | Source::Departure => true,
             Source::Model | Source::Heartbeat | Source::Told => false,
         }
+    }
+}
+
+impl Source {
+    /// Whether it is no agent's own model or heartbeat: the word of who answers for the fact overrides
+    /// it.
+    fn is_another(self) -> bool {
+        self.is_requested() || self == Source::Told
     }
 }
 
@@ -117,6 +136,7 @@ impl fmt::Display for Source {
             Source::Effect => "effect",
             Source::Request => "request",
             Source::Observation => "observation",
+            Source::Departure => "departure",
             Source::Told => "told",
         })
     }
@@ -176,15 +196,18 @@ impl Owners {
             .map(|(_, stamped)| stamped)
             .filter(|stamped| stamped.claim.until.is_none_or(|until| until > now));
         let holding = match fact.space() {
-            // Without an end is longest.
+            // True before unknown, and without an end is longest.
             Space::Predicate => known
-                .map(|stamped| stamped.claim.until)
-                .max_by_key(|until| until.unwrap_or(Moment(u64::MAX)))
-                .map(|until| Holding { value: Value::True, until }),
+                .map(|Stamped { claim, .. }| Holding { value: claim.value, until: claim.until })
+                .max_by_key(|Holding { value, until }| {
+                    (*value == Value::True, until.unwrap_or(Moment(u64::MAX)))
+                }),
             Space::Function => newest(known)
                 .map(|Stamped { claim, .. }| Holding { value: claim.value, until: claim.until }),
         };
-        holding.filter(|_| composite.vocabulary.fact_misfit(fact).is_none())
+        let fits =
+            |holding: &Holding| composite.vocabulary.fact_misfit(fact, holding.value).is_none();
+        holding.filter(fits)
     }
 }
 
@@ -194,6 +217,50 @@ impl Beliefs {
     /// Believes nobody yet; `settles` tells whether [`Beliefs::settle`] will be called.
     pub(crate) fn new(settles: bool) -> Beliefs {
         Beliefs { settles, ..Beliefs::default() }
+    }
+
+    /// Predicates whose facts may be unknown.
+    pub(crate) fn unknowable(&self) -> &BTreeSet<Name> {
+        &self.unknowable
+    }
+
+    /// Whether there are more of them than when this was asked last.
+    pub(crate) fn take_newly_unknowable(&mut self) -> bool {
+        std::mem::take(&mut self.is_newly_unknowable)
+    }
+
+    /// A fact is said to be unknown.
+    fn note_unknown(&mut self, fact: &FactKey) {
+        if self.unknowable.contains(fact.symbol()) {
+            return;
+        }
+        if self.unknowable.len() >= limits::UNKNOWABLE_MAX {
+            let claims = self.claims.iter();
+            let unknown = claims.filter(|(_, owners)| {
+                owners.iter().any(|(_, stamped)| stamped.claim.value == Value::Unknown)
+            });
+            self.unknowable = unknown.map(|(fact, _)| fact.symbol().clone()).collect();
+        }
+        self.unknowable.insert(fact.symbol().clone());
+        self.is_newly_unknowable = true;
+    }
+
+    /// What was requested of the facts of one symbol, and whose word it is.
+    pub(crate) fn requested_of(
+        &self,
+        space: Space,
+        symbol: &Name,
+    ) -> impl Iterator<Item = (&FactKey, &Owner)> {
+        let first = (FactKey::first_of(space, symbol), Owner::Map);
+        let symbol = symbol.clone();
+        { self.requested.range(first..) }
+            .take_while(move |(fact, _)| fact.is_of(space, &symbol))
+            .map(|(fact, owner)| (fact, owner))
+    }
+
+    /// What the next heartbeat of `owner` says has to be read, also if it says what the last one said.
+    pub(crate) fn wake(&mut self, owner: &Owner) {
+        self.calm.remove(owner);
     }
 
     fn touch(&mut self, fact: FactKey) {
@@ -279,6 +346,9 @@ impl Beliefs {
     pub(crate) fn claim(&mut self, fact: FactKey, owner: &Owner, claim: Claim) {
         self.disturb(&fact, owner, Some(claim.source));
         self.note_change(&fact, owner, claim.source);
+        if claim.value == Value::Unknown {
+            self.note_unknown(&fact);
+        }
         self.stamps += 1;
         let stamp = self.stamps;
         let mut since = stamp;
@@ -291,9 +361,12 @@ impl Beliefs {
                 }
                 // Most of what a heartbeat says is what the one before said.
                 if known.claim.until == claim.until {
-                    let before = known.claim.source;
+                    let (before, after) = (known.claim.source, claim.source);
                     *known = Stamped { stamp, since, claim };
                     self.note_change(&fact, owner, before);
+                    if before.is_another() != after.is_another() {
+                        self.list(&fact, owner, after);
+                    }
                     if is_contested || !is_repeated {
                         self.touch(fact);
                     }
@@ -302,6 +375,9 @@ impl Beliefs {
             }
         }
         self.withdraw(&fact, owner);
+        if claim.source.is_another() {
+            self.list(&fact, owner, claim.source);
+        }
         if let Some(until) = claim.until {
             self.deadlines.insert((until, fact.clone(), owner.clone()));
         }
@@ -316,6 +392,15 @@ impl Beliefs {
         self.touch(fact);
     }
 
+    /// Lists a claim among what was requested, if it is.
+    fn list(&mut self, fact: &FactKey, owner: &Owner, source: Source) {
+        let of = (fact.clone(), owner.clone());
+        match source.is_another() {
+            true => self.requested.insert(of),
+            false => self.requested.remove(&of),
+        };
+    }
+
     /// Believes `owner` no longer about this fact.
     pub(crate) fn withdraw(&mut self, fact: &FactKey, owner: &Owner) {
         let Some(owners) = self.claims.get_mut(fact) else { return };
@@ -323,6 +408,9 @@ impl Beliefs {
         self.calm.remove(owner);
         if owners.0.is_empty() {
             self.claims.remove(fact);
+        }
+        if claim.source.is_another() {
+            self.requested.remove(&(fact.clone(), owner.clone()));
         }
         self.note_change(fact, owner, claim.source);
         if let Some(until) = claim.until {
@@ -523,6 +611,11 @@ impl Beliefs {
             false => self.judge(fact, composite, now),
         };
         holding.map(|holding| holding.value)
+    }
+
+    /// Every claim of one owner.
+    pub(crate) fn claims_by(&self, owner: &Owner) -> impl Iterator<Item = (&FactKey, &Claim)> {
+        self.facts_of(owner).filter_map(move |fact| Some((fact, self.claim_of(fact, owner)?)))
     }
 
     /// Every claim of one fact.

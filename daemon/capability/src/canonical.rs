@@ -24,6 +24,8 @@ pub(crate) struct Uses {
     pub(crate) predicates: BTreeSet<(Name, usize)>,
     /// Functions, each with its number of arguments.
     pub(crate) functions: BTreeSet<(Name, usize)>,
+    /// Predicates or functions that are observed, each with its number of arguments.
+    pub(crate) observed: BTreeSet<(Name, usize)>,
     /// Types of variables.
     pub(crate) types: BTreeSet<Name>,
     /// Objects named outright.
@@ -46,13 +48,19 @@ pub(crate) struct Key {
 
 /// The canonical text of an action, without its name, and what it uses.
 pub(crate) fn action(schema: &ActionSchema) -> (Key, Uses) {
-    let ActionSchema { name: _, agent, parameters, precondition, effect, span: _ } = schema;
+    let ActionSchema { name: _, agent, parameters, precondition, effect, observe, span: _ } =
+        schema;
     let mut scribe = Scribe::default();
     scribe.bind(agent.as_slice());
     scribe.text.push('|');
     scribe.bind(parameters);
     scribe.condition(precondition);
     scribe.effect(effect);
+    for observed in observe {
+        scribe.text.push('?');
+        scribe.applied(&observed.predicate, &observed.arguments);
+        scribe.uses.observed.insert((observed.predicate.clone(), observed.arguments.len()));
+    }
     scribe.finish()
 }
 

@@ -51,6 +51,8 @@ pub(crate) struct Party<'a> {
 pub(crate) struct Memory {
     /// Whose declaration stood: it goes on standing while anyone makes it.
     incumbents: Incumbents,
+    /// Predicates whose facts may be unknown.
+    pub(crate) unknowable: BTreeSet<Name>,
     names: ActionNames,
 }
 
@@ -73,7 +75,8 @@ pub(crate) fn compose(
     let schemas = actions::gather(shared, parties, &standing, &mut report);
     let inside = actions::name(&schemas, parties, &mut memory.names);
     let secrets = secrets(shared, parties, everything);
-    let composite = assemble::assemble(shared, parties, standing, &schemas, &inside, secrets);
+    let context = (secrets, &memory.unknowable);
+    let composite = assemble::assemble(shared, parties, standing, &schemas, &inside, context);
     (composite, report.conflicts.into_iter().collect())
 }
 

@@ -6,12 +6,19 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, OnceLock};
 
 use acl::AgentId;
-use pddl::{ActionSchema, Atom, Domain, Name, ObjectDeclaration, Span, Term};
+use pddl::knowledge::Knowledge;
+use pddl::{
+    ActionSchema, Atom, Domain, Effect, Expression, InitElement, Name, ObjectDeclaration, Span,
+    Term,
+};
 
 use crate::canonical::Key;
 use crate::digest::text_digest;
 use crate::fact::{FactKey, Owner};
 use crate::vocabulary::Vocabulary;
+
+/// What plans are measured by where nothing else is said.
+pub(crate) const TOTAL_COST: &str = "total-cost";
 
 /// One domain of many models.
 #[derive(Clone, Debug)]
@@ -30,6 +37,10 @@ pub(crate) struct Composite {
     /// Names inside → names outside, where they differ.
     pub(crate) qualified: BTreeMap<Name, Name>,
     pub(crate) secrets: Secrets,
+    /// The words of the domain for what is unknown.
+    pub(crate) knowledge: Arc<Knowledge>,
+    /// The functions that costs of actions are made of; gathered when somebody asks.
+    costs: OnceLock<BTreeSet<Name>>,
 }
 
 /// An action as one agent offers it.
@@ -83,6 +94,7 @@ impl Composite {
         (objects, of_map): (Vec<ObjectDeclaration>, usize),
         offers: Offers,
         secrets: Secrets,
+        knowledge: Knowledge,
     ) -> Composite {
         let Offers { by_agent: offers, schemas, qualified } = offers;
         Composite {
@@ -95,7 +107,24 @@ impl Composite {
             offers,
             qualified,
             secrets,
+            knowledge: Arc::new(knowledge),
+            costs: OnceLock::new(),
         }
+    }
+
+    /// Whether axioms say whether a fact holds.
+    pub(crate) fn derives(&self, fact: &InitElement) -> bool {
+        let (InitElement::Atom(atom) | InitElement::Unknown(atom)) = fact else { return false };
+        self.vocabulary.predicates.get(&atom.predicate).is_some_and(|signature| signature.derived)
+    }
+
+    /// The functions that costs of actions are made of.
+    pub(crate) fn costs(&self) -> &BTreeSet<Name> {
+        self.costs.get_or_init(|| {
+            let mut found = BTreeSet::new();
+            self.domain.actions.iter().for_each(|action| costs_of(&action.effect, &mut found));
+            found
+        })
     }
 
     /// Digest of the domain's text; computed once, when somebody asks.
@@ -116,6 +145,34 @@ impl Composite {
             && self.objects == other.objects
             && self.offers == other.offers
             && self.qualified == other.qualified
+    }
+}
+
+/// Adds the functions of what an effect adds to the total cost.
+fn costs_of(effect: &Effect, found: &mut BTreeSet<Name>) {
+    match effect {
+        Effect::And(parts) => parts.iter().for_each(|part| costs_of(part, found)),
+        Effect::Forall(_, inner) | Effect::When(_, inner) => costs_of(inner, found),
+        Effect::Assign(assign) if assign.fluent.function == TOTAL_COST => {
+            functions_of(&assign.value, found);
+        }
+        Effect::Assign(_) | Effect::Add(_) | Effect::Delete(_) => (),
+    }
+}
+
+fn functions_of(expression: &Expression, found: &mut BTreeSet<Name>) {
+    match expression {
+        Expression::Fluent(fluent) => {
+            found.insert(fluent.function.clone());
+        }
+        Expression::Negate(inner) => functions_of(inner, found),
+        Expression::Apply(_, operands) => {
+            operands.iter().for_each(|operand| functions_of(operand, found));
+        }
+        Expression::Number(_)
+        | Expression::Duration(_)
+        | Expression::ContinuousTime(_)
+        | Expression::TotalTime(_) => (),
     }
 }
 

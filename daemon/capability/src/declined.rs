@@ -51,6 +51,22 @@ pub enum Declined {
         /// Why, in the checker's words.
         detail: String,
     },
+    /// The agent whose fact it is says otherwise.
+    Owned {
+        /// The fact that was to be believed, or not to be.
+        fact: String,
+        /// The agent that answers for it.
+        owner: String,
+        /// What that says instead, if anything.
+        says: Option<String>,
+    },
+    /// Plans would cost less than nothing.
+    NegativeCost {
+        /// The fact that was to be believed.
+        fact: String,
+        /// What it gives a value.
+        function: String,
+    },
     /// Nobody offers such an action, or it is not withheld.
     UnknownAction {
         /// The action.
@@ -75,7 +91,9 @@ impl Declined {
         match self {
             Declined::OtherAgent { .. }
             | Declined::OtherOntology { .. }
-            | Declined::Meaningless { .. } => Reason::BadContent,
+            | Declined::Meaningless { .. }
+            | Declined::NegativeCost { .. } => Reason::BadContent,
+            Declined::Owned { .. } => Reason::Conflict,
             Declined::FormerIncarnation { .. } | Declined::OldSequence { .. } => Reason::OutOfTurn,
             Declined::UnknownAgent { .. } | Declined::UnknownAction { .. } => Reason::Unknown,
             Declined::TooMany { .. } => Reason::Busy,
@@ -114,6 +132,16 @@ impl fmt::Display for Declined {
                 write!(f, "`{agent}` has not told its action model; ask it for the model first")
             }
             Declined::Meaningless { detail } => f.write_str(detail),
+            Declined::Owned { fact, owner, says: Some(says) } => {
+                write!(f, "`{owner}` answers for `{fact}`, and it says `{says}`")
+            }
+            Declined::Owned { fact, owner, says: None } => {
+                write!(f, "`{owner}` answers for `{fact}`, and it does not say so")
+            }
+            Declined::NegativeCost { fact, function } => write!(
+                f,
+                "`{fact}` cannot be: what actions cost is made of `{function}`, which is 0 or more"
+            ),
             Declined::UnknownAction { action, agent, is_given_back } => {
                 let of = agent.as_ref().map(|agent| format!(" of `{agent}`")).unwrap_or_default();
                 match is_given_back {

@@ -31,6 +31,8 @@ struct Said {
 pub(crate) enum Value {
     /// Of a predicate: it is true.
     True,
+    /// Of a predicate: neither known to be true nor known to be false.
+    Unknown,
     /// Of a function: its number.
     Number(Number),
 }
@@ -68,6 +70,21 @@ impl FactKey {
         Some(FactKey(Arc::new(Said { space, symbol: symbol.clone(), arguments })))
     }
 
+    /// A fact of a predicate; `None` if it has a variable.
+    pub(crate) fn of_predicate(symbol: &Name, arguments: &[Term]) -> Option<FactKey> {
+        FactKey::new(Space::Predicate, symbol, arguments)
+    }
+
+    /// Where the facts of a symbol begin, in the order of facts.
+    pub(crate) fn first_of(space: Space, symbol: &Name) -> FactKey {
+        FactKey(Arc::new(Said { space, symbol: symbol.clone(), arguments: Box::default() }))
+    }
+
+    /// Whether it is a fact of this symbol.
+    pub(crate) fn is_of(&self, space: Space, symbol: &Name) -> bool {
+        self.space() == space && self.symbol() == symbol
+    }
+
     pub(crate) fn space(&self) -> Space {
         self.0.space
     }
@@ -88,6 +105,9 @@ impl FactKey {
             Value::True => {
                 InitElement::Atom(Atom { predicate: self.symbol().clone(), arguments, span })
             }
+            Value::Unknown => {
+                InitElement::Unknown(Atom { predicate: self.symbol().clone(), arguments, span })
+            }
             Value::Number(number) => {
                 let function = self.symbol().clone();
                 InitElement::Assign(FluentTerm { function, arguments, span }, number)
@@ -105,6 +125,9 @@ impl Statement {
         let statement = match element {
             InitElement::Atom(atom) => atom_key(atom).map(|key| Statement::Is(key, Value::True)),
             InitElement::Not(atom) => atom_key(atom).map(Statement::Not),
+            InitElement::Unknown(atom) => {
+                atom_key(atom).map(|key| Statement::Is(key, Value::Unknown))
+            }
             InitElement::Assign(fluent, number) => {
                 FactKey::new(Space::Function, &fluent.function, &fluent.arguments)
                     .map(|key| Statement::Is(key, Value::Number(*number)))

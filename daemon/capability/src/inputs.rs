@@ -42,7 +42,7 @@ pub struct Beat {
     pub sequence: u64,
     /// Digest of the model that it goes with.
     pub digest: String,
-    /// What the agent knows.
+    /// What the agent knows, and which of it is `(unknown FACT)` to it.
     pub facts: Vec<Known>,
     /// When its capabilities are masked if no further heartbeat comes; `None`: never.
     pub due: Option<Moment>,

@@ -21,6 +21,12 @@ pub const OBJECTS_PER_AGENT_MAX: usize = 1_024;
 /// Facts one owner may claim at a time; a distance between each two of sixty rooms stays below.
 pub const FACTS_PER_OWNER_MAX: usize = 4_096;
 
+/// Agents that left and left facts behind that nobody knows: all that may be here.
+pub const DEPARTED_MAX: usize = AGENTS_MAX;
+
+/// Predicates that are remembered as ones whose facts may be unknown. A building has some tens.
+pub const UNKNOWABLE_MAX: usize = 1_024;
+
 /// Facts that requests may add to the map's word, with those the map has.
 pub const MAP_FACTS_MAX: usize = 65_536;
 

@@ -5,25 +5,26 @@
 //! - Answers each with a [`Change`] to be announced, or with why it was [`Declined`].
 //! - Leaves to others: what a message is, which clock runs, when a lost agent is removed.
 
+mod departure;
 mod facts;
 mod requests;
 mod views;
 
 pub use views::{AgentView, ClaimedBy, Provenance, Sight};
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use acl::{AgentId, Incarnation};
 use pddl::{ActionModel, Domain, Metric, Name, Problem};
 
-use crate::belief::{Beliefs, Source};
+use crate::belief::{Beliefs, Claim, Source};
 use crate::change::Change;
 use crate::compose::{Memory, Party, Shared, compose, join};
 use crate::composite::Composite;
 use crate::conflict::Conflict;
 use crate::declined::Declined;
-use crate::fact::Owner;
+use crate::fact::{FactKey, Owner};
 use crate::inputs::Announcement;
 use crate::manifest::Manifest;
 use crate::moment::Moment;
@@ -83,6 +84,8 @@ pub struct Maintainer {
     composite: Arc<Composite>,
     conflicts: Vec<Conflict>,
     beliefs: Beliefs,
+    /// Agents that left something unknown behind, the oldest first.
+    departed: VecDeque<AgentId>,
     /// Actions taken off by request: of one agent, or of all.
     withheld: BTreeSet<(Name, Option<AgentId>)>,
     metric: Option<Metric>,
@@ -128,6 +131,7 @@ impl Maintainer {
             composite: Arc::new(composite),
             conflicts,
             beliefs: Beliefs::new(everything),
+            departed: VecDeque::new(),
             withheld: BTreeSet::new(),
             metric: None,
             announced: BTreeSet::new(),
@@ -254,14 +258,21 @@ impl Maintainer {
         self.conclude(now)
     }
 
-    /// The agent is gone: its actions, its objects and its facts leave. A former life of an
-    /// agent that is here again cannot be removed.
+    /// The agent is gone: its actions, its objects and its facts leave. What it answered for and is about
+    /// others is unknown from now on. A former life of an agent that is here again cannot be removed.
     pub fn remove(&mut self, agent: &AgentId, incarnation: Incarnation, now: Moment) -> Change {
         if self.roster.check(agent, incarnation).is_err() {
             return self.conclude(now);
         }
-        self.beliefs.withdraw_where(&Owner::Agent(agent.clone()), |_, _| true);
+        // What actuators share follows what is told of it.
+        let left = match self.scope {
+            Scope::Everything => self.left_behind(agent),
+            Scope::Public => Vec::new(),
+        };
+        let is_over = |_: &FactKey, claim: &Claim| claim.source != Source::Departure;
+        self.beliefs.withdraw_where(&Owner::Agent(agent.clone()), is_over);
         if let Some(former) = self.roster.release(agent) {
+            self.leave_unknown(agent, left, now);
             self.remodel(agent, Some(&former.described.manifest));
         }
         if self.is_stale() {
@@ -319,6 +330,22 @@ impl Maintainer {
         }
     }
 
+    /// More facts may be unknown: the domain has words for it from now on.
+    fn reword(&mut self) {
+        self.memory.unknowable.clone_from(self.beliefs.unknowable());
+        match self.scope {
+            Scope::Everything => {
+                let waits = self.is_stale();
+                self.uncomposed.others = true;
+                // With what waits to be composed, if there is something.
+                if !waits {
+                    self.recompose();
+                }
+            }
+            Scope::Public => self.models += 1,
+        }
+    }
+
     fn recompose(&mut self) {
         let Uncomposed { joined, others } = std::mem::take(&mut self.uncomposed);
         if !others && self.add(&joined) {
@@ -363,6 +390,9 @@ impl Maintainer {
 
     /// Tells what is other than at the end of the call before.
     fn conclude(&mut self, now: Moment) -> Change {
+        if self.beliefs.take_newly_unknowable() {
+            self.reword();
+        }
         if self.is_stale() {
             // All of it is told when it is composed.
             let (epoch, revision) = (self.epoch, self.revision);

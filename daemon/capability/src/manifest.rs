@@ -72,6 +72,10 @@ pub(crate) struct Manifest {
     pub(crate) init: Vec<(FactKey, Value)>,
     /// What the agent knows from the start and can change: its heartbeats are complete for it.
     pub(crate) owned: BTreeSet<(Space, Name)>,
+    /// The symbols of what it knows from the start.
+    pub(crate) said: BTreeSet<(Space, Name)>,
+    /// The objects it brings.
+    pub(crate) objects: BTreeSet<Name>,
     pub(crate) flaws: Vec<Flaw>,
 }
 
@@ -263,9 +267,12 @@ impl Manifest {
             .map(|name| (Space::Predicate, name))
             .chain(functions.map(|name| (Space::Function, name)))
             .collect();
-        let known = self.init.iter().map(|(fact, _)| (fact.space(), fact.symbol()));
-        let owned = known.filter(|like| changed.contains(like));
-        self.owned = owned.map(|(space, name)| (space, name.clone())).collect();
+        let known = || self.init.iter().map(|(fact, _)| (fact.space(), fact.symbol()));
+        let copied = |(space, name): (Space, &Name)| (space, name.clone());
+        self.owned = known().filter(|like| changed.contains(like)).map(copied).collect();
+        self.said = known().map(copied).collect();
+        let objects = self.declarations.iter().filter(|it| it.subject.kind == Kind::Object);
+        self.objects = objects.map(|it| it.subject.name.clone()).collect();
     }
 
     fn flaw(&mut self, kind: Kind, name: &Name, detail: &str) {

@@ -32,8 +32,10 @@ pub(crate) struct Member {
     pub(crate) heard: Moment,
     /// The newest that was read: those after it said the same.
     pub(crate) read: u64,
-    /// What its heartbeats ever spoke of.
+    /// The symbols that its heartbeats ever spoke of.
     spoken: BTreeSet<(Space, Name)>,
+    /// The facts that its heartbeats ever spoke of and that name none of its objects.
+    answered: BTreeSet<FactKey>,
 }
 
 /// All of them, and who was here before.
@@ -48,6 +50,10 @@ pub(crate) struct Roster {
     dues: BTreeSet<(Moment, AgentId)>,
     /// Whose presence may be another than when it was asked for last.
     stirred: BTreeSet<AgentId>,
+    /// Who brings an object.
+    bringers: BTreeMap<Name, BTreeSet<AgentId>>,
+    /// Who answers for a fact that names none of its objects.
+    answering: BTreeMap<FactKey, BTreeSet<AgentId>>,
 }
 
 // === impl Member ===
@@ -67,6 +73,7 @@ impl Member {
             heard: now,
             read: 0,
             spoken: BTreeSet::new(),
+            answered: BTreeSet::new(),
         }
     }
 
@@ -83,15 +90,67 @@ impl Member {
         self.is_silent = false;
     }
 
-    /// The agent's heartbeats are complete for facts like this one from now on.
-    pub(crate) fn own(&mut self, fact: &FactKey) {
-        self.spoken.insert((fact.space(), fact.symbol().clone()));
+    /// The agent's heartbeats are complete for facts like this one from now on, and it answers for this
+    /// one; whether that is new and the fact names none of its objects.
+    fn own(&mut self, fact: &FactKey) -> bool {
+        let like = (fact.space(), fact.symbol().clone());
+        if self.spoken.len() < limits::DECLARATIONS_PER_AGENT_MAX {
+            self.spoken.insert(like);
+        }
+        let is_new = !self.answered.contains(fact)
+            && !self.names_its_own(fact)
+            && self.answered.len() < limits::FACTS_PER_OWNER_MAX;
+        is_new && self.answered.insert(fact.clone())
+    }
+
+    /// Whether a fact names an object that the agent brings.
+    fn names_its_own(&self, fact: &FactKey) -> bool {
+        let objects = &self.described.manifest.objects;
+        fact.arguments().iter().any(|argument| objects.contains(argument))
+    }
+
+    /// Whether the agent is the one who says whether a fact is so: its heartbeats spoke of it, or it is
+    /// about an object of the agent's, and in words that its model or its heartbeats use.
+    pub(crate) fn answers(&self, fact: &FactKey) -> bool {
+        let says = || {
+            let like = (fact.space(), fact.symbol().clone());
+            self.spoken.contains(&like) || self.described.manifest.said.contains(&like)
+        };
+        self.answered.contains(fact) || (self.names_its_own(fact) && says())
+    }
+
+    /// Whether its heartbeats are complete for facts of this symbol.
+    pub(crate) fn speaks_of(&self, space: Space, symbol: &Name) -> bool {
+        let like = (space, symbol.clone());
+        self.spoken.contains(&like) || self.described.manifest.owned.contains(&like)
+    }
+
+    /// The symbols for whose facts it may answer.
+    pub(crate) fn symbols(&self) -> impl Iterator<Item = &(Space, Name)> {
+        self.spoken.union(&self.described.manifest.said)
+    }
+
+    /// The facts that name none of its objects and for which it answers.
+    pub(crate) fn answered(&self) -> impl Iterator<Item = &FactKey> {
+        self.answered.iter()
     }
 
     /// Whether the agent's heartbeats are complete for facts like this one.
     pub(crate) fn owns(&self, fact: &FactKey) -> bool {
-        let like = (fact.space(), fact.symbol().clone());
-        self.spoken.contains(&like) || self.described.manifest.owned.contains(&like)
+        self.speaks_of(fact.space(), fact.symbol())
+    }
+
+    /// Whether its model says that it is on another agent, for good.
+    pub(crate) fn is_carried_by(&self, own: &AgentId, base: &AgentId) -> bool {
+        let manifest = &self.described.manifest;
+        manifest.init.iter().any(|(fact, _)| match fact.arguments() {
+            [carried, on] => {
+                *carried == own.as_str()
+                    && *on == base.as_str()
+                    && !manifest.owned.contains(&(fact.space(), fact.symbol().clone()))
+            }
+            _ => false,
+        })
     }
 
     /// Whether its capabilities count for new plans.
@@ -137,6 +196,43 @@ impl Roster {
         let stirred = std::mem::take(&mut self.stirred).into_iter();
         let is_present = |agent: &AgentId| self.members.get(agent).is_some_and(Member::is_present);
         stirred.map(|agent| (agent.clone(), is_present(&agent))).collect()
+    }
+
+    /// A member's heartbeat speaks of a fact.
+    pub(crate) fn own(&mut self, agent: &AgentId, fact: &FactKey) {
+        let Some(member) = self.members.get_mut(agent) else { return };
+        if member.own(fact) {
+            self.answering.entry(fact.clone()).or_default().insert(agent.clone());
+        }
+    }
+
+    /// The members who say whether a fact is so.
+    pub(crate) fn answering(&self, fact: &FactKey) -> BTreeSet<&AgentId> {
+        let bringers = fact.arguments().iter().filter_map(|object| self.bringers.get(object));
+        let named = bringers
+            .flatten()
+            .filter(|agent| self.members.get(*agent).is_some_and(|member| member.answers(fact)));
+        let others = self.answering.get(fact).into_iter().flatten();
+        named.chain(others).collect()
+    }
+
+    /// A member is in the indexes by which it is found, or not any more.
+    fn index(&mut self, agent: &AgentId, member: &Member) {
+        for object in &member.described.manifest.objects {
+            self.bringers.entry(object.clone()).or_default().insert(agent.clone());
+        }
+        for fact in &member.answered {
+            self.answering.entry(fact.clone()).or_default().insert(agent.clone());
+        }
+    }
+
+    fn unindex(&mut self, agent: &AgentId, member: &Member) {
+        for object in &member.described.manifest.objects {
+            remove_from(&mut self.bringers, object, agent);
+        }
+        for fact in &member.answered {
+            remove_from(&mut self.answering, fact, agent);
+        }
     }
 
     /// A member's heartbeat came.
@@ -240,7 +336,13 @@ impl Roster {
         self.former.remove(agent);
         self.stirred.insert(agent.clone());
         let looked = member.due;
-        let known = self.members.insert(agent.clone(), Member { arrival, looked, ..member });
+        let member = Member { arrival, looked, ..member };
+        let known = self.members.remove(agent);
+        if let Some(known) = &known {
+            self.unindex(agent, known);
+        }
+        self.index(agent, &member);
+        self.members.insert(agent.clone(), member);
         if let Some(looked) = known.and_then(|known| known.looked) {
             self.dues.remove(&(looked, agent.clone()));
         }
@@ -250,6 +352,7 @@ impl Roster {
     /// Lets a member go, and remembers which life it was.
     pub(crate) fn release(&mut self, agent: &AgentId) -> Option<Member> {
         let member = self.members.remove(agent)?;
+        self.unindex(agent, &member);
         self.stirred.insert(agent.clone());
         if let Some(looked) = member.looked {
             self.dues.remove(&(looked, agent.clone()));
@@ -261,5 +364,14 @@ impl Roster {
             oldest.and_then(|agent| self.former.remove(&agent));
         }
         Some(member)
+    }
+}
+
+fn remove_from<K: Ord>(index: &mut BTreeMap<K, BTreeSet<AgentId>>, key: &K, agent: &AgentId) {
+    if let Some(agents) = index.get_mut(key) {
+        agents.remove(agent);
+        if agents.is_empty() {
+            index.remove(key);
+        }
     }
 }

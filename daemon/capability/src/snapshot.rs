@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use acl::AgentId;
 use acl::content::{self, Guard, Methods, Offer, Offers};
+use pddl::knowledge::Auxiliary;
 use pddl::{ActionModel, Atom, Condition, Domain, InitElement, Metric, Name, PlanStep, Problem};
 
 use crate::composite::{Composite, Offered};
@@ -50,10 +51,16 @@ impl Snapshot {
         self.composite.digest()
     }
 
-    /// The problem of reaching `goal`, measured by `metric`, or else as the maintainer measures.
-    pub fn with_goal(&self, goal: Condition, metric: Option<Metric>) -> Problem {
+    /// The problem of reaching `goal` for sure, measured by `metric`, or else as the maintainer
+    /// measures.
+    pub fn with_goal(&self, goal: &Condition, metric: Option<Metric>) -> Problem {
         let metric = metric.or_else(|| self.problem.metric.clone());
-        Problem { goal, metric, ..self.problem.clone() }
+        Problem { goal: self.sure(goal), metric, ..self.problem.clone() }
+    }
+
+    /// A condition in the words of the domain: that it is known to hold.
+    pub fn sure(&self, condition: &Condition) -> Condition {
+        self.composite.knowledge.sure(condition)
     }
 
     /// A step as it is called inside the domain, from how its agent calls it.
@@ -116,6 +123,25 @@ impl Snapshot {
         (outside, offer)
     }
 
+    fn knowledge(&self) -> BTreeMap<String, content::Auxiliary> {
+        let text = ToString::to_string;
+        let auxiliary = |auxiliary: &Auxiliary| match auxiliary {
+            Auxiliary::Predicate { unknown, found } => content::Auxiliary::Predicate {
+                unknown: text(unknown),
+                found: found.as_ref().map(text),
+            },
+            Auxiliary::Function { defined, found } => content::Auxiliary::Function {
+                defined: text(defined),
+                found: found.as_ref().map(text),
+            },
+            Auxiliary::Derived { maybe, unknown } => {
+                content::Auxiliary::Derived { maybe: text(maybe), unknown: text(unknown) }
+            }
+        };
+        let symbols = self.composite.knowledge.symbols.iter();
+        symbols.map(|(symbol, words)| (symbol.as_str().to_owned(), auxiliary(words))).collect()
+    }
+
     /// As it travels, with its texts.
     pub fn to_content(&self) -> content::Snapshot {
         content::Snapshot {
@@ -127,6 +153,7 @@ impl Snapshot {
             offers: self.offers(),
             guards: self.guards(),
             former: self.former.iter().map(ToString::to_string).collect(),
+            knowledge: self.knowledge(),
             conflicts: BTreeMap::new(),
         }
     }

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use pddl::{Name, TypeExpr, Types};
 
 use crate::canonical::Uses;
-use crate::fact::{FactKey, Space};
+use crate::fact::{FactKey, Space, Value};
 
 /// The types of a symbol's parameters.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -37,7 +37,8 @@ impl Vocabulary {
 
     /// Why a schema with these uses cannot stand in the domain, if it cannot.
     pub(crate) fn misfit(&self, uses: &Uses) -> Option<String> {
-        let Uses { predicates, functions, types, objects, changed, assigned: _, unbound } = uses;
+        let Uses { predicates, functions, observed, types, objects, changed, assigned: _, unbound } =
+            uses;
         let symbol = |declared: &BTreeMap<Name, Signature>, what, (name, count): &(Name, usize)| {
             match declared.get(name) {
                 None => Some(format!("it uses the {what} `{name}`, which is not declared")),
@@ -52,6 +53,18 @@ impl Vocabulary {
             .iter()
             .find_map(|use_| symbol(&self.predicates, "predicate", use_))
             .or_else(|| functions.iter().find_map(|use_| symbol(&self.functions, "function", use_)))
+            .or_else(|| {
+                // What nobody has declared is nobody's to ask for, and found out in vain.
+                observed.iter().find_map(|use_| match () {
+                    () if self.functions.contains_key(&use_.0) => {
+                        symbol(&self.functions, "function", use_)
+                    }
+                    () if self.predicates.contains_key(&use_.0) => {
+                        symbol(&self.predicates, "predicate", use_)
+                    }
+                    () => None,
+                })
+            })
             .or_else(|| {
                 let name = types.iter().find(|name| !self.types.contains(name.as_str()))?;
                 Some(format!("it uses the type `{name}`, which is not declared"))
@@ -72,8 +85,9 @@ impl Vocabulary {
             })
     }
 
-    /// Why a fact cannot stand in the problem, if it cannot.
-    pub(crate) fn fact_misfit(&self, fact: &FactKey) -> Option<String> {
+    /// Why a fact cannot stand in the problem with this value, if it cannot. What axioms derive nobody
+    /// can claim; that it is unknown can be said.
+    pub(crate) fn fact_misfit(&self, fact: &FactKey, value: Value) -> Option<String> {
         let symbol = fact.symbol();
         let declared = match fact.space() {
             Space::Predicate => self.predicates.get(symbol),
@@ -82,7 +96,7 @@ impl Vocabulary {
         let Some(Signature { parameters, derived }) = declared else {
             return Some(format!("`{symbol}` is not declared"));
         };
-        if *derived {
+        if *derived && value != Value::Unknown {
             return Some(format!("`{symbol}` is derived by axioms"));
         }
         if parameters.len() != fact.arguments().len() {

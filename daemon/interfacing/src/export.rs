@@ -284,6 +284,8 @@ fn exported(
         Some(cost) => Effect::And(vec![effect, costing(cost)]),
         None => effect,
     };
+    // What is not said over there cannot be found out by it.
+    let observe = schema.observe.iter().filter_map(|it| translator.observed(it).ok()).collect();
     let span = Span::default();
     Ok(ActionSchema {
         name: near.clone(),
@@ -291,6 +293,7 @@ fn exported(
         parameters,
         precondition,
         effect,
+        observe,
         span,
     })
 }

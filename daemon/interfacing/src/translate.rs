@@ -197,6 +197,13 @@ impl<'t> Translator<'t> {
         Ok(Atom { predicate, arguments: self.terms(&atom.arguments)?, span: atom.span })
     }
 
+    /// What an action observes: a predicate or a function.
+    pub(crate) fn observed(&self, observed: &Atom) -> Said<Atom> {
+        let named = self.predicate(&observed.predicate);
+        let predicate = named.or_else(|_| self.function(&observed.predicate))?;
+        Ok(Atom { predicate, arguments: self.terms(&observed.arguments)?, span: observed.span })
+    }
+
     fn fluent(&self, fluent: &FluentTerm) -> Said<FluentTerm> {
         let function = self.function(&fluent.function)?;
         Ok(FluentTerm { function, arguments: self.terms(&fluent.arguments)?, span: fluent.span })
@@ -222,6 +229,7 @@ impl<'t> Translator<'t> {
         match fact {
             InitElement::Atom(atom) => self.atom(atom).ok().map(InitElement::Atom),
             InitElement::Not(atom) => self.atom(atom).ok().map(InitElement::Not),
+            InitElement::Unknown(atom) => self.atom(atom).ok().map(InitElement::Unknown),
             InitElement::Assign(fluent, number) => {
                 Some(InitElement::Assign(self.fluent(fluent).ok()?, *number))
             }

@@ -25,6 +25,8 @@ pub mod diagnostic;
 
 pub mod graph;
 
+pub mod knowledge;
+
 mod balance;
 mod grammar;
 mod lexer;

@@ -277,6 +277,9 @@ pub struct ActionSchema {
     pub precondition: Condition,
     /// The effect.
     pub effect: Effect,
+    /// `:observe`: predicates and functions whose value is known after the action, whatever it is,
+    /// as in contingent planning. In action models only; `planner` refuses it.
+    pub observe: Vec<Atom>,
     /// From `(` to `)`.
     pub span: Span,
 }
@@ -387,6 +390,9 @@ pub enum InitElement {
     Atom(Atom),
     /// `(not (PREDICATE OBJECT*))`: false already, and said so.
     Not(Atom),
+    /// `(unknown (PREDICATE OBJECT*))`: neither known to be true nor known to be false, as in
+    /// contingent planning. What agents and people say; `planner` refuses it.
+    Unknown(Atom),
     /// `(= FLUENT NUMBER)`
     Assign(FluentTerm, Number),
     /// `(at TIME (…))`: a timed initial literal.
@@ -744,7 +750,9 @@ impl InitElement {
     /// Where it stands: of a timed initial literal, the fact.
     pub fn span(&self) -> Span {
         match self {
-            InitElement::Atom(atom) | InitElement::Not(atom) => atom.span,
+            InitElement::Atom(atom) | InitElement::Not(atom) | InitElement::Unknown(atom) => {
+                atom.span
+            }
             InitElement::Assign(fluent, _) => fluent.span,
             InitElement::At(_, later) => later.span(),
         }
@@ -755,6 +763,11 @@ impl Problem {
     /// The first timed initial literal.
     pub fn timed_literal(&self) -> Option<&InitElement> {
         self.init.iter().find(|element| matches!(element, InitElement::At(..)))
+    }
+
+    /// The first fact that is said to be unknown.
+    pub fn unknown_fact(&self) -> Option<&InitElement> {
+        self.init.iter().find(|element| matches!(element, InitElement::Unknown(_)))
     }
 
     /// A problem of `domain` without objects, facts and goal.

@@ -1,6 +1,6 @@
 //! Goals taken apart: what they ask for one by one, and which of it cannot be had.
 
-use pddl::{Condition, Domain, Problem};
+use pddl::{Atom, Condition, Derived, Domain, Problem};
 
 use crate::ground::{GroundError, ground};
 use crate::heuristic::{Evaluator, Max};
@@ -14,11 +14,13 @@ use crate::validate::bindings::Bindings;
 use crate::validate::model::Model;
 
 /// The parts of a goal that must all hold, each once: `forall` is expanded over the problem's
-/// objects, nested conjunctions are flattened, a disjunction stays one part. Of a state of the problem
-/// only its objects matter.
+/// objects, nested conjunctions are flattened, a disjunction stays one part. What axioms derive is one
+/// part where any of several facts makes it true, and else the parts that it is derived from: that no
+/// lamp in a room is on is one part for each lamp in it, so that each agent can do its own. Of a state
+/// of the problem only its objects matter, and what no action changes.
 pub fn conjuncts(world: &World, goal: &Condition) -> Vec<Condition> {
     let mut parts = Vec::new();
-    split(world.model(), goal, true, &mut Bindings::default(), &mut parts);
+    split(world, goal, true, &mut Bindings::default(), &mut parts);
     let mut seen = std::collections::HashSet::new();
     parts.retain(|part| seen.insert(part.clone()));
     parts
@@ -66,7 +68,7 @@ fn is_unreachable(
 
 /// Adds the conjuncts of a condition, or of its negation where `positive` is false.
 fn split(
-    model: &Model,
+    world: &World,
     condition: &Condition,
     positive: bool,
     bindings: &mut Bindings,
@@ -74,19 +76,24 @@ fn split(
 ) {
     match (condition, positive) {
         (Condition::And(all), true) | (Condition::Or(all), false) => {
-            all.iter().for_each(|part| split(model, part, positive, bindings, parts));
+            all.iter().for_each(|part| split(world, part, positive, bindings, parts));
         }
         (Condition::Or(all), true) if all.len() == 1 => {
-            split(model, &all[0], true, bindings, parts);
+            split(world, &all[0], true, bindings, parts);
         }
-        (Condition::Not(inner), _) => split(model, inner, !positive, bindings, parts),
+        (Condition::Not(inner), _) => split(world, inner, !positive, bindings, parts),
         (Condition::Imply(left, right), false) => {
-            split(model, left, true, bindings, parts);
-            split(model, right, false, bindings, parts);
+            split(world, left, true, bindings, parts);
+            split(world, right, false, bindings, parts);
         }
         (Condition::Forall(variables, inner), true)
         | (Condition::Exists(variables, inner), false) => {
-            expand(model, variables, inner, positive, bindings, parts);
+            expand(world, variables, inner, positive, bindings, parts);
+        }
+        (Condition::Atom(atom), _)
+            if let Some(derived) = derive(world, atom, positive, bindings) =>
+        {
+            parts.extend(derived);
         }
         (other, true) => parts.push(bindings.substitute(other)),
         (other, false) => parts.push(Condition::Not(Box::new(bindings.substitute(other)))),
@@ -95,7 +102,7 @@ fn split(
 
 /// Adds the conjuncts of every instance.
 fn expand(
-    model: &Model,
+    world: &World,
     variables: &[pddl::Typed],
     inner: &Condition,
     positive: bool,
@@ -103,11 +110,108 @@ fn expand(
     parts: &mut Vec<Condition>,
 ) {
     let Some((first, rest)) = variables.split_first() else {
-        return split(model, inner, positive, bindings, parts);
+        return split(world, inner, positive, bindings, parts);
     };
-    for object in model.members(&first.ty) {
+    for object in world.model().members(&first.ty) {
         bindings.bind(&first.name, object);
-        expand(model, rest, inner, positive, bindings, parts);
+        expand(world, rest, inner, positive, bindings, parts);
         bindings.unbind();
+    }
+}
+
+/// The parts of what derives a fact, or of what rules it out; `None` if the fact is one part itself.
+fn derive(
+    world: &World,
+    atom: &Atom,
+    positive: bool,
+    bindings: &Bindings,
+) -> Option<Vec<Condition>> {
+    let model: &Model = world.model();
+    let definitions = model.definitions(&atom.predicate);
+    let splits = |axiom: &Derived| {
+        matches!(axiom.condition, Condition::And(_) | Condition::Forall(..) | Condition::Not(_))
+    };
+    match definitions.as_slice() {
+        [] => return None,
+        [one] if positive && splits(one) => (),
+        _ if positive => return None,
+        _ => (),
+    }
+    let arguments = bindings.objects(&atom.arguments);
+    let mut parts = Vec::new();
+    for axiom in definitions {
+        let mut inner = Bindings::default();
+        for (parameter, object) in axiom.parameters.iter().zip(&arguments) {
+            inner.bind(&parameter.name, object.clone());
+        }
+        split(world, &axiom.condition, positive, &mut inner, &mut parts);
+    }
+    let open = parts.into_iter().map(|part| fold(world, part)).filter(|part| !part.is_always());
+    let open: Vec<Condition> = open.collect();
+    // One part may as well be called what its author calls it.
+    (open.len() != 1).then_some(open)
+}
+
+/// A closed condition without what no action changes: the empty conjunction is true, the empty
+/// disjunction false.
+fn fold(world: &World, condition: Condition) -> Condition {
+    match condition {
+        Condition::Atom(atom) if world.model().is_static(&atom.predicate) => {
+            truth(world.holds(&Condition::Atom(atom)))
+        }
+        Condition::Not(inner) => match fold(world, *inner) {
+            Condition::And(all) if all.is_empty() => truth(false),
+            Condition::Or(all) if all.is_empty() => truth(true),
+            inner => Condition::Not(Box::new(inner)),
+        },
+        Condition::And(all) => joined(all.into_iter().map(|part| fold(world, part)), true),
+        Condition::Or(all) => joined(all.into_iter().map(|part| fold(world, part)), false),
+        Condition::Exists(..) | Condition::Forall(..) if is_static(world.model(), &condition) => {
+            truth(world.holds(&condition))
+        }
+        Condition::Imply(left, right) => {
+            let not = fold(world, Condition::Not(left));
+            joined([not, fold(world, *right)].into_iter(), false)
+        }
+        other => other,
+    }
+}
+
+/// Whether no action changes anything that a condition speaks of.
+fn is_static(model: &Model, condition: &Condition) -> bool {
+    match condition {
+        Condition::Atom(atom) => model.is_static(&atom.predicate),
+        Condition::Equal(..) => true,
+        Condition::Compare(_) => false,
+        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
+            is_static(model, inner)
+        }
+        Condition::And(parts) | Condition::Or(parts) => {
+            parts.iter().all(|part| is_static(model, part))
+        }
+        Condition::Imply(left, right) => is_static(model, left) && is_static(model, right),
+    }
+}
+
+fn truth(is_true: bool) -> Condition {
+    if is_true { Condition::And(Vec::new()) } else { Condition::Or(Vec::new()) }
+}
+
+/// A conjunction, or a disjunction, without the parts that make no difference.
+fn joined(parts: impl Iterator<Item = Condition>, is_and: bool) -> Condition {
+    let mut kept = Vec::new();
+    for part in parts {
+        match part {
+            Condition::And(all) if all.is_empty() && is_and => (),
+            Condition::Or(any) if any.is_empty() && !is_and => (),
+            Condition::And(all) if all.is_empty() => return truth(true),
+            Condition::Or(any) if any.is_empty() => return truth(false),
+            part => kept.push(part),
+        }
+    }
+    match kept.len() {
+        1 => kept.remove(0),
+        _ if is_and => Condition::And(kept),
+        _ => Condition::Or(kept),
     }
 }

@@ -205,8 +205,4 @@ impl Device for CleaningRobot {
             stir
         }))
     }
-
-    fn carries(&self, facts: &[InitElement]) -> bool {
-        self.base.carries(facts)
-    }
 }

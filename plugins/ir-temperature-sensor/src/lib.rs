@@ -123,7 +123,8 @@ impl Device for IrTemperatureSensor {
             :agent ?s - ir-temperature-sensor
             :parameters (?b - mobile-base ?r - room)
             :precondition (and (mounted-on ?s ?b) (at ?b ?r))
-            :effect (and (known-temperature ?r) (increase (total-cost) 2)))";
+            :effect (and (known-temperature ?r) (increase (total-cost) 2))
+            :observe (temperature ?r))";
         let offered = if self.works() { action } else { "" };
         let text = format!(
             "(define (agent {id}) (:domain {ontology})

@@ -41,6 +41,7 @@ pub(crate) fn plan_of(snapshot: Snapshot, action: &str) -> Result<(Execute, Dura
         round: 1,
         done: Vec::new(),
         offers,
+        knowledge: snapshot.knowledge,
     };
     Ok((execute, timeout))
 }
@@ -105,6 +106,7 @@ mod tests {
             offers: [(robot, [("move".to_owned(), offer)].into())].into(),
             guards: [].into(),
             former: Vec::new(),
+            knowledge: [].into(),
             conflicts: [].into(),
         }
     }

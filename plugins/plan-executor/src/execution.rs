@@ -3,9 +3,10 @@
 
 use acl::AgentId;
 use acl::content::{ChangeState, Execute, Offer, Offers, Snapshot};
+use pddl::knowledge::Knowledge;
 use pddl::{Atom, Domain, Plan, PlanStep, Problem};
 use planner::order::{PartialOrder, deorder};
-use planner::validate::{World, cost_from, rest_reaches};
+use planner::validate::{Fault, World, cost_from, rest_reaches};
 
 use crate::translate::{Order, acting_agent, translate};
 
@@ -17,6 +18,8 @@ pub(crate) struct Execution {
     steps: Vec<PlanStep>,
     order: PartialOrder,
     offers: Offers,
+    /// The words of the domain for what is unknown.
+    knowledge: Knowledge,
     phases: Vec<StepPhase>,
     /// The state as it follows from the confirmed steps.
     world: World,
@@ -40,14 +43,24 @@ impl Execution {
         let problem = pddl::parse_problem(&execute.problem).into_result().map_err(first)?;
         let plan: Plan = pddl::parse_plan(&execute.plan).into_result().map_err(first)?;
         let world = World::initial(&domain, &problem).map_err(first)?;
+        let knowledge = agent::knowledge(&execute.knowledge);
         cost_from(&world, &plan.steps, &problem.goal)
-            .map_err(|fault| format!("the plan is not valid: {fault}"))?;
+            .map_err(|fault| format!("the plan is not valid: {}", told(*fault, &knowledge)))?;
         let order = deorder(&world, &plan.steps);
         let phases = vec![StepPhase::Waiting; plan.steps.len()];
         let offers = execute.offers.clone();
         let (domain_text, steps) = (execute.domain.clone(), plan.steps);
-        let mut execution =
-            Execution { domain_text, domain, problem, steps, order, offers, phases, world };
+        let mut execution = Execution {
+            domain_text,
+            domain,
+            problem,
+            steps,
+            order,
+            offers,
+            knowledge,
+            phases,
+            world,
+        };
         for step in execute.done.iter().filter_map(|step| usize::try_from(*step).ok()) {
             execution.take_over(step)?;
         }
@@ -97,9 +110,10 @@ impl Execution {
     /// If it could not have happened in the state as known.
     pub(crate) fn finish(&mut self, step: usize) -> Result<ChangeState, String> {
         let before = self.world.clone();
-        self.world
-            .apply(&self.steps[step])
-            .map_err(|fault| format!("{} was confirmed, yet {fault}", self.step_text(step)))?;
+        self.world.apply(&self.steps[step]).map_err(|fault| {
+            let fault = told(*fault, &self.knowledge);
+            format!("{} was confirmed, yet {fault}", self.step_text(step))
+        })?;
         self.phases[step] = StepPhase::Done;
         Ok(ChangeState {
             believe: text(&self.world.beyond(&before)),
@@ -116,7 +130,7 @@ impl Execution {
     /// What of the goal does not hold in the state as it follows from the confirmed steps.
     pub(crate) fn unmet_goal(&self) -> Option<String> {
         let unmet = self.world.failing(&self.problem.goal)?;
-        Some(format!("{unmet} does not hold"))
+        Some(format!("{} does not hold", self.knowledge.plain(&unmet)))
     }
 
     /// Holds the steps that are left against what the Domain Maintainer knows: the state, and the
@@ -138,7 +152,8 @@ impl Execution {
         let domain = parsed.transpose().map_err(first)?;
         let read = domain.as_ref().unwrap_or(&self.domain);
         let world = World::initial(read, &problem).map_err(first)?;
-        rest_reaches(&world, &steps, &problem.goal).map_err(|fault| fault.to_string())?;
+        rest_reaches(&world, &steps, &problem.goal)
+            .map_err(|fault| told(*fault, &self.knowledge).to_string())?;
         if let Some(domain) = domain {
             let order = deorder(&world, &steps);
             for ((step, renamed), before) in left.iter().zip(steps).zip(order.predecessors) {
@@ -146,6 +161,7 @@ impl Execution {
                 self.order.predecessors[*step] = before.into_iter().map(|at| left[at]).collect();
             }
             self.offers.extend(snapshot.offers.clone());
+            self.knowledge = agent::knowledge(&snapshot.knowledge);
             self.domain_text.clone_from(&snapshot.domain);
             (self.domain, self.problem, self.world) = (domain, problem, world);
         }
@@ -165,16 +181,18 @@ impl Execution {
         Ok(PlanStep { action: offer.inside.as_str().into(), ..step.clone() })
     }
 
-    /// What is not known any more after a step of which nobody knows whether it was done: all that
-    /// it would have made untrue.
+    /// What is unknown after a step of which nobody knows whether it was done: all that it would have
+    /// made untrue, and all that it would have made true.
     pub(crate) fn uncertain(&self, step: usize) -> ChangeState {
         let mut after = self.world.clone();
-        let retract = match after.apply(&self.steps[step]) {
-            Ok(()) => text(&self.world.beyond(&after)),
-            // It could not have been done, and so changed nothing.
-            Err(_) => String::new(),
-        };
-        ChangeState { retract, ..ChangeState::default() }
+        // It could not have been done, and so changed nothing.
+        if after.apply(&self.steps[step]).is_err() {
+            return ChangeState::default();
+        }
+        let (lost, made) = (self.world.beyond(&after), after.beyond(&self.world));
+        let unknown = lost.iter().chain(&made).map(|fact| format!("(unknown {fact})"));
+        let believe = unknown.collect::<Vec<_>>().join(" ");
+        ChangeState { believe, retract: text(&lost), owner: None }
     }
 
     /// The steps that are not done.
@@ -203,6 +221,11 @@ impl Execution {
         let order = translate(&self.steps[step], &self.domain, &self.offers);
         order.map_or_else(|_| self.steps[step].to_string(), |order| order.action)
     }
+}
+
+/// A fault in the words of who asked for the goal.
+fn told(fault: Fault, knowledge: &Knowledge) -> Fault {
+    fault.map(|part| knowledge.plain(part))
 }
 
 fn text(facts: &[Atom]) -> String {

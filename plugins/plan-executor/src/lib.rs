@@ -407,7 +407,7 @@ impl PlanExecutor {
         {
             acting.action.clear();
         }
-        if !change.retract.is_empty() {
+        if !change.believe.is_empty() {
             change.owner = Some(agent.clone());
             self.tell(token, change, ctx);
         }

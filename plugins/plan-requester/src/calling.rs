@@ -24,6 +24,7 @@ use crate::known::Known;
 use crate::planning::explain;
 use crate::selection::{Bids, Selection, bundles, selections, uncovered};
 use crate::sharing::Verdict;
+use crate::together;
 
 /// A call under way.
 pub(crate) struct Call {
@@ -336,15 +337,19 @@ fn why_none(
     problems: &[String],
     cancel: &Cancel,
 ) -> String {
-    if missing.is_empty() {
-        let first = problems.first().cloned().unwrap_or_default();
-        return format!("no set of single-agent plans works together: {first}");
+    if !missing.is_empty() {
+        open.retain(|conjunct| missing.contains(&conjunct.to_string()));
     }
-    open.retain(|conjunct| missing.contains(&conjunct.to_string()));
-    let names: Vec<_> = missing.iter().map(|conjunct| format!("`{conjunct}`")).collect();
-    let held = explaining::held(&known.avoided);
+    let names: Vec<_> = open.iter().map(|conjunct| format!("`{conjunct}`")).collect();
     let names = names.join(" and ");
-    let otherwise = format!("no agent proposes a plan of its own for {names}{held}");
-    let together = |_: &Explanation| format!("{otherwise}; several of them together might");
-    explain(known, &open, cancel, together).unwrap_or_else(|| otherwise.clone())
+    let held = explaining::held(&known.avoided);
+    let otherwise = || format!("no agent proposes a plan of its own for {names}{held}");
+    let together = |_: &Explanation| {
+        let reason = together::reason(known, &open, &names, cancel);
+        match problems.first().filter(|_| missing.is_empty()) {
+            Some(first) => format!("what agents propose does not work together: {first}; {reason}"),
+            None => format!("{reason}{held}"),
+        }
+    };
+    explain(known, &open, cancel, together).unwrap_or_else(otherwise)
 }

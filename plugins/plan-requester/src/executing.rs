@@ -32,6 +32,7 @@ impl PlanRequester {
             round: goal.rounds,
             done: Vec::new(),
             offers: known.offers_of(plan),
+            knowledge: known.words.clone(),
         };
         goal.plan = Some(Box::new(execute));
         goal.steps_left = known.outside(plan).steps;
@@ -116,7 +117,10 @@ impl PlanRequester {
         if matches!(asked_to, Phase::Executing(_)) {
             goal.given_up = std::mem::take(&mut goal.steps_left);
         }
-        self.release(id);
+        if !matches!((&asked_to, &report), (Phase::Executing(_), Ok(report)) if report.outcome == Outcome::Done)
+        {
+            self.release(id);
+        }
         match (asked_to, report) {
             (Phase::Cancelling(_), report) => self.cancelled_in_execution(id, report, ctx),
             (_, Ok(report)) if report.outcome == Outcome::Done => self.carried_out(id, ctx),
@@ -165,11 +169,11 @@ impl PlanRequester {
 
     fn carried_out(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
-        goal.failures = 0;
         match goal.keep {
-            Keep::Achieve => self.end(id, Outcome::Done, "the goal holds", ctx),
+            Keep::Achieve => self.verify(id, 1, ctx),
             // Looked at once more before it is said to hold: an agent may have left meanwhile.
             Keep::Maintain => {
+                goal.failures = 0;
                 goal.phase = Phase::Holding;
                 self.settle(id, ctx);
                 self.next(ctx);

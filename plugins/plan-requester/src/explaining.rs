@@ -95,9 +95,11 @@ fn closest<'a>(chosen: &Proposal, others: &'a [Proposal]) -> Option<(usize, &'a 
         .max_by(|(one, first), (two, second)| one.cmp(two).then(second.cost.total_cmp(&first.cost)))
 }
 
-/// What a round of planning saw, to tell the next one what changed.
+/// What a round of planning saw that concerns its goal, to tell the next one what changed.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Seen {
+    /// Who offers anything.
+    agents: BTreeSet<AgentId>,
     /// Who offers what, and what that takes and does.
     offers: BTreeMap<(AgentId, String), String>,
     facts: BTreeSet<String>,
@@ -106,8 +108,9 @@ pub(crate) struct Seen {
 // === impl Seen ===
 
 impl Seen {
-    /// Of what plans change by themselves, only what is `open` of the goal is of interest.
-    pub(crate) fn of(known: &Known) -> Seen {
+    /// What concerns a goal: actions that could do something for it, and facts that it or they speak of.
+    pub(crate) fn of(known: &Known, goal: &Condition) -> Seen {
+        let relevant = Relevant::to(known, goal);
         let guards: BTreeSet<&Name> = known.guards.values().map(|guard| &guard.predicate).collect();
         let schemas: BTreeMap<&str, String> = { known.domain.actions.iter() }
             .map(|schema| (schema.name.as_str(), meaning(schema, &guards)))
@@ -117,28 +120,34 @@ impl Seen {
             let named = |(action, offer): (&String, &Offer)| {
                 ((agent.clone(), action.clone()), meaning(offer))
             };
-            actions.iter().map(named).collect::<Vec<_>>()
+            let concerns = |(_, offer): &(&String, &Offer)| relevant.has_action(&offer.inside);
+            actions.iter().filter(concerns).map(named).collect::<Vec<_>>()
         };
         let facts = known.problem.init.iter().filter_map(|element| match element {
-            InitElement::Atom(atom) if !guards.contains(&atom.predicate) => Some(atom.to_string()),
+            InitElement::Atom(atom)
+                if !guards.contains(&atom.predicate) && relevant.has(&atom.predicate) =>
+            {
+                Some(atom.to_string())
+            }
             _ => None,
         });
         Seen {
+            agents: known.all_offers.keys().cloned().collect(),
             offers: known.all_offers.iter().flat_map(of_agent).collect(),
             facts: facts.collect(),
         }
     }
 
-    /// What is other than it was, for a person; nothing, if plans made all of it.
-    pub(crate) fn news(&self, known: &Known, open: &[Condition]) -> Option<String> {
-        let now = Seen::of(known);
-        let agents = |seen: &Seen| -> BTreeSet<AgentId> {
+    /// What is other than `now`, for a person; nothing, if plans made all of it. Of what plans change by
+    /// themselves, only what is `open` of the goal is of interest.
+    pub(crate) fn news(&self, now: &Seen, known: &Known, open: &[Condition]) -> Option<String> {
+        let offering = |seen: &Seen| -> BTreeSet<AgentId> {
             seen.offers.keys().map(|(agent, _)| agent.clone()).collect()
         };
-        let (before, after) = (agents(self), agents(&now));
+        let (before, after) = (&self.agents, &now.agents);
         let name = |agent: &AgentId| format!("`{agent}`");
-        let left: Vec<String> = before.difference(&after).map(name).collect();
-        let joined: Vec<String> = after.difference(&before).map(name).collect();
+        let left: Vec<String> = offering(self).difference(after).map(name).collect();
+        let joined: Vec<String> = offering(now).difference(before).map(name).collect();
         let of = |(agent, action): &(AgentId, String)| format!("`{action}` of `{agent}`");
         let here = self.offers.iter().filter(|((agent, _), _)| after.contains(agent));
         let withdrawn = here.clone().filter(|(offer, _)| !now.offers.contains_key(*offer));
@@ -164,6 +173,80 @@ impl Seen {
             .map(|(what, things)| format!("{what}: {}", listed(things, ", ")))
             .collect();
         (!told.is_empty()).then(|| format!("since the last plan, {}", told.join("; ")))
+    }
+}
+
+/// The symbols and actions that may matter to a goal: whatever changes what the goal speaks of, and so on
+/// for what that takes.
+struct Relevant<'k> {
+    symbols: BTreeSet<&'k Name>,
+    actions: BTreeSet<&'k Name>,
+}
+
+// === impl Relevant ===
+
+impl<'k> Relevant<'k> {
+    fn to(known: &'k Known, goal: &'k Condition) -> Relevant<'k> {
+        let mut symbols = BTreeSet::new();
+        symbols_of(goal, &mut symbols);
+        let mut actions = BTreeSet::new();
+        loop {
+            let before = (symbols.len(), actions.len());
+            for axiom in &known.domain.derived {
+                if symbols.contains(&axiom.predicate) {
+                    symbols_of(&axiom.condition, &mut symbols);
+                }
+            }
+            for action in &known.domain.actions {
+                if !actions.contains(&action.name) && touches(&action.effect, &symbols) {
+                    actions.insert(&action.name);
+                    symbols_of(&action.precondition, &mut symbols);
+                }
+            }
+            if (symbols.len(), actions.len()) == before {
+                return Relevant { symbols, actions };
+            }
+        }
+    }
+
+    fn has_action(&self, inside: &str) -> bool {
+        self.actions.contains(&Name::new(inside))
+    }
+
+    fn has(&self, symbol: &Name) -> bool {
+        self.symbols.contains(symbol)
+    }
+}
+
+/// Whether an effect changes one of these.
+fn touches(effect: &Effect, symbols: &BTreeSet<&Name>) -> bool {
+    match effect {
+        Effect::And(parts) => parts.iter().any(|part| touches(part, symbols)),
+        Effect::Add(atom) | Effect::Delete(atom) => symbols.contains(&atom.predicate),
+        Effect::Assign(assign) => symbols.contains(&assign.fluent.function),
+        Effect::Forall(_, inner) | Effect::When(_, inner) => touches(inner, symbols),
+    }
+}
+
+fn symbols_of<'c>(condition: &'c Condition, found: &mut BTreeSet<&'c Name>) {
+    match condition {
+        Condition::Atom(atom) => {
+            found.insert(&atom.predicate);
+        }
+        Condition::Equal(..) => (),
+        Condition::Compare(_) => {
+            found.extend(crate::known::functions_of(condition));
+        }
+        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
+            symbols_of(inner, found);
+        }
+        Condition::And(parts) | Condition::Or(parts) => {
+            parts.iter().for_each(|part| symbols_of(part, found));
+        }
+        Condition::Imply(left, right) => {
+            symbols_of(left, found);
+            symbols_of(right, found);
+        }
     }
 }
 
@@ -205,6 +288,11 @@ fn changed_by(effect: &Effect, names: &mut BTreeSet<String>) {
 fn is_of(fact: &str, predicate: &str) -> bool {
     let inner = fact.trim_start_matches('(').trim_end_matches(')');
     inner.split(' ').next().is_some_and(|first| first.eq_ignore_ascii_case(predicate))
+}
+
+/// Sentences about parts of one goal, the first few.
+pub(crate) fn listed_all(sentences: impl Iterator<Item = String>) -> String {
+    listed(sentences.collect(), ". Also, ")
 }
 
 /// The first few, and how many more.
@@ -260,6 +348,7 @@ mod tests {
             offers: agents.iter().map(offer).collect(),
             guards: [("measure".to_owned(), Guard { outside, predicate })].into(),
             former: Vec::new(),
+            knowledge: BTreeMap::new(),
             conflicts: BTreeMap::new(),
         };
         Known::read(snapshot).expect("PDDL").avoiding(avoided.clone())
@@ -315,23 +404,44 @@ mod tests {
         assert_eq!(choice(&selection, &alone, &BTreeMap::new(), &BTreeSet::new()), None);
     }
 
+    /// What is new for a goal between two rounds.
+    fn news(before: &Known, after: &Known, goal: &Condition, open: &[Condition]) -> Option<String> {
+        Seen::of(before, goal).news(&Seen::of(after, goal), after, open)
+    }
+
     #[test]
     fn news_are_what_plans_do_not_change_and_what_the_goal_lost() {
         let none = Avoided::new();
-        let seen = Seen::of(&known(&["a"], "(open hall) (known hall) (known lab)", &none));
+        let before = known(&["a"], "(open hall) (known hall) (known lab)", &none);
         let open = goal("(known hall)");
+        let [wanted] = open.as_slice() else { panic!("one part") };
+        let after = known(&["b"], "(in b hall)", &none);
         assert_eq!(
-            seen.news(&known(&["b"], "(in b hall)", &none), &open).expect("news"),
+            news(&before, &after, wanted, &open).expect("news"),
             "since the last plan, offers nothing now: `a`; offers something now: `b`; does not \
              hold any more: `(known hall)`, `(open hall)`"
         );
         let same = known(&["a"], "(open hall) (known hall)", &none);
-        assert_eq!(seen.news(&same, &[]), None);
+        assert_eq!(news(&before, &same, wanted, &[]), None);
         let locked = DOMAIN.replace("(open ?r))", "(open ?r) (in ?s hall))");
         let other = known_in(&locked, &["a"], "(open hall) (known hall) (known lab)", &none);
         assert_eq!(
-            seen.news(&other, &[]).expect("news"),
+            news(&before, &other, wanted, &[]).expect("news"),
             "since the last plan, takes or does something else now: `measure` of `a`"
         );
+    }
+
+    #[test]
+    fn what_does_not_concern_a_goal_is_no_news_for_it() {
+        let none = Avoided::new();
+        let before = known(&["a"], "(open hall) (in a hall)", &none);
+        let after = known(&["b"], "(in a hall)", &none);
+        // Nobody needs to measure for a door to be open.
+        let open = goal("(open hall)");
+        assert_eq!(
+            news(&before, &after, &open[0], &open).as_deref(),
+            Some("since the last plan, does not hold any more: `(open hall)`")
+        );
+        assert_eq!(news(&before, &after, &goal("(in a hall)")[0], &[]), None);
     }
 }

@@ -117,6 +117,8 @@ pub(crate) enum Phase {
     Cancelling(ReplyToken),
     /// The executor is asked to give up: another goal or another plan comes first.
     Yielding(ReplyToken),
+    /// Its plan was carried out; whether the goal is reached is looked at.
+    Verifying(Option<Work>),
     /// It holds, and is watched.
     Holding,
 }
@@ -134,6 +136,7 @@ impl Phase {
             Phase::Executing(_) => "executing".to_owned(),
             Phase::Cancelling(_) => "cancelling".to_owned(),
             Phase::Yielding(_) => "giving way".to_owned(),
+            Phase::Verifying(_) => "looking whether it holds".to_owned(),
             Phase::Holding => "holds".to_owned(),
         }
     }
@@ -148,7 +151,7 @@ impl Phase {
 
     /// Whether a plan of it runs, so that its agents are needed.
     pub(crate) fn is_running(&self) -> bool {
-        self.is_under_way() || matches!(self, Phase::Yielding(_))
+        self.is_under_way() || matches!(self, Phase::Yielding(_) | Phase::Verifying(_))
     }
 
     /// Whether whoever takes it over has to see to the plan that runs.

@@ -6,16 +6,23 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::OnceLock;
 
 use acl::AgentId;
-use acl::content::{Offers, Snapshot};
-use pddl::{ActionModel, Condition, Domain, InitElement, Name, Plan, PlanStep, Problem};
+use acl::content::{self, Offers, Snapshot};
+use pddl::knowledge::Knowledge;
+use pddl::{
+    ActionModel, Condition, Domain, Effect, Expression, FluentTerm, InitElement, Name, Plan,
+    PlanStep, Problem,
+};
 use planner::explain::{self, Explanation, Guard};
 use planner::goal::conjuncts;
 use planner::order::interference;
-use planner::validate::{World, cost_from};
-use planner::{Budget, Cancel, Options};
+use planner::validate::{Fault, World, cost_from};
+use planner::{Budget, Cancel, Options, StopReason};
 
 /// Candidates that grounding may look at for an explanation: a second, for the largest buildings.
 const EXPLAINING_STEPS_MAX: u64 = 20_000_000;
+
+/// States that may be looked at for one: some seconds in the largest buildings.
+const EXPLAINING_EXPANSIONS_MAX: u64 = 50_000;
 
 /// What is known, to plan in.
 #[derive(Clone, Debug)]
@@ -35,6 +42,10 @@ pub(crate) struct Known {
     pub(crate) guards: BTreeMap<Name, Guard>,
     /// What agents could do that offer it no longer.
     former: Vec<ActionModel>,
+    /// The words of the domain for what is unknown.
+    knowledge: Knowledge,
+    /// The same as they travel.
+    pub(crate) words: BTreeMap<String, content::Auxiliary>,
     pub(crate) avoided: Avoided,
     /// Agents that other goals needed, and that are not planned with.
     pub(crate) spared: BTreeSet<AgentId>,
@@ -61,7 +72,7 @@ impl Known {
     ///
     /// If it is no PDDL, for a person.
     pub(crate) fn read(snapshot: Snapshot) -> Result<Known, String> {
-        let Snapshot { epoch, domain, problem, offers, guards, former, .. } = snapshot;
+        let Snapshot { epoch, domain, problem, offers, guards, former, knowledge, .. } = snapshot;
         let domain_text = domain;
         let domain = pddl::parse_domain(&domain_text).into_result().map_err(first)?;
         let problem = pddl::parse_problem(&problem).into_result().map_err(first)?;
@@ -85,6 +96,8 @@ impl Known {
             whole,
             guards,
             former,
+            knowledge: agent::knowledge(&knowledge),
+            words: knowledge,
             avoided,
             spared: BTreeSet::new(),
         })
@@ -125,21 +138,35 @@ impl Known {
         world.as_ref().map_err(String::as_str)
     }
 
-    /// The problem of reaching `goal` from here.
-    pub(crate) fn problem_of(&self, goal: &Condition) -> Problem {
-        Problem { goal: goal.clone(), ..self.problem.clone() }
+    /// A condition in the words of the domain: that it is known to hold.
+    pub(crate) fn sure(&self, condition: &Condition) -> Condition {
+        self.knowledge.sure(condition)
     }
 
-    /// What of a goal does not hold: ground conjuncts.
+    /// The problem of reaching `goal` for sure from here.
+    pub(crate) fn problem_of(&self, goal: &Condition) -> Problem {
+        Problem { goal: self.knowledge.sure(goal), ..self.problem.clone() }
+    }
+
+    /// What of a goal is not known to hold: ground conjuncts.
     pub(crate) fn open_conjuncts(&self, goal: &Condition) -> Result<Vec<Condition>, String> {
         let world = self.world()?;
-        let conjuncts = conjuncts(world, goal).into_iter();
-        Ok(conjuncts.filter(|conjunct| !world.holds(conjunct)).collect())
+        let conjuncts = self.conjuncts(world, goal).into_iter();
+        Ok(conjuncts.filter(|conjunct| !self.holds_in(world, conjunct)).collect())
+    }
+
+    /// The parts of a goal, in the words of who asked for it.
+    fn conjuncts(&self, world: &World, goal: &Condition) -> Vec<Condition> {
+        conjuncts(world, goal).iter().map(|part| self.knowledge.plain(part)).collect()
+    }
+
+    fn holds_in(&self, world: &World, condition: &Condition) -> bool {
+        world.holds(&self.knowledge.sure(condition))
     }
 
     /// A conjunct of a goal that the goal also wants not to hold.
     pub(crate) fn contradiction(&self, goal: &Condition) -> Option<Condition> {
-        let conjuncts = conjuncts(self.world().ok()?, goal);
+        let conjuncts = self.conjuncts(self.world().ok()?, goal);
         let denied = conjuncts.iter().filter_map(|conjunct| match conjunct {
             Condition::Not(inner) => Some(&**inner),
             _ => None,
@@ -151,13 +178,48 @@ impl Known {
     /// Whether not even the relaxation reaches a condition, with everyone's actions.
     pub(crate) fn is_hopeless(&self, condition: &Condition, cancel: &Cancel) -> bool {
         let Ok(open) = self.open_conjuncts(condition) else { return true };
+        let open: Vec<_> = open.iter().map(|part| self.knowledge.sure(part)).collect();
         planner::goal::unreachable(&self.domain, &self.whole, &open, &bounded(), cancel)
             .is_ok_and(|unreachable| !unreachable.is_empty())
     }
 
-    /// Whether a condition holds.
+    /// How a ground condition that is not known to hold stands, for a person.
+    pub(crate) fn standing(&self, condition: &Condition) -> String {
+        let denied = Condition::Not(Box::new(condition.clone()));
+        match self.holds(&denied) {
+            true => format!("`{condition}` does not hold"),
+            false => format!("nobody knows whether `{condition}` holds"),
+        }
+    }
+
+    /// Why a ground condition does not hold, where what is known says all: it is unknown, or a number is
+    /// other than it should be and no action changes it.
+    pub(crate) fn plain_reason(&self, condition: &Condition) -> Option<String> {
+        let standing = self.standing(condition);
+        let denied = Condition::Not(Box::new(condition.clone()));
+        if !self.holds(&denied) {
+            return Some(format!("{standing}, and nobody here can find out"));
+        }
+        let world = self.world().ok()?;
+        let mut fluents = Vec::new();
+        fluents_of(condition, &mut fluents);
+        let is_changed = |fluent: &&&FluentTerm| {
+            self.domain.actions.iter().any(|action| assigns(&action.effect, &fluent.function))
+        };
+        if fluents.is_empty() || fluents.iter().any(|fluent| is_changed(&fluent)) {
+            return None;
+        }
+        let value = |fluent: &&FluentTerm| match world.value(fluent) {
+            Some(value) => format!("`{fluent}` is {value}"),
+            None => format!("nobody knows `{fluent}`"),
+        };
+        let values: Vec<String> = fluents.iter().map(value).collect();
+        Some(format!("{standing}: {}, and no action here changes it", values.join(", ")))
+    }
+
+    /// Whether a condition is known to hold.
     pub(crate) fn holds(&self, condition: &Condition) -> bool {
-        self.world().is_ok_and(|world| world.holds(condition))
+        self.world().is_ok_and(|world| self.holds_in(world, condition))
     }
 
     /// Whether a plan can run beside steps of others, and leaves what they have reached of their
@@ -172,8 +234,23 @@ impl Known {
         let named = |step: &PlanStep| self.named(step, &self.all_offers).ok();
         let theirs: Vec<_> = steps.into_iter().filter_map(named).collect();
         self.world().is_ok_and(|now| {
-            interference(now, &plan.steps, &theirs).is_none() && leaves(now, plan, goals)
+            interference(now, &plan.steps, &theirs).is_none() && self.leaves(now, plan, goals)
         })
+    }
+
+    /// Whether what holds now of some goals holds at the end of a plan.
+    fn leaves<'g>(
+        &self,
+        now: &World,
+        plan: &Plan,
+        goals: impl IntoIterator<Item = &'g Condition>,
+    ) -> bool {
+        let mut end = now.clone();
+        if plan.steps.iter().try_for_each(|step| end.apply(step)).is_err() {
+            return false;
+        }
+        let mut reached = goals.into_iter().flat_map(|goal| self.conjuncts(now, goal));
+        reached.all(|conjunct| !self.holds_in(now, &conjunct) || self.holds_in(&end, &conjunct))
     }
 
     /// What it costs to do the rest of a plan from here; `None` if it does not reach its goal.
@@ -190,6 +267,19 @@ impl Known {
         let mut steps: Vec<_> = named.collect();
         steps.reverse();
         (!steps.is_empty()).then_some(Plan { steps, cost: None })
+    }
+
+    /// A plan of everybody for parts of a goal, within the bounds of an explanation, and why planning
+    /// ended; `None` if nothing can be planned.
+    pub(crate) fn plan_for(
+        &self,
+        parts: &[Condition],
+        cancel: &Cancel,
+    ) -> Option<(Option<Plan>, StopReason)> {
+        let goal = self.knowledge.sure(&Condition::And(parts.to_vec()));
+        let problem = Problem { goal, ..self.whole.clone() };
+        let outcome = planner::plan(&self.domain, &problem, &looking(), cancel).ok()?;
+        Some((outcome.plan, outcome.stop_reason))
     }
 
     /// Which of these not even the relaxation reaches, where no action undoes another, and what is
@@ -215,7 +305,9 @@ impl Known {
 
     /// The cost of a plan that reaches `goal`, or why it does not.
     pub(crate) fn validate(&self, plan: &Plan, goal: &Condition) -> Result<f64, String> {
-        cost_from(self.world()?, &plan.steps, goal).map_err(|fault| fault.to_string())
+        let goal = self.knowledge.sure(goal);
+        let fault = |fault: Box<Fault>| fault.map(|part| self.knowledge.plain(part)).to_string();
+        cost_from(self.world()?, &plan.steps, &goal).map_err(fault)
     }
 
     /// Whether nothing is held against any step of a plan of an agent's own, and all are offered.
@@ -273,19 +365,62 @@ pub(crate) fn outside(step: &PlanStep, offers: &Offers) -> PlanStep {
     PlanStep { action: action.into(), ..step.clone() }
 }
 
-/// Whether what holds now of some goals holds at the end of a plan.
-fn leaves<'g>(now: &World, plan: &Plan, goals: impl IntoIterator<Item = &'g Condition>) -> bool {
-    let mut end = now.clone();
-    if plan.steps.iter().try_for_each(|step| end.apply(step)).is_err() {
-        return false;
+/// The functions of the comparisons in a condition.
+pub(crate) fn functions_of(condition: &Condition) -> impl Iterator<Item = &Name> {
+    let mut fluents = Vec::new();
+    fluents_of(condition, &mut fluents);
+    fluents.into_iter().map(|fluent| &fluent.function)
+}
+
+/// The functions that a condition compares, each once.
+fn fluents_of<'c>(condition: &'c Condition, found: &mut Vec<&'c FluentTerm>) {
+    match condition {
+        Condition::Compare(compare) => {
+            [&compare.left, &compare.right].into_iter().for_each(|side| fluents_in(side, found));
+        }
+        Condition::Atom(_) | Condition::Equal(..) => (),
+        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
+            fluents_of(inner, found);
+        }
+        Condition::And(parts) | Condition::Or(parts) => {
+            parts.iter().for_each(|part| fluents_of(part, found));
+        }
+        Condition::Imply(left, right) => {
+            fluents_of(left, found);
+            fluents_of(right, found);
+        }
     }
-    let mut reached = goals.into_iter().flat_map(|goal| conjuncts(now, goal));
-    reached.all(|conjunct| !now.holds(&conjunct) || end.holds(&conjunct))
+}
+
+fn fluents_in<'c>(expression: &'c Expression, found: &mut Vec<&'c FluentTerm>) {
+    match expression {
+        Expression::Fluent(fluent) if !found.contains(&fluent) => found.push(fluent),
+        Expression::Negate(inner) => fluents_in(inner, found),
+        Expression::Apply(_, operands) => {
+            operands.iter().for_each(|operand| fluents_in(operand, found));
+        }
+        _ => (),
+    }
+}
+
+fn assigns(effect: &Effect, function: &Name) -> bool {
+    match effect {
+        Effect::And(parts) => parts.iter().any(|part| assigns(part, function)),
+        Effect::Forall(_, inner) | Effect::When(_, inner) => assigns(inner, function),
+        Effect::Assign(assign) => assign.fluent.function == *function,
+        Effect::Add(_) | Effect::Delete(_) => false,
+    }
 }
 
 /// What looking for a reason may take.
 fn bounded() -> Options {
     let budget = Budget { join_steps_max: EXPLAINING_STEPS_MAX, ..Budget::default() };
+    Options { budget, ..Options::default() }
+}
+
+/// What looking for a plan of several agents may take: it is for a sentence.
+fn looking() -> Options {
+    let budget = Budget { expansions_max: EXPLAINING_EXPANSIONS_MAX, ..bounded().budget };
     Options { budget, ..Options::default() }
 }
 

@@ -21,6 +21,8 @@ mod planning;
 mod resuming;
 mod selection;
 mod sharing;
+mod together;
+mod verifying;
 
 use std::collections::BTreeMap;
 use std::time::Duration;

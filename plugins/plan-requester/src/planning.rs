@@ -58,8 +58,10 @@ impl PlanRequester {
         ctx: &mut Context<Self>,
     ) {
         let Some(goal) = self.goals.get_mut(id) else { return };
-        let seen = goal.seen.replace(Seen::of(known));
-        if let Some(news) = seen.and_then(|seen| seen.news(known, open)) {
+        let now = Seen::of(known, &known.sure(&goal.condition));
+        let news = goal.seen.as_ref().and_then(|seen| seen.news(&now, known, open));
+        goal.seen = Some(now);
+        if let Some(news) = news {
             self.tell(id, Report::new(Outcome::Progress, news), ctx);
         }
     }
@@ -146,7 +148,15 @@ pub(crate) fn explain(
     cancel: &Cancel,
     otherwise: impl FnOnce(&Explanation) -> String,
 ) -> Option<String> {
-    let explanation = known.explain(open, cancel)?;
+    let reasons: Vec<_> = open.iter().map(|part| known.plain_reason(part)).collect();
+    let plain: Vec<String> = reasons.iter().flatten().cloned().collect();
+    let others = open.iter().zip(&reasons).filter(|(_, reason)| reason.is_none());
+    let others: Vec<Condition> = others.map(|(part, _)| part.clone()).collect();
+    let explanation = known.explain(&others, cancel)?;
     let obstacles = explaining::obstacles(&explanation, &known.avoided);
-    Some(obstacles.unwrap_or_else(|| otherwise(&explanation)))
+    match (plain.is_empty(), obstacles) {
+        (true, Some(obstacles)) => Some(obstacles),
+        (true, None) => Some(otherwise(&explanation)),
+        (false, obstacles) => Some(explaining::listed_all(plain.into_iter().chain(obstacles))),
+    }
 }

@@ -208,11 +208,11 @@ mod tests {
         bench.plug("GPIO17", true);
         let more = json!({ "active-low": true, "bias": "pull-up", "debounce": "10ms" });
         let mut sensor = on(&bench, "contact", more).await;
-        until(&mut sensor, "(located s lab) (known-contact lab)").await;
+        until(&mut sensor, "(located s lab) (known-contact lab) (not (shut s))").await;
         bench.set("GPIO17", false);
-        until(&mut sensor, "(located s lab) (known-contact lab) (closed lab)").await;
+        until(&mut sensor, "(located s lab) (known-contact lab) (shut s)").await;
         bench.set("GPIO17", true);
-        until(&mut sensor, "(located s lab) (known-contact lab)").await;
+        until(&mut sensor, "(located s lab) (known-contact lab) (not (shut s))").await;
         let performed = measure(&mut sensor, "contact").await.expect("it is there");
         assert_eq!(performed.detail, "open at lab");
     }
@@ -225,12 +225,12 @@ mod tests {
         let failure = measure(&mut sensor, "motion").await.expect_err("it is away");
         assert!(failure.to_string().starts_with("find a line named `GPIO17`; "), "{failure}");
         bench.plug("GPIO17", false);
-        until(&mut sensor, "(located s lab) (known-motion lab)").await;
+        until(&mut sensor, "(located s lab) (known-motion lab) (not (motion lab))").await;
         assert_eq!(offers(&sensor), 1, "at once");
         bench.set("GPIO17", true);
         until(&mut sensor, "(located s lab) (known-motion lab) (motion lab)").await;
         bench.unplug("GPIO17");
-        until(&mut sensor, "(located s lab)").await;
+        until(&mut sensor, "(located s lab) (not (known-motion lab)) (unknown (motion lab))").await;
         assert_eq!(offers(&sensor), 0);
         bench.plug("GPIO17", true);
         until(&mut sensor, "(located s lab) (known-motion lab) (motion lab)").await;

@@ -40,6 +40,7 @@ use actuator::{
     facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
+use pddl::Domain;
 use tokio::time::Instant;
 
 use crate::config::Config;
@@ -153,7 +154,7 @@ fn temperature_sensor(blueprint: &Blueprint) -> Result<Sensor, BuildError> {
 
 struct Sensor {
     id: String,
-    ontology: String,
+    ontology: Arc<Domain>,
     location: Place,
     /// What it measures. The first says what kind of sensor it is.
     quantities: Vec<&'static Quantity>,
@@ -189,7 +190,7 @@ impl Sensor {
         let Config { location, valid_for, .. } = config;
         Ok(Sensor {
             id: blueprint.id.to_string(),
-            ontology: blueprint.host.ontology.name.to_string(),
+            ontology: Arc::clone(&blueprint.host.ontology),
             location,
             quantities,
             valid_for: valid_for.as_deref().map(duration).transpose()?,
@@ -208,19 +209,20 @@ impl Sensor {
         self.quantities.iter().copied().find(|quantity| quantity.method() == method)
     }
 
-    /// What was measured of a quantity, as facts, as long as it counts as known.
+    /// What was measured of a quantity, as facts, as long as it counts as known; and else that it does
+    /// not.
     fn known(&self, quantity: &Quantity) -> Vec<OwnFact> {
-        if !self.probe.is_here() {
-            return Vec::new();
-        }
-        let Some(Measurement { value, at }) = self.measured.get(quantity.name) else {
-            return Vec::new();
+        let room = self.location.as_str();
+        let term = quantity.term(&self.id, room, &self.ontology);
+        let measured = self.measured.get(quantity.name).filter(|_| self.probe.is_here());
+        let known = measured.and_then(|Measurement { value, at }| {
+            let left = self.valid_for.map(|valid_for| valid_for.saturating_sub(at.elapsed()));
+            left.is_none_or(|left| !left.is_zero()).then_some((*value, left))
+        });
+        let Some((value, known_for)) = known else {
+            return facts_of(&quantity.unknown(&term, room));
         };
-        let known_for = self.valid_for.map(|valid_for| valid_for.saturating_sub(at.elapsed()));
-        if known_for.is_some_and(|left| left.is_zero()) {
-            return Vec::new();
-        }
-        let text = quantity.facts(self.location.as_str(), *value);
+        let text = quantity.facts(&term, room, value);
         facts_of(&text).into_iter().map(|fact| OwnFact { known_for, ..fact }).collect()
     }
 
@@ -239,10 +241,12 @@ impl Sensor {
                 :agent ?s - {}
                 :parameters (?r - room)
                 :precondition (located ?s ?r)
-                :effect (and ({} ?r) (increase (total-cost) 1)))",
+                :effect (and ({} ?r) (increase (total-cost) 1))
+                :observe {})",
             quantity.action(),
             self.sensor_type(),
-            quantity.known()
+            quantity.known(),
+            quantity.term("?s", "?r", &self.ontology)
         )
     }
 
@@ -260,10 +264,11 @@ impl Device for Sensor {
         let offered = self.quantities.iter().filter(|_| self.works());
         let actions: String = offered.map(|quantity| self.action(quantity)).collect();
         let text = format!(
-            "(define (agent {id}) (:domain {ontology})
+            "(define (agent {id}) (:domain {})
                 (:objects {id} - {})
                 (:init (located {id} {location}))
                 {actions})",
+            ontology.name,
             self.sensor_type()
         );
         let method = |quantity: &&Quantity| {

@@ -1,6 +1,8 @@
 //! What the sensors of this family measure. To add a quantity, add its line here, its words to the
 //! shared ontology, and, to simulate it, its line in the building.
 
+use pddl::Domain;
+
 /// Something that a sensor measures in the room it stands in.
 ///
 /// Its words follow from its name: `co2` is measured by a `co2-sensor`, whose action `report-co2`
@@ -17,7 +19,14 @@ pub(crate) enum Value {
     /// A number: `(= (FUNCTION ROOM) 21.5)`; for people, in a unit.
     Number { function: &'static str, unit: &'static str, decimals: usize },
     /// Yes or no: `(PREDICATE ROOM)`, or not. The sensor notices a change by itself.
-    YesOrNo { predicate: &'static str, yes: &'static str, no: &'static str },
+    YesOrNo {
+        predicate: &'static str,
+        /// The predicate of the sensor itself, where the ontology derives the one of the room: a room is
+        /// closed if all its doors and windows are.
+        own: Option<&'static str>,
+        yes: &'static str,
+        no: &'static str,
+    },
 }
 
 /// All of them.
@@ -29,7 +38,10 @@ pub(crate) const QUANTITIES: &[Quantity] = &[
     number("distance", "free-distance", "m of free distance", 2),
     yes_or_no("motion", "motion", "motion", "no motion"),
     yes_or_no("reflection", "reflection", "something close by", "nothing close by"),
-    yes_or_no("contact", "closed", "closed", "open"),
+    Quantity {
+        name: "contact",
+        value: Value::YesOrNo { predicate: "closed", own: Some("shut"), yes: "closed", no: "open" },
+    },
 ];
 
 const fn number(
@@ -47,7 +59,7 @@ const fn yes_or_no(
     yes: &'static str,
     no: &'static str,
 ) -> Quantity {
-    Quantity { name, value: Value::YesOrNo { predicate, yes, no } }
+    Quantity { name, value: Value::YesOrNo { predicate, own: None, yes, no } }
 }
 
 impl Quantity {
@@ -91,17 +103,34 @@ impl Quantity {
         matches!(self.value, Value::YesOrNo { .. })
     }
 
-    /// A value of it in a room, as PDDL facts.
-    pub(crate) fn facts(&self, room: &str, value: f64) -> String {
+    /// What it is in PDDL, of a sensor in a room: a term of a function or a predicate.
+    pub(crate) fn term(&self, sensor: &str, room: &str, ontology: &Domain) -> String {
+        let is_derived = |name: &str| ontology.derived.iter().any(|axiom| axiom.predicate == name);
+        match self.value {
+            Value::Number { function, .. } => format!("({function} {room})"),
+            Value::YesOrNo { predicate, own: Some(own), .. } if is_derived(predicate) => {
+                format!("({own} {sensor})")
+            }
+            Value::YesOrNo { predicate, .. } => format!("({predicate} {room})"),
+        }
+    }
+
+    /// A value of it, as PDDL facts; `term` is what it is in PDDL.
+    pub(crate) fn facts(&self, term: &str, room: &str, value: f64) -> String {
         let known = self.known();
         match self.value {
-            Value::Number { function, .. } => {
-                format!("({known} {room}) (= ({function} {room}) {value})")
-            }
-            Value::YesOrNo { predicate, .. } if is_yes(value) => {
-                format!("({known} {room}) ({predicate} {room})")
-            }
-            Value::YesOrNo { .. } => format!("({known} {room})"),
+            Value::Number { .. } => format!("({known} {room}) (= {term} {value})"),
+            Value::YesOrNo { .. } if is_yes(value) => format!("({known} {room}) {term}"),
+            Value::YesOrNo { .. } => format!("({known} {room}) (not {term})"),
+        }
+    }
+
+    /// That it is not known, as PDDL facts.
+    pub(crate) fn unknown(&self, term: &str, room: &str) -> String {
+        let known = self.known();
+        match self.value {
+            Value::Number { .. } => format!("(not ({known} {room}))"),
+            Value::YesOrNo { .. } => format!("(not ({known} {room})) (unknown {term})"),
         }
     }
 

@@ -73,6 +73,10 @@ pub(crate) async fn measure(sensor: &mut Sensor, quantity: &str) -> Result<Perfo
     }
 }
 
+/// What a detector of motion says that sees nobody, and that sees nothing.
+pub(crate) const STILL: &str = "(located s lab) (known-motion lab) (not (motion lab))";
+pub(crate) const BLIND: &str = "(located s lab) (not (known-motion lab)) (unknown (motion lab))";
+
 pub(crate) fn facts(sensor: &Sensor) -> String {
     let facts: Vec<_> = sensor.facts().iter().map(|fact| fact.fact.to_string()).collect();
     facts.join(" ")
@@ -112,15 +116,20 @@ async fn each_quantity_is_reported_as_it_is() {
         ("light", 90.0, "90 lx at lab", "(= (light lab) 90)"),
         ("distance", 0.255, "0.26 m of free distance at lab", "(= (free-distance lab) 0.255)"),
         ("motion", 1.0, "motion at lab", "(motion lab)"),
-        ("motion", 0.0, "no motion at lab", ""),
+        ("motion", 0.0, "no motion at lab", "(not (motion lab))"),
         ("reflection", 1.0, "something close by at lab", "(reflection lab)"),
-        ("reflection", 0.0, "nothing close by at lab", ""),
-        ("contact", 1.0, "closed at lab", "(closed lab)"),
-        ("contact", 0.0, "open at lab", ""),
+        ("reflection", 0.0, "nothing close by at lab", "(not (reflection lab))"),
+        ("contact", 1.0, "closed at lab", "(shut s)"),
+        ("contact", 0.0, "open at lab", "(not (shut s))"),
     ] {
         let lab = lab(quantity, value);
         let mut sensor = sensor_in(&lab, quantity);
-        assert_eq!(facts(&sensor), "(located s lab)");
+        let unknown = match known.trim_start_matches("(not ").trim_end_matches("))") {
+            number if number.starts_with("(=") => String::new(),
+            fact => format!(" (unknown {})", format!("{fact})").replace("))", ")")),
+        };
+        let unknown = format!("(located s lab) (not (known-{quantity} lab)){unknown}");
+        assert_eq!(facts(&sensor), unknown);
         let performed = measure(&mut sensor, quantity).await.expect("measured");
         assert_eq!(performed.detail, detail);
         let known = format!("(known-{quantity} lab) {known}");
@@ -128,7 +137,7 @@ async fn each_quantity_is_reported_as_it_is() {
         assert_eq!(observed.join(" "), known.trim_end());
         assert_eq!(facts(&sensor), format!("(located s lab) {}", known.trim_end()));
         tokio::time::advance(Duration::from_secs(600)).await;
-        assert_eq!(facts(&sensor), "(located s lab)", "ten minutes later it is not known");
+        assert_eq!(facts(&sensor), unknown, "ten minutes later it is not known");
     }
 }
 
@@ -142,7 +151,8 @@ fn a_model_says_what_it_is_and_what_it_does() {
             (:init (located s lab))
             (:action report-co2 :agent ?s - co2-sensor :parameters (?r - room)
                 :precondition (located ?s ?r)
-                :effect (and (known-co2 ?r) (increase (total-cost) 1))))",
+                :effect (and (known-co2 ?r) (increase (total-cost) 1))
+                :observe (co2 ?r)))",
     );
     assert_eq!(model.to_string(), expected.to_string());
     assert_eq!(methods["report-co2"].method, "read_co2");
@@ -174,7 +184,7 @@ async fn a_sensor_that_failed_offers_nothing_for_a_while() {
         lab.break_device("s", Fault::Fails).expect("a device");
         assert!(measure(&mut sensor, quantity.name).await.is_err());
         assert!(sensor.describe().model.actions.is_empty(), "{quantity:?}");
-        let knows = facts(&sensor).contains("known-");
+        let knows = facts(&sensor).contains("lab) (known-");
         assert_eq!(knows, !quantity.is_noticed(), "what is blind knows nothing: {quantity:?}");
         lab.repair("s").expect("a device");
         tokio::time::advance(REST_AFTER_FAILURE).await;
@@ -192,12 +202,12 @@ async fn motion_is_noticed_and_blindness_too() {
     assert_eq!(facts(&sensor), "(located s lab) (known-motion lab) (motion lab)");
     set(&lab, "motion", 0.0);
     stir(&mut sensor).await;
-    assert_eq!(facts(&sensor), "(located s lab) (known-motion lab)");
+    assert_eq!(facts(&sensor), STILL);
 
     lab.break_device("s", Fault::Fails).expect("a device");
     let broken = Instant::now();
     stir(&mut sensor).await;
-    assert_eq!(facts(&sensor), "(located s lab)");
+    assert_eq!(facts(&sensor), BLIND);
     assert!(sensor.describe().model.actions.is_empty());
     lab.repair("s").expect("a device");
     set(&lab, "motion", 1.0);

@@ -100,7 +100,7 @@ mod tests {
     use tempfile::TempDir;
 
     use super::*;
-    use crate::tests::{blueprint, facts, offers, switch, until};
+    use crate::tests::{blueprint, facts, offers, switch, told, until};
     use crate::{REST_AFTER_FAILURE, Switch};
 
     fn script(text: &str) -> Value {
@@ -134,34 +134,38 @@ mod tests {
         lamp(&on.replace("FILE", &file.to_string()), more).await
     }
 
+    fn lamp_is(state: Option<bool>) -> String {
+        told("lamp-on", state)
+    }
+
     #[tokio::test]
     async fn without_a_word_of_its_state_what_succeeded_is_believed() {
         let mut lamp = lamp("true", json!({})).await;
-        assert_eq!((offers(&lamp), facts(&lamp).as_str()), (2, "(installed s lab)"));
+        assert_eq!((offers(&lamp), facts(&lamp).as_str()), (2, lamp_is(None).as_str()));
         assert!(lamp.watch().is_none(), "nothing happens by itself");
-        assert_eq!(switch(&mut lamp, "on").await.as_deref(), Ok("lit at lab"));
-        assert_eq!(facts(&lamp), "(installed s lab) (lit lab)");
-        assert_eq!(switch(&mut lamp, "off").await.as_deref(), Ok("not lit at lab"));
-        assert_eq!(facts(&lamp), "(installed s lab)");
+        assert_eq!(switch(&mut lamp, "on").await.as_deref(), Ok("on at lab"));
+        assert_eq!(facts(&lamp), lamp_is(Some(true)));
+        assert_eq!(switch(&mut lamp, "off").await.as_deref(), Ok("off at lab"));
+        assert_eq!(facts(&lamp), lamp_is(Some(false)));
     }
 
     #[tokio::test]
     async fn what_its_state_says_is_known_and_noticed() {
         let folder = tempfile::tempdir().expect("a folder");
         let mut lamp = filed(&folder, "(sleep 0.5; echo 1 > FILE)").await;
-        assert_eq!(switch(&mut lamp, "on").await.as_deref(), Ok("lit at lab"));
-        assert_eq!(facts(&lamp), "(installed s lab) (lit lab)");
+        assert_eq!(switch(&mut lamp, "on").await.as_deref(), Ok("on at lab"));
+        assert_eq!(facts(&lamp), lamp_is(Some(true)));
         std::fs::write(folder.path().join("lamp"), "False").expect("a file");
-        until(&mut lamp, |lamp| facts(lamp) == "(installed s lab)").await;
+        until(&mut lamp, |lamp| facts(lamp) == lamp_is(Some(false))).await;
         std::fs::write(folder.path().join("lamp"), "LOCKED\n").expect("a file");
-        until(&mut lamp, |lamp| facts(lamp) == "(installed s lab) (lit lab)").await;
+        until(&mut lamp, |lamp| facts(lamp) == lamp_is(Some(true))).await;
         // Who does not say how it is, is not here; who does again, is.
         std::fs::write(folder.path().join("lamp"), "who knows").expect("a file");
         until(&mut lamp, |lamp| offers(lamp) == 0).await;
-        assert_eq!(facts(&lamp), "(installed s lab)");
+        assert_eq!(facts(&lamp), lamp_is(None));
         std::fs::write(folder.path().join("lamp"), "on").expect("a file");
         until(&mut lamp, |lamp| offers(lamp) == 2).await;
-        assert_eq!(facts(&lamp), "(installed s lab) (lit lab)");
+        assert_eq!(facts(&lamp), lamp_is(Some(true)));
     }
 
     #[tokio::test]
@@ -170,7 +174,7 @@ mod tests {
         let mut lamp = filed(&folder, "true").await;
         let problem = switch(&mut lamp, "on").await.expect_err("nothing was switched");
         assert_eq!(problem, "switch it on: `cat` says off");
-        assert_eq!(facts(&lamp), "(installed s lab)");
+        assert_eq!(facts(&lamp), lamp_is(None));
     }
 
     #[tokio::test]
@@ -182,9 +186,9 @@ mod tests {
             ("kill -9 $$", "run `/bin/sh`: signal: 9 (SIGKILL)"),
         ] {
             let mut lamp = lamp(on, json!({})).await;
-            assert_eq!(switch(&mut lamp, "off").await.as_deref(), Ok("not lit at lab"));
+            assert_eq!(switch(&mut lamp, "off").await.as_deref(), Ok("off at lab"));
             assert_eq!(switch(&mut lamp, "on").await.expect_err(on), expected);
-            assert_eq!((offers(&lamp), facts(&lamp).as_str()), (0, "(installed s lab)"), "{on}");
+            assert_eq!((offers(&lamp), facts(&lamp).as_str()), (0, lamp_is(None).as_str()), "{on}");
         }
     }
 

@@ -65,7 +65,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::tests::{blueprint, facts, offers, switch, until};
+    use crate::tests::{blueprint, facts, offers, switch, told, until};
     use crate::{Hand, Switch};
 
     /// A relay on a work bench.
@@ -78,20 +78,24 @@ mod tests {
         relay
     }
 
+    fn relay_is(state: Option<bool>) -> String {
+        told("relay-on", state)
+    }
+
     #[tokio::test]
     async fn a_relay_is_as_it_was_and_then_as_it_is_told() {
         for is_active_low in [false, true] {
             let bench = Bench::default();
             bench.plug("GPIO4", true);
             let mut relay = relay(&bench, is_active_low).await;
-            let powered = "(installed s lab) (powered lab)";
-            let not_powered = "(installed s lab)";
-            let at_first = if is_active_low { not_powered } else { powered };
-            assert_eq!(facts(&relay), at_first);
+            let powered = relay_is(Some(true));
+            let not_powered = relay_is(Some(false));
+            let at_first = if is_active_low { &not_powered } else { &powered };
+            assert_eq!(facts(&relay), *at_first);
             assert_eq!(bench.level("GPIO4"), Some(true), "nothing switched");
-            assert_eq!(switch(&mut relay, "off").await.as_deref(), Ok("not powered at lab"));
+            assert_eq!(switch(&mut relay, "off").await.as_deref(), Ok("off at lab"));
             assert_eq!(facts(&relay), not_powered);
-            assert_eq!(switch(&mut relay, "on").await.as_deref(), Ok("powered at lab"));
+            assert_eq!(switch(&mut relay, "on").await.as_deref(), Ok("on at lab"));
             assert_eq!(facts(&relay), powered);
             assert_eq!(bench.level("GPIO4"), Some(!is_active_low));
         }
@@ -101,18 +105,18 @@ mod tests {
     async fn a_chip_that_is_gone_is_not_here_and_back_it_is() {
         let bench = Bench::default();
         let mut relay = relay(&bench, false).await;
-        assert_eq!((offers(&relay), facts(&relay).as_str()), (0, "(installed s lab)"));
+        assert_eq!((offers(&relay), facts(&relay).as_str()), (0, relay_is(None).as_str()));
         bench.plug("GPIO4", true);
         until(&mut relay, |relay| offers(relay) == 2).await;
-        assert_eq!(facts(&relay), "(installed s lab) (powered lab)");
+        assert_eq!(facts(&relay), relay_is(Some(true)));
         bench.unplug("GPIO4");
         until(&mut relay, |relay| offers(relay) == 0).await;
-        assert_eq!(facts(&relay), "(installed s lab)", "nobody knows");
+        assert_eq!(facts(&relay), relay_is(None), "nobody knows");
         let problem = switch(&mut relay, "on").await.expect_err("it is away");
         assert!(problem.starts_with("find a line named `GPIO4`; "), "{problem}");
         bench.plug("GPIO4", false);
         until(&mut relay, |relay| offers(relay) == 2).await;
-        assert_eq!(switch(&mut relay, "on").await.as_deref(), Ok("powered at lab"));
+        assert_eq!(switch(&mut relay, "on").await.as_deref(), Ok("on at lab"));
     }
 
     #[tokio::test]
@@ -123,6 +127,10 @@ mod tests {
         let mut relay = relay(&bench, false).await;
         let problem = switch(&mut relay, "on").await.expect_err("it is held");
         assert_eq!(problem, "switch the line `GPIO4` on: it stays off");
-        assert_eq!((offers(&relay), facts(&relay).as_str()), (0, "(installed s lab)"), "it rests");
+        assert_eq!(
+            (offers(&relay), facts(&relay).as_str()),
+            (0, relay_is(None).as_str()),
+            "it rests"
+        );
     }
 }

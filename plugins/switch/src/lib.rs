@@ -4,7 +4,7 @@
 //! - `Driver` is what a driver does: `gpio` drives a line of a board, `command` runs programs.
 //! - What the driver reads back is known, whoever has switched it; what nobody can read is believed
 //!   to be as it was told.
-//! - Who cannot be read is not here and offers nothing. After a failure a switch offers nothing for
+//! - What cannot be read is unknown, neither on nor off, and offers nothing. After a failure a switch offers nothing for
 //!   a while, so that plans are made without it.
 
 mod command;
@@ -178,11 +178,13 @@ impl Switch {
         !rests && self.hand.state().is_ok()
     }
 
-    /// What is so in its room, as a fact, where that is known.
+    /// How it is, as a fact: on, off, or unknown.
     fn fact(&self) -> String {
+        let term = self.kind.term(&self.id, self.location.as_str(), &self.ontology);
         match self.hand.state() {
-            Ok(Some(true)) => format!("({} {})", self.kind.words().state, self.location),
-            _ => String::new(),
+            Ok(Some(true)) => term,
+            Ok(Some(false)) => format!("(not {term})"),
+            Ok(None) | Err(_) => format!("(unknown {term})"),
         }
     }
 }
@@ -230,8 +232,7 @@ impl Device for Switch {
     }
 
     fn performed(&mut self, _call: &Call, is_on: bool) -> Performed {
-        let not = if is_on { "" } else { "not " };
-        let detail = format!("{not}{} at {}", self.kind.words().state, self.location);
+        let detail = format!("{} at {}", self.kind.told(is_on), self.location);
         let observations = facts_of(&self.fact()).into_iter().map(|fact| fact.fact).collect();
         Performed { detail, observations }
     }

@@ -37,6 +37,16 @@ pub(crate) async fn switch(switch: &mut Switch, method: &str) -> Result<String, 
     }
 }
 
+/// What a lamp, or a relay, says that is on, off, and of which nobody knows.
+pub(crate) fn told(own: &str, state: Option<bool>) -> String {
+    let state = match state {
+        Some(true) => format!("({own} s)"),
+        Some(false) => format!("(not ({own} s))"),
+        None => format!("(unknown ({own} s))"),
+    };
+    format!("(installed s lab) {state}")
+}
+
 pub(crate) fn facts(switch: &Switch) -> String {
     let facts: Vec<_> = switch.facts().iter().map(|fact| fact.fact.to_string()).collect();
     facts.join(" ")
@@ -73,15 +83,18 @@ async fn a_model_says_what_it_is_and_what_it_does() {
     let expected = model_of(
         "(define (agent s) (:domain smart-office)
             (:types door-lock - object)
-            (:predicates (locked ?r - room) (:private (installed ?d - object ?r - room)))
+            (:predicates (locked ?r - room) (bolted ?d - door-lock)
+                (installed ?d - object ?r - room))
             (:objects s - door-lock)
             (:init (installed s lab))
+            (:derived (locked ?r - room) (and (exists (?d - door-lock) (installed ?d ?r))
+                (forall (?d - door-lock) (imply (installed ?d ?r) (bolted ?d)))))
             (:action lock-door :agent ?d - door-lock :parameters (?r - room)
                 :precondition (installed ?d ?r)
-                :effect (and (locked ?r) (increase (total-cost) 1)))
+                :effect (and (bolted ?d) (increase (total-cost) 1)))
             (:action unlock-door :agent ?d - door-lock :parameters (?r - room)
                 :precondition (installed ?d ?r)
-                :effect (and (not (locked ?r)) (increase (total-cost) 1))))",
+                :effect (and (not (bolted ?d)) (increase (total-cost) 1))))",
     );
     assert_eq!(model.to_string(), expected.to_string());
     assert_eq!(methods["lock-door"].method, "on");

@@ -21,7 +21,6 @@ use actuator::{
     Moved, News, OwnFact, Performed, Stir, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
-use pddl::InitElement;
 use serde::Deserialize;
 use tokio::time::Instant;
 
@@ -227,9 +226,5 @@ impl Device for TurtleBot {
             login.heard(news);
         }
         Vec::new()
-    }
-
-    fn carries(&self, facts: &[InitElement]) -> bool {
-        self.base.carries(facts)
     }
 }

@@ -18,7 +18,6 @@ use actuator::{
     OwnFact, Performed, Place, Stir, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
-use pddl::InitElement;
 use serde::Deserialize;
 
 /// The longest that its screen may take to light up.
@@ -190,10 +189,6 @@ impl Device for VideoRobot {
             let stir: Stir<VideoRobot> = Box::new(|robot| robot.base.wishes());
             stir
         }))
-    }
-
-    fn carries(&self, facts: &[InitElement]) -> bool {
-        self.base.carries(facts)
     }
 }
 

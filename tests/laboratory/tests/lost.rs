@@ -50,6 +50,7 @@ impl Agent for Maintainer {
             offers,
             guards: [].into(),
             former: Vec::new(),
+            knowledge: [].into(),
             conflicts: [].into(),
         };
         (resource == Resource::Domain).then(|| serde_json::to_string(&snapshot).expect("JSON"))

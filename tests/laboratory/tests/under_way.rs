@@ -45,6 +45,7 @@ fn execute(term: u64, round: u32) -> Execute {
         round,
         done: Vec::new(),
         offers: [(name("lamp"), [("light".to_owned(), offer)].into())].into(),
+        knowledge: [].into(),
     }
 }
 

@@ -31,9 +31,43 @@ pub struct Snapshot {
     /// describes: each in an action model of its own. For explanations, never for plans.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub former: Vec<String>,
+    /// The words of the domain for what is unknown, by the symbol that they are about.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub knowledge: BTreeMap<String, Auxiliary>,
     /// What of an agent's model could not be taken as it is, and why, for a person.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub conflicts: BTreeMap<AgentId, Vec<String>>,
+}
+
+/// Predicates that a composite domain has beside those that agents speak of, because planners know
+/// true and false only: see `pddl::knowledge`.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "of", rename_all = "kebab-case")]
+pub enum Auxiliary {
+    /// Of a predicate.
+    Predicate {
+        /// Holds of a fact that is neither known to be true nor known to be false.
+        unknown: String,
+        /// Holds of a fact that a plan has observed.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        found: Option<String>,
+    },
+    /// Of a function.
+    Function {
+        /// Holds where its value is known.
+        defined: String,
+        /// Holds where a plan has observed it.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        found: Option<String>,
+    },
+    /// Of a predicate that axioms derive.
+    Derived {
+        /// Holds of a fact that cannot be ruled out.
+        maybe: String,
+        /// Holds of a fact that cannot be ruled out because of an agent that left.
+        unknown: String,
+    },
 }
 
 /// What lets agents act by a schema.

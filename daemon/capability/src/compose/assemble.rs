@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
+use pddl::knowledge::Knowledge;
 use pddl::{
     ActionSchema, Atom, Condition, Domain, Name, ObjectDeclaration, PredicateDeclaration, Privacy,
     Span, Term, Typed,
@@ -22,7 +23,7 @@ pub(super) fn assemble(
     standing: Standing<'_>,
     schemas: &Schemas<'_>,
     inside: &BTreeMap<(&Name, &Key), Name>,
-    secrets: Secrets,
+    (secrets, unknowable): (Secrets, &BTreeSet<Name>),
 ) -> Composite {
     let mut domain = Domain::clone(&shared.ontology);
     // What the ontology describes and nobody offers, nobody can carry out.
@@ -51,7 +52,9 @@ pub(super) fn assemble(
         let (key, tree) = (key.clone(), Arc::clone(schema.tree));
         offers.add(key, tree, Offered { outside, inside, guard }, &schema.offerers);
     }
-    Composite::new(domain, vocabulary, (objects, of_map), offers, secrets)
+    let knowledge = Knowledge::of(&domain, unknowable);
+    knowledge.compile(&mut domain);
+    Composite::new(domain, vocabulary, (objects, of_map), offers, secrets, knowledge)
 }
 
 fn by_name_inside<'a>(
@@ -102,7 +105,8 @@ fn named_objects<'a>(standing: &Standing<'a>, schemas: &Schemas<'a>) -> BTreeSet
 
 /// Writes a schema under its name inside, guarded so that it is grounded for its offerers only.
 fn write(domain: &mut Domain, inside: &Name, guard: &Name, schema: &Schema<'_>) {
-    let ActionSchema { name: _, agent, parameters, precondition, effect, span } = &**schema.tree;
+    let ActionSchema { name: _, agent, parameters, precondition, effect, observe, span } =
+        &**schema.tree;
     let Some(agent) = agent else { return };
     domain.predicates.push(PredicateDeclaration {
         name: guard.clone(),
@@ -115,6 +119,7 @@ fn write(domain: &mut Domain, inside: &Name, guard: &Name, schema: &Schema<'_>) 
         parameters: parameters.clone(),
         precondition: guarded(guard, agent, precondition),
         effect: effect.clone(),
+        observe: observe.clone(),
         span: *span,
     });
 }

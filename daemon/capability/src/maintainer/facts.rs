@@ -1,9 +1,10 @@
 //! What the Domain Maintainer believes, and whom.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use acl::{AgentId, Incarnation};
-use pddl::InitElement;
+use pddl::{Atom, InitElement};
 
 use super::Maintainer;
 use crate::belief::{Claim, Source};
@@ -20,7 +21,8 @@ use crate::roster::Member;
 impl Maintainer {
     /// Believes a heartbeat. It is complete for what its agent owns (what it knows from the
     /// start and can change, and whatever its heartbeats ever spoke of): of that, what it does
-    /// not say is false.
+    /// not say is false, and what it says is `(unknown FACT)` is unknown. For facts that the agent
+    /// answers for, its word overrides what requests and the effects of others made believed.
     ///
     /// A new life of an agent with the model of the former one needs no new model.
     ///
@@ -40,8 +42,9 @@ impl Maintainer {
         if sequence <= current {
             return Err(Declined::OldSequence { agent, reported: sequence, current });
         }
-        let member = self.roster.hear(&agent, sequence, due, now)?;
+        self.roster.hear(&agent, sequence, due, now)?;
         let mut said = BTreeSet::new();
+        let mut denied = Vec::new();
         let mut claims = Vec::new();
         for known in &facts {
             let (key, value) = match Statement::of(&known.fact) {
@@ -49,20 +52,27 @@ impl Maintainer {
                 Statement::Not(key) => (key, None),
                 Statement::Unusable => continue,
             };
-            member.own(&key);
+            self.roster.own(&agent, &key);
+            if value.is_none() {
+                denied.push(key.clone());
+            }
             let is_known = known.until.is_none_or(|until| until > now);
             if let Some(value) = value.filter(|_| is_known) {
                 said.insert(key.clone());
                 claims.push((key, Claim::new(value, Source::Heartbeat, now).until(known.until)));
             }
         }
-        let owner = Owner::Agent(agent);
+        let owner = Owner::Agent(agent.clone());
+        let member = self.roster.living(&agent, incarnation)?;
+        member.read = sequence;
         self.beliefs.withdraw_facts(&owner, |fact| !said.contains(fact) && member.owns(fact));
         let lasts = facts.iter().all(|known| known.until.is_none());
-        member.read = sequence;
         for (key, claim) in claims {
             self.beliefs.claim(key, &owner, Claim { incarnation, sequence, ..claim });
         }
+        // The map's word is the last that goes: it is not said again.
+        denied.iter().for_each(|key| self.beliefs.withdraw(key, &Owner::Map));
+        self.override_others(&agent, &owner);
         if lasts {
             self.beliefs.calm(owner);
         }
@@ -86,6 +96,32 @@ impl Maintainer {
         }
         self.roster.hear(agent, sequence, Some(silent_from(period, now)), now).ok()?;
         Some(self.conclude(now))
+    }
+
+    /// Believes no other about what an agent answers for and does not say itself: what requests and
+    /// the effects of others' actions made believed ends with the word of who knows.
+    fn override_others(&mut self, agent: &AgentId, owner: &Owner) {
+        let Some(member) = self.roster.get(agent) else { return };
+        let mut over = Vec::new();
+        for (space, symbol) in member.symbols() {
+            for (fact, other) in self.beliefs.requested_of(*space, symbol) {
+                let is_so = || {
+                    let own = self.beliefs.claim_of(fact, owner);
+                    own.is_some_and(|own| own.value == Value::True)
+                };
+                if other != owner && member.answers(fact) && !is_so() {
+                    over.push((fact.clone(), other.clone()));
+                }
+            }
+        }
+        over.iter().for_each(|(fact, other)| self.beliefs.withdraw(fact, other));
+    }
+
+    /// A fact was requested, or follows from another's action: who answers for it is to be heard whole.
+    pub(super) fn wake_answering(&mut self, fact: &FactKey) {
+        for agent in self.roster.answering(fact) {
+            self.beliefs.wake(&Owner::Agent(agent.clone()));
+        }
     }
 
     /// Begins a new life of an agent that has the model of its former one.
@@ -126,15 +162,75 @@ impl Maintainer {
     ///
     /// # Errors
     ///
-    /// If the owner, or all owners, would claim too much.
+    /// If an agent that is here answers for one of the facts and says otherwise; if plans would cost
+    /// less than nothing by it; or if the owner, or all owners, would claim too much.
     pub fn set(
         &mut self,
         owner: &Owner,
         effects: &Effects,
         now: Moment,
     ) -> Result<Change, Declined> {
+        self.may_be_set(owner, effects)?;
         self.take_effect(owner, effects, &Claim::new(Value::True, Source::Request, now))?;
         Ok(self.conclude(now))
+    }
+
+    fn may_be_set(&self, owner: &Owner, effects: &Effects) -> Result<(), Declined> {
+        let retracted = effects.retract.iter().map(|fact| (fact, true));
+        let believed = effects.believe.iter().map(|fact| (fact, false));
+        for (fact, is_retracted) in retracted.chain(believed) {
+            let (key, value) = match Statement::of(fact) {
+                Statement::Is(key, _) if is_retracted => (key, None),
+                Statement::Is(key, value) => (key, Some(value)),
+                Statement::Not(key) => (key, None),
+                Statement::Unusable => continue,
+            };
+            if let Some(declined) = self.contradicted(owner, fact, &key, value) {
+                return Err(declined);
+            }
+            if let Some(Value::Number(number)) = value
+                && number.0 < 0.0
+                && self.composed().costs().contains(key.symbol())
+            {
+                let function = key.symbol().to_string();
+                return Err(Declined::NegativeCost { fact: fact.to_string(), function });
+            }
+        }
+        Ok(())
+    }
+
+    /// Who is here, answers for a fact and says otherwise.
+    fn contradicted(
+        &self,
+        speaker: &Owner,
+        fact: &InitElement,
+        key: &FactKey,
+        value: Option<Value>,
+    ) -> Option<Declined> {
+        let here = { self.roster.answering(key).into_iter() }
+            .filter(|agent| self.is_present(agent))
+            .map(|agent| Owner::Agent(agent.clone()));
+        for owner in here.filter(|owner| owner != speaker) {
+            let said = self.beliefs.claim_of(key, &owner).map(|claim| claim.value);
+            if said == value {
+                return None;
+            }
+            let about = said.map(|said| key.element(said)).or_else(|| self.about(key, &owner));
+            let (fact, says) = (fact.to_string(), about.map(|about| about.to_string()));
+            return Some(Declined::Owned { fact, owner: owner.to_string(), says });
+        }
+        None
+    }
+
+    /// What an owner says instead of a fact: of the same symbol and the same first object.
+    fn about(&self, key: &FactKey, owner: &Owner) -> Option<InitElement> {
+        let is_alike = |(other, _): &(&FactKey, &Claim)| {
+            other.is_of(key.space(), key.symbol())
+                && key.arguments().len() > 1
+                && other.arguments().first() == key.arguments().first()
+        };
+        let alike = self.beliefs.claims_by(owner).find(is_alike);
+        alike.map(|(other, claim)| other.element(claim.value))
     }
 
     /// Believes what `owner` observed: its own word, until it says otherwise, its heartbeats do or
@@ -165,6 +261,7 @@ impl Maintainer {
         }
         unseen.iter().for_each(|key| self.beliefs.withdraw_all(key));
         for (key, value, until) in seen {
+            self.wake_answering(&key);
             let claim = Claim::new(value, Source::Observation, now).until(until);
             self.beliefs.claim(key, &owner, Claim { incarnation, ..claim });
         }
@@ -189,10 +286,20 @@ impl Maintainer {
         if !believe.is_empty() {
             self.beliefs.has_room(owner, believe.len())?;
         }
-        for fact in retract {
+        // What follows by axioms is nobody's word, and of what planning added to the domain only that
+        // something is known now says anything.
+        let composite = Arc::clone(&self.composite);
+        for fact in retract.iter().filter(|fact| !composite.derives(fact)) {
             self.disbelieve(fact);
         }
-        let statements: Vec<Statement> = believe.iter().map(Statement::of).collect();
+        let is_fact = |fact: &&InitElement| match fact {
+            InitElement::Atom(atom) | InitElement::Unknown(atom) => {
+                !composite.knowledge.is_auxiliary(&atom.predicate)
+            }
+            _ => true,
+        };
+        let facts = believe.iter().filter(|fact| !composite.derives(fact)).filter(is_fact);
+        let statements: Vec<Statement> = facts.map(Statement::of).collect();
         // As in PDDL, what is both made false and made true is true.
         for statement in &statements {
             if let Statement::Not(key) = statement {
@@ -201,6 +308,7 @@ impl Maintainer {
         }
         for statement in statements {
             if let Statement::Is(key, value) = statement {
+                self.wake_answering(&key);
                 self.beliefs.claim(key, owner, Claim { value, ..claim.clone() });
             }
         }
@@ -208,9 +316,27 @@ impl Maintainer {
     }
 
     fn disbelieve(&mut self, fact: &InitElement) {
+        if let InitElement::Atom(atom) = fact
+            && let Some(symbol) = self.composite.knowledge.unknown_by(&atom.predicate).cloned()
+        {
+            return self.learn(&Atom { predicate: symbol, ..atom.clone() });
+        }
         match Statement::of(fact) {
             Statement::Is(key, _) | Statement::Not(key) => self.beliefs.withdraw_all(&key),
             Statement::Unusable => (),
+        }
+    }
+
+    /// An action has made a fact known: nobody is believed any more to whom it is unknown.
+    fn learn(&mut self, fact: &Atom) {
+        let Statement::Is(key, _) = Statement::of(&InitElement::Unknown(fact.clone())) else {
+            return;
+        };
+        let unknown = { self.beliefs.claims_of(&key) }
+            .filter(|(_, claim)| claim.value == Value::Unknown)
+            .map(|(owner, _)| owner.clone());
+        for owner in unknown.collect::<Vec<_>>() {
+            self.beliefs.withdraw(&key, &owner);
         }
     }
 

@@ -402,6 +402,7 @@ impl Maintainer {
         };
         if is_taken && !is_heard {
             self.beliefs.has_room(&owner, 1)?;
+            self.wake_answering(&key);
             self.beliefs.claim(key.clone(), &owner, claim);
         }
         Ok(Some((key, owner)))

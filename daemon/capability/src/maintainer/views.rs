@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use acl::content::Methods;
 use acl::{AgentId, Incarnation};
+use pddl::knowledge::Knowledge;
 use pddl::{
     Condition, Direction, Expression, FluentTerm, InitElement, Metric, Name, Number, Problem, Span,
 };
@@ -13,7 +14,7 @@ use pddl::{
 use super::{Maintainer, Scope};
 use crate::belief::{Claim, Source};
 use crate::compose::Shared;
-use crate::composite::Composite;
+use crate::composite::{Composite, TOTAL_COST};
 use crate::conflict::Conflict;
 use crate::fact::{FactKey, Owner, Statement, Value};
 use crate::moment::Moment;
@@ -81,8 +82,6 @@ struct Seen {
     whole: BTreeSet<AgentId>,
     composite: Arc<Composite>,
 }
-
-const TOTAL_COST: &str = "total-cost";
 
 // === impl Maintainer ===
 
@@ -201,8 +200,13 @@ impl Maintainer {
             _ => false,
         };
         let free = counts_cost(composite).then(|| InitElement::Assign(total_cost(), Number(0.0)));
+        let believed = believed.filter(|element| !counts(element));
         { free.into_iter() }
-            .chain(believed.filter(|element| !counts(element)))
+            .chain(
+                believed.flat_map(|element| {
+                    in_words(&composite.knowledge, element).into_iter().flatten()
+                }),
+            )
             .chain(self.guards(composite))
             .collect()
     }
@@ -247,7 +251,7 @@ impl Maintainer {
                 let value = self.beliefs.value_of(fact, &composite, now).unwrap_or(first.value);
                 Some(Provenance {
                     fact: fact.element(value),
-                    left_out: composite.vocabulary.fact_misfit(fact),
+                    left_out: composite.vocabulary.fact_misfit(fact, value),
                     claims: { claims.into_iter() }
                         .map(|claim| self.claimed_by(fact, claim, now))
                         .collect(),
@@ -259,9 +263,8 @@ impl Maintainer {
     /// Why a fact does not hold here although it is claimed, for a person; `None` if it can hold.
     pub fn misfit(&self, fact: &InitElement) -> Option<String> {
         match Statement::of(fact) {
-            Statement::Is(key, _) | Statement::Not(key) => {
-                self.composed().vocabulary.fact_misfit(&key)
-            }
+            Statement::Is(key, value) => self.composed().vocabulary.fact_misfit(&key, value),
+            Statement::Not(key) => self.composed().vocabulary.fact_misfit(&key, Value::True),
             Statement::Unusable => {
                 Some("a fact has objects only, and speaks of no other time".to_owned())
             }
@@ -277,7 +280,9 @@ impl Maintainer {
             Statement::Is(..) | Statement::Unusable => return Vec::new(),
         };
         { self.beliefs.claims_of(&key) }
-            .filter(|(owner, claim)| *owner != speaker && Some(claim.value) != value)
+            .filter(|(owner, claim)| {
+                *owner != speaker && claim.value != Value::Unknown && Some(claim.value) != value
+            })
             .map(|(owner, claim)| (owner.clone(), key.element(claim.value)))
             .collect()
     }
@@ -301,12 +306,20 @@ impl Maintainer {
             .collect()
     }
 
-    /// What the models of those who are here say is true.
-    pub fn said(&self) -> impl Iterator<Item = (&AgentId, Vec<InitElement>)> {
-        self.roster.iter().map(|(agent, member)| {
-            let init = &member.described.manifest.init;
-            (agent, init.iter().map(|(fact, value)| fact.element(*value)).collect())
-        })
+    /// An agent and those it carries, also on each other: an agent is carried by another if its model says
+    /// of the two, in whatever words, something that its own actions do not change, such as
+    /// `(mounted-on ir-1 turtlebot-1)`.
+    pub fn with_carried(&self, agent: &AgentId) -> BTreeSet<AgentId> {
+        let mut carried = BTreeSet::from([agent.clone()]);
+        let mut added = vec![agent.clone()];
+        while let Some(base) = added.pop() {
+            for (other, member) in self.roster.iter() {
+                if member.is_carried_by(other, &base) && carried.insert(other.clone()) {
+                    added.push(other.clone());
+                }
+            }
+        }
+        carried
     }
 
     /// Whether the agent's capabilities count for new plans: it told its model, its token is
@@ -341,6 +354,18 @@ impl Maintainer {
     /// Counts changes of anything.
     pub fn revision(&self) -> u64 {
         self.revision
+    }
+}
+
+/// A fact as a planner reads it: that it is unknown, or has a value, is a fact of its own.
+fn in_words(knowledge: &Knowledge, element: InitElement) -> [Option<InitElement>; 2] {
+    match element {
+        InitElement::Unknown(atom) => [knowledge.unknown(&atom).map(InitElement::Atom), None],
+        InitElement::Assign(fluent, value) => {
+            let defined = knowledge.defined(&fluent).map(InitElement::Atom);
+            [Some(InitElement::Assign(fluent, value)), defined]
+        }
+        other => [Some(other), None],
     }
 }
 

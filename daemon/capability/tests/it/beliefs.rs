@@ -124,30 +124,85 @@ fn facts_can_be_known_for_a_while() {
 #[test]
 fn several_owners_may_claim_one_fact() {
     let mut office = robots();
-    office.set("keyboard", "(at turtlebot-1 corridor)").expect("a request");
-    assert!(
-        office
-            .beat("turtlebot-1", (1, 1), "", "")
-            .expect("a heartbeat")
-            .retracted
-            .iter()
-            .all(|fact| !fact.to_string().starts_with("(at"))
-    );
-    assert_eq!(office.known("at"), "(at turtlebot-1 corridor)\n(at turtlebot-2 corridor)");
+    let door = "(connected office2 corridor)";
+    office.set("keyboard", door).expect("a request");
+    office.set("desk", door).expect("a request");
+    assert!(office.remove("desk").retracted.is_empty());
+    assert!(office.known("connected").contains(door));
     let change = office.remove("keyboard");
-    assert_eq!(change.retracted, facts("(at turtlebot-1 corridor)"));
+    assert_eq!(change.retracted, facts(door));
+}
+
+#[test]
+fn a_persons_word_about_what_an_agent_answers_for_is_refused() {
+    let mut office = robots();
+    let at = |place: &str| format!("(at turtlebot-1 {place})");
+    let refused = |office: &mut Office, fact: &str| match office.set("keyboard", fact) {
+        Err(declined) => declined.to_string(),
+        Ok(change) => panic!("{fact} was believed: {change:?}"),
+    };
+    assert_eq!(
+        refused(&mut office, &at("office2")),
+        "`turtlebot-1` answers for `(at turtlebot-1 office2)`, and it says `(at turtlebot-1 \
+         corridor)`"
+    );
+    assert!(refused(&mut office, "(not (at turtlebot-1 corridor))").contains("it says"));
+    assert!(refused(&mut office, "(= (speed turtlebot-1) 3)").contains("turtlebot-1) 0.3)`"));
+    // What it says itself may be said again, and what nobody answers for is anybody's.
+    assert!(office.set("keyboard", &at("corridor")).expect("it is so").is_empty());
+    office.set("keyboard", "(known-temperature office2)").expect("nobody answers for it");
+    // Whoever is silent or away answers for nothing.
+    office.mask("turtlebot-1");
+    office.set("keyboard", &at("office2")).expect("it is away");
+    assert!(office.known("at").contains(&at("office2")));
+    office.unmask("turtlebot-1");
+    office.beat("turtlebot-1", (1, 1), &at("corridor"), "").expect("a heartbeat");
+    assert!(!office.known("at").contains(&at("office2")), "its word overrides");
+}
+
+#[test]
+fn the_word_of_who_answers_ends_what_anyone_else_made_believed() {
+    let mut office = office().with([turtlebot("turtlebot-1"), thermometer("t-1")]);
+    let known = "(known-temperature office2)";
+    let now = office.now;
+    // The robot says of a room what the thermometer has never spoken of.
+    office.maintainer.confirm(&id("turtlebot-1"), None, &effects(known), now).expect("here");
+    office.beat("t-1", (1, 1), "(located t-1 office2)", "").expect("a heartbeat");
+    assert_eq!(office.known("known-temperature"), known);
+    // From now on it answers for it, and what it does not say is not so.
+    office.beat("t-1", (1, 2), &format!("(located t-1 office2) {known}"), "").expect("a beat");
+    assert_eq!(office.known("known-temperature"), known);
+    office.beat("t-1", (1, 3), "(located t-1 office2)", "").expect("a heartbeat");
+    assert_eq!(office.known("known-temperature"), "");
+    assert!(office.set("keyboard", known).is_err());
+    // The map's word ends where an agent denies it by name.
+    office.beat("t-1", (1, 4), "(not (connected corridor office2))", "").expect("a heartbeat");
+    assert_eq!(office.known("connected"), "");
+}
+
+#[test]
+fn a_cost_below_zero_is_refused() {
+    let mut office = robots();
+    let declined = office.set("keyboard", "(= (distance corridor office2) -5)").expect_err("no");
+    assert_eq!(
+        declined.to_string(),
+        "`(= (distance corridor office2) -5)` cannot be: what actions cost is made of `distance`, \
+         which is 0 or more"
+    );
+    office.set("keyboard", "(= (distance corridor office2) 0)").expect("it may be");
 }
 
 #[test]
 fn of_a_number_the_newest_claim_is_believed() {
     let mut office = robots();
-    let speed = |office: &Office| office.known("speed").lines().next().map(str::to_owned);
-    office.set("keyboard", "(= (speed turtlebot-1) 0.9)").expect("a request");
-    assert_eq!(speed(&office).as_deref(), Some("(= (speed turtlebot-1) 0.9)"));
-    office.beat("turtlebot-1", (1, 1), "(= (speed turtlebot-1) 0.2)", "").expect("a heartbeat");
-    assert_eq!(speed(&office).as_deref(), Some("(= (speed turtlebot-1) 0.2)"));
-    office.beat("turtlebot-1", (1, 2), "", "").expect("a heartbeat");
-    assert_eq!(speed(&office).as_deref(), Some("(= (speed turtlebot-1) 0.9)"));
+    let meters = |number: u32| format!("(= (distance corridor office2) {number})");
+    assert_eq!(office.known("distance"), meters(6));
+    office.set("keyboard", &meters(9)).expect("a request");
+    assert_eq!(office.known("distance"), meters(9));
+    office.set("desk", &meters(7)).expect("a request");
+    assert_eq!(office.known("distance"), meters(7));
+    office.remove("desk");
+    assert_eq!(office.known("distance"), meters(9));
 }
 
 #[test]
@@ -168,10 +223,7 @@ fn heartbeats_that_contradict_each_other_do_not_take_turns() {
     assert_eq!(speed(&office), Some(word("0.7")), "the word that changed last");
     assert!(says(&mut office, "turtlebot-1", 10, "0.3"), "a new word is newer");
     assert_eq!(speed(&office), Some(word("0.3")));
-    // A person's word counts until the next heartbeat of whoever is believed.
-    office.set("keyboard", &word("0.9")).expect("a request");
-    assert_eq!(speed(&office), Some(word("0.9")));
-    says(&mut office, "turtlebot-1", 11, "0.3");
+    office.set("keyboard", &word("0.9")).expect_err("both answer for it");
     assert_eq!(speed(&office), Some(word("0.3")));
 }
 

@@ -307,12 +307,12 @@ fn an_action_withheld_by_request_keeps_its_schema() {
 fn a_goal_is_measured_by_its_cost_unless_asked_otherwise() {
     let mut office = office().with([thermometer("thermometer-office2")]);
     let goal = || pddl::parse_condition("(known-temperature office2)").value.expect("a goal");
-    let problem = office.snapshot().with_goal(goal(), None);
+    let problem = office.snapshot().with_goal(&goal(), None);
     assert_eq!(problem.goal, goal());
     let metric = problem.metric.expect("the ontology counts costs");
     assert_eq!(metric.to_string(), "(:metric minimize (total-cost))");
     let dearest = pddl::Metric { direction: pddl::Direction::Maximize, ..metric };
     let now = office.now;
     office.maintainer.measure(Some(dearest.clone()), now).expect("it makes sense");
-    assert_eq!(office.snapshot().with_goal(goal(), None).metric, Some(dearest));
+    assert_eq!(office.snapshot().with_goal(&goal(), None).metric, Some(dearest));
 }

@@ -35,8 +35,8 @@ fn a_copy_follows_and_knows_when_it_cannot() {
 
     let lost = office.set("keyboard", "(docked turtlebot-1)").expect("a request");
     assert!(lost.is_empty(), "others said so already: {lost:?}");
-    office.set("keyboard", "(= (speed turtlebot-1) 3)").expect("a request");
-    let next = office.set("keyboard", "(= (speed turtlebot-1) 4)").expect("a request");
+    office.set("keyboard", "(= (distance corridor office2) 3)").expect("a request");
+    let next = office.set("keyboard", "(= (distance corridor office2) 4)").expect("a request");
     let before = follower.clone();
     assert!(matches!(follower.follow(&EpochChange::from(&next)), Err(Lag::Gap { .. })));
     let masked = office.mask("turtlebot-1");

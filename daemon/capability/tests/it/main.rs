@@ -14,6 +14,7 @@ mod reading;
 mod remembering;
 mod repeating;
 mod requests;
+mod unknown;
 
 mod following;
 mod order;

@@ -186,7 +186,7 @@ impl Office {
         let about = |element: &&InitElement| match element {
             InitElement::Atom(atom) => atom.predicate == symbol,
             InitElement::Assign(fluent, _) => fluent.function == symbol,
-            InitElement::Not(_) | InitElement::At(..) => false,
+            InitElement::Not(_) | InitElement::Unknown(_) | InitElement::At(..) => false,
         };
         let problem = self.snapshot().problem;
         text_of(&problem.init.iter().filter(about).cloned().collect::<Vec<_>>())

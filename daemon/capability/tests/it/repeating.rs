@@ -13,13 +13,15 @@ use crate::office::{Office, effects, facts, id, office, office_of, thermometer, 
 const AGENTS: [&str; 3] = ["turtlebot-1", "turtlebot-2", "thermometer-1"];
 
 /// What they say: of themselves, of each other, less, more.
-const WORDS: [&str; 6] = [
+const WORDS: [&str; 8] = [
     "",
     "(at turtlebot-1 corridor) (= (speed turtlebot-1) 0.3)",
     "(at turtlebot-1 office2) (= (speed turtlebot-1) 0.7)",
     "(at turtlebot-2 corridor) (= (speed turtlebot-1) 0.9)",
     "(located thermometer-1 office2)",
     "(known-temperature office2)",
+    "(unknown (known-temperature office2)) (at turtlebot-1 corridor)",
+    "(not (connected corridor office2)) (unknown (at turtlebot-1 office2))",
 ];
 
 #[derive(Clone, Debug)]
@@ -179,10 +181,12 @@ fn in_quiet_times_nothing_is_read_twice() {
     let says = |word| Deed::Beat { who: 0, word, passes: false };
     let quiet: Vec<_> = [says(Some(1))].into_iter().chain((0..9).map(|_| says(None))).collect();
     assert_eq!(play(&quiet, office).expect("nobody can tell"), 9);
-    let disturbed = [says(Some(1)), says(None), Deed::Set(1, 2), says(None), says(None)];
+    let disturbed = [says(Some(1)), says(None), Deed::Confirm(1, 2), says(None), says(None)];
     assert_eq!(
         play(&disturbed, office).expect("nobody can tell"),
         2,
         "its word is the newer again"
     );
+    let refused = [says(Some(1)), says(None), Deed::Set(1, 2), says(None), says(None)];
+    assert_eq!(play(&refused, office).expect("nobody can tell"), 3, "it changes nothing");
 }

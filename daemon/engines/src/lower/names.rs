@@ -156,8 +156,9 @@ impl Names {
         let effect = flat(scope.effect(&action.effect));
         let mut changes = false;
         walk::effects(&effect, &mut |part| changes |= is_change(part));
-        let (agent, span) = (None, action.span);
-        changes.then_some(ActionSchema { name, agent, parameters, precondition, effect, span })
+        let (agent, observe, span) = (None, Vec::new(), action.span);
+        let lowered = ActionSchema { name, agent, parameters, precondition, effect, observe, span };
+        changes.then_some(lowered)
     }
 
     fn axiom(&mut self, axiom: &Derived) -> Derived {
@@ -179,7 +180,7 @@ impl Names {
                 let number = pddl::Number(values[&walk::ground(fluent)]);
                 Some(InitElement::Assign(scope.fluent(fluent), number))
             }
-            InitElement::Not(_) | InitElement::At(..) => None,
+            InitElement::Not(_) | InitElement::Unknown(_) | InitElement::At(..) => None,
         });
         elements.filter(|element| said.insert(element.clone())).collect()
     }

@@ -16,7 +16,7 @@ pub(super) fn refuse(
     problem: &Problem,
     dialect: Dialect,
 ) -> Result<(), Unsupported> {
-    planner::refuse_time(domain, problem)?;
+    planner::refuse_nonclassical(domain, problem)?;
     if let Some(metric) = &problem.metric {
         let mut time = None;
         walk::expressions(&metric.expression, &mut |part| match part {

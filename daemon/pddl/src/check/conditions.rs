@@ -65,6 +65,17 @@ impl<'t> Checker<'_, 't> {
         self.call(&call, &declaration.parameters, || declaration.to_string());
     }
 
+    /// `(SYMBOL TERM*)`, of a predicate or a function.
+    pub(super) fn observed(&mut self, observed: &'t Atom) {
+        let symbols = self.symbols;
+        let Some(function) = symbols.function(&observed.predicate) else {
+            return self.atom(observed);
+        };
+        let Atom { predicate: name, arguments, span } = observed;
+        let call = Call { name, arguments, span: *span };
+        self.call(&call, &function.parameters, || function.to_string());
+    }
+
     pub(super) fn unknown_predicate(&mut self, name: &'t Name) {
         let symbols = self.symbols;
         if let Some(function) = symbols.function(name) {

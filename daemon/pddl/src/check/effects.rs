@@ -12,6 +12,7 @@ impl<'t> Checker<'_, 't> {
         self.with_parameters(action.agent.as_ref(), &action.parameters, |checker| {
             checker.condition(&action.precondition);
             checker.effect(&action.effect);
+            action.observe.iter().for_each(|observed| checker.observed(observed));
         });
     }
 

@@ -69,6 +69,8 @@ impl<'t> Checker<'_, 't> {
     fn init_element(&mut self, element: &'t InitElement, values: Values) {
         match element {
             InitElement::Atom(atom) | InitElement::Not(atom) => self.fact(atom),
+            // Also of what is derived: an agent that has left knew what it is derived from.
+            InitElement::Unknown(atom) => self.atom(atom),
             InitElement::Assign(fluent, _) => match values {
                 Values::Spare if self.is_spare(fluent) => self.report_spare(fluent),
                 Values::Spare | Values::Declared => self.fluent(fluent),

@@ -9,18 +9,19 @@ use super::reader::{Keyword, Place, Reader, excerpt};
 use crate::diagnostic::Diagnostic;
 use crate::sexpr::{Items, Node};
 use crate::tree::{
-    ActionSchema, Condition, Derived, DurativeAction, Effect, Name, Span, TimedEffect, Typed,
+    ActionSchema, Atom, Condition, Derived, DurativeAction, Effect, Name, Span, TimedEffect, Typed,
 };
 
 const ACTION: &str = "(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] \
-    [:precondition CONDITION] [:effect EFFECT])";
+    [:precondition CONDITION] [:effect EFFECT] [:observe OBSERVED])";
+const OBSERVE: &str = ":observe (SYMBOL TERM*) | (and (SYMBOL TERM*)*)";
 const DURATIVE_ACTION: &str = "(:durative-action NAME [:agent VARIABLE - TYPE] \
     [:parameters (VARIABLES)] :duration DURATION [:condition TIMED] [:effect TIMED])";
 const DERIVED: &str = "(:derived (PREDICATE VARIABLES) CONDITION)";
 const AGENT: &str = ":agent VARIABLE - TYPE";
 
 /// `(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] [:precondition CONDITION]
-/// [:effect EFFECT])`, the parts in any order.
+/// [:effect EFFECT] [:observe OBSERVED])`, the parts in any order.
 pub(super) fn action<'f>(
     reader: &mut Reader<'f>,
     items: Items<'f>,
@@ -33,15 +34,17 @@ pub(super) fn action<'f>(
         parameters: Vec::new(),
         precondition: Condition::always(),
         effect: Effect::nothing(),
+        observe: Vec::new(),
         span,
     };
-    while let Some((key, node)) = parts.next(reader, &[PRECONDITION, EFFECT]) {
+    while let Some((key, node)) = parts.next(reader, &[PRECONDITION, EFFECT, OBSERVE_KEY]) {
         match key {
             AGENT_KEY => action.agent = parts.opt_agent(reader),
             PARAMETERS => action.parameters = parameters(reader, node),
             PRECONDITION => {
                 action.precondition = condition::condition(reader, node).unwrap_or_default();
             }
+            OBSERVE_KEY => action.observe = observed(reader, node),
             _ => action.effect = effect::effect(reader, node).unwrap_or_default(),
         }
     }
@@ -103,12 +106,27 @@ fn parameters<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Vec<Typed> {
     items.map(|items| names::variables(reader, items)).unwrap_or_default()
 }
 
+/// `(SYMBOL TERM*) | (and (SYMBOL TERM*)*)`, where a symbol is a predicate or a function.
+fn observed<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Vec<Atom> {
+    let Some(mut items) = reader.expect_list(node, "what is observed", OBSERVE) else {
+        return Vec::new();
+    };
+    let is_and =
+        |node: Node<'_>| node.symbol().is_some_and(|word| Keyword::of(word).as_str() == "and");
+    if items.peek().is_some_and(is_and) {
+        items.next();
+        return items.filter_map(|node| condition::atom(reader, node)).collect();
+    }
+    condition::atom(reader, node).into_iter().collect()
+}
+
 const AGENT_KEY: &str = ":agent";
 const PARAMETERS: &str = ":parameters";
 const PRECONDITION: &str = ":precondition";
 const DURATION: &str = ":duration";
 const CONDITION: &str = ":condition";
 const EFFECT: &str = ":effect";
+const OBSERVE_KEY: &str = ":observe";
 
 /// The parts of an action: `NAME (KEY VALUE)*`.
 struct Parts<'f> {

@@ -6,10 +6,10 @@ use super::names;
 use super::reader::{Keyword, Reader, excerpt};
 use crate::diagnostic::Diagnostic;
 use crate::sexpr::{Items, Node};
-use crate::tree::{FluentTerm, InitElement, Number, Term};
+use crate::tree::{Atom, FluentTerm, InitElement, Number, Term};
 
-const ELEMENT: &str = "(PREDICATE NAME*) | (not (PREDICATE NAME*)) | (= FLUENT NUMBER) \
-    | (at NUMBER ELEMENT)";
+const ELEMENT: &str = "(PREDICATE NAME*) | (not (PREDICATE NAME*)) \
+    | (unknown (PREDICATE NAME*)) | (= FLUENT NUMBER) | (at NUMBER ELEMENT)";
 const VALUE: &str = "(= FLUENT NUMBER)";
 
 /// `ELEMENT*`
@@ -17,16 +17,16 @@ pub(crate) fn init_elements<'f>(reader: &mut Reader<'f>, items: Items<'f>) -> Ve
     items.filter_map(|node| init_element(reader, node)).collect()
 }
 
-/// `(PREDICATE NAME*) | (not (PREDICATE NAME*)) | (= FLUENT NUMBER) | (at NUMBER ELEMENT)`
+/// `(PREDICATE NAME*) | (not (PREDICATE NAME*)) | (unknown (PREDICATE NAME*)) | (= FLUENT NUMBER)
+/// | (at NUMBER ELEMENT)`
 pub(crate) fn init_element<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<InitElement> {
     let mut items = reader.expect_list(node, "a fact", ELEMENT)?;
     let head = reader.expect(&mut items, "predicate", ELEMENT)?;
     match Keyword::of(head.symbol().unwrap_or("")).as_str() {
-        "not" => {
-            let inner = reader.expect(&mut items, "fact", ELEMENT)?;
-            reader.expect_end(items, "`not`", ELEMENT);
-            let atom = condition::atom(reader, inner)?;
-            ground(reader, &atom.arguments).then_some(InitElement::Not(atom))
+        "not" => about(reader, items, "`not`").map(InitElement::Not),
+        // A predicate of that name takes objects.
+        "unknown" if items.peek().is_some_and(|node| node.list().is_some()) => {
+            about(reader, items, "`unknown`").map(InitElement::Unknown)
         }
         "=" => value(reader, items),
         "at" if is_timed(items) => timed(reader, items),
@@ -40,6 +40,14 @@ pub(crate) fn init_element<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Optio
             ground(reader, &atom.arguments).then_some(InitElement::Atom(atom))
         }
     }
+}
+
+/// The one fact that `word` is said of.
+fn about<'f>(reader: &mut Reader<'f>, mut items: Items<'f>, word: &str) -> Option<Atom> {
+    let inner = reader.expect(&mut items, "fact", ELEMENT)?;
+    reader.expect_end(items, word, ELEMENT);
+    let atom = condition::atom(reader, inner)?;
+    ground(reader, &atom.arguments).then_some(atom)
 }
 
 /// Whether what follows `at` is a time and an element, rather than the objects of a predicate.

@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::conditions::{assign, comparison, condition, effect, expression, quantified};
 use super::layout::Layout;
-use super::words::{Entries, parameters, signature, typed_list, write};
+use super::words::{Entries, atom, parameters, signature, typed_list, write};
 use crate::tree::{
     ActionSchema, Derived, DurationConstraint, DurativeAction, Effect, Name, TimeSpecifier,
     TimedCondition, TimedEffect, Typed,
@@ -17,6 +17,10 @@ pub(super) fn action(action: &ActionSchema) -> Layout<'_> {
     }
     if action.effect != Effect::nothing() {
         parts.push(labeled(":effect", effect(&action.effect)));
+    }
+    if !action.observe.is_empty() {
+        let observed = action.observe.iter().map(atom);
+        parts.push(labeled(":observe", Layout::headed("and", observed)));
     }
     Layout::list(2, parts)
 }

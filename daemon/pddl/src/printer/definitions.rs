@@ -161,6 +161,7 @@ fn init_element(element: &InitElement) -> Layout<'_> {
     match element {
         InitElement::Atom(inner) => atom(inner),
         InitElement::Not(inner) => Layout::headed("not", [atom(inner)]),
+        InitElement::Unknown(inner) => Layout::headed("unknown", [atom(inner)]),
         InitElement::Assign(inner, number) => {
             Layout::headed("=", [fluent(inner), Layout::written(number)])
         }

@@ -158,13 +158,15 @@ fn action() -> impl Strategy<Value = ActionSchema> {
         typed_list(),
         condition(plain_expression()),
         effect(plain_expression()),
+        vec(atom(term()), 0..3),
     );
-    parts.prop_map(move |(name, agent, parameters, precondition, effect)| ActionSchema {
+    parts.prop_map(move |(name, agent, parameters, precondition, effect, observe)| ActionSchema {
         name,
         agent,
         parameters,
         precondition,
         effect,
+        observe,
         span,
     })
 }
@@ -262,6 +264,7 @@ fn init_element() -> impl Strategy<Value = InitElement> {
     let leaf = prop_oneof![
         atom(object()).prop_map(InitElement::Atom),
         atom(object()).prop_map(InitElement::Not),
+        atom(object()).prop_map(InitElement::Unknown),
         (fluent(object()), number()).prop_map(|(fluent, it)| InitElement::Assign(fluent, it)),
     ];
     let leaf = leaf.boxed();

@@ -149,7 +149,7 @@ fn parts_of_actions_are_named_like_this() {
         expect![[r#"
             1:31: error: unknown keyword `:parameter`; did you mean `:parameters`?
               at `:parameter`
-            1:59: error: expected a keyword, found `stray` [(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] [:precondition CONDITION] [:effect EFFECT])]
+            1:59: error: expected a keyword, found `stray` [(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] [:precondition CONDITION] [:effect EFFECT] [:observe OBSERVED])]
               at `stray`
             1:65: error: `:effect` is given twice
               at `:effect`
@@ -157,9 +157,9 @@ fn parts_of_actions_are_named_like_this() {
             2:26: error: `:agent` is given twice
               at `:agent`
               2:12: the first is here
-            2:40: error: nothing follows `:precondition` [(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] [:precondition CONDITION] [:effect EFFECT])]
+            2:40: error: nothing follows `:precondition` [(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] [:precondition CONDITION] [:effect EFFECT] [:observe OBSERVED])]
               at `:precondition`
-            2:54: error: unknown keyword `:vars`; known are :agent :parameters :precondition :effect
+            2:54: error: unknown keyword `:vars`; known are :agent :parameters :precondition :effect :observe
               at `:vars`
             2:75: error: expected the name of the action, found `(b)` [NAME = a letter or digit, then letters, digits, `-` and `_`]
               at `(b)`
@@ -392,9 +392,9 @@ fn facts_are_about_objects_and_numbers() {
               at `x`
             1:63: error: `?y` is a variable, and facts are about objects
               at `?y`
-            1:71: error: facts stand side by side; leave `and` out [(PREDICATE NAME*) | (not (PREDICATE NAME*)) | (= FLUENT NUMBER) | (at NUMBER ELEMENT)]
+            1:71: error: facts stand side by side; leave `and` out [(PREDICATE NAME*) | (not (PREDICATE NAME*)) | (unknown (PREDICATE NAME*)) | (= FLUENT NUMBER) | (at NUMBER ELEMENT)]
               at `and`
-            1:86: error: a fact has one time [(PREDICATE NAME*) | (not (PREDICATE NAME*)) | (= FLUENT NUMBER) | (at NUMBER ELEMENT)]
+            1:86: error: a fact has one time [(PREDICATE NAME*) | (not (PREDICATE NAME*)) | (unknown (PREDICATE NAME*)) | (= FLUENT NUMBER) | (at NUMBER ELEMENT)]
               at `(at 6 (p))`
             2:23: error: a goal is one condition, `(q)` is another; join them: `(and …)` [(:goal CONDITION)]
               at `(q)`

@@ -311,8 +311,8 @@ impl Supposed {
     ) {
         let (name, span) = (Name::new(name), Span::default());
         self.meanings.insert(name.clone(), meaning);
-        let agent = None;
-        let action = ActionSchema { name, agent, parameters, precondition, effect, span };
+        let (agent, observe) = (None, Vec::new());
+        let action = ActionSchema { name, agent, parameters, precondition, effect, observe, span };
         self.domain.actions.push(action);
     }
 }
@@ -341,7 +341,13 @@ fn remember(domain: &mut Domain, guards: &mut BTreeMap<Name, Guard>, model: &Act
         with.predicates.push(declaration(predicate.as_str(), vec![agent.clone()]));
         let offers = fact(predicate.as_str(), vec![variable(agent)]);
         let precondition = Condition::And(vec![offers, action.precondition.clone()]);
-        with.actions.push(ActionSchema { name: name.clone(), precondition, ..action.clone() });
+        let observe = Vec::new();
+        with.actions.push(ActionSchema {
+            name: name.clone(),
+            precondition,
+            observe,
+            ..action.clone()
+        });
         let outside = action.name.clone();
         guards.insert(name, Guard { outside, predicate });
     }

@@ -46,7 +46,7 @@ pub(crate) fn normalize_named(
 
 /// Everything but what the symbols hold.
 fn lift(symbols: &mut Symbols, domain: &Domain, problem: &Problem) -> Result<Lifted, PlanError> {
-    refuse_time(domain, problem)?;
+    refuse_nonclassical(domain, problem)?;
     *symbols = Symbols::new(domain, problem);
     let schemas: Vec<Schema> =
         domain.actions.iter().map(|action| effects::schema(symbols, action)).collect();
@@ -74,13 +74,22 @@ pub(crate) fn closed(symbols: &mut Symbols, condition: &pddl::Condition) -> Clos
     Closed { frame: scope.frame, formula }
 }
 
-/// Refuses actions and facts that take or tell time: this planner knows none, nor do the engines.
-pub fn refuse_time(domain: &Domain, problem: &Problem) -> Result<(), Unsupported> {
+/// Refuses what neither this planner nor the engines do: actions and facts that take or tell time, and
+/// what is beyond classical planning, observations and facts that are not known. A running ecosystem
+/// says the latter two in other words before it plans (`pddl::knowledge`).
+pub fn refuse_nonclassical(domain: &Domain, problem: &Problem) -> Result<(), Unsupported> {
     if let Some(action) = domain.durative_actions.first() {
         return Err(Unsupported::in_domain("durative actions", action.span));
     }
-    match problem.timed_literal() {
-        Some(later) => Err(Unsupported::in_problem("timed initial literals", later.span())),
+    if let Some(later) = problem.timed_literal() {
+        return Err(Unsupported::in_problem("timed initial literals", later.span()));
+    }
+    let mut observed = domain.actions.iter().flat_map(|action| &action.observe);
+    if let Some(observed) = observed.next() {
+        return Err(Unsupported::in_domain("observations", observed.span));
+    }
+    match problem.unknown_fact() {
+        Some(unknown) => Err(Unsupported::in_problem("unknown facts", unknown.span())),
         None => Ok(()),
     }
 }

@@ -16,7 +16,7 @@ use self::known::{Additions, Known};
 use self::repair::Resumable;
 use crate::ground::{GroundError, Now, Outgrown, Present, Standing};
 use crate::limits::{Cancel, Options};
-use crate::normalize::{normalize_named, refuse_time};
+use crate::normalize::{normalize_named, refuse_nonclassical};
 use crate::outcome::{Outcome, PlanError, Statistics, StopReason};
 use crate::plan::{
     Judge, is_taken_apart, refuse_mistakes, refuse_mistakes_of_goal, refuse_mistakes_of_problem,
@@ -142,7 +142,7 @@ impl Replanner {
         options: &Options,
         cancel: &Cancel,
     ) -> Result<Replanned, PlanError> {
-        refuse_time(domain, problem)?;
+        refuse_nonclassical(domain, problem)?;
         let mut difference = self.difference(domain, problem)?;
         let mut call = Call::new(domain, problem, options, cancel);
         if let (Some(held), Some(difference)) = (&mut self.held, &difference) {
@@ -207,7 +207,7 @@ impl Replanner {
     ) -> Result<Vec<usize>, PlanError> {
         let together = Condition::And(conditions.iter().copied().cloned().collect());
         let problem = &Problem { goal: together, ..problem.clone() };
-        refuse_time(domain, problem)?;
+        refuse_nonclassical(domain, problem)?;
         let difference = self.difference(domain, problem)?;
         let mut call = Call::new(domain, problem, options, cancel);
         let (mut held, ready) = match self.ready(&mut call, difference) {

@@ -150,6 +150,17 @@ fn run(mut world: World, steps: &[PlanStep], goal: &Condition) -> Result<World, 
 impl std::error::Error for Fault {}
 
 impl Fault {
+    /// The same with the part of the goal or precondition that does not hold in other words.
+    #[must_use]
+    pub fn map(self, words: impl FnOnce(&Condition) -> Condition) -> Fault {
+        let reason = match &self.reason {
+            FaultReason::Precondition(part) => FaultReason::Precondition(words(part)),
+            FaultReason::Goal(part) => FaultReason::Goal(words(part)),
+            _ => return self,
+        };
+        Fault { reason, ..self }
+    }
+
     /// The part of the goal or precondition that does not hold, if that is the reason.
     pub fn condition(&self) -> Option<&Condition> {
         match &self.reason {

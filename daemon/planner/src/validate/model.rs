@@ -7,7 +7,8 @@
 use std::sync::{Arc, OnceLock};
 
 use pddl::{
-    ActionSchema, Derived, Diagnostic, Domain, Effect, Metric, Name, Problem, Term, TypeExpr, Types,
+    ActionSchema, Condition, Derived, Diagnostic, Domain, Effect, Metric, Name, Problem, Term,
+    TypeExpr, Types,
 };
 use rustc_hash::FxHashMap;
 
@@ -100,6 +101,37 @@ impl Model {
         self.schemas[index].get_or_init(compiled)
     }
 
+    /// The axioms that derive a predicate, if none of them rests on that predicate again.
+    pub(crate) fn definitions(&self, predicate: &Name) -> Vec<&Derived> {
+        let of = |name: &Name| {
+            let name = name.clone();
+            self.derived.iter().filter(move |axiom| axiom.predicate == name)
+        };
+        let mut below: Vec<&Name> = vec![predicate];
+        let mut at = 0;
+        while at < below.len() {
+            for axiom in of(below[at]) {
+                for used in predicates_of(&axiom.condition) {
+                    if used == predicate {
+                        return Vec::new();
+                    }
+                    if !below.contains(&used) {
+                        below.push(used);
+                    }
+                }
+            }
+            at += 1;
+        }
+        of(predicate).collect()
+    }
+
+    /// Whether no action and no axiom makes facts of a predicate true or false.
+    pub(crate) fn is_static(&self, predicate: &Name) -> bool {
+        let changes = |action: &ActionSchema| changes(&action.effect, predicate);
+        !self.derived.iter().any(|axiom| axiom.predicate == *predicate)
+            && !self.actions.iter().any(changes)
+    }
+
     /// Numbers the objects, and everything that can become true or change its value.
     fn number(&mut self, domain: &Domain, problem: &Problem) {
         let declared = problem.objects.iter().map(|declaration| &declaration.object);
@@ -133,6 +165,31 @@ impl Model {
             if let Term::Object(name) = term {
                 self.objects.insert(name);
             }
+        }
+    }
+}
+
+fn changes(effect: &Effect, predicate: &Name) -> bool {
+    match effect {
+        Effect::And(parts) => parts.iter().any(|part| changes(part, predicate)),
+        Effect::When(_, inner) | Effect::Forall(_, inner) => changes(inner, predicate),
+        Effect::Add(atom) | Effect::Delete(atom) => atom.predicate == *predicate,
+        Effect::Assign(_) => false,
+    }
+}
+
+fn predicates_of(condition: &Condition) -> Vec<&Name> {
+    match condition {
+        Condition::Atom(atom) => vec![&atom.predicate],
+        Condition::Equal(..) | Condition::Compare(_) => Vec::new(),
+        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
+            predicates_of(inner)
+        }
+        Condition::And(parts) | Condition::Or(parts) => {
+            parts.iter().flat_map(predicates_of).collect()
+        }
+        Condition::Imply(left, right) => {
+            [left, right].into_iter().flat_map(|part| predicates_of(part)).collect()
         }
     }
 }

@@ -277,10 +277,16 @@ fn initially(
                 }
                 values[function.index()].set(&tuple, number.0);
             }
+            InitElement::Unknown(_) => return Err(vec![unknown(element)]),
             InitElement::At(_, later) => return Err(vec![timed(later)]),
         }
     }
     Ok((facts, values))
+}
+
+fn unknown(element: &InitElement) -> Diagnostic {
+    let message = "an unknown fact has no meaning in a plan that knows all of its state";
+    Diagnostic::error(element.span(), message)
 }
 
 fn timed(later: &InitElement) -> Diagnostic {

@@ -34,6 +34,43 @@ fn check(goal: &str, replaced: (&str, &str), expected: Expect) {
 }
 
 #[test]
+fn what_is_derived_is_taken_apart_where_all_of_it_must_be() {
+    let (domain, problem) = parse(
+        "(define (domain d) (:types room lamp lock)
+            (:predicates (in ?d - object ?r - room) (on ?l - lamp) (shut ?k - lock) (lit ?r - room)
+                (dark ?r - room) (locked ?r - room) (reached ?a ?b - room) (way ?a ?b - room))
+            (:derived (lit ?r - room) (exists (?l - lamp) (and (in ?l ?r) (on ?l))))
+            (:derived (dark ?r - room) (not (lit ?r)))
+            (:derived (locked ?r - room) (and (exists (?k - lock) (in ?k ?r))
+                (forall (?k - lock) (imply (in ?k ?r) (shut ?k)))))
+            (:derived (reached ?a ?b - room) (way ?a ?b))
+            (:derived (reached ?a ?b - room) (exists (?c - room) (and (way ?a ?c) (reached ?c ?b))))
+            (:action turn :parameters (?l - lamp) :effect (not (on ?l)))
+            (:action lock :parameters (?k - lock) :effect (shut ?k)))",
+        "(define (problem p) (:domain d) (:objects hall lab - room a b c - lamp k m n - lock)
+            (:init (in a hall) (in b hall) (in c lab) (in k hall) (in m lab) (in n hall) (on a) (on c))
+            (:goal (and)))",
+    );
+    let world = World::initial(&domain, &problem).expect("makes sense");
+    for (goal, expected) in [
+        ("(lit hall)", "(lit hall)"),
+        ("(not (lit hall))", "(not (on a)) (not (on b))"),
+        ("(not (dark hall))", "(not (dark hall))"),
+        ("(locked hall)", "(shut k) (shut n)"),
+        ("(locked lab)", "(locked lab)"),
+        ("(dark hall)", "(not (on a)) (not (on b))"),
+        ("(dark lab)", "(dark lab)"),
+        ("(not (reached hall lab))", "(not (reached hall lab))"),
+        ("(forall (?r - room) (locked ?r))", "(shut k) (shut n) (locked lab)"),
+    ] {
+        let goal = pddl::parse_condition(goal).into_result().expect("a goal");
+        let parts = conjuncts(&world, &goal);
+        let parts: Vec<String> = parts.iter().map(ToString::to_string).collect();
+        assert_eq!(parts.join(" "), expected, "{goal}");
+    }
+}
+
+#[test]
 fn forall_is_expanded_and_conjunctions_are_flattened() {
     check(
         "(and (forall (?r - room) (and (known-temperature ?r) (connected hall ?r)))

@@ -59,6 +59,7 @@ impl<'t> State<'t> {
                     state.values.insert(cell, value.0);
                 }
                 InitElement::Not(_) => (),
+                InitElement::Unknown(_) => panic!("all is known here"),
                 InitElement::At(..) => panic!("there is no time here"),
             }
         }

@@ -23,10 +23,10 @@ async fn what_is_changed_by_request_reaches_those_who_plan_alone() {
     let (set, sensor) = office(Mode::Decentralized).await;
     let before: Snapshot = read(&set, &sensor, Resource::Domain).await;
     assert!(before.problem.contains("(connected corridor office1)"));
-    assert!(!before.problem.contains("(known-temperature office2)"));
+    assert!(!before.problem.contains("(known-humidity office2)"));
     let answer = change(&set, "ann", believe("", "(connected corridor office1)")).await;
     assert_eq!(answer, "done: believed");
-    let known_for = [("(known-temperature office2)".to_owned(), Deadline::from(20_000))].into();
+    let known_for = [("(known-humidity office2)".to_owned(), Deadline::from(20_000))].into();
     let observation = Observation { facts: String::new(), known_for };
     assert_eq!(change(&set, "bob", Request::Observe(observation)).await, "done: believed");
     let metric = "(:metric minimize (* 2 (total-cost)))".to_owned();
@@ -46,14 +46,14 @@ async fn what_is_changed_by_request_reaches_those_who_plan_alone() {
     for known in [&central, &local] {
         assert!(!known.problem.contains("(connected corridor office1)"));
         assert!(known.problem.contains("(connected office1 corridor)"));
-        assert!(known.problem.contains("(known-temperature office2)"));
+        assert!(known.problem.contains("(known-humidity office2)"));
         assert!(known.problem.contains("(* 2 (total-cost))"));
         assert!(known.offers.keys().all(|agent| agent.as_str() != sensor));
     }
     // What is known for a while is over for all.
     tokio::time::sleep(Duration::from_secs(20)).await;
     let local: Snapshot = read(&set, &sensor, Resource::Domain).await;
-    assert!(!local.problem.contains("(known-temperature office2)"));
+    assert!(!local.problem.contains("(known-humidity office2)"));
 }
 
 /// Passes on what the Domain Maintainer announces of requests.

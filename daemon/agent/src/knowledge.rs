@@ -1,0 +1,27 @@
+//! The words of a composite domain for what is unknown, as they travel with it.
+
+use std::collections::BTreeMap;
+
+use acl::content;
+use pddl::Name;
+use pddl::knowledge::{Auxiliary, Knowledge};
+
+/// Reads the words that came with a domain.
+pub fn knowledge(sent: &BTreeMap<String, content::Auxiliary>) -> Knowledge {
+    let name = |text: &String| Name::new(text);
+    let read = |(symbol, sent): (&String, &content::Auxiliary)| {
+        let auxiliary = match sent {
+            content::Auxiliary::Predicate { unknown, found } => {
+                Auxiliary::Predicate { unknown: name(unknown), found: found.as_ref().map(name) }
+            }
+            content::Auxiliary::Function { defined, found } => {
+                Auxiliary::Function { defined: name(defined), found: found.as_ref().map(name) }
+            }
+            content::Auxiliary::Derived { maybe, unknown } => {
+                Auxiliary::Derived { maybe: name(maybe), unknown: name(unknown) }
+            }
+        };
+        (Name::new(symbol), auxiliary)
+    };
+    Knowledge { symbols: sent.iter().map(read).collect() }
+}

@@ -1,0 +1,141 @@
+//! What is unknown is neither true nor false: in the state, in the domain, and after who knew it left.
+
+use expect_test::expect;
+use pddl::Condition;
+
+use crate::office::{Office, facts, model, office, office_of};
+
+/// One space between words.
+fn words(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+fn lamp(name: &str) -> String {
+    model(
+        name,
+        &format!(
+            "(:types lamp - object)
+             (:predicates (lamp-in ?l - lamp ?r - room) (shining ?l - lamp) (lit ?r - room))
+             (:derived (lit ?r - room) (exists (?l - lamp) (and (lamp-in ?l ?r) (shining ?l))))
+             (:objects {name} - lamp) (:init (lamp-in {name} office2) (unknown (shining {name})))
+             (:action turn-off :agent ?l - lamp :parameters (?r - room)
+               :precondition (lamp-in ?l ?r) :effect (not (shining ?l)))"
+        ),
+    )
+}
+
+fn motion(name: &str) -> String {
+    model(
+        name,
+        &format!(
+            "(:predicates (motion ?r - room) (known-motion ?r - room))
+             (:functions (light ?r - room))
+             (:objects {name} - sensor) (:init (located {name} office2))
+             (:action look :agent ?s - sensor :parameters (?r - room)
+               :precondition (located ?s ?r) :effect (known-motion ?r)
+               :observe (and (motion ?r) (light ?r)))"
+        ),
+    )
+}
+
+fn goal(text: &str) -> Condition {
+    pddl::parse_condition(text).into_result().expect("a condition")
+}
+
+#[track_caller]
+fn unknown(office: &Office, symbol: &str) -> bool {
+    !office.known(&format!("unknown-{symbol}")).is_empty()
+}
+
+#[test]
+fn an_agent_says_that_it_does_not_know() {
+    let mut office = office().with([lamp("a")]);
+    assert!(unknown(&office, "shining"), "its model says so");
+    office.beat("a", (1, 1), "(shining a)", "").expect("a heartbeat");
+    assert!(!unknown(&office, "shining"));
+    assert_eq!(office.known("shining"), "(shining a)");
+    let change = office.beat("a", (1, 2), "(unknown (shining a))", "").expect("a heartbeat");
+    assert_eq!(change.believed, facts("(unknown (shining a))"));
+    assert_eq!(office.known("shining"), "");
+    assert_eq!(office.known("unknown-shining"), "(unknown-shining a)");
+    let change = office.beat("a", (1, 3), "", "").expect("a heartbeat");
+    assert_eq!(change.retracted, facts("(unknown (shining a))"));
+    assert!(!unknown(&office, "shining"), "what it does not say of what is its own is false");
+}
+
+#[test]
+fn one_who_knows_is_enough_and_a_number_that_nobody_says_has_no_value() {
+    let mut office = office().with([motion("m"), motion("n")]);
+    office.beat("m", (1, 1), "(motion office2)", "").expect("a heartbeat");
+    office.beat("n", (1, 1), "(unknown (motion office2))", "").expect("a heartbeat");
+    assert_eq!(office.known("motion"), "(motion office2)");
+    assert!(!unknown(&office, "motion"));
+    office.beat("m", (1, 2), "(not (motion office2))", "").expect("a heartbeat");
+    assert!(unknown(&office, "motion"), "one of them cannot tell");
+    assert_eq!(office.known("defined-light"), "");
+    office.beat("m", (1, 3), "(= (light office2) 120)", "").expect("a heartbeat");
+    assert_eq!(office.known("defined-light"), "(defined-light office2)");
+}
+
+#[test]
+fn the_domain_has_words_for_it_and_goals_are_put_in_them() {
+    let office = office().with([lamp("a"), motion("m")]);
+    let snapshot = office.snapshot();
+    let problem =
+        snapshot.with_goal(&goal("(and (not (lit office2)) (not (motion office2)))"), None);
+    expect![[
+        "(and (not (maybe-lit office2)) (and (not (motion office2)) (or (not (unknown-motion \
+         office2)) (found-motion office2))))"
+    ]]
+    .assert_eq(&words(&problem.goal.to_string()));
+    assert!(pddl::check_domain(&snapshot.domain).is_empty());
+    assert!(pddl::check_problem(&snapshot.domain, &problem).is_empty());
+    let sent = snapshot.to_content();
+    let known: Vec<_> = sent.knowledge.keys().map(String::as_str).collect();
+    assert_eq!(known, ["light", "lit", "motion", "shining"]);
+}
+
+#[test]
+fn the_words_stay_when_it_becomes_known() {
+    let mut office = office().with([lamp("a")]);
+    let before = office.snapshot().digest().to_owned();
+    office.beat("a", (1, 1), "(shining a)", "").expect("a heartbeat");
+    office.beat("a", (1, 2), "(unknown (shining a))", "").expect("a heartbeat");
+    office.beat("a", (1, 3), "", "").expect("a heartbeat");
+    assert_eq!(office.snapshot().digest(), before);
+}
+
+#[test]
+fn what_only_one_who_left_could_know_is_unknown() {
+    // The other sensor has not spoken of the room.
+    let mut office = office().with([lamp("a"), lamp("b"), motion("m"), motion("n")]);
+    office.beat("a", (1, 1), "(not (shining a))", "").expect("a heartbeat");
+    office.beat("b", (1, 1), "(shining b)", "").expect("a heartbeat");
+    office.beat("m", (1, 1), "(known-motion office2) (not (motion office2))", "").expect("a beat");
+    assert!(!unknown(&office, "lit") && !unknown(&office, "motion"));
+    office.remove("m");
+    assert_eq!(office.known("unknown-motion"), "(unknown-motion office2)");
+    assert!(!unknown(&office, "known-motion"), "that was found out by it, and is not any more");
+    office.remove("b");
+    assert_eq!(office.known("unknown-lit"), "(unknown-lit office2)");
+    assert_eq!(office.known("unknown-shining"), "", "the lamp itself is gone");
+    // It is told, so that others know it, and who is restarted does.
+    let told = office.maintainer.requested(office.now);
+    let facts: Vec<_> = told.facts.iter().map(|told| told.fact.as_str()).collect();
+    assert_eq!(facts, ["(unknown (lit office2))", "(unknown (motion office2))"]);
+    // Who returns knows it again; somebody may say how it is.
+    office.admit_life(&motion("m"), 2).expect("it is back");
+    assert!(!unknown(&office, "motion"));
+    let now = office.now;
+    office.maintainer.retract(&crate::office::facts("(unknown (lit office2))"), now);
+    assert!(!unknown(&office, "lit"));
+}
+
+#[test]
+fn an_actuator_plans_with_what_is_unknown_to_others() {
+    let mut local = office_of("a").with([lamp("a"), motion("m")]);
+    local.beat("a", (1, 1), "(unknown (shining a))", "").expect("a heartbeat");
+    local.beat("m", (1, 1), "(unknown (motion office2))", "").expect("a heartbeat");
+    assert_eq!(local.known("unknown-shining"), "(unknown-shining a)");
+    assert_eq!(local.known("unknown-motion"), "(unknown-motion office2)");
+}

@@ -1,0 +1,774 @@
+//! Knowledge: conditions over facts that may be unknown, in words of classical PDDL.
+//!
+//! In a running ecosystem a fact is known to be true, known to be false, or unknown, and so is the
+//! value of a function. Planners know two values. [`Knowledge`] rewrites a domain and its goals so
+//! that they mean the same to such a planner (a K0 translation: Bonet and Geffner, 2011):
+//!
+//! - `unknown-P` holds of a fact that is neither known to be true nor known to be false. Where `P`
+//!   is known to be true, `P` itself holds, so that only negated conditions change.
+//! - `defined-F` holds of a function whose value is known.
+//! - `found-S` holds of what an action of the plan observes (`:observe`). What is found out is
+//!   assumed to be as the rest of the plan wants it; where it turns out otherwise, the executor
+//!   notices and a new plan is made.
+//! - `maybe-D` holds of a derived fact that cannot be ruled out.
+//!
+//! The caller keeps `unknown-P` and `defined-F` in `:init`; `found-S` is never there, so a goal that
+//! is held against a state, and not planned for, holds by what is known alone.
+//!
+//! **Invariant:** nothing here looks at a state. The same domain gives the same words.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::tree::{
+    ActionSchema, Assign, Assignment, Atom, Compare, Comparison, Condition, Derived, Domain,
+    Effect, Expression, FluentTerm, Name, PredicateDeclaration, Privacy, Span, Term, Typed,
+};
+
+/// The auxiliary predicates of one symbol.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Auxiliary {
+    /// Of a predicate that is not derived.
+    Predicate {
+        /// Holds of what is not known.
+        unknown: Name,
+        /// Holds of what the plan has observed; only where some action observes it.
+        found: Option<Name>,
+    },
+    /// Of a function.
+    Function {
+        /// Holds of what has a known value.
+        defined: Name,
+        /// See above.
+        found: Option<Name>,
+    },
+    /// Of a predicate that axioms derive.
+    Derived {
+        /// Holds of what cannot be ruled out.
+        maybe: Name,
+        /// Holds of what cannot be ruled out because its derivation rests on an agent that left.
+        unknown: Name,
+    },
+}
+
+/// Which symbols may be unknown, and the words that say so.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Knowledge {
+    /// By symbol; functions have names that no predicate has.
+    pub symbols: BTreeMap<Name, Auxiliary>,
+}
+
+/// How certain a rewritten condition has to be.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Mode {
+    /// It is known to hold.
+    Sure,
+    /// It is not known not to hold.
+    Possible,
+}
+
+// === impl Auxiliary ===
+
+impl Auxiliary {
+    /// Every predicate it adds.
+    pub fn names(&self) -> impl Iterator<Item = &Name> {
+        let (one, other) = match self {
+            Auxiliary::Predicate { unknown, found } => (unknown, found.as_ref()),
+            Auxiliary::Function { defined, found } => (defined, found.as_ref()),
+            Auxiliary::Derived { maybe, unknown } => (maybe, Some(unknown)),
+        };
+        std::iter::once(one).chain(other)
+    }
+}
+
+// === impl Knowledge ===
+
+impl Knowledge {
+    /// The words for a domain in which facts of the `unknowable` predicates may be unknown; so may be
+    /// whatever an action observes, and what is derived from either.
+    pub fn of(domain: &Domain, unknowable: &BTreeSet<Name>) -> Knowledge {
+        let observed: BTreeSet<&Name> = { domain.actions.iter() }
+            .flat_map(|action| &action.observe)
+            .map(|atom| &atom.predicate)
+            .collect();
+        let derived: BTreeSet<&Name> = domain.derived.iter().map(|it| &it.predicate).collect();
+        let mut compared = BTreeSet::new();
+        domain.derived.iter().for_each(|it| functions_of(&it.condition, &mut compared));
+        let mut words = Words::of(domain);
+        let mut symbols = BTreeMap::new();
+        for name in domain.predicates.iter().map(|it| &it.name) {
+            let is_observed = observed.contains(name);
+            if !derived.contains(name) && (is_observed || unknowable.contains(name)) {
+                let unknown = words.word("unknown", name);
+                let found = is_observed.then(|| words.word("found", name));
+                symbols.insert(name.clone(), Auxiliary::Predicate { unknown, found });
+            }
+        }
+        for name in domain.functions.iter().map(|it| &it.name) {
+            let is_observed = observed.contains(name);
+            if is_observed || compared.contains(name) {
+                let defined = words.word("defined", name);
+                let found = is_observed.then(|| words.word("found", name));
+                symbols.insert(name.clone(), Auxiliary::Function { defined, found });
+            }
+        }
+        let left: Vec<Name> =
+            unknowable.iter().filter(|it| derived.contains(it)).cloned().collect();
+        let rests = dependent(domain, &symbols, left);
+        for name in rests {
+            let (maybe, unknown) = (words.word("maybe", &name), words.word("unknown", &name));
+            symbols.insert(name, Auxiliary::Derived { maybe, unknown });
+        }
+        Knowledge { symbols }
+    }
+
+    /// Whether everything is known, always.
+    pub fn is_empty(&self) -> bool {
+        self.symbols.is_empty()
+    }
+
+    /// Whether a predicate is one of those that were added.
+    pub fn is_auxiliary(&self, predicate: &Name) -> bool {
+        self.symbols.values().any(|auxiliary| auxiliary.names().any(|name| name == predicate))
+    }
+
+    /// The symbol whose facts are unknown where `predicate` holds.
+    pub fn unknown_by(&self, predicate: &Name) -> Option<&Name> {
+        let is_it = |auxiliary: &Auxiliary| match auxiliary {
+            Auxiliary::Predicate { unknown, .. } | Auxiliary::Derived { unknown, .. } => {
+                unknown == predicate
+            }
+            Auxiliary::Function { .. } => false,
+        };
+        self.symbols.iter().find(|(_, auxiliary)| is_it(auxiliary)).map(|(symbol, _)| symbol)
+    }
+
+    /// The fact that says that this one is unknown; `None` if it is always known.
+    pub fn unknown(&self, fact: &Atom) -> Option<Atom> {
+        match self.symbols.get(&fact.predicate)? {
+            Auxiliary::Predicate { unknown, .. } | Auxiliary::Derived { unknown, .. } => {
+                Some(Atom { predicate: unknown.clone(), ..fact.clone() })
+            }
+            Auxiliary::Function { .. } => None,
+        }
+    }
+
+    /// The fact that says that this function has a known value; `None` if nobody has to know.
+    pub fn defined(&self, fluent: &FluentTerm) -> Option<Atom> {
+        match self.symbols.get(&fluent.function)? {
+            Auxiliary::Function { defined, .. } => {
+                Some(applied(defined, &fluent.arguments, fluent.span))
+            }
+            _ => None,
+        }
+    }
+
+    /// Rewrites a domain: conditions ask for what is known, effects make known, observations find
+    /// out. Its axioms have to be those that this was made of.
+    pub fn compile(&self, domain: &mut Domain) {
+        self.declare(domain);
+        let mut derived = Vec::with_capacity(domain.derived.len());
+        for axiom in &domain.derived {
+            derived.push(Derived { condition: self.sure(&axiom.condition), ..axiom.clone() });
+            if let Some(Auxiliary::Derived { maybe, .. }) = self.symbols.get(&axiom.predicate) {
+                let condition = self.rewrite(&axiom.condition, true, Mode::Possible);
+                derived.push(Derived { predicate: maybe.clone(), condition, ..axiom.clone() });
+            }
+        }
+        derived.extend(self.left_behind(domain));
+        domain.derived = derived;
+        for action in &mut domain.actions {
+            *action = self.action(action);
+        }
+    }
+
+    /// An action over what is known.
+    pub fn action(&self, action: &ActionSchema) -> ActionSchema {
+        let found = action.observe.iter().filter_map(|observed| self.found(observed));
+        let found: Vec<Effect> = found.map(Effect::Add).collect();
+        let effect = match (self.effect(&action.effect), found) {
+            (effect, found) if found.is_empty() => effect,
+            (Effect::And(parts), found) => Effect::And(parts.into_iter().chain(found).collect()),
+            (effect, found) => Effect::And(std::iter::once(effect).chain(found).collect()),
+        };
+        ActionSchema {
+            precondition: self.sure(&action.precondition),
+            effect,
+            observe: Vec::new(),
+            ..action.clone()
+        }
+    }
+
+    /// The condition that this one is known to hold.
+    pub fn sure(&self, condition: &Condition) -> Condition {
+        if !self.touches(condition) {
+            return condition.clone();
+        }
+        self.rewrite(condition, true, Mode::Sure)
+    }
+
+    /// What a rewritten condition asks for, in the author's words: as if all were known.
+    pub fn plain(&self, condition: &Condition) -> Condition {
+        match condition {
+            Condition::Atom(atom) => self.plain_atom(atom),
+            Condition::Equal(..) | Condition::Compare(_) => condition.clone(),
+            Condition::Not(inner) => match self.plain(inner) {
+                Condition::And(parts) if parts.is_empty() => Condition::Or(parts),
+                Condition::Or(parts) if parts.is_empty() => Condition::And(parts),
+                inner => not(inner),
+            },
+            Condition::And(parts) => {
+                let parts: Vec<_> = parts.iter().map(|part| self.plain(part)).collect();
+                if parts.iter().any(|part| matches!(part, Condition::Or(all) if all.is_empty())) {
+                    return Condition::Or(Vec::new());
+                }
+                one_and(parts.into_iter().filter(|part| !part.is_always()).collect())
+            }
+            Condition::Or(parts) => {
+                let mut parts: Vec<_> = parts.iter().map(|part| self.plain(part)).collect();
+                if parts.iter().any(Condition::is_always) {
+                    return Condition::always();
+                }
+                parts.retain(|part| !matches!(part, Condition::Or(all) if all.is_empty()));
+                one_or(parts)
+            }
+            Condition::Imply(left, right) => {
+                Condition::Imply(Box::new(self.plain(left)), Box::new(self.plain(right)))
+            }
+            Condition::Exists(variables, inner) => {
+                Condition::Exists(variables.clone(), Box::new(self.plain(inner)))
+            }
+            Condition::Forall(variables, inner) => {
+                Condition::Forall(variables.clone(), Box::new(self.plain(inner)))
+            }
+        }
+    }
+
+    /// Known, and not found out: nothing is unknown, every function has a value, and what may be is.
+    fn plain_atom(&self, atom: &Atom) -> Condition {
+        let is_it = |name: &Name| *name == atom.predicate;
+        for (symbol, auxiliary) in &self.symbols {
+            match auxiliary {
+                Auxiliary::Derived { maybe, .. } if is_it(maybe) => {
+                    return Condition::Atom(Atom { predicate: symbol.clone(), ..atom.clone() });
+                }
+                Auxiliary::Function { defined, .. } if is_it(defined) => {
+                    return Condition::always();
+                }
+                _ if auxiliary.names().any(is_it) => return Condition::Or(Vec::new()),
+                _ => (),
+            }
+        }
+        Condition::Atom(atom.clone())
+    }
+
+    /// Whether a condition speaks of something that may be unknown, or compares: the negation of a
+    /// comparison with a function that has no value would hold.
+    fn touches(&self, condition: &Condition) -> bool {
+        match condition {
+            Condition::Atom(atom) => self.symbols.contains_key(&atom.predicate),
+            Condition::Equal(..) => false,
+            Condition::Compare(_) => true,
+            Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
+                self.touches(inner)
+            }
+            Condition::And(parts) | Condition::Or(parts) => {
+                parts.iter().any(|part| self.touches(part))
+            }
+            Condition::Imply(left, right) => self.touches(left) || self.touches(right),
+        }
+    }
+
+    /// A condition, or its negation where `positive` is false.
+    fn rewrite(&self, condition: &Condition, positive: bool, mode: Mode) -> Condition {
+        let all = |parts: &[Condition]| {
+            parts.iter().map(|part| self.rewrite(part, positive, mode)).collect()
+        };
+        let inner = |inner: &Condition| Box::new(self.rewrite(inner, positive, mode));
+        match (condition, positive) {
+            (Condition::Atom(atom), true) => self.holds(atom, mode),
+            (Condition::Atom(atom), false) => self.holds_not(atom, mode),
+            (Condition::Equal(..), true) => condition.clone(),
+            (Condition::Equal(..), false) => not(condition.clone()),
+            (Condition::Compare(compare), _) => self.compare(compare, positive, mode),
+            (Condition::Not(inner), _) => self.rewrite(inner, !positive, mode),
+            (Condition::And(parts), true) | (Condition::Or(parts), false) => {
+                Condition::And(all(parts))
+            }
+            (Condition::Or(parts), true) | (Condition::And(parts), false) => {
+                Condition::Or(all(parts))
+            }
+            (Condition::Imply(left, right), true) => Condition::Or(vec![
+                self.rewrite(left, false, mode),
+                self.rewrite(right, true, mode),
+            ]),
+            (Condition::Imply(left, right), false) => Condition::And(vec![
+                self.rewrite(left, true, mode),
+                self.rewrite(right, false, mode),
+            ]),
+            (Condition::Exists(variables, body), true)
+            | (Condition::Forall(variables, body), false) => {
+                Condition::Exists(variables.clone(), inner(body))
+            }
+            (Condition::Forall(variables, body), true)
+            | (Condition::Exists(variables, body), false) => {
+                Condition::Forall(variables.clone(), inner(body))
+            }
+        }
+    }
+
+    fn holds(&self, atom: &Atom, mode: Mode) -> Condition {
+        let plain = Condition::Atom(atom.clone());
+        let with = |name: &Name| Condition::Atom(Atom { predicate: name.clone(), ..atom.clone() });
+        match (self.symbols.get(&atom.predicate), mode) {
+            (Some(Auxiliary::Derived { maybe, .. }), Mode::Possible) => with(maybe),
+            (Some(Auxiliary::Predicate { unknown, found: Some(found) }), Mode::Sure) => {
+                Condition::Or(vec![plain, Condition::And(vec![with(unknown), with(found)])])
+            }
+            (Some(Auxiliary::Predicate { unknown, found: Some(found) }), Mode::Possible) => {
+                Condition::Or(vec![plain, Condition::And(vec![with(unknown), not(with(found))])])
+            }
+            (Some(Auxiliary::Predicate { unknown, found: None }), Mode::Possible) => {
+                Condition::Or(vec![plain, with(unknown)])
+            }
+            _ => plain,
+        }
+    }
+
+    fn holds_not(&self, atom: &Atom, mode: Mode) -> Condition {
+        let plain = not(Condition::Atom(atom.clone()));
+        let with = |name: &Name| Condition::Atom(Atom { predicate: name.clone(), ..atom.clone() });
+        match (self.symbols.get(&atom.predicate), mode) {
+            (Some(Auxiliary::Derived { maybe, .. }), Mode::Sure) => not(with(maybe)),
+            (Some(Auxiliary::Predicate { unknown, found: Some(found) }), Mode::Sure) => {
+                let is_known = Condition::Or(vec![not(with(unknown)), with(found)]);
+                Condition::And(vec![plain, is_known])
+            }
+            (Some(Auxiliary::Predicate { unknown, found: None }), Mode::Sure) => {
+                Condition::And(vec![plain, not(with(unknown))])
+            }
+            (Some(Auxiliary::Predicate { unknown, found: Some(found) }), Mode::Possible) => {
+                let is_free = Condition::Or(vec![not(with(unknown)), not(with(found))]);
+                Condition::And(vec![plain, is_free])
+            }
+            _ => plain,
+        }
+    }
+
+    /// A comparison with a function that has no value does not hold, nor does its negation: the
+    /// opposite comparison stands for that.
+    fn compare(&self, compare: &Compare, positive: bool, mode: Mode) -> Condition {
+        let with =
+            |comparison| Condition::Compare(Box::new(Compare { comparison, ..compare.clone() }));
+        let plain = match (compare.comparison, positive) {
+            (comparison, true) => with(comparison),
+            (Comparison::Less, false) => with(Comparison::GreaterOrEqual),
+            (Comparison::LessOrEqual, false) => with(Comparison::Greater),
+            (Comparison::GreaterOrEqual, false) => with(Comparison::Less),
+            (Comparison::Greater, false) => with(Comparison::LessOrEqual),
+            (Comparison::Equal, false) => {
+                Condition::Or(vec![with(Comparison::Less), with(Comparison::Greater)])
+            }
+        };
+        let assumed = match mode {
+            Mode::Sure => self.assumed(compare),
+            Mode::Possible => self.undetermined(compare),
+        };
+        match assumed {
+            Some(assumed) => Condition::Or(vec![plain, assumed]),
+            None => plain,
+        }
+    }
+
+    /// That a comparison may be taken to hold: what it lacks the plan has observed.
+    fn assumed(&self, compare: &Compare) -> Option<Condition> {
+        let tracked = self.tracked(compare);
+        let found: Vec<Condition> = { tracked.iter() }
+            .filter_map(|(fluent, defined, found)| {
+                let found =
+                    Condition::Atom(applied(found.as_ref()?, &fluent.arguments, fluent.span));
+                Some(Condition::And(vec![not(Condition::Atom(defined.clone())), found]))
+            })
+            .collect();
+        if found.is_empty() {
+            return None;
+        }
+        let is_settled = tracked.iter().map(|(fluent, defined, found)| {
+            let found = found
+                .as_ref()
+                .map(|name| Condition::Atom(applied(name, &fluent.arguments, fluent.span)));
+            let mut ways = vec![Condition::Atom(defined.clone())];
+            ways.extend(found);
+            one_or(ways)
+        });
+        match tracked.len() {
+            1 => Some(one_or(found)),
+            _ => Some(Condition::And(is_settled.chain([one_or(found)]).collect())),
+        }
+    }
+
+    /// That a comparison is open, because something in it has no value and is not observed.
+    fn undetermined(&self, compare: &Compare) -> Option<Condition> {
+        let open: Vec<Condition> = { self.tracked(compare).into_iter() }
+            .map(|(fluent, defined, found)| {
+                let mut parts = vec![not(Condition::Atom(defined))];
+                parts.extend(found.map(|name| {
+                    not(Condition::Atom(applied(&name, &fluent.arguments, fluent.span)))
+                }));
+                Condition::And(parts)
+            })
+            .collect();
+        (!open.is_empty()).then(|| one_or(open))
+    }
+
+    /// The functions of a comparison that may have no value: each with what says that it has one,
+    /// and the word for having observed it.
+    fn tracked(&self, compare: &Compare) -> Vec<(FluentTerm, Atom, Option<Name>)> {
+        let mut fluents = Vec::new();
+        fluents_of(&compare.left, &mut fluents);
+        fluents_of(&compare.right, &mut fluents);
+        let tracked = fluents.into_iter().filter_map(|fluent| {
+            let Some(Auxiliary::Function { defined, found }) = self.symbols.get(&fluent.function)
+            else {
+                return None;
+            };
+            let defined = applied(defined, &fluent.arguments, fluent.span);
+            Some((fluent.clone(), defined, found.clone()))
+        });
+        tracked.collect()
+    }
+
+    fn found(&self, observed: &Atom) -> Option<Atom> {
+        let auxiliary = self.symbols.get(&observed.predicate)?;
+        let (Auxiliary::Predicate { found, .. } | Auxiliary::Function { found, .. }) = auxiliary
+        else {
+            return None;
+        };
+        Some(Atom { predicate: found.clone()?, ..observed.clone() })
+    }
+
+    fn effect(&self, effect: &Effect) -> Effect {
+        match effect {
+            Effect::And(parts) => Effect::And(parts.iter().map(|part| self.effect(part)).collect()),
+            Effect::Add(atom) | Effect::Delete(atom) => match self.unknown(atom) {
+                Some(unknown) => Effect::And(vec![effect.clone(), Effect::Delete(unknown)]),
+                None => effect.clone(),
+            },
+            Effect::Assign(assign) => {
+                let Assign { assignment, fluent, .. } = &**assign;
+                match self.defined(fluent).filter(|_| *assignment == Assignment::Assign) {
+                    Some(defined) => Effect::And(vec![effect.clone(), Effect::Add(defined)]),
+                    None => effect.clone(),
+                }
+            }
+            Effect::Forall(variables, inner) => {
+                Effect::Forall(variables.clone(), Box::new(self.effect(inner)))
+            }
+            Effect::When(condition, inner) => {
+                let condition = self.sure(condition);
+                Effect::When(Box::new(condition), Box::new(self.effect(inner)))
+            }
+        }
+    }
+
+    /// Declares the words with the parameters of their symbols.
+    fn declare(&self, domain: &mut Domain) {
+        let of_predicates = domain.predicates.iter().map(|it| (&it.name, &it.parameters));
+        let of_functions = domain.functions.iter().map(|it| (&it.name, &it.parameters));
+        let parameters: BTreeMap<&Name, &Vec<Typed>> = of_predicates.chain(of_functions).collect();
+        let mut added = Vec::new();
+        for (symbol, auxiliary) in &self.symbols {
+            let Some(parameters) = parameters.get(symbol) else { continue };
+            added.extend(auxiliary.names().map(|name| PredicateDeclaration {
+                name: name.clone(),
+                parameters: (*parameters).clone(),
+                privacy: Privacy::Public,
+            }));
+        }
+        domain.predicates.extend(added);
+    }
+
+    /// What cannot be ruled out because of an agent that left: an axiom for each derived predicate.
+    fn left_behind(&self, domain: &Domain) -> Vec<Derived> {
+        let axiom = |(symbol, auxiliary): (&Name, &Auxiliary)| {
+            let Auxiliary::Derived { maybe, unknown } = auxiliary else { return None };
+            let parameters = &domain.predicates.iter().find(|it| it.name == *symbol)?.parameters;
+            let variables = parameters.iter().map(|it| Term::Variable(it.name.clone()));
+            let unknown = applied(unknown, &variables.collect::<Vec<_>>(), Span::default());
+            Some(Derived {
+                predicate: maybe.clone(),
+                parameters: parameters.clone(),
+                condition: Condition::Atom(unknown),
+                span: Span::default(),
+            })
+        };
+        self.symbols.iter().filter_map(axiom).collect()
+    }
+}
+
+fn not(condition: Condition) -> Condition {
+    Condition::Not(Box::new(condition))
+}
+
+fn one_or(mut parts: Vec<Condition>) -> Condition {
+    match parts.len() {
+        1 => parts.remove(0),
+        _ => Condition::Or(parts),
+    }
+}
+
+fn one_and(mut parts: Vec<Condition>) -> Condition {
+    match parts.len() {
+        1 => parts.remove(0),
+        _ => Condition::And(parts),
+    }
+}
+
+fn applied(predicate: &Name, arguments: &[Term], span: Span) -> Atom {
+    Atom { predicate: predicate.clone(), arguments: arguments.to_vec(), span }
+}
+
+/// The derived predicates that rest on one of `symbols`, also through each other, and those `left`.
+fn dependent(
+    domain: &Domain,
+    symbols: &BTreeMap<Name, Auxiliary>,
+    left: Vec<Name>,
+) -> BTreeSet<Name> {
+    let uses: Vec<(&Name, BTreeSet<Name>)> = { domain.derived.iter() }
+        .map(|axiom| {
+            let mut used = BTreeSet::new();
+            predicates_of(&axiom.condition, &mut used);
+            functions_of(&axiom.condition, &mut used);
+            (&axiom.predicate, used)
+        })
+        .collect();
+    let mut found: BTreeSet<Name> = left.into_iter().collect();
+    loop {
+        let before = found.len();
+        for (head, used) in &uses {
+            if used.iter().any(|name| symbols.contains_key(name) || found.contains(name)) {
+                found.insert((*head).clone());
+            }
+        }
+        if found.len() == before {
+            return found;
+        }
+    }
+}
+
+fn predicates_of(condition: &Condition, found: &mut BTreeSet<Name>) {
+    match condition {
+        Condition::Atom(atom) => {
+            found.insert(atom.predicate.clone());
+        }
+        Condition::Equal(..) | Condition::Compare(_) => (),
+        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
+            predicates_of(inner, found);
+        }
+        Condition::And(parts) | Condition::Or(parts) => {
+            parts.iter().for_each(|part| predicates_of(part, found));
+        }
+        Condition::Imply(left, right) => {
+            predicates_of(left, found);
+            predicates_of(right, found);
+        }
+    }
+}
+
+fn functions_of(condition: &Condition, found: &mut BTreeSet<Name>) {
+    match condition {
+        Condition::Compare(compare) => {
+            let mut fluents = Vec::new();
+            fluents_of(&compare.left, &mut fluents);
+            fluents_of(&compare.right, &mut fluents);
+            found.extend(fluents.into_iter().map(|fluent| fluent.function.clone()));
+        }
+        Condition::Atom(_) | Condition::Equal(..) => (),
+        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
+            functions_of(inner, found);
+        }
+        Condition::And(parts) | Condition::Or(parts) => {
+            parts.iter().for_each(|part| functions_of(part, found));
+        }
+        Condition::Imply(left, right) => {
+            functions_of(left, found);
+            functions_of(right, found);
+        }
+    }
+}
+
+fn fluents_of<'e>(expression: &'e Expression, found: &mut Vec<&'e FluentTerm>) {
+    match expression {
+        Expression::Fluent(fluent) if !found.contains(&fluent) => found.push(fluent),
+        Expression::Negate(inner) => fluents_of(inner, found),
+        Expression::Apply(_, operands) => {
+            operands.iter().for_each(|operand| fluents_of(operand, found));
+        }
+        _ => (),
+    }
+}
+
+/// Finds words that nothing else is called by.
+struct Words {
+    taken: BTreeSet<Name>,
+}
+
+// === impl Words ===
+
+impl Words {
+    fn of(domain: &Domain) -> Words {
+        let predicates = domain.predicates.iter().map(|it| &it.name);
+        let functions = domain.functions.iter().map(|it| &it.name);
+        Words { taken: predicates.chain(functions).cloned().collect() }
+    }
+
+    /// `PREFIX-SYMBOL`, or the first of `PREFIX-SYMBOL-2`, `PREFIX-SYMBOL-3`, … that is free.
+    fn word(&mut self, prefix: &str, symbol: &Name) -> Name {
+        let wanted = format!("{prefix}-{}", symbol.as_str());
+        let numbered = (2..).map(|number| Name::new(&format!("{wanted}-{number}")));
+        let word = std::iter::once(Name::new(&wanted))
+            .chain(numbered)
+            .find(|name| !self.taken.contains(name))
+            .expect("invariant: finitely many names are taken");
+        self.taken.insert(word.clone());
+        word
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DOMAIN: &str = "(define (domain d) (:types room lamp)
+        (:predicates (in ?l - lamp ?r - room) (on ?l - lamp) (lit ?r - room) (motion ?r - room)
+            (door-open ?r - room))
+        (:functions (warmth ?r - room) (limit ?r - room) (total-cost))
+        (:derived (lit ?r - room) (exists (?l - lamp) (and (in ?l ?r) (on ?l))))
+        (:action turn-off :parameters (?l - lamp) :precondition (on ?l) :effect (not (on ?l)))
+        (:action pass :parameters (?r - room) :precondition (not (motion ?r))
+            :effect (when (lit ?r) (door-open ?r)))
+        (:action look :parameters (?r - room)
+            :observe (and (motion ?r) (warmth ?r))))";
+
+    fn domain() -> Domain {
+        crate::parse_domain(DOMAIN).into_result().expect("a domain")
+    }
+
+    fn knowledge() -> Knowledge {
+        Knowledge::of(&domain(), &[Name::new("on")].into())
+    }
+
+    #[track_caller]
+    fn check(condition: &str, expected: &str) {
+        let parsed = |text| crate::parse_condition(text).into_result().expect("a condition");
+        let sure = knowledge().sure(&parsed(condition));
+        assert_eq!(sure.to_string(), parsed(expected).to_string());
+        // And back.
+        let plain = knowledge().plain(&sure);
+        assert_eq!(knowledge().sure(&plain).to_string(), sure.to_string(), "{plain}");
+    }
+
+    #[test]
+    fn what_is_always_known_stays_as_it_is() {
+        check("(door-open hall)", "(door-open hall)");
+        check("(not (door-open hall))", "(not (door-open hall))");
+        check("(imply (in a hall) (in b hall))", "(imply (in a hall) (in b hall))");
+    }
+
+    #[test]
+    fn unknown_is_neither_true_nor_false() {
+        check("(on a)", "(on a)");
+        check("(not (on a))", "(and (not (on a)) (not (unknown-on a)))");
+        check(
+            "(not (and (on a) (on b)))",
+            "(or (and (not (on a)) (not (unknown-on a)))
+            (and (not (on b)) (not (unknown-on b))))",
+        );
+    }
+
+    #[test]
+    fn what_is_observed_may_be_assumed_either_way() {
+        check(
+            "(motion hall)",
+            "(or (motion hall) (and (unknown-motion hall) (found-motion hall)))",
+        );
+        check(
+            "(not (motion hall))",
+            "(and (not (motion hall)) (or (not (unknown-motion hall)) (found-motion hall)))",
+        );
+    }
+
+    #[test]
+    fn what_is_derived_is_false_only_where_it_can_be_ruled_out() {
+        check("(lit hall)", "(lit hall)");
+        check("(not (lit hall))", "(not (maybe-lit hall))");
+        let mut compiled = domain();
+        knowledge().compile(&mut compiled);
+        let axioms: Vec<String> = compiled.derived.iter().map(ToString::to_string).collect();
+        let maybe = "(exists (?l - lamp) (and (in ?l ?r) (or (on ?l) (unknown-on ?l))))";
+        let shown = axioms.join("\n").split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(shown.contains(&format!("(:derived (maybe-lit ?r - room) {maybe})")), "{shown}");
+        assert!(shown.contains("(:derived (maybe-lit ?r - room) (unknown-lit ?r))"), "{shown}");
+    }
+
+    #[test]
+    fn a_number_without_a_value_is_neither_above_nor_below() {
+        let found = "(and (not (defined-warmth hall)) (found-warmth hall))";
+        check("(>= (warmth hall) 21)", &format!("(or (>= (warmth hall) 21) {found})"));
+        check("(not (>= (warmth hall) 21))", &format!("(or (< (warmth hall) 21) {found})"));
+        // Nobody can find out what the limit is.
+        check("(not (< (limit hall) 21))", "(>= (limit hall) 21)");
+        check("(not (= (limit hall) 21))", "(or (< (limit hall) 21) (> (limit hall) 21))");
+    }
+
+    #[test]
+    fn actions_make_known_what_they_change_and_find_what_they_observe() {
+        let mut compiled = domain();
+        knowledge().compile(&mut compiled);
+        let action = |name: &str| {
+            let action = compiled.actions.iter().find(|action| action.name == name);
+            action
+                .expect("an action")
+                .effect
+                .to_string()
+                .split_whitespace()
+                .collect::<Vec<_>>()
+                .join(" ")
+        };
+        assert_eq!(action("turn-off"), "(and (not (on ?l)) (not (unknown-on ?l)))");
+        assert_eq!(action("look"), "(and (found-motion ?r) (found-warmth ?r))");
+        assert_eq!(action("pass"), "(when (lit ?r) (door-open ?r))");
+        let mistakes = crate::check_domain(&compiled);
+        assert!(mistakes.is_empty(), "{mistakes:?}");
+        let again = crate::parse_domain(&compiled.to_string()).into_result().expect("PDDL");
+        assert_eq!(again, compiled);
+    }
+
+    #[test]
+    fn what_is_asked_for_is_told_in_the_authors_words() {
+        let parsed = |text| crate::parse_condition(text).into_result().expect("a condition");
+        for (asked, told) in [
+            ("(not (lit hall))", "(not (lit hall))"),
+            ("(not (motion hall))", "(not (motion hall))"),
+            ("(and (motion hall) (not (on a)))", "(and (motion hall) (not (on a)))"),
+            ("(not (>= (warmth hall) 21))", "(< (warmth hall) 21)"),
+            ("(unknown-on a)", "(or)"),
+        ] {
+            let plain = knowledge().plain(&knowledge().sure(&parsed(asked)));
+            assert_eq!(plain.to_string(), told);
+        }
+    }
+
+    #[test]
+    fn no_word_is_taken_from_the_author() {
+        let text = DOMAIN
+            .replace("(door-open ?r - room)", "(unknown-on ?l - lamp)")
+            .replace("(door-open ?r)", "(lit ?r)");
+        let text = text.replace("(:derived (lit ?r - room)", "(:derived (motion ?r - room)");
+        let domain = crate::parse_domain(&text).into_result().expect("a domain");
+        let knowledge = Knowledge::of(&domain, &[Name::new("on")].into());
+        let Some(Auxiliary::Predicate { unknown, .. }) = knowledge.symbols.get("on") else {
+            panic!("{knowledge:?}");
+        };
+        assert_eq!(unknown.as_str(), "unknown-on-2");
+    }
+}
