@@ -125,6 +125,11 @@ impl Broker {
         self.say_with(&["-r", "-t", topic, "-m", text]);
     }
 
+    /// Says what a file has, and lets it be kept.
+    pub(crate) fn retain_file(&self, topic: &str, file: &Path) {
+        self.say_with(&["-r", "-t", topic, "-f", &file.display().to_string()]);
+    }
+
     /// Says something once.
     pub(crate) fn say(&self, topic: &str, text: &str) {
         self.say_with(&["-t", topic, "-m", text]);
