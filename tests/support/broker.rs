@@ -148,7 +148,8 @@ impl Broker {
     ) -> Subscriber {
         let mut child = self
             .command("mosquitto_sub")
-            .args(["-t", topic, "-t", "$SYS/broker/uptime"])
+            // Each text is a line, also one that is empty.
+            .args(["-t", topic, "-t", "$SYS/broker/uptime", "-F", "%p"])
             .stdout(Stdio::piped())
             .spawn()
             .expect("it is installed");

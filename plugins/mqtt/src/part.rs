@@ -132,9 +132,11 @@ fn known(feature: &Feature, classes: &Classes) -> Result<Known, Unused> {
 
 /// What is told of what cannot be used.
 fn problem(unused: Vec<Unused>, is_useless: bool) -> Option<String> {
+    // What is as it should be is the reason only where there is no other.
+    let tells_usual = is_useless && unused.iter().all(|one| one.is_usual);
     let mut reasons: Vec<String> = Vec::new();
     for one in unused {
-        if (is_useless || !one.is_usual) && !reasons.contains(&one.reason) {
+        if (tells_usual || !one.is_usual) && !reasons.contains(&one.reason) {
             reasons.push(one.reason);
         }
     }
