@@ -5,9 +5,13 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 use crate::described::{
-    Availability, AvailabilityMode, Command, Described, Feature, Reading, Source, Telegram, Unused,
-    Voice,
+    Availability, AvailabilityMode, Command, Described, Feature, Source, Telegram, Unused, Voice,
 };
+
+/// Its prefixes: of what it is told, of what it answers, of what it says by itself.
+const CMND: usize = 0;
+const STAT: usize = 1;
+const TELE: usize = 2;
 
 /// Parts of a device that measure the device itself, by how their names begin.
 const CHIPS: &[&str] = &["ESP32", "ENERGY", "AXP", "MPU", "BL09", "Shelly"];
@@ -67,94 +71,114 @@ impl Discovery {
     }
 }
 
-fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described> {
-    let text = |key: &str| config.get(key).and_then(Value::as_str);
-    let (own, full) = (text("t")?, text("ft").unwrap_or("%prefix%/%topic%/"));
-    let prefix = |index: usize, otherwise: &'static str| {
-        config["tp"].get(index).and_then(Value::as_str).unwrap_or(otherwise)
-    };
-    let topic =
-        |prefix: &str, what: &str| full.replace("%prefix%", prefix).replace("%topic%", own) + what;
-    let (cmnd, stat, tele) = (prefix(0, "cmnd"), prefix(1, "stat"), prefix(2, "tele"));
-    let state = |index: usize, otherwise: &str| {
-        let said = config["state"].get(index).and_then(Value::as_str);
-        said.unwrap_or(otherwise).to_owned()
-    };
-    let relays: Vec<u64> = config["rl"]
-        .as_array()
-        .map(|relays| relays.iter().map(|relay| relay.as_u64().unwrap_or(0)).collect())
-        .unwrap_or_default();
-    let count = relays.iter().filter(|kind| **kind != 0).count();
-    let ask = Telegram::new(topic(cmnd, "STATE"), "");
-    let relay = |(index, kind): (usize, &u64)| {
+/// What a device says of its topics and its words.
+struct Config<'c> {
+    said: &'c Value,
+    /// Its own topic.
+    own: &'c str,
+}
+
+impl<'c> Config<'c> {
+    fn of(said: &'c Value) -> Option<Config<'c>> {
+        Some(Config { said, own: said["t"].as_str()? })
+    }
+
+    fn text(&self, key: &str) -> Option<&'c str> {
+        self.said[key].as_str()
+    }
+
+    /// A topic of what it is told (`cmnd`, 0), of what it answers (`stat`, 1) or says (`tele`, 2).
+    fn topic(&self, prefix: usize, what: &str) -> String {
+        let usual = ["cmnd", "stat", "tele"][prefix];
+        let prefix = self.said["tp"][prefix].as_str().unwrap_or(usual);
+        let full = self.text("ft").unwrap_or("%prefix%/%topic%/");
+        full.replace("%prefix%", prefix).replace("%topic%", self.own) + what
+    }
+
+    fn word(&self, index: usize, otherwise: &str) -> String {
+        self.said["state"][index].as_str().unwrap_or(otherwise).to_owned()
+    }
+
+    /// What each of its relays is: none, a relay, a lamp, part of a shutter.
+    fn relays(&self) -> Vec<u64> {
+        let relays = self.said["rl"].as_array().into_iter().flatten();
+        relays.map(|relay| relay.as_u64().unwrap_or(0)).collect()
+    }
+
+    fn relay(&self, index: usize, kind: u64, is_alone: bool) -> Option<Feature> {
         let class = match kind {
             1 => "switch",
             2 => "light",
             _ => return None,
         };
-        let power = if count > 1 { format!("POWER{}", index + 1) } else { "POWER".to_owned() };
-        let (on, off) = (state(1, "ON"), state(0, "OFF"));
-        let told = |what: &str| topic(stat, what);
-        let mut states = vec![
-            Source { topic: told(&power), reading: Reading::Whole },
-            Source::at(told("RESULT"), &[&power]),
-            Source::at(topic(tele, "STATE"), &[&power]),
-        ];
+        let power = if is_alone { "POWER".to_owned() } else { format!("POWER{}", index + 1) };
+        let states = |power: &str| {
+            [
+                Source::whole(self.topic(STAT, power)),
+                Source::at(self.topic(STAT, "RESULT"), &[power]),
+                Source::at(self.topic(TELE, "STATE"), &[power]),
+            ]
+        };
+        let mut said = states(&power).to_vec();
         // Where its option 26 is set, a single relay says a number, too.
-        if count == 1 {
-            states.extend([
-                Source { topic: told("POWER1"), reading: Reading::Whole },
-                Source::at(told("RESULT"), &["POWER1"]),
-                Source::at(topic(tele, "STATE"), &["POWER1"]),
-            ]);
+        if is_alone {
+            said.extend(states("POWER1"));
         }
-        let command = Telegram { topic: topic(cmnd, &power), text: String::new() };
+        let (on, off) = (self.word(1, "ON"), self.word(0, "OFF"));
+        let command = self.topic(CMND, &power);
         Some(Feature {
-            states,
+            states: said,
             yes: vec![on.clone()],
             no: vec![off.clone()],
             command: Some(Command {
-                on: Telegram { text: on, ..command.clone() },
-                off: Telegram { text: off, ..command },
+                on: Telegram::new(command.as_str(), on),
+                off: Telegram::new(command, off),
             }),
-            ask: Some(ask.clone()),
+            ask: Some(Telegram::new(self.topic(CMND, "STATE"), "")),
             ..Feature::named(class, &power.to_lowercase())
         })
-    };
-    let mut features: Vec<_> = relays.iter().enumerate().filter_map(relay).collect();
+    }
+
+    fn availability(&self) -> Availability {
+        let voice = Voice {
+            source: Source::whole(self.topic(TELE, "LWT")),
+            online: self.text("onln").unwrap_or("Online").to_owned(),
+            offline: self.text("ofln").unwrap_or("Offline").to_owned(),
+            at_first: true,
+        };
+        Availability { voices: vec![voice], mode: AvailabilityMode::Latest }
+    }
+}
+
+fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described> {
+    let config = Config::of(config)?;
+    let relays = config.relays();
+    let is_alone = relays.iter().filter(|kind| **kind != 0).count() <= 1;
+    let of = |(index, kind): (usize, &u64)| config.relay(index, *kind, is_alone);
+    let mut features: Vec<_> = relays.iter().enumerate().filter_map(of).collect();
+    let sources = [(TELE, "SENSOR"), (STAT, "STATUS10"), (STAT, "STATUS8")];
+    let sources = sources.map(|(prefix, what)| config.topic(prefix, what));
+    let ask = Telegram::new(config.topic(CMND, "STATUS"), "10");
+    features.extend(measured(&sensors["sn"], &sources, &ask));
+    for feature in &mut features {
+        feature.availability = config.availability();
+    }
     let chips = sensors["sn"].as_object().into_iter().flatten();
     let chips = chips.filter(|(chip, values)| values.is_object() && is_chip(chip));
     let mut unused: Vec<_> = chips
         .map(|(chip, _)| Unused::as_usual(format!("its `{chip}` measures the device itself")))
         .collect();
-    let shutters = relays.iter().any(|kind| *kind == 3);
-    let sources = [topic(tele, "SENSOR"), topic(stat, "STATUS10"), topic(stat, "STATUS8")];
-    let ask = Telegram::new(topic(cmnd, "STATUS"), "10");
-    features.extend(measured(&sensors["sn"], &sources, &ask));
-    let voice = Voice {
-        source: Source { topic: topic(tele, "LWT"), reading: Reading::Whole },
-        online: text("onln").unwrap_or("Online").to_owned(),
-        offline: text("ofln").unwrap_or("Offline").to_owned(),
-        at_first: true,
-    };
-    for feature in &mut features {
-        let voices = vec![voice.clone()];
-        feature.availability = Availability { voices, mode: AvailabilityMode::Latest };
-    }
-    if shutters {
+    if relays.contains(&3) {
         unused.push(Unused::because("its shutter: a blind or a curtain has no words here"));
     }
-    let problem = features.iter().flat_map(|feature| &feature.states);
-    if let Some(problem) =
-        problem.into_iter().find_map(|source| mqtt_link::topic_problem(&source.topic))
-    {
+    if let Some(problem) = mqtt_link::topic_problem(&config.topic(CMND, "STATE")) {
         features.clear();
         unused.push(Unused::because(problem));
     }
     Some(Described {
-        name: text("dn").filter(|name| !name.is_empty()).unwrap_or(own).to_owned(),
+        name: config.text("dn").filter(|name| !name.is_empty()).unwrap_or(config.own).to_owned(),
         id: address.to_owned(),
-        also: vec![own.to_owned()],
+        also: vec![config.own.to_owned()],
         area: None,
         features,
         unused,
