@@ -103,7 +103,7 @@ impl Heard {
     fn is_online(&self, mode: AvailabilityMode) -> bool {
         match mode {
             AvailabilityMode::All => self.voices.iter().all(|voice| *voice == Some(true)),
-            AvailabilityMode::Any => self.voices.iter().any(|voice| *voice == Some(true)),
+            AvailabilityMode::Any => self.voices.contains(&Some(true)),
             AvailabilityMode::Latest => self.latest == Some(true),
         }
     }
@@ -191,7 +191,7 @@ impl Hearing {
         if heard.is_online(availability.mode) {
             return None;
         }
-        let is_said = heard.voices.iter().any(|voice| *voice == Some(false));
+        let is_said = heard.voices.contains(&Some(false));
         let topic = availability.voices.first().map_or("", |voice| voice.source.topic.as_str());
         Some(match is_said {
             true => "go on: it is offline".to_owned(),

@@ -18,6 +18,8 @@ pub(super) struct Given<'g> {
 
 pub(super) type Filter = fn(&Given<'_>) -> Result<Value, Error>;
 
+pub(super) type Test = fn(&Given<'_>) -> Result<bool, Error>;
+
 /// Filters of this file; they can be called as functions, too.
 pub(super) const FILTERS: &[(&str, Filter)] = &[
     ("float", float),
@@ -58,7 +60,7 @@ pub(super) const FILTERS: &[(&str, Filter)] = &[
 ];
 
 /// Tests of this file.
-pub(super) const TESTS: &[(&str, fn(&Given<'_>) -> Result<bool, Error>)] = &[
+pub(super) const TESTS: &[(&str, Test)] = &[
     ("match", |given| matches_at(given, true)),
     ("search", |given| matches_at(given, false)),
     ("contains", is_in),
