@@ -275,3 +275,306 @@ fn hundreds_of_devices_are_here_within_seconds_in_a_few_epochs() {
     let after = office.ask_json(&["domain"])["epoch"].as_u64().expect("a number");
     assert!(after - before <= 40, "{} epochs for one burst", after - before);
 }
+
+/// What is said to topics, in the order that it comes.
+#[derive(Clone, Default)]
+struct Told(Arc<Mutex<Vec<String>>>);
+
+impl Told {
+    fn all(&self) -> Vec<String> {
+        self.0.lock().expect("nobody panics").clone()
+    }
+
+    fn listens(&self, broker: &Broker, topic: &str) -> support::broker::Subscriber {
+        let (told, to) = (self.clone(), topic.to_owned());
+        broker.device(topic, move |text| {
+            told.0.lock().expect("nobody panics").push(format!("{to} {text}"));
+        })
+    }
+
+    fn await_text(&self, text: &str) {
+        let deadline = Instant::now() + PATIENCE;
+        while !self.all().iter().any(|told| told == text) {
+            assert!(Instant::now() < deadline, "{text}: {:?}", self.all());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+/// An entity of Home Assistant's discovery in office1, of a device of this name.
+fn entity(name: &str, more: Value) -> String {
+    let device = json!({ "ids": [name], "name": name, "sa": "Office 1" });
+    let mut entity = json!({ "uniq_id": name, "dev": device });
+    if let (Value::Object(entity), Value::Object(more)) = (&mut entity, more) {
+        entity.extend(more);
+    }
+    entity.to_string()
+}
+
+#[test]
+fn values_are_what_the_device_knows() {
+    let Some(broker) = Broker::start() else { return };
+    let office = office("decentralized", &broker, "");
+    let fact = |text: &str, is_so: bool| office.await_fact(text, is_so);
+    let temperature = |more: Value| {
+        let mut config =
+            json!({ "dev_cla": "temperature", "unit_of_meas": "°C", "stat_t": "lab/n" });
+        if let (Value::Object(config), Value::Object(more)) = (&mut config, more) {
+            config.extend(more);
+        }
+        broker.retain("homeassistant/sensor/n/t/config", &entity("n1", config));
+    };
+    // A message without the key, with null, or with a word: the first keeps what is known.
+    temperature(json!({ "val_tpl": "{{ value_json.temp | float | round(1) }}" }));
+    office.await_devices(1);
+    broker.say("lab/n", r#"{"temp":21.5}"#);
+    fact("(= (temperature office1) 21.5)", true);
+    for keeps in [r#"{"battery":90}"#, r#"{"temp":"warm"}"#, r#"{"temp":null}"#, "", "garbage"] {
+        broker.say("lab/n", keeps);
+    }
+    broker.say("lab/n", r#"{"temp":21.75}"#);
+    fact("(= (temperature office1) 21.8)", true);
+    fact("(= (temperature office1) 0)", false);
+    // By a template that lets nothing through, null is the device's word that it does not know.
+    temperature(json!({ "val_tpl": "{{ value_json.temp }}" }));
+    broker.say("lab/n", r#"{"temp":22.5}"#);
+    fact("(= (temperature office1) 22.5)", true);
+    for unknown in
+        [r#"{"temp":null}"#, r#"{"temp":"unavailable"}"#, r#"{"temp":"ERR"}"#, r#"{"temp":-127}"#]
+    {
+        broker.say("lab/n", unknown);
+        fact("(= (temperature office1) 22.5)", false);
+        broker.say("lab/n", r#"{"temp":22.5}"#);
+        fact("(= (temperature office1) 22.5)", true);
+    }
+    // What is not said again expires.
+    temperature(json!({ "exp_aft": 10 }));
+    broker.say("lab/n", "23.5");
+    fact("(= (temperature office1) 23.5)", true);
+    fact("(= (temperature office1) 23.5)", false);
+    broker.say("lab/n", "24.5");
+    fact("(= (temperature office1) 24.5)", true);
+    broker.retain("homeassistant/sensor/n/t/config", "");
+    office.await_devices(0);
+
+    let motion = json!({ "dev_cla": "motion", "stat_t": "lab/m", "off_dly": 10 });
+    broker.retain("homeassistant/binary_sensor/n/m/config", &entity("pir1", motion));
+    office.await_devices(1);
+    broker.say("lab/m", "ON");
+    fact("(motion office1)", true);
+    fact("(motion office1)", false);
+    let motion = json!({ "device_class": "motion", "stat_t": "zwave/5", "payload_on": true,
+        "payload_off": false, "value_template": "{{ value_json.value }}" });
+    broker.retain("homeassistant/binary_sensor/n/m/config", &entity("pir1", motion));
+    broker.retain("zwave/5", r#"{"value":true}"#);
+    fact("(motion office1)", true);
+    broker.retain("zwave/5", r#"{"value":false}"#);
+    fact("(motion office1)", false);
+}
+
+#[test]
+fn an_entity_is_away_by_itself_and_a_bad_description_takes_nothing_away() {
+    let Some(mut broker) = Broker::start() else { return };
+    let office = office("decentralized", &broker, "");
+    let sensor = |class: &str, unit: &str, more: Value| {
+        let mut config = json!({ "uniq_id": class, "dev_cla": class, "unit_of_meas": unit,
+            "dev": { "ids": ["n"], "name": "n1", "sa": "Office 1" } });
+        if let (Value::Object(config), Value::Object(more)) = (&mut config, more) {
+            config.extend(more);
+        }
+        config.to_string()
+    };
+    let describe = |broker: &Broker| {
+        let dry = json!({ "~": "lab/", "stat_t": "~t", "avty_t": "lab/n/s" });
+        let wet = json!({ "~": "lab/h", "stat_t": "~", "avty": [{ "t": "lab/n/hs" }] });
+        broker.retain("homeassistant/sensor/n/a/config", &sensor("temperature", "°C", dry));
+        broker.retain("homeassistant/sensor/n/z/config", &sensor("humidity", "%", wet));
+        for (topic, text) in
+            [("lab/n/s", "online"), ("lab/n/hs", "offline"), ("lab/t", "21.5"), ("lab/h", "40")]
+        {
+            broker.retain(topic, text);
+        }
+    };
+    describe(&broker);
+    office.await_fact("(= (temperature office1) 21.5)", true);
+    office.await_fact("(= (humidity office1) 40)", false);
+    let (code, said) = office.ask(&["goal", "(known-temperature office1)"]);
+    assert_eq!(code, Some(0), "{said}");
+    broker.retain("lab/n/hs", "online");
+    office.await_fact("(= (humidity office1) 40)", true);
+    broker.retain("lab/n/s", "offline");
+    office.await_fact("(= (temperature office1) 21.5)", false);
+    office.await_fact("(= (humidity office1) 40)", true);
+    broker.retain("lab/n/s", "online");
+    office.await_fact("(= (temperature office1) 21.5)", true);
+
+    broker.retain("homeassistant/sensor/n/a/config", "{\"uniq_id\":");
+    let told = await_discovered(&office, "n1", |one| one["problem"] != Value::Null);
+    assert_eq!(told["joined"], true);
+    let problem = told["problem"].to_string();
+    assert!(problem.contains("homeassistant/sensor/n/a/config"), "{problem}");
+    broker.retain("lab/t", "22.5");
+    office.await_fact("(= (temperature office1) 22.5)", true);
+
+    // One bad topic keeps no other away, also after the broker was away.
+    let bad = json!({ "dev_cla": "temperature", "stat_t": "lab/#/bad" });
+    broker.retain("homeassistant/sensor/bad/t/config", &entity("bad1", bad.clone()));
+    let told = await_discovered(&office, "bad1", |one| one["joined"] == false);
+    let problem = told["problem"].to_string();
+    assert!(problem.contains("`lab/#/bad` is no topic"), "{problem}");
+    broker.kill();
+    office.await_fact("(= (temperature office1) 22.5)", false);
+    broker.restart();
+    broker.retain("homeassistant/sensor/bad/t/config", &entity("bad1", bad));
+    describe(&broker);
+    office.await_fact("(= (temperature office1) 21.5)", true);
+}
+
+#[test]
+fn a_device_is_told_what_it_said_that_it_takes() {
+    let Some(broker) = Broker::start() else { return };
+    let told = Told::default();
+    let topics = ["lab/plug/set", "lab/lamp/set", "lab/door/set"];
+    let _listening = topics.map(|topic| told.listens(&broker, topic));
+    let plug = json!({ "cmd_t": "lab/plug/set", "cmd_tpl": "{\"power\":\"{{ value|lower }}\"}" });
+    broker.retain("homeassistant/switch/plug/config", &entity("plug1", plug));
+    let lamp = json!({ "schema": "template", "cmd_t": "lab/lamp/set", "cmd_on_tpl": "on,255",
+        "cmd_off_tpl": "off", "stat_t": "lab/lamp", "stat_tpl": "{{ value.split(',')[0] }}" });
+    broker.retain("homeassistant/light/lamp/config", &entity("lamp1", lamp));
+    broker.retain("lab/lamp", "off,0");
+    let door = json!({ "cmd_t": "lab/door/set", "stat_t": "lab/door", "code_format": "^\\d{4}$" });
+    broker.retain("homeassistant/lock/door/config", &entity("door1", door));
+    let office = office("decentralized", &broker, "");
+    office.await_devices(2);
+    let door = await_discovered(&office, "door1", |one| one["joined"] == false);
+    let problem = door["problem"].to_string();
+    assert!(problem.contains("it wants a code"), "{problem}");
+    let (code, said) = office.ask(&["goal", "(powered office1)"]);
+    assert_eq!(code, Some(0), "{said}");
+    told.await_text(r#"lab/plug/set {"power":"on"}"#);
+    // Nothing says that the lamp is on, so that the goal is not reached.
+    let (_, said) = office.ask(&["act", "(turn-on-lamp lamp1 office1)"]);
+    told.await_text("lab/lamp/set on,255");
+    assert!(said.contains("hear from `lab/lamp` that it has done so"), "{said}");
+    let all = told.all();
+    assert!(all.iter().all(|told| !told.ends_with(" ON") && !told.contains("door")), "{all:?}");
+}
+
+#[test]
+fn states_are_asked_for_and_devices_are_told_to_describe_themselves() {
+    let Some(mut broker) = Broker::start() else { return };
+    let told = Told::default();
+    let listen = |broker: &Broker| {
+        [
+            told.listens(broker, "homeassistant/status"),
+            told.listens(broker, "zigbee2mqtt/office1 plug/get"),
+            told.listens(broker, "cmnd/box/STATE"),
+            told.listens(broker, "cmnd/box/STATUS"),
+        ]
+    };
+    let _listening = listen(&broker);
+    let plug = json!({ "ieee_address": "0x2", "friendly_name": "office1 plug", "definition": {
+        "exposes": [{ "type": "switch", "features": [{ "type": "binary", "name": "state",
+            "property": "state", "access": 7, "value_on": "ON", "value_off": "OFF" }] }] } });
+    let describe = |broker: &Broker| {
+        tell(broker, std::slice::from_ref(&plug));
+        broker.retain(
+            "tasmota/discovery/B1/config",
+            r#"{"dn":"office2 box","t":"box","ft":"%prefix%/%topic%/","tp":["cmnd","stat","tele"],
+                "state":["OFF","ON"],"rl":[1],"ofln":"Offline","onln":"Online"}"#,
+        );
+        broker.retain(
+            "tasmota/discovery/B1/sensors",
+            r#"{"sn":{"ESP32":{"Temperature":53.3},"SI7021":{"Temperature":1,"Humidity":1},"TempUnit":"C"}}"#,
+        );
+    };
+    describe(&broker);
+    let office = office("decentralized", &broker, "");
+    told.await_text("homeassistant/status online");
+    told.await_text(r#"zigbee2mqtt/office1 plug/get {"state":""}"#);
+    told.await_text("cmnd/box/STATE ");
+    told.await_text("cmnd/box/STATUS 10");
+    broker.say("zigbee2mqtt/office1 plug", r#"{"state":"ON"}"#);
+    office.await_fact("(powered office1)", true);
+    broker.say("stat/box/RESULT", r#"{"POWER":"ON"}"#);
+    office.await_fact("(powered office2)", true);
+    let status = r#"{"StatusSNS":{"ESP32":{"Temperature":53.3},"SI7021":{"Temperature":21.5,"Humidity":40}}}"#;
+    broker.say("stat/box/STATUS10", status);
+    office.await_fact("(= (temperature office2) 21.5)", true);
+
+    // What a switch said before the broker was away is not known any more: it is asked again.
+    broker.kill();
+    office.await_fact("(powered office1)", false);
+    told.0.lock().expect("nobody panics").clear();
+    broker.restart();
+    let _listening = listen(&broker);
+    describe(&broker);
+    told.await_text(r#"zigbee2mqtt/office1 plug/get {"state":""}"#);
+    office.await_fact("(powered office1)", false);
+    broker.say("zigbee2mqtt/office1 plug", r#"{"state":"ON"}"#);
+    office.await_fact("(powered office1)", true);
+}
+
+#[test]
+fn who_is_who_and_where() {
+    let Some(broker) = Broker::start() else { return };
+    let office = office("decentralized", &broker, "");
+    let lux = json!([
+        { "type": "numeric", "name": "illuminance", "property": "illuminance", "access": 1 },
+        { "type": "numeric", "name": "illuminance_lux", "property": "illuminance_lux", "unit": "lx",
+          "access": 1 },
+    ]);
+    let valve = json!([{ "type": "climate", "features": [{ "type": "numeric", "unit": "°C",
+        "name": "local_temperature", "property": "local_temperature", "access": 5 }] }]);
+    let zigbee = |name: &str, id: &str, exposes: &Value| json!({ "ieee_address": id, "friendly_name": name, "definition": { "exposes": exposes } });
+    tell(
+        &broker,
+        &[
+            thermometer("Office 10 sensor", "0xa1", "°C"),
+            zigbee("office1/pir", "0xa2", &lux),
+            zigbee("office2 valve", "0xa3", &valve),
+        ],
+    );
+    broker.retain("zigbee2mqtt/office1/pir", r#"{"illuminance":21000,"illuminance_lux":126}"#);
+    broker.retain("zigbee2mqtt/office2 valve", r#"{"local_temperature":19.5}"#);
+    office.await_fact("(= (light office1) 126)", true);
+    office.await_fact("(= (temperature office2) 19.5)", true);
+    let nowhere = await_discovered(&office, "office-10-sensor", |one| one["joined"] == false);
+    assert_eq!(nowhere["problem"], "nobody says in which room it stands");
+    tell(&broker, &[]);
+
+    // Two of one name, one known by its connections only, one in an area that is no room.
+    let sensor = |device: Value, class: &str, topic: &str| {
+        json!({ "uniq_id": topic, "dev_cla": class, "stat_t": topic, "dev": device }).to_string()
+    };
+    let two = |id: &str, area: &str| json!({ "ids": [id], "name": "Thermometer", "sa": area });
+    let publish = |object: &str, text: String| {
+        broker.retain(&format!("homeassistant/sensor/{object}/config"), &text);
+    };
+    publish("a1", sensor(two("ble-aa01", "Office 1"), "temperature", "x/1"));
+    publish("a2", sensor(two("ble-aa02", "Office 2"), "temperature", "x/2"));
+    let mac = json!([["mac", "02:00:00:00:00:11"]]);
+    publish("b1", sensor(json!({ "cns": mac }), "temperature", "x/3"));
+    let named = json!({ "cns": mac, "name": "Hall", "sa": "Conf room" });
+    publish("b2", sensor(named, "humidity", "x/4"));
+    publish(
+        "c1",
+        sensor(json!({ "ids": 7, "name": "office1 far", "sa": "Garden" }), "temperature", "x/5"),
+    );
+    for (topic, text) in [("x/1", "20"), ("x/2", "21"), ("x/3", "22"), ("x/4", "50")] {
+        broker.retain(topic, text);
+    }
+    for fact in [
+        "(= (temperature office1) 20)",
+        "(= (temperature office2) 21)",
+        "(= (temperature conf-room) 22)",
+        "(= (humidity conf-room) 50)",
+    ] {
+        office.await_fact(fact, true);
+    }
+    let far = await_discovered(&office, "office1-far", |one| one["joined"] == false);
+    assert_eq!(far["problem"], "it says that it stands in `Garden`, which is no room here");
+    for name in ["thermometer-leaa01", "thermometer-leaa02", "hall"] {
+        await_discovered(&office, name, |one| one["joined"] == true);
+    }
+}

@@ -125,6 +125,11 @@ impl Broker {
         self.say_with(&["-r", "-t", topic, "-m", text]);
     }
 
+    /// Says what a file has, and lets it be kept.
+    pub(crate) fn retain_file(&self, topic: &str, file: &Path) {
+        self.say_with(&["-r", "-t", topic, "-f", &file.display().to_string()]);
+    }
+
     /// Says something once.
     pub(crate) fn say(&self, topic: &str, text: &str) {
         self.say_with(&["-t", topic, "-m", text]);
@@ -143,7 +148,8 @@ impl Broker {
     ) -> Subscriber {
         let mut child = self
             .command("mosquitto_sub")
-            .args(["-t", topic, "-t", "$SYS/broker/uptime"])
+            // Each text is a line, also one that is empty.
+            .args(["-t", topic, "-t", "$SYS/broker/uptime", "-F", "%p"])
             .stdout(Stdio::piped())
             .spawn()
             .expect("it is installed");

@@ -82,7 +82,7 @@ impl Client {
         let switchboard = Switchboard::new(ecosystem, daemon, Settings::default());
         switchboard.connect(config.open(Arc::<Switchboard>::clone(&switchboard)).await?);
         let broker = mqtt_link::Broker::new(Some(broker), None, None, None)?;
-        let device = Connection::to(&broker);
+        let device = Connection::to(&broker, "bench");
         let mut trouble = device.trouble();
         tokio::time::timeout(PATIENCE, trouble.wait_for(Option::is_none)).await??;
         Ok(Client { switchboard, device })
@@ -137,7 +137,7 @@ impl Client {
     }
 
     fn say(&self, topic: &str, text: &str) -> Outcome<()> {
-        if self.device.say(topic, text) { Ok(()) } else { Err("the broker is gone".into()) }
+        Ok(self.device.say(topic, text)?)
     }
 
     fn announce(&self, devices: usize) -> Outcome<()> {

@@ -32,6 +32,10 @@ pub(crate) struct Reading {
     pub(crate) file: PathBuf,
     pub(crate) offset: Option<PathBuf>,
     pub(crate) scale: Option<PathBuf>,
+    /// Says 1 where the value is none: its sensor is not there, or its wire is broken.
+    pub(crate) fault: Option<PathBuf>,
+    /// Values in the file that a chip says for “no value”, from the first to the second.
+    pub(crate) no_values: &'static [(f64, f64)],
     /// What is said by who has just been powered up, and has measured nothing yet.
     pub(crate) at_power_up: Option<f64>,
     pub(crate) factor: f64,
@@ -57,6 +61,20 @@ pub enum ReadError {
         /// Its text, or how it begins.
         text: String,
     },
+    /// The device says that its value is none.
+    #[error("read `{device}`: it reports a fault of its sensor")]
+    Fault {
+        /// The device.
+        device: Identity,
+    },
+    /// The device says a number that stands for “no value”, or that cannot be.
+    #[error("believe `{device}`, which says {value}: no sensor measures that")]
+    Impossible {
+        /// The device.
+        device: Identity,
+        /// What it says, in its quantity's unit.
+        value: f64,
+    },
     /// The device has been powered up a moment ago.
     #[error("believe `{device}`, which has just been powered up")]
     PoweredUp {
@@ -76,14 +94,25 @@ impl Channel {
     ///
     /// If the device is gone or did not answer, which some do not one time in five.
     pub fn read(&self) -> Result<f64, ReadError> {
-        let Reading { file, offset, scale, at_power_up, factor } = &self.reading;
+        let Reading { file, offset, scale, fault, no_values, at_power_up, factor } = &self.reading;
         let value = number(file)?;
+        // Looked at after the value: what broke meanwhile is broken.
+        if let Some(fault) = fault.as_deref().filter(|fault| fault.exists())
+            && number(fault)? != 0.0
+        {
+            return Err(ReadError::Fault { device: self.device.clone() });
+        }
         if at_power_up.is_some_and(|marker| marker == value) {
             return Err(ReadError::PoweredUp { device: self.device.clone() });
         }
+        let is_none = no_values.iter().any(|(from, to)| (*from..=*to).contains(&value));
         let offset = offset.as_deref().map_or(Ok(0.0), number)?;
         let scale = scale.as_deref().map_or(Ok(1.0), number)?;
-        Ok((value + offset) * scale * factor)
+        let value = (value + offset) * scale * factor;
+        if is_none || !self.quantity.can_be(value) {
+            return Err(ReadError::Impossible { device: self.device.clone(), value });
+        }
+        Ok(value)
     }
 
     /// Whether its file is there, which it is as long as the device is.

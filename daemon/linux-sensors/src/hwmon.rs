@@ -11,6 +11,9 @@ use crate::{Sysfs, file_name, line, list};
 /// Both are said in thousandths.
 const FACTOR: f64 = 1e-3;
 
+/// What chips of degrees say of a sensor that does not answer: all bits are ones, or only the first is.
+pub(crate) const NO_DEGREES: &[(f64, f64)] = &[(-1e9, -127_000.0), (127_000.0, 128_000.0)];
+
 /// How the names of chips begin that people put into rooms. All others measure processors, disks
 /// and boards.
 const AMBIENT: &[&str] = &[
@@ -51,8 +54,19 @@ fn channel(device: &Identity, file: &Path) -> Option<Channel> {
         _ => return None,
     };
     let is_ambient = AMBIENT.iter().any(|chip| device.name.starts_with(chip));
-    let (offset, scale, at_power_up) = (None, None, None);
-    let reading = Reading { file: file.to_owned(), offset, scale, at_power_up, factor: FACTOR };
+    let no_values = match quantity {
+        Quantity::Temperature => NO_DEGREES,
+        _ => &[],
+    };
+    let reading = Reading {
+        file: file.to_owned(),
+        offset: None,
+        scale: None,
+        fault: Some(file.with_file_name(format!("{name}_fault"))),
+        no_values,
+        at_power_up: None,
+        factor: FACTOR,
+    };
     let (device, name) = (device.clone(), name.to_owned());
     Some(Channel { device, name, quantity, is_ambient, reading })
 }

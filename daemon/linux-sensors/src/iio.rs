@@ -17,6 +17,9 @@ const KINDS: &[(&str, Quantity, f64)] = &[
     ("distance", Quantity::Distance, 1.0),
 ];
 
+/// What is no value of its own: the highest and the lowest since the start, and means of several.
+const DERIVED: &[&str] = &["_peak", "_trough", "_mean"];
+
 /// What is measured through Industrial I/O.
 pub(crate) fn channels(sysfs: &Sysfs) -> Vec<Channel> {
     let mut channels = Vec::new();
@@ -43,6 +46,9 @@ fn channel(device: &Identity, file: &Path) -> Option<Channel> {
         Some(name) => (name, false),
         None => (name.strip_suffix("_raw")?, true),
     };
+    if DERIVED.iter().any(|derived| name.ends_with(derived)) {
+        return None;
+    }
     let is_of = |kind: &str| {
         let rest =
             name.strip_prefix(kind)?.trim_start_matches(|digit: char| digit.is_ascii_digit());
@@ -59,7 +65,8 @@ fn channel(device: &Identity, file: &Path) -> Option<Channel> {
     };
     let (offset, scale) = (beside("offset"), beside("scale"));
     let file = file.to_owned();
-    let reading = Reading { file, offset, scale, at_power_up: None, factor: *factor };
+    let (fault, no_values, at_power_up, factor) = (None, &[][..], None, *factor);
+    let reading = Reading { file, offset, scale, fault, no_values, at_power_up, factor };
     let (device, name) = (device.clone(), name.to_owned());
     Some(Channel { device, name, quantity: *quantity, is_ambient: true, reading })
 }

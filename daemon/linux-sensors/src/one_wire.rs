@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::channel::{Channel, Reading};
+use crate::hwmon::NO_DEGREES;
 use crate::identity::Identity;
 use crate::quantity::Quantity;
 use crate::{Sysfs, file_name};
@@ -32,8 +33,15 @@ fn channel(folder: &Path) -> Option<Channel> {
     }
     // Its serial is its own, wherever it hangs.
     let device = Identity { name: (*called).to_owned(), place: format!("{family}-{serial}") };
-    let reading =
-        Reading { file, offset: None, scale: None, at_power_up: Some(AT_POWER_UP), factor: FACTOR };
+    let reading = Reading {
+        file,
+        offset: None,
+        scale: None,
+        fault: None,
+        no_values: NO_DEGREES,
+        at_power_up: Some(AT_POWER_UP),
+        factor: FACTOR,
+    };
     let (name, quantity) = ("temperature".to_owned(), Quantity::Temperature);
     Some(Channel { device, name, quantity, is_ambient: true, reading })
 }

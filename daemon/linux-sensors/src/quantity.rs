@@ -47,6 +47,16 @@ impl Quantity {
         Quantity::ALL.into_iter().find(|quantity| quantity.name() == name)
     }
 
+    /// Whether there can be such a value, in its unit.
+    pub(crate) fn can_be(self, value: f64) -> bool {
+        match self {
+            Quantity::Temperature => value >= -273.15,
+            // Chips measure a little above a hundred.
+            Quantity::Humidity => (-1.0..=110.0).contains(&value),
+            Quantity::Co2 | Quantity::Light | Quantity::Distance => value >= 0.0,
+        }
+    }
+
     /// The symbol of its unit: SenML's (RFC 8428 and RFC 8798, and IANA's registry of them).
     pub fn unit(self) -> &'static str {
         match self {

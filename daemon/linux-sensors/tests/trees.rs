@@ -176,3 +176,78 @@ fn what_vanishes_or_says_rubbish_fails_and_no_more() {
     assert!(find().is_err());
     assert!(Sysfs::new(Path::new("/nowhere")).channels().is_empty());
 }
+
+#[test]
+fn what_a_kernel_calls_no_value_is_none() {
+    for (tree, expected) in [
+        (
+            "class/hwmon/hwmon0 -> ../../devices/i2c-1/1-0048/hwmon/hwmon0
+             devices/i2c-1/1-0048/hwmon/hwmon0/device -> ../..
+             devices/i2c-1/1-0048/name: lm75
+             devices/i2c-1/1-0048/hwmon/hwmon0/temp1_input: 21500
+             devices/i2c-1/1-0048/hwmon/hwmon0/temp1_fault: 1",
+            "read `lm75@i2c-1/1-0048`: it reports a fault of its sensor",
+        ),
+        (
+            "class/hwmon/hwmon0 -> ../../devices/i2c-1/1-0048/hwmon/hwmon0
+             devices/i2c-1/1-0048/hwmon/hwmon0/device -> ../..
+             devices/i2c-1/1-0048/name: lm75
+             devices/i2c-1/1-0048/hwmon/hwmon0/temp1_fault: 0
+             devices/i2c-1/1-0048/hwmon/hwmon0/temp1_input: -128000",
+            "believe `lm75@i2c-1/1-0048`, which says -128: no sensor measures that",
+        ),
+        (
+            "class/hwmon/hwmon0 -> ../../devices/i2c-1/1-0048/hwmon/hwmon0
+             devices/i2c-1/1-0048/hwmon/hwmon0/device -> ../..
+             devices/i2c-1/1-0048/name: lm75
+             devices/i2c-1/1-0048/hwmon/hwmon0/temp1_input: 127937",
+            "believe `lm75@i2c-1/1-0048`, which says 127.937: no sensor measures that",
+        ),
+        (
+            "bus/w1/devices/28-0316a2791234 -> ../../../devices/w1_bus_master1/28-0316a2791234
+             devices/w1_bus_master1/28-0316a2791234/temperature: 85000",
+            "believe `ds18b20@28-0316a2791234`, which has just been powered up",
+        ),
+        (
+            "bus/w1/devices/28-0316a2791234 -> ../../../devices/w1_bus_master1/28-0316a2791234
+             devices/w1_bus_master1/28-0316a2791234/temperature: -127000",
+            "believe `ds18b20@28-0316a2791234`, which says -127: no sensor measures that",
+        ),
+        (
+            "bus/iio/devices/iio:device0 -> ../../../devices/i2c-1/1-0076/iio:device0
+             devices/i2c-1/1-0076/name: bme280
+             devices/i2c-1/1-0076/iio:device0/in_humidityrelative_input: 655350",
+            "believe `bme280@i2c-1/1-0076`, which says 655.35: no sensor measures that",
+        ),
+    ] {
+        let (_folder, sysfs) = lay(tree);
+        let channels = sysfs.channels();
+        let [channel] = &channels[..] else { panic!("{channels:?}") };
+        let problem = channel.read().expect_err(tree).to_string();
+        assert_eq!(problem, expected);
+    }
+}
+
+#[test]
+fn the_highest_and_the_lowest_since_the_start_are_not_measured() {
+    let (_folder, sysfs) =
+        lay("bus/iio/devices/iio:device0 -> ../../../devices/i2c-1/1-0044/iio:device0
+         devices/i2c-1/1-0044/name: hdc3020
+         devices/i2c-1/1-0044/iio:device0/in_temp_raw: 24000
+         devices/i2c-1/1-0044/iio:device0/in_temp_scale: 2.5
+         devices/i2c-1/1-0044/iio:device0/in_temp_offset: -15000
+         devices/i2c-1/1-0044/iio:device0/in_temp_peak_raw: 30000
+         devices/i2c-1/1-0044/iio:device0/in_temp_trough_raw: 18000
+         devices/i2c-1/1-0044/iio:device0/in_humidityrelative_raw: 20000
+         devices/i2c-1/1-0044/iio:device0/in_humidityrelative_scale: 2
+         devices/i2c-1/1-0044/iio:device0/in_humidityrelative_peak_raw: 30000");
+    assert_eq!(
+        said(&sysfs),
+        [
+            "hdc3020@i2c-1/1-0044 humidityrelative humidity 40.000",
+            "hdc3020@i2c-1/1-0044 temp temperature 22.500",
+        ]
+    );
+    let found = sysfs.find("hdc3020@i2c-1/1-0044", Quantity::Temperature, None);
+    assert!(found.is_ok(), "it has one temperature: {found:?}");
+}

@@ -47,7 +47,7 @@ fn trouble(
     let name = format!("mqtts://localhost:{}", broker.port());
     let (password, ca) = (Some(broker.file(password)), Some(broker.file(ca)));
     let broker = mqtt_link::Broker::new(Some(&name), Some("gateway".to_owned()), password, ca);
-    let connection = Connection::to(&broker.expect("it is right"));
+    let connection = Connection::to(&broker.expect("it is right"), "test");
     (connection.trouble(), connection)
 }
 

@@ -130,7 +130,6 @@ impl Class {
 /// What makes a value in one unit one in another: a factor, and what is added then; `None` where the
 /// one has nothing to do with the other.
 pub(crate) fn conversion(from: &str, to: &str) -> Option<(f64, f64)> {
-    let plain = |unit: &str| unit.trim().trim_start_matches(['°', 'º']).to_ascii_lowercase();
     match (plain(from).as_str(), plain(to).as_str()) {
         (one, other) if one == other => Some((1.0, 0.0)),
         // Nothing said is the usual.
@@ -138,9 +137,39 @@ pub(crate) fn conversion(from: &str, to: &str) -> Option<(f64, f64)> {
         ("f", "c") => Some((5.0 / 9.0, -160.0 / 9.0)),
         ("k", "c") => Some((1.0, -273.15)),
         ("c", "f") => Some((1.8, 32.0)),
-        ("lux", "lx") | ("%rh", "%") | ("cel", "c") => Some((1.0, 0.0)),
+        ("klx", "lx") => Some((1_000.0, 0.0)),
         ("ppb", "ppm") => Some((0.001, 0.0)),
         _ => None,
+    }
+}
+
+/// A unit in one way of writing it.
+fn plain(unit: &str) -> String {
+    let unit = unit.trim().trim_start_matches(['°', 'º']).trim().to_lowercase();
+    match unit.as_str() {
+        "℃" | "degc" | "cel" | "celsius" => "c",
+        "℉" | "degf" | "fahrenheit" => "f",
+        "kelvin" => "k",
+        "lux" => "lx",
+        "%rh" | "% rh" | "rh%" => "%",
+        other => other,
+    }
+    .to_owned()
+}
+
+/// Whether a value can be, in its unit: chips say numbers of their own for “no value”.
+pub(crate) fn is_possible(value: f64, unit: &str) -> bool {
+    if !value.is_finite() {
+        return false;
+    }
+    match plain(unit).as_str() {
+        // -127 and -128 are what thermometers say that were not reached.
+        "c" => value > -127.0,
+        "f" => value > -196.0,
+        "k" | "lx" | "ppm" | "ppb" | "lm" => value >= 0.0,
+        // Chips measure a little above a hundred; 255 and 655.35 are no values.
+        "%" => (0.0..=110.0).contains(&value),
+        _ => true,
     }
 }
 
@@ -173,6 +202,23 @@ mod tests {
     }
 
     #[test]
+    fn values_that_cannot_be_are_none() {
+        for (value, unit, expected) in [
+            (21.5, "°C", true),
+            (-40.0, "°C", true),
+            (-127.0, "°C", false),
+            (-327.68, "°C", false),
+            (f64::NAN, "°C", false),
+            (100.4, "%", true),
+            (655.35, "%", false),
+            (-1.0, "ppm", false),
+            (-1.0, "hPa", true),
+        ] {
+            assert_eq!(is_possible(value, unit), expected, "{value} {unit}");
+        }
+    }
+
+    #[test]
     fn units_are_made_ours() {
         for (from, to, value, expected) in [
             ("°F", "°C", 68.0, Some(20.0)),
@@ -180,6 +226,9 @@ mod tests {
             ("lux", "lx", 12.0, Some(12.0)),
             ("", "ppm", 400.0, Some(400.0)),
             ("hPa", "°C", 1.0, None),
+            ("℃", "°C", 20.0, Some(20.0)),
+            ("klx", "lx", 1.5, Some(1500.0)),
+            ("% RH", "%", 40.0, Some(40.0)),
         ] {
             let converted = conversion(from, to).map(|(factor, more)| value * factor + more);
             let is_it = match (converted, expected) {

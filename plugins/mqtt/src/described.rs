@@ -1,5 +1,9 @@
 //! A device as it describes itself, whatever it speaks.
 
+use std::time::Duration;
+
+use crate::template::Template;
+
 /// A device.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Described {
@@ -7,17 +11,25 @@ pub(crate) struct Described {
     pub(crate) name: String,
     /// What it never changes: an address, an identifier.
     pub(crate) id: String,
+    /// Its other identifiers.
+    pub(crate) also: Vec<String>,
     /// Where it stands, as far as it says.
     pub(crate) area: Option<String>,
     /// What it measures and switches.
     pub(crate) features: Vec<Feature>,
-    /// Where it is said whether it is online; nothing said is online.
-    pub(crate) availability: Vec<Availability>,
-    /// Whether one of those is enough.
-    pub(crate) any_is_enough: bool,
+    /// What of it cannot be used.
+    pub(crate) unused: Vec<Unused>,
 }
 
-/// Something that it measures or switches.
+/// Something of a device that cannot be used, and why.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Unused {
+    pub(crate) reason: String,
+    /// Whether that is as it should be, so that it is told only of devices of which nothing is used.
+    pub(crate) is_usual: bool,
+}
+
+/// Something that a device measures or switches.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Feature {
     /// What it calls it: a device class.
@@ -25,14 +37,25 @@ pub(crate) struct Feature {
     /// What tells it from others of its class.
     pub(crate) label: String,
     /// Where it says how it is; what has none is believed to be as it was told.
-    pub(crate) state: Option<Source>,
+    pub(crate) states: Vec<Source>,
     /// In which unit.
     pub(crate) unit: String,
-    /// What it says for yes and no.
-    pub(crate) yes: String,
-    pub(crate) no: String,
+    /// The words that it says for yes, for no, and for what it does not know.
+    pub(crate) yes: Vec<String>,
+    pub(crate) no: Vec<String>,
+    pub(crate) neither: Vec<String>,
     /// How it is switched.
     pub(crate) command: Option<Command>,
+    /// Where it is said whether it is online.
+    pub(crate) availability: Availability,
+    /// How long a value holds after it was said.
+    pub(crate) expires: Option<Duration>,
+    /// How long a yes holds after it was said; then it is no.
+    pub(crate) off_delay: Option<Duration>,
+    /// How it is asked how it is.
+    pub(crate) ask: Option<Telegram>,
+    /// Of several features of one class, that with the lowest speaks for the device.
+    pub(crate) rank: u8,
 }
 
 /// Where something is said, and how it is read there.
@@ -50,71 +73,96 @@ pub(crate) enum Reading {
     /// It stands in a JSON object, by these keys.
     At(Vec<String>),
     /// By a template of Jinja's, as Home Assistant has them.
-    Template(String),
+    Template(Template),
+}
+
+/// A text for a topic.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Telegram {
+    pub(crate) topic: String,
+    pub(crate) text: String,
 }
 
 /// How something is switched.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Command {
-    pub(crate) topic: String,
-    pub(crate) on: String,
-    pub(crate) off: String,
+    pub(crate) on: Telegram,
+    pub(crate) off: Telegram,
 }
 
-/// Where it is said whether a device is online.
-#[derive(Clone, Debug, PartialEq)]
+/// Where it is said whether something is online.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Availability {
+    pub(crate) voices: Vec<Voice>,
+    pub(crate) mode: AvailabilityMode,
+}
+
+/// One topic of availability.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Voice {
     pub(crate) source: Source,
+    pub(crate) online: String,
     pub(crate) offline: String,
+    /// Whether it is online before anything is said.
+    pub(crate) at_first: bool,
 }
 
-/// A name that agents can have: `Living Room / Lamp 1` is `living-room-lamp-1`.
-pub(crate) fn name_of(text: &str) -> String {
-    let mut name = String::new();
-    for c in text.chars().flat_map(char::to_lowercase) {
-        match c {
-            'ä' => name.push_str("ae"),
-            'ö' => name.push_str("oe"),
-            'ü' => name.push_str("ue"),
-            'ß' => name.push_str("ss"),
-            c if c.is_ascii_alphanumeric() => name.push(c),
-            _ if name.is_empty() || name.ends_with('-') => (),
-            _ => name.push('-'),
+/// What several topics of availability mean together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum AvailabilityMode {
+    All,
+    Any,
+    /// The last word on any of them counts.
+    #[default]
+    Latest,
+}
+
+impl Feature {
+    /// One of which only the class and the label are known.
+    pub(crate) fn named(class: &str, label: &str) -> Feature {
+        Feature {
+            class: class.to_owned(),
+            label: label.to_owned(),
+            states: Vec::new(),
+            unit: String::new(),
+            yes: Vec::new(),
+            no: Vec::new(),
+            neither: Vec::new(),
+            command: None,
+            availability: Availability::default(),
+            expires: None,
+            off_delay: None,
+            ask: None,
+            rank: 0,
         }
     }
-    name.truncate(48);
-    let name = name.trim_end_matches('-');
-    match name.chars().next() {
-        Some(first) if first.is_ascii_lowercase() => name.to_owned(),
-        Some(_) => format!("device-{name}"),
-        None => "device".to_owned(),
+}
+
+impl Unused {
+    pub(crate) fn because(reason: impl Into<String>) -> Unused {
+        Unused { reason: reason.into(), is_usual: false }
+    }
+
+    pub(crate) fn as_usual(reason: impl Into<String>) -> Unused {
+        Unused { reason: reason.into(), is_usual: true }
     }
 }
 
-/// What of a text is left for comparing names of rooms: `Office 1` and `office1` are one.
-pub(crate) fn core(text: &str) -> String {
-    name_of(text).chars().filter(|c| *c != '-').collect()
+impl Telegram {
+    pub(crate) fn new(topic: impl Into<String>, text: impl Into<String>) -> Telegram {
+        Telegram { topic: topic.into(), text: text.into() }
+    }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+impl Source {
+    /// All of what is said under a topic.
+    pub(crate) fn whole(topic: impl Into<String>) -> Source {
+        Source { topic: topic.into(), reading: Reading::Whole }
+    }
 
-    #[test]
-    fn any_text_gives_a_name() {
-        for (text, expected) in [
-            ("Living Room / Lamp 1", "living-room-lamp-1"),
-            ("0x00158d0001a2b3c4", "device-0x00158d0001a2b3c4"),
-            ("Küche", "kueche"),
-            ("///", "device"),
-            ("", "device"),
-            ("温度計", "device"),
-        ] {
-            let name = name_of(text);
-            assert_eq!(name, expected);
-            assert!(acl::AgentId::new(&name).is_ok());
-        }
-        assert!(acl::AgentId::new(&name_of(&"x ".repeat(200))).is_ok());
-        assert_eq!(core("Office 1"), core("office1"));
+    /// What stands by these keys in what is said under a topic.
+    pub(crate) fn at(topic: impl Into<String>, keys: &[&str]) -> Source {
+        let keys = keys.iter().map(|key| (*key).to_owned()).collect();
+        Source { topic: topic.into(), reading: Reading::At(keys) }
     }
 }

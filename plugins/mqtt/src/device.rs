@@ -1,11 +1,10 @@
 //! One agent of a device: what it says is known at once, its availability is its presence, what it is
 //! told it does.
+//!
+//! `heard` is what it has said so far, feature by feature.
 
 use std::collections::BTreeMap;
-use std::future::poll_fn;
-use std::pin::Pin;
 use std::sync::Arc;
-use std::task::Poll;
 use std::time::Duration;
 
 use acl::Deadline;
@@ -13,14 +12,14 @@ use acl::content::Method;
 use actuator::{
     BoxFuture, Call, Description, Device, Failure, OwnFact, Performed, Stir, facts_of, model_of,
 };
-use mqtt_link::{Connection, Said};
+use mqtt_link::Connection;
 use pddl::Domain;
-use tokio::sync::watch;
 use tokio::time::Instant;
 
-use crate::class::Kind;
-use crate::described::Availability;
+use crate::class::{Kind, is_possible};
+use crate::heard::{Hearing, Standing};
 use crate::part::{Known, Part};
+use crate::reading::Found;
 
 /// How long a method may take.
 const METHOD: Duration = Duration::from_secs(5);
@@ -36,18 +35,7 @@ const FIRST: Duration = Duration::from_millis(200);
 pub(crate) struct MqttDevice {
     part: Part,
     ontology: Arc<Domain>,
-    link: Link,
-}
-
-/// What it hears.
-#[derive(Clone)]
-struct Link {
-    connection: Arc<Connection>,
-    trouble: watch::Receiver<Option<String>>,
-    /// One for each feature that says how it is.
-    states: Vec<Option<watch::Receiver<Said>>>,
-    availability: Vec<(Availability, watch::Receiver<Said>)>,
-    any_is_enough: bool,
+    hearing: Hearing,
 }
 
 /// What a feature was found to be.
@@ -57,9 +45,17 @@ pub(crate) struct Measured {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Value {
+pub(crate) enum Value {
     Number(f64),
     Yes(bool),
+}
+
+/// What one text says of a feature.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Word {
+    Is(Value),
+    /// The device does not know, or says what cannot be.
+    NotKnown(String),
 }
 
 impl MqttDevice {
@@ -68,41 +64,31 @@ impl MqttDevice {
         ontology: Arc<Domain>,
         connection: &Arc<Connection>,
     ) -> MqttDevice {
-        let state = |known: &Known| {
-            known.feature.state.as_ref().map(|source| connection.listen(&source.topic))
-        };
-        let heard = |one: &Availability| (one.clone(), connection.listen(&one.source.topic));
-        let link = Link {
-            trouble: connection.trouble(),
-            states: part.features.iter().map(state).collect(),
-            availability: part.availability.iter().map(heard).collect(),
-            any_is_enough: part.any_is_enough,
-            connection: Arc::clone(connection),
-        };
-        MqttDevice { part, ontology, link }
+        let hearing = Hearing::of(&part.features, connection);
+        MqttDevice { part, ontology, hearing }
     }
 
-    /// What a feature says now, and since when.
-    fn value(&self, feature: usize) -> Option<(Value, Instant)> {
-        let known = self.part.features.get(feature)?;
-        let said = self.link.states.get(feature)?.as_ref()?.borrow();
-        said.words.iter().find_map(|word| Some((known.read(&word.text)?, word.at)))
+    /// What is known of a feature now: of a switch that it is on, that it is off, or neither.
+    fn standing(&self, feature: usize) -> Standing {
+        self.hearing.standing(feature, Instant::now())
     }
 
     fn known(&self, feature: usize) -> Vec<OwnFact> {
-        let (Some(known), Some((value, at))) =
-            (self.part.features.get(feature), self.value(feature))
-        else {
-            return Vec::new();
+        let Some(known) = self.part.features.get(feature) else { return Vec::new() };
+        let (value, at) = match self.standing(feature) {
+            Standing::Is(value, at) => (value, at),
+            // A fact that is not known, and one that is known not to be so, are both not said.
+            Standing::NotKnown(_) | Standing::Away(_) => return Vec::new(),
         };
-        let left = self.part.valid_for.map(|valid_for| valid_for.saturating_sub(at.elapsed()));
+        let is_switch = matches!(known.class.kind(), Some(Kind::Switch { .. }));
+        let validity = [self.part.valid_for.filter(|_| !is_switch), known.feature.expires];
+        let validity = validity.into_iter().flatten().min();
+        let left = validity.map(|valid_for| valid_for.saturating_sub(at.elapsed()));
         if left.is_some_and(|left| left.is_zero()) {
             return Vec::new();
         }
         let facts = facts_of(&known.facts(&self.part.room, value));
-        let measures = !matches!(known.class.kind(), Some(Kind::Switch { .. }));
-        let known_for = left.filter(|_| measures);
-        facts.into_iter().map(|fact| OwnFact { known_for, ..fact }).collect()
+        facts.into_iter().map(|fact| OwnFact { known_for: left, ..fact }).collect()
     }
 
     fn called(&self, method: &str) -> Option<usize> {
@@ -112,31 +98,56 @@ impl MqttDevice {
 }
 
 impl Known {
-    /// What a text says of it; `None` if it says nothing.
-    fn read(&self, text: &str) -> Option<Value> {
-        let source = self.feature.state.as_ref()?;
+    /// What a text says of it, by one of the ways that it says it; `None` if it says nothing.
+    pub(crate) fn read(&self, source: usize, text: &str) -> Option<Word> {
+        let source = self.feature.states.get(source)?;
+        let is_number = matches!(self.class.kind()?, Kind::Number { .. });
         let said = match source.read(text) {
-            Ok(said) => said?,
-            Err(problem) => {
-                tracing::warn!(topic = source.topic, "{problem}");
+            Found::Text(said) => said,
+            Found::Unknown if self.is_word(text) => text.trim().to_owned(),
+            Found::Unknown => {
+                return Some(Word::NotKnown("it says that it does not know".to_owned()));
+            }
+            Found::Nothing => return None,
+            // Home Assistant then takes the text as it is, where a word is asked for.
+            Found::Unread(_) if !is_number && self.is_word(text) => text.trim().to_owned(),
+            Found::Unread(problem) => {
+                tracing::debug!(topic = source.topic, "{problem}");
                 return None;
             }
         };
-        match self.class.kind()? {
-            Kind::Number { .. } => {
-                let number: f64 = said.parse().ok()?;
-                let value = number * self.factor + self.offset;
-                // So that 68 °F are 20 °C, and not almost.
-                let value = (value * 1e6).round() / 1e6;
-                value.is_finite().then_some(Value::Number(value))
-            }
-            Kind::YesOrNo { .. } | Kind::Switch { .. } if said == self.feature.yes => {
-                Some(Value::Yes(true))
-            }
-            Kind::YesOrNo { .. } | Kind::Switch { .. } => {
-                (said == self.feature.no).then_some(Value::Yes(false))
-            }
+        if is_number { self.number(&said) } else { self.yes_or_no(&said) }
+    }
+
+    /// Whether a whole text is one of its words.
+    fn is_word(&self, text: &str) -> bool {
+        let (text, feature) = (text.trim(), &self.feature);
+        [&feature.yes, &feature.no].into_iter().flatten().any(|word| word == text)
+    }
+
+    fn number(&self, said: &str) -> Option<Word> {
+        let told: String = said.chars().take(40).collect();
+        let Ok(number) = said.parse::<f64>() else {
+            return Some(Word::NotKnown(format!("it says `{told}`, which is no number")));
+        };
+        let Some(Kind::Number { unit, .. }) = self.class.kind() else { return None };
+        let value = number * self.factor + self.offset;
+        if !is_possible(value, unit) {
+            return Some(Word::NotKnown(format!("it says {told}, which cannot be in {unit}")));
         }
+        // So that 68 °F are 20 °C, and not almost.
+        Some(Word::Is(Value::Number((value * 1e6).round() / 1e6)))
+    }
+
+    fn yes_or_no(&self, said: &str) -> Option<Word> {
+        let is = |words: &[String]| words.iter().any(|word| word == said);
+        if is(&self.feature.yes) {
+            return Some(Word::Is(Value::Yes(true)));
+        }
+        if is(&self.feature.no) {
+            return Some(Word::Is(Value::Yes(false)));
+        }
+        is(&self.feature.neither).then(|| Word::NotKnown(format!("it says `{said}`")))
     }
 
     fn facts(&self, room: &str, value: Value) -> String {
@@ -171,57 +182,12 @@ impl Known {
     }
 }
 
-impl Link {
-    /// Why it cannot be used now, if it cannot.
-    fn problem(&self) -> Option<String> {
-        if let Some(trouble) = &*self.trouble.borrow() {
-            return Some(format!("reach the broker: {trouble}"));
-        }
-        let is_offline = |(one, heard): &(Availability, watch::Receiver<Said>)| {
-            let said = heard.borrow();
-            let said =
-                said.words.front().and_then(|word| one.source.read(&word.text).ok().flatten());
-            said.is_some_and(|said| said.eq_ignore_ascii_case(&one.offline))
-        };
-        let offline = self.availability.iter().filter(|one| is_offline(one)).count();
-        let is_away = match self.any_is_enough {
-            true => offline > 0 && offline == self.availability.len(),
-            false => offline > 0,
-        };
-        is_away.then(|| "go on: it is offline".to_owned())
-    }
-
-    /// Waits until anything is said.
-    async fn changed(&mut self) {
-        let states = self.states.iter_mut().flatten();
-        let all = states.chain(self.availability.iter_mut().map(|(_, heard)| heard));
-        let mut changes: Vec<Pin<Box<dyn Future<Output = ()> + Send>>> = Vec::new();
-        for heard in all {
-            changes.push(Box::pin(async move {
-                while heard.changed().await.is_err() {
-                    std::future::pending::<()>().await
-                }
-            }));
-        }
-        let trouble = &mut self.trouble;
-        changes.push(Box::pin(async move {
-            while trouble.changed().await.is_err() {
-                std::future::pending::<()>().await
-            }
-        }));
-        poll_fn(move |cx| {
-            let is_ready = changes.iter_mut().any(|change| change.as_mut().poll(cx).is_ready());
-            if is_ready { Poll::Ready(()) } else { Poll::Pending }
-        })
-        .await;
-    }
-}
-
 impl Device for MqttDevice {
     type Yield = Measured;
 
     fn describe(&self) -> Description {
-        let offers = self.link.problem().is_none();
+        let now = Instant::now();
+        let offers = |feature: usize| self.hearing.away(feature, now).is_none();
         let model = model_of(&self.part.model(&self.ontology, offers));
         let methods = self.part.features.iter().flat_map(Known::methods);
         let methods = methods.map(|(action, method)| {
@@ -238,21 +204,17 @@ impl Device for MqttDevice {
             .any(|known| matches!(known.class.kind(), Some(Kind::Switch { .. })));
         let stands = if is_switch { "installed" } else { "located" };
         let stands = facts_of(&format!("({stands} {} {})", self.part.agent, self.part.room));
-        // Of what is away nobody knows how it is.
-        let is_here = self.link.problem().is_none();
-        let known = (0..self.part.features.len()).filter(|_| is_here);
+        let known = 0..self.part.features.len();
         stands.into_iter().chain(known.flat_map(|feature| self.known(feature))).collect()
     }
 
     fn look(&self) -> Option<BoxFuture<()>> {
-        let mut link = self.link.clone();
+        let mut hearing = self.hearing.clone();
         Some(Box::pin(async move {
-            let is_told =
-                |link: &Link| link.states.iter().flatten().all(|heard| heard.borrow().count > 0);
             // What has come by then is what there is.
             let _ = tokio::time::timeout(FIRST, async {
-                while !is_told(&link) {
-                    link.changed().await;
+                while !hearing.is_told() {
+                    hearing.changed().await;
                 }
             })
             .await;
@@ -260,28 +222,30 @@ impl Device for MqttDevice {
     }
 
     fn perform(&mut self, call: &Call) -> BoxFuture<Result<Measured, Failure>> {
-        if let Some(problem) = self.link.problem() {
-            return Box::pin(std::future::ready(Err(Failure::Driver(problem))));
-        }
         let Some(feature) = self.called(&call.method) else {
             let unknown = Failure::UnknownMethod(call.method.clone());
             return Box::pin(std::future::ready(Err(unknown)));
         };
+        if let Some(problem) = self.hearing.away(feature, Instant::now()) {
+            return Box::pin(std::future::ready(Err(Failure::Driver(problem))));
+        }
         let known = self.part.features[feature].clone();
-        let (link, heard) = (self.link.clone(), self.link.states[feature].clone());
+        let hearing = self.hearing.clone();
         let wanted = match call.method.as_str() {
             "on" => Some(true),
             "off" => Some(false),
             _ => None,
         };
         Box::pin(async move {
-            if let (Some(is_on), Some(command)) = (wanted, &known.feature.command) {
-                let text = if is_on { &command.on } else { &command.off };
-                if !link.connection.say(&command.topic, text) {
-                    return Err(Failure::Driver(format!("say `{text}` to `{}`", command.topic)));
+            match (wanted, &known.feature.command) {
+                (Some(is_on), Some(command)) => {
+                    let telegram = if is_on { &command.on } else { &command.off };
+                    hearing.say(telegram).map_err(Failure::Driver)?;
                 }
+                // What is not known is asked for.
+                _ => hearing.ask(feature),
             }
-            let value = said(&known, heard, wanted).await.map_err(Failure::Driver)?;
+            let value = said(&known, hearing, feature, wanted).await.map_err(Failure::Driver)?;
             Ok(Measured { feature, value })
         })
     }
@@ -290,6 +254,10 @@ impl Device for MqttDevice {
         let Some(known) = self.part.features.get(measured.feature) else {
             return Performed::default();
         };
+        // What says nothing is believed to be as it was told.
+        if known.feature.states.is_empty() {
+            self.hearing.believe(measured.feature, measured.value);
+        }
         let room = &self.part.room;
         let detail = format!("{} at {room}", known.words(measured.value));
         let observations = facts_of(&known.facts(room, measured.value));
@@ -297,12 +265,12 @@ impl Device for MqttDevice {
     }
 
     fn watch(&mut self) -> Option<BoxFuture<Stir<MqttDevice>>> {
-        let mut link = self.link.clone();
+        let mut hearing = self.hearing.clone();
         Some(Box::pin(async move {
-            link.changed().await;
+            hearing.news().await;
             // What is said from here on is news, also while this is being told.
             let stir: Stir<MqttDevice> = Box::new(move |device| {
-                device.link = link;
+                device.hearing = hearing;
                 Vec::new()
             });
             stir
@@ -313,33 +281,34 @@ impl Device for MqttDevice {
 /// What a feature says, once it says something, or what is wanted of it.
 async fn said(
     known: &Known,
-    heard: Option<watch::Receiver<Said>>,
+    mut hearing: Hearing,
+    feature: usize,
     wanted: Option<bool>,
 ) -> Result<Value, String> {
-    let Some(mut heard) = heard else {
+    let Some(source) = known.feature.states.first() else {
         // What says nothing is believed to be as it was told.
         return wanted.map(Value::Yes).ok_or_else(|| "hear from it: it says nothing".to_owned());
     };
-    let topic = known.feature.state.as_ref().map(|source| source.topic.clone()).unwrap_or_default();
-    let found = |said: &Said| {
-        let value = said.words.iter().find_map(|word| known.read(&word.text))?;
-        (wanted.is_none() || Some(value) == wanted.map(Value::Yes)).then_some(value)
-    };
-    let waiting = heard.wait_for(|said| found(said).is_some());
-    let waited = tokio::time::timeout(WORD, waiting).await;
-    match waited.map(|said| said.map(|said| found(&said))) {
-        Ok(Ok(value)) => value.ok_or_else(|| format!("hear from `{topic}`")),
-        Ok(Err(_)) => Err("hear from it: the connection has ended".to_owned()),
-        Err(_) => {
-            let last = heard.borrow().words.front().map(|word| word.text.clone());
-            Err(match (wanted, last) {
-                (Some(_), _) => format!("hear from `{topic}` that it has done so"),
-                (None, Some(last)) => {
-                    let last: String = last.chars().take(60).collect();
-                    format!("find the {} in what `{topic}` says: {last}", known.name)
-                }
-                (None, None) => format!("hear from `{topic}`: it has said nothing yet"),
-            })
+    let topic = &source.topic;
+    let until = Instant::now() + WORD;
+    loop {
+        let standing = hearing.standing(feature, Instant::now());
+        match &standing {
+            Standing::Is(value, _) if wanted.is_none_or(|is_on| *value == Value::Yes(is_on)) => {
+                return Ok(*value);
+            }
+            Standing::Away(problem) => return Err(problem.clone()),
+            _ => (),
         }
+        if tokio::time::timeout_at(until, hearing.changed()).await.is_ok() {
+            continue;
+        }
+        return Err(match (wanted, standing) {
+            (Some(_), _) => format!("hear from `{topic}` that it has done so"),
+            (None, Standing::NotKnown(Some(reason))) => {
+                format!("find the {} in what `{topic}` says: {reason}", known.name)
+            }
+            (None, _) => format!("hear from `{topic}`: it has said nothing yet"),
+        });
     }
 }

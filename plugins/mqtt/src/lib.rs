@@ -1,25 +1,33 @@
 //! A gateway to an MQTT broker: its devices appear as agents by themselves, with an action model made
 //! from what they say of themselves.
 //!
-//! - `zigbee2mqtt`, `home_assistant` (ESPHome and many others) and `tasmota` read what devices say of
-//!   themselves, `described` is that in one form.
+//! - `zigbee2mqtt`, `home_assistant` (ESPHome and many others), `tasmota` and `shelly` read what devices
+//!   say of themselves, `described` is that in one form.
 //! - `class` is the table from device classes to words (`classes.toml`); `part` makes of a device the
 //!   agents it is, and their action models.
 //! - `census` says what agents all of them are, and in which rooms; `agent::bringing` lets them come.
 //! - `device` is such an agent: what the device says is known at once, its availability is its presence,
 //!   a lamp, a relay or a lock is switched, and only what the device then says is believed.
-//! - `reading` finds values in JSON and through Jinja templates.
+//! - `heard` is what a device has said so far: a feature is known, not known, or away.
+//! - `reading` finds values in JSON and through templates; `template` has those of Home Assistant.
+//! - `naming` makes names of agents and compares those of rooms.
 //!
 //! The gateway itself says nothing and offers nothing; with it, its devices leave.
 
 mod census;
 mod class;
+#[cfg(test)]
+mod corpus;
 mod described;
 mod device;
+mod heard;
 mod home_assistant;
+mod naming;
 mod part;
 mod reading;
+mod shelly;
 mod tasmota;
+mod template;
 mod zigbee2mqtt;
 
 use std::collections::BTreeMap;
@@ -34,14 +42,13 @@ use agent::{
     Agent, Blueprint, Bringing, Brings, BuildError, Callbacks, Context, Launch, PluginEntry, Work,
     bringing,
 };
-use mqtt_link::{Broker, Connection, Told};
+use mqtt_link::{Broker, Connection, Inbox};
 use serde::Deserialize;
 use serde_json::Value;
-use tokio::sync::mpsc;
 
 use class::Classes;
-use described::{Described, core};
 use device::MqttDevice;
+use naming::core;
 use part::Part;
 
 /// A gateway to an MQTT broker.
@@ -58,6 +65,10 @@ const WORDS_MAX: usize = 1_024;
 
 /// Agents that one gateway brings.
 const AGENTS_MAX: usize = 2_048;
+
+/// How long after a connection devices are told that there is somebody to describe themselves to; drawn
+/// by lot, so that the gateways of several daemons do not all speak at once.
+const BIRTH_MS: std::ops::Range<u64> = 200..2_000;
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
@@ -87,9 +98,16 @@ struct Config {
     home_assistant: String,
     #[serde(default = "tasmota")]
     tasmota: String,
+    /// Whether devices are told, with each connection, that they are to describe themselves.
+    #[serde(default = "yes")]
+    birth: bool,
     /// What else device classes mean.
     #[serde(default)]
     classes: Value,
+}
+
+fn yes() -> bool {
+    true
 }
 
 fn zigbee2mqtt() -> String {
@@ -126,10 +144,12 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         rooms,
         valid_for,
         connection: None,
-        zigbee: Vec::new(),
+        zigbee: zigbee2mqtt::Bridge::default(),
         home_assistant: home_assistant::Discovery::default(),
         tasmota: tasmota::Discovery::default(),
+        shelly: shelly::Discovery::default(),
         hearing: BTreeMap::new(),
+        birth: None,
     }))
 }
 
@@ -142,12 +162,15 @@ struct Gateway {
     rooms: BTreeMap<String, String>,
     valid_for: Option<Duration>,
     connection: Option<Arc<Connection>>,
-    zigbee: Vec<Described>,
+    zigbee: zigbee2mqtt::Bridge,
     home_assistant: home_assistant::Discovery,
     tasmota: tasmota::Discovery,
+    shelly: shelly::Discovery,
     bringing: Bringing<Part>,
     /// What is listened to: each filter of topics, by its number.
     hearing: BTreeMap<usize, Work>,
+    /// What tells devices, with each connection, that they are to describe themselves.
+    birth: Option<Work>,
 }
 
 impl Agent for Gateway {
@@ -156,14 +179,19 @@ impl Agent for Gateway {
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
-        let connection = Connection::to(&self.broker);
+        let connection = Connection::to(&self.broker, self.blueprint.id.as_str());
         let Config { zigbee2mqtt, home_assistant, tasmota, .. } = &self.config;
-        let filters = [
+        let mut filters = vec![
             format!("{zigbee2mqtt}/bridge/devices"),
             format!("{home_assistant}/+/+/config"),
             format!("{home_assistant}/+/+/+/config"),
             format!("{tasmota}/+/+"),
         ];
+        filters.extend(shelly::filters());
+        if self.config.birth {
+            let birth = announce(Arc::clone(&connection), home_assistant.clone());
+            self.birth = Some(ctx.run(birth, |_: &mut Self, (), _| ()));
+        }
         for (number, filter) in filters.iter().enumerate() {
             self.hear(number, connection.listen_to_all(filter), ctx);
         }
@@ -194,38 +222,57 @@ impl Brings for Gateway {
 }
 
 impl Gateway {
-    fn hear(&mut self, number: usize, mut words: mpsc::Receiver<Told>, ctx: &mut Context<Self>) {
-        let next = async move {
-            let mut heard = Vec::new();
-            words.recv_many(&mut heard, WORDS_MAX).await;
-            (heard, words)
-        };
-        let work = ctx.run(next, move |gateway: &mut Self, (heard, words), ctx| {
-            if heard.is_empty() {
-                return;
-            }
+    fn hear(&mut self, number: usize, inbox: Inbox, ctx: &mut Context<Self>) {
+        let next = async move { (inbox.take(WORDS_MAX).await, inbox) };
+        let work = ctx.run(next, move |gateway: &mut Self, (heard, inbox), ctx| {
+            let mut is_news = false;
             for (topic, text) in heard {
-                gateway.heard(&topic, &text);
+                is_news |= gateway.heard(&topic, &text);
             }
-            bringing::settle_soon(gateway, ctx);
-            gateway.hear(number, words, ctx);
+            if is_news {
+                bringing::settle_soon(gateway, ctx);
+            }
+            gateway.hear(number, inbox, ctx);
         });
         self.hearing.insert(number, work);
     }
 
-    fn heard(&mut self, topic: &str, text: &str) {
+    /// Takes in a text; whether it may change who is here.
+    fn heard(&mut self, topic: &str, text: &str) -> bool {
         let Config { zigbee2mqtt, home_assistant, tasmota, .. } = &self.config;
         let understood = if topic.starts_with(&format!("{zigbee2mqtt}/")) {
-            zigbee2mqtt::devices(zigbee2mqtt, text).map(|devices| self.zigbee = devices)
+            self.zigbee.hear(zigbee2mqtt, text)
         } else if topic.starts_with(&format!("{home_assistant}/")) {
             self.home_assistant.hear(home_assistant, topic, text)
         } else if topic.starts_with(&format!("{tasmota}/")) {
             self.tasmota.hear(topic, text)
+        } else if shelly::is_own(topic) {
+            return self.shelly.hear(topic, text);
         } else {
-            Ok(())
+            return false;
         };
         if let Err(problem) = understood {
-            tracing::warn!(topic, "ignored what nobody understands: {problem}");
+            tracing::warn!(topic, "ignored what is not understood: {problem}");
+        }
+        true
+    }
+}
+
+/// Tells devices with each connection that they are to describe themselves and say how they are: as
+/// Home Assistant does when it starts, and as Shelly's first generation wants it.
+async fn announce(connection: Arc<Connection>, home_assistant: String) {
+    let mut trouble = connection.trouble();
+    while trouble.wait_for(Option::is_none).await.is_ok() {
+        tokio::time::sleep(Duration::from_millis(fastrand::u64(BIRTH_MS))).await;
+        // A connection that is lost meanwhile is announced when it is back.
+        let birth = format!("{home_assistant}/status");
+        for (topic, text) in [(birth.as_str(), "online"), ("shellies/command", "announce")] {
+            if let Err(problem) = connection.say(topic, text) {
+                tracing::debug!(topic, "failed to announce: {problem}");
+            }
+        }
+        if trouble.wait_for(Option::is_some).await.is_err() {
+            return;
         }
     }
 }

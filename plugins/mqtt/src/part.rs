@@ -7,7 +7,11 @@ use acl::AgentId;
 use pddl::Domain;
 
 use crate::class::{Class, Classes, Kind, conversion};
-use crate::described::{Availability, Described, Feature, Source, name_of};
+use crate::described::{Described, Feature, Unused};
+use crate::naming::name_of;
+
+/// Reasons that are told of one device.
+const REASONS_MAX: usize = 6;
 
 /// One agent of a device.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,8 +21,6 @@ pub(crate) struct Part {
     /// The room it stands in.
     pub(crate) room: String,
     pub(crate) features: Vec<Known>,
-    pub(crate) availability: Vec<Availability>,
-    pub(crate) any_is_enough: bool,
     /// How long what was measured counts as known.
     pub(crate) valid_for: Option<Duration>,
 }
@@ -35,75 +37,123 @@ pub(crate) struct Known {
     pub(crate) offset: f64,
 }
 
-/// What can be made of a device: its parts without their rooms, and what of it cannot be used.
+/// What can be made of a device: its parts without their rooms, by what is added to its name, and what
+/// of it cannot be used.
 pub(crate) struct Parts {
-    pub(crate) parts: Vec<(AgentId, Vec<Known>)>,
+    pub(crate) parts: Vec<(String, Vec<Known>)>,
     pub(crate) problem: Option<String>,
 }
 
 impl Parts {
     pub(crate) fn of(device: &Described, classes: &Classes) -> Parts {
         let (mut measured, mut switched) = (Vec::<Known>::new(), Vec::new());
-        let mut problem = None;
-        for feature in &device.features {
-            let Some(name) = classes.find(&feature.class) else { continue };
-            let Some(class) = classes.get(name).cloned() else { continue };
-            if let Some(wrong) = feature.state.as_ref().and_then(Source::problem) {
-                problem = Some(format!("its {name}: {wrong}"));
-                continue;
-            }
-            let (factor, offset) = match class.kind() {
-                Some(Kind::Number { unit, .. }) => match conversion(&feature.unit, unit) {
-                    Some(conversion) => conversion,
-                    None => {
-                        let said = &feature.unit;
-                        problem = Some(format!("its {name} is in `{said}`, which is no {unit}"));
-                        continue;
-                    }
-                },
-                _ => (1.0, 0.0),
+        let mut unused = device.unused.clone();
+        let mut features: Vec<_> = device.features.iter().collect();
+        features.sort_by_key(|feature| feature.rank);
+        for feature in features {
+            let known = match known(feature, classes) {
+                Ok(known) => known,
+                Err(reason) => {
+                    unused.push(reason);
+                    continue;
+                }
             };
-            let mut feature = feature.clone();
-            if class.inverted {
-                std::mem::swap(&mut feature.yes, &mut feature.no);
-            }
-            let known = Known { name: name.to_owned(), class, feature, factor, offset };
             match known.class.kind() {
                 Some(Kind::Switch { .. }) if known.feature.command.is_some() => {
                     switched.push(known)
                 }
                 Some(Kind::Switch { .. }) | None => (),
                 // Of two thermometers in one device the first speaks for it.
-                Some(_) if measured.iter().any(|other| other.name == known.name) => (),
-                Some(_) => measured.push(known),
+                Some(_) => match measured.iter().find(|other| other.name == known.name) {
+                    Some(other) if other.feature.rank == known.feature.rank => {
+                        let (name, speaks) = (&known.name, &other.feature.label);
+                        unused.push(Unused::as_usual(format!(
+                            "it measures its {name} in several places; `{speaks}` speaks for it"
+                        )));
+                    }
+                    Some(_) => (),
+                    None => measured.push(known),
+                },
             }
         }
-        let called = name_of(&device.name);
-        let agent = |suffix: String| AgentId::new(&format!("{called}{suffix}")).ok();
         let mut parts = Vec::new();
         if !measured.is_empty() {
-            parts.extend(agent(String::new()).map(|agent| (agent, measured)));
+            parts.push((String::new(), measured));
         }
         let is_alone = parts.is_empty() && switched.len() == 1;
         for known in switched {
-            let suffix = if is_alone {
-                String::new()
-            } else {
-                format!("-{}", name_of(&known.feature.label))
+            let suffix = match is_alone {
+                true => String::new(),
+                false => format!("-{}", name_of(&known.feature.label)),
             };
-            parts.extend(agent(suffix).map(|agent| (agent, vec![known])));
+            // Two of one label are told apart by their number.
+            let is_taken = |suffix: &String| parts.iter().any(|(taken, _)| taken == suffix);
+            let numbered = (2..).map(|number| format!("{suffix}-{number}"));
+            let suffix = std::iter::once(suffix.clone()).chain(numbered).find(|one| !is_taken(one));
+            parts.push((suffix.unwrap_or_default(), vec![known]));
         }
-        if parts.is_empty() && problem.is_none() {
-            problem = Some("nothing that it measures or switches has words here".to_owned());
-        }
+        let problem = problem(unused, parts.is_empty());
         Parts { parts, problem }
     }
 }
 
+/// A feature whose class has words here; or why it is not used.
+fn known(feature: &Feature, classes: &Classes) -> Result<Known, Unused> {
+    let found = classes.find(&feature.class);
+    let found = found.and_then(|name| Some((name, classes.get(name)?.clone())));
+    let Some((name, class)) = found else {
+        let called = &feature.class;
+        let reason = format!(
+            "its {called} has no words here; `classes.{called}` in the gateway's config gives it some"
+        );
+        // Most devices measure things that nobody plans with: their battery, their signal.
+        return Err(match feature.command {
+            Some(_) => Unused::because(reason),
+            None => Unused::as_usual(reason),
+        });
+    };
+    let (factor, offset) = match class.kind() {
+        Some(Kind::Number { unit, .. }) => match conversion(&feature.unit, unit) {
+            Some(conversion) => conversion,
+            None => {
+                let said = &feature.unit;
+                let reason = format!("its {name} is in `{said}`, which is no {unit}");
+                return Err(Unused::because(reason));
+            }
+        },
+        _ => (1.0, 0.0),
+    };
+    let mut feature = feature.clone();
+    if class.inverted {
+        std::mem::swap(&mut feature.yes, &mut feature.no);
+    }
+    Ok(Known { name: name.to_owned(), class, feature, factor, offset })
+}
+
+/// What is told of what cannot be used.
+fn problem(unused: Vec<Unused>, is_useless: bool) -> Option<String> {
+    // What is as it should be is the reason only where there is no other.
+    let tells_usual = is_useless && unused.iter().all(|one| one.is_usual);
+    let mut reasons: Vec<String> = Vec::new();
+    for one in unused {
+        if (tells_usual || !one.is_usual) && !reasons.contains(&one.reason) {
+            reasons.push(one.reason);
+        }
+    }
+    if reasons.is_empty() {
+        let nothing = "nothing that it measures or switches has words here";
+        return is_useless.then(|| nothing.to_owned());
+    }
+    let more = reasons.len().saturating_sub(REASONS_MAX);
+    reasons.truncate(REASONS_MAX);
+    let told = reasons.join("; ");
+    Some(if more > 0 { format!("{told}; and {more} more") } else { told })
+}
+
 impl Part {
-    /// Its action model, with the words that the shared ontology lacks; `offers` says whether it can do
-    /// anything now.
-    pub(crate) fn model(&self, ontology: &Domain, offers: bool) -> String {
+    /// Its action model, with the words that the shared ontology lacks; `offers` says of which features
+    /// it can do anything now.
+    pub(crate) fn model(&self, ontology: &Domain, offers: impl Fn(usize) -> bool) -> String {
         let Part { agent, room, .. } = self;
         let kind = self.features.first().map_or("sensor", |known| known.class.agent.as_str());
         let mut words = Words::of(ontology);
@@ -114,11 +164,12 @@ impl Part {
         let stands = if is_switch { "installed" } else { "located" };
         words.has_type(kind, if is_switch { "" } else { "sensor" });
         let mut actions = String::new();
-        for known in &self.features {
+        for (number, known) in self.features.iter().enumerate() {
+            let before = actions.len();
             known.describe(kind, stands, &mut words, &mut actions);
-        }
-        if !offers {
-            actions.clear();
+            if !offers(number) {
+                actions.truncate(before);
+            }
         }
         let private = match stands {
             // The same of a lamp and of a lock, so that both can be in one ecosystem.

@@ -1,165 +1,124 @@
-//! Values in what devices say: in JSON, and through the Jinja templates of Home Assistant, with its
-//! filters.
+//! Values in what devices say: as they are, in JSON, or through a template.
 
-use minijinja::{Environment, Error, ErrorKind, Value as Jinja};
 use serde_json::Value;
 
 use crate::described::{Reading, Source};
 
-/// What one template may cost.
-const FUEL: u64 = 50_000;
+/// What a text says of something.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Found {
+    /// This.
+    Text(String),
+    /// That it is not known.
+    Unknown,
+    /// Nothing: what was known stays.
+    Nothing,
+    /// It was not read, with the reason; what was known stays.
+    Unread(String),
+}
+
+/// Words by which devices say that they do not know.
+const UNKNOWN: &[&str] = &["none", "null", "unknown", "unavailable", "nan"];
+
+impl Found {
+    fn of(text: &str) -> Found {
+        match text.trim() {
+            "" => Found::Nothing,
+            word if UNKNOWN.iter().any(|unknown| word.eq_ignore_ascii_case(unknown)) => {
+                Found::Unknown
+            }
+            word => Found::Text(word.to_owned()),
+        }
+    }
+}
 
 impl Source {
-    /// What a text says, as text; `None` if it says nothing of it.
-    ///
-    /// # Errors
-    ///
-    /// What is wrong with the template, for a person.
-    pub(crate) fn read(&self, text: &str) -> Result<Option<String>, String> {
+    /// The word in a text, whatever it means; `None` if there is none.
+    pub(crate) fn word(&self, text: &str) -> Option<String> {
         match &self.reading {
-            Reading::Whole => Ok(Some(text.trim().to_owned())),
-            Reading::At(keys) => Ok(at(text, keys)),
-            Reading::Template(template) => rendered(template, text).map_err(|(_, said)| said),
+            Reading::Whole => Some(text.trim().to_owned()),
+            Reading::At(keys) => match at(text, keys) {
+                Found::Text(word) => Some(word),
+                _ => None,
+            },
+            Reading::Template(template) => template.of_word(text).ok(),
         }
     }
 
-    /// What is wrong with it, whatever may be said.
-    pub(crate) fn problem(&self) -> Option<String> {
-        let Reading::Template(template) = &self.reading else { return None };
-        let (kind, problem) = rendered(template, "{}").err()?;
-        let is_by_itself = matches!(
-            kind,
-            ErrorKind::SyntaxError
-                | ErrorKind::UnknownFilter
-                | ErrorKind::UnknownFunction
-                | ErrorKind::UnknownTest
-                | ErrorKind::UnknownMethod
-                | ErrorKind::OutOfFuel
-        );
-        is_by_itself.then_some(problem)
+    /// What a text says.
+    pub(crate) fn read(&self, text: &str) -> Found {
+        match &self.reading {
+            Reading::Whole => Found::of(text),
+            Reading::At(keys) => at(text, keys),
+            Reading::Template(template) => match template.of_word(text) {
+                Ok(said) => Found::of(&said),
+                Err(unrendered) => Found::Unread(unrendered.0),
+            },
+        }
     }
 }
 
-fn at(text: &str, keys: &[String]) -> Option<String> {
+fn at(text: &str, keys: &[String]) -> Found {
     let Ok(json) = serde_json::from_str::<Value>(text) else {
         // Some say in one word what others say in JSON.
-        return (keys.len() == 1).then(|| text.trim().to_owned()).filter(|text| !text.is_empty());
+        let is_word = keys.len() == 1 && !text.trim_start().starts_with(['{', '[']);
+        return if is_word { Found::of(text) } else { Found::Nothing };
     };
     let value = match (&json, keys) {
-        (Value::Object(_), keys) => keys.iter().try_fold(&json, |json, key| json.get(key))?,
-        (_, [_]) => &json,
-        _ => return None,
+        (Value::Object(_), keys) => keys.iter().try_fold(&json, |json, key| json.get(key)),
+        (_, [_]) => Some(&json),
+        _ => None,
     };
     match value {
-        Value::Null => None,
-        Value::String(text) => Some(text.clone()),
-        other => Some(other.to_string()),
+        None => Found::Nothing,
+        Some(Value::Null) => Found::Unknown,
+        Some(Value::String(text)) if text.trim().is_empty() => Found::Unknown,
+        Some(Value::String(text)) => Found::of(text),
+        Some(Value::Object(_) | Value::Array(_)) => Found::Unknown,
+        Some(other) => Found::Text(other.to_string()),
     }
-}
-
-fn rendered(template: &str, text: &str) -> Result<Option<String>, (ErrorKind, String)> {
-    let mut environment = Environment::new();
-    environment.set_fuel(Some(FUEL));
-    environment.add_filter("is_defined", is_defined);
-    environment.add_filter("iif", iif);
-    environment.add_filter("from_json", from_json);
-    let json: Option<Value> = serde_json::from_str(text).ok();
-    let values = minijinja::context! { value => text, value_json => minijinja::value::Serde(json) };
-    match environment.render_str(template, values) {
-        Ok(rendered) => {
-            let rendered = rendered.trim();
-            let is_said = !matches!(rendered, "" | "None" | "none" | "unknown" | "unavailable");
-            Ok(is_said.then(|| rendered.to_owned()))
-        }
-        // What is not in the text is not said by it.
-        Err(error) if error.kind() == ErrorKind::UndefinedError => Ok(None),
-        Err(error) => Err((error.kind(), format!("the template `{template}`: {error}"))),
-    }
-}
-
-/// Home Assistant's: whoever asks for what is not there wants nothing to be said.
-fn is_defined(value: Jinja) -> Result<Jinja, Error> {
-    if value.is_undefined() {
-        return Err(Error::new(ErrorKind::UndefinedError, "it is not there"));
-    }
-    Ok(value)
-}
-
-fn iif(value: Jinja, yes: Option<Jinja>, no: Option<Jinja>) -> Jinja {
-    match value.is_true() {
-        true => yes.unwrap_or_else(|| Jinja::from(true)),
-        false => no.unwrap_or_else(|| Jinja::from(false)),
-    }
-}
-
-fn from_json(text: String) -> Result<Jinja, Error> {
-    let json: Value = serde_json::from_str(&text)
-        .map_err(|error| Error::new(ErrorKind::InvalidOperation, error.to_string()))?;
-    Ok(Jinja::from(minijinja::value::Serde(json)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::template::Template;
 
-    fn read(reading: Reading, text: &str) -> Result<Option<String>, String> {
-        Source { topic: String::new(), reading }.read(text)
+    fn by(template: &str) -> Reading {
+        let template = Template::new(template, &["value", "value_json"]);
+        Reading::Template(template.expect("it is right"))
     }
 
     #[test]
-    fn templates_of_home_assistant_are_understood() {
-        let text = r#"{"temperature": 21.56, "battery": null, "ENERGY": {"Power": 7}, "1": "x", "on": true}"#;
-        for (template, expected) in [
-            ("{{ value_json.temperature }}", Some("21.56")),
-            ("{{ value_json.temperature | round(1) }}", Some("21.6")),
-            ("{{ (value_json.temperature | float * 9 / 5 + 32) | round(1) }}", Some("70.8")),
-            ("{{ value_json['ENERGY'].Power }}", Some("7")),
-            ("{{ value_json['1'] }}", Some("x")),
-            ("{{ value_json.missing | is_defined }}", None),
-            ("{{ value_json.missing }}", None),
-            ("{{ value_json.missing | default(3) }}", Some("3")),
-            ("{{ 'ON' if value_json.on else 'OFF' }}", Some("ON")),
-            ("{% if value_json.on == true %}yes{% else %}no{% endif %}", Some("yes")),
-            ("{{ value_json.on | iif('a', 'b') }}", Some("a")),
+    fn values_are_found_and_what_is_not_known_is_told_from_what_is_not_said() {
+        let keys = |keys: &[&str]| Source::at("", keys).reading;
+        let text = |text: &str| Found::Text(text.to_owned());
+        for (reading, said, expected) in [
+            (keys(&["temperature"]), r#"{"temperature":27.34}"#, text("27.34")),
+            (keys(&["SI7021", "Temperature"]), r#"{"SI7021":{"Temperature":21.5}}"#, text("21.5")),
+            (keys(&["occupancy"]), r#"{"occupancy":true}"#, text("true")),
+            (keys(&["state"]), "offline", text("offline")),
+            (keys(&["state"]), r#"{"state":"offline"}"#, text("offline")),
+            (keys(&["state"]), "21", text("21")),
+            (keys(&["temperature"]), r#"{"temperature":null}"#, Found::Unknown),
+            (keys(&["temperature"]), r#"{"temperature":""}"#, Found::Unknown),
+            (keys(&["temperature"]), r#"{"temperature":{}}"#, Found::Unknown),
+            (keys(&["temperature"]), r#"{"battery":7}"#, Found::Nothing),
+            (keys(&["temperature"]), r#"{"temperature":27"#, Found::Nothing),
+            (keys(&["a", "b"]), "12", Found::Nothing),
+            (keys(&["a", "b"]), r#"{"a":7}"#, Found::Nothing),
+            (Reading::Whole, " ON ", text("ON")),
+            (Reading::Whole, "", Found::Nothing),
+            (Reading::Whole, "unavailable", Found::Unknown),
+            (by("{{ value_json.x }}"), r#"{"x":null}"#, Found::Unknown),
+            (by("{{ value_json.x }}"), r#"{"y":1}"#, Found::Nothing),
+            (by("{{ value_json.x }}"), r#"{"x":true}"#, text("True")),
         ] {
-            let read = read(Reading::Template(template.to_owned()), text);
-            assert_eq!(read.as_ref().map(Option::as_deref), Ok(expected), "{template}");
+            assert_eq!(Source { topic: String::new(), reading }.read(said), expected, "{said}");
         }
-        let plain = read(Reading::Template("{{ value | float + 1 }}".to_owned()), "20.5");
-        assert_eq!(plain, Ok(Some("21.5".to_owned())));
-    }
-
-    #[test]
-    fn a_template_that_is_wrong_or_never_ends_is_told() {
-        for template in [
-            "{{ value_json. }}",
-            "{% for i in range(100000) %}{{ i }}{% endfor %}",
-            "{{ x | nonsense }}",
-        ] {
-            let reading = Reading::Template(template.to_owned());
-            let problem = read(reading.clone(), "{}").expect_err(template);
-            assert!(problem.starts_with("the template `"), "{problem}");
-            let source = Source { topic: String::new(), reading };
-            assert_eq!(source.problem(), Some(problem), "before anything is said");
-        }
-        let needs = Reading::Template("{{ value_json.temperature | float }}".to_owned());
-        assert_eq!(Source { topic: String::new(), reading: needs }.problem(), None);
-    }
-
-    #[test]
-    fn values_are_found_in_json() {
-        let keys = |keys: &[&str]| Reading::At(keys.iter().map(|key| (*key).to_owned()).collect());
-        for (reading, text, expected) in [
-            (keys(&["temperature"]), r#"{"temperature":27.34}"#, Some("27.34")),
-            (keys(&["SI7021", "Temperature"]), r#"{"SI7021":{"Temperature":21.5}}"#, Some("21.5")),
-            (keys(&["occupancy"]), r#"{"occupancy":true}"#, Some("true")),
-            (keys(&["state"]), "offline", Some("offline")),
-            (keys(&["state"]), r#"{"state":"offline"}"#, Some("offline")),
-            (keys(&["temperature"]), r#"{"temperature":null}"#, None),
-            (keys(&["a", "b"]), "12", None),
-            (Reading::Whole, " ON ", Some("ON")),
-        ] {
-            assert_eq!(read(reading, text), Ok(expected.map(str::to_owned)), "{text}");
+        let source = Source { topic: String::new(), reading: by("{{ value_json.x | float }}") };
+        for nothing in ["{}", r#"{"x":null}"#, r#"{"x":"warm"}"#, "warm"] {
+            assert!(matches!(source.read(nothing), Found::Unread(_)), "{nothing}");
         }
     }
 }

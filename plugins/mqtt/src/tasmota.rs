@@ -4,12 +4,28 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 
-use crate::described::{Availability, Command, Described, Feature, Reading, Source};
+use crate::described::{
+    Availability, AvailabilityMode, Command, Described, Feature, Source, Telegram, Unused, Voice,
+};
+
+/// Its prefixes: of what it is told, of what it answers, of what it says by itself.
+const CMND: usize = 0;
+const STAT: usize = 1;
+const TELE: usize = 2;
+
+/// Parts of a device that measure the device itself, by how their names begin.
+const CHIPS: &[&str] = &["ESP32", "ENERGY", "AXP", "MPU", "BL09", "Shelly"];
+
+fn is_chip(name: &str) -> bool {
+    CHIPS.iter().any(|chip| name.starts_with(chip))
+}
 
 /// What was said so far, by the device's address.
 #[derive(Debug, Default)]
 pub(crate) struct Discovery {
     devices: BTreeMap<String, (Value, Value)>,
+    /// Why the last text of a device was not read; then it stays as it was.
+    problems: BTreeMap<String, String>,
 }
 
 impl Discovery {
@@ -23,8 +39,12 @@ impl Discovery {
         let (Some(what), Some(address)) = (levels.next(), levels.next()) else { return Ok(()) };
         let said = match text.trim().is_empty() {
             true => Value::Null,
-            false => serde_json::from_str(text).map_err(|error| error.to_string())?,
+            false => serde_json::from_str(text).map_err(|error| {
+                self.problems.insert(address.to_owned(), format!("`{topic}`: {error}"));
+                error.to_string()
+            })?,
         };
+        self.problems.remove(address);
         let device = self.devices.entry(address.to_owned()).or_default();
         match what {
             "config" => device.0 = said,
@@ -40,87 +60,165 @@ impl Discovery {
     /// The devices of which something is known.
     pub(crate) fn devices(&self) -> Vec<Described> {
         let described = |(address, (config, sensors)): (&String, &(Value, Value))| {
-            described(address, config, sensors)
+            let mut device = described(address, config, sensors)?;
+            if let Some(problem) = self.problems.get(address) {
+                let reason = format!("its last description cannot be read: {problem}");
+                device.unused.push(Unused::because(reason));
+            }
+            Some(device)
         };
         self.devices.iter().filter_map(described).collect()
     }
 }
 
-fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described> {
-    let text = |key: &str| config.get(key).and_then(Value::as_str);
-    let (own, full) = (text("t")?, text("ft").unwrap_or("%prefix%/%topic%/"));
-    let prefix = |index: usize, otherwise: &'static str| {
-        config["tp"].get(index).and_then(Value::as_str).unwrap_or(otherwise)
-    };
-    let topic =
-        |prefix: &str, what: &str| full.replace("%prefix%", prefix).replace("%topic%", own) + what;
-    let (cmnd, stat, tele) = (prefix(0, "cmnd"), prefix(1, "stat"), prefix(2, "tele"));
-    let state = |index: usize, otherwise: &str| {
-        let said = config["state"].get(index).and_then(Value::as_str);
-        said.unwrap_or(otherwise).to_owned()
-    };
-    let relays: Vec<u64> = config["rl"]
-        .as_array()
-        .map(|relays| relays.iter().map(|relay| relay.as_u64().unwrap_or(0)).collect())
-        .unwrap_or_default();
-    let count = relays.iter().filter(|kind| **kind != 0).count();
-    let relay = |(index, kind): (usize, &u64)| {
+/// What a device says of its topics and its words.
+struct Config<'c> {
+    said: &'c Value,
+    /// Its own topic.
+    own: &'c str,
+}
+
+impl<'c> Config<'c> {
+    fn of(said: &'c Value) -> Option<Config<'c>> {
+        Some(Config { said, own: said["t"].as_str()? })
+    }
+
+    fn text(&self, key: &str) -> Option<&'c str> {
+        self.said[key].as_str()
+    }
+
+    /// A topic of what it is told (`cmnd`, 0), of what it answers (`stat`, 1) or says (`tele`, 2).
+    fn topic(&self, prefix: usize, what: &str) -> String {
+        let usual = ["cmnd", "stat", "tele"][prefix];
+        let prefix = self.said["tp"][prefix].as_str().unwrap_or(usual);
+        let full = self.text("ft").unwrap_or("%prefix%/%topic%/");
+        full.replace("%prefix%", prefix).replace("%topic%", self.own) + what
+    }
+
+    fn word(&self, index: usize, otherwise: &str) -> String {
+        self.said["state"][index].as_str().unwrap_or(otherwise).to_owned()
+    }
+
+    /// What each of its relays is: none, a relay, a lamp, part of a shutter.
+    fn relays(&self) -> Vec<u64> {
+        let relays = self.said["rl"].as_array().into_iter().flatten();
+        relays.map(|relay| relay.as_u64().unwrap_or(0)).collect()
+    }
+
+    fn relay(&self, index: usize, kind: u64, is_alone: bool) -> Option<Feature> {
         let class = match kind {
             1 => "switch",
             2 => "light",
             _ => return None,
         };
-        let power = if count > 1 { format!("POWER{}", index + 1) } else { "POWER".to_owned() };
-        let (on, off) = (state(1, "ON"), state(0, "OFF"));
+        let power = if is_alone { "POWER".to_owned() } else { format!("POWER{}", index + 1) };
+        let states = |power: &str| {
+            [
+                Source::whole(self.topic(STAT, power)),
+                Source::at(self.topic(STAT, "RESULT"), &[power]),
+                Source::at(self.topic(TELE, "STATE"), &[power]),
+            ]
+        };
+        let mut said = states(&power).to_vec();
+        // Where its option 26 is set, a single relay says a number, too.
+        if is_alone {
+            said.extend(states("POWER1"));
+        }
+        let (on, off) = (self.word(1, "ON"), self.word(0, "OFF"));
+        let command = self.topic(CMND, &power);
         Some(Feature {
-            class: class.to_owned(),
-            label: power.to_lowercase(),
-            state: Some(Source { topic: topic(stat, &power), reading: Reading::Whole }),
-            unit: String::new(),
-            yes: on.clone(),
-            no: off.clone(),
-            command: Some(Command { topic: topic(cmnd, &power), on, off }),
+            states: said,
+            yes: vec![on.clone()],
+            no: vec![off.clone()],
+            command: Some(Command {
+                on: Telegram::new(command.as_str(), on),
+                off: Telegram::new(command, off),
+            }),
+            ask: Some(Telegram::new(self.topic(CMND, "STATE"), "")),
+            ..Feature::named(class, &power.to_lowercase())
         })
-    };
-    let mut features: Vec<_> = relays.iter().enumerate().filter_map(relay).collect();
-    features.extend(measured(&sensors["sn"], &topic(tele, "SENSOR")));
-    let availability = Availability {
-        source: Source { topic: topic(tele, "LWT"), reading: Reading::Whole },
-        offline: text("ofln").unwrap_or("Offline").to_owned(),
-    };
+    }
+
+    fn availability(&self) -> Availability {
+        let voice = Voice {
+            source: Source::whole(self.topic(TELE, "LWT")),
+            online: self.text("onln").unwrap_or("Online").to_owned(),
+            offline: self.text("ofln").unwrap_or("Offline").to_owned(),
+            at_first: true,
+        };
+        Availability { voices: vec![voice], mode: AvailabilityMode::Latest }
+    }
+}
+
+fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described> {
+    let config = Config::of(config)?;
+    let relays = config.relays();
+    let is_alone = relays.iter().filter(|kind| **kind != 0).count() <= 1;
+    let of = |(index, kind): (usize, &u64)| config.relay(index, *kind, is_alone);
+    let mut features: Vec<_> = relays.iter().enumerate().filter_map(of).collect();
+    let sources = [(TELE, "SENSOR"), (STAT, "STATUS10"), (STAT, "STATUS8")];
+    let sources = sources.map(|(prefix, what)| config.topic(prefix, what));
+    let ask = Telegram::new(config.topic(CMND, "STATUS"), "10");
+    features.extend(measured(&sensors["sn"], &sources, &ask));
+    for feature in &mut features {
+        feature.availability = config.availability();
+    }
+    let chips = sensors["sn"].as_object().into_iter().flatten();
+    let chips = chips.filter(|(chip, values)| values.is_object() && is_chip(chip));
+    let mut unused: Vec<_> = chips
+        .map(|(chip, _)| Unused::as_usual(format!("its `{chip}` measures the device itself")))
+        .collect();
+    if relays.contains(&3) {
+        unused.push(Unused::because("its shutter: a blind or a curtain has no words here"));
+    }
+    if let Some(problem) = mqtt_link::topic_problem(&config.topic(CMND, "STATE")) {
+        features.clear();
+        unused.push(Unused::because(problem));
+    }
     Some(Described {
-        name: text("dn").unwrap_or(own).to_owned(),
+        name: config.text("dn").filter(|name| !name.is_empty()).unwrap_or(config.own).to_owned(),
         id: address.to_owned(),
+        also: vec![config.own.to_owned()],
         area: None,
         features,
-        availability: vec![availability],
-        any_is_enough: false,
+        unused,
     })
 }
 
 /// What its sensors measure: `{"SI7021": {"Temperature": 21.5}, "TempUnit": "C"}`.
-fn measured(sensors: &Value, topic: &str) -> Vec<Feature> {
+fn measured(sensors: &Value, topics: &[String; 3], ask: &Telegram) -> Vec<Feature> {
     let unit_of_temperature = sensors["TempUnit"].as_str().unwrap_or("C");
     let chips = sensors.as_object().into_iter().flatten();
     let mut features = Vec::new();
     for (chip, values) in chips {
-        for key in values.as_object().into_iter().flatten().map(|(key, _)| key) {
+        let Some(values) = values.as_object() else { continue };
+        let has_humidity = values.contains_key("Humidity");
+        // Its own temperature is not the room's.
+        if is_chip(chip) {
+            continue;
+        }
+        for key in values.keys() {
             let class = key.to_ascii_lowercase();
-            let unit = match class.as_str() {
-                "temperature" => format!("°{unit_of_temperature}"),
-                "carbondioxide" => "ppm".to_owned(),
-                _ => String::new(),
+            let (class, unit) = match class.as_str() {
+                "temperature" => ("temperature", format!("°{unit_of_temperature}")),
+                "carbondioxide" => ("carbon_dioxide", "ppm".to_owned()),
+                "illuminance" => ("illuminance", "lx".to_owned()),
+                other => (other, String::new()),
             };
-            let class = if class == "carbondioxide" { "carbon_dioxide".to_owned() } else { class };
-            let reading = Reading::At(vec![chip.clone(), key.clone()]);
+            let [said, status, older] = topics;
             features.push(Feature {
-                class,
-                label: format!("{chip}-{key}"),
-                state: Some(Source { topic: topic.to_owned(), reading }),
+                states: vec![
+                    Source::at(said.as_str(), &[chip, key]),
+                    Source::at(status.as_str(), &["StatusSNS", chip, key]),
+                    Source::at(older.as_str(), &["StatusSNS", chip, key]),
+                ],
                 unit,
-                yes: "ON".to_owned(),
-                no: "OFF".to_owned(),
-                command: None,
+                yes: vec!["ON".to_owned()],
+                no: vec!["OFF".to_owned()],
+                ask: Some(ask.clone()),
+                // What measures the humidity too is made for a room.
+                rank: u8::from(!has_humidity),
+                ..Feature::named(class, &format!("{chip}-{key}"))
             });
         }
     }
@@ -148,14 +246,21 @@ mod tests {
         assert_eq!(device.name, "Desk");
         let command = device.features[0].command.as_ref().expect("a relay");
         assert_eq!(
-            (command.topic.as_str(), command.on.as_str()),
+            (command.on.topic.as_str(), command.on.text.as_str()),
             ("cmnd/tasmota_D1E2F3/POWER", "ON")
         );
         let classes: Vec<_> =
             device.features.iter().map(|feature| feature.class.as_str()).collect();
         assert_eq!(classes, ["switch", "humidity", "temperature"]);
-        assert_eq!(device.availability[0].source.topic, "tele/tasmota_D1E2F3/LWT");
+        let availability = &device.features[0].availability.voices[0];
+        assert_eq!(availability.source.topic, "tele/tasmota_D1E2F3/LWT");
+        let asked = Telegram::new("cmnd/tasmota_D1E2F3/STATE", "");
+        assert_eq!(device.features[0].ask, Some(asked));
+        assert_eq!(device.features[2].states.len(), 3);
         assert!(discovery.hear("tasmota/discovery/X/config", "{").is_err());
+        assert!(discovery.hear("tasmota/discovery/A4CF12D1E2F3/config", "{").is_err());
+        let reason = &discovery.devices()[0].unused[0].reason;
+        assert!(reason.contains("its last description cannot be read"), "{reason}");
         discovery.hear("tasmota/discovery/A4CF12D1E2F3/config", "").expect("taken back");
         assert!(discovery.devices().is_empty());
     }

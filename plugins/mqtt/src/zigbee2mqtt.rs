@@ -1,9 +1,13 @@
 //! What Zigbee2MQTT says of its devices (`zigbee2mqtt/bridge/devices`): what each exposes.
 
+use std::collections::BTreeMap;
+
 use serde::Deserialize;
 use serde_json::Value;
 
-use crate::described::{Availability, Command, Described, Feature, Reading, Source};
+use crate::described::{
+    Availability, AvailabilityMode, Command, Described, Feature, Source, Telegram, Unused, Voice,
+};
 
 #[derive(Deserialize)]
 struct Device {
@@ -39,85 +43,205 @@ struct Expose {
 
 const SAYS: u8 = 1;
 const SET: u8 = 2;
+const ASKED: u8 = 4;
 
-/// The devices in what the bridge says.
-///
-/// # Errors
-///
-/// If it is none of its texts.
-pub(crate) fn devices(base: &str, text: &str) -> Result<Vec<Described>, String> {
-    let devices: Vec<Value> = serde_json::from_str(text).map_err(|error| error.to_string())?;
-    // One that nobody understands keeps no other away.
-    let read = |device| serde_json::from_value::<Device>(device).ok();
-    let devices = devices.into_iter().filter_map(read).filter(|device| !device.disabled);
-    Ok(devices.filter_map(|device| described(base, device)).collect())
+/// What is exposed of which nothing can be used, and why.
+const UNUSED: &[(&str, &str)] = &[
+    ("cover", "a blind or a curtain has no words here"),
+    ("fan", "a fan has no words here"),
+    ("climate", "what it heats or cools to has no words here"),
+];
+
+/// The devices that the bridge has told of, by their addresses.
+#[derive(Debug, Default)]
+pub(crate) struct Bridge {
+    devices: BTreeMap<String, Described>,
+    /// Why the last text was not read; then the devices are those of the one before.
+    pub(crate) problem: Option<String>,
+}
+
+impl Bridge {
+    /// Takes in what the bridge says of all its devices.
+    ///
+    /// # Errors
+    ///
+    /// If it is none of its texts; then what was known stays.
+    pub(crate) fn hear(&mut self, base: &str, text: &str) -> Result<(), String> {
+        // Whoever takes a retained text away takes the devices away.
+        let told: Result<Vec<Value>, _> = match text.trim().is_empty() {
+            true => Ok(Vec::new()),
+            false => serde_json::from_str(text),
+        };
+        let told = told.map_err(|error| {
+            let problem = error.to_string();
+            self.problem = Some(problem.clone());
+            problem
+        })?;
+        self.problem = None;
+        let mut devices = BTreeMap::new();
+        for device in told {
+            let address = device.get("ieee_address").and_then(Value::as_str).map(str::to_owned);
+            match serde_json::from_value::<Device>(device) {
+                Ok(device) if device.disabled => (),
+                Ok(device) => {
+                    let address = device.ieee_address.clone();
+                    devices.extend(described(base, device).map(|device| (address, device)));
+                }
+                // One that is not understood keeps no other away, and stays as it was.
+                Err(error) => {
+                    let known = address.and_then(|address| self.devices.remove_entry(&address));
+                    let Some((address, mut device)) = known else {
+                        tracing::warn!("ignored a device of Zigbee2MQTT: {error}");
+                        continue;
+                    };
+                    let reason = format!("its last description cannot be read: {error}");
+                    if !device.unused.iter().any(|unused| unused.reason == reason) {
+                        device.unused.push(Unused::because(reason));
+                    }
+                    devices.insert(address, device);
+                }
+            }
+        }
+        self.devices = devices;
+        Ok(())
+    }
+
+    pub(crate) fn devices(&self) -> Vec<Described> {
+        let trouble = self.problem.as_ref().map(|problem| {
+            Unused::because(format!("the last `bridge/devices` cannot be read: {problem}"))
+        });
+        let with_trouble = |device: &Described| {
+            let unused = device.unused.iter().cloned().chain(trouble.clone()).collect();
+            Described { unused, ..device.clone() }
+        };
+        self.devices.values().map(with_trouble).collect()
+    }
 }
 
 fn described(base: &str, device: Device) -> Option<Described> {
     let Device { ieee_address, friendly_name, definition, .. } = device;
     let topic = format!("{base}/{friendly_name}");
     let exposes = definition?.exposes;
-    let features: Vec<_> = exposes.iter().flat_map(|expose| features_of(expose, &topic)).collect();
-    let at = |topic: String, key: &str| Availability {
-        source: Source { topic, reading: Reading::At(vec![key.to_owned()]) },
+    let (mut features, mut unused) = (Vec::new(), Vec::new());
+    for expose in &exposes {
+        features_of(expose, &topic, &mut features, &mut unused);
+    }
+    // It is raw in Zigbee2MQTT 1.x, where the other beside it says lux.
+    let is_raw = |feature: &Feature| feature.class == "illuminance" && feature.unit.is_empty();
+    let has_lux = features.iter().any(|feature| feature.class == "illuminance_lux");
+    if features.iter().any(is_raw) && !has_lux {
+        let reason = "its illuminance has no unit: Zigbee2MQTT 1.x says it raw";
+        unused.push(Unused::because(reason));
+    }
+    features.retain(|feature| !is_raw(feature));
+    let voice = |topic: String| Voice {
+        source: Source::at(topic, &["state"]),
+        online: "online".to_owned(),
         offline: "offline".to_owned(),
+        // It says so only where that is switched on.
+        at_first: true,
     };
-    Some(Described {
-        id: ieee_address,
-        area: None,
-        features,
-        availability: vec![
-            at(format!("{topic}/availability"), "state"),
-            at(format!("{base}/bridge/state"), "state"),
-        ],
-        any_is_enough: false,
-        name: friendly_name,
-    })
+    let voices =
+        vec![voice(format!("{topic}/availability")), voice(format!("{base}/bridge/state"))];
+    for feature in &mut features {
+        let voices = voices.clone();
+        feature.availability = Availability { voices, mode: AvailabilityMode::All };
+    }
+    let problem = mqtt_link::topic_problem(&topic);
+    if let Some(problem) = problem {
+        features.clear();
+        unused.push(Unused::because(problem));
+    }
+    let (name, id, also, area) = (friendly_name, ieee_address, Vec::new(), None);
+    Some(Described { name, id, also, area, features, unused })
 }
 
-fn features_of(expose: &Expose, topic: &str) -> Vec<Feature> {
-    let plain = |value: &Option<Value>, otherwise: &str| match value {
+fn plain(value: &Option<Value>, otherwise: &str) -> String {
+    match value {
         Some(Value::String(text)) => text.clone(),
         Some(other) => other.to_string(),
         None => otherwise.to_owned(),
+    }
+}
+
+/// What it says by itself, and how it is asked for that.
+fn heard(expose: &Expose, topic: &str, feature: Feature) -> Feature {
+    let Some(property) = expose.property.as_deref() else { return feature };
+    let states = match expose.access & SAYS {
+        0 => Vec::new(),
+        _ => vec![Source::at(topic, &[property])],
     };
-    let state = |of: &Expose| {
-        let property = of.property.clone()?;
-        let reading = Reading::At(vec![property]);
-        (of.access & SAYS != 0).then(|| Source { topic: topic.to_owned(), reading })
-    };
+    let ask = (expose.access & ASKED != 0).then(|| {
+        Telegram::new(format!("{topic}/get"), serde_json::json!({ property: "" }).to_string())
+    });
+    Feature { states, ask, ..feature }
+}
+
+fn features_of(
+    expose: &Expose,
+    topic: &str,
+    features: &mut Vec<Feature>,
+    unused: &mut Vec<Unused>,
+) {
+    let label = expose.property.clone().unwrap_or_default();
     match expose.kind.as_str() {
-        "numeric" | "binary" if expose.access & SAYS != 0 => vec![Feature {
-            class: expose.name.clone(),
-            label: expose.property.clone().unwrap_or_default(),
-            state: state(expose),
-            unit: expose.unit.clone().unwrap_or_default(),
-            yes: plain(&expose.value_on, "true"),
-            no: plain(&expose.value_off, "false"),
-            command: None,
-        }],
+        "numeric" | "binary" if expose.access & SAYS != 0 => {
+            let feature = Feature {
+                unit: expose.unit.clone().unwrap_or_default(),
+                yes: vec![plain(&expose.value_on, "true")],
+                no: vec![plain(&expose.value_off, "false")],
+                ..Feature::named(&expose.name, &label)
+            };
+            features.push(heard(expose, topic, feature));
+        }
         "switch" | "light" | "lock" => {
             let is_state = |part: &&Expose| part.name == "state" && part.access & SET != 0;
-            let part = expose.features.iter().find(is_state);
-            let switch = part.and_then(|part| {
-                let property = part.property.clone()?;
-                let (yes, no) = (plain(&part.value_on, "ON"), plain(&part.value_off, "OFF"));
-                let say = |value: &str| serde_json::json!({ &property: value }).to_string();
-                let (on, off) = (say(&yes), say(&no));
-                Some(Feature {
-                    class: expose.kind.clone(),
-                    label: property.clone(),
-                    state: state(part),
-                    unit: String::new(),
-                    yes,
-                    no,
-                    command: Some(Command { topic: format!("{topic}/set"), on, off }),
-                })
-            });
-            switch.into_iter().collect()
+            if let Some(part) = expose.features.iter().find(is_state) {
+                features.extend(switched(&expose.kind, part, topic));
+            }
         }
-        _ => Vec::new(),
+        "climate" => {
+            let is_room = |part: &&Expose| part.name == "local_temperature";
+            if let Some(part) = expose.features.iter().find(is_room) {
+                let unit = part.unit.clone().unwrap_or_default();
+                let label = part.property.clone().unwrap_or_default();
+                // A thermometer beside the valve knows it better.
+                let feature = Feature { unit, rank: 1, ..Feature::named("temperature", &label) };
+                features.push(heard(part, topic, feature));
+            } else {
+                unused.push(because("climate"));
+            }
+        }
+        kind if UNUSED.iter().any(|(unused, _)| *unused == kind) => unused.push(because(kind)),
+        _ => (),
     }
+}
+
+fn because(kind: &str) -> Unused {
+    let reason = UNUSED.iter().find(|(unused, _)| *unused == kind).map_or("", |(_, reason)| reason);
+    Unused::because(format!("its {kind}: {reason}"))
+}
+
+fn switched(class: &str, part: &Expose, topic: &str) -> Option<Feature> {
+    let property = part.property.clone()?;
+    // A lock is told in other words than it says.
+    let (on, off) = match class {
+        "lock" => ("LOCK", "UNLOCK"),
+        _ => ("ON", "OFF"),
+    };
+    let on = part.value_on.clone().unwrap_or_else(|| on.into());
+    let off = part.value_off.clone().unwrap_or_else(|| off.into());
+    let say = |value: &Value| {
+        Telegram::new(format!("{topic}/set"), serde_json::json!({ &property: value }).to_string())
+    };
+    let words = |value: &Value| plain(&Some(value.clone()), "");
+    let (yes, no) = match class {
+        "lock" => (vec![words(&on), "LOCKED".to_owned()], vec![words(&off), "UNLOCKED".to_owned()]),
+        _ => (vec![words(&on)], vec![words(&off)]),
+    };
+    let command = Some(Command { on: say(&on), off: say(&off) });
+    let feature = Feature { yes, no, command, ..Feature::named(class, &property) };
+    Some(heard(part, topic, feature))
 }
 
 #[cfg(test)]
@@ -145,7 +269,9 @@ mod tests {
 
     #[test]
     fn what_devices_expose_is_read() {
-        let devices = devices("zigbee2mqtt", DEVICES).expect("its text");
+        let mut bridge = Bridge::default();
+        bridge.hear("zigbee2mqtt", DEVICES).expect("its text");
+        let devices = bridge.devices();
         let names: Vec<_> = devices.iter().map(|device| device.name.as_str()).collect();
         assert_eq!(names, ["office1/thermo", "plug", "pir"]);
         let classes: Vec<_> =
@@ -154,15 +280,37 @@ mod tests {
         let plug = &devices[1].features[0];
         let command = plug.command.as_ref().expect("it can be set");
         assert_eq!(
-            (command.topic.as_str(), command.on.as_str()),
+            (command.on.topic.as_str(), command.on.text.as_str()),
             ("zigbee2mqtt/plug/set", r#"{"state":"ON"}"#)
         );
-        assert_eq!(devices[2].features[0].yes, "true");
-        for rubbish in ["", "{}", "[", "[1, null, \"x\"]"] {
-            assert!(
-                super::devices("z", rubbish).is_ok_and(|found| found.is_empty())
-                    || rubbish != "[1, null, \"x\"]"
-            );
+        assert_eq!(devices[2].features[0].yes, ["true"]);
+        assert_eq!(
+            plug.ask,
+            Some(Telegram::new("zigbee2mqtt/plug/get", r#"{"state":""}"#)),
+            "it can be asked"
+        );
+    }
+
+    #[test]
+    fn what_cannot_be_read_takes_nothing_away() {
+        let mut bridge = Bridge::default();
+        bridge.hear("z", DEVICES).expect("its text");
+        for rubbish in ["{}", "[", "12", "{\"a\":1}"] {
+            assert!(bridge.hear("z", rubbish).is_err(), "{rubbish}");
+            let devices = bridge.devices();
+            assert_eq!(devices.len(), 3);
+            let reason = &devices[0].unused[0].reason;
+            assert!(reason.contains("`bridge/devices` cannot be read"), "{reason}");
         }
+        // One device of which the description is broken stays as it was, and the others follow.
+        let text = r#"[{"ieee_address":"0x00158d0001a2b3c4","friendly_name":7},null,
+            {"ieee_address":"0x1","friendly_name":"new","definition":{"exposes":[]}}]"#;
+        bridge.hear("z", text).expect("its text");
+        let devices = bridge.devices();
+        let names: Vec<_> = devices.iter().map(|device| device.name.as_str()).collect();
+        assert_eq!(names, ["office1/thermo", "new"]);
+        assert!(devices[0].unused[0].reason.contains("cannot be read"));
+        bridge.hear("z", "").expect("taken back");
+        assert!(bridge.devices().is_empty());
     }
 }

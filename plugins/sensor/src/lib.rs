@@ -375,7 +375,11 @@ impl Sensor {
             let said = self.probe.last_word(quantity.name);
             match said.map(believable) {
                 Some(Ok(measured)) => drop(self.measured.insert(quantity.name, measured)),
-                Some(Err(problem)) => tracing::info!("failed to {problem}"),
+                // What it says now is no value, so that what it said before is none either.
+                Some(Err(problem)) => {
+                    self.measured.remove(quantity.name);
+                    tracing::info!("failed to {problem}");
+                }
                 None => (),
             }
         }

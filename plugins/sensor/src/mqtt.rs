@@ -72,7 +72,7 @@ impl Mqtt {
     fn link(&self) -> Link {
         let mut link = lock(&self.link);
         let make = || {
-            let connection = Connection::to(&self.broker);
+            let connection = Connection::to(&self.broker, "sensor");
             let listen = |topic: &String| connection.listen(topic);
             Link {
                 trouble: connection.trouble(),
@@ -87,17 +87,16 @@ impl Mqtt {
     /// What the last word of a quantity says of it; `None` if nothing was said yet.
     fn read(&self, quantity: &str, said: &Said) -> Option<Result<Measurement, String>> {
         let newest = said.words.front()?;
+        // What speaks of other things takes nothing back; what says that there is no value does.
         let measured = said.words.iter().find_map(|word| {
-            let value = match &self.pointer {
-                Some(pointer) => text::at(&word.text, pointer),
-                None => text::named(&word.text, quantity).or_else(|| Some(word.text.clone())),
-            };
-            Some(Measurement { value: text::value(&value?, quantity)?, at: word.at })
+            let value = text::said(&word.text, quantity, self.pointer.as_deref())?;
+            Some(value.map(|value| Measurement { value, at: word.at }))
         });
-        Some(measured.ok_or_else(|| {
-            let told = text::told(&newest.text);
-            format!("find the {quantity} in what `{}` says: {told}", self.topic)
-        }))
+        let problem = |told| format!("find the {quantity} in what `{}` says: {told}", self.topic);
+        Some(match measured {
+            Some(measured) => measured.map_err(problem),
+            None => Err(problem(text::told(&newest.text))),
+        })
     }
 }
 
@@ -266,6 +265,15 @@ mod tests {
         until(&mut sensor, |sensor| offers(sensor) == 0).await;
         broker.retain(availability, "online");
         until(&mut sensor, |sensor| offers(sensor) == 2).await;
+        // What a device says that it does not know is not known.
+        broker.say("zigbee2mqtt/thermo", r#"{"humidity":46,"temperature":null}"#);
+        until(&mut sensor, |sensor| !facts(sensor).contains("temperature")).await;
+        assert!(facts(&sensor).contains("(= (humidity lab) 46)"));
+        let problem = measure(&mut sensor, "temperature").await.expect_err("it is not known");
+        assert_eq!(
+            problem.to_string(),
+            "find the temperature in what `zigbee2mqtt/thermo` says: null"
+        );
     }
 
     #[tokio::test]

@@ -9,16 +9,38 @@ const NO: [&str; 5] = ["false", "no", "off", "closed", "clear"];
 
 /// What devices call a quantity, beside its name: Zigbee2MQTT, Tasmota and others.
 const ALIASES: &[(&str, &[&str])] = &[
-    ("light", &["illuminance", "illuminance_lux"]),
+    // Where both are said, the other is raw (Zigbee2MQTT 1.x).
+    ("light", &["illuminance_lux", "illuminance"]),
     ("motion", &["occupancy", "presence"]),
     ("humidity", &["relative_humidity"]),
     ("co2", &["carbon_dioxide"]),
 ];
 
+/// Parts of a Tasmota device that measure the device itself, by how their names begin.
+const CHIPS: &[&str] = &["ESP32", "ENERGY", "AXP", "MPU", "BL09"];
+
 /// What stands at a place of a JSON text (RFC 6901), as text.
 pub(crate) fn at(text: &str, pointer: &str) -> Option<String> {
     let json: serde_json::Value = serde_json::from_str(text).ok()?;
     json.pointer(pointer).map(plain)
+}
+
+/// What a text says of a quantity: its value, or that there is none, with the reason; `None` if it does
+/// not speak of it, as of a battery alone.
+pub(crate) fn said(
+    text: &str,
+    quantity: &str,
+    pointer: Option<&str>,
+) -> Option<Result<f64, String>> {
+    let is_json =
+        serde_json::from_str::<serde_json::Value>(text).is_ok_and(|json| json.is_object());
+    let word = match pointer {
+        Some(pointer) => at(text, pointer)?,
+        None if is_json => named(text, quantity)?,
+        None => text.to_owned(),
+    };
+    let said = value(&word, quantity).filter(|value| is_possible(*value, quantity));
+    Some(said.ok_or_else(|| told(&word)))
 }
 
 /// What a JSON object calls by a quantity's name, or another of its names; also one level down, as
@@ -30,12 +52,29 @@ pub(crate) fn named(text: &str, quantity: &str) -> Option<String> {
     let names: Vec<_> = std::iter::once(quantity)
         .chain(aliases.flat_map(|(_, names)| names.iter().copied()))
         .collect();
-    let is_named = |key: &str| names.iter().any(|name| name.eq_ignore_ascii_case(key));
-    let in_object = |object: &serde_json::Map<String, serde_json::Value>| {
-        object.iter().find(|(key, _)| is_named(key)).map(|(_, value)| plain(value))
+    type Object = serde_json::Map<String, serde_json::Value>;
+    let in_object = |object: &Object| {
+        let named = |name: &&str| object.iter().find(|(key, _)| name.eq_ignore_ascii_case(key));
+        names.iter().find_map(named).map(|(_, value)| plain(value))
     };
-    in_object(object)
-        .or_else(|| object.values().filter_map(serde_json::Value::as_object).find_map(in_object))
+    in_object(object).or_else(|| {
+        // A chip's own temperature is not the room's; what measures the humidity too is.
+        let is_own = |name: &String| CHIPS.iter().any(|chip| name.starts_with(chip));
+        let parts = object.iter().filter(|(name, _)| !is_own(name));
+        let mut parts: Vec<&Object> = parts.filter_map(|(_, part)| part.as_object()).collect();
+        parts.sort_by_key(|part| !part.keys().any(|key| key.eq_ignore_ascii_case("humidity")));
+        parts.into_iter().find_map(in_object)
+    })
+}
+
+/// Whether a value of a quantity can be: chips say numbers of their own for “no value”.
+fn is_possible(value: f64, quantity: &str) -> bool {
+    match quantity {
+        "temperature" => value > -127.0,
+        "humidity" => (0.0..=110.0).contains(&value),
+        "co2" | "light" | "distance" => value >= 0.0,
+        _ => true,
+    }
 }
 
 fn plain(value: &serde_json::Value) -> String {
@@ -90,6 +129,18 @@ mod tests {
             (tasmota, "temperature", Some("21.5")),
             (r#"{"occupancy":true}"#, "motion", Some("true")),
             (r#"{"illuminance":12}"#, "light", Some("12")),
+            (r#"{"illuminance":21000,"illuminance_lux":126}"#, "light", Some("126")),
+            (
+                r#"{"Time":"x","ESP32":{"Temperature":53.3},"SI7021":{"Temperature":21.5,"Humidity":40}}"#,
+                "temperature",
+                Some("21.5"),
+            ),
+            (
+                r#"{"DS18B20":{"Temperature":60},"SHT3X":{"Temperature":21.5,"Humidity":40}}"#,
+                "temperature",
+                Some("21.5"),
+            ),
+            (r#"{"ESP32":{"Temperature":53.3}}"#, "temperature", None),
             ("21.5", "temperature", None),
             ("not json", "temperature", None),
         ] {
@@ -111,6 +162,27 @@ mod tests {
         ] {
             assert_eq!(value(word, quantity), expected, "{word} of {quantity}");
         }
+    }
+
+    #[test]
+    fn what_is_not_known_is_told_from_what_is_not_said() {
+        for (text, quantity, expected) in [
+            (r#"{"temperature":21.5}"#, "temperature", Some(Ok(21.5))),
+            ("21.5", "temperature", Some(Ok(21.5))),
+            (r#"{"battery":90}"#, "temperature", None),
+            (r#"{"temperature":null}"#, "temperature", Some(Err("null"))),
+            (r#"{"temperature":"warm"}"#, "temperature", Some(Err("warm"))),
+            (r#"{"temperature":-127}"#, "temperature", Some(Err("-127"))),
+            (r#"{"humidity":655.35}"#, "humidity", Some(Err("655.35"))),
+            ("nan", "temperature", Some(Err("nan"))),
+            ("unavailable", "motion", Some(Err("unavailable"))),
+        ] {
+            let expected = expected.map(|said| said.map_err(str::to_owned));
+            assert_eq!(said(text, quantity, None), expected, "{text}");
+        }
+        assert_eq!(said(r#"{"a":{"b":7}}"#, "co2", Some("/a/b")), Some(Ok(7.0)));
+        assert_eq!(said(r#"{"battery":7}"#, "co2", Some("/a/b")), None);
+        assert_eq!(said(r#"{"a":null}"#, "co2", Some("/a")), Some(Err("null".to_owned())));
     }
 
     #[test]

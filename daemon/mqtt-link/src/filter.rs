@@ -1,0 +1,117 @@
+//! Topics and filters of topics: which are allowed (MQTT 3.1.1, section 4.7), and which fit.
+
+/// The longest topic: its length is sent in two bytes.
+const TOPIC_BYTES_MAX: usize = u16::MAX as usize;
+
+/// Returns why a device cannot be listened to under this filter; `None` if it can.
+///
+/// One invalid filter would end the connection, or let the client library drop all others of its batch.
+pub fn filter_problem(filter: &str) -> Option<String> {
+    if let Some(problem) = text_problem(filter) {
+        return Some(problem);
+    }
+    if filter.starts_with("$share/") || filter.starts_with("$queue/") {
+        return Some(format!("`{filter}` is a shared subscription: others would get its texts"));
+    }
+    let levels = filter.split('/').count();
+    for (number, level) in filter.split('/').enumerate() {
+        if level.contains('#') && (level != "#" || number + 1 != levels) {
+            return Some(format!("`{filter}` is no topic: `#` may only be its whole last level"));
+        }
+        if level.contains('+') && level != "+" {
+            return Some(format!("`{filter}` is no topic: `+` may only be a whole level"));
+        }
+    }
+    None
+}
+
+/// Returns why nothing can be published under this topic; `None` if it can.
+pub fn topic_problem(topic: &str) -> Option<String> {
+    if let Some(problem) = text_problem(topic) {
+        return Some(problem);
+    }
+    let has_wildcard = topic.contains(['+', '#']);
+    has_wildcard
+        .then(|| format!("nothing can be said to `{topic}`: `+` and `#` are only to listen"))
+}
+
+fn text_problem(topic: &str) -> Option<String> {
+    if topic.is_empty() {
+        return Some("a topic is empty".to_owned());
+    }
+    if topic.len() > TOPIC_BYTES_MAX {
+        return Some(format!("a topic is longer than {TOPIC_BYTES_MAX} bytes"));
+    }
+    let has_control = topic.chars().any(char::is_control);
+    has_control.then(|| format!("the topic `{}` has a control character", topic.escape_debug()))
+}
+
+/// Whether a filter stands for several topics.
+pub(crate) fn is_pattern(filter: &str) -> bool {
+    filter.contains(['+', '#'])
+}
+
+/// Whether a topic fits a filter: `+` is any one level, `#` at the end all that follow. What a broker
+/// says of itself (`$SYS/…`) fits only filters that name it.
+pub(crate) fn fits(filter: &str, topic: &str) -> bool {
+    if topic.starts_with('$') && filter.starts_with(['+', '#']) {
+        return false;
+    }
+    let (mut filter, mut topic) = (filter.split('/'), topic.split('/'));
+    loop {
+        match (filter.next(), topic.next()) {
+            (Some("#"), _) | (None, None) => return true,
+            (Some("+"), Some(_)) => (),
+            (Some(one), Some(other)) if one == other => (),
+            _ => return false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn filters_are_those_of_mqtt() {
+        for (filter, topic, expected) in [
+            ("a/+/config", "a/b/config", true),
+            ("a/+/config", "a/b/c/config", false),
+            ("a/#", "a/b/c", true),
+            ("a/#", "a", true),
+            ("a/b", "a/b", true),
+            ("a/b", "a/b/c", false),
+            ("a/b/c", "a/b", false),
+            ("#", "a/b", true),
+            ("#", "$SYS/broker/uptime", false),
+            ("+/broker/uptime", "$SYS/broker/uptime", false),
+            ("$SYS/#", "$SYS/broker/uptime", true),
+        ] {
+            assert_eq!(fits(filter, topic), expected, "{filter} {topic}");
+        }
+    }
+
+    #[test]
+    fn a_bad_filter_has_its_reason() {
+        let long = "x".repeat(70_000);
+        for (filter, expected) in [
+            ("lab/#/bad", "`#` may only be its whole last level"),
+            ("lab/bad#", "`#` may only be its whole last level"),
+            ("lab/a+b", "`+` may only be a whole level"),
+            ("", "a topic is empty"),
+            ("a\0b", "has a control character"),
+            ("$share/group/a", "shared subscription"),
+            (long.as_str(), "longer than 65535 bytes"),
+        ] {
+            let problem = filter_problem(filter).expect(filter);
+            assert!(problem.contains(expected), "{problem}");
+        }
+        for filter in ["lab/+/t", "lab/#", "#", "/", "a//b", " ", "$SYS/x", "büro/t"] {
+            assert_eq!(filter_problem(filter), None);
+        }
+        assert!(
+            topic_problem("lab/+/set").is_some_and(|problem| problem.contains("only to listen"))
+        );
+        assert_eq!(topic_problem("lab/x/set"), None);
+    }
+}

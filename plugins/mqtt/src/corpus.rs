@@ -1,0 +1,180 @@
+//! The corpus: what devices of many makes say, and what becomes of each here. The files below
+//! `tests/corpus` are of our own wording, after what each firmware's documentation says it sends.
+
+use serde::Deserialize;
+
+use crate::census::names;
+use crate::class::Classes;
+use crate::described::Described;
+use crate::device::{Value, Word};
+use crate::part::{Known, Parts};
+use crate::{home_assistant, shelly, tasmota, zigbee2mqtt};
+
+const FILES: &[(&str, &str)] = &[
+    ("esphome", include_str!("../tests/corpus/esphome.toml")),
+    ("home_assistant", include_str!("../tests/corpus/home_assistant.toml")),
+    ("shelly", include_str!("../tests/corpus/shelly.toml")),
+    ("tasmota", include_str!("../tests/corpus/tasmota.toml")),
+    ("zigbee2mqtt", include_str!("../tests/corpus/zigbee2mqtt.toml")),
+];
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    case: Vec<Case>,
+}
+
+/// What was said, and what must become of it.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Case {
+    about: String,
+    /// Each a topic and a text.
+    said: Vec<[String; 2]>,
+    /// Every line of `outcome`, in any order.
+    becomes: Vec<String>,
+}
+
+/// What becomes of what was said: agents with their areas, what they know, how they are told and asked,
+/// and what of them cannot be used.
+fn outcome(said: &[[String; 2]]) -> Vec<String> {
+    let classes = Classes::with(&serde_json::Value::Null).expect("built in");
+    let devices = devices(said);
+    let mut lines = Vec::new();
+    for (device, name) in devices.iter().zip(names(&devices)) {
+        let Parts { parts, problem } = Parts::of(device, &classes);
+        for (suffix, features) in &parts {
+            let agent = format!("{name}{suffix}");
+            let area = device.area.as_ref().map(|area| format!(" in {area}")).unwrap_or_default();
+            lines.push(format!("{agent}{area}"));
+            for known in features {
+                lines.extend(of_feature(&agent, known, said));
+            }
+        }
+        lines.extend(problem.map(|problem| format!("{name}: {problem}")));
+    }
+    lines
+}
+
+fn devices(said: &[[String; 2]]) -> Vec<Described> {
+    let mut bridge = zigbee2mqtt::Bridge::default();
+    let mut home_assistant = home_assistant::Discovery::default();
+    let mut tasmota = tasmota::Discovery::default();
+    let mut shelly = shelly::Discovery::default();
+    for [topic, text] in said {
+        let _ = match topic {
+            topic if topic == "zigbee2mqtt/bridge/devices" => bridge.hear("zigbee2mqtt", text),
+            topic if topic.starts_with("homeassistant/") => {
+                home_assistant.hear("homeassistant", topic, text)
+            }
+            topic if topic.starts_with("tasmota/discovery/") => tasmota.hear(topic, text),
+            topic => {
+                shelly.hear(topic, text);
+                Ok(())
+            }
+        };
+    }
+    let mut devices = home_assistant.devices();
+    devices.extend(bridge.devices());
+    devices.extend(tasmota.devices());
+    devices.extend(shelly.devices());
+    devices
+}
+
+fn of_feature(agent: &str, known: &Known, said: &[[String; 2]]) -> Vec<String> {
+    let mut lines = Vec::new();
+    let mut last = None;
+    for [topic, text] in said {
+        for (number, source) in known.feature.states.iter().enumerate() {
+            if source.topic == *topic
+                && let Some(word) = known.read(number, text)
+            {
+                last = Some(word);
+            }
+        }
+    }
+    let name = &known.name;
+    lines.extend(last.map(|word| match word {
+        Word::Is(Value::Number(number)) => format!("{agent} {name} {number}"),
+        Word::Is(Value::Yes(is_so)) => {
+            format!("{agent} {name} {}", if is_so { "yes" } else { "no" })
+        }
+        Word::NotKnown(_) => format!("{agent} {name} not known"),
+    }));
+    let feature = &known.feature;
+    if let Some(command) = &feature.command {
+        lines.push(format!("{agent} on: {} {}", command.on.topic, command.on.text));
+        lines.push(format!("{agent} off: {} {}", command.off.topic, command.off.text));
+    }
+    lines.extend(feature.ask.iter().map(|ask| format!("{agent} asks: {} {}", ask.topic, ask.text)));
+    if let Some(expires) = feature.expires {
+        lines.push(format!("{agent} {name} expires after {expires:?}"));
+    }
+    if let Some(delay) = feature.off_delay {
+        lines.push(format!("{agent} {name} is off after {delay:?}"));
+    }
+    lines
+}
+
+#[test]
+fn each_device_becomes_what_it_is() {
+    let mut wrong = Vec::new();
+    for (file, text) in FILES {
+        let File { case } = toml::from_str(text).unwrap_or_else(|error| panic!("{file}: {error}"));
+        for Case { about, said, becomes } in case {
+            let (mut outcome, mut expected) = (outcome(&said), becomes);
+            outcome.sort();
+            outcome.dedup();
+            expected.sort();
+            if outcome != expected {
+                let all = |lines: &[String]| {
+                    lines.iter().map(|line| format!("    {line:?},\n")).collect::<String>()
+                };
+                wrong.push(format!(
+                    "{file}: {about}\n  is\n{}  not\n{}",
+                    all(&outcome),
+                    all(&expected)
+                ));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// The components of Home Assistant's documentation.
+#[test]
+fn every_component_of_home_assistant_is_in_the_corpus() {
+    let (_, text) = FILES[1];
+    for component in [
+        "alarm_control_panel",
+        "binary_sensor",
+        "button",
+        "camera",
+        "climate",
+        "cover",
+        "device_automation",
+        "device_tracker",
+        "event",
+        "fan",
+        "humidifier",
+        "image",
+        "lawn_mower",
+        "light",
+        "lock",
+        "notify",
+        "number",
+        "scene",
+        "select",
+        "sensor",
+        "siren",
+        "switch",
+        "tag",
+        "text",
+        "update",
+        "vacuum",
+        "valve",
+        "water_heater",
+    ] {
+        assert!(text.contains(&format!("homeassistant/{component}/")), "{component}");
+    }
+}

@@ -1,0 +1,419 @@
+//! What a device has said so far, feature by feature: whether it is here, what it is, and since when.
+//!
+//! - Of a feature it is known what it is, or it is not known, or it is away: three things.
+//! - Texts are taken in as they come, the oldest first. One that does not speak of a feature changes
+//!   nothing of it.
+//! - A switch may have been switched by hand while there was no connection: what it said before is not
+//!   known any more. It is asked, where the device can be asked, a few times.
+
+use std::future::poll_fn;
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::Poll;
+use std::time::Duration;
+
+use mqtt_link::{Connection, Said};
+use tokio::sync::watch;
+use tokio::time::Instant;
+
+use crate::class::Kind;
+use crate::described::{Availability, AvailabilityMode, Telegram};
+use crate::device::{Value, Word};
+use crate::part::Known;
+
+/// How long after a device has come it is asked for what it has not said; so much more is drawn by
+/// lot, so that hundreds of devices are not asked at once.
+const ASK_AFTER: Duration = Duration::from_millis(300);
+const ASK_SPREAD_MS: u64 = 2_000;
+
+/// Pauses after which it is asked again; then no more, until the next connection.
+const ASK_AGAIN: [Duration; 4] = [
+    Duration::from_secs(5),
+    Duration::from_secs(30),
+    Duration::from_secs(180),
+    Duration::from_secs(900),
+];
+
+/// What is known of a feature.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Standing {
+    /// This, since then.
+    Is(Value, Instant),
+    /// It has said nothing; or, with the reason, nothing that holds.
+    NotKnown(Option<String>),
+    /// It cannot be reached, and why.
+    Away(String),
+}
+
+/// Hears what a device says. Copies are the same, but for what is news to them.
+#[derive(Clone)]
+pub(crate) struct Hearing {
+    connection: Arc<Connection>,
+    trouble: watch::Receiver<Option<String>>,
+    /// The features' sources, then their voices of availability.
+    topics: Vec<Listened>,
+    features: Arc<Vec<Known>>,
+    taken: Arc<Mutex<Taken>>,
+}
+
+#[derive(Clone)]
+struct Listened {
+    said: watch::Receiver<Said>,
+    feature: usize,
+    what: What,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum What {
+    State(usize),
+    Voice(usize),
+}
+
+/// What was taken in.
+struct Taken {
+    /// How many words of each topic.
+    counts: Vec<u64>,
+    features: Vec<Heard>,
+}
+
+/// What one feature has said.
+#[derive(Clone)]
+struct Heard {
+    word: Option<(Word, Instant, u64)>,
+    /// Each voice's last word.
+    voices: Vec<Option<bool>>,
+    latest: Option<bool>,
+    /// How often it was asked in this connection, and when it is next.
+    asked: (u64, usize, Instant),
+}
+
+impl Heard {
+    fn of(availability: &Availability) -> Heard {
+        let at_first = availability.voices.iter().map(|voice| voice.at_first.then_some(true));
+        let voices: Vec<_> = at_first.collect();
+        let latest = voices.iter().copied().flatten().next();
+        Heard { word: None, voices, latest, asked: (0, 0, Instant::now() + first_pause()) }
+    }
+
+    fn hears(&mut self, voice: usize, is_online: bool) {
+        self.voices[voice] = Some(is_online);
+        self.latest = Some(is_online);
+    }
+
+    fn is_online(&self, mode: AvailabilityMode) -> bool {
+        match mode {
+            AvailabilityMode::All => self.voices.iter().all(|voice| *voice == Some(true)),
+            AvailabilityMode::Any => self.voices.contains(&Some(true)),
+            AvailabilityMode::Latest => self.latest == Some(true),
+        }
+    }
+}
+
+impl Hearing {
+    pub(crate) fn of(features: &[Known], connection: &Arc<Connection>) -> Hearing {
+        let mut topics = Vec::new();
+        let mut heard = Vec::new();
+        for (number, Known { feature, .. }) in features.iter().enumerate() {
+            let mut listen = |topic: &str, what: What| {
+                topics.push(Listened { said: connection.listen(topic), feature: number, what });
+            };
+            for (source, state) in feature.states.iter().enumerate() {
+                listen(&state.topic, What::State(source));
+            }
+            for (voice, said) in feature.availability.voices.iter().enumerate() {
+                listen(&said.source.topic, What::Voice(voice));
+            }
+            heard.push(Heard::of(&feature.availability));
+        }
+        let taken = Taken { counts: vec![0; topics.len()], features: heard };
+        Hearing {
+            trouble: connection.trouble(),
+            connection: Arc::clone(connection),
+            topics,
+            features: Arc::new(features.to_vec()),
+            taken: Arc::new(Mutex::new(taken)),
+        }
+    }
+
+    /// What is known of a feature.
+    pub(crate) fn standing(&self, feature: usize, now: Instant) -> Standing {
+        if let Some(problem) = self.away(feature, now) {
+            return Standing::Away(problem);
+        }
+        let taken = self.take_in();
+        let (Some(heard), Some(known)) = (taken.features.get(feature), self.features.get(feature))
+        else {
+            return Standing::NotKnown(None);
+        };
+        let is_switch = matches!(known.class.kind(), Some(Kind::Switch { .. }));
+        match &heard.word {
+            None => Standing::NotKnown(None),
+            Some((Word::NotKnown(reason), ..)) => Standing::NotKnown(Some(reason.clone())),
+            Some((Word::Is(value), at, session)) => {
+                let age = now.saturating_duration_since(*at);
+                if known.feature.expires.is_some_and(|expires| age >= expires) {
+                    return Standing::NotKnown(Some("it has said nothing for too long".to_owned()));
+                }
+                if is_switch && *session != self.session(feature) {
+                    let reason = "it has said nothing since the broker was away".to_owned();
+                    return Standing::NotKnown(Some(reason));
+                }
+                let is_over = known.feature.off_delay.is_some_and(|delay| age >= delay);
+                match value {
+                    Value::Yes(true) if is_over => Standing::Is(Value::Yes(false), *at),
+                    value => Standing::Is(*value, *at),
+                }
+            }
+        }
+    }
+
+    /// Why a feature cannot be used now, if it cannot.
+    pub(crate) fn away(&self, feature: usize, _now: Instant) -> Option<String> {
+        if let Some(trouble) = &*self.trouble.borrow() {
+            return Some(format!("reach the broker: {trouble}"));
+        }
+        let of_state = self.topics.iter().filter(|listened| {
+            listened.feature == feature && matches!(listened.what, What::State(_))
+        });
+        let refusals: Vec<_> =
+            of_state.map(|listened| listened.said.borrow().refused.clone()).collect();
+        if !refusals.is_empty()
+            && let Some(refusal) = refusals.into_iter().collect::<Option<Vec<_>>>()
+        {
+            return refusal.into_iter().next().map(|refusal| format!("hear from it: {refusal}"));
+        }
+        let taken = self.take_in();
+        let (heard, known) = (taken.features.get(feature)?, self.features.get(feature)?);
+        let availability = &known.feature.availability;
+        if availability.voices.is_empty() {
+            return None;
+        }
+        if heard.is_online(availability.mode) {
+            return None;
+        }
+        let is_said = heard.voices.contains(&Some(false));
+        let topic = availability.voices.first().map_or("", |voice| voice.source.topic.as_str());
+        Some(match is_said {
+            true => "go on: it is offline".to_owned(),
+            false => format!("go on: it has not said under `{topic}` that it is online"),
+        })
+    }
+
+    /// The connection that a feature's states are listened to by.
+    fn session(&self, feature: usize) -> u64 {
+        let of_state = self.topics.iter().find(|listened| {
+            listened.feature == feature && matches!(listened.what, What::State(_))
+        });
+        of_state.map_or(0, |listened| listened.said.borrow().session)
+    }
+
+    /// Whether everything has said something.
+    pub(crate) fn is_told(&self) -> bool {
+        let taken = self.take_in();
+        taken
+            .features
+            .iter()
+            .all(|heard| heard.word.is_some() && heard.voices.iter().all(Option::is_some))
+    }
+
+    /// Believes what it was told to be, as it says nothing itself.
+    pub(crate) fn believe(&self, feature: usize, value: Value) {
+        let session = self.session(feature);
+        if let Some(heard) = self.take_in().features.get_mut(feature) {
+            heard.word = Some((Word::Is(value), Instant::now(), session));
+        }
+    }
+
+    pub(crate) fn say(&self, telegram: &Telegram) -> Result<(), String> {
+        self.connection.say(&telegram.topic, &telegram.text)
+    }
+
+    /// Asks for a feature, if it has said nothing that holds.
+    pub(crate) fn ask(&self, feature: usize) {
+        let ask = self.features.get(feature).and_then(|known| known.feature.ask.as_ref());
+        if let Some(ask) = ask
+            && matches!(self.standing(feature, Instant::now()), Standing::NotKnown(_))
+        {
+            let _ = self.say(ask);
+        }
+    }
+
+    /// Takes in what was said since the last time.
+    fn take_in(&self) -> MutexGuard<'_, Taken> {
+        let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut words = Vec::new();
+        for (number, listened) in self.topics.iter().enumerate() {
+            let said = listened.said.borrow();
+            let new = said.count - taken.counts[number];
+            taken.counts[number] = said.count;
+            let new = usize::try_from(new).unwrap_or(usize::MAX);
+            words.extend(said.words.iter().take(new).map(|word| (number, word.clone())));
+        }
+        words.sort_by_key(|(_, word)| word.at);
+        for (number, word) in words {
+            let Listened { feature, what, .. } = &self.topics[number];
+            let known = &self.features[*feature];
+            let heard = &mut taken.features[*feature];
+            match what {
+                What::State(source) => {
+                    if let Some(said) = known.read(*source, &word.text) {
+                        heard.word = Some((said, word.at, word.session));
+                    }
+                }
+                What::Voice(number) => {
+                    let voice = &known.feature.availability.voices[*number];
+                    // Home Assistant takes a text as it is where its template fails.
+                    let said = voice.source.word(&word.text);
+                    let said = said.unwrap_or_else(|| word.text.trim().to_owned());
+                    let is_online = match said {
+                        said if said == voice.online => true,
+                        said if said == voice.offline => false,
+                        _ => continue,
+                    };
+                    heard.hears(*number, is_online);
+                }
+            }
+        }
+        taken
+    }
+
+    /// Waits until anything is said.
+    pub(crate) async fn changed(&mut self) {
+        let topics = self.topics.iter_mut().map(|listened| &mut listened.said);
+        let mut changes: Vec<Pin<Box<dyn Future<Output = ()> + Send>>> = Vec::new();
+        for heard in topics {
+            changes.push(Box::pin(async move {
+                while heard.changed().await.is_err() {
+                    std::future::pending::<()>().await
+                }
+            }));
+        }
+        let trouble = &mut self.trouble;
+        changes.push(Box::pin(async move {
+            while trouble.changed().await.is_err() {
+                std::future::pending::<()>().await
+            }
+        }));
+        poll_fn(move |cx| {
+            let is_ready = changes.iter_mut().any(|change| change.as_mut().poll(cx).is_ready());
+            if is_ready { Poll::Ready(()) } else { Poll::Pending }
+        })
+        .await;
+    }
+
+    /// Waits until anything is said, or what was said ceases to hold; asks for what was not said.
+    pub(crate) async fn news(&mut self) {
+        loop {
+            let now = Instant::now();
+            let (over, ask) = (self.next_over(now), self.next_ask());
+            let Some(next) = over.into_iter().chain(ask).min() else {
+                return self.changed().await;
+            };
+            if tokio::time::timeout_at(next, self.changed()).await.is_ok() {
+                return;
+            }
+            if over.is_some_and(|over| over <= Instant::now()) {
+                return;
+            }
+            self.ask_all();
+        }
+    }
+
+    /// When the next value ceases to hold.
+    fn next_over(&self, now: Instant) -> Option<Instant> {
+        let taken = self.take_in();
+        let over = taken.features.iter().zip(self.features.iter()).flat_map(|(heard, known)| {
+            let at = heard.word.as_ref().map(|(_, at, _)| *at);
+            let ends = [known.feature.expires, known.feature.off_delay];
+            ends.into_iter().flatten().filter_map(move |after| at?.checked_add(after))
+        });
+        over.filter(|over| *over > now).min()
+    }
+
+    /// When it is asked next.
+    fn next_ask(&self) -> Option<Instant> {
+        let wanting = (0..self.features.len()).filter(|feature| self.wants_asking(*feature));
+        wanting.map(|feature| self.asks(feature).2).min()
+    }
+
+    fn wants_asking(&self, feature: usize) -> bool {
+        let known = &self.features[feature];
+        known.feature.ask.is_some()
+            && self.asks(feature).1 <= ASK_AGAIN.len()
+            && matches!(self.standing(feature, Instant::now()), Standing::NotKnown(_))
+    }
+
+    /// How often it was asked in this connection, and when it is next.
+    fn asks(&self, feature: usize) -> (u64, usize, Instant) {
+        let session = self.session(feature);
+        let mut taken = self.take_in();
+        let asked = &mut taken.features[feature].asked;
+        if asked.0 != session {
+            *asked = (session, 0, Instant::now() + first_pause());
+        }
+        *asked
+    }
+
+    /// Asks for all that it is time to ask for; for what one question answers, once.
+    fn ask_all(&self) {
+        let now = Instant::now();
+        let mut questions = Vec::new();
+        for feature in 0..self.features.len() {
+            let (_, count, next) = self.asks(feature);
+            if next > now || !self.wants_asking(feature) {
+                continue;
+            }
+            let pause = ASK_AGAIN.get(count).copied().unwrap_or_default();
+            let mut taken = self.take_in();
+            let asked = &mut taken.features[feature].asked;
+            (asked.1, asked.2) = (count + 1, now + pause);
+            questions.extend(self.features[feature].feature.ask.clone());
+        }
+        questions.sort();
+        questions.dedup();
+        for question in questions {
+            if let Err(problem) = self.say(&question) {
+                tracing::debug!(topic = question.topic, "failed to ask: {problem}");
+            }
+        }
+    }
+}
+
+fn first_pause() -> Duration {
+    ASK_AFTER + Duration::from_millis(fastrand::u64(..ASK_SPREAD_MS))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::described::{Source, Voice};
+
+    #[test]
+    fn several_topics_of_availability_mean_what_their_mode_says() {
+        let voice = |at_first| Voice {
+            source: Source::whole("x"),
+            online: "online".to_owned(),
+            offline: "offline".to_owned(),
+            at_first,
+        };
+        // What was said by which of two, and whether it is online by all, any, and the latest.
+        for (at_first, said, expected) in [
+            (false, &[][..], [false, false, false]),
+            (true, &[], [true, true, true]),
+            (false, &[(0, true)], [false, true, true]),
+            (false, &[(0, true), (1, true)], [true, true, true]),
+            (false, &[(0, true), (1, false)], [false, true, false]),
+            (false, &[(1, false), (0, true)], [false, true, true]),
+            (false, &[(0, false), (1, false)], [false, false, false]),
+            (true, &[(1, false)], [false, true, false]),
+        ] {
+            let voices = vec![voice(at_first), voice(at_first)];
+            let mut heard = Heard::of(&Availability { voices, mode: AvailabilityMode::All });
+            for (number, is_online) in said {
+                heard.hears(*number, *is_online);
+            }
+            let modes = [AvailabilityMode::All, AvailabilityMode::Any, AvailabilityMode::Latest];
+            assert_eq!(modes.map(|mode| heard.is_online(mode)), expected, "{said:?}");
+        }
+    }
+}

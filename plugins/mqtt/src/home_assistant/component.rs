@@ -1,0 +1,347 @@
+//! What each component of Home Assistant's discovery is here: something that is measured or switched,
+//! or nothing, with the reason.
+
+use serde_json::json;
+
+use super::config::Config;
+use crate::described::{Command, Feature, Reading, Source, Telegram, Unused};
+
+/// Components of which nothing can be used, and why.
+const UNUSED: &[(&str, &str)] = &[
+    ("alarm_control_panel", "to arm and disarm an alarm is left to people"),
+    ("button", "a press leaves no state that a goal could ask for"),
+    ("camera", "a picture is no fact of a room"),
+    ("device_automation", "a trigger is an event and no state"),
+    ("device_tracker", "where a thing or a person is, no room's fact says"),
+    ("event", "an event is no state"),
+    ("image", "a picture is no fact of a room"),
+    ("lawn_mower", "it works outside of rooms"),
+    ("notify", "it is told to people, not to rooms"),
+    ("number", "a number that is set has no words here"),
+    ("scene", "a scene has no state that a goal could ask for"),
+    ("select", "a choice has no words here"),
+    ("tag", "a tag that is read is an event and no state"),
+    ("text", "a text that is set has no words here"),
+    ("update", "its software is left to people"),
+    ("vacuum", "where it cleans, it does not say by rooms"),
+    ("water_heater", "it measures its water, not the room"),
+];
+
+/// What a template of a light may ask for, and is not given where a light is just switched.
+const OF_LIGHTS: &[&str] = &[
+    "blue",
+    "brightness",
+    "color_temp",
+    "effect",
+    "flash",
+    "green",
+    "hue",
+    "red",
+    "sat",
+    "transition",
+];
+
+/// Words of a feature's name that say that it is not about the room's air.
+const NOT_THE_ROOM: &[&str] = &[
+    "battery",
+    "board",
+    "boiler",
+    "chip",
+    "cpu",
+    "device",
+    "dew",
+    "dhw",
+    "esp",
+    "esp32",
+    "external",
+    "flow",
+    "heatsink",
+    "inlet",
+    "internal",
+    "mcu",
+    "motor",
+    "outdoor",
+    "outlet",
+    "outside",
+    "pcb",
+    "probe",
+    "processor",
+    "return",
+    "setpoint",
+    "soc",
+    "supply",
+    "target",
+    "water",
+    "wifi",
+];
+
+/// What an entity is, or why it is nothing.
+pub(crate) fn features(
+    component: &str,
+    config: &Config,
+    label: &str,
+) -> Result<Vec<Feature>, Unused> {
+    let named = || match config.text("name") {
+        Some(name) => format!("its {component} `{name}`"),
+        None => format!("its {component}"),
+    };
+    let because = |problem: String| Unused::because(format!("{}: {problem}", named()));
+    if config.is("enabled_by_default") == Some(false) {
+        return Err(Unused::as_usual(format!("{}: it is not enabled by default", named())));
+    }
+    if let Some(category) = config.text("entity_category") {
+        let reason = format!("{}: it is about the device itself ({category})", named());
+        return Err(Unused::as_usual(reason));
+    }
+    if let Some((_, reason)) = UNUSED.iter().find(|(unused, _)| *unused == component) {
+        return Err(because((*reason).to_owned()));
+    }
+    let found = match component {
+        "sensor" => sensor(config, label).map(|found| vec![found]),
+        "binary_sensor" => binary_sensor(config, label).map(|found| vec![found]),
+        "switch" => switch(config, label).map(|found| vec![found]),
+        "light" => light(config, label).map(|found| vec![found]),
+        "lock" => lock(config, label).map(|found| vec![found]),
+        "climate" => surroundings(config, label, "what it heats or cools to has no words here"),
+        "humidifier" => surroundings(config, label, "what it moistens to has no words here"),
+        "fan" | "siren" => on_off(component, config, label).map(|found| vec![found]),
+        "cover" | "valve" => open_close(component, config, label).map(|found| vec![found]),
+        _ => Err(format!("Home Assistant's discovery has no component `{component}`")),
+    };
+    let availability = config.availability().map_err(because)?;
+    let mut found = found.map_err(because)?;
+    for feature in &mut found {
+        feature.availability = availability.clone();
+    }
+    Ok(found)
+}
+
+/// How much a name says that it is about something else than the room's air.
+fn rank(label: &str, name: Option<&str>) -> u8 {
+    let text = format!("{label} {}", name.unwrap_or_default());
+    let text = crate::naming::slug(&text, " ");
+    let is_other = text.split(' ').any(|word| NOT_THE_ROOM.contains(&word));
+    if is_other { 2 } else { 0 }
+}
+
+fn sensor(config: &Config, label: &str) -> Result<Feature, String> {
+    let unit = config.payload("unit_of_measurement", "");
+    let class = match config.text("device_class") {
+        Some(class) => class,
+        None => class_of_unit(&unit).ok_or("it does not say its device class")?,
+    };
+    if class == "illuminance" && unit.is_empty() {
+        return Err("it has no unit, so that it may be raw".to_owned());
+    }
+    let source = config.source("state_topic", "value_template", Reading::Whole)?;
+    Ok(Feature {
+        states: vec![source.ok_or("it has no `state_topic`")?],
+        unit,
+        expires: config.duration("expire_after"),
+        rank: rank(label, config.text("name")),
+        ..Feature::named(class, label)
+    })
+}
+
+fn binary_sensor(config: &Config, label: &str) -> Result<Feature, String> {
+    let class = config.text("device_class").ok_or("it does not say its device class")?;
+    let source = config.source("state_topic", "value_template", Reading::Whole)?;
+    Ok(Feature {
+        states: vec![source.ok_or("it has no `state_topic`")?],
+        yes: config.words("payload_on", "ON"),
+        no: config.words("payload_off", "OFF"),
+        expires: config.duration("expire_after"),
+        off_delay: config.duration("off_delay"),
+        ..Feature::named(class, label)
+    })
+}
+
+/// What is measured in a unit, where nothing else says.
+fn class_of_unit(unit: &str) -> Option<&'static str> {
+    match unit {
+        "°C" | "°F" => Some("temperature"),
+        "lx" => Some("illuminance"),
+        _ => None,
+    }
+}
+
+/// What is switched by two payloads, and says how it is by the same or two others.
+fn switched(
+    class: &str,
+    config: &Config,
+    label: &str,
+    payloads: [(&str, &str); 2],
+    states: [(&str, &str); 2],
+    source: Option<Source>,
+) -> Result<Feature, String> {
+    let [on, off] = payloads;
+    let command = Command {
+        on: config.telegram("command_topic", Some("command_template"), on)?,
+        off: config.telegram("command_topic", Some("command_template"), off)?,
+    };
+    // What it says is what it is told, unless it says otherwise.
+    let words = |state: (&str, &str), payload: (&str, &str)| match config.has(state.0) {
+        true => config.words(state.0, state.1),
+        false if state.1.is_empty() => config.words(payload.0, payload.1),
+        false => vec![state.1.to_owned()],
+    };
+    let [yes, no] = [words(states[0], on), words(states[1], off)];
+    let states = source.into_iter().collect();
+    Ok(Feature { states, yes, no, command: Some(command), ..Feature::named(class, label) })
+}
+
+fn switch(config: &Config, label: &str) -> Result<Feature, String> {
+    let source = config.source("state_topic", "value_template", Reading::Whole)?;
+    let payloads = [("payload_on", "ON"), ("payload_off", "OFF")];
+    switched("switch", config, label, payloads, [("state_on", ""), ("state_off", "")], source)
+}
+
+fn light(config: &Config, label: &str) -> Result<Feature, String> {
+    match config.text("schema").unwrap_or("basic") {
+        "basic" | "default" => basic_light(config, label),
+        "json" => json_light(config, label),
+        "template" => template_light(config, label),
+        other => Err(format!("its schema `{other}` is not known here")),
+    }
+}
+
+fn basic_light(config: &Config, label: &str) -> Result<Feature, String> {
+    let by =
+        if config.has("state_value_template") { "state_value_template" } else { "value_template" };
+    let source = config.source("state_topic", by, Reading::Whole)?;
+    let payloads = [("payload_on", "ON"), ("payload_off", "OFF")];
+    let none = ("", "");
+    let mut light = switched("light", config, label, payloads, [none, none], source)?;
+    if config.text("on_command_type") == Some("brightness") {
+        // It is switched on by how bright it is to be, and by nothing else.
+        let full = config.payload("brightness_scale", "255");
+        let topic = config.telegram("brightness_command_topic", None, ("", ""))?.topic;
+        let text = match config.has("brightness_command_template") {
+            true => config.rendered("brightness_command_template", &[("value", &full)], &[])?,
+            false => full,
+        };
+        if let Some(command) = &mut light.command {
+            command.on = Telegram { topic, text };
+        }
+    }
+    Ok(light)
+}
+
+fn json_light(config: &Config, label: &str) -> Result<Feature, String> {
+    let text = |state: &str| json!({ "state": state }).to_string();
+    let to = config.telegram("command_topic", None, ("", ""))?.topic;
+    let state = config.source("state_topic", "", Reading::At(vec!["state".to_owned()]))?;
+    Ok(Feature {
+        states: state.into_iter().collect(),
+        yes: vec!["ON".to_owned()],
+        no: vec!["OFF".to_owned()],
+        command: Some(Command {
+            on: Telegram::new(&*to, text("ON")),
+            off: Telegram::new(&*to, text("OFF")),
+        }),
+        ..Feature::named("light", label)
+    })
+}
+
+fn template_light(config: &Config, label: &str) -> Result<Feature, String> {
+    let to = config.telegram("command_topic", None, ("", ""))?.topic;
+    let state = match config.has("state_template") {
+        true => config.source("state_topic", "state_template", Reading::Whole)?,
+        false => None,
+    };
+    let on = config.rendered("command_on_template", &[("state", "on")], OF_LIGHTS)?;
+    let off = config.rendered("command_off_template", &[("state", "off")], OF_LIGHTS)?;
+    Ok(Feature {
+        states: state.into_iter().collect(),
+        yes: vec!["on".to_owned()],
+        no: vec!["off".to_owned()],
+        command: Some(Command { on: Telegram::new(&*to, on), off: Telegram::new(&*to, off) }),
+        ..Feature::named("light", label)
+    })
+}
+
+fn lock(config: &Config, label: &str) -> Result<Feature, String> {
+    let code = "it wants a code, and a plan has none to give";
+    if config.has("code_format") {
+        return Err(code.to_owned());
+    }
+    if config.text("command_template").is_some_and(|template| wants(template, "code")) {
+        return Err(code.to_owned());
+    }
+    let source = config.source("state_topic", "value_template", Reading::Whole)?;
+    let payloads = [("payload_lock", "LOCK"), ("payload_unlock", "UNLOCK")];
+    let states = [("state_locked", "LOCKED"), ("state_unlocked", "UNLOCKED")];
+    let mut lock = switched("lock", config, label, payloads, states, source)?;
+    let others = [
+        ("state_jammed", "JAMMED"),
+        ("state_locking", "LOCKING"),
+        ("state_unlocking", "UNLOCKING"),
+        ("payload_reset", "None"),
+    ];
+    lock.neither = others.iter().flat_map(|(key, word)| config.words(key, word)).collect();
+    Ok(lock)
+}
+
+/// Whether a template uses a variable: it is wrong without it.
+fn wants(template: &str, variable: &str) -> bool {
+    use crate::template::Template;
+    Template::new(template, &["value"]).is_err()
+        && Template::new(template, &["value", variable]).is_ok()
+}
+
+/// What a heater or a humidifier measures of the room it is in.
+fn surroundings(config: &Config, label: &str, otherwise: &str) -> Result<Vec<Feature>, String> {
+    let degrees = match config.text("temperature_unit") {
+        Some("F") => "°F",
+        _ => "°C",
+    };
+    let mut found = Vec::new();
+    for (class, topic, by, unit) in [
+        ("temperature", "current_temperature_topic", "current_temperature_template", degrees),
+        ("humidity", "current_humidity_topic", "current_humidity_template", "%"),
+    ] {
+        if let Some(source) = config.source(topic, by, Reading::Whole)? {
+            let (states, unit) = (vec![source], unit.to_owned());
+            // A sensor of its own in the same device knows it better.
+            found.push(Feature { states, unit, rank: 1, ..Feature::named(class, label) });
+        }
+    }
+    if found.is_empty() { Err(otherwise.to_owned()) } else { Ok(found) }
+}
+
+fn on_off(component: &str, config: &Config, label: &str) -> Result<Feature, String> {
+    let payloads = [("payload_on", "ON"), ("payload_off", "OFF")];
+    if component == "fan" {
+        let source = config.source("state_topic", "state_value_template", Reading::Whole)?;
+        return switched(component, config, label, payloads, [("", ""), ("", "")], source);
+    }
+    let whole = Reading::At(vec!["state".to_owned()]);
+    let source = config.source("state_topic", "state_value_template", whole)?;
+    let states = [("state_on", ""), ("state_off", "")];
+    let mut siren = switched(component, config, label, payloads, states, source)?;
+    let Some(command) = &mut siren.command else { return Ok(siren) };
+    // Without a template a siren is told in JSON.
+    if !config.has("command_template") {
+        for telegram in [&mut command.on, &mut command.off] {
+            telegram.text = json!({ "state": telegram.text }).to_string();
+        }
+    }
+    if config.has("command_off_template") {
+        let off = config.payload_in_python("payload_off", "OFF");
+        command.off.text = config.rendered("command_off_template", &[("value", &off)], &[])?;
+    }
+    Ok(siren)
+}
+
+fn open_close(component: &str, config: &Config, label: &str) -> Result<Feature, String> {
+    if config.is("reports_position") == Some(true) || !config.has("state_topic") {
+        return Err("it says only how far it is open".to_owned());
+    }
+    let source = config.source("state_topic", "value_template", Reading::Whole)?;
+    let payloads = [("payload_open", "OPEN"), ("payload_close", "CLOSE")];
+    let states = [("state_open", "open"), ("state_closed", "closed")];
+    let mut found = switched(component, config, label, payloads, states, source)?;
+    let others = [("state_opening", "opening"), ("state_closing", "closing")];
+    found.neither = others.iter().flat_map(|(key, word)| config.words(key, word)).collect();
+    Ok(found)
+}

@@ -1,0 +1,367 @@
+//! One text of discovery: short keys written out, `~` replaced, values as Home Assistant reads them.
+
+use std::collections::HashMap;
+use std::sync::OnceLock;
+use std::time::Duration;
+
+use serde_json::{Map, Value};
+
+use crate::described::{Availability, AvailabilityMode, Reading, Source, Telegram, Voice};
+use crate::template::Template;
+
+/// Short forms of keys: those of an entity, then those of its device.
+const SHORT: &str = include_str!("../abbreviations.tsv");
+
+/// What components of one text share, where it stands beside them.
+const SHARED: &[&str] = &[
+    "availability",
+    "availability_mode",
+    "availability_template",
+    "availability_topic",
+    "command_topic",
+    "device",
+    "payload_available",
+    "payload_not_available",
+    "state_topic",
+    "~",
+];
+
+/// What is said of one entity, with long keys.
+pub(crate) struct Config(pub(crate) Map<String, Value>);
+
+type Keys = HashMap<&'static str, &'static str>;
+
+/// The long forms: of an entity's keys, and of a device's.
+fn long_forms() -> &'static (Keys, Keys) {
+    static FORMS: OnceLock<(Keys, Keys)> = OnceLock::new();
+    FORMS.get_or_init(|| {
+        let (entity, device) = SHORT.split_once("# device").unwrap_or((SHORT, ""));
+        let of =
+            |part: &'static str| part.lines().filter_map(|line| line.split_once('\t')).collect();
+        (of(entity), of(device))
+    })
+}
+
+fn long(map: Map<String, Value>, forms: &Keys) -> Map<String, Value> {
+    let key = |name: String| forms.get(name.as_str()).map_or(name, |long| (*long).to_owned());
+    map.into_iter().map(|(name, value)| (key(name), value)).collect()
+}
+
+impl Config {
+    /// Reads a text.
+    ///
+    /// # Errors
+    ///
+    /// If it is no JSON object.
+    pub(crate) fn read(text: &str) -> Result<Config, String> {
+        match serde_json::from_str(text) {
+            Ok(Value::Object(map)) => Ok(Config::of(map)),
+            Ok(_) => Err("it is no JSON object".to_owned()),
+            Err(error) => Err(error.to_string()),
+        }
+    }
+
+    fn of(map: Map<String, Value>) -> Config {
+        let (of_entity, of_device) = long_forms();
+        let mut map = long(map, of_entity);
+        if let Some(Value::Object(device)) = map.remove("device") {
+            map.insert("device".to_owned(), Value::Object(long(device, of_device)));
+        }
+        let lengthened = |value| match value {
+            Value::Object(one) => Value::Object(long(one, of_entity)),
+            other => other,
+        };
+        match map.remove("availability") {
+            Some(Value::Array(several)) => {
+                let several = several.into_iter().map(lengthened).collect();
+                map.insert("availability".to_owned(), Value::Array(several));
+            }
+            Some(one) => {
+                map.insert("availability".to_owned(), lengthened(one));
+            }
+            None => (),
+        }
+        Config(map)
+    }
+
+    /// The components of a whole device in one text: each name with what it says and what all share.
+    pub(crate) fn components(&self) -> Vec<(String, Config)> {
+        let Some(Value::Object(components)) = self.0.get("components") else { return Vec::new() };
+        let shared = |key: &&str| Some(((*key).to_owned(), self.0.get(*key)?.clone()));
+        let shared: Map<_, _> = SHARED.iter().filter_map(shared).collect();
+        let of = |(name, component): (&String, &Value)| {
+            let own = Config::of(component.as_object()?.clone()).0;
+            let mut all = shared.clone();
+            // What it says of its availability is all of it.
+            if own.keys().any(|key| matches!(key.as_str(), "availability" | "availability_topic")) {
+                all.retain(|key, _| !key.starts_with("availability"));
+            }
+            all.extend(own);
+            Some((name.clone(), Config(all)))
+        };
+        components.iter().filter_map(of).collect()
+    }
+
+    /// Writes the base topic where `~` stands at the beginning or the end of a topic.
+    pub(crate) fn with_base(mut self) -> Config {
+        let Some(base) = self.0.remove("~") else { return self };
+        let Value::String(base) = base else { return self };
+        let replace = |text: &mut String| {
+            if let Some(rest) = text.strip_prefix('~') {
+                *text = format!("{base}{rest}");
+            }
+            if let Some(rest) = text.strip_suffix('~') {
+                *text = format!("{rest}{base}");
+            }
+        };
+        for (key, value) in &mut self.0 {
+            match value {
+                Value::String(text) if key.ends_with("topic") => replace(text),
+                Value::Array(several) if key == "availability" => {
+                    for topic in several.iter_mut().filter_map(|one| one.get_mut("topic")) {
+                        if let Value::String(text) = topic {
+                            replace(text);
+                        }
+                    }
+                }
+                Value::Object(one) if key == "availability" => {
+                    if let Some(Value::String(text)) = one.get_mut("topic") {
+                        replace(text);
+                    }
+                }
+                _ => (),
+            }
+        }
+        self
+    }
+
+    /// A text that is not empty.
+    pub(crate) fn text(&self, key: &str) -> Option<&str> {
+        text(&self.0, key)
+    }
+
+    pub(crate) fn has(&self, key: &str) -> bool {
+        self.0.get(key).is_some_and(|value| !value.is_null())
+    }
+
+    pub(crate) fn is(&self, key: &str) -> Option<bool> {
+        match self.0.get(key)? {
+            Value::Bool(is_so) => Some(*is_so),
+            Value::String(word) => match word.to_ascii_lowercase().as_str() {
+                "true" | "yes" | "on" | "1" => Some(true),
+                "false" | "no" | "off" | "0" => Some(false),
+                _ => None,
+            },
+            Value::Number(number) => number.as_f64().map(|number| number != 0.0),
+            _ => None,
+        }
+    }
+
+    pub(crate) fn duration(&self, key: &str) -> Option<Duration> {
+        let seconds = match self.0.get(key)? {
+            Value::Number(number) => number.as_f64()?,
+            Value::String(text) => text.trim().parse().ok()?,
+            _ => return None,
+        };
+        Duration::try_from_secs_f64(seconds).ok().filter(|duration| !duration.is_zero())
+    }
+
+    /// A payload as it is sent: a JSON value that is no text as JSON writes it.
+    pub(crate) fn payload(&self, key: &str, otherwise: &str) -> String {
+        match self.0.get(key) {
+            Some(Value::String(text)) => text.clone(),
+            Some(Value::Null) | None => otherwise.to_owned(),
+            Some(other) => other.to_string(),
+        }
+    }
+
+    /// A payload as a template sees it, which is as Python writes it.
+    pub(crate) fn payload_in_python(&self, key: &str, otherwise: &str) -> String {
+        match self.0.get(key) {
+            Some(Value::Bool(true)) => "True".to_owned(),
+            Some(Value::Bool(false)) => "False".to_owned(),
+            _ => self.payload(key, otherwise),
+        }
+    }
+
+    /// The words that are a payload, where it is heard: JSON's and Python's.
+    pub(crate) fn words(&self, key: &str, otherwise: &str) -> Vec<String> {
+        let mut words = vec![self.payload(key, otherwise), self.payload_in_python(key, otherwise)];
+        words.dedup();
+        words
+    }
+
+    /// A template.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with it.
+    pub(crate) fn template(&self, key: &str) -> Result<Option<Template>, String> {
+        template(&self.0, key, &["value", "value_json"])
+    }
+
+    /// Where a value is said: under one key's topic, read by another's template.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with the topic or the template.
+    pub(crate) fn source(
+        &self,
+        topic: &str,
+        template: &str,
+        otherwise: Reading,
+    ) -> Result<Option<Source>, String> {
+        let Some(topic) = self.text(topic) else { return Ok(None) };
+        if let Some(problem) = mqtt_link::filter_problem(topic) {
+            return Err(problem);
+        }
+        let reading = self.template(template)?.map_or(otherwise, Reading::Template);
+        Ok(Some(Source { topic: topic.to_owned(), reading }))
+    }
+
+    /// What is sent: a payload, by a template if there is one.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with the topic or the template, or what it wants and cannot be given.
+    pub(crate) fn telegram(
+        &self,
+        topic: &str,
+        by: Option<&str>,
+        payload: (&str, &str),
+    ) -> Result<Telegram, String> {
+        let to = self.text(topic).ok_or_else(|| format!("it has no `{topic}`"))?;
+        if let Some(problem) = mqtt_link::topic_problem(to) {
+            return Err(problem);
+        }
+        let (key, otherwise) = payload;
+        let Some(by) = by.filter(|by| self.has(by)) else {
+            return Ok(Telegram::new(to, self.payload(key, otherwise)));
+        };
+        let value = self.payload_in_python(key, otherwise);
+        let text = self.rendered(by, &[("value", &value)], &[])?;
+        Ok(Telegram::new(to, text))
+    }
+
+    /// What a template for a command gives with these variables; it may ask for others, too, which
+    /// are not there.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with it, or what it wants and cannot be given.
+    pub(crate) fn rendered(
+        &self,
+        key: &str,
+        given: &[(&str, &str)],
+        missing: &[&str],
+    ) -> Result<String, String> {
+        let names: Vec<_> =
+            given.iter().map(|(name, _)| *name).chain(missing.iter().copied()).collect();
+        let Some(template) = template(&self.0, key, &names)? else {
+            return Err(format!("it has no `{key}`"));
+        };
+        let values: Vec<_> = given.iter().map(|(name, value)| (*name, (*value).into())).collect();
+        let text = template.render(&values).map_err(|unrendered| unrendered.0)?;
+        if text.is_empty() { Err(format!("its `{key}` gives no text")) } else { Ok(text) }
+    }
+
+    /// Where it is said whether the entity is online.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with a topic or a template.
+    pub(crate) fn availability(&self) -> Result<Availability, String> {
+        let map = &self.0;
+        let mut voices = Vec::new();
+        let (topic, by_template) = ("topic", "value_template");
+        match map.get("availability") {
+            Some(Value::Array(several)) => {
+                for one in several.iter().filter_map(Value::as_object) {
+                    voices.extend(voice(one, topic, by_template)?);
+                }
+            }
+            Some(Value::Object(one)) => voices.extend(voice(one, topic, by_template)?),
+            _ => voices.extend(voice(map, "availability_topic", "availability_template")?),
+        }
+        let mode = match self.text("availability_mode") {
+            Some("all") => AvailabilityMode::All,
+            Some("any") => AvailabilityMode::Any,
+            _ => AvailabilityMode::Latest,
+        };
+        Ok(Availability { voices, mode })
+    }
+}
+
+fn text<'m>(map: &'m Map<String, Value>, key: &str) -> Option<&'m str> {
+    map.get(key).and_then(Value::as_str).filter(|text| !text.is_empty())
+}
+
+fn template(
+    map: &Map<String, Value>,
+    key: &str,
+    variables: &[&str],
+) -> Result<Option<Template>, String> {
+    text(map, key).map(|text| Template::new(text, variables)).transpose()
+}
+
+fn voice(map: &Map<String, Value>, topic: &str, by: &str) -> Result<Option<Voice>, String> {
+    let Some(topic) = text(map, topic) else { return Ok(None) };
+    if let Some(problem) = mqtt_link::filter_problem(topic) {
+        return Err(format!("its availability: {problem}"));
+    }
+    let reading = template(map, by, &["value", "value_json"])?;
+    let reading = reading.map_or(Reading::Whole, Reading::Template);
+    let word = |key: &str, otherwise: &str| match map.get(key) {
+        Some(Value::String(text)) => text.clone(),
+        Some(Value::Bool(true)) => "True".to_owned(),
+        Some(Value::Bool(false)) => "False".to_owned(),
+        Some(Value::Null) | None => otherwise.to_owned(),
+        Some(other) => other.to_string(),
+    };
+    Ok(Some(Voice {
+        source: Source { topic: topic.to_owned(), reading },
+        online: word("payload_available", "online"),
+        offline: word("payload_not_available", "offline"),
+        at_first: false,
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_base_topic_stands_for_itself_at_both_ends() {
+        for (base, topic, expected) in [
+            ("lab/n", "~", "lab/n"),
+            ("lab/", "~n", "lab/n"),
+            ("lab", "~/state", "lab/state"),
+            ("lab", "tele/~", "tele/lab"),
+            ("lab", "tele~", "telelab"),
+            ("lab", "a/~/b", "a/~/b"),
+            ("lab", "plain", "plain"),
+        ] {
+            let text = format!(
+                r#"{{"~":"{base}","stat_t":"{topic}","avty":[{{"t":"{topic}"}}],"json_attr_t":"{topic}",
+                    "pl_on":"~"}}"#
+            );
+            let config = Config::read(&text).expect("an object").with_base();
+            assert_eq!(config.text("state_topic"), Some(expected));
+            assert_eq!(config.text("json_attributes_topic"), Some(expected));
+            assert_eq!(config.text("payload_on"), Some("~"), "it is no topic");
+            let availability = config.availability().expect("it is right");
+            assert_eq!(availability.voices[0].source.topic, expected);
+        }
+    }
+
+    #[test]
+    fn short_keys_are_written_out() {
+        let text = r#"{"cmd_on_tpl":"a","ret":true,"dev":{"ids":["x"],"sa":"Kitchen","sn":"7"},"bri_cmd_t":"b"}"#;
+        let config = Config::read(text).expect("an object");
+        assert_eq!(config.text("command_on_template"), Some("a"));
+        assert_eq!(config.text("brightness_command_topic"), Some("b"));
+        let device = config.0["device"].as_object().expect("a device");
+        assert_eq!(device["suggested_area"], "Kitchen");
+        assert_eq!(device["serial_number"], "7");
+    }
+}

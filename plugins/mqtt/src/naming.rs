@@ -1,0 +1,155 @@
+//! Names: of agents, made from what people call their devices in any script, and of rooms.
+
+use any_ascii::any_ascii;
+
+/// The longest name that is made.
+const CHARS_MAX: usize = 48;
+
+/// A name that agents can have: `Living Room / Lamp 1` is `living-room-lamp-1`, `Küche` is `kueche`,
+/// `Спальня` is `spalnya`.
+pub(crate) fn name_of(text: &str) -> String {
+    let mut name = slug(text, "-");
+    name.truncate(CHARS_MAX);
+    let name = name.trim_end_matches('-');
+    match name.chars().next() {
+        Some(first) if first.is_ascii_lowercase() => name.to_owned(),
+        Some(_) => format!("device-{name}"),
+        None => "device".to_owned(),
+    }
+}
+
+/// A text in small letters and digits of ASCII, its words apart by a separator.
+pub(crate) fn slug(text: &str, separator: &str) -> String {
+    let mut words: Vec<String> = Vec::new();
+    let mut is_open = false;
+    // What any_ascii makes of one letter of a script without spaces is a word of its own.
+    for c in text.chars() {
+        let written = written(c);
+        for c in written.chars() {
+            match c.is_ascii_alphanumeric() {
+                true if is_open => {
+                    if let Some(word) = words.last_mut() {
+                        word.push(c);
+                    }
+                }
+                true => words.push(c.to_string()),
+                // An apostrophe is part of a word: it stands for a soft sign, or is one's own.
+                false if matches!(c, '\'' | '’' | '`') => continue,
+                false => (),
+            }
+            is_open = c.is_ascii_alphanumeric();
+        }
+    }
+    words.join(separator)
+}
+
+fn written(c: char) -> String {
+    match c {
+        'ä' | 'Ä' => "ae".to_owned(),
+        'ö' | 'Ö' => "oe".to_owned(),
+        'ü' | 'Ü' => "ue".to_owned(),
+        c => any_ascii(c.encode_utf8(&mut [0; 4])).to_lowercase(),
+    }
+}
+
+/// What of a text is left for comparing names of rooms: `Office 1` and `office1` are one.
+pub(crate) fn core(text: &str) -> String {
+    slug(text, "")
+}
+
+/// Whether a name begins with a room's: the room's name must end at the end of a word there, so that
+/// `Office 10 sensor` is none of `office1`, and `Hallway lamp` none of `hall`.
+pub(crate) fn begins_with(name: &str, room: &str) -> bool {
+    let room = core(room);
+    if room.is_empty() {
+        return false;
+    }
+    let mut so_far = String::new();
+    for word in slug(&apart(name), " ").split(' ') {
+        so_far.push_str(word);
+        if so_far == room {
+            return true;
+        }
+        if so_far.len() >= room.len() {
+            return false;
+        }
+    }
+    false
+}
+
+/// `KitchenLamp` is two words, and so is `Office1Lamp`; `office1` is one.
+fn apart(name: &str) -> String {
+    let mut apart = String::new();
+    let mut before = None::<char>;
+    for c in name.chars() {
+        let is_next = before.is_some_and(|before| {
+            c.is_uppercase() && (before.is_lowercase() || before.is_ascii_digit())
+        });
+        if is_next {
+            apart.push(' ');
+        }
+        apart.push(c);
+        before = Some(c);
+    }
+    apart
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn any_text_gives_a_name() {
+        for (text, expected) in [
+            ("Living Room / Lamp 1", "living-room-lamp-1"),
+            ("0x00158d0001a2b3c4", "device-0x00158d0001a2b3c4"),
+            ("Küche", "kueche"),
+            ("KÜCHE Groß", "kueche-gross"),
+            ("Ångström", "angstroem"),
+            ("Спальня", "spalnya"),
+            ("Объект 2", "obekt-2"),
+            ("温度計", "wenduji"),
+            ("거실 온도", "geosil-ondo"),
+            ("étage 1", "etage-1"),
+            ("e\u{301}tage", "etage"),
+            ("Σαλόνι", "saloni"),
+            ("///", "device"),
+            ("", "device"),
+            ("\u{202e}\u{0}\n", "device"),
+        ] {
+            let name = name_of(text);
+            assert_eq!(name, expected, "{text}");
+            assert!(acl::AgentId::new(&name).is_ok());
+        }
+        assert!(acl::AgentId::new(&name_of(&"x ".repeat(200))).is_ok());
+        assert_eq!(core("Office 1"), core("office1"));
+    }
+
+    #[test]
+    fn a_room_is_named_by_whole_words() {
+        for (name, room, expected) in [
+            ("Office 1 sensor", "office1", true),
+            ("office1/thermo", "office1", true),
+            ("Office 10 sensor", "office1", false),
+            ("Office 12 lamp", "office1", false),
+            ("office10-lamp", "office1", false),
+            ("Bathroom fan", "bath", false),
+            ("Bath fan", "bath", true),
+            ("Hallway lamp", "hall", false),
+            ("hall", "hall", true),
+            ("HallLamp", "hall", true),
+            ("Office1Lamp", "office1", true),
+            ("office_1_lamp", "office1", true),
+            ("conf-room door", "conf-room", true),
+            ("confroom door", "conf-room", true),
+            ("conference door", "conf", false),
+            ("Küche Lampe", "kueche", true),
+            ("Кухня лампа", "кухня", true),
+            ("x", "office1", false),
+            ("", "office1", false),
+            ("office1", "", false),
+        ] {
+            assert_eq!(begins_with(name, room), expected, "{name} {room}");
+        }
+    }
+}

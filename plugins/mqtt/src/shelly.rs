@@ -1,0 +1,250 @@
+//! Shelly's own topics. The first generation says all under `shellies/NAME/…`; the second and later ones
+//! say how they are under `ID/status/…` and `ID/events/rpc`, and are told by calls under `ID/rpc`.
+//!
+//! They do not describe themselves: what they have is seen from what they say.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde_json::{Value, json};
+
+use crate::described::{
+    Availability, AvailabilityMode, Command, Described, Feature, Source, Telegram, Unused, Voice,
+};
+
+/// How the names of devices begin, as they come from the factory.
+const BEGINNING: &str = "shelly";
+
+/// Devices that are remembered.
+const DEVICES_MAX: usize = 4_096;
+
+/// Parts of one device that are remembered.
+const PARTS_MAX: usize = 64;
+
+/// What was seen so far, by the device's name.
+#[derive(Debug, Default)]
+pub(crate) struct Discovery {
+    first: BTreeMap<String, BTreeSet<String>>,
+    second: BTreeMap<String, BTreeSet<String>>,
+}
+
+/// The topics that are listened to.
+pub(crate) fn filters() -> [String; 5] {
+    [
+        "shellies/+/online".to_owned(),
+        "shellies/+/+/+".to_owned(),
+        "+/online".to_owned(),
+        "+/status/+".to_owned(),
+        "+/events/rpc".to_owned(),
+    ]
+}
+
+/// Whether a topic is one of Shelly's.
+pub(crate) fn is_own(topic: &str) -> bool {
+    topic.starts_with("shellies/") || topic.starts_with(BEGINNING)
+}
+
+impl Discovery {
+    /// Takes what was said under a topic; returns whether something is new.
+    pub(crate) fn hear(&mut self, topic: &str, text: &str) -> bool {
+        let levels: Vec<_> = topic.split('/').collect();
+        match levels[..] {
+            ["shellies", name, "online"] => note(&mut self.first, name, None),
+            // `…/relay/0/command` is what is told, and `relay/0/power` has one level more.
+            ["shellies", name, kind, number] if number != "command" => {
+                note(&mut self.first, name, Some(format!("{kind}/{number}")))
+            }
+            [name, "online"] if name.starts_with(BEGINNING) => note(&mut self.second, name, None),
+            [name, "status", part] if name.starts_with(BEGINNING) => {
+                note(&mut self.second, name, Some(part.to_owned()))
+            }
+            [name, "events", "rpc"] if name.starts_with(BEGINNING) => {
+                let json: Value = serde_json::from_str(text).unwrap_or_default();
+                let parts = json["params"].as_object().into_iter().flatten();
+                let parts = parts.filter(|(part, _)| part.contains(':'));
+                let mut is_new = note(&mut self.second, name, None);
+                for (part, _) in parts {
+                    is_new |= note(&mut self.second, name, Some(part.clone()));
+                }
+                is_new
+            }
+            _ => false,
+        }
+    }
+
+    /// The devices of which something is known.
+    pub(crate) fn devices(&self) -> Vec<Described> {
+        let first = self.first.iter().map(|(name, parts)| of_first(name, parts));
+        first.chain(self.second.iter().map(|(name, parts)| of_second(name, parts))).collect()
+    }
+}
+
+fn note(
+    devices: &mut BTreeMap<String, BTreeSet<String>>,
+    name: &str,
+    part: Option<String>,
+) -> bool {
+    if !devices.contains_key(name) && devices.len() >= DEVICES_MAX {
+        return false;
+    }
+    let is_new = !devices.contains_key(name);
+    let parts = devices.entry(name.to_owned()).or_default();
+    let is_more = part.is_some_and(|part| parts.len() < PARTS_MAX && parts.insert(part));
+    is_new || is_more
+}
+
+fn described(
+    name: &str,
+    online: String,
+    mut features: Vec<Feature>,
+    unused: Vec<Unused>,
+) -> Described {
+    let voice = Voice {
+        source: Source::whole(online),
+        online: "true".to_owned(),
+        offline: "false".to_owned(),
+        at_first: true,
+    };
+    // What runs on a battery sleeps, and is offline while it does.
+    for feature in features.iter_mut().filter(|feature| feature.command.is_some()) {
+        let voices = vec![voice.clone()];
+        feature.availability = Availability { voices, mode: AvailabilityMode::Latest };
+    }
+    let (name, id) = (name.to_owned(), name.to_owned());
+    Described { name, id, also: Vec::new(), area: None, features, unused }
+}
+
+fn of_first(name: &str, parts: &BTreeSet<String>) -> Described {
+    let (mut features, mut unused) = (Vec::new(), Vec::new());
+    let base = format!("shellies/{name}");
+    for part in parts {
+        let (kind, number) = part.split_once('/').unwrap_or((part, ""));
+        let states = vec![Source::whole(format!("{base}/{part}"))];
+        let word = |word: &str| vec![word.to_owned()];
+        let numbered = |class: &str, unit: &str| Feature {
+            states: states.clone(),
+            unit: unit.to_owned(),
+            ..Feature::named(class, part)
+        };
+        match (kind, number) {
+            ("relay" | "light" | "color" | "white", _) if number.parse::<u8>().is_ok() => {
+                let class = if kind == "relay" { "switch" } else { "light" };
+                let told = |text: &str| Telegram::new(format!("{base}/{part}/command"), text);
+                features.push(Feature {
+                    yes: word("on"),
+                    no: word("off"),
+                    // It has switched itself off, and does not say that it is off.
+                    neither: word("overpower"),
+                    command: Some(Command { on: told("on"), off: told("off") }),
+                    ask: Some(Telegram::new(format!("{base}/command"), "update")),
+                    ..numbered(class, "")
+                });
+            }
+            ("roller", _) => {
+                unused.push(Unused::because("its roller: a blind or a curtain has no words here"));
+            }
+            ("sensor", "temperature") => features.push(numbered("temperature", "°C")),
+            ("sensor", "humidity") => features.push(numbered("humidity", "%")),
+            ("sensor", "lux") => features.push(numbered("illuminance", "lx")),
+            ("sensor", "motion") => {
+                let (yes, no) = (
+                    vec!["1".to_owned(), "true".to_owned()],
+                    vec!["0".to_owned(), "false".to_owned()],
+                );
+                features.push(Feature { yes, no, ..numbered("motion", "") });
+            }
+            ("sensor", "state") => features.push(Feature {
+                yes: word("open"),
+                no: vec!["close".to_owned(), "closed".to_owned()],
+                ..numbered("opening", "")
+            }),
+            _ => (),
+        }
+    }
+    described(name, format!("{base}/online"), features, unused)
+}
+
+fn of_second(name: &str, parts: &BTreeSet<String>) -> Described {
+    let (mut features, mut unused) = (Vec::new(), Vec::new());
+    let answers = format!("althing/{name}");
+    let call = |method: &str, params: Value| {
+        let call = json!({ "id": 1, "src": answers, "method": method, "params": params });
+        Telegram::new(format!("{name}/rpc"), call.to_string())
+    };
+    for part in parts {
+        let (kind, number) = part.split_once(':').unwrap_or((part, ""));
+        let number: Option<u32> = number.parse().ok();
+        let states = |key: &str| {
+            vec![
+                Source::at(format!("{name}/status/{part}"), &[key]),
+                Source::at(format!("{name}/events/rpc"), &["params", part, key]),
+                Source::at(format!("{answers}/rpc"), &["result", part, key]),
+            ]
+        };
+        let measured = |class: &str, key: &str, unit: &str| Feature {
+            states: states(key),
+            unit: unit.to_owned(),
+            ..Feature::named(class, part)
+        };
+        match (kind, number) {
+            ("switch" | "light", Some(number)) => {
+                let (class, method) = match kind {
+                    "switch" => ("switch", "Switch.Set"),
+                    _ => ("light", "Light.Set"),
+                };
+                let set = |is_on: bool| call(method, json!({ "id": number, "on": is_on }));
+                features.push(Feature {
+                    states: states("output"),
+                    yes: vec!["true".to_owned()],
+                    no: vec!["false".to_owned()],
+                    command: Some(Command { on: set(true), off: set(false) }),
+                    ask: Some(call("Shelly.GetStatus", json!({}))),
+                    ..Feature::named(class, part)
+                });
+            }
+            ("temperature", Some(_)) => features.push(measured("temperature", "tC", "°C")),
+            ("humidity", Some(_)) => features.push(measured("humidity", "rh", "%")),
+            ("illuminance", Some(_)) => features.push(measured("illuminance", "lux", "lx")),
+            ("cover" | "rgb" | "rgbw" | "cct" | "thermostat", Some(_)) => {
+                unused.push(Unused::because(format!("its {kind}: it has no words here")));
+            }
+            _ => (),
+        }
+    }
+    described(name, format!("{name}/online"), features, unused)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_device_has_is_seen_from_what_it_says() {
+        let mut discovery = Discovery::default();
+        for (topic, text, is_new) in [
+            ("shellies/shelly1-A1/online", "true", true),
+            ("shellies/shelly1-A1/relay/0", "off", true),
+            ("shellies/shelly1-A1/relay/0", "on", false),
+            ("shellies/shelly1-A1/input/0", "0", true),
+            ("shellyplus1-b2/online", "true", true),
+            (
+                "shellyplus1-b2/events/rpc",
+                r#"{"method":"NotifyStatus","params":{"ts":1,"switch:0":{"id":0,"output":true}}}"#,
+                true,
+            ),
+            ("shellyhtg3-c3/status/temperature:0", r#"{"id":0,"tC":21.5,"tF":70.7}"#, true),
+            ("other/status/x", "1", false),
+            ("shellyplus1-b2/events/rpc", "{", false),
+        ] {
+            assert_eq!(discovery.hear(topic, text), is_new, "{topic}");
+        }
+        let devices = discovery.devices();
+        let names: Vec<_> = devices.iter().map(|device| device.name.as_str()).collect();
+        assert_eq!(names, ["shelly1-A1", "shellyhtg3-c3", "shellyplus1-b2"]);
+        let relay = devices[0].features[0].command.as_ref().expect("it is switched");
+        assert_eq!(relay.on, Telegram::new("shellies/shelly1-A1/relay/0/command", "on"));
+        let relay = devices[2].features[0].command.as_ref().expect("it is switched");
+        assert_eq!(relay.on.topic, "shellyplus1-b2/rpc");
+        assert!(relay.on.text.contains(r#""params":{"id":0,"on":true}"#), "{}", relay.on.text);
+        assert_eq!(devices[1].features[0].class, "temperature");
+    }
+}

@@ -1,0 +1,510 @@
+//! Home Assistant's own filters and tests, and those of Jinja that it gives another meaning.
+
+use minijinja::value::{Kwargs, Rest, Tuple, ValueKind, from_args};
+use minijinja::{Environment, Error, Value};
+use regex::{Regex, RegexBuilder};
+
+use super::numbers::{Number, TEXT_BYTES_MAX, missing, wrong};
+use crate::naming::slug;
+
+/// How large a regular expression may become.
+const PATTERN_BYTES_MAX: usize = 1 << 18;
+
+/// What a filter is given: its value first.
+pub(super) struct Given<'g> {
+    values: &'g [Value],
+    named: Kwargs,
+}
+
+pub(super) type Filter = fn(&Given<'_>) -> Result<Value, Error>;
+
+pub(super) type Test = fn(&Given<'_>) -> Result<bool, Error>;
+
+/// Filters of this file; they can be called as functions, too.
+pub(super) const FILTERS: &[(&str, Filter)] = &[
+    ("float", float),
+    ("int", int),
+    ("round", round),
+    ("bool", boolean),
+    ("default", default),
+    ("d", default),
+    ("iif", iif),
+    ("is_defined", is_defined),
+    ("is_number", |given| Ok(is_number(given.value())?.into())),
+    ("abs", abs),
+    ("from_json", from_json),
+    ("to_json", to_json),
+    ("add", |given| of_two(given, |one, other| one + other)),
+    ("multiply", |given| of_two(given, |one, other| one * other)),
+    ("log", log),
+    ("sqrt", |given| of_one(given, f64::sqrt)),
+    ("sin", |given| of_one(given, f64::sin)),
+    ("cos", |given| of_one(given, f64::cos)),
+    ("tan", |given| of_one(given, f64::tan)),
+    ("asin", |given| of_one(given, f64::asin)),
+    ("acos", |given| of_one(given, f64::acos)),
+    ("atan", |given| of_one(given, f64::atan)),
+    ("average", average),
+    ("median", median),
+    ("bitwise_and", |given| of_bits(given, |one, other| one & other)),
+    ("bitwise_or", |given| of_bits(given, |one, other| one | other)),
+    ("bitwise_xor", |given| of_bits(given, |one, other| one ^ other)),
+    ("ordinal", ordinal),
+    ("slugify", slugify),
+    ("contains", |given| Ok(is_in(given)?.into())),
+    ("regex_match", |given| Ok(matches_at(given, true)?.into())),
+    ("regex_search", |given| Ok(matches_at(given, false)?.into())),
+    ("regex_replace", regex_replace),
+    ("regex_findall", regex_findall),
+    ("regex_findall_index", regex_findall_index),
+];
+
+/// Tests of this file.
+pub(super) const TESTS: &[(&str, Test)] = &[
+    ("match", |given| matches_at(given, true)),
+    ("search", |given| matches_at(given, false)),
+    ("contains", is_in),
+    ("is_number", |given| is_number(given.value())),
+    ("odd", |given| Ok(rest(given, 2)? == 1)),
+    ("even", |given| Ok(rest(given, 2)? == 0)),
+    ("sequence", |given| {
+        Ok(matches!(given.value().kind(), ValueKind::String | ValueKind::Seq | ValueKind::Map))
+    }),
+    ("list", |given| Ok(given.value().kind() == ValueKind::Seq)),
+];
+
+pub(super) fn register(environment: &mut Environment<'_>) {
+    for (name, filter) in FILTERS {
+        environment.add_filter(*name, move |values: Rest<Value>| filter(&Given::of(&values)?));
+    }
+    for (name, test) in TESTS {
+        environment.add_test(*name, move |values: Rest<Value>| test(&Given::of(&values)?));
+    }
+}
+
+/// What a filter of this file makes of its arguments; `None` if it is none of them.
+pub(super) fn applied(name: &str, arguments: &[Value]) -> Option<Result<Value, Error>> {
+    let (_, filter) = FILTERS.iter().find(|(known, _)| *known == name)?;
+    Some(Given::of(arguments).and_then(|given| filter(&given)))
+}
+
+/// What a test of this file says; `None` if it is none of them.
+pub(super) fn tested(name: &str, arguments: &[Value]) -> Option<Result<bool, Error>> {
+    let (_, test) = TESTS.iter().find(|(known, _)| *known == name)?;
+    Some(Given::of(arguments).and_then(|given| test(&given)))
+}
+
+/// What a value is as text, as Python writes it; what is not there has none.
+pub(super) fn printed(value: &Value) -> String {
+    match Number::of(value) {
+        _ if value.is_undefined() => String::new(),
+        Some(Number::Real(real)) if real.is_nan() => "nan".to_owned(),
+        Some(Number::Real(real)) if real.is_infinite() => {
+            if real > 0.0 {
+                "inf".to_owned()
+            } else {
+                "-inf".to_owned()
+            }
+        }
+        _ => value.to_string(),
+    }
+}
+
+impl<'g> Given<'g> {
+    fn of(values: &'g [Value]) -> Result<Given<'g>, Error> {
+        let (values, named) = from_args(values)?;
+        Ok(Given { values, named })
+    }
+
+    fn value(&self) -> &Value {
+        self.values.first().unwrap_or(&Value::UNDEFINED)
+    }
+
+    /// An argument by its place (the value is at 0) or its name.
+    fn argument(&self, place: usize, name: &str) -> Option<Value> {
+        let is_named = self.named.has(name);
+        let named = || self.named.get::<Value>(name).ok().filter(|_| is_named);
+        self.values.get(place).cloned().or_else(named).filter(|value| !value.is_undefined())
+    }
+
+    /// A result, or what stands for it where there is none.
+    fn or(&self, result: Option<Value>, place: usize, what: &str) -> Result<Value, Error> {
+        if self.value().is_undefined() {
+            return Err(missing());
+        }
+        match (result, self.argument(place, "default")) {
+            (Some(result), _) => Ok(result),
+            (None, Some(default)) => Ok(default),
+            (None, None) => Err(wrong(format!("`{what}` of `{}` has no default", self.value()))),
+        }
+    }
+}
+
+/// Python's `float(…)`.
+fn real(value: &Value) -> Option<f64> {
+    if let Some(number) = Number::of(value) {
+        return Some(number.real());
+    }
+    let text = value.as_str()?.trim();
+    text.strip_prefix(['+', '-']).unwrap_or(text).parse::<f64>().ok()?;
+    text.parse().ok()
+}
+
+/// Python's `int(…)`, and Jinja's, which takes `21.7`, too.
+fn whole(value: &Value, base: u32) -> Option<i128> {
+    if let Some(text) = value.as_str() {
+        let text = text.trim();
+        let (sign, digits) = match text.strip_prefix('-') {
+            Some(digits) => (-1, digits),
+            None => (1, text.strip_prefix('+').unwrap_or(text)),
+        };
+        let lower = digits.to_ascii_lowercase();
+        let digits = match base {
+            16 => lower.strip_prefix("0x").unwrap_or(&lower),
+            8 => lower.strip_prefix("0o").unwrap_or(&lower),
+            2 => lower.strip_prefix("0b").unwrap_or(&lower),
+            _ => &lower,
+        };
+        let is_plain = !digits.starts_with(['+', '-']);
+        if let Some(whole) = i128::from_str_radix(digits, base).ok().filter(|_| is_plain) {
+            return Some(sign * whole);
+        }
+    }
+    if let Some(Number::Whole(whole)) = Number::of(value) {
+        return Some(whole);
+    }
+    let real = real(value).filter(|real| real.is_finite())?;
+    #[allow(clippy::cast_possible_truncation, reason = "Python's int() truncates")]
+    Some(real.trunc() as i128)
+}
+
+fn of_whole(whole: i128) -> Value {
+    i64::try_from(whole).map_or(Value::from(whole), Value::from)
+}
+
+fn float(given: &Given<'_>) -> Result<Value, Error> {
+    given.or(real(given.value()).map(Value::from), 1, "float")
+}
+
+fn int(given: &Given<'_>) -> Result<Value, Error> {
+    let base = given.argument(2, "base").and_then(|base| u32::try_from(base).ok()).unwrap_or(10);
+    if !(2..=36).contains(&base) {
+        return Err(wrong("a base is from 2 to 36"));
+    }
+    given.or(whole(given.value(), base).map(of_whole), 1, "int")
+}
+
+fn round(given: &Given<'_>) -> Result<Value, Error> {
+    let places = given.argument(1, "precision").map_or(Ok(0), i32::try_from)?.clamp(-300, 300);
+    let method = given.argument(2, "method").map(|method| method.to_string());
+    let rounded = real(given.value()).and_then(|real| {
+        let scale = 10_f64.powi(places);
+        let rounded = match method.as_deref().unwrap_or("common") {
+            "ceil" => (real * scale).ceil() / scale,
+            "floor" => (real * scale).floor() / scale,
+            "half" => half_even(real * 2.0) / 2.0,
+            _ => to_places(real, places),
+        };
+        match places {
+            0 if !rounded.is_finite() => None,
+            0 => whole(&Value::from(rounded), 10).map(of_whole),
+            _ => Some(Value::from(rounded)),
+        }
+    });
+    given.or(rounded, 3, "round")
+}
+
+fn half_even(real: f64) -> f64 {
+    to_places(real, 0)
+}
+
+/// Python's `round`: half to even, of what the number really is.
+fn to_places(real: f64, places: i32) -> f64 {
+    let Ok(digits) = usize::try_from(places) else {
+        let scale = 10_f64.powi(-places);
+        return half_even(real / scale) * scale;
+    };
+    format!("{real:.digits$}").parse().unwrap_or(real)
+}
+
+fn boolean(given: &Given<'_>) -> Result<Value, Error> {
+    let value = given.value();
+    let word = value.as_str().map(|text| text.trim().to_lowercase());
+    let is_so = match (word.as_deref(), Number::of(value)) {
+        (Some("1" | "true" | "yes" | "on" | "enable"), _) => Some(true),
+        (Some("0" | "false" | "no" | "off" | "disable"), _) => Some(false),
+        (_, Some(number)) => Some(number.real() != 0.0),
+        _ => None,
+    };
+    match (is_so, given.argument(1, "default")) {
+        (Some(is_so), _) => Ok(Value::from(is_so)),
+        (None, Some(default)) => Ok(default),
+        (None, None) => Err(wrong(format!("`{}` is neither yes nor no", printed(value)))),
+    }
+}
+
+fn default(given: &Given<'_>) -> Result<Value, Error> {
+    let value = given.value();
+    let also_false = given.argument(2, "boolean").is_some_and(|also| also.is_true());
+    if value.is_undefined() || (also_false && !value.is_true()) {
+        return Ok(given.argument(1, "default_value").unwrap_or_else(|| Value::from("")));
+    }
+    Ok(value.clone())
+}
+
+fn iif(given: &Given<'_>) -> Result<Value, Error> {
+    let if_none = given.argument(3, "if_none").filter(|_| given.value().is_none());
+    let (place, name, otherwise) = match given.value().is_true() {
+        true => (1, "if_true", true),
+        false => (2, "if_false", false),
+    };
+    let chosen = if_none.or_else(|| given.argument(place, name));
+    Ok(chosen.unwrap_or_else(|| Value::from(otherwise)))
+}
+
+/// What asks for what is not there says nothing.
+fn is_defined(given: &Given<'_>) -> Result<Value, Error> {
+    if given.value().is_undefined() { Err(missing()) } else { Ok(given.value().clone()) }
+}
+
+fn is_number(value: &Value) -> Result<bool, Error> {
+    if value.is_undefined() {
+        return Err(missing());
+    }
+    Ok(real(value).is_some_and(f64::is_finite))
+}
+
+fn abs(given: &Given<'_>) -> Result<Value, Error> {
+    match Number::of(given.value()) {
+        Some(Number::Whole(whole)) => Ok(of_whole(whole.abs())),
+        Some(Number::Real(real)) => Ok(Value::from(real.abs())),
+        None => Err(wrong(format!("`{}` is no number", printed(given.value())))),
+    }
+}
+
+/// What is left of a number that is divided.
+fn rest(given: &Given<'_>, by: i128) -> Result<i128, Error> {
+    match Number::of(given.value()) {
+        Some(Number::Whole(whole)) => Ok(whole.rem_euclid(by)),
+        // Neither odd nor even.
+        Some(Number::Real(real)) if real.fract() != 0.0 => Ok(-1),
+        Some(Number::Real(_)) => {
+            Ok(whole(given.value(), 10).map_or(-1, |whole| whole.rem_euclid(by)))
+        }
+        None => Err(wrong(format!("`{}` is no number", printed(given.value())))),
+    }
+}
+
+fn from_json(given: &Given<'_>) -> Result<Value, Error> {
+    let json = given.value().as_str().and_then(|text| serde_json::from_str(text).ok());
+    let json = json.map(|json: serde_json::Value| Value::from(minijinja::value::Serde(json)));
+    given.or(json, 1, "from_json")
+}
+
+fn to_json(given: &Given<'_>) -> Result<Value, Error> {
+    if given.value().is_undefined() {
+        return Err(missing());
+    }
+    let is_plain = given.values.len() == 1 && given.named.args().next().is_none();
+    if !is_plain {
+        return Err(wrong("`to_json` with arguments is not known here"));
+    }
+    serde_json::to_string(given.value()).map(Value::from).map_err(|error| wrong(error.to_string()))
+}
+
+fn of_one(given: &Given<'_>, of: fn(f64) -> f64) -> Result<Value, Error> {
+    let result = real(given.value()).map(of).filter(|result| !result.is_nan());
+    given.or(result.map(Value::from), 1, "it")
+}
+
+fn of_two(given: &Given<'_>, of: fn(f64, f64) -> f64) -> Result<Value, Error> {
+    let other = given.argument(1, "amount").as_ref().and_then(real);
+    let result = real(given.value()).zip(other).map(|(one, other)| of(one, other));
+    given.or(result.map(Value::from), 2, "it")
+}
+
+fn log(given: &Given<'_>) -> Result<Value, Error> {
+    let base = match given.argument(1, "base") {
+        Some(base) => real(&base).ok_or_else(|| wrong("the base of `log` is no number"))?,
+        None => std::f64::consts::E,
+    };
+    let positive = real(given.value()).filter(|real| *real > 0.0);
+    #[allow(clippy::float_cmp, reason = "the constant itself, where no base is given")]
+    let result = positive.map(|real| match base {
+        base if base == std::f64::consts::E => real.ln(),
+        base => real.ln() / base.ln(),
+    });
+    given.or(result.map(Value::from), 2, "log")
+}
+
+/// The numbers in what is given: a list, or the arguments.
+fn numbers(given: &Given<'_>) -> Result<Vec<f64>, Error> {
+    let values: Vec<Value> = match given.value().kind() {
+        ValueKind::Seq => given.value().try_iter()?.collect(),
+        _ => given.values.to_vec(),
+    };
+    let numbers = values.iter().map(|value| Number::of(value).map(Number::real));
+    numbers.collect::<Option<_>>().ok_or_else(|| wrong("not all of them are numbers"))
+}
+
+#[allow(clippy::cast_precision_loss, reason = "there are not so many")]
+fn average(given: &Given<'_>) -> Result<Value, Error> {
+    let numbers = numbers(given).ok().filter(|numbers| !numbers.is_empty());
+    let mean = numbers.map(|numbers| numbers.iter().sum::<f64>() / numbers.len() as f64);
+    given.or(mean.map(Value::from), 1, "average")
+}
+
+fn median(given: &Given<'_>) -> Result<Value, Error> {
+    let numbers = numbers(given).ok().filter(|numbers| !numbers.is_empty());
+    let middle = numbers.map(|mut numbers| {
+        numbers.sort_by(f64::total_cmp);
+        let half = numbers.len() / 2;
+        match numbers.len() % 2 {
+            1 => numbers[half],
+            _ => f64::midpoint(numbers[half - 1], numbers[half]),
+        }
+    });
+    given.or(middle.map(Value::from), 1, "median")
+}
+
+fn of_bits(given: &Given<'_>, of: fn(i128, i128) -> i128) -> Result<Value, Error> {
+    let whole = |value: &Value| match Number::of(value) {
+        Some(Number::Whole(whole)) => Ok(whole),
+        _ if value.is_undefined() => Err(missing()),
+        _ => Err(wrong(format!("`{value}` has no bits"))),
+    };
+    let other = given.argument(1, "second_value").unwrap_or(Value::UNDEFINED);
+    Ok(of_whole(of(whole(given.value())?, whole(&other)?)))
+}
+
+fn ordinal(given: &Given<'_>) -> Result<Value, Error> {
+    let text = printed(given.value());
+    let last: Vec<char> = text.chars().rev().take(2).collect();
+    let number: String = last.iter().rev().collect();
+    let number: i32 = number.parse().map_err(|_| wrong(format!("`{text}` is no whole number")))?;
+    let ending = match (number.abs() % 100, number.abs() % 10) {
+        (11..=13, _) => "th",
+        (_, 1) => "st",
+        (_, 2) => "nd",
+        (_, 3) => "rd",
+        _ => "th",
+    };
+    Ok(Value::from(format!("{text}{ending}")))
+}
+
+fn slugify(given: &Given<'_>) -> Result<Value, Error> {
+    let separator = given.argument(1, "separator").map_or("_".to_owned(), |by| by.to_string());
+    if given.value().is_undefined() {
+        return Err(missing());
+    }
+    Ok(Value::from(slug(&given.value().to_string(), &separator)))
+}
+
+fn is_in(given: &Given<'_>) -> Result<bool, Error> {
+    let part = given.argument(1, "value").unwrap_or(Value::UNDEFINED);
+    match (given.value().as_str(), part.as_str()) {
+        (Some(whole), Some(part)) => Ok(whole.contains(part)),
+        (Some(_), None) => Err(wrong("only a text can be in a text")),
+        _ => Ok(given.value().try_iter()?.any(|one| super::numbers::is_equal(&one, &part))),
+    }
+}
+
+/// A regular expression as Python writes it.
+pub(super) fn pattern(text: &str, ignores_case: bool) -> Result<Regex, Error> {
+    let mut builder = RegexBuilder::new(text);
+    builder.case_insensitive(ignores_case).size_limit(PATTERN_BYTES_MAX);
+    let reason = |error: &regex::Error| {
+        error
+            .to_string()
+            .lines()
+            .last()
+            .unwrap_or_default()
+            .trim_start_matches("error: ")
+            .to_owned()
+    };
+    builder.build().map_err(|error| {
+        wrong(format!("the regular expression `{text}` is not known here: {}", reason(&error)))
+    })
+}
+
+fn expression(given: &Given<'_>, place: usize) -> Result<Regex, Error> {
+    let text = given.argument(1, "find").map(|find| find.to_string()).unwrap_or_default();
+    let ignores_case = given.argument(place, "ignorecase").is_some_and(|it| it.is_true());
+    pattern(&text, ignores_case)
+}
+
+fn matches_at(given: &Given<'_>, start: bool) -> Result<bool, Error> {
+    let (text, expression) = (printed(given.value()), expression(given, 2)?);
+    let found = expression.find(&text);
+    Ok(found.is_some_and(|found| !start || found.start() == 0))
+}
+
+fn regex_replace(given: &Given<'_>) -> Result<Value, Error> {
+    let (text, expression) = (printed(given.value()), expression(given, 3)?);
+    let by = given.argument(2, "replace").map(|by| by.to_string()).unwrap_or_default();
+    let replaced = expression.replace_all(&text, reference(&by).as_str()).into_owned();
+    if replaced.len() > TEXT_BYTES_MAX {
+        return Err(wrong("the text becomes too long"));
+    }
+    Ok(Value::from(replaced))
+}
+
+/// What Python writes `\1` and `\g<name>`, as the crate `regex` does.
+fn reference(text: &str) -> String {
+    let mut made = String::new();
+    let mut rest = text.chars().peekable();
+    while let Some(c) = rest.next() {
+        match c {
+            '$' => made.push_str("$$"),
+            '\\' => match rest.next() {
+                Some('g') => {
+                    let name: String =
+                        rest.by_ref().skip_while(|c| *c == '<').take_while(|c| *c != '>').collect();
+                    made.push_str(&format!("${{{name}}}"));
+                }
+                Some(digit) if digit.is_ascii_digit() => {
+                    let mut number = digit.to_string();
+                    while let Some(next) = rest.next_if(char::is_ascii_digit) {
+                        number.push(next);
+                    }
+                    made.push_str(&format!("${{{number}}}"));
+                }
+                Some('n') => made.push('\n'),
+                Some('t') => made.push('\t'),
+                Some(other) => made.push(other),
+                None => made.push('\\'),
+            },
+            other => made.push(other),
+        }
+    }
+    made
+}
+
+/// All that fits: of one group the group, of several all of them.
+fn found(text: &str, expression: &Regex) -> Vec<Value> {
+    let group = |captures: &regex::Captures<'_>, index: usize| {
+        Value::from(captures.get(index).map_or("", |found| found.as_str()))
+    };
+    let one = |captures: regex::Captures<'_>| match captures.len() {
+        1 => group(&captures, 0),
+        2 => group(&captures, 1),
+        count => {
+            let groups: Vec<Value> = (1..count).map(|index| group(&captures, index)).collect();
+            Tuple::from(groups).into()
+        }
+    };
+    expression.captures_iter(text).map(one).collect()
+}
+
+fn regex_findall(given: &Given<'_>) -> Result<Value, Error> {
+    Ok(Value::from(found(&printed(given.value()), &expression(given, 2)?)))
+}
+
+fn regex_findall_index(given: &Given<'_>) -> Result<Value, Error> {
+    let all = found(&printed(given.value()), &expression(given, 3)?);
+    let index = given.argument(2, "index").map_or(Ok(0), i64::try_from)?;
+    let count = i64::try_from(all.len()).unwrap_or(i64::MAX);
+    let index = usize::try_from(if index < 0 { index + count } else { index });
+    let one = index.ok().and_then(|index| all.get(index));
+    one.cloned().ok_or_else(|| wrong("nothing fits the regular expression"))
+}

@@ -1,0 +1,210 @@
+//! Templates as Home Assistant has them: Jinja with its filters and tests, Python's methods, and
+//! Python's rules for what has no meaning.
+//!
+//! - `minijinja` parses a template and has Jinja's own filters; `eval` goes through it. It does what
+//!   Python does and `minijinja` does not: to compare a number with nothing is an error, not false.
+//! - `names` finds every filter, test, function and method in a template before anything is said, so
+//!   that one that is not known here is refused by its name when a device is discovered.
+//! - `filters` are Home Assistant's own; `numbers` is Python's arithmetic.
+//!
+//! Held against Home Assistant 2024.3 (`plugins/mqtt/tests/templates.tsv` has what it answers).
+
+mod eval;
+mod filters;
+mod names;
+mod numbers;
+
+use minijinja::machinery::{ast, parse};
+use minijinja::syntax::SyntaxConfig;
+use minijinja::value::Serde;
+use minijinja::{Environment, Error, Value};
+
+use eval::Evaluation;
+
+/// The longest template that is read.
+const BYTES_MAX: usize = 1 << 13;
+
+/// A template that can be rendered, as far as can be said beforehand.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Template(String);
+
+/// Why a template gives nothing this time.
+#[derive(Debug)]
+pub(crate) struct Unrendered(pub(crate) String);
+
+impl Template {
+    /// Reads a template that may use these variables.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with it, by name: a mistake of syntax, or what is not known here.
+    pub(crate) fn new(text: &str, variables: &[&str]) -> Result<Template, String> {
+        let said = |problem: String| format!("the template `{}`: {problem}", shortened(text));
+        if text.len() > BYTES_MAX {
+            return Err(said(format!("it is longer than {BYTES_MAX} bytes")));
+        }
+        if is_deep(text) {
+            return Err(said("it is nested too deeply".to_owned()));
+        }
+        let tree = read(text).map_err(|error| said(error.to_string()))?;
+        match names::unknown(&tree, variables) {
+            Some(unknown) => Err(said(unknown)),
+            None => Ok(Template(text.to_owned())),
+        }
+    }
+
+    /// Its text for a device's word: `value`, and `value_json` where that is JSON.
+    ///
+    /// # Errors
+    ///
+    /// Why it has none: Home Assistant ignores such a word, and what was known stays.
+    pub(crate) fn of_word(&self, word: &str) -> Result<String, Unrendered> {
+        let mut variables = vec![("value", Value::from(word))];
+        if let Ok(json) = serde_json::from_str::<serde_json::Value>(word) {
+            variables.push(("value_json", Value::from(Serde(json))));
+        }
+        self.render(&variables)
+    }
+
+    /// Its text with these variables.
+    ///
+    /// # Errors
+    ///
+    /// Why it has none.
+    pub(crate) fn render(&self, variables: &[(&str, Value)]) -> Result<String, Unrendered> {
+        let rendered = || -> Result<String, Error> {
+            let environment = environment();
+            let tree = read(&self.0)?;
+            let text = Evaluation::of(&environment, variables).text(&tree)?;
+            Ok(text.trim().to_owned())
+        };
+        rendered()
+            .map_err(|error| Unrendered(format!("the template `{}`: {error}", shortened(&self.0))))
+    }
+}
+
+fn read(text: &str) -> Result<ast::Stmt<'_>, Error> {
+    parse(text, "template", SyntaxConfig::default())
+}
+
+/// Whether a text would exhaust the parser, which goes down with each bracket and sign.
+fn is_deep(text: &str) -> bool {
+    const DEPTH_MAX: usize = 50;
+    let mut depth = 0_usize;
+    let is_nested = text.chars().any(|c| {
+        match c {
+            '(' | '[' | '{' => depth += 1,
+            ')' | ']' | '}' => depth = depth.saturating_sub(1),
+            _ => (),
+        }
+        depth > DEPTH_MAX
+    });
+    let together: String = text.split_whitespace().collect();
+    let signs = ["not", "-", "-(", "not(", "(-", "(not"];
+    is_nested || signs.iter().any(|sign| together.contains(&sign.repeat(DEPTH_MAX)))
+}
+
+fn environment() -> Environment<'static> {
+    let mut environment = Environment::new();
+    environment.set_fuel(Some(eval::STEPS_MAX));
+    environment.set_unknown_method_callback(minijinja_contrib::pycompat::unknown_method_callback);
+    filters::register(&mut environment);
+    environment
+}
+
+/// A text as it is told to people.
+fn shortened(text: &str) -> String {
+    const TOLD_CHARS: usize = 120;
+    let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    if line.chars().count() <= TOLD_CHARS {
+        return line;
+    }
+    line.chars().take(TOLD_CHARS).chain(['…']).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Templates, words, and what Home Assistant makes of them; `!` where it ignores the word.
+    const CASES: &str = include_str!("../../tests/templates.tsv");
+
+    #[test]
+    fn templates_say_what_they_say_in_home_assistant() {
+        let (mut wrong, mut usual) = (Vec::new(), "");
+        for line in CASES.lines().filter(|line| !line.starts_with('#')) {
+            let parts: Vec<_> = line.split('\t').collect();
+            let [template, word, expected] = parts[..] else { panic!("{line}") };
+            if template == "@" {
+                usual = word;
+                continue;
+            }
+            let word = if word == "@" { usual } else { word };
+            let said = match Template::new(template, &["value", "value_json"]) {
+                Ok(template) => template.of_word(word).unwrap_or_else(|_| "!".to_owned()),
+                Err(problem) => problem,
+            };
+            if said != expected {
+                wrong.push(format!("{template}  {word}: {said:?}, not {expected:?}"));
+            }
+        }
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    }
+
+    #[test]
+    fn what_is_not_known_here_is_refused_by_its_name() {
+        for (template, name) in [
+            ("{{ states('sensor.x') }}", "`states`"),
+            ("{{ is_state('sensor.x', 'on') }}", "`is_state`"),
+            ("{{ now().hour }}", "`now`"),
+            ("{{ utcnow() }}", "`utcnow`"),
+            ("{{ value | timestamp_custom('%H') }}", "`timestamp_custom`"),
+            ("{% if false %}{{ value | nonsense }}{% endif %}", "`nonsense`"),
+            ("{{ value.encode('utf-8') }}", "`encode`"),
+            ("{{ this.state }}", "`this`"),
+            ("{{ value is odd_thing }}", "`odd_thing`"),
+            ("{% include 'x' %}", "include"),
+            ("{{ value_json. }}", "syntax error"),
+            ("{{ value | regex_replace('(', '') }}", "regular expression"),
+            ("{{ value_json.l | map('nonsense') | list }}", "`nonsense`"),
+            ("{{ value | float | log10 }}", "`log10`"),
+        ] {
+            let problem = Template::new(template, &["value", "value_json"]).expect_err(template);
+            assert!(problem.contains(name), "{problem}");
+            assert!(problem.starts_with("the template `"), "{problem}");
+        }
+    }
+
+    #[test]
+    fn a_template_that_takes_too_much_gives_nothing() {
+        for template in [
+            "{% for i in range(100000) %}{{ i }}{% endfor %}",
+            "{% for i in range(9999) %}{% for j in range(9999) %}x{% endfor %}{% endfor %}",
+            "{{ 'x' * 1000000000 }}",
+            "{{ ('x' * 1000) * 100000 }}",
+            "{{ '%999999999d' % 3 }}",
+            "{{ '%999999999d' | format(3) }}",
+            "{{ 9 ** 9 ** 9 }}",
+            "{{ range(1000000000) | list }}",
+            "{% set x = 'aaaaaaaa' %}{% for i in range(99) %}{% set x = x ~ x %}{% endfor %}",
+        ] {
+            let template = Template::new(template, &["value", "value_json"]).expect(template);
+            let began = std::time::Instant::now();
+            let _ = template.of_word("{}");
+            assert!(began.elapsed().as_secs() < 5, "{template:?}");
+        }
+        let deep = format!("{{{{ {}1{} }}}}", "(".repeat(5_000), ")".repeat(5_000));
+        assert!(Template::new(&deep, &[]).is_err());
+        let deep = format!("{{{{ {}1 }}}}", "not ".repeat(3_000));
+        assert!(Template::new(&deep, &[]).is_err());
+        let deep = format!("{{{{ {}1 }}}}", "-".repeat(3_000));
+        assert!(Template::new(&deep, &[]).is_err());
+        for chain in ["1 + ", "1 ~ ", "1 if ", "x or "] {
+            let deep = format!("{{{{ {}1 }}}}", chain.repeat(2_000));
+            assert!(Template::new(&deep, &["x"]).is_err(), "{chain}");
+        }
+        let wide = format!("{{{{ {}1 }}}}", "1 + ".repeat(60));
+        let wide = Template::new(&wide, &[]).expect("it is no such nest");
+        assert_eq!(wide.of_word("x").expect("a sum"), "61");
+    }
+}

@@ -1,0 +1,202 @@
+//! Python's arithmetic and comparisons, for what templates calculate with.
+
+use std::cmp::Ordering;
+
+use minijinja::value::ValueKind;
+use minijinja::{Error, ErrorKind, Value};
+
+/// The longest text that is made by repeating or joining.
+pub(super) const TEXT_BYTES_MAX: usize = 1 << 20;
+
+/// A number as Python has them.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Number {
+    Whole(i128),
+    Real(f64),
+}
+
+pub(super) fn wrong(problem: impl Into<String>) -> Error {
+    Error::new(ErrorKind::InvalidOperation, problem.into())
+}
+
+pub(super) fn missing() -> Error {
+    Error::new(ErrorKind::UndefinedError, "what it asks for is not there")
+}
+
+impl Number {
+    /// A value that Python calculates with as it is: a number, or a boolean.
+    pub(super) fn of(value: &Value) -> Option<Number> {
+        match value.kind() {
+            ValueKind::Bool => Some(Number::Whole(i128::from(value.is_true()))),
+            ValueKind::Number if value.is_integer() => {
+                Some(i128::try_from(value.clone()).map_or_else(
+                    |_| Number::Real(f64::try_from(value.clone()).unwrap_or(f64::NAN)),
+                    Number::Whole,
+                ))
+            }
+            ValueKind::Number => Some(Number::Real(f64::try_from(value.clone()).ok()?)),
+            _ => None,
+        }
+    }
+
+    #[allow(clippy::cast_precision_loss, reason = "as Python does it")]
+    pub(super) fn real(self) -> f64 {
+        match self {
+            Number::Whole(whole) => whole as f64,
+            Number::Real(real) => real,
+        }
+    }
+
+    fn value(self) -> Value {
+        match self {
+            // Not as i128: minijinja prints and compares small numbers best.
+            Number::Whole(whole) => i64::try_from(whole).map_or(Value::from(whole), Value::from),
+            Number::Real(real) => Value::from(real),
+        }
+    }
+}
+
+/// What a binary operator is for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Operator {
+    Add,
+    Subtract,
+    Multiply,
+    Divide,
+    DivideWhole,
+    Remainder,
+    Power,
+}
+
+/// Calculates.
+pub(super) fn calculated(operator: Operator, one: &Value, other: &Value) -> Result<Value, Error> {
+    if one.is_undefined() || other.is_undefined() {
+        return Err(missing());
+    }
+    if let (Some(one), Some(other)) = (Number::of(one), Number::of(other)) {
+        return of_numbers(operator, one, other).map(Number::value);
+    }
+    let unsupported =
+        || wrong(format!("`{}` and `{}` cannot be calculated with", one.kind(), other.kind()));
+    match operator {
+        Operator::Add => match (one.as_str(), other.as_str()) {
+            (Some(one), Some(other)) => joined(&[one, other]).map(Value::from),
+            _ if one.kind() == ValueKind::Seq && other.kind() == ValueKind::Seq => {
+                Ok(one.try_iter()?.chain(other.try_iter()?).collect::<Value>())
+            }
+            _ => Err(unsupported()),
+        },
+        Operator::Multiply => {
+            let (text, count) = match (one.as_str(), other.as_str()) {
+                (Some(text), None) => (text, Number::of(other)),
+                (None, Some(text)) => (text, Number::of(one)),
+                _ => return Err(unsupported()),
+            };
+            let Some(Number::Whole(count)) = count else { return Err(unsupported()) };
+            let count = usize::try_from(count.max(0)).unwrap_or(usize::MAX);
+            if text.len().saturating_mul(count) > TEXT_BYTES_MAX {
+                return Err(wrong("the text becomes too long"));
+            }
+            Ok(Value::from(text.repeat(count)))
+        }
+        _ => Err(unsupported()),
+    }
+}
+
+pub(super) fn joined(texts: &[&str]) -> Result<String, Error> {
+    let bytes: usize = texts.iter().map(|text| text.len()).sum();
+    if bytes > TEXT_BYTES_MAX {
+        return Err(wrong("the text becomes too long"));
+    }
+    Ok(texts.concat())
+}
+
+fn of_numbers(operator: Operator, one: Number, other: Number) -> Result<Number, Error> {
+    use Number::{Real, Whole};
+    let is_division =
+        matches!(operator, Operator::Divide | Operator::DivideWhole | Operator::Remainder);
+    if is_division && other.real() == 0.0 {
+        return Err(wrong("division by zero"));
+    }
+    let too_large = || wrong("the number becomes too large");
+    if let (Whole(one), Whole(other)) = (one, other) {
+        let whole = match operator {
+            Operator::Add => one.checked_add(other),
+            Operator::Subtract => one.checked_sub(other),
+            Operator::Multiply => one.checked_mul(other),
+            // Python's go down, not towards zero.
+            Operator::DivideWhole => one
+                .checked_div_euclid(other)
+                .map(|quotient| quotient - i128::from(other < 0 && one.rem_euclid(other) != 0)),
+            Operator::Remainder => one.checked_rem(other).map(|rest| {
+                if rest != 0 && (rest < 0) != (other < 0) { rest + other } else { rest }
+            }),
+            Operator::Power if other >= 0 => {
+                u32::try_from(other).ok().and_then(|exponent| one.checked_pow(exponent))
+            }
+            Operator::Divide | Operator::Power => {
+                return of_reals(operator, Whole(one).real(), Whole(other).real());
+            }
+        };
+        return whole.map(Whole).ok_or_else(too_large);
+    }
+    of_reals(operator, one.real(), other.real()).map(|number| Real(number.real()))
+}
+
+fn of_reals(operator: Operator, one: f64, other: f64) -> Result<Number, Error> {
+    let real = match operator {
+        Operator::Add => one + other,
+        Operator::Subtract => one - other,
+        Operator::Multiply => one * other,
+        Operator::Divide => one / other,
+        Operator::DivideWhole => (one / other).floor(),
+        Operator::Remainder => {
+            let rest = one % other;
+            if rest != 0.0 && (rest < 0.0) != (other < 0.0) { rest + other } else { rest }
+        }
+        Operator::Power if one < 0.0 && other.fract() != 0.0 => {
+            return Err(wrong("a power of a negative number that is not real"));
+        }
+        Operator::Power => one.powf(other),
+    };
+    Ok(Number::Real(real))
+}
+
+/// Whether two values are equal: nothing is equal to something else than nothing.
+pub(super) fn is_equal(one: &Value, other: &Value) -> bool {
+    if one.is_undefined() || other.is_undefined() {
+        return one.is_undefined() && other.is_undefined();
+    }
+    if one.is_none() || other.is_none() {
+        return one.is_none() && other.is_none();
+    }
+    match (Number::of(one), Number::of(other)) {
+        (Some(Number::Whole(one)), Some(Number::Whole(other))) => one == other,
+        #[allow(clippy::float_cmp, reason = "as Python does it")]
+        (Some(one), Some(other)) => one.real() == other.real(),
+        (None, None) => one == other,
+        _ => false,
+    }
+}
+
+/// How two values stand to each other.
+///
+/// # Errors
+///
+/// If one is no number and the other is, or either is not there.
+pub(super) fn compared(one: &Value, other: &Value) -> Result<Option<Ordering>, Error> {
+    if one.is_undefined() || other.is_undefined() {
+        return Err(missing());
+    }
+    match (Number::of(one), Number::of(other)) {
+        (Some(Number::Whole(one)), Some(Number::Whole(other))) => Ok(Some(one.cmp(&other))),
+        (Some(one), Some(other)) => Ok(one.real().partial_cmp(&other.real())),
+        _ => match (one.as_str(), other.as_str()) {
+            (Some(one), Some(other)) => Ok(Some(one.cmp(other))),
+            _ if one.kind() == ValueKind::Seq && other.kind() == ValueKind::Seq => {
+                Ok(one.partial_cmp(other))
+            }
+            _ => Err(wrong(format!("`{}` and `{}` cannot be compared", one.kind(), other.kind()))),
+        },
+    }
+}
