@@ -169,6 +169,60 @@ fn lamps_relays_and_locks_are_switched_and_believed_by_what_they_say() {
     assert_eq!(code, Some(1), "it stands elsewhere: {said}");
 }
 
+/// A lamp of Zigbee2MQTT that says nothing of itself until it is told to do something.
+fn silent_lamp(name: &str, id: &str) -> Value {
+    json!({ "friendly_name": name, "ieee_address": id, "definition": { "exposes": [
+        { "type": "light", "features": [{ "type": "binary", "name": "state", "property": "state",
+            "access": 3, "value_on": "ON", "value_off": "OFF" }] }] } })
+}
+
+#[test]
+fn a_lamp_that_was_not_heard_of_is_neither_on_nor_off_and_a_room_has_several() {
+    let Some(broker) = Broker::start() else { return };
+    let broker = Arc::new(broker);
+    for mode in ["decentralized", "centralized"] {
+        let told = Arc::new(Mutex::new(Vec::new()));
+        let mut lamps = Vec::new();
+        for name in ["office1 a", "office1 b"] {
+            let (speaker, heard) = (Arc::clone(&broker), Arc::clone(&told));
+            lamps.push(broker.device(&format!("zigbee2mqtt/{name}/set"), move |command| {
+                heard.lock().expect("nobody panics").push(format!("{name} {command}"));
+                speaker.say(&format!("zigbee2mqtt/{name}"), command);
+            }));
+        }
+        tell(&broker, &[silent_lamp("office1 a", "0xa"), silent_lamp("office1 b", "0xb")]);
+        let office = office(mode, &broker, "");
+        office.await_devices(2);
+        office.await_fact("(unknown (lit office1))", true);
+        office.await_fact("(unknown (lamp-on office1-a))", true);
+        // Nobody knows, so both are told.
+        let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
+        assert_eq!(code, Some(0), "{mode}: {said}");
+        assert!(!said.contains("it holds already"), "{mode}: {said}");
+        let heard = std::mem::take(&mut *told.lock().expect("nobody panics"));
+        for name in ["office1 a", "office1 b"] {
+            let off = format!(r#"{name} {{"state":"OFF"}}"#);
+            assert!(heard.contains(&off), "{mode}: {off}: {heard:?}");
+        }
+        // Of two lamps one is lit: the room is, and is dark when that one is off.
+        broker.say("zigbee2mqtt/office1 b", r#"{"state":"ON"}"#);
+        office.await_fact("(lit office1)", true);
+        let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
+        assert_eq!(code, Some(0), "{mode}: {said}");
+        let heard = std::mem::take(&mut *told.lock().expect("nobody panics"));
+        assert_eq!(heard, [r#"office1 b {"state":"OFF"}"#], "{mode}: {said}");
+        office.await_fact("(lit office1)", false);
+        // One that is offline may be on; what cannot be asked of it is said so.
+        broker.retain("zigbee2mqtt/office1 b/availability", r#"{"state":"offline"}"#);
+        office.await_fact("(unknown (lit office1))", true);
+        let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
+        assert_eq!(code, Some(1), "{mode}: {said}");
+        assert!(said.contains("nobody knows whether"), "{mode}: {said}");
+        broker.retain("zigbee2mqtt/office1 b/availability", "");
+        tell(&broker, &[]);
+    }
+}
+
 #[test]
 fn what_cannot_be_used_says_why_and_harms_nobody() {
     let Some(broker) = Broker::start() else { return };

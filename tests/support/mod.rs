@@ -136,8 +136,10 @@ impl Office {
     pub(crate) fn await_fact(&self, fact: &str, wanted: bool) {
         let deadline = Instant::now() + PATIENCE;
         loop {
-            let state = self.ask_json(&["state"]).to_string();
-            if state.contains(fact) == wanted {
+            let state = self.ask_json(&["state"]);
+            let facts = state["facts"].as_array().into_iter().flatten();
+            let is_there = facts.into_iter().any(|known| known["fact"] == *fact);
+            if is_there == wanted {
                 return;
             }
             assert!(Instant::now() < deadline, "{fact}: {state}");

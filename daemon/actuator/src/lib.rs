@@ -16,6 +16,7 @@ mod device;
 mod initiative;
 mod ledger;
 mod mobile_base;
+mod on_off;
 mod text;
 
 pub use actuator::Actuator;
@@ -23,5 +24,6 @@ pub use agent::StateFolder;
 pub use device::{Call, Description, Device, Failure, OwnFact, Performed};
 pub use initiative::{Initiative, News, Stir};
 pub use mobile_base::{BaseConfig, BaseDriver, MobileBase, Moved};
+pub use on_off::{OnOff, is_derived};
 pub use substrate::BoxFuture;
 pub use text::{InvalidPlace, Place, facts_of, model_of};

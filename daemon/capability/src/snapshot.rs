@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use acl::AgentId;
 use acl::content::{self, Guard, Methods, Offer, Offers};
-use pddl::knowledge::Auxiliary;
+use pddl::knowledge::{Auxiliary, Knowledge};
 use pddl::{ActionModel, Atom, Condition, Domain, InitElement, Metric, Name, PlanStep, Problem};
 
 use crate::composite::{Composite, Offered};
@@ -123,7 +123,12 @@ impl Snapshot {
         (outside, offer)
     }
 
-    fn knowledge(&self) -> BTreeMap<String, content::Auxiliary> {
+    /// The words of the domain for what is unknown.
+    pub fn knowledge(&self) -> &Knowledge {
+        &self.composite.knowledge
+    }
+
+    fn words(&self) -> BTreeMap<String, content::Auxiliary> {
         let text = ToString::to_string;
         let auxiliary = |auxiliary: &Auxiliary| match auxiliary {
             Auxiliary::Predicate { unknown, found } => content::Auxiliary::Predicate {
@@ -153,7 +158,7 @@ impl Snapshot {
             offers: self.offers(),
             guards: self.guards(),
             former: self.former.iter().map(ToString::to_string).collect(),
-            knowledge: self.knowledge(),
+            knowledge: self.words(),
             conflicts: BTreeMap::new(),
         }
     }

@@ -8,6 +8,7 @@
 //! - Does not plan, and decides nothing about goals.
 
 mod changing;
+mod derived;
 mod handing_over;
 mod kept;
 
@@ -356,10 +357,8 @@ impl DomainMaintainer {
     fn state(&self) -> BelievedState {
         let maintainer = &self.upkeep.maintainer;
         let provenance = maintainer.provenance(self.upkeep.moment());
-        let facts = provenance
-            .into_iter()
-            .filter(|fact| fact.left_out.is_none())
-            .map(|fact| BelievedFact {
+        let known = provenance.into_iter().filter(|fact| fact.left_out.is_none()).map(|fact| {
+            BelievedFact {
                 fact: fact.fact.to_string(),
                 owners: fact.claims.iter().map(|claim| claim.owner.to_string()).collect(),
                 age_ms: fact
@@ -370,8 +369,13 @@ impl DomainMaintainer {
                     .unwrap_or(0),
                 known_for: known_for(&fact.claims),
                 claims: fact.claims.iter().map(claim).collect(),
-            })
-            .collect();
+            }
+        });
+        let mut facts: Vec<BelievedFact> = known.collect();
+        let mut derived = derived::derived(&maintainer.snapshot(self.upkeep.moment()));
+        // What an agent left behind is known to be unknown already.
+        derived.retain(|derived| facts.iter().all(|known| known.fact != derived.fact));
+        facts.extend(derived);
         BelievedState { epoch: maintainer.epoch(), revision: maintainer.revision(), facts }
     }
 }

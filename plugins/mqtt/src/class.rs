@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use actuator::OnOff;
 use serde::Deserialize;
 
 /// The table that is built in.
@@ -35,6 +36,13 @@ pub(crate) struct Class {
     pub(crate) inverted: bool,
     /// The predicate of a room that is true where it is switched on.
     state: Option<String>,
+    /// The predicate of the device itself that is true then, or where the answer is yes.
+    own: Option<String>,
+    /// The predicate that the device is in a room, where the ontology derives `yes` from it and `own`.
+    at: Option<String>,
+    /// Whether all in a room have to be on for `state` to be true of it; else one is enough.
+    #[serde(default)]
+    all: bool,
     /// The actions that switch it.
     on: Option<String>,
     off: Option<String>,
@@ -46,9 +54,9 @@ pub(crate) enum Kind<'c> {
     /// A number that is measured.
     Number { action: &'c str, known: &'c str, value: &'c str, unit: &'c str },
     /// A yes or no that is noticed.
-    YesOrNo { action: &'c str, known: &'c str, yes: &'c str },
+    YesOrNo { action: &'c str, known: &'c str, yes: &'c str, own: Option<(&'c str, &'c str)> },
     /// Something that is switched.
-    Switch { state: &'c str, on: &'c str, off: &'c str },
+    Switch { words: OnOff<'c>, on: &'c str, off: &'c str },
 }
 
 impl Classes {
@@ -70,6 +78,11 @@ impl Classes {
                 class.also.retain(|name| !said.contains(name));
             }
             classes.extend(more);
+        }
+        for class in classes.values_mut() {
+            if class.state.is_some() && class.own.is_none() {
+                class.own = Some(format!("{}-on", class.agent));
+            }
         }
         for (name, class) in &classes {
             if class.kind().is_none() {
@@ -107,8 +120,8 @@ impl Classes {
 impl Class {
     /// A word of it that an action model cannot have.
     fn unsayable(&self) -> Option<&str> {
-        let Class { agent, action, known, value, yes, state, on, off, .. } = self;
-        let words = [action, known, value, yes, state, on, off].into_iter().flatten();
+        let Class { agent, action, known, value, yes, state, own, at, on, off, .. } = self;
+        let words = [action, known, value, yes, state, own, at, on, off].into_iter().flatten();
         let mut words = std::iter::once(agent).chain(words).map(String::as_str);
         words.find(|word| acl::AgentId::new(word).is_err())
     }
@@ -116,12 +129,16 @@ impl Class {
     /// What kind of thing it is; `None` if its words are not enough for any.
     pub(crate) fn kind(&self) -> Option<Kind<'_>> {
         if let (Some(state), Some(on), Some(off)) = (&self.state, &self.on, &self.off) {
-            return Some(Kind::Switch { state, on, off });
+            let (agent, own, all) = (&self.agent, self.own.as_ref()?, self.all);
+            return Some(Kind::Switch { words: OnOff { agent, state, own, all }, on, off });
         }
         let (action, known) = (self.action.as_deref()?, self.known.as_deref()?);
         match (&self.value, &self.unit, &self.yes) {
             (Some(value), Some(unit), None) => Some(Kind::Number { action, known, value, unit }),
-            (None, None, Some(yes)) => Some(Kind::YesOrNo { action, known, yes }),
+            (None, None, Some(yes)) => {
+                let own = self.own.as_deref().zip(self.at.as_deref());
+                Some(Kind::YesOrNo { action, known, yes, own })
+            }
             _ => None,
         }
     }

@@ -75,19 +75,21 @@ impl MqttDevice {
 
     fn known(&self, feature: usize) -> Vec<OwnFact> {
         let Some(known) = self.part.features.get(feature) else { return Vec::new() };
+        let (agent, room) = (self.part.agent.as_str(), self.part.room.as_str());
+        let term = known.term(agent, room, &self.ontology);
+        let unknown = || facts_of(&known.unknown(&term, room));
         let (value, at) = match self.standing(feature) {
             Standing::Is(value, at) => (value, at),
-            // A fact that is not known, and one that is known not to be so, are both not said.
-            Standing::NotKnown(_) | Standing::Away(_) => return Vec::new(),
+            Standing::NotKnown(_) | Standing::Away(_) => return unknown(),
         };
         let is_switch = matches!(known.class.kind(), Some(Kind::Switch { .. }));
         let validity = [self.part.valid_for.filter(|_| !is_switch), known.feature.expires];
         let validity = validity.into_iter().flatten().min();
         let left = validity.map(|valid_for| valid_for.saturating_sub(at.elapsed()));
         if left.is_some_and(|left| left.is_zero()) {
-            return Vec::new();
+            return unknown();
         }
-        let facts = facts_of(&known.facts(&self.part.room, value));
+        let facts = facts_of(&known.facts(&term, room, value));
         facts.into_iter().map(|fact| OwnFact { known_for: left, ..fact }).collect()
     }
 
@@ -150,33 +152,42 @@ impl Known {
         is(&self.feature.neither).then(|| Word::NotKnown(format!("it says `{said}`")))
     }
 
-    fn facts(&self, room: &str, value: Value) -> String {
+    /// A value of it, as PDDL facts; `term` is what it is in PDDL.
+    fn facts(&self, term: &str, room: &str, value: Value) -> String {
         match (self.class.kind(), value) {
-            (Some(Kind::Number { known, value: function, .. }), Value::Number(number)) => {
-                format!("({known} {room}) (= ({function} {room}) {number})")
+            (Some(Kind::Number { known, .. }), Value::Number(number)) => {
+                format!("({known} {room}) (= {term} {number})")
             }
-            (Some(Kind::YesOrNo { known, yes, .. }), Value::Yes(true)) => {
-                format!("({known} {room}) ({yes} {room})")
+            (Some(Kind::YesOrNo { known, .. }), Value::Yes(true)) => {
+                format!("({known} {room}) {term}")
             }
-            (Some(Kind::YesOrNo { known, .. }), _) => format!("({known} {room})"),
-            (Some(Kind::Switch { state, .. }), Value::Yes(true)) => format!("({state} {room})"),
+            (Some(Kind::YesOrNo { known, .. }), _) => format!("({known} {room}) (not {term})"),
+            (Some(Kind::Switch { .. }), Value::Yes(true)) => term.to_owned(),
+            (Some(Kind::Switch { .. }), _) => format!("(not {term})"),
             _ => String::new(),
+        }
+    }
+
+    /// That it is not known, as PDDL facts.
+    fn unknown(&self, term: &str, room: &str) -> String {
+        match self.class.kind() {
+            Some(Kind::Number { known, .. }) => format!("(not ({known} {room}))"),
+            Some(Kind::YesOrNo { known, .. }) => {
+                format!("(not ({known} {room})) (unknown {term})")
+            }
+            Some(Kind::Switch { .. }) => format!("(unknown {term})"),
+            None => String::new(),
         }
     }
 
     fn words(&self, value: Value) -> String {
         match (self.class.kind(), value) {
             (Some(Kind::Number { unit, .. }), Value::Number(number)) => format!("{number} {unit}"),
-            (
-                Some(Kind::YesOrNo { yes, .. } | Kind::Switch { state: yes, .. }),
-                Value::Yes(is_so),
-            ) => {
-                if is_so {
-                    yes.to_owned()
-                } else {
-                    format!("not {yes}")
-                }
-            }
+            (Some(Kind::YesOrNo { yes, .. }), Value::Yes(true)) => yes.to_owned(),
+            (Some(Kind::YesOrNo { yes, .. }), Value::Yes(false)) => format!("not {yes}"),
+            // Of the device, not of the room: others there may be otherwise.
+            (Some(Kind::Switch { .. }), Value::Yes(true)) => "on".to_owned(),
+            (Some(Kind::Switch { .. }), Value::Yes(false)) => "off".to_owned(),
             _ => String::new(),
         }
     }
@@ -197,13 +208,7 @@ impl Device for MqttDevice {
     }
 
     fn facts(&self) -> Vec<OwnFact> {
-        let is_switch = self
-            .part
-            .features
-            .iter()
-            .any(|known| matches!(known.class.kind(), Some(Kind::Switch { .. })));
-        let stands = if is_switch { "installed" } else { "located" };
-        let stands = facts_of(&format!("({stands} {} {})", self.part.agent, self.part.room));
+        let stands = facts_of(&self.part.place(&self.ontology));
         let known = 0..self.part.features.len();
         stands.into_iter().chain(known.flat_map(|feature| self.known(feature))).collect()
     }
@@ -260,7 +265,8 @@ impl Device for MqttDevice {
         }
         let room = &self.part.room;
         let detail = format!("{} at {room}", known.words(measured.value));
-        let observations = facts_of(&known.facts(room, measured.value));
+        let term = known.term(self.part.agent.as_str(), room, &self.ontology);
+        let observations = facts_of(&known.facts(&term, room, measured.value));
         Performed { detail, observations: observations.into_iter().map(|fact| fact.fact).collect() }
     }
 

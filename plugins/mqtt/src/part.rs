@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use acl::AgentId;
+use actuator::is_derived;
 use pddl::Domain;
 
 use crate::class::{Class, Classes, Kind, conversion};
@@ -154,7 +155,7 @@ impl Part {
     /// Its action model, with the words that the shared ontology lacks; `offers` says of which features
     /// it can do anything now.
     pub(crate) fn model(&self, ontology: &Domain, offers: impl Fn(usize) -> bool) -> String {
-        let Part { agent, room, .. } = self;
+        let Part { agent, .. } = self;
         let kind = self.features.first().map_or("sensor", |known| known.class.agent.as_str());
         let mut words = Words::of(ontology);
         let is_switch = self
@@ -171,54 +172,86 @@ impl Part {
                 actions.truncate(before);
             }
         }
-        let private = match stands {
+        let installed = match stands {
             // The same of a lamp and of a lock, so that both can be in one ecosystem.
-            "installed" => "(:private (installed ?d - object ?r - room))".to_owned(),
-            _ => String::new(),
+            "installed" => "(installed ?d - object ?r - room)",
+            _ => "",
         };
-        let Words { types, predicates, functions, .. } = words;
+        let place = self.place(ontology);
+        let Words { types, predicates, functions, axioms, .. } = words;
         let section = |name: &str, body: String| match body.trim() {
             "" => String::new(),
             body => format!("(:{name} {body})"),
         };
         format!(
-            "(define (agent {agent}) (:domain {}) {} {} {}
-               (:objects {agent} - {kind}) (:init ({stands} {agent} {room})) {actions})",
+            "(define (agent {agent}) (:domain {}) {} {} {} {axioms}
+               (:objects {agent} - {kind}) (:init {place}) {actions})",
             ontology.name,
             section("types", types),
-            section("predicates", predicates + &private),
+            section("predicates", predicates + installed),
             section("functions", functions),
         )
+    }
+
+    /// Where it is, as PDDL facts.
+    pub(crate) fn place(&self, ontology: &Domain) -> String {
+        let Part { agent, room, features, .. } = self;
+        let is_switch = |known: &Known| matches!(known.class.kind(), Some(Kind::Switch { .. }));
+        let stands = if features.iter().any(is_switch) { "installed" } else { "located" };
+        let mut place = format!("({stands} {agent} {room})");
+        for known in features {
+            if let Some(Kind::YesOrNo { yes, own: Some((_, at)), .. }) = known.class.kind()
+                && is_derived(ontology, yes)
+            {
+                let _ = write!(place, " ({at} {agent} {room})");
+            }
+        }
+        place
     }
 }
 
 impl Known {
     fn describe(&self, kind: &str, stands: &str, words: &mut Words<'_>, actions: &mut String) {
-        let mut action = |name: &str, effect: &str| {
+        let mut action = |name: &str, effect: &str, observed: &str| {
             let _ = write!(
                 actions,
                 "(:action {name} :agent ?d - {kind} :parameters (?r - room)
                    :precondition ({stands} ?d ?r)
-                   :effect (and {effect} (increase (total-cost) 1)))"
+                   :effect (and {effect} (increase (total-cost) 1)) {observed})"
             );
         };
+        let term = self.term("?d", "?r", words.ontology);
         match self.class.kind() {
             Some(Kind::Number { action: name, known, value, .. }) => {
                 words.has_predicate(known);
                 words.has_function(value);
-                action(name, &format!("({known} ?r)"));
+                action(name, &format!("({known} ?r)"), &format!(":observe {term}"));
             }
-            Some(Kind::YesOrNo { action: name, known, yes }) => {
+            Some(Kind::YesOrNo { action: name, known, yes, .. }) => {
                 words.has_predicate(known);
                 words.has_predicate(yes);
-                action(name, &format!("({known} ?r)"));
+                action(name, &format!("({known} ?r)"), &format!(":observe {term}"));
             }
-            Some(Kind::Switch { state, on, off }) => {
-                words.has_predicate(state);
-                action(on, &format!("({state} ?r)"));
-                action(off, &format!("(not ({state} ?r))"));
+            Some(Kind::Switch { words: of, on, off }) => {
+                words.predicates += &of.predicates(words.ontology);
+                words.axioms += &of.axiom(words.ontology);
+                action(on, &term, "");
+                action(off, &format!("(not {term})"), "");
             }
             None => (),
+        }
+    }
+
+    /// What it is in PDDL: a term of a function or a predicate, about the device or its room.
+    pub(crate) fn term(&self, device: &str, room: &str, ontology: &Domain) -> String {
+        match self.class.kind() {
+            Some(Kind::Number { value, .. }) => format!("({value} {room})"),
+            Some(Kind::YesOrNo { yes, own: Some((own, _)), .. }) if is_derived(ontology, yes) => {
+                format!("({own} {device})")
+            }
+            Some(Kind::YesOrNo { yes, .. }) => format!("({yes} {room})"),
+            Some(Kind::Switch { words, .. }) => words.term(device, room, ontology),
+            None => String::new(),
         }
     }
 
@@ -242,12 +275,13 @@ struct Words<'o> {
     types: String,
     predicates: String,
     functions: String,
+    axioms: String,
 }
 
 impl<'o> Words<'o> {
     fn of(ontology: &'o Domain) -> Words<'o> {
-        let (types, predicates, functions) = Default::default();
-        Words { ontology, types, predicates, functions }
+        let (types, predicates, functions, axioms) = Default::default();
+        Words { ontology, types, predicates, functions, axioms }
     }
 
     fn has_type(&mut self, name: &str, parent: &str) {

@@ -68,6 +68,10 @@ fn exclusion(known: &Known, parts: &[Condition], cancel: &Cancel) -> String {
     for (place, one) in parts.iter().enumerate() {
         for other in &parts[place + 1..] {
             let pair = [one.clone(), other.clone()];
+            // Two alone that no plan reaches are such a pair.
+            if parts.len() == 2 {
+                return ", because they exclude each other".to_owned();
+            }
             if matches!(Together::of(known, &pair, cancel), Together::Never) {
                 return format!(": `{one}` and `{other}` exclude each other");
             }

@@ -208,11 +208,13 @@ mod tests {
         bench.plug("GPIO17", true);
         let more = json!({ "active-low": true, "bias": "pull-up", "debounce": "10ms" });
         let mut sensor = on(&bench, "contact", more).await;
-        until(&mut sensor, "(located s lab) (known-contact lab) (not (shut s))").await;
+        until(&mut sensor, "(located s lab) (contact-at s lab) (known-contact lab) (not (shut s))")
+            .await;
         bench.set("GPIO17", false);
-        until(&mut sensor, "(located s lab) (known-contact lab) (shut s)").await;
+        until(&mut sensor, "(located s lab) (contact-at s lab) (known-contact lab) (shut s)").await;
         bench.set("GPIO17", true);
-        until(&mut sensor, "(located s lab) (known-contact lab) (not (shut s))").await;
+        until(&mut sensor, "(located s lab) (contact-at s lab) (known-contact lab) (not (shut s))")
+            .await;
         let performed = measure(&mut sensor, "contact").await.expect("it is there");
         assert_eq!(performed.detail, "open at lab");
     }

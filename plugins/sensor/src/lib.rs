@@ -250,6 +250,14 @@ impl Sensor {
         )
     }
 
+    /// Where it is, as PDDL facts.
+    fn place(&self) -> String {
+        let (id, room) = (self.id.as_str(), self.location.as_str());
+        let places =
+            self.quantities.iter().map(|quantity| quantity.place(id, room, &self.ontology));
+        format!("(located {id} {room}) {}", places.collect::<String>())
+    }
+
     fn sensor_type(&self) -> String {
         let first = self.quantities.first();
         first.map_or_else(|| "sensor".to_owned(), |quantity| quantity.sensor_type())
@@ -260,16 +268,17 @@ impl Device for Sensor {
     type Yield = Measurement;
 
     fn describe(&self) -> Description {
-        let Sensor { id, ontology, location, .. } = self;
+        let Sensor { id, ontology, .. } = self;
         let offered = self.quantities.iter().filter(|_| self.works());
         let actions: String = offered.map(|quantity| self.action(quantity)).collect();
         let text = format!(
             "(define (agent {id}) (:domain {})
                 (:objects {id} - {})
-                (:init (located {id} {location}))
+                (:init {})
                 {actions})",
             ontology.name,
-            self.sensor_type()
+            self.sensor_type(),
+            self.place()
         );
         let method = |quantity: &&Quantity| {
             let method = Method {
@@ -284,7 +293,7 @@ impl Device for Sensor {
     }
 
     fn facts(&self) -> Vec<OwnFact> {
-        let located = format!("(located {} {})", self.id, self.location);
+        let located = self.place();
         let known = self.quantities.iter().flat_map(|quantity| self.known(quantity));
         facts_of(&located).into_iter().chain(known).collect()
     }

@@ -1,6 +1,7 @@
 //! What the sensors of this family measure. To add a quantity, add its line here, its words to the
 //! shared ontology, and, to simulate it, its line in the building.
 
+use actuator::is_derived;
 use pddl::Domain;
 
 /// Something that a sensor measures in the room it stands in.
@@ -21,9 +22,9 @@ pub(crate) enum Value {
     /// Yes or no: `(PREDICATE ROOM)`, or not. The sensor notices a change by itself.
     YesOrNo {
         predicate: &'static str,
-        /// The predicate of the sensor itself, where the ontology derives the one of the room: a room is
-        /// closed if all its doors and windows are.
-        own: Option<&'static str>,
+        /// The predicates of the sensor itself, where the ontology derives the one of the room: that it is
+        /// so, and where it is. A room is closed if all its doors and windows are.
+        own: Option<(&'static str, &'static str)>,
         yes: &'static str,
         no: &'static str,
     },
@@ -40,7 +41,12 @@ pub(crate) const QUANTITIES: &[Quantity] = &[
     yes_or_no("reflection", "reflection", "something close by", "nothing close by"),
     Quantity {
         name: "contact",
-        value: Value::YesOrNo { predicate: "closed", own: Some("shut"), yes: "closed", no: "open" },
+        value: Value::YesOrNo {
+            predicate: "closed",
+            own: Some(("shut", "contact-at")),
+            yes: "closed",
+            no: "open",
+        },
     },
 ];
 
@@ -105,13 +111,26 @@ impl Quantity {
 
     /// What it is in PDDL, of a sensor in a room: a term of a function or a predicate.
     pub(crate) fn term(&self, sensor: &str, room: &str, ontology: &Domain) -> String {
-        let is_derived = |name: &str| ontology.derived.iter().any(|axiom| axiom.predicate == name);
         match self.value {
             Value::Number { function, .. } => format!("({function} {room})"),
-            Value::YesOrNo { predicate, own: Some(own), .. } if is_derived(predicate) => {
+            Value::YesOrNo { predicate, own: Some((own, _)), .. }
+                if is_derived(ontology, predicate) =>
+            {
                 format!("({own} {sensor})")
             }
             Value::YesOrNo { predicate, .. } => format!("({predicate} {room})"),
+        }
+    }
+
+    /// Where a sensor of it is, as a PDDL fact beside that it is located there; most need none.
+    pub(crate) fn place(&self, sensor: &str, room: &str, ontology: &Domain) -> String {
+        match self.value {
+            Value::YesOrNo { predicate, own: Some((_, at)), .. }
+                if is_derived(ontology, predicate) =>
+            {
+                format!("({at} {sensor} {room})")
+            }
+            _ => String::new(),
         }
     }
 

@@ -128,14 +128,18 @@ async fn each_quantity_is_reported_as_it_is() {
             number if number.starts_with("(=") => String::new(),
             fact => format!(" (unknown {})", format!("{fact})").replace("))", ")")),
         };
-        let unknown = format!("(located s lab) (not (known-{quantity} lab)){unknown}");
+        let place = match quantity {
+            "contact" => "(located s lab) (contact-at s lab)",
+            _ => "(located s lab)",
+        };
+        let unknown = format!("{place} (not (known-{quantity} lab)){unknown}");
         assert_eq!(facts(&sensor), unknown);
         let performed = measure(&mut sensor, quantity).await.expect("measured");
         assert_eq!(performed.detail, detail);
         let known = format!("(known-{quantity} lab) {known}");
         let observed: Vec<_> = performed.observations.iter().map(ToString::to_string).collect();
         assert_eq!(observed.join(" "), known.trim_end());
-        assert_eq!(facts(&sensor), format!("(located s lab) {}", known.trim_end()));
+        assert_eq!(facts(&sensor), format!("{place} {}", known.trim_end()));
         tokio::time::advance(Duration::from_secs(600)).await;
         assert_eq!(facts(&sensor), unknown, "ten minutes later it is not known");
     }

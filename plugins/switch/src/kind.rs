@@ -1,6 +1,7 @@
 //! What is switched, and the words of its action model: those of the lamps, relays and locks that a
 //! gateway to MQTT brings, so that both can be in one ecosystem.
 
+use actuator::OnOff;
 use pddl::Domain;
 use serde::Deserialize;
 
@@ -13,35 +14,23 @@ pub(crate) enum Kind {
     Lock,
 }
 
-/// The words of a kind.
-#[derive(Debug, PartialEq, Eq)]
-pub(crate) struct Words {
-    /// The type of an agent that is one.
-    pub(crate) agent: &'static str,
-    /// The predicate of its room that is true when it is on.
-    pub(crate) state: &'static str,
-    /// The predicate of itself that is true then.
-    pub(crate) own: &'static str,
-    /// Whether all of a room have to be on for it to be true of the room; else one is enough.
-    pub(crate) all: bool,
-    /// The actions that switch it on and off.
-    pub(crate) on: &'static str,
-    pub(crate) off: &'static str,
-}
-
 impl Kind {
-    pub(crate) fn words(self) -> Words {
-        let words = |agent, (state, all), own, (on, off)| Words { agent, state, own, all, on, off };
+    /// What it says of itself, and what follows for its room.
+    pub(crate) fn words(self) -> OnOff<'static> {
+        let words = |agent, state, own, all| OnOff { agent, state, own, all };
         match self {
-            Kind::Lamp => {
-                words("lamp", ("lit", false), "lamp-on", ("turn-on-lamp", "turn-off-lamp"))
-            }
-            Kind::Relay => {
-                words("relay", ("powered", false), "relay-on", ("turn-on-relay", "turn-off-relay"))
-            }
-            Kind::Lock => {
-                words("door-lock", ("locked", true), "bolted", ("lock-door", "unlock-door"))
-            }
+            Kind::Lamp => words("lamp", "lit", "lamp-on", false),
+            Kind::Relay => words("relay", "powered", "relay-on", false),
+            Kind::Lock => words("door-lock", "locked", "bolted", true),
+        }
+    }
+
+    /// The actions that switch it on and off.
+    pub(crate) fn actions(self) -> (&'static str, &'static str) {
+        match self {
+            Kind::Lamp => ("turn-on-lamp", "turn-off-lamp"),
+            Kind::Relay => ("turn-on-relay", "turn-off-relay"),
+            Kind::Lock => ("lock-door", "unlock-door"),
         }
     }
 
@@ -54,28 +43,13 @@ impl Kind {
             (Kind::Lamp | Kind::Relay, false) => "off",
         }
     }
-
-    /// What it is about itself that is switched, in PDDL. An ontology that has the predicate of the room
-    /// without an axiom means by it whatever it is told: then it is that.
-    pub(crate) fn term(self, id: &str, room: &str, ontology: &Domain) -> String {
-        let Words { state, own, .. } = self.words();
-        match is_told(ontology, state) {
-            true => format!("({state} {room})"),
-            false => format!("({own} {id})"),
-        }
-    }
-}
-
-/// Whether an ontology has a predicate that no axiom derives.
-fn is_told(ontology: &Domain, predicate: &str) -> bool {
-    ontology.predicates.iter().any(|known| known.name == predicate)
-        && !ontology.derived.iter().any(|axiom| axiom.predicate == predicate)
 }
 
 /// The action model of a switch, with the words that the shared ontology lacks; `offers` says whether
 /// it can do anything now.
 pub(crate) fn model(id: &str, room: &str, kind: Kind, ontology: &Domain, offers: bool) -> String {
-    let Words { agent, state, own, all, on, off } = kind.words();
+    let (words, (on, off)) = (kind.words(), kind.actions());
+    let agent = words.agent;
     let action = |name: &str, effect: &str| {
         format!(
             "(:action {name} :agent ?d - {agent} :parameters (?r - room)
@@ -83,44 +57,22 @@ pub(crate) fn model(id: &str, room: &str, kind: Kind, ontology: &Domain, offers:
                :effect (and {effect} (increase (total-cost) 1)))"
         )
     };
-    let term = kind.term("?d", "?r", ontology);
+    let term = words.term("?d", "?r", ontology);
     let actions = match offers {
         true => action(on, &term) + &action(off, &format!("(not {term})")),
         false => String::new(),
     };
     let has_type = ontology.types.iter().any(|known| known.name == agent);
     let types = if has_type { String::new() } else { format!("(:types {agent} - object)") };
-    let has_state = ontology.predicates.iter().any(|known| known.name == state);
-    let state = match has_state {
-        true => String::new(),
-        false => derived(state, own, agent, all),
-    };
-    let own = match is_told(ontology, kind.words().state) {
-        true => String::new(),
-        false => format!("({own} ?d - {agent})"),
-    };
-    let (predicate, axiom) = state.split_once('\n').unwrap_or(("", ""));
     format!(
         "(define (agent {id}) (:domain {}) {types}
-           (:predicates {predicate} {own} (installed ?d - object ?r - room))
-           {axiom}
+           (:predicates {} (installed ?d - object ?r - room))
+           {}
            (:objects {id} - {agent}) (:init (installed {id} {room})) {actions})",
-        ontology.name
+        ontology.name,
+        words.predicates(ontology),
+        words.axiom(ontology)
     )
-}
-
-/// The declaration of a predicate of a room and, on a line of its own, the axiom that derives it from
-/// the things in it.
-fn derived(state: &str, own: &str, agent: &str, all: bool) -> String {
-    let one = match all {
-        false => format!("(exists (?d - {agent}) (and (installed ?d ?r) ({own} ?d)))"),
-        true => format!(
-            "(and (exists (?d - {agent}) (installed ?d ?r))
-                  (forall (?d - {agent}) (imply (installed ?d ?r) ({own} ?d))))"
-        ),
-    };
-    let axiom = one.split_whitespace().collect::<Vec<_>>().join(" ");
-    format!("({state} ?r - room)\n(:derived ({state} ?r - room) {axiom})")
 }
 
 #[cfg(test)]
@@ -136,6 +88,9 @@ mod tests {
     struct Class {
         agent: String,
         state: Option<String>,
+        own: Option<String>,
+        #[serde(default)]
+        all: bool,
         on: Option<String>,
         off: Option<String>,
     }
@@ -145,11 +100,12 @@ mod tests {
         let classes: BTreeMap<String, Class> = toml::from_str(CLASSES).expect("its table");
         for (kind, class) in [(Kind::Lamp, "light"), (Kind::Relay, "switch"), (Kind::Lock, "lock")]
         {
-            let Class { agent, state, on, off } = &classes[class];
-            let Words { agent: a, state: s, on: o, off: f, .. } = kind.words();
-            assert_eq!(agent, a);
-            let theirs = [state, on, off].map(|word| word.as_deref());
-            assert_eq!(theirs, [Some(s), Some(o), Some(f)], "{class}");
+            let Class { agent, state, own, all, on, off } = &classes[class];
+            let (words, (turn_on, turn_off)) = (kind.words(), kind.actions());
+            assert_eq!((agent.as_str(), *all), (words.agent, words.all), "{class}");
+            let theirs = [state, own, on, off].map(|word| word.as_deref());
+            let ours = [words.state, words.own, turn_on, turn_off].map(Some);
+            assert_eq!(theirs, ours, "{class}");
         }
     }
 }

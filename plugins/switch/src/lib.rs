@@ -180,7 +180,7 @@ impl Switch {
 
     /// How it is, as a fact: on, off, or unknown.
     fn fact(&self) -> String {
-        let term = self.kind.term(&self.id, self.location.as_str(), &self.ontology);
+        let term = self.kind.words().term(&self.id, self.location.as_str(), &self.ontology);
         match self.hand.state() {
             Ok(Some(true)) => term,
             Ok(Some(false)) => format!("(not {term})"),
@@ -200,8 +200,8 @@ impl Device for Switch {
             let (method, arguments) = (method.to_owned(), BTreeMap::new());
             (action.to_owned(), Method { method, arguments, timeout })
         };
-        let words = kind.words();
-        let methods = [method(words.on, ON), method(words.off, OFF)].into_iter().collect();
+        let (on, off) = kind.actions();
+        let methods = [method(on, ON), method(off, OFF)].into_iter().collect();
         Description { model: model_of(&text), methods }
     }
 

@@ -88,7 +88,7 @@ pub struct BelievedState {
     pub epoch: u64,
     /// Counts changes of anything.
     pub revision: u64,
-    /// Every fact, in the order of its text.
+    /// Every fact, in the order of its text; then what follows from them by axioms.
     pub facts: Vec<BelievedFact>,
 }
 
@@ -98,7 +98,7 @@ pub struct BelievedState {
 pub struct BelievedFact {
     /// The PDDL fact.
     pub fact: String,
-    /// Who says so: agents, `map` or `request`.
+    /// Who says so: agents, `the map`, or `axiom` of what follows from other facts.
     pub owners: Vec<String>,
     /// How long ago it was last said, in milliseconds.
     pub age_ms: u64,

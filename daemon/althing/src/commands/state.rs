@@ -42,7 +42,9 @@ fn table(state: &BelievedState) -> String {
         // Owners who contradict each other: whose word is not believed now.
         for other in claims.iter().filter(|claim| claim.fact != *fact) {
             let age = super::brief(Duration::from_millis(other.age_ms));
-            let _ = writeln!(text, "  not {:<40} {:<22} {age}", other.fact, other.owner);
+            let not = if other.fact.starts_with("(unknown ") { "" } else { "not " };
+            let said = format!("{not}{}", other.fact);
+            let _ = writeln!(text, "  {said:<44} {:<22} {age}", other.owner);
         }
     }
     text

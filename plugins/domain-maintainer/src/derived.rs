@@ -1,0 +1,46 @@
+//! What follows by axioms from what is known, for whoever asks for the state.
+
+use acl::content::BelievedFact;
+use capability::Snapshot;
+use pddl::knowledge::Auxiliary;
+use pddl::{Atom, Condition, Name};
+use planner::validate::World;
+
+/// Whose word it is.
+const AXIOM: &str = "axiom";
+
+/// The facts that axioms derive, and those that they neither derive nor rule out.
+pub(crate) fn derived(snapshot: &Snapshot) -> Vec<BelievedFact> {
+    if snapshot.domain.derived.is_empty() {
+        return Vec::new();
+    }
+    let Ok(world) = World::initial(&snapshot.domain, &snapshot.problem) else { return Vec::new() };
+    let knowledge = snapshot.knowledge();
+    let is_derived = |name: &Name| snapshot.domain.derived.iter().any(|it| it.predicate == *name);
+    let told = |atom: Atom| {
+        if let Some(Auxiliary::Derived { .. }) = knowledge.symbols.get(&atom.predicate) {
+            return Some(atom.to_string());
+        }
+        let maybe = { knowledge.symbols.iter() }.find(|(_, words)| {
+            matches!(words, Auxiliary::Derived { maybe, .. } if *maybe == atom.predicate)
+        });
+        match maybe {
+            // It is listed by itself where it is known.
+            Some((symbol, _)) => {
+                let atom = Atom { predicate: symbol.clone(), ..atom };
+                let is_known = world.holds(&Condition::Atom(atom.clone()));
+                (!is_known).then(|| format!("(unknown {atom})"))
+            }
+            None => (!knowledge.is_auxiliary(&atom.predicate)).then(|| atom.to_string()),
+        }
+    };
+    let atoms = world.atoms().filter(|atom| is_derived(&atom.predicate));
+    let fact = |fact: String| BelievedFact {
+        fact,
+        owners: vec![AXIOM.to_owned()],
+        age_ms: 0,
+        known_for: None,
+        claims: Vec::new(),
+    };
+    atoms.filter_map(told).map(fact).collect()
+}
