@@ -298,9 +298,10 @@ impl PlanRequester {
         }
         let missing = uncovered(&call.conjuncts, &call.bids);
         let open = call.open.clone();
+        let Some(goal) = self.goals.get(id).map(|goal| goal.condition.clone()) else { return };
         call.reject_all("no set of proposals covers the goal", ctx);
         let explained = move |known: &Known, cancel: &Cancel| {
-            why_none(known, open, &missing, &problems, cancel)
+            why_none(known, &goal, open, (&missing, &problems), cancel)
         };
         self.unplanned(id, Arc::unwrap_or_clone(known), explained, ctx);
     }
@@ -332,9 +333,9 @@ impl PlanRequester {
 /// Why no set of proposals will do, where nobody covers the `missing` conjuncts.
 fn why_none(
     known: &Known,
+    goal: &Condition,
     mut open: Vec<Condition>,
-    missing: &[String],
-    problems: &[String],
+    (missing, problems): (&[String], &[String]),
     cancel: &Cancel,
 ) -> String {
     if !missing.is_empty() {
@@ -345,7 +346,8 @@ fn why_none(
     let held = explaining::held(&known.avoided);
     let otherwise = || format!("no agent proposes a plan of its own for {names}{held}");
     let together = |_: &Explanation| {
-        let reason = together::reason(known, &open, &names, cancel);
+        let all = known.parts(goal);
+        let reason = together::reason(known, &all, &names, cancel);
         match problems.first().filter(|_| missing.is_empty()) {
             Some(first) => format!("what agents propose does not work together: {first}; {reason}"),
             None => format!("{reason}{held}"),

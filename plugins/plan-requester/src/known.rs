@@ -155,7 +155,12 @@ impl Known {
         Ok(conjuncts.filter(|conjunct| !self.holds_in(world, conjunct)).collect())
     }
 
-    /// The parts of a goal, in the words of who asked for it.
+    /// The parts of a goal, in the words of who asked for it; itself, if it cannot be taken apart.
+    pub(crate) fn parts(&self, goal: &Condition) -> Vec<Condition> {
+        self.world().map_or_else(|_| vec![goal.clone()], |world| self.conjuncts(world, goal))
+    }
+
+    /// The same of a state.
     fn conjuncts(&self, world: &World, goal: &Condition) -> Vec<Condition> {
         conjuncts(world, goal).iter().map(|part| self.knowledge.plain(part)).collect()
     }

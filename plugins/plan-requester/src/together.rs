@@ -29,17 +29,27 @@ impl Together {
     }
 }
 
-/// Why nobody proposes a plan for `parts`, each of which could be reached if nothing were undone.
+/// Why nobody proposes a plan for what is called by these `names`, although each of it could be reached
+/// if nothing were undone; `parts` are all that the goal asks for.
 pub(crate) fn reason(known: &Known, parts: &[Condition], names: &str, cancel: &Cancel) -> String {
     match Together::of(known, parts, cancel) {
-        Together::Plan(plan) => format!(
-            "no agent reaches {names} by itself; {} do together, in {} steps: let one planner plan \
-             for all (`mode centralized`)",
-            actors(&plan),
-            plan.steps.len()
-        ),
+        Together::Plan(plan) => {
+            let centralized = "let one planner plan for all (`mode centralized`)";
+            let (actors, steps) = (actors(&plan), plan.steps.len());
+            match actors.as_slice() {
+                [one] => format!(
+                    "{one} reaches it in {steps} steps, and does not propose them: {centralized}"
+                ),
+                several => format!(
+                    "no agent reaches {names} by itself; {} do together, in {steps} steps: \
+                     {centralized}",
+                    several.join(" and ")
+                ),
+            }
+        }
         Together::Never => {
-            format!("proven: no plan reaches {names}{}", exclusion(known, parts, cancel))
+            let exclusion = exclusion(known, parts, cancel);
+            exclusion.unwrap_or_else(|| format!("proven: no plan reaches {names}"))
         }
         Together::Open => format!(
             "no agent reaches {names} by itself; whether several could together was not found out \
@@ -49,7 +59,7 @@ pub(crate) fn reason(known: &Known, parts: &[Condition], names: &str, cancel: &C
 }
 
 /// The agents that act in a plan.
-fn actors(plan: &Plan) -> String {
+fn actors(plan: &Plan) -> Vec<String> {
     let mut actors: Vec<String> = Vec::new();
     for actor in plan.steps.iter().filter_map(|step| step.arguments.first()) {
         let actor = format!("`{actor}`");
@@ -57,25 +67,23 @@ fn actors(plan: &Plan) -> String {
             actors.push(actor);
         }
     }
-    actors.join(" and ")
+    actors
 }
 
-/// Two parts that exclude each other, if there are two.
-fn exclusion(known: &Known, parts: &[Condition], cancel: &Cancel) -> String {
-    if parts.len() < 2 || parts.len() > PARTS_MAX {
-        return String::new();
+/// That two parts exclude each other, if there are two.
+fn exclusion(known: &Known, parts: &[Condition], cancel: &Cancel) -> Option<String> {
+    if parts.len() > PARTS_MAX {
+        return None;
     }
     for (place, one) in parts.iter().enumerate() {
         for other in &parts[place + 1..] {
             let pair = [one.clone(), other.clone()];
-            // Two alone that no plan reaches are such a pair.
-            if parts.len() == 2 {
-                return ", because they exclude each other".to_owned();
-            }
             if matches!(Together::of(known, &pair, cancel), Together::Never) {
-                return format!(": `{one}` and `{other}` exclude each other");
+                return Some(format!(
+                    "proven: no plan reaches both `{one}` and `{other}`: they exclude each other"
+                ));
             }
         }
     }
-    String::new()
+    None
 }

@@ -289,7 +289,9 @@ impl Maintainer {
         // What follows by axioms is nobody's word, and of what planning added to the domain only that
         // something is known now says anything.
         let composite = Arc::clone(&self.composite);
-        for fact in retract.iter().filter(|fact| !composite.derives(fact)) {
+        // That something derived is unknown is what an agent that left has left behind.
+        let is_left = |fact: &InitElement| matches!(fact, InitElement::Unknown(_));
+        for fact in retract.iter().filter(|fact| is_left(fact) || !composite.derives(fact)) {
             self.disbelieve(fact);
         }
         let is_fact = |fact: &&InitElement| match fact {

@@ -127,7 +127,9 @@ fn what_only_one_who_left_could_know_is_unknown() {
     office.admit_life(&motion("m"), 2).expect("it is back");
     assert!(!unknown(&office, "motion"));
     let now = office.now;
-    office.maintainer.retract(&crate::office::facts("(unknown (lit office2))"), now);
+    let retract = crate::office::facts("(unknown (lit office2))");
+    let dark = capability::Effects { believe: Vec::new(), retract };
+    office.maintainer.set(&crate::office::id("ann").into(), &dark, now).expect("a request");
     assert!(!unknown(&office, "lit"));
 }
 

@@ -1,0 +1,139 @@
+//! What is known, with real daemons: nobody's word but its own counts for what an agent answers for, a
+//! number is measured before it is judged, and what only a dead daemon knew is unknown.
+
+mod support;
+
+use std::fs;
+
+use support::{Office, lab};
+
+/// A lamp by two programs: the file `FOLDER/NAME` is what it is.
+fn lamp(name: &str, daemon: &str) -> String {
+    let program = |word: &str| format!(r#"["/bin/sh", "-c", "echo {word} > FOLDER/{name}"]"#);
+    format!(
+        r#"
+[[agent]]
+name = "{name}"
+plugin = "switch"
+driver = "command"
+daemon = "{daemon}"
+
+[agent.config]
+location = "office1"
+kind = "lamp"
+on = {on}
+off = {off}
+state = ["cat", "FOLDER/{name}"]
+every = "100ms"
+"#,
+        on = program("on"),
+        off = program("off"),
+    )
+}
+
+/// The lab, whose reasoning is on a machine of its own.
+fn reasoning_apart(mode: &str) -> String {
+    let reasoning = ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"];
+    reasoning.iter().fold(lab(mode), |text, plugin| {
+        let line = format!("plugin = \"{plugin}\"\n");
+        text.replace(&line, &format!("{line}daemon = \"reasoning\"\n"))
+    })
+}
+
+#[test]
+fn a_room_of_which_a_dead_daemon_had_a_lamp_is_neither_lit_nor_dark() {
+    for mode in ["decentralized", "centralized"] {
+        let office = Office::new();
+        let folder = office.folder().display().to_string();
+        let lamps = lamp("lamp-a", "reasoning") + &lamp("lamp-b", "wall-pi");
+        let text = reasoning_apart(mode) + &lamps.replace("FOLDER", &folder);
+        let file = office.write("lab.toml", &text);
+        office.write("lamp-a", "on\n");
+        office.write("lamp-b", "on\n");
+        let folder = office.folder().to_owned();
+        let mut office = office.with_file(file);
+        office.up(&["reasoning", "wall-pi"], &[]);
+        office.await_devices(2);
+        office.await_fact("(lit office1)", true);
+        let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
+        assert_eq!(code, Some(0), "{mode}: {said}");
+        let is = |name: &str| {
+            let text = fs::read_to_string(folder.join(name)).expect("it was written");
+            text.trim().to_owned()
+        };
+        assert_eq!((is("lamp-a"), is("lamp-b")), ("off".to_owned(), "off".to_owned()), "{mode}");
+
+        // The wall's lamp burns, and its daemon dies.
+        office.write("lamp-b", "on\n");
+        office.await_fact("(lamp-on lamp-b)", true);
+        office.kill("wall-pi");
+        office.await_fact("(unknown (lit office1))", true);
+        let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
+        assert_eq!(code, Some(1), "{mode}: the lamp burns: {said}");
+        assert!(said.contains("nobody knows whether"), "{mode}: {said}");
+        assert_eq!(is("lamp-b"), "on", "{mode}");
+        // Somebody looks, and says so.
+        let (code, said) = office.ask(&["set", "--retract", "(unknown (lit office1))"]);
+        assert_eq!(code, Some(0), "{mode}: {said}");
+        let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
+        assert_eq!(code, Some(0), "{mode}: {said}");
+        // It returns, and knows better.
+        office.up(&["wall-pi"], &[]);
+        office.await_fact("(lit office1)", true);
+        let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
+        assert_eq!(code, Some(0), "{mode}: {said}");
+        assert_eq!(is("lamp-b"), "off", "{mode}");
+    }
+}
+
+#[test]
+fn a_number_is_measured_before_it_is_judged() {
+    for mode in ["decentralized", "centralized"] {
+        let office = Office::new();
+        let thermometer = "\n[[agent]]\nname = \"t-1\"\nplugin = \"temperature-sensor\"\n\
+             driver = \"command\"\nconfig = { location = \"office1\", command = [\"cat\", \
+             \"FOLDER/degrees\"], valid-for = \"2s\" }\n";
+        let thermometer = thermometer.replace("FOLDER", &office.folder().display().to_string());
+        let file = office.write("lab.toml", &(lab(mode) + &thermometer));
+        office.write("degrees", "19.5\n");
+        let mut office = office.with_file(file);
+        office.up(&["daemon"], &[]);
+        office.await_devices(1);
+        let (code, said) = office.ask(&["goal", "(>= (temperature office1) 19)"]);
+        assert_eq!(code, Some(0), "{mode}: {said}");
+        assert!(said.contains("a plan of 1 step") && said.contains("19.5 °C"), "{mode}: {said}");
+        // Neither it nor its opposite holds by what nobody knows.
+        office.await_fact("(= (temperature office1) 19.5)", false);
+        let (code, said) = office.ask(&["goal", "(not (>= (temperature office1) 21))"]);
+        assert_eq!(code, Some(0), "{mode}: {said}");
+        assert!(said.contains("a plan of 1 step"), "{mode}: {said}");
+        office.await_fact("(= (temperature office1) 19.5)", false);
+        let (code, said) = office.ask(&["goal", "(>= (temperature office1) 21)"]);
+        assert_eq!(code, Some(1), "{mode}: {said}");
+        let why = "`(temperature office1)` is 19.5, and no action here changes it";
+        assert!(said.replace('\n', " ").contains(why), "{mode}: {said}");
+    }
+}
+
+#[test]
+fn a_persons_word_does_not_move_a_robot() {
+    let mut office = Office::new();
+    let robot = "\n[[agent]]\nname = \"robot-1\"\nplugin = \"turtlebot\"\n\
+                 config = { start = \"corridor\", speed = 0.3 }\n";
+    let file = office.write("lab.toml", &(lab("decentralized") + robot));
+    office = office.with_file(file);
+    office.up(&["daemon"], &[]);
+    office.await_devices(1);
+    let (code, said) = office.ask(&["set", "(at robot-1 office2)"]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("it says `(at robot-1 corridor)`"), "{said}");
+    let (code, said) = office.ask(&["goal", "(at robot-1 office2)"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(!said.contains("holds already"), "{said}");
+    let (code, said) = office.ask(&["goal", "(and (at robot-1 office1) (at robot-1 office2))"]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("exclude each other"), "{said}");
+    let (code, said) = office.ask(&["set", "(= (distance corridor office1) -5)"]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("which is 0 or more"), "{said}");
+}
