@@ -3,6 +3,7 @@
 //! - [`tree`] says what a text can say. Start reading there.
 //! - [`parse`] makes a tree of a text: `lexer` → `balance` → `sexpr` → `grammar`.
 //! - `printer` makes a text of a tree: `Display` of every tree type.
+//! - `arithmetic` says what numbers come to, for [`Operator`], [`Comparison`] and [`Assignment`].
 //! - [`check`] asks whether a tree makes sense; [`types`] is the hierarchy it asks.
 //! - [`diagnostic`] is how all of them speak of mistakes.
 //!
@@ -25,6 +26,7 @@ pub mod diagnostic;
 
 pub mod graph;
 
+mod arithmetic;
 mod balance;
 mod grammar;
 mod lexer;

@@ -5,8 +5,6 @@
 //! - A problem or an action model is checked against the domain it names: one of the files given,
 //!   else one found beside it.
 
-mod beside;
-
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -14,6 +12,7 @@ use std::sync::Arc;
 use agent::Mode;
 use pddl::{Diagnostic, Document, Domain, Name};
 use serde_json::{Value, json};
+use terminal::beside;
 use terminal::pddl_files::{self, DomainText};
 use terminal::render::plural;
 use terminal::report::{Report, Source};

@@ -23,7 +23,7 @@ use self::places::places;
 use self::support::{Rules, Support};
 use self::suppose::Supposed;
 use crate::goal::unreachable;
-use crate::ground::{GroundError, ground};
+use crate::ground::ground;
 use crate::limits::{Cancel, Options};
 use crate::normalize::normalize;
 use crate::outcome::PlanError;
@@ -142,9 +142,8 @@ pub fn explain(
     let lifted = normalize(&supposed.domain, &supposed.problem)?;
     let task = match ground(&lifted, options.budget, cancel, &mut 0) {
         Ok(grounded) => grounded.task,
-        Err(GroundError::Unsupported(unsupported)) => return Err(unsupported.into()),
         // Without an end nothing is proven, and nothing explained.
-        Err(GroundError::Stopped(_)) => {
+        Err(_) => {
             return Ok(Explanation {
                 obstacles: Vec::new(),
                 parts: parts.len(),

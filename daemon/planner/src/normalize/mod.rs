@@ -54,8 +54,8 @@ fn lift(symbols: &mut Symbols, domain: &Domain, problem: &Problem) -> Result<Lif
     let goal = closed(symbols, &problem.goal);
     mark_predicates(symbols, &schemas, &axioms);
     mark_functions(symbols, &schemas, &axioms, &goal);
-    let mut costs = metric::costs(symbols, problem)?;
-    metric::check_additive(&mut costs, &schemas, &symbols.functions)?;
+    let mut costs = metric::costs(symbols, problem, &schemas)?;
+    metric::note_variation(&mut costs, &schemas, &symbols.functions);
     let (init, values) = (initial_facts(symbols, problem), initial_values(symbols, problem));
     reject_derived_changes(symbols, domain, problem);
     if let Err(problem) = strata::assign(&mut axioms, domain) {
@@ -152,7 +152,8 @@ fn mark_functions(
 fn initial_facts(symbols: &mut Symbols, problem: &Problem) -> Vec<(usize, Vec<ObjectId>)> {
     let mut scope = Scope::new(symbols, []);
     let fact = |element: &InitElement| match element {
-        InitElement::Atom(atom) => {
+        // As with values below.
+        InitElement::Atom(atom) if scope.symbols.has_predicate(&atom.predicate) => {
             scope.atom(atom).map(|atom| (atom.predicate, ground(&atom.arguments)))
         }
         _ => None,

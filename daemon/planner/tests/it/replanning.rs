@@ -9,7 +9,7 @@ use planner::{Cancel, Course, Grounding, Options, Replanned, Replanner, StopReas
 use proptest::prelude::*;
 use proptest::sample::Index;
 
-use crate::agreement::{action, atom, axiom, conjunction};
+use crate::agreement::{action, atom, axiom, conjunction, with_objects};
 use crate::brute_force::least_cost;
 use crate::support::{domain, parse, problem};
 
@@ -85,7 +85,7 @@ impl History {
         let goal = moment.goal.get(&self.goals);
         let rest =
             format!("{guest} (:init {facts}) (:goal {goal}) (:metric minimize (total-cost))");
-        (domain(&parts), problem(&rest))
+        (with_objects(&domain(&parts), 2), with_objects(&problem(&rest), 2))
     }
 }
 
