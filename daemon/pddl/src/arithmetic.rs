@@ -118,7 +118,8 @@ mod tests {
 
     #[test]
     fn decimals_are_reckoned_as_they_are_written() {
-        let add = |numbers: &[f64]| numbers.iter().fold(0.0, |all, one| Operator::Add.apply(all, *one));
+        let add =
+            |numbers: &[f64]| numbers.iter().fold(0.0, |all, one| Operator::Add.apply(all, *one));
         assert_eq!(add(&[0.1; 10]), 1.0);
         assert_eq!(add(&[0.1, 0.2, -0.3]), 0.0);
         assert_eq!(add(&[1_000_000.3, -1_000_000.1]), 0.2);

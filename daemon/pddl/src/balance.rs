@@ -108,15 +108,19 @@ impl<'t, 'd> Builder<'t, 'd> {
         };
         let mark = &rest[..mark];
         self.problems.push(
-            Diagnostic::error(Span::new(start, start + mark.len()), format!("`{mark}` begins no comment in PDDL"))
-                .with_help("begin each line of a comment with `;`"),
+            Diagnostic::error(
+                Span::new(start, start + mark.len()),
+                format!("`{mark}` begins no comment in PDDL"),
+            )
+            .with_help("begin each line of a comment with `;`"),
         );
         Some(start + length)
     }
 
     /// `before` is where the token before it ended.
     fn take(&mut self, token: Token, before: usize) {
-        let touches_word = self.after_word && matches!(token, Token::Symbol(length) if self.end - length == before);
+        let touches_word = self.after_word
+            && matches!(token, Token::Symbol(length) if self.end - length == before);
         self.after_word = matches!(token, Token::Symbol(_));
         if let Token::Open | Token::Symbol(_) = token {
             self.report_stray();

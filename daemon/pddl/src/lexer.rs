@@ -94,13 +94,10 @@ mod tests {
 
     #[test]
     fn a_variable_may_touch_the_word_before_it() {
-        check("(at?x?yz)", &[
-            Token::Open,
-            Token::Symbol(2),
-            Token::Symbol(2),
-            Token::Symbol(3),
-            Token::Close,
-        ]);
+        check(
+            "(at?x?yz)",
+            &[Token::Open, Token::Symbol(2), Token::Symbol(2), Token::Symbol(3), Token::Close],
+        );
     }
 
     #[test]

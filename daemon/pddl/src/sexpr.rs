@@ -150,7 +150,8 @@ impl<'f> Node<'f> {
             (None, None) => one.entry().next - one.index == two.entry().next - two.index,
             _ => false,
         };
-        entries(self).len() == entries(other).len() && entries(self).zip(entries(other)).all(is_same)
+        entries(self).len() == entries(other).len()
+            && entries(self).zip(entries(other)).all(is_same)
     }
 
     /// The list that begins where this word ends, as functions of other languages are written:

@@ -3,9 +3,9 @@
 
 use std::path::{Path, PathBuf};
 
-use pddl::Name;
 use crate::pddl_files::{self, DomainText};
 use crate::report::{Report, Source};
+use pddl::Name;
 
 /// Files looked into for a domain; a folder of problems may hold thousands.
 const CANDIDATES_MAX: usize = 100;

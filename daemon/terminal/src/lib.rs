@@ -6,6 +6,7 @@
 
 pub mod arguments;
 pub mod beside;
+pub mod deadline;
 pub mod exit;
 pub mod output;
 pub mod pddl_files;

@@ -48,7 +48,7 @@ pub fn read_task(domain: &Path, problem: &Path) -> Result<Task, Report> {
         ) if !report.has_errors() => {
             Ok(Task { domain, problem, domain_source, problem_source, report })
         }
-        _ => Err(report),
+        _ => Err(report.refused()),
     }
 }
 

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use pddl::{Diagnostic, Document, Domain, Severity};
+use pddl::{Document, Domain, Severity};
 
 use crate::beside::distance;
 use crate::pddl_files::{self, DomainText};
@@ -45,6 +45,8 @@ pub enum Outcome {
     Read,
     /// It is read, and means what this version does not plan with.
     Unsupported(String),
+    /// It is a problem, and its domain is not there.
+    Alone(String),
     /// It is refused: the place and the first mistake.
     Refused(String),
 }
@@ -60,6 +62,8 @@ pub struct Counts {
     pub odd: usize,
     /// Read, and not planned with.
     pub unsupported: usize,
+    /// Problems whose domain is not there.
+    pub alone: usize,
     /// Refused.
     pub refused: usize,
 }
@@ -87,9 +91,8 @@ pub fn read(folder: &Path, tell: &mut dyn FnMut(&ReadFile)) -> Result<Tree, Stri
         return Err(format!("read `{}`: it is no folder", folder.display()));
     }
     let mut paths = Vec::new();
-    walk(folder, &mut paths).map_err(|err| {
-        format!("read `{}`: {}", folder.display(), crate::report::reason(&err))
-    })?;
+    walk(folder, &mut paths)
+        .map_err(|err| format!("read `{}`: {}", folder.display(), crate::report::reason(&err)))?;
     paths.sort();
     let mut domains = Domains::default();
     let mut tree = Tree::default();
@@ -131,7 +134,7 @@ fn read_file(path: PathBuf, domains: &mut Domains) -> ReadFile {
         }
     };
     let mut report = Report::default();
-    let mut beside = None;
+    let (mut beside, mut lacks) = (None, None);
     let (kind, feature) = match pddl::parse_document(&source.text).value {
         Some(Document::Domain(_)) => {
             let text = pddl_files::domain_of(source, &mut report);
@@ -143,10 +146,8 @@ fn read_file(path: PathBuf, domains: &mut Domains) -> ReadFile {
             let later = problem.timed_literal().map(|_| "timed initial literals");
             let feature = later.or_else(|| domain?.domain.as_ref().and_then(time_in_domain));
             pddl_files::problem_of(&source, domain, &mut report);
-            if domain.is_none() {
-                let message = format!("no domain `{}` is beside it", problem.domain);
-                report.add(&source, [Diagnostic::error(problem.domain.span(), message)]);
-            }
+            lacks =
+                domain.is_none().then(|| format!("no domain `{}` is beside it", problem.domain));
             ("problem", feature)
         }
         Some(Document::ActionModel(model)) => {
@@ -160,7 +161,10 @@ fn read_file(path: PathBuf, domains: &mut Domains) -> ReadFile {
             ("unknown", None)
         }
     };
-    let outcome = outcome(&report, feature);
+    let outcome = match (outcome(&report, feature), lacks) {
+        (Outcome::Read, Some(lacks)) => Outcome::Alone(lacks),
+        (outcome, _) => outcome,
+    };
     let warnings = report.findings().iter().map(|finding| &finding.diagnostic);
     let warnings = warnings.filter(|found| found.severity == Severity::Warning);
     let warnings = warnings.map(|found| found.message.clone()).collect();
@@ -202,6 +206,7 @@ impl Tree {
                 Outcome::Read if file.warnings.is_empty() => counts.read += 1,
                 Outcome::Read => counts.odd += 1,
                 Outcome::Unsupported(_) => counts.unsupported += 1,
+                Outcome::Alone(_) => counts.alone += 1,
                 Outcome::Refused(_) => counts.refused += 1,
             }
         }
@@ -221,7 +226,8 @@ impl Domains {
             Some(folder.to_owned()),
             above.clone(),
             Some(folder.join("domains")),
-            above.map(|above| above.join("domains")),
+            above.as_ref().map(|above| above.join("domains")),
+            above.map(|above| above.join("domain")),
         ];
         let mut found: Option<(PathBuf, Arc<DomainText>)> = None;
         for folder in folders.into_iter().flatten() {
@@ -230,11 +236,14 @@ impl Domains {
             for file in files {
                 let Some(text) = self.text(&file) else { continue };
                 let is_named = text.domain.as_ref().is_some_and(|domain| domain.name == *name);
-                if is_named || fitness(&file, problem) == 0 {
-                    return Some((file, text));
+                match fitness(&file, problem) {
+                    0 => return Some((file, text)),
+                    // It says that it belongs to another problem.
+                    OF_ANOTHER => (),
+                    _ if is_named => return Some((file, text)),
+                    // Of another name, and yet the only one there: collections have such.
+                    _ => drop(found.get_or_insert((file, text))),
                 }
-                // Of another name, and yet the only one there: collections have such.
-                found.get_or_insert((file, text));
             }
         }
         found
@@ -245,9 +254,8 @@ impl Domains {
             return known.clone();
         }
         let source = Source::read(path).ok();
-        let text = source.map(|source| {
-            Arc::new(pddl_files::domain_of(source, &mut Report::default()))
-        });
+        let text =
+            source.map(|source| Arc::new(pddl_files::domain_of(source, &mut Report::default())));
         if self.known.len() >= DOMAINS_KEPT {
             self.known.clear();
         }
@@ -283,6 +291,9 @@ fn fitness(domain: &Path, problem: &Path) -> usize {
     let (own, others): (Vec<String>, Vec<String>) = (words(domain), words(problem));
     if !own.is_empty() && own == others { 0 } else { 1 + distance(domain, problem) }
 }
+
+/// The fitness of a domain whose file has the name of another problem.
+const OF_ANOTHER: usize = 3;
 
 /// Whether the first words of a file, comments left out, define a domain.
 fn says_domain(path: &Path) -> bool {

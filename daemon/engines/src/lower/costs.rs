@@ -449,9 +449,7 @@ fn evaluate(
         Expression::Apply(operator, operands) => {
             let mut operands = operands.iter().map(|one| evaluate(one, binding, values));
             let first = operands.next()??;
-            operands.try_fold(first, |left, right| {
-Some(operator.apply(left, right?))
-            })?
+            operands.try_fold(first, |left, right| Some(operator.apply(left, right?)))?
         }
         _ => return None,
     };

@@ -137,6 +137,9 @@ impl<'t> Checker<'_, 't> {
         if types.accepts(wanted, actual) || !self.knows(wanted) || !self.knows(actual) {
             return;
         }
+        if matches!(argument, Term::Object(name) if self.symbols.is_also(name, wanted)) {
+            return;
+        }
         let name = argument.name();
         let is_variable = matches!(argument, Term::Variable(_));
         let message = format!("`{argument}` is of type `{actual}`, `{of}` wants `{wanted}`");

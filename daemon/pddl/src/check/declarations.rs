@@ -51,7 +51,10 @@ impl<'t> Checker<'_, 't> {
         self.types(&domain.types);
         self.types_once(&domain.types);
         self.objects_once("constant", domain.constants.iter());
-        self.signatures("predicate", domain.predicates.iter().map(|it| (&it.name, &*it.parameters)));
+        self.signatures(
+            "predicate",
+            domain.predicates.iter().map(|it| (&it.name, &*it.parameters)),
+        );
         self.signatures("function", domain.functions.iter().map(|it| (&it.name, &*it.parameters)));
         self.types_of(&domain.constants);
         for function in &domain.functions {
@@ -163,7 +166,9 @@ impl<'t> Checker<'_, 't> {
     /// An object without a type that has the name of one: likely a forgotten dash.
     fn named_like_a_type(&mut self, object: &'t Typed) {
         let name = object.name.as_str();
-        if object.ty.alternatives.is_empty() && name != "object" && self.symbols.types.contains(name)
+        if object.ty.alternatives.is_empty()
+            && name != "object"
+            && self.symbols.types.contains(name)
         {
             let message = format!("the object `{}` has the name of a type", object.name);
             let help = format!("for the type of what stands before it, write `- {}`", object.name);
@@ -197,18 +202,20 @@ impl<'t> Checker<'_, 't> {
     /// Types of parameters of a predicate or a function. Of a type that is not declared there is
     /// nothing: no harm is done.
     fn types_of_declaration(&mut self, parameters: &'t [Typed]) {
-        for typed in parameters {
-            self.types_if_any(typed, Severity::Warning);
-        }
+        self.types_of_list(parameters, Severity::Warning);
     }
 
     /// Types of variables. One that is not declared, and that nothing declared is called like, is
     /// taken at its word: there is nothing of it.
     fn types_of_variables(&mut self, variables: &'t [Typed]) {
+        self.types_of_list(variables, Severity::Error);
+    }
+
+    fn types_of_list(&mut self, variables: &'t [Typed], severity: Severity) {
         for (index, typed) in variables.iter().enumerate() {
             // `?x ?y - typo` is one mistake, not two.
             if index == 0 || typed.ty != variables[index - 1].ty {
-                self.types_if_any(typed, Severity::Error);
+                self.types_if_any(typed, severity);
             }
         }
     }

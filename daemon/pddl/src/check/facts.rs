@@ -84,8 +84,10 @@ impl<'t> Checker<'_, 't> {
         for element in elements {
             let InitElement::Atom(atom) = element else { continue };
             if let Some(no) = denied.remove(atom) {
-                let message = format!("`{atom}` is said to be true here, and to be false elsewhere");
-                let both = Diagnostic::warning(atom.span, message).with_help("it is taken to be true");
+                let message =
+                    format!("`{atom}` is said to be true here, and to be false elsewhere");
+                let both =
+                    Diagnostic::warning(atom.span, message).with_help("it is taken to be true");
                 self.report(both.with_note(no.span, "here it is false"));
             }
         }
@@ -130,7 +132,9 @@ impl<'t> Checker<'_, 't> {
         let spare =
             Diagnostic::warning(name.span(), format!("the domain has no predicate `{name}`"));
         self.report(match near {
-            Some(near) => spare.with_help(format!("did you mean `{near}`? As it is, the fact is never read")),
+            Some(near) => {
+                spare.with_help(format!("did you mean `{near}`? As it is, the fact is never read"))
+            }
             None => spare.with_help("the fact is never read"),
         });
     }
@@ -164,7 +168,9 @@ impl<'t> Checker<'_, 't> {
         }
         let message = format!("`{fluent}` is {first} already, and now {number}");
         let twice = match spare {
-            Values::Spare => Diagnostic::warning(fluent.span, message).with_help("the last value counts"),
+            Values::Spare => {
+                Diagnostic::warning(fluent.span, message).with_help("the last value counts")
+            }
             Values::Declared => Diagnostic::error(fluent.span, message),
         };
         self.report(twice.with_note(place, format!("here it is {first}")));

@@ -5,7 +5,8 @@ use std::cell::{Cell, OnceCell};
 use foldhash::{HashMap, HashSet};
 
 use crate::tree::{
-    ActionModel, ActionSchema, Domain, FunctionDeclaration, Name, PredicateDeclaration, Problem, Typed,
+    ActionModel, ActionSchema, Domain, FunctionDeclaration, Name, PredicateDeclaration, Problem,
+    TypeExpr, Typed,
 };
 use crate::types::Types;
 
@@ -87,6 +88,12 @@ impl<'t> Symbols<'t> {
 
     pub(super) fn object(&self, name: &Name) -> Option<&'t Typed> {
         self.objects.get(name.as_str())
+    }
+
+    /// Whether some declaration of an object, which may have several, is of this type.
+    pub(super) fn is_also(&self, object: &Name, wanted: &TypeExpr) -> bool {
+        let mut named = self.objects.order.iter().filter(|one| one.name == *object);
+        named.any(|one| self.types.accepts(wanted, &one.ty))
     }
 
     pub(super) fn is_derived(&self, predicate: &Name) -> bool {

@@ -141,7 +141,9 @@ impl<'f> Parts<'f> {
     ) -> Option<(&'static str, Node<'f>)> {
         while let Some(node) = self.items.next() {
             let Some(word) = node.symbol().filter(|word| word.starts_with(':')) else {
-                self.report_stranger(reader, node);
+                if !reader.is_passed_over(node) {
+                    self.report_stranger(reader, node);
+                }
                 continue;
             };
             let lower = Keyword::of(word);
@@ -152,7 +154,8 @@ impl<'f> Parts<'f> {
             }
             let Some(value) = self.value(reader, node, word) else { continue };
             if key == Some(VARS) {
-                let vars = Diagnostic::warning(node.span(), "`:vars` are read as further parameters");
+                let vars =
+                    Diagnostic::warning(node.span(), "`:vars` are read as further parameters");
                 reader.report(vars.with_help("write them into `:parameters`"));
             }
             match key {

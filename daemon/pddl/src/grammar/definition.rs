@@ -39,7 +39,8 @@ pub(crate) fn single<'f, T>(
         return None;
     };
     // Files of 1998 say first in which package of Lisp they are.
-    while let (Some(word @ ("in-package" | "IN-PACKAGE")), Some(next)) = (node.head(), roots.peek()) {
+    while let (Some(word @ ("in-package" | "IN-PACKAGE")), Some(next)) = (node.head(), roots.peek())
+    {
         let message = format!("`{word}` is of Lisp, and passed over");
         reader.report(Diagnostic::warning(node.span(), message));
         roots.next();
@@ -148,15 +149,8 @@ pub(super) struct Section<'f> {
 const REPEATED: &[&str] = &[":action", ":durative-action", ":derived"];
 
 /// Sections that list things, so that two of them are one list.
-const JOINED: &[&str] = &[
-    ":requirements",
-    ":types",
-    ":constants",
-    ":objects",
-    ":predicates",
-    ":functions",
-    ":init",
-];
+const JOINED: &[&str] =
+    &[":requirements", ":types", ":constants", ":objects", ":predicates", ":functions", ":init"];
 
 /// Sections of PDDL and its extensions that are legal and not read: what their author calls them.
 const UNSUPPORTED: &[(&str, &str)] = &[
@@ -164,6 +158,7 @@ const UNSUPPORTED: &[(&str, &str)] = &[
     (":event", "events (`:event`)"),
     (":process", "processes (`:process`)"),
     (":concurrency-network", "concurrency networks (`:concurrency-network`)"),
+    (":concurrency-constraint", "concurrency constraints (`:concurrency-constraint`)"),
     (":axiom", "axioms of PDDL 1.2 (`:axiom`)"),
     (":timeless", "timeless facts (`:timeless`)"),
     (":safety", "safety constraints (`:safety`)"),
@@ -241,7 +236,9 @@ impl<'f> Sections<'f> {
         let (twice, help) = match (is_joined, is_same) {
             (false, false) => (Diagnostic::error(span, message), "join the two"),
             (_, true) => (Diagnostic::warning(span, message), "it says the same: leave it out"),
-            (true, false) => (Diagnostic::warning(span, message), "it is read as if joined to the first"),
+            (true, false) => {
+                (Diagnostic::warning(span, message), "it is read as if joined to the first")
+            }
         };
         reader.report(twice.with_help(help).with_note(*span_of_first, "the first is here"));
         is_joined && !is_same

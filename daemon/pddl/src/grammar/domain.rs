@@ -25,7 +25,9 @@ pub(super) fn domain<'f>(reader: &mut Reader<'f>, name: Name, items: Items<'f>) 
     while let Some(section) = sections.next(reader) {
         let (items, span) = (section.items, section.span);
         match section.keyword {
-            ":requirements" => domain.requirements.extend(declarations::requirements(reader, items)),
+            ":requirements" => {
+                domain.requirements.extend(declarations::requirements(reader, items))
+            }
             ":types" => domain.types.extend(declarations::types(reader, items)),
             ":constants" => domain.constants.extend(declarations::constants(reader, items)),
             ":predicates" => domain.predicates.extend(declarations::predicates(reader, items)),

@@ -160,9 +160,7 @@ pub(super) fn typed_list<'f>(
             Some(word) if word.starts_with('-') => glued_type(reader, node, &word[1..]),
             _ => {
                 let entry = match entries {
-                    Entries::Variables => {
-                        variable_after(reader, node, untyped_from < typed.len())
-                    }
+                    Entries::Variables => variable_after(reader, node, untyped_from < typed.len()),
                     Entries::Names => name(reader, node, "a name"),
                 };
                 typed.extend(entry.map(|name| Typed { name, ty: TypeExpr::default() }));

@@ -25,7 +25,9 @@ pub(super) fn problem<'f>(reader: &mut Reader<'f>, name: Name, items: Items<'f>)
         let items = section.items;
         match section.keyword {
             ":domain" => domain = domain_name(reader, items),
-            ":requirements" => problem.requirements.extend(declarations::requirements(reader, items)),
+            ":requirements" => {
+                problem.requirements.extend(declarations::requirements(reader, items))
+            }
             ":objects" => objects.extend(declarations::objects(reader, items)),
             ":init" => problem.init.extend(facts::init_elements(reader, items)),
             ":goal" => problem.goal = goal(reader, items).unwrap_or_default(),

@@ -50,13 +50,7 @@ impl<'f> Reader<'f> {
     pub(crate) fn new(problems: Problems, node_count: usize) -> Reader<'f> {
         // A building's text spells every tenth of them for the first time.
         let names = HashMap::with_capacity_and_hasher(node_count / 10, RandomState::default());
-        Reader {
-            names,
-            problems,
-            place: Place::Plain,
-            copies_left: COPIES_MAX,
-            passed_over: None,
-        }
+        Reader { names, problems, place: Place::Plain, copies_left: COPIES_MAX, passed_over: None }
     }
 
     pub(crate) fn into_diagnostics(self) -> Vec<Diagnostic> {
@@ -153,9 +147,16 @@ impl<'f> Reader<'f> {
     /// parentheses are passed over. Whether it was such a word.
     pub(super) fn report_call(&mut self, word: Node<'f>) -> bool {
         let Some(list) = word.touching_list() else { return false };
+        if self.is_passed_over(list) {
+            return true;
+        }
         let name = excerpt(word);
         let inner = list.text().trim_matches(['(', ')']).replace(',', " ");
-        let arguments: Vec<&str> = inner.split_whitespace().take(CALL_WORDS_MAX).collect();
+        let is_flat = !inner.contains(['(', ')']);
+        let arguments: Vec<&str> = match is_flat {
+            true => inner.split_whitespace().take(CALL_WORDS_MAX).collect(),
+            false => vec!["…"],
+        };
         let written = [&[name.as_str()], arguments.as_slice()].concat().join(" ");
         let message = format!("`{name}` stands before its parentheses");
         let call = Diagnostic::error(Span { end: list.span().end, ..word.span() }, message);

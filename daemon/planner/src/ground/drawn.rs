@@ -5,6 +5,7 @@
 
 use pddl::Diagnostic;
 
+use super::action_relation;
 use super::draft::Draft;
 use super::instantiate::{Instantiation, Ready, ready_axioms};
 use super::join::Catalog;
@@ -15,7 +16,6 @@ use super::sets::Sets;
 use super::tree::{Auxiliaries, RawAxiom};
 use super::values::Values;
 use super::work::Work;
-use super::action_relation;
 use crate::normalize::lifted::{Closed, Lifted, Schema};
 use crate::outcome::StopReason;
 use crate::task::{FactId, GroundComparison, Literal, Operators};

@@ -1,7 +1,10 @@
 //! One tuple of a schema becomes an operator, one binding of an axiom's variables an axiom.
 
+use std::sync::Arc;
+
 use pddl::{Assignment, Diagnostic, Operator as Arithmetic};
 
+use super::action_relation;
 use super::condition::{Condition, tidy};
 use super::draft::Draft;
 use super::join::{Catalog, JoinPlan};
@@ -9,7 +12,6 @@ use super::node::{Grounder, Node, enumeration};
 use super::tree::{Auxiliaries, RawAxiom, Tree};
 use super::values::Grounded;
 use super::work::Work;
-use super::action_relation;
 use crate::normalize::lifted::{
     Formula, Lifted, LiftedEffect, LiftedFluent, LiftedNumeric, Schema, Slot, TypeIndex,
 };
@@ -63,7 +65,8 @@ struct Guarded<'s, T> {
 pub(super) struct ReadyAxiom {
     head: usize,
     parameter_count: usize,
-    frame: Vec<TypeIndex>,
+    /// Shared by all alternatives of one axiom.
+    frame: Arc<[TypeIndex]>,
     plan: JoinPlan,
     body: Condition,
     stratum: usize,
@@ -78,6 +81,7 @@ pub(super) fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<ReadyAxiom> {
             Formula::Or(alternatives) => alternatives.as_slice(),
             _ => whole,
         };
+        let frame: Arc<[TypeIndex]> = axiom.frame.as_slice().into();
         for alternative in alternatives {
             let (slots, body) = open(alternative);
             let parameters = 0..axiom.parameter_count as Slot;
@@ -87,7 +91,7 @@ pub(super) fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<ReadyAxiom> {
             ready.push(ReadyAxiom {
                 head: axiom.head,
                 parameter_count: axiom.parameter_count,
-                frame: axiom.frame.clone(),
+                frame: Arc::clone(&frame),
                 plan,
                 body: Condition::compile(catalog, &axiom.frame, &body, &mut bound, false),
                 stratum: axiom.stratum,
@@ -149,11 +153,7 @@ impl<'s> Ready<'s> {
 // === impl Instantiation ===
 
 impl Instantiation<'_, '_, '_> {
-    pub(super) fn schema(
-        &mut self,
-        ready: &Ready<'_>,
-        first_row: usize,
-    ) -> Result<(), StopReason> {
+    pub(super) fn schema(&mut self, ready: &Ready<'_>, first_row: usize) -> Result<(), StopReason> {
         let relations = self.grounder.relations;
         let relation = &relations[action_relation(self.grounder.lifted, ready.index)];
         let mut binding = vec![ObjectId::from_index(0); ready.schema.frame.len().max(1)];

@@ -9,6 +9,7 @@
 
 use pddl::{Atom, InitElement, Term};
 
+use super::action_relation;
 use super::drawn::{Drawn, Layout, Raw};
 use super::finish::{Start, finish};
 use super::possible::{Flow, Possible};
@@ -19,7 +20,6 @@ use super::tree::RawAxiom;
 use super::values::Values;
 use super::wanted::Sources;
 use super::work::Work;
-use super::action_relation;
 use crate::limits::{Budget, Cancel};
 use crate::normalize::lifted::{
     Closed, Formula, Lifted, LiftedAtom, PredicateIndex, Schema, TypeSet,

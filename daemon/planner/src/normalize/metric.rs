@@ -72,9 +72,10 @@ fn refuse_what_has_no_value(
     collect(&metric.expression, &mut fluents);
     for fluent in fluents {
         let is_total_cost = fluent.function == "total-cost" && fluent.arguments.is_empty();
-        let has_value = problem.init.iter().any(|element| {
-            matches!(element, InitElement::Assign(other, _) if other == fluent)
-        });
+        let has_value = problem
+            .init
+            .iter()
+            .any(|element| matches!(element, InitElement::Assign(other, _) if other == fluent));
         if is_total_cost || has_value || !symbols.has_function(&fluent.function) {
             continue;
         }

@@ -4,6 +4,7 @@ use pddl::{Diagnostic, Domain, Name, Problem, TypeExpr, Typed, Types};
 use rustc_hash::FxHashMap;
 
 use super::lifted::{FunctionUse, PredicateUse, TypeIndex, TypeSet};
+use super::quantifiers::Rearranging;
 use crate::task::ObjectId;
 
 /// Who is called what, and every name that nobody declared.
@@ -22,6 +23,7 @@ pub(crate) struct Symbols {
     function_ids: FxHashMap<Name, usize>,
     type_ids: FxHashMap<TypeExpr, TypeIndex>,
     hierarchy: Types,
+    pub(super) rearranging: Rearranging,
 }
 
 // === impl Symbols ===
@@ -41,6 +43,7 @@ impl Symbols {
             function_ids: FxHashMap::default(),
             type_ids: FxHashMap::default(),
             hierarchy: Types::of(domain),
+            rearranging: Rearranging::default(),
         };
         let declared = problem.objects.iter().map(|declaration| &declaration.object);
         for object in domain.constants.iter().chain(declared) {

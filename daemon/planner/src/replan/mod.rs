@@ -365,7 +365,13 @@ impl<'c> Call<'c> {
         let plan = Some(self.judge.best.take()?);
         let (stop_reason, statistics) = (StopReason::GoalReached, self.statistics);
         Some(Replanned {
-            outcome: Outcome { plan, stop_reason, unproven: None, statistics, warnings: Vec::new() },
+            outcome: Outcome {
+                plan,
+                stop_reason,
+                unproven: None,
+                statistics,
+                warnings: Vec::new(),
+            },
             course: Course::Kept,
             grounding: Grounding::Unneeded,
         })

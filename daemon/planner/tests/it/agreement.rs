@@ -29,9 +29,9 @@ fn term(variables: usize) -> impl Strategy<Value = String> {
 /// The text with names for its objects, of which there are so many.
 pub(crate) fn with_objects(text: &str, count: usize) -> String {
     let names = (0..OBJECTS.len()).map(|index| OBJECTS[index % count]);
-    names.enumerate().fold(text.to_owned(), |text, (index, name)| {
-        text.replace(&format!("object{index}"), name)
-    })
+    names
+        .enumerate()
+        .fold(text.to_owned(), |text, (index, name)| text.replace(&format!("object{index}"), name))
 }
 
 /// One to four objects: with one, a variable has one value, and much that is lifted is ground.
@@ -150,10 +150,8 @@ fn task() -> impl Strategy<Value = (String, String)> {
                 parts += &format!("(:action act{index} {action})");
             }
             let metric = if metric { "(:metric minimize (total-cost))" } else { "" };
-            let rest = format!(
-                "(:init (s object0 object1) {}) (:goal {goal}) {metric}",
-                init.concat()
-            );
+            let rest =
+                format!("(:init (s object0 object1) {}) (:goal {goal}) {metric}", init.concat());
             (with_objects(&domain(&parts), count), with_objects(&problem(&rest), count))
         },
     )

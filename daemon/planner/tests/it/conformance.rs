@@ -462,7 +462,8 @@ fn unknown_names_are_told_not_planned_with() {
 #[test]
 fn a_test_without_variables_left_is_not_forgotten() {
     // Each parameter has one candidate: the static facts, the types or other tests leave one.
-    const MOVE: &str = "(:types robot room) (:predicates (at ?r - robot ?x - room) (moved ?r - robot))
+    const MOVE: &str =
+        "(:types robot room) (:predicates (at ?r - robot ?x - room) (moved ?r - robot))
          (:action move :parameters (?r - robot ?from ?to - room)
            :precondition (and (at ?r ?from) (not (= ?from ?to)))
            :effect (and (not (at ?r ?from)) (at ?r ?to) (moved ?r)))";
