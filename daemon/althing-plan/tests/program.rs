@@ -220,8 +220,8 @@ fn what_cannot_be_reached_is_explained() {
     assert!(stderr(&output).contains("not all of them together"), "{}", stderr(&output));
 }
 
-/// A text of a megabyte whose conditions are deep and full of quantifiers and alternatives.
-fn nested() -> String {
+/// A text of so many bytes whose conditions are deep and full of quantifiers and alternatives.
+fn nested(bytes: usize) -> String {
     let (mut open, mut close) = (String::new(), String::new());
     for at in 0..40 {
         if at % 4 == 0 {
@@ -233,7 +233,7 @@ fn nested() -> String {
         close += ")";
     }
     let one = format!("{open}(p){close}");
-    let many = one.repeat(1_000_000 / one.len());
+    let many = one.repeat(bytes / one.len());
     format!(
         "(define (domain d) (:predicates (p) (q ?x) (r ?x ?y))
            (:action a :parameters (?x) :precondition (and {many}) :effect (p)))"
@@ -244,18 +244,19 @@ fn nested() -> String {
 fn limits_of_time_hold_whatever_the_text() {
     let problem = "(define (problem p) (:domain d) (:objects a b c) (:init (q a)) (:goal (p)))";
     let began = std::time::Instant::now();
-    let output = plan(&nested(), problem, &["--time-limit", "1"]);
+    let output = plan(&nested(1_000_000), problem, &["--time-limit", "1"]);
     let code = output.status.code();
     assert!(matches!(code, Some(0 | 10 | 11 | 22 | 23)), "{code:?} {}", stderr(&output));
     // Far more than a busy machine needs, and far less than it took without the limit.
     assert!(began.elapsed().as_secs() < 20, "{:?}", began.elapsed());
+    assert!(stderr(&output).len() < 10_000, "a person reads it");
 }
 
 #[test]
 #[cfg(target_os = "linux")]
 fn limits_of_memory_hold_whatever_the_text() {
     let problem = "(define (problem p) (:domain d) (:objects a b c) (:init (q a)) (:goal (p)))";
-    let output = plan(&nested(), problem, &["--memory-limit", "1", "--time-limit", "60"]);
+    let output = plan(&nested(10_000_000), problem, &["--memory-limit", "1", "--time-limit", "60"]);
     assert_eq!(output.status.code(), Some(22), "{}", stderr(&output));
 }
 

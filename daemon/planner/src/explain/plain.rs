@@ -25,6 +25,9 @@ const LINKS_MAX: usize = 6;
 /// Achievers of one fact that are named.
 const ACHIEVERS_MAX: usize = 3;
 
+/// Characters of a condition that are told.
+const TEXT_CHARS_MAX: usize = 120;
+
 /// Work for one question: a fraction of a second.
 const JOIN_STEPS_MAX: u64 = 5_000_000;
 const EXPANSIONS_MAX: u64 = 5_000;
@@ -129,7 +132,7 @@ impl Why<'_> {
         let mut at = condition.clone();
         while links.len() < LINKS_MAX && !seen.contains(&at) && !self.cancel.is_set() {
             seen.push(at.clone());
-            let subject = if links.is_empty() { "it".to_owned() } else { format!("`{at}`") };
+            let subject = if links.is_empty() { "it".to_owned() } else { quoted(&at) };
             let Some(atom) = wanted(&at) else {
                 links.push(format!("nothing makes {subject} true"));
                 break;
@@ -178,7 +181,7 @@ impl Why<'_> {
                 false => format!("`{name}` {verb} {subject} true"),
             };
             let listed: Vec<String> =
-                blocked.iter().map(|need| format!("`{}`", achiever.needs[*need])).collect();
+                blocked.iter().map(|need| quoted(&achiever.needs[*need])).collect();
             let is_fact = |need: &usize| wanted(&achiever.needs[*need]).is_some();
             let never = match listed.len() {
                 _ if blocked.iter().all(is_fact) => "",
@@ -300,13 +303,23 @@ impl std::fmt::Display for Unsolvability {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         for (number, (part, why)) in self.parts.iter().enumerate() {
             let separator = if number == 0 { "" } else { "\n" };
-            write!(f, "{separator}`{part}` cannot be reached: {why}")?;
+            write!(f, "{separator}{} cannot be reached: {why}", quoted(part))?;
         }
         if self.more > 0 {
             write!(f, "\n{} more parts of the goal cannot be reached", self.more)?;
         }
         self.together.map_or(Ok(()), |together| f.write_str(together))
     }
+}
+
+/// A condition as it is told: of a long one, the beginning.
+fn quoted(condition: &Condition) -> String {
+    let text = condition.to_string();
+    let mut short: String = text.chars().take(TEXT_CHARS_MAX).collect();
+    if short.len() < text.len() {
+        short.push('…');
+    }
+    format!("`{}`", short.split_whitespace().collect::<Vec<_>>().join(" "))
 }
 
 /// The atom that is asked for, with its free variables, where it is one.
