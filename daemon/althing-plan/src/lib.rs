@@ -53,18 +53,24 @@ pub fn run(args: &PlanArgs) -> ExitCode {
             return deadline.answer(|| output::show(&report, args.print.json, status, code));
         }
     };
-    match args.engine {
-        Engine::Embedded => (),
-        // An engine has limits of its own, and its processes are ended by them.
-        Engine::FastDownward => {
-            let engine = engines::Engine::FastDownward;
-            return deadline.answer(|| external::run(args, engine, &task, started));
-        }
-        Engine::MetricFf => {
-            let engine = engines::Engine::MetricFf;
-            return deadline.answer(|| external::run(args, engine, &task, started));
-        }
-    }
+    // An engine has limits of its own, and its processes are ended by them.
+    let engine = match args.engine {
+        Engine::Embedded => return embedded(args, &task, &cancel, &deadline, started),
+        Engine::FastDownward => engines::Engine::FastDownward,
+        Engine::MetricFf => engines::Engine::MetricFf,
+    };
+    deadline.answer(|| external::run(args, engine, &task, started))
+}
+
+/// Plans with the planner of this process.
+fn embedded(
+    args: &PlanArgs,
+    task: &Task,
+    cancel: &Cancel,
+    deadline: &Deadline,
+    started: Instant,
+) -> ExitCode {
+    let memory_bytes = memory_max_bytes(args);
     if args.time_limit.is_some_and(|limit| started.elapsed() >= limit) {
         // Reading took all of it; the timer's thread may be late to say so.
         cancel.set();
@@ -76,7 +82,7 @@ pub fn run(args: &PlanArgs) -> ExitCode {
         News::Plan(plan) => {
             deadline.note(ipc(plan, task.problem.metric.is_none()));
             if args.anytime {
-                tell_better(args, &task, plan, started.elapsed());
+                tell_better(args, task, plan, started.elapsed());
             }
         }
         News::Ground { facts, operators } => {
@@ -90,17 +96,17 @@ pub fn run(args: &PlanArgs) -> ExitCode {
     };
     let (domain, problem) = (&task.domain, &task.problem);
     let options = options(args, memory_bytes);
-    let planned = planner::plan_and_tell(domain, problem, &options, &cancel, &mut tell);
+    let planned = planner::plan_and_tell(domain, problem, &options, cancel, &mut tell);
     let took = Took { search_began, whole: started.elapsed() };
     match planned {
         Ok(outcome) => {
-            let explanation = explained(&task, &outcome, memory_bytes, &cancel);
+            let explanation = explained(task, &outcome, memory_bytes, cancel);
             drop(telling);
-            deadline.answer(|| show(args, &task, &outcome, explanation.as_ref(), took))
+            deadline.answer(|| show(args, task, &outcome, explanation.as_ref(), took))
         }
         Err(err) => {
             drop(telling);
-            deadline.answer(|| show_error(args, &task, &err))
+            deadline.answer(|| show_error(args, task, &err))
         }
     }
 }

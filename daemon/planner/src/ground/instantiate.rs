@@ -308,12 +308,9 @@ impl Instantiation<'_, '_, '_> {
                 let more = cost(lifted, &change.fluent, binding, change.assignment, amount);
                 draft.cost = Arithmetic::Add.apply(draft.cost, more);
             }
-            // Whether a value exists decides whether the action applies; what is defined stays so,
-            // unless it grows beyond all numbers.
             let is_uncertain = match &value {
                 Grounded::Varying(amount) => !is_counted || at_first.is_none() || amount.may_fail(),
-                Grounded::Fixed(amount) => may_outgrow(change.assignment, *amount),
-                Grounded::Undefined => false,
+                value => may_outgrow(change.assignment, value),
             };
             let may_conflict = is_followed && change.assignment == Assignment::Assign;
             let follow = is_uncertain
@@ -421,8 +418,10 @@ impl Instantiation<'_, '_, '_> {
 }
 
 /// Whether a change by a fixed amount, done again and again, can leave the range of numbers within any
-/// plan that a machine can hold.
-fn may_outgrow(assignment: Assignment, amount: f64) -> bool {
+/// plan that a machine can hold. Whether a value exists decides whether the action applies; what is
+/// defined stays so otherwise.
+fn may_outgrow(assignment: Assignment, amount: &Grounded) -> bool {
+    let &Grounded::Fixed(amount) = amount else { return false };
     match assignment {
         Assignment::Assign => false,
         Assignment::Increase | Assignment::Decrease => amount.abs() > 1e290,
