@@ -313,9 +313,8 @@ impl Instantiation<'_, '_, '_> {
                 value => may_outgrow(change.assignment, value),
             };
             let may_conflict = is_followed && change.assignment == Assignment::Assign;
-            let follow = is_uncertain
-                || may_conflict
-                || (is_followed && (lifted.functions[function].read || !is_counted));
+            let is_read = lifted.functions[function].read || !is_counted;
+            let follow = is_uncertain || may_conflict || (is_followed && is_read);
             if follow {
                 let value = match value {
                     Grounded::Fixed(number) => GroundExpression::Number(number),
