@@ -255,7 +255,12 @@ fn show(
     }
     if args.print.json {
         let mut value = json_outcome(outcome, unit_cost, &report, took);
-        value["explanation"] = explanation.map_or(Value::Null, json_explanation);
+        if let Some(explanation) = explanation {
+            value["explanation"] = json_explanation(explanation);
+        }
+        if let Some(reason) = outcome.unproven {
+            value["unproven"] = unproven(reason).into();
+        }
         return output::print_json(&value, code);
     }
     output::show_people(&report);
@@ -367,7 +372,6 @@ fn json_outcome(outcome: &Outcome, unit_cost: bool, report: &Report, took: Took)
     json!({
         "status": status(outcome.stop_reason),
         "reason": words(outcome.stop_reason),
-        "unproven": outcome.unproven.map(unproven),
         "plan": steps,
         "cost": plan.map(|plan| number(cost(plan))),
         "cost_kind": plan.map(|_| cost_kind(unit_cost)),

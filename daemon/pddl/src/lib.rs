@@ -35,7 +35,7 @@ mod printer;
 mod sexpr;
 
 pub use check::{
-    check_action_model, check_condition, check_domain, check_init_elements, check_plan,
+    check_action_model, check_condition, check_domain, check_init_elements, check_map, check_plan,
     check_problem,
 };
 pub use diagnostic::{Diagnostic, Note, Parsed, Severity, line_column};

@@ -111,15 +111,22 @@ impl Desk {
         if text.is_none() {
             report.add(source, [unknown_domain(domain)]);
         }
-        let is_model =
-            matches!(pddl::parse_document(&source.text).value, Some(Document::ActionModel(_)));
-        let (kind, about) = if is_model {
-            let model = pddl_files::action_model_of(source, text, &mut report);
-            ("action model", model.map(|model| about_model(&model)))
-        } else {
-            let problem = pddl_files::problem_of(source, text, &mut report);
-            ("problem", problem.map(|problem| about_problem(&problem)))
+        let (kind, about) = match pddl::parse_document(&source.text).value {
+            Some(Document::ActionModel(_)) => {
+                let model = pddl_files::action_model_of(source, text, &mut report);
+                ("action model", model.map(|model| about_model(&model)))
+            }
+            // What asks for nothing is a map.
+            Some(Document::Problem(problem)) if problem.goal.is_always() => {
+                let map = pddl_files::map_of(source, text, &mut report);
+                ("problem", map.map(|map| about_problem(&map)))
+            }
+            _ => {
+                let problem = pddl_files::problem_of(source, text, &mut report);
+                ("problem", problem.map(|problem| about_problem(&problem)))
+            }
         };
+        let report = report.refused();
         self.note(path, kind, about.unwrap_or_default(), report.has_errors());
         self.report.extend(report);
     }

@@ -11,21 +11,24 @@ use crate::tree::{
 /// What becomes of facts and values that the domain has no name for, and of two values of one function.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Values {
-    /// Competition problems carry what some domains do without: a warning.
+    /// Competition problems carry what some domains do without, and say some numbers twice: a warning.
     Spare,
+    /// The map of a building says what its author means: a fact that the domain has no name for, and a
+    /// second number, are errors. Values that the domain does without are a warning.
+    Map,
     /// An error.
     Declared,
 }
 
 impl<'t> Checker<'_, 't> {
-    pub(super) fn problem(&mut self, domain: &'t Domain, problem: &'t Problem) {
+    pub(super) fn problem(&mut self, domain: &'t Domain, problem: &'t Problem, values: Values) {
         if problem.domain != domain.name {
             let message = format!("the domain is called `{}`", domain.name);
             self.report(Diagnostic::warning(problem.domain.span(), message));
         }
         self.requirements(&problem.requirements);
         self.objects(domain, &problem.objects);
-        self.init(&problem.init, Values::Spare);
+        self.init(&problem.init, values);
         self.condition(&problem.goal);
         if let Some(metric) = &problem.metric {
             self.expression(&metric.expression);
@@ -102,8 +105,8 @@ impl<'t> Checker<'_, 't> {
             }
             InitElement::Atom(atom) | InitElement::Not(atom) => self.fact(atom),
             InitElement::Assign(fluent, _) => match values {
-                Values::Spare if self.is_spare(fluent) => self.report_spare(fluent),
-                Values::Spare | Values::Declared => self.fluent(fluent),
+                Values::Spare | Values::Map if self.is_spare(fluent) => self.report_spare(fluent),
+                Values::Spare | Values::Map | Values::Declared => self.fluent(fluent),
             },
             InitElement::At(_, inner) => self.init_element(inner, values),
         }
@@ -171,7 +174,7 @@ impl<'t> Checker<'_, 't> {
             Values::Spare => {
                 Diagnostic::warning(fluent.span, message).with_help("the last value counts")
             }
-            Values::Declared => Diagnostic::error(fluent.span, message),
+            Values::Map | Values::Declared => Diagnostic::error(fluent.span, message),
         };
         self.report(twice.with_note(place, format!("here it is {first}")));
     }
