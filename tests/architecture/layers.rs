@@ -17,6 +17,7 @@ const LAYERS: &[&[&str]] = &[
         "credentials",
         "gpio-lines",
         "linux-sensors",
+        "machine",
         "mqtt-link",
         "phidget-link",
         "planner",

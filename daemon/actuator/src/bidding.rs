@@ -7,7 +7,7 @@
 use acl::content::{Bid, CallForProposals, Proposal};
 use capability::{Snapshot, problem_digest};
 use pddl::{Atom, Condition, InitElement, Plan, Problem};
-use planner::{Cancel, Options, Replanner};
+use planner::{Budget, Cancel, Options, Replanner};
 
 const NOTHING: &str = "nothing that is called for is within my reach";
 
@@ -94,13 +94,19 @@ fn within_reach(
     let conditions: Vec<_> = sure.iter().collect();
     let mut problem = snapshot.with_goal(&Condition::always(), None);
     forget(&mut problem, &conjuncts);
-    let options = Options::default();
+    let options = bounded();
     let proven =
         replanner.facts_out_of_reach(&snapshot.domain, &problem, &conditions, &options, cancel);
     // One that cannot be read spoils the proof, not the bid: each is planned for by itself.
     let proven = proven.unwrap_or_default();
     let kept = conjuncts.into_iter().enumerate();
     kept.filter(|(position, _)| !proven.contains(position)).map(|(_, kept)| kept).collect()
+}
+
+/// Planning within this machine's share of memory.
+fn bounded() -> Options {
+    let memory_max_bytes = agent::computation_bytes_max();
+    Options { budget: Budget { memory_max_bytes, ..Budget::default() }, ..Options::default() }
 }
 
 /// One plan that covers these conjuncts together, if there is one.
@@ -114,7 +120,7 @@ fn propose(
     let conditions = conjuncts.iter().map(|(_, condition)| snapshot.sure(condition));
     problem.goal = Condition::And(conditions.collect());
     forget(problem, conjuncts.iter().copied());
-    let planned = replanner.plan(&snapshot.domain, problem, &[], &Options::default(), cancel);
+    let planned = replanner.plan(&snapshot.domain, problem, &[], &bounded(), cancel);
     let plan = match planned {
         Ok(planned) => planned.outcome.plan?,
         Err(error) => {

@@ -67,3 +67,4 @@ pub use rights::{AgentRights, Allowed, Askers, Rights};
 pub use settings::Settings;
 pub use substrate::{Ask, Presence, Resident, Resource};
 pub use switchboard::{Counters, Switchboard};
+pub use turns::computation_bytes_max;

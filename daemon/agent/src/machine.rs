@@ -14,7 +14,7 @@ use acl::{AgentId, Incarnation};
 use tokio::sync::Semaphore;
 
 use crate::context::Exchanges;
-use crate::turns::Turns;
+use crate::turns::{Turns, turns_at_once};
 
 /// In the state folder: the number of the last life that began on this machine.
 const LIVES: &str = "lives";
@@ -66,8 +66,7 @@ impl Machine {
     pub fn new(state: Option<PathBuf>) -> Machine {
         // One per core, and two where there is one, so that a long search does not keep a short one
         // waiting.
-        let at_once = std::thread::available_parallelism().map_or(2, |cores| cores.get().max(2));
-        let threads = Threads::Real(Arc::new(Turns::new(at_once)));
+        let threads = Threads::Real(Arc::new(Turns::new(turns_at_once())));
         Machine { threads, lives: Arc::new(Lives::open(state)) }
     }
 

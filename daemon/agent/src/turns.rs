@@ -6,9 +6,38 @@
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
+
+/// What the computations of a daemon may take together of the memory that the machine, or the daemon's
+/// control group, has: one part in so many. The rest is for what is kept, for messages, and for others.
+const MEMORY_PART: u64 = 4;
+
+/// More than this helps no computation of a building; a hundred times what an office needs.
+const COMPUTATION_BYTES_MAX: u64 = 1 << 30;
+
+/// What is taken for the machine's memory where the kernel does not tell.
+const MEMORY_UNKNOWN_BYTES: u64 = 1 << 30;
+
+/// The bytes that one computation may take: as many compute at once as there are turns.
+pub fn computation_bytes_max() -> usize {
+    static BYTES_MAX: OnceLock<usize> = OnceLock::new();
+    *BYTES_MAX.get_or_init(|| {
+        let total = ::machine::memory_total().unwrap_or(MEMORY_UNKNOWN_BYTES);
+        share(total, turns_at_once())
+    })
+}
+
+fn share(total: u64, at_once: usize) -> usize {
+    let share = total / MEMORY_PART / (at_once.max(1) as u64);
+    usize::try_from(share.min(COMPUTATION_BYTES_MAX)).unwrap_or(usize::MAX)
+}
+
+/// How many compute at once on this machine: as many as there are cores, and two at least.
+pub(crate) fn turns_at_once() -> usize {
+    std::thread::available_parallelism().map_or(2, |cores| cores.get().max(2))
+}
 
 /// A computation, whoever waits for it.
 type Computation = Box<dyn FnOnce() + Send>;
@@ -148,5 +177,14 @@ mod tests {
         let computed = turns.compute(|| std::thread::sleep(Duration::from_millis(20))).await;
         assert_eq!((computed, began.elapsed()), (Some(()), Duration::ZERO));
         ticking.abort();
+    }
+
+    #[test]
+    fn a_computation_has_its_share_of_the_machine() {
+        const GIB: u64 = 1 << 30;
+        assert_eq!(share(GIB, 4), 64 << 20);
+        assert_eq!(share(4 * GIB, 2), 512 << 20);
+        assert_eq!(share(256 * GIB, 2), 1 << 30);
+        assert!(computation_bytes_max() > 0);
     }
 }

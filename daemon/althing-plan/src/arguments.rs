@@ -13,7 +13,9 @@ stderr.
 Exit codes: 0 plan found, 10 proven unsolvable before search, 11 proven
 unsolvable, 12 search ended without plan or proof, 22 out of memory, 23 out of
 time, 32 an engine broke down, 33 bad input, 34 unsupported feature, 69 the
-engine is not installed
+engine is not installed, 74 the plan could not be written. With --optimal, a plan
+that is not proven to be the cheapest: 1 out of memory, 2 out of time, 4 its costs
+allow no proof
 
 Other engines are programs of their own. Fast Downward is found on PATH or, after
 `pip install up-fast-downward`, in a Python on PATH; Metric-FF on PATH. The
@@ -41,10 +43,11 @@ pub struct PlanArgs {
     /// Write the plan to this file instead of stdout; with --anytime, each better one
     #[arg(long, value_name = "FILE")]
     pub plan: Option<PathBuf>,
-    /// Stop after this many seconds
+    /// Stop after this many seconds, reading included
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub time_limit: Option<Duration>,
-    /// Stop before the planner's tables take more than this [default: 2048]
+    /// Stop before the planner's tables take more than this [default: 2048, or half of
+    /// what is available]
     #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u32).range(1..))]
     pub memory_limit: Option<u32>,
     /// Search on so many threads, 1 or 2; the same number finds the same plan
@@ -67,7 +70,7 @@ pub struct PlanArgs {
     /// Go on after the first plan, to cheaper ones, until a limit
     #[arg(long)]
     pub anytime: bool,
-    /// Only a plan that is proven to be the cheapest
+    /// Go on until a plan is proven to be the cheapest, or a limit
     #[arg(long)]
     pub optimal: bool,
     /// How the outcome is printed.

@@ -83,7 +83,11 @@ fn show(
     elapsed: Duration,
 ) -> ExitCode {
     let mut report = task.report.clone();
-    let code = outcome.ending.exit_code().unwrap_or(exit::DONE);
+    let is_unproven = args.optimal && outcome.plan.is_some() && !outcome.proven_optimal;
+    let code = match outcome.ending.exit_code().unwrap_or(exit::DONE) {
+        exit::DONE if is_unproven => exit::UNPROVEN,
+        code => code,
+    };
     let unit_cost = task.problem.metric.is_none();
     let text = outcome.plan.as_ref().map(|plan| crate::ipc(plan, unit_cost));
     if let Some(refused) = crate::write_plan(args, text.as_deref(), &mut report) {
@@ -107,7 +111,10 @@ fn show(
     }
     output::show_people(&report);
     let first = match &outcome.plan {
-        Some(plan) => crate::found(plan, unit_cost, outcome.proven_optimal),
+        Some(plan) => {
+            let found = crate::found(plan, unit_cost, outcome.proven_optimal);
+            found + if is_unproven { "; not proven to be the cheapest" } else { "" }
+        }
         None => format!("no plan: {}", words(outcome.ending, args)),
     };
     output::note(&format!("{first}\n{engine} ended after {seconds:.3} s"));

@@ -7,26 +7,25 @@
 
 pub mod arguments;
 mod external;
+mod files;
 mod list;
 mod telling;
 
 use std::fmt::Write as _;
-use std::io::Write as _;
-use std::path::Path;
 use std::process::ExitCode;
-use std::sync::mpsc;
-use std::thread;
 use std::time::{Duration, Instant};
 
 use pddl::{Diagnostic, Plan};
+use planner::explain::{Unsolvability, why_unsolvable};
 use planner::{
     Budget, CONFIGURATIONS, Cancel, Effort, News, Options, Outcome, PlanError, Statistics,
     StopReason, Text, configuration,
 };
 use serde_json::{Value, json};
+use terminal::deadline::{Deadline, Give, Limits};
 use terminal::pddl_files::{self, Task};
 use terminal::render::{number, plural};
-use terminal::report::{Report, reason};
+use terminal::report::{Report, reason as reason_of};
 use terminal::{exit, output};
 
 use crate::arguments::{Engine, PlanArgs};
@@ -44,20 +43,34 @@ pub fn run(args: &PlanArgs) -> ExitCode {
         return output::show(&report, args.print.json, "unsupported", exit::UNSUPPORTED);
     }
     let cancel = Cancel::new();
-    let _timer = args.time_limit.map(|limit| Timer::start(limit, cancel.clone()));
+    let memory_bytes = memory_max_bytes(args);
+    let limits = Limits { time: args.time_limit, memory_bytes };
+    let deadline = Deadline::start(limits, started, cancel.clone(), giving(args, started));
     let task = match pddl_files::read_task(domain, problem) {
         Ok(task) => task,
         Err(report) => {
-            return output::show(&report, args.print.json, "bad-input", exit::BAD_INPUT);
+            let (status, code) = report.refusal();
+            return deadline.answer(|| output::show(&report, args.print.json, status, code));
         }
     };
-    match args.engine {
-        Engine::Embedded => (),
-        Engine::FastDownward => {
-            return external::run(args, engines::Engine::FastDownward, &task, started);
-        }
-        Engine::MetricFf => return external::run(args, engines::Engine::MetricFf, &task, started),
-    }
+    // An engine has limits of its own, and its processes are ended by them.
+    let engine = match args.engine {
+        Engine::Embedded => return embedded(args, &task, &cancel, &deadline, started),
+        Engine::FastDownward => engines::Engine::FastDownward,
+        Engine::MetricFf => engines::Engine::MetricFf,
+    };
+    deadline.answer(|| external::run(args, engine, &task, started))
+}
+
+/// Plans with the planner of this process.
+fn embedded(
+    args: &PlanArgs,
+    task: &Task,
+    cancel: &Cancel,
+    deadline: &Deadline,
+    started: Instant,
+) -> ExitCode {
+    let memory_bytes = memory_max_bytes(args);
     if args.time_limit.is_some_and(|limit| started.elapsed() >= limit) {
         // Reading took all of it; the timer's thread may be late to say so.
         cancel.set();
@@ -66,7 +79,12 @@ pub fn run(args: &PlanArgs) -> ExitCode {
     let telling = Telling::start(args, started, progress.line());
     let mut search_began = None;
     let mut tell = |news: News<'_>| match news {
-        News::Plan(plan) if args.anytime => tell_better(args, &task, plan, started.elapsed()),
+        News::Plan(plan) => {
+            deadline.note(ipc(plan, task.problem.metric.is_none()));
+            if args.anytime {
+                tell_better(args, task, plan, started.elapsed());
+            }
+        }
         News::Ground { facts, operators } => {
             progress.set(Stage::Preparing { facts, operators });
         }
@@ -77,13 +95,89 @@ pub fn run(args: &PlanArgs) -> ExitCode {
         _ => (),
     };
     let (domain, problem) = (&task.domain, &task.problem);
-    let planned = planner::plan_and_tell(domain, problem, &options(args), &cancel, &mut tell);
-    drop(telling);
+    let options = options(args, memory_bytes);
+    let planned = planner::plan_and_tell(domain, problem, &options, cancel, &mut tell);
     let took = Took { search_began, whole: started.elapsed() };
     match planned {
-        Ok(outcome) => show(args, &task, &outcome, took),
-        Err(err) => show_error(args, &task, &err),
+        Ok(outcome) => {
+            let explanation = explained(task, &outcome, memory_bytes, cancel);
+            drop(telling);
+            deadline.answer(|| show(args, task, &outcome, explanation.as_ref(), took))
+        }
+        Err(err) => {
+            drop(telling);
+            deadline.answer(|| show_error(args, task, &err))
+        }
     }
+}
+
+/// Why a problem without a plan has none, as far as that can be told.
+fn explained(
+    task: &Task,
+    outcome: &Outcome,
+    memory_bytes: usize,
+    cancel: &Cancel,
+) -> Option<Unsolvability> {
+    if !matches!(outcome.stop_reason, StopReason::Unsolvable { .. }) {
+        return None;
+    }
+    why_unsolvable(&task.domain, &task.problem, memory_bytes, cancel).ok()
+}
+
+/// How the process answers when a limit ends it.
+fn giving(args: &PlanArgs, started: Instant) -> Give {
+    let (json, is_optimal, file) = (args.print.json, args.optimal, args.plan.clone());
+    Box::new(move |reason, best| {
+        let (code, first) = match &best {
+            None => (reason.exit_code(), format!("no plan: {}", words(reason))),
+            Some(_) => {
+                let code = match (is_optimal, reason) {
+                    (false, _) => exit::DONE,
+                    (true, StopReason::MemoryLimit { .. }) => exit::UNPROVEN_OUT_OF_MEMORY,
+                    (true, _) => exit::UNPROVEN_OUT_OF_TIME,
+                };
+                (code, format!("the best plan that was found in time: {}", words(reason)))
+            }
+        };
+        let written =
+            file.as_ref().zip(best.as_deref()).map(|(file, plan)| files::write(file, plan));
+        if let Some(Err(err)) = written {
+            output::note(&format!("error: failed to write the plan: {}", reason_of(&err)));
+            return exit::OUTPUT;
+        }
+        if json {
+            let steps = best
+                .as_deref()
+                .map(|plan| plan.lines().filter(|line| line.starts_with('(')).collect::<Vec<_>>());
+            let value = json!({
+                "status": if best.is_some() { "plan-found" } else { status(reason) },
+                "reason": words(reason),
+                "unproven": (is_optimal && best.is_some()).then(|| unproven(reason)),
+                "plan": steps,
+                "seconds": started.elapsed().as_secs_f64(),
+            });
+            let _ = output::print_json(&value, code);
+            return code;
+        }
+        output::note(&format!("{first}, after {:.3} s", started.elapsed().as_secs_f64()));
+        if let (Some(plan), None) = (best, file) {
+            let _ = output::print(plan, code);
+        }
+        code
+    })
+}
+
+/// The bytes that the planner's tables may take: what is asked for, else 2 GiB or half of what is
+/// available, if that is less.
+fn memory_max_bytes(args: &PlanArgs) -> usize {
+    let bytes = match args.memory_limit {
+        Some(mib) => u64::from(mib) << 20,
+        None => {
+            let common = Budget::default().memory_max_bytes as u64;
+            machine::memory_available().map_or(common, |available| common.min(available / 2))
+        }
+    };
+    usize::try_from(bytes).unwrap_or(usize::MAX)
 }
 
 /// How long it took.
@@ -123,12 +217,8 @@ fn refusal(args: &PlanArgs) -> Option<Diagnostic> {
     None
 }
 
-fn options(args: &PlanArgs) -> Options {
-    let mut budget = Budget::default();
-    if let Some(mib) = args.memory_limit {
-        let bytes = u64::from(mib) << 20;
-        budget.memory_max_bytes = usize::try_from(bytes).unwrap_or(usize::MAX);
-    }
+fn options(args: &PlanArgs, memory_max_bytes: usize) -> Options {
+    let budget = Budget { memory_max_bytes, ..Budget::default() };
     let effort = match (args.anytime, args.optimal) {
         (true, _) => Effort::Anytime,
         (_, true) => Effort::Optimal,
@@ -145,55 +235,39 @@ fn tell_better(args: &PlanArgs, task: &Task, plan: &Plan, elapsed: Duration) {
     let seconds = elapsed.as_secs_f64();
     output::note(&format!("{}, after {seconds:.3} s", found(plan, unit_cost, false)));
     // What cannot be written now is reported with the last plan, which is written again.
-    let _ = args.plan.as_ref().map(|file| replace(file, &ipc(plan, unit_cost)));
+    let _ = args.plan.as_ref().map(|file| files::write(file, &ipc(plan, unit_cost)));
 }
 
-/// Writes a file as a whole: whoever reads it meanwhile has the old text or the new one.
-fn replace(file: &Path, text: &str) -> std::io::Result<()> {
-    // What is no plain file, a pipe or a terminal, cannot be exchanged for one.
-    if file.exists() && !file.is_file() {
-        return std::fs::write(file, text);
-    }
-    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let mut new = tempfile::NamedTempFile::new_in(folder.unwrap_or(Path::new(".")))?;
-    new.write_all(text.as_bytes())?;
-    new.persist(file).map(drop).map_err(|err| err.error)
-}
-
-/// Sets a flag when time is up, unless it is dropped before.
-struct Timer {
-    /// Dropping it wakes the thread.
-    _stop: mpsc::Sender<()>,
-}
-
-// === impl Timer ===
-
-impl Timer {
-    fn start(limit: Duration, cancel: Cancel) -> Timer {
-        let (stop, stopped) = mpsc::channel();
-        thread::spawn(move || {
-            if stopped.recv_timeout(limit) == Err(mpsc::RecvTimeoutError::Timeout) {
-                cancel.set();
-            }
-        });
-        Timer { _stop: stop }
-    }
-}
-
-fn show(args: &PlanArgs, task: &Task, outcome: &Outcome, took: Took) -> ExitCode {
+fn show(
+    args: &PlanArgs,
+    task: &Task,
+    outcome: &Outcome,
+    explanation: Option<&Unsolvability>,
+    took: Took,
+) -> ExitCode {
     let mut report = task.report.clone();
     report.add(&task.domain_source, outcome.warnings.iter().cloned());
-    let code = outcome.stop_reason.exit_code();
+    let code = outcome.exit_code();
     let unit_cost = task.problem.metric.is_none();
     let text = outcome.plan.as_ref().map(|plan| ipc(plan, unit_cost));
     if let Some(refused) = write_plan(args, text.as_deref(), &mut report) {
         return refused;
     }
     if args.print.json {
-        return output::print_json(&json_outcome(outcome, unit_cost, &report, took), code);
+        let mut value = json_outcome(outcome, unit_cost, &report, took);
+        if let Some(explanation) = explanation {
+            value["explanation"] = json_explanation(explanation);
+        }
+        if let Some(reason) = outcome.unproven {
+            value["unproven"] = unproven(reason).into();
+        }
+        return output::print_json(&value, code);
     }
     output::show_people(&report);
     output::note(&summary(outcome, unit_cost, took.whole));
+    if let Some(explanation) = explanation {
+        explanation.to_string().lines().for_each(|line| output::note(&output::folded(line, 2)));
+    }
     match text {
         Some(text) if args.plan.is_none() => output::print(text, code),
         _ => exit::with(code),
@@ -203,9 +277,8 @@ fn show(args: &PlanArgs, task: &Task, outcome: &Outcome, took: Took) -> ExitCode
 /// Writes a plan to the file that is to have it; what the process ends with if that does not work.
 fn write_plan(args: &PlanArgs, text: Option<&str>, report: &mut Report) -> Option<ExitCode> {
     let (file, text) = (args.plan.as_ref()?, text?);
-    let written = if args.anytime { replace(file, text) } else { std::fs::write(file, text) };
-    let err = written.err()?;
-    report.add_failure(format_args!("write `{}`: {}", file.display(), reason(&err)));
+    let err = files::write(file, text).err()?;
+    report.add_failure(format_args!("write `{}`: {}", file.display(), reason_of(&err)));
     Some(output::show(report, args.print.json, "not-written", exit::OUTPUT))
 }
 
@@ -231,7 +304,11 @@ fn cost_kind(unit_cost: bool) -> &'static str {
 /// The line or two for people.
 fn summary(outcome: &Outcome, unit_cost: bool, elapsed: Duration) -> String {
     let first = match &outcome.plan {
-        Some(plan) => found(plan, unit_cost, outcome.statistics.proven_optimal),
+        Some(plan) => {
+            let found = found(plan, unit_cost, outcome.statistics.proven_optimal);
+            let unproven = outcome.unproven.map(unproven);
+            found + &unproven.map(|why| format!("; {why}")).unwrap_or_default()
+        }
         None => format!("no plan: {}", words(outcome.stop_reason)),
     };
     let Statistics { facts, operators, expansions, .. } = outcome.statistics;
@@ -266,6 +343,17 @@ fn words(reason: StopReason) -> String {
     }
 }
 
+/// Why a plan is not proven to be the cheapest, where that was asked for.
+fn unproven(reason: StopReason) -> String {
+    let why = match reason {
+        StopReason::Exhausted => {
+            "what steps cost depends on more than the step, or is finer than a millionth".to_owned()
+        }
+        limit => words(limit),
+    };
+    format!("not proven to be the cheapest: {why}")
+}
+
 /// One word for programs; it never changes its meaning.
 fn status(reason: StopReason) -> &'static str {
     match reason.exit_code() {
@@ -290,6 +378,13 @@ fn json_outcome(outcome: &Outcome, unit_cost: bool, report: &Report, took: Took)
         "statistics": json_statistics(&outcome.statistics, took),
         "diagnostics": terminal::render::json(report),
     })
+}
+
+fn json_explanation(explanation: &Unsolvability) -> Value {
+    let parts: Vec<Value> = { explanation.parts.iter() }
+        .map(|(part, why)| json!({ "goal": part.to_string(), "why": why }))
+        .collect();
+    json!({ "parts": parts, "more": explanation.more, "together": explanation.together })
 }
 
 fn json_statistics(statistics: &Statistics, took: Took) -> Value {

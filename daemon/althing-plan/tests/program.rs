@@ -54,3 +54,241 @@ fn it_calls_itself_by_its_name() {
     assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
     assert_eq!(run(&["--no-such-option"]).status.code(), Some(64));
 }
+
+/// A folder with these files.
+fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (name, text) in files {
+        std::fs::write(folder.path().join(name), text).expect("it can be written");
+    }
+    folder
+}
+
+/// Runs it on a domain and a problem, each in a file.
+fn plan(domain: &str, problem: &str, options: &[&str]) -> Output {
+    let folder = folder(&[("domain.pddl", domain), ("problem.pddl", problem)]);
+    let program = env!("CARGO_BIN_EXE_althing-plan");
+    let mut command = Command::new(program);
+    command.args(["domain.pddl", "problem.pddl"]).args(options).current_dir(&folder);
+    command.output().expect("it runs")
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Two ways to be there: what the second costs depends on the load.
+const LOADED: &str = "(define (domain loaded) (:predicates (there)) (:functions (load) (spent))
+  (:action pack :parameters () :precondition (< (load) 2) :effect (increase (load) 1))
+  (:action go :parameters () :precondition (> (load) 1)
+    :effect (and (there) (increase (spent) (load)))))";
+const LOADED_TASK: &str = "(define (problem trip) (:domain loaded)
+  (:init (= (load) 0) (= (spent) 0)) (:goal (there)) (:metric minimize (spent)))";
+
+#[test]
+fn a_plan_that_is_not_proven_to_be_the_cheapest_is_given_and_said_to_be_so() {
+    for options in [&["--optimal"][..], &["--optimal", "--time-limit", "60"]] {
+        let output = plan(LOADED, LOADED_TASK, options);
+        assert_eq!(output.status.code(), Some(4), "{options:?} {}", stderr(&output));
+        assert!(stdout(&output).starts_with("(pack)\n(pack)\n(go)\n; cost = 2"), "{options:?}");
+        assert!(stderr(&output).contains("not proven to be the cheapest"), "{options:?}");
+    }
+    let json = plan(LOADED, LOADED_TASK, &["--optimal", "--json"]);
+    assert_eq!(json.status.code(), Some(4));
+    let value: serde_json::Value = serde_json::from_slice(&json.stdout).expect("JSON");
+    assert_eq!(value["status"], "plan-found");
+    assert_eq!(value["statistics"]["proven_optimal"], false);
+    assert!(value["unproven"].is_string(), "{value}");
+}
+
+/// Whatever is asked for, “no plan” and success never meet, nor a plan and a failure to find one.
+#[test]
+fn no_plan_and_success_never_meet() {
+    let costs = [
+        ("", "(:metric minimize (spent))"),
+        ("", "(:metric maximize (spent))"),
+        ("", "(:metric minimize (* (spent) (spent)))"),
+        ("", "(:metric minimize (total-time))"),
+        ("", "(:metric minimize (- 0 (spent)))"),
+        ("", ""),
+        ("(not-there)", ""),
+    ];
+    let options: [&[&str]; 8] = [
+        &[],
+        &["--optimal"],
+        &["--anytime", "--time-limit", "1"],
+        &["--optimal", "--time-limit", "0.001"],
+        &["--optimal", "--memory-limit", "1"],
+        &["--search", "astar-lmcut"],
+        &["--search", "astar-lmcut", "--optimal"],
+        &["--threads", "2", "--optimal"],
+    ];
+    let domain = LOADED.replace("(there))", "(there) (not-there))");
+    for (extra, metric) in costs {
+        let goal = if extra.is_empty() { "(there)".to_owned() } else { extra.to_owned() };
+        let problem = format!(
+            "(define (problem trip) (:domain loaded)
+               (:init (= (load) 0) (= (spent) 0)) (:goal {goal}) {metric})"
+        );
+        for options in options {
+            let output = plan(&domain, &problem, options);
+            let code = output.status.code().expect("it ends by itself");
+            let told = format!("{metric} {options:?} {code} {}", stderr(&output));
+            let has_plan = stdout(&output).contains("; cost = ");
+            assert_eq!(has_plan, matches!(code, 0 | 1 | 2 | 4), "{told}");
+            assert_eq!(stderr(&output).contains("no plan"), !has_plan, "{told}");
+        }
+    }
+}
+
+#[test]
+fn what_is_legal_and_not_done_is_unsupported_and_not_wrong() {
+    const PLAIN: &str =
+        "(define (domain d) (:predicates (a) (b)) (:action g :parameters () :effect (a)))";
+    let problem =
+        |parts: &str| format!("(define (problem p) (:domain d) (:objects o) (:init) {parts})");
+    let problems = [
+        "(:goal (and (a) (preference soft (b))))",
+        "(:goal (preference (b)))",
+        "(:goal (forall (?x) (preference soft (b))))",
+        "(:goal (a)) (:constraints (always (not (b))))",
+        "(:goal (a)) (:constraints (and (sometime (b)) (at-most-once (a))))",
+        "(:goal (a)) (:metric minimize (is-violated soft))",
+    ];
+    for parts in problems {
+        let output = plan(PLAIN, &problem(parts), &[]);
+        assert_eq!(output.status.code(), Some(34), "{parts} {}", stderr(&output));
+        assert!(stderr(&output).contains("supported"), "{parts}");
+    }
+    let domains = [
+        "(define (domain d) (:types t) (:functions (place ?x - t) - t) (:predicates (a) (b))
+           (:action g :parameters (?x - t) :precondition (= (place ?x) ?x)
+             :effect (assign (place ?x) ?x)))",
+        "(define (domain d) (:predicates (a) (b)) (:constraints (always (b))))",
+        "(define (domain d) (:predicates (a) (b)) (:process p :parameters () :effect (a)))",
+        "(define (domain d) (:predicates (a) (b))
+           (:durative-action g :parameters () :duration (= ?duration 1) :effect (at end (a))))",
+    ];
+    for domain in domains {
+        let output = plan(domain, &problem("(:goal (a))"), &[]);
+        assert_eq!(output.status.code(), Some(34), "{domain} {}", stderr(&output));
+    }
+}
+
+#[test]
+fn what_cannot_be_reached_is_explained() {
+    let domain = "(define (domain house) (:types robot room)
+        (:predicates (at ?r - robot ?x - room) (door ?x ?y - room) (lit ?x - room) (key ?r - robot))
+        (:action move :parameters (?r - robot ?from ?to - room)
+          :precondition (and (at ?r ?from) (door ?from ?to))
+          :effect (and (not (at ?r ?from)) (at ?r ?to)))
+        (:action light :parameters (?r - robot ?x - room) :precondition (and (at ?r ?x) (key ?r))
+          :effect (lit ?x)))";
+    let problem = |goal: &str| {
+        format!(
+            "(define (problem p) (:domain house) (:objects r - robot hall attic - room)
+               (:init (at r hall)) (:goal {goal}))"
+        )
+    };
+    let output = plan(domain, &problem("(and (at r hall) (lit attic))"), &[]);
+    assert_eq!(output.status.code(), Some(10));
+    let told = stderr(&output).replace("\n  ", " ");
+    assert!(
+        told.contains("`(lit attic)` cannot be reached: `light` makes it true, but needs"),
+        "{told}"
+    );
+    assert!(told.contains("(key ?r)"), "what is missing: {told}");
+    assert!(!told.contains("`(at r hall)` cannot"), "the other part is not blamed: {told}");
+
+    let output = plan(domain, &problem("(at r attic)"), &["--json"]);
+    let value: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(value["explanation"]["parts"][0]["goal"], "(at r attic)", "{value}");
+    let why = value["explanation"]["parts"][0]["why"].as_str().expect("a reason");
+    assert!(why.contains("no action makes") && why.contains("door"), "{why}");
+
+    // Each part alone, and not both.
+    let torn = "(define (domain torn) (:predicates (a) (b) (fuel))
+        (:action one :precondition (fuel) :effect (and (a) (not (fuel))))
+        (:action two :precondition (fuel) :effect (and (b) (not (fuel)))))";
+    let both = "(define (problem p) (:domain torn) (:init (fuel)) (:goal (and (a) (b))))";
+    let output = plan(torn, both, &[]);
+    assert!(matches!(output.status.code(), Some(10 | 11)));
+    assert!(stderr(&output).contains("not all of them together"), "{}", stderr(&output));
+}
+
+/// A text of so many bytes whose conditions are deep and full of quantifiers and alternatives.
+fn nested(bytes: usize) -> String {
+    let (mut open, mut close) = (String::new(), String::new());
+    for at in 0..40 {
+        if at % 4 == 0 {
+            open += &format!("(exists (?z{at}) ");
+            close += ")";
+        }
+        let z = at / 4 * 4;
+        open += &format!("(and (or (q ?z{z}) (r ?x ?z{z})) (or (p) (q ?z{z})) ");
+        close += ")";
+    }
+    let one = format!("{open}(p){close}");
+    let many = one.repeat(bytes / one.len());
+    format!(
+        "(define (domain d) (:predicates (p) (q ?x) (r ?x ?y))
+           (:action a :parameters (?x) :precondition (and {many}) :effect (p)))"
+    )
+}
+
+#[test]
+fn limits_of_time_hold_whatever_the_text() {
+    let problem = "(define (problem p) (:domain d) (:objects a b c) (:init (q a)) (:goal (p)))";
+    let began = std::time::Instant::now();
+    let output = plan(&nested(1_000_000), problem, &["--time-limit", "1"]);
+    let code = output.status.code();
+    assert!(matches!(code, Some(0 | 10 | 11 | 22 | 23)), "{code:?} {}", stderr(&output));
+    // Far more than a busy machine needs, and far less than it took without the limit.
+    assert!(began.elapsed().as_secs() < 20, "{:?}", began.elapsed());
+    assert!(stderr(&output).len() < 10_000, "a person reads it");
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn limits_of_memory_hold_whatever_the_text() {
+    let problem = "(define (problem p) (:domain d) (:objects a b c) (:init (q a)) (:goal (p)))";
+    let output = plan(&nested(10_000_000), problem, &["--memory-limit", "1", "--time-limit", "60"]);
+    assert_eq!(output.status.code(), Some(22), "{}", stderr(&output));
+}
+
+#[test]
+#[cfg(unix)]
+fn a_plan_that_cannot_be_written_leaves_the_old_one() {
+    let files = [("domain.pddl", DOMAIN), ("evening.pddl", PROBLEM), ("plan", "an older plan\n")];
+    let folder = folder(&files);
+    // As on a full disk: no byte can be written to any file.
+    let program = env!("CARGO_BIN_EXE_althing-plan");
+    let script =
+        format!("trap '' XFSZ; ulimit -f 0; exec '{program}' domain.pddl evening.pddl --plan plan");
+    let output = Command::new("sh").args(["-c", &script]).current_dir(&folder).output();
+    let output = output.expect("it runs");
+    assert_eq!(output.status.code(), Some(74), "{}", stderr(&output));
+    assert!(stderr(&output).contains("failed to write `plan`"), "{}", stderr(&output));
+    let kept = std::fs::read_to_string(folder.path().join("plan")).expect("it is there");
+    assert_eq!(kept, "an older plan\n");
+    let count = std::fs::read_dir(folder.path()).expect("a folder").count();
+    assert_eq!(count, files.len(), "nothing else is left");
+}
+
+#[test]
+#[cfg(unix)]
+fn a_plan_can_be_written_to_a_stream() {
+    let folder = folder(&[("domain.pddl", DOMAIN), ("evening.pddl", PROBLEM)]);
+    let program = env!("CARGO_BIN_EXE_althing-plan");
+    let output = Command::new(program)
+        .args(["domain.pddl", "evening.pddl", "--plan", "/dev/stdout"])
+        .current_dir(&folder)
+        .output()
+        .expect("it runs");
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(stdout(&output).starts_with("(switch)\n"), "{}", stdout(&output));
+}

@@ -5,10 +5,11 @@
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use althing_plan::arguments::PlanArgs;
 use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand, ValueEnum};
-use terminal::arguments::PrintArgs;
+use terminal::arguments::{PrintArgs, seconds};
 use terminal::exit;
 
 /// What a stranger sees first.
@@ -733,6 +734,9 @@ pub(crate) struct ValidateArgs {
     /// The plan, in the format of the planning competitions
     #[arg(value_name = "PLAN")]
     pub(crate) plan: PathBuf,
+    /// Stop after this many seconds, reading included
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub(crate) time_limit: Option<Duration>,
     #[command(flatten)]
     pub(crate) print: PrintArgs,
 }
@@ -741,8 +745,18 @@ pub(crate) struct ValidateArgs {
 #[derive(Debug, Args)]
 pub(crate) struct CheckArgs {
     /// Ecosystem files (.toml), PDDL domains, problems and action models
-    #[arg(required = true, value_name = "FILE")]
+    #[arg(required_unless_present = "tree", value_name = "FILE")]
     pub(crate) files: Vec<PathBuf>,
+    /// Read every .pddl file below this folder, and count what becomes of them; list what is
+    /// refused, and why
+    #[arg(long, value_name = "FOLDER", conflicts_with = "files")]
+    pub(crate) tree: Option<PathBuf>,
+    /// With --tree, list the oddities that files were read in spite of, too
+    #[arg(long, requires = "tree")]
+    pub(crate) warnings: bool,
+    /// Stop after this many seconds, reading included
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub(crate) time_limit: Option<Duration>,
     #[command(flatten)]
     pub(crate) print: PrintArgs,
 }

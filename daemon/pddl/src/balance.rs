@@ -40,8 +40,12 @@ pub(crate) struct Builder<'t, 'd> {
     open_skipped: usize,
     /// Where the last token ended.
     end: usize,
+    /// Whether the last token was a word.
+    after_word: bool,
     /// Whether the last token was a `)` that closes nothing.
     after_stray: bool,
+    /// Where such a `)` stands after which nothing has come so far.
+    stray: Option<usize>,
     problems: &'d mut Problems,
 }
 
@@ -54,7 +58,9 @@ impl<'t, 'd> Builder<'t, 'd> {
             open: Vec::new(),
             open_skipped: 0,
             end: 0,
+            after_word: false,
             after_stray: false,
+            stray: None,
             problems,
         }
     }
@@ -69,15 +75,61 @@ impl<'t, 'd> Builder<'t, 'd> {
         let mut rest = self.text.strip_prefix('\u{feff}').unwrap_or(self.text).as_bytes();
         while let Ok((left, token)) = lexer::token(rest) {
             rest = left;
+            let before = self.end;
             self.end = self.text.len() - left.len();
-            self.take(token);
+            if let Some(comment) = self.foreign_comment(token) {
+                rest = rest.get(comment - self.end..).unwrap_or_default();
+                self.end = comment;
+                continue;
+            }
+            self.take(token, before);
         }
         self.finish();
         self.entries
     }
 
-    fn take(&mut self, token: Token) {
+    /// Where the comment ends that a word begins in the way of another language; it is reported.
+    fn foreign_comment(&mut self, token: Token) -> Option<usize> {
+        let Token::Symbol(length) = token else { return None };
+        let start = self.end - length;
+        let word = &self.text.as_bytes()[start..self.end];
+        let mark = match word {
+            // `#t` is the time in a continuous effect.
+            [b'#', b't' | b'T'] => return None,
+            [b'#', ..] => 1,
+            [b'/', b'/' | b'*', ..] => 2,
+            _ => return None,
+        };
+        let is_block = word.starts_with(b"/*");
+        let rest = &self.text[start..];
+        let length = match is_block {
+            true => rest.find("*/").map_or(rest.len(), |end| end + 2),
+            false => rest.find(['\n', '\r']).unwrap_or(rest.len()),
+        };
+        let mark = &rest[..mark];
+        self.problems.push(
+            Diagnostic::error(
+                Span::new(start, start + mark.len()),
+                format!("`{mark}` begins no comment in PDDL"),
+            )
+            .with_help("begin each line of a comment with `;`"),
+        );
+        Some(start + length)
+    }
+
+    /// `before` is where the token before it ended.
+    fn take(&mut self, token: Token, before: usize) {
+        let touches_word = self.after_word
+            && matches!(token, Token::Symbol(length) if self.end - length == before);
+        self.after_word = matches!(token, Token::Symbol(_));
+        if let Token::Open | Token::Symbol(_) = token {
+            self.report_stray();
+        }
         match token {
+            Token::Symbol(length) if touches_word && self.open_skipped == 0 => {
+                self.report_touching(self.end - length);
+                self.symbol(length);
+            }
             Token::Open if self.open_skipped > 0 => self.open_skipped += 1,
             Token::Open => self.open(),
             Token::Close if self.open_skipped > 0 => self.close_skipped(),
@@ -111,11 +163,27 @@ impl<'t, 'd> Builder<'t, 'd> {
             self.seal(index, self.entries.len() as u32, self.end);
         } else if !self.after_stray {
             self.after_stray = true;
+            self.stray = Some(self.end - 1);
+        }
+    }
+
+    /// Reports a `)` that closes nothing, once something comes after it.
+    fn report_stray(&mut self) {
+        if let Some(start) = self.stray.take() {
             self.problems.push(
-                Diagnostic::error(Span::new(self.end - 1, self.end), "`)` closes nothing")
+                Diagnostic::error(Span::new(start, start + 1), "`)` closes nothing")
                     .with_help("remove it, or add the `(` that it belongs to"),
             );
         }
+    }
+
+    fn report_touching(&mut self, start: usize) {
+        let variable = &self.text[start..self.end];
+        let touching = Diagnostic::warning(
+            Span::new(start, self.end),
+            format!("`{variable}` touches the word before it"),
+        );
+        self.problems.push(touching.with_help("write a space between them"));
     }
 
     fn close_skipped(&mut self) {
@@ -227,6 +295,15 @@ impl<'t, 'd> Builder<'t, 'd> {
     }
 
     fn finish(&mut self) {
+        if let Some(start) = self.stray.take() {
+            // All before it is whole: one too many at the end does no harm.
+            let place = Span::new(start, start + 1);
+            let extra = match self.entries.is_empty() {
+                true => Diagnostic::error(place, "`)` closes nothing"),
+                false => Diagnostic::warning(place, "`)` after the end closes nothing"),
+            };
+            self.problems.push(extra.with_help("remove it"));
+        }
         let count = self.open.len() + self.open_skipped;
         if let Some(damaged) = self.entries.last_mut().filter(|_| self.open_skipped > 0) {
             damaged.end = Span::new(0, self.end).end;

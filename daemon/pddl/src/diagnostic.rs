@@ -37,6 +37,8 @@ pub struct Diagnostic {
     pub rule: Option<Cow<'static, str>>,
     /// Other places of the same text that have to do with it.
     pub notes: Vec<Note>,
+    /// Whether the text is right, and means something that Althing does not do.
+    pub is_unsupported: bool,
 }
 
 /// Another place that a diagnostic refers to.
@@ -102,6 +104,12 @@ impl Diagnostic {
         Diagnostic::new(Severity::Error, span, message.into())
     }
 
+    /// An error at `span`, where the text is right and `feature`, in the words of PDDL, is not done:
+    /// “preferences are not supported”.
+    pub fn unsupported(span: Span, feature: impl Into<String>) -> Diagnostic {
+        Diagnostic { is_unsupported: true, ..Diagnostic::error(span, feature) }
+    }
+
     /// A warning at `span`.
     pub fn warning(span: Span, message: impl Into<String>) -> Diagnostic {
         Diagnostic::new(Severity::Warning, span, message.into())
@@ -121,6 +129,7 @@ impl Diagnostic {
             help: None,
             rule: None,
             notes: Vec::new(),
+            is_unsupported: false,
         }
     }
 

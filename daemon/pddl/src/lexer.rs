@@ -30,10 +30,18 @@ pub(crate) fn token(input: Input<'_>) -> LexResult<'_, Token> {
         Some(b'(') => value(Token::Open, take(1usize)).parse(input),
         Some(b')') => value(Token::Close, take(1usize)).parse(input),
         Some(_) => {
-            map(take_till(is_delimiter), |word: Input<'_>| Token::Symbol(word.len())).parse(input)
+            let length = word_length(input);
+            map(take(length), |word: Input<'_>| Token::Symbol(word.len())).parse(input)
         }
         None => Err(nom::Err::Error(())),
     }
+}
+
+/// How long the word is that `input` begins with. A question mark begins a variable, so that it ends
+/// the word before it: `aircraft?a` is two words.
+fn word_length(input: Input<'_>) -> usize {
+    let rest = input.iter().skip(1);
+    1 + rest.take_while(|byte| !is_delimiter(**byte) && **byte != b'?').count()
 }
 
 /// `BLANK* = (SPACE | COMMENT)*`
@@ -82,6 +90,14 @@ mod tests {
     #[test]
     fn comments_end_with_their_line_and_cut_a_word() {
         check("a;(\r\n;)\rb;", &[Token::Symbol(1), Token::Symbol(1)]);
+    }
+
+    #[test]
+    fn a_variable_may_touch_the_word_before_it() {
+        check(
+            "(at?x?yz)",
+            &[Token::Open, Token::Symbol(2), Token::Symbol(2), Token::Symbol(3), Token::Close],
+        );
     }
 
     #[test]

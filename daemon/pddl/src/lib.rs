@@ -3,6 +3,7 @@
 //! - [`tree`] says what a text can say. Start reading there.
 //! - [`parse`] makes a tree of a text: `lexer` → `balance` → `sexpr` → `grammar`.
 //! - `printer` makes a text of a tree: `Display` of every tree type.
+//! - `arithmetic` says what numbers come to, for [`Operator`], [`Comparison`] and [`Assignment`].
 //! - [`check`] asks whether a tree makes sense; [`types`] is the hierarchy it asks.
 //! - [`diagnostic`] is how all of them speak of mistakes.
 //!
@@ -27,6 +28,7 @@ pub mod graph;
 
 pub mod knowledge;
 
+mod arithmetic;
 mod balance;
 mod grammar;
 mod lexer;
@@ -35,7 +37,7 @@ mod printer;
 mod sexpr;
 
 pub use check::{
-    check_action_model, check_condition, check_domain, check_init_elements, check_plan,
+    check_action_model, check_condition, check_domain, check_init_elements, check_map, check_plan,
     check_problem,
 };
 pub use diagnostic::{Diagnostic, Note, Parsed, Severity, line_column};

@@ -139,6 +139,30 @@ impl<'f> Node<'f> {
         self.list()?.peek()?.symbol()
     }
 
+    /// Whether two nodes say the same, whatever stands between their words.
+    pub(crate) fn says_the_same(self, other: Node<'f>) -> bool {
+        let entries = |node: Node<'f>| {
+            let all = node.index..node.entry().next;
+            all.map(move |index| Node { forest: node.forest, index })
+        };
+        let is_same = |(one, two): (Node<'f>, Node<'f>)| match (one.symbol(), two.symbol()) {
+            (Some(one), Some(two)) => one.eq_ignore_ascii_case(two),
+            (None, None) => one.entry().next - one.index == two.entry().next - two.index,
+            _ => false,
+        };
+        entries(self).len() == entries(other).len()
+            && entries(self).zip(entries(other)).all(is_same)
+    }
+
+    /// The list that begins where this word ends, as functions of other languages are written:
+    /// `at(r1, hall)`.
+    pub(crate) fn touching_list(self) -> Option<Node<'f>> {
+        let Entry { end, next, kind, .. } = *self.entry();
+        let list = self.forest.entries.get(next as usize)?;
+        let touches = kind == Kind::Symbol && list.kind != Kind::Symbol && list.start == end;
+        touches.then_some(Node { forest: self.forest, index: next })
+    }
+
     /// This node and nothing else.
     pub(crate) fn alone(self) -> Items<'f> {
         let Entry { end, next, .. } = *self.entry();

@@ -5,7 +5,7 @@
 
 use pddl::{Domain, Problem};
 
-use crate::ground::{GroundError, ground};
+use crate::ground::ground;
 use crate::limits::{Budget, Cancel};
 use crate::mutex::MutexGroups;
 use crate::normalize::lifted::Lifted;
@@ -74,8 +74,7 @@ impl Prepared {
         let mut join_steps = 0;
         let task = match ground(&self.0, budget, cancel, &mut join_steps) {
             Ok(grounded) => grounded.task.ok_or(StopReason::Unsolvable { before_search: true }),
-            Err(GroundError::Unsupported(unsupported)) => return Err(unsupported.into()),
-            Err(GroundError::Stopped(reason)) => Err(reason),
+            Err(reason) => Err(reason),
         };
         Ok(Ground { task, join_steps })
     }

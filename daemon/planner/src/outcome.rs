@@ -13,8 +13,11 @@ use crate::validate::Fault;
 pub struct Outcome {
     /// A plan that the independent validator has accepted, with its cost.
     pub plan: Option<Plan>,
-    /// Why the call ended.
+    /// Why the call ended; [`StopReason::GoalReached`] if and only if there is a plan.
     pub stop_reason: StopReason,
+    /// Why the plan is not proven to be the cheapest, where [`crate::Effort::Optimal`] asked for that:
+    /// a limit, or [`StopReason::Exhausted`] where the costs allow no proof.
+    pub unproven: Option<StopReason>,
     /// What it took.
     pub statistics: Statistics,
     /// What the author of the domain or problem may not have meant.
@@ -123,6 +126,22 @@ pub enum Text {
     Domain,
     /// The problem.
     Problem,
+}
+
+// === impl Outcome ===
+
+impl Outcome {
+    /// The exit code that the field's planners use for it. A plan that is not proven to be the
+    /// cheapest, though that was asked for, has one of its own: 1 where memory was the limit, 2 where
+    /// time was, 4 otherwise.
+    pub fn exit_code(&self) -> u8 {
+        match self.unproven {
+            None => self.stop_reason.exit_code(),
+            Some(StopReason::MemoryLimit { .. }) => 1,
+            Some(StopReason::Cancelled) => 2,
+            Some(_) => 4,
+        }
+    }
 }
 
 // === impl StopReason ===

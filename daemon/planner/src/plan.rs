@@ -3,16 +3,16 @@
 //! normalize → ground → [`crate::solve`] → validation. Every plan passes the independent validator;
 //! one that fails is reported as our defect.
 
-use pddl::{Diagnostic, Domain, Number, Plan, Problem};
+use pddl::{Diagnostic, Direction, Domain, Number, Plan, Problem};
 
-use crate::ground::{GroundError, Grounded, ground};
-use crate::limits::{Budget, Cancel, Options};
+use crate::ground::{Grounded, ground};
+use crate::limits::{Budget, Cancel, Effort, Options};
 use crate::normalize::lifted::Lifted;
 use crate::normalize::{Piecewise, is_wide, normalize, split_wide};
-use crate::outcome::{News, Outcome, PlanError, Statistics, StopReason};
+use crate::outcome::{News, Outcome, PlanError, Statistics, StopReason, Unsupported};
 use crate::search::Told;
 use crate::solve::Solver;
-use crate::validate::{World, cost_from};
+use crate::validate::{Place, World, cost_from};
 
 /// Plans for a problem.
 ///
@@ -43,8 +43,7 @@ pub fn plan_and_tell(
         ground_whole_or_piecewise(&lifted, options.budget, cancel, &mut statistics.join_steps);
     let (grounded, piecewise) = match ground {
         Ok(ground) => ground,
-        Err(GroundError::Unsupported(unsupported)) => return Err(unsupported.into()),
-        Err(GroundError::Stopped(reason)) => {
+        Err(reason) => {
             return Ok(without_plan(reason, statistics, Vec::new()));
         }
     };
@@ -67,7 +66,7 @@ pub fn plan_and_tell(
             judge.hear(plan, &mut |plan| tell(News::Plan(plan)));
         }
     });
-    judge.outcome(reason, statistics, grounded.warnings)
+    judge.outcome(reason, options.effort, statistics, grounded.warnings)
 }
 
 /// Grounds a task; one that has wide actions and takes too much, with these applied piece by piece.
@@ -76,7 +75,7 @@ fn ground_whole_or_piecewise(
     budget: Budget,
     cancel: &Cancel,
     join_steps: &mut u64,
-) -> Result<(Grounded, Option<Piecewise>), GroundError> {
+) -> Result<(Grounded, Option<Piecewise>), StopReason> {
     if !is_wide(lifted) {
         return Ok((ground(lifted, budget, cancel, join_steps)?, None));
     }
@@ -87,7 +86,7 @@ fn ground_whole_or_piecewise(
         ..budget
     };
     match ground(lifted, half, cancel, join_steps) {
-        Err(GroundError::Stopped(reason)) if reason.is_limit_of_grounding() => {
+        Err(reason) if reason.is_limit_of_grounding() => {
             let piecewise = Piecewise::new(lifted);
             let mut more = 0;
             let grounded = ground(&piecewise.lifted, budget, cancel, &mut more);
@@ -127,7 +126,7 @@ impl<'j> Judge<'j> {
     pub(crate) fn hear(&mut self, plan: Plan, found: &mut dyn FnMut(&Plan)) -> bool {
         match self.validated(plan) {
             // Where costs depend on the state, the search may take a dearer plan for a cheaper one.
-            Ok(plan) if self.best.as_ref().is_none_or(|best| cost(&plan) < cost(best)) => {
+            Ok(plan) if self.best.as_ref().is_none_or(|best| self.is_better(&plan, best)) => {
                 found(&plan);
                 self.best = Some(plan);
                 true
@@ -147,15 +146,30 @@ impl<'j> Judge<'j> {
             None => World::initial(self.domain, self.problem).map_err(PlanError::BadInput)?,
         };
         let world = self.world.insert(world);
-        let cost = cost_from(world, &plan.steps, &self.problem.goal);
-        let cost = cost.map_err(PlanError::Internal)?;
-        Ok(Plan { cost: Some(Number(cost)), ..plan })
+        match cost_from(world, &plan.steps, &self.problem.goal) {
+            Ok(cost) => Ok(Plan { cost: Some(Number(cost)), ..plan }),
+            Err(fault) if fault.place == Place::Metric => {
+                let feature = "a metric that has no value after some plan";
+                Err(Unsupported::in_problem(feature, fault.span).into())
+            }
+            Err(fault) => Err(PlanError::Internal(fault)),
+        }
+    }
+
+    /// Whether the metric ranks a plan before another.
+    fn is_better(&self, plan: &Plan, best: &Plan) -> bool {
+        let metric = self.problem.metric.as_ref();
+        match metric.is_some_and(|metric| metric.direction == Direction::Maximize) {
+            true => cost(plan) > cost(best),
+            false => cost(plan) < cost(best),
+        }
     }
 
     /// What is answered, if the search ended for this reason.
     pub(crate) fn outcome(
         self,
         reason: StopReason,
+        effort: Effort,
         statistics: Statistics,
         warnings: Vec<Diagnostic>,
     ) -> Result<Outcome, PlanError> {
@@ -163,7 +177,12 @@ impl<'j> Judge<'j> {
             (_, Some(error)) => Err(error),
             (Some(plan), None) => {
                 let stop_reason = StopReason::GoalReached;
-                Ok(Outcome { plan: Some(plan), stop_reason, statistics, warnings })
+                let is_missed = effort == Effort::Optimal && !statistics.proven_optimal;
+                let unproven = is_missed.then_some(match reason {
+                    StopReason::GoalReached => StopReason::Exhausted,
+                    limit => limit,
+                });
+                Ok(Outcome { plan: Some(plan), stop_reason, unproven, statistics, warnings })
             }
             (None, None) => Ok(without_plan(reason, statistics, warnings)),
         }
@@ -200,7 +219,8 @@ fn without_plan(
     statistics: Statistics,
     warnings: Vec<Diagnostic>,
 ) -> Outcome {
-    Outcome { plan: None, stop_reason, statistics, warnings }
+    debug_assert_ne!(stop_reason, StopReason::GoalReached, "a goal is reached by a plan");
+    Outcome { plan: None, stop_reason, unproven: None, statistics, warnings }
 }
 
 /// What a validated plan costs.

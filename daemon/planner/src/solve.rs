@@ -134,20 +134,21 @@ impl<'t> Solver<'t> {
             return StopReason::GoalReached;
         }
         let first = improve::eliminate(self.task, first, self.cancel);
-        if self.options.effort == Effort::Anytime {
+        // Where costs are not exact, what seems to be cheaper may be dearer: whoever knows the truth
+        // hears of both.
+        let is_told = self.options.effort == Effort::Anytime || !self.task.costs_exact;
+        if is_told {
             tell(Told::Found(&first));
         }
         let (best, reason) = self.cheapest(first.clone(), tell);
-        if self.options.effort == Effort::Optimal && !self.statistics.proven_optimal {
-            return reason;
-        }
-        if self.options.effort != Effort::Anytime || best != first {
+        if !is_told || best != first {
             tell(Told::Found(&best));
         }
-        if self.options.effort == Effort::Anytime && !self.statistics.proven_optimal {
-            return self.improve(best, tell);
+        match self.options.effort {
+            Effort::Anytime if !self.statistics.proven_optimal => self.improve(best, tell),
+            Effort::Optimal if !self.statistics.proven_optimal => reason,
+            _ => StopReason::GoalReached,
         }
-        StopReason::GoalReached
     }
 
     /// Searches with several lists in turn.

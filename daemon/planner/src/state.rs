@@ -255,12 +255,7 @@ fn combine(old: f64, group: &[(u32, Assignment, f64)]) -> Option<f64> {
     if first == Assignment::Assign && group.iter().any(|(.., value)| value != &first_value) {
         return None;
     }
-    let new = group.iter().fold(old, |number, (_, assignment, value)| match assignment {
-        Assignment::Assign => *value,
-        Assignment::Increase => number + value,
-        Assignment::Decrease => number - value,
-        Assignment::ScaleUp => number * value,
-        Assignment::ScaleDown => number / value,
-    });
+    let new = { group.iter() }
+        .fold(old, |number, (_, assignment, value)| assignment.apply(number, *value));
     new.is_finite().then_some(new)
 }

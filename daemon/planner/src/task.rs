@@ -194,12 +194,7 @@ impl GroundExpression {
             GroundExpression::Apply(operator, operands) => {
                 let mut operands = operands.iter().map(|operand| operand.evaluate(values));
                 let first = operands.next().unwrap_or(f64::NAN);
-                let value = operands.fold(first, |left, right| match operator {
-                    Arithmetic::Add => left + right,
-                    Arithmetic::Subtract => left - right,
-                    Arithmetic::Multiply => left * right,
-                    Arithmetic::Divide => left / right,
-                });
+                let value = operands.fold(first, |left, right| operator.apply(left, right));
                 if value.is_finite() { value } else { f64::NAN }
             }
         }

@@ -11,6 +11,12 @@ use std::process::ExitCode;
 pub const DONE: u8 = 0;
 /// `validate`: the plan does not work. Validators of the field say it so.
 pub const INVALID_PLAN: u8 = 1;
+/// `plan --optimal`: a plan was found, and memory ran out before it was proven to be the cheapest.
+pub const UNPROVEN_OUT_OF_MEMORY: u8 = 1;
+/// `plan --optimal`: a plan was found, and time ran out before it was proven to be the cheapest.
+pub const UNPROVEN_OUT_OF_TIME: u8 = 2;
+/// `plan --optimal`: a plan was found, and for another reason is not proven to be the cheapest.
+pub const UNPROVEN: u8 = 4;
 /// `plan`: out of memory.
 pub const OUT_OF_MEMORY: u8 = 22;
 /// `plan`: out of time.

@@ -1,12 +1,15 @@
 //! What a person at a terminal gives and sees, whichever program they have called.
 //!
-//! In: [`arguments`] and [`pddl_files`]. Out: mistakes are gathered in a [`report`] and drawn by
+//! In: [`arguments`], [`pddl_files`] and whole folders of them, [`pddl_tree`]. Out: mistakes are gathered in a [`report`] and drawn by
 //! [`render`], everything goes to one of two streams ([`output`]), and the process ends with a code
 //! of [`exit`].
 
 pub mod arguments;
+pub mod beside;
+pub mod deadline;
 pub mod exit;
 pub mod output;
 pub mod pddl_files;
+pub mod pddl_tree;
 pub mod render;
 pub mod report;

@@ -48,7 +48,7 @@ pub fn read_task(domain: &Path, problem: &Path) -> Result<Task, Report> {
         ) if !report.has_errors() => {
             Ok(Task { domain, problem, domain_source, problem_source, report })
         }
-        _ => Err(report),
+        _ => Err(report.refused()),
     }
 }
 
@@ -82,9 +82,27 @@ pub fn problem_of(
     domain: Option<&DomainText>,
     report: &mut Report,
 ) -> Option<Problem> {
+    problem_by(source, domain, report, pddl::check_problem)
+}
+
+/// The map of a building in a text: as a problem, and every fact must mean something.
+pub fn map_of(
+    source: &Arc<Source>,
+    domain: Option<&DomainText>,
+    report: &mut Report,
+) -> Option<Problem> {
+    problem_by(source, domain, report, pddl::check_map)
+}
+
+fn problem_by(
+    source: &Arc<Source>,
+    domain: Option<&DomainText>,
+    report: &mut Report,
+    check: fn(&Domain, &Problem) -> Vec<Diagnostic>,
+) -> Option<Problem> {
     let Parsed { value, diagnostics } = pddl::parse_problem(&source.text);
     let checked = |domain: &Domain| {
-        value.as_ref().map(|problem| pddl::check_problem(domain, problem)).unwrap_or_default()
+        value.as_ref().map(|problem| check(domain, problem)).unwrap_or_default()
     };
     report.add(source, checked_against(source, domain, diagnostics, checked));
     value

@@ -138,6 +138,31 @@ impl Report {
         self.count(Severity::Error) > 0
     }
 
+    /// Whether what is wrong is that the texts mean something that is not done here.
+    pub fn is_unsupported(&self) -> bool {
+        self.findings.iter().any(|finding| finding.diagnostic.is_unsupported)
+    }
+
+    /// What a program says and ends with whose input this report refuses: a word for programs, and the
+    /// exit code.
+    pub fn refusal(&self) -> (&'static str, u8) {
+        match self.is_unsupported() {
+            true => ("unsupported", crate::exit::UNSUPPORTED),
+            false => ("bad-input", crate::exit::BAD_INPUT),
+        }
+    }
+
+    /// The report of texts that are refused: without the mistakes that only follow from what is not
+    /// supported, which leaves gaps in what could be read.
+    pub fn refused(mut self) -> Report {
+        if self.is_unsupported() {
+            self.findings.retain(|finding| {
+                finding.diagnostic.is_unsupported || !finding.diagnostic.is_error()
+            });
+        }
+        self
+    }
+
     /// How many there are of one severity.
     pub fn count(&self, severity: Severity) -> usize {
         self.findings.iter().filter(|finding| finding.diagnostic.severity == severity).count()

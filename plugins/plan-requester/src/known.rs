@@ -419,7 +419,11 @@ fn assigns(effect: &Effect, function: &Name) -> bool {
 
 /// What looking for a reason may take.
 fn bounded() -> Options {
-    let budget = Budget { join_steps_max: EXPLAINING_STEPS_MAX, ..Budget::default() };
+    let budget = Budget {
+        join_steps_max: EXPLAINING_STEPS_MAX,
+        memory_max_bytes: agent::computation_bytes_max(),
+        ..Budget::default()
+    };
     Options { budget, ..Options::default() }
 }
 

@@ -17,7 +17,7 @@ use acl::content::{Keep, Outcome, Report, Snapshot};
 use acl::{AgentId, ConversationId, Performative};
 use agent::{Context, Resource, Work};
 use pddl::{Condition, Plan};
-use planner::{Cancel, Options};
+use planner::{Budget, Cancel, Options};
 use tokio::time::Instant;
 
 use crate::PlanRequester;
@@ -417,10 +417,13 @@ impl PlanRequester {
         let (domain, cancel) = (known.domain, Cancel::new());
         let deadline = cancel.clone();
         ctx.after(ctx.settings().proposals_deadline, move |_: &mut Self, _| deadline.set());
+        let memory_max_bytes = agent::computation_bytes_max();
+        let budget = Budget { memory_max_bytes, ..Budget::default() };
+        let options = Options { budget, ..Options::default() };
         let estimate = move || {
             let mut candidates = candidates;
             candidates.retain(|(_, problem, rest, _)| {
-                let outcome = planner::plan(&domain, problem, &Options::default(), &cancel);
+                let outcome = planner::plan(&domain, problem, &options, &cancel);
                 let plan = outcome.ok().and_then(|outcome| outcome.plan);
                 let cost = plan.and_then(|plan| plan.cost).map(|cost| cost.0);
                 cost.is_some_and(|cost| cost <= rest * WORTH_CHANGING)

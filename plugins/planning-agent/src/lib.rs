@@ -17,7 +17,7 @@ use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, PluginEntry, Work,
 };
 use pddl::{Domain, PlanStep};
-use planner::{Cancel, Options, PlanError, Replanner, StopReason};
+use planner::{Budget, Cancel, Options, PlanError, Replanner, StopReason};
 
 /// Searches that may run side by side: a board has few cores, and a search that waits is better
 /// refused, so that its requester can say so.
@@ -158,7 +158,10 @@ fn propose(request: &PlanRequest, memory: &mut Memory, cancel: &Cancel) -> PlanP
             return nothing(PlanStatus::Unsupported, lines(&diagnostics));
         }
     };
-    let (replanner, options) = (&mut memory.replanner, Options::default());
+    let memory_max_bytes = agent::computation_bytes_max();
+    let budget = Budget { memory_max_bytes, ..Budget::default() };
+    let options = Options { budget, ..Options::default() };
+    let replanner = &mut memory.replanner;
     let planned = replanner.plan(&domain, &problem, &rest, &options, cancel);
     match planned.map(|planned| planned.outcome) {
         Ok(outcome) => match outcome.plan {

@@ -5,15 +5,19 @@
 //! - A problem or an action model is checked against the domain it names: one of the files given,
 //!   else one found beside it.
 
-mod beside;
+mod tree;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::time::Instant;
 
 use agent::Mode;
 use pddl::{Diagnostic, Document, Domain, Name};
+use planner::Cancel;
 use serde_json::{Value, json};
+use terminal::beside;
+use terminal::deadline::{Deadline, Limits};
 use terminal::pddl_files::{self, DomainText};
 use terminal::render::plural;
 use terminal::report::{Report, Source};
@@ -42,6 +46,12 @@ struct Desk {
 
 /// Checks every file, and shows what is wrong.
 pub(crate) fn run(args: &CheckArgs, known_plugins: &[KnownPlugin]) -> ExitCode {
+    let limits = Limits::of_time(args.time_limit);
+    let give = terminal::deadline::refusal(args.print.json);
+    let deadline = Deadline::start(limits, Instant::now(), Cancel::new(), give);
+    if let Some(folder) = &args.tree {
+        return tree::run(args, folder, &deadline);
+    }
     let mut desk = Desk { domains: Vec::new(), report: Report::default(), checked: Vec::new() };
     let (ecosystems, texts): (Vec<&PathBuf>, Vec<&PathBuf>) =
         args.files.iter().partition(|path| path.extension().is_some_and(|ending| ending == "toml"));
@@ -50,7 +60,7 @@ pub(crate) fn run(args: &CheckArgs, known_plugins: &[KnownPlugin]) -> ExitCode {
         desk.check_ecosystem(path, known_plugins);
     }
     desk.report.dedup();
-    desk.show(args.print.json)
+    deadline.answer(|| desk.show(args.print.json))
 }
 
 // === impl Desk ===
@@ -101,15 +111,22 @@ impl Desk {
         if text.is_none() {
             report.add(source, [unknown_domain(domain)]);
         }
-        let is_model =
-            matches!(pddl::parse_document(&source.text).value, Some(Document::ActionModel(_)));
-        let (kind, about) = if is_model {
-            let model = pddl_files::action_model_of(source, text, &mut report);
-            ("action model", model.map(|model| about_model(&model)))
-        } else {
-            let problem = pddl_files::problem_of(source, text, &mut report);
-            ("problem", problem.map(|problem| about_problem(&problem)))
+        let (kind, about) = match pddl::parse_document(&source.text).value {
+            Some(Document::ActionModel(_)) => {
+                let model = pddl_files::action_model_of(source, text, &mut report);
+                ("action model", model.map(|model| about_model(&model)))
+            }
+            // What asks for nothing is a map.
+            Some(Document::Problem(problem)) if problem.goal.is_always() => {
+                let map = pddl_files::map_of(source, text, &mut report);
+                ("problem", map.map(|map| about_problem(&map)))
+            }
+            _ => {
+                let problem = pddl_files::problem_of(source, text, &mut report);
+                ("problem", problem.map(|problem| about_problem(&problem)))
+            }
         };
+        let report = report.refused();
         self.note(path, kind, about.unwrap_or_default(), report.has_errors());
         self.report.extend(report);
     }
@@ -143,11 +160,14 @@ impl Desk {
 
     fn show(&self, json: bool) -> ExitCode {
         let has_errors = self.report.has_errors();
-        let code = if has_errors { exit::BAD_INPUT } else { exit::DONE };
+        let (status, code) = match has_errors {
+            true => self.report.refusal(),
+            false => ("ok", exit::DONE),
+        };
         if json {
             let files: Vec<Value> = self.checked.iter().map(Checked::json).collect();
             let value = json!({
-                "status": if has_errors { "bad-input" } else { "ok" },
+                "status": status,
                 "files": files,
                 "diagnostics": terminal::render::json(&self.report),
             });

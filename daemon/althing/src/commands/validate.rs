@@ -5,10 +5,13 @@
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::time::Instant;
 
 use pddl::{Diagnostic, Parsed, Plan};
+use planner::Cancel;
 use planner::validate::{self, Fault, FaultReason, Place, Verdict};
 use serde_json::json;
+use terminal::deadline::{Deadline, Limits};
 use terminal::pddl_files::{self, Task};
 use terminal::render::{number, plural};
 use terminal::report::{Report, Source};
@@ -19,6 +22,44 @@ use crate::cli::ValidateArgs;
 /// Checks the plan, and shows its cost or what fails.
 pub(crate) fn run(args: &ValidateArgs) -> ExitCode {
     let json = args.print.json;
+    let limits = Limits::of_time(args.time_limit);
+    let give = terminal::deadline::refusal(json);
+    let deadline = Deadline::start(limits, Instant::now(), Cancel::new(), give);
+    let judged = judge(args);
+    deadline.answer(|| show(json, judged))
+}
+
+/// What is to be said of a plan.
+enum Judged {
+    Valid {
+        warnings: Report,
+        steps: usize,
+        cost: f64,
+    },
+    Fault {
+        task: Box<Task>,
+        source: Arc<Source>,
+        plan: Plan,
+        fault: Box<Fault>,
+    },
+    /// The texts cannot be used.
+    Refused(Report),
+}
+
+fn show(json: bool, judged: Judged) -> ExitCode {
+    match judged {
+        Judged::Valid { warnings, steps, cost } => show_valid(json, &warnings, steps, cost),
+        Judged::Fault { task, source, plan, fault } => {
+            show_fault(json, &task, &source, &plan, &fault)
+        }
+        Judged::Refused(report) => {
+            let (status, code) = report.refusal();
+            output::show(&report, json, status, code)
+        }
+    }
+}
+
+fn judge(args: &ValidateArgs) -> Judged {
     let task = pddl_files::read_task(&args.domain, &args.problem);
     let plan = read_plan(&args.plan);
     let (task, source, plan) = match (task, plan) {
@@ -26,19 +67,19 @@ pub(crate) fn run(args: &ValidateArgs) -> ExitCode {
         (task, plan) => {
             let mut report = task.err().unwrap_or_default();
             report.extend(plan.err().unwrap_or_default());
-            return output::show(&report, json, "bad-input", exit::BAD_INPUT);
+            return Judged::Refused(report);
         }
     };
     if let Some(report) = unsupported(&task, &source, &plan) {
-        return output::show(&report, json, "unsupported", exit::UNSUPPORTED);
+        return Judged::Refused(report);
     }
     match validate::validate(&task.domain, &task.problem, &plan) {
-        Verdict::Valid { cost, steps } => show_valid(json, &task.report, steps, cost),
-        Verdict::Fault(fault) => show_fault(json, &task, &source, &plan, &fault),
+        Verdict::Valid { cost, steps } => Judged::Valid { warnings: task.report, steps, cost },
+        Verdict::Fault(fault) => Judged::Fault { task: Box::new(task), source, plan, fault },
         Verdict::BadInput(diagnostics) => {
             let mut report = task.report.clone();
             report.add(pddl_files::blamed(&task), diagnostics);
-            output::show(&report, json, "bad-input", exit::BAD_INPUT)
+            Judged::Refused(report)
         }
     }
 }
@@ -62,7 +103,7 @@ fn unsupported(task: &Task, source: &Arc<Source>, plan: &Plan) -> Option<Report>
     let mut report = task.report.clone();
     if let Some(later) = task.problem.timed_literal() {
         let message = "timed initial literals are not supported yet";
-        report.add(&task.problem_source, [Diagnostic::error(later.span(), message)]);
+        report.add(&task.problem_source, [Diagnostic::unsupported(later.span(), message)]);
         return Some(report);
     }
     let is_durative =
@@ -70,7 +111,7 @@ fn unsupported(task: &Task, source: &Arc<Source>, plan: &Plan) -> Option<Report>
     let durative = plan.steps.iter().find(|step| is_durative(&step.action))?;
     let message =
         format!("`{}` is durative: plans with times are not supported yet", durative.action);
-    report.add(source, [Diagnostic::error(durative.span, message)]);
+    report.add(source, [Diagnostic::unsupported(durative.span, message)]);
     Some(report)
 }
 

@@ -415,8 +415,9 @@ impl Filling<'_> {
             .iter()
             .map(|(weight, value)| Some(weight * evaluate(value, binding, &self.facts.values)?));
         // Without a value, as after a division by zero, the action does not apply.
-        let Some(cost) = values.sum::<Option<f64>>() else { return Ok(()) };
-        if cost < -1e-9 {
+        let sum = |all: f64, one: Option<f64>| Some(Operator::Add.apply(all, one?));
+        let Some(cost) = { values }.try_fold(0.0, sum) else { return Ok(()) };
+        if cost < 0.0 {
             return refuse(format!("a negative cost of `{name}`"));
         }
         let key = table.variables.iter().map(|it| binding[it].clone()).collect();
@@ -448,14 +449,7 @@ fn evaluate(
         Expression::Apply(operator, operands) => {
             let mut operands = operands.iter().map(|one| evaluate(one, binding, values));
             let first = operands.next()??;
-            operands.try_fold(first, |left, right| {
-                Some(match operator {
-                    Operator::Add => left + right?,
-                    Operator::Subtract => left - right?,
-                    Operator::Multiply => left * right?,
-                    Operator::Divide => left / right?,
-                })
-            })?
+            operands.try_fold(first, |left, right| Some(operator.apply(left, right?)))?
         }
         _ => return None,
     };
@@ -475,7 +469,8 @@ impl Scale {
     /// them small, and they are rounded.
     fn of(costs: impl Iterator<Item = f64> + Clone) -> Scale {
         let largest = costs.clone().fold(0.0, f64::max);
-        let is_whole = |cost: f64| (cost - cost.round()).abs() <= 1e-9 * cost.max(1.0);
+        // No more than rounding may be missing: a cost that is small is not none.
+        let is_whole = |cost: f64| (cost - cost.round()).abs() <= 4.0 * f64::EPSILON * cost;
         if costs.clone().all(is_whole) && largest <= WHOLE_MAX {
             return Scale { factor: 1.0, is_exact: true };
         }

@@ -83,6 +83,12 @@ impl<'t> Checker<'_, 't> {
             let confused = Diagnostic::error(name.span(), message).with_rule(function.to_string());
             return self.report(confused.with_help("compare its value: `(= (…) NUMBER)`"));
         }
+        if symbols.is_action(name) {
+            let message = format!(
+                "`{name}` is an action; conditions on actions at the same time are not supported"
+            );
+            return self.report(Diagnostic::unsupported(name.span(), message));
+        }
         let near = self.nearest(name.as_str(), symbols.predicate_names());
         let message = format!("unknown predicate `{name}`");
         let mut unknown = Diagnostic::error(name.span(), message).with_suggestion(near);
@@ -140,6 +146,9 @@ impl<'t> Checker<'_, 't> {
     ) {
         let types = &self.symbols.types;
         if types.accepts(wanted, actual) || !self.knows(wanted) || !self.knows(actual) {
+            return;
+        }
+        if matches!(argument, Term::Object(name) if self.symbols.is_also(name, wanted)) {
             return;
         }
         let name = argument.name();

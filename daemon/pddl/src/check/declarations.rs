@@ -3,7 +3,7 @@
 use foldhash::{HashMap, HashSet};
 
 use super::Checker;
-use crate::diagnostic::Diagnostic;
+use crate::diagnostic::{Diagnostic, Severity};
 use crate::tree::{ActionSchema, Domain, DurativeAction, Name, TypeExpr, Typed};
 use crate::types::SUPERTYPES_MAX;
 
@@ -49,16 +49,15 @@ impl<'t> Checker<'_, 't> {
     pub(super) fn domain(&mut self, domain: &'t Domain) {
         self.requirements(&domain.requirements);
         self.types(&domain.types);
-        self.unique("type", domain.types.iter().map(|typed| &typed.name));
-        self.unique("constant", domain.constants.iter().map(|typed| &typed.name));
-        self.unique("predicate", domain.predicates.iter().map(|it| &it.name));
-        self.unique("function", domain.functions.iter().map(|it| &it.name));
+        self.types_once(&domain.types);
+        self.objects_once("constant", domain.constants.iter());
+        self.signatures(
+            "predicate",
+            domain.predicates.iter().map(|it| (&it.name, &*it.parameters)),
+        );
+        self.signatures("function", domain.functions.iter().map(|it| (&it.name, &*it.parameters)));
         self.types_of(&domain.constants);
-        for predicate in &domain.predicates {
-            self.parameters(&predicate.parameters);
-        }
         for function in &domain.functions {
-            self.parameters(&function.parameters);
             self.named_like_a_predicate(&function.name);
         }
         self.derived(&domain.derived);
@@ -85,7 +84,7 @@ impl<'t> Checker<'_, 't> {
             if !REQUIREMENTS.contains(&requirement.as_str()) {
                 let near = self.nearest(requirement.as_str(), REQUIREMENTS.iter().copied());
                 let message = format!("unknown requirement `{requirement}`");
-                self.report(Diagnostic::error(requirement.span(), message).with_suggestion(near));
+                self.report(Diagnostic::warning(requirement.span(), message).with_suggestion(near));
             }
         }
     }
@@ -127,16 +126,122 @@ impl<'t> Checker<'_, 't> {
         });
     }
 
-    /// Names that are declared more than once.
-    pub(super) fn unique(&mut self, what: &str, names: impl Iterator<Item = &'t Name>) {
-        self.unique_marked(what, "", names);
+    /// Types that are declared more than once: they are kinds of all that they are said to be.
+    pub(super) fn types_once(&mut self, types: &'t [Typed]) {
+        let mut firsts: HashMap<&str, &Typed> = HashMap::default();
+        for typed in types {
+            let Some(first) = firsts.get(typed.name.as_str()) else {
+                firsts.insert(typed.name.as_str(), typed);
+                continue;
+            };
+            let help = match first.ty == typed.ty {
+                true => "leave one of the two out".to_owned(),
+                false => format!("it is a kind of `{}` and of `{}`", first.ty, typed.ty),
+            };
+            let message = format!("type `{}` is declared twice", typed.name);
+            let twice = Diagnostic::warning(typed.name.span(), message).with_help(help);
+            self.report(twice.with_note(first.name.span(), "the first is here"));
+        }
     }
 
-    fn unique_marked(&mut self, what: &str, mark: &str, names: impl Iterator<Item = &'t Name>) {
+    /// Objects that are declared more than once: they belong to all their types.
+    pub(super) fn objects_once(&mut self, what: &str, objects: impl Iterator<Item = &'t Typed>) {
+        let mut firsts: HashMap<&str, &Typed> = HashMap::default();
+        for object in objects {
+            let Some(first) = firsts.get(object.name.as_str()) else {
+                firsts.insert(object.name.as_str(), object);
+                self.named_like_a_type(object);
+                continue;
+            };
+            let help = match first.ty == object.ty {
+                true => "leave one of the two out".to_owned(),
+                false => format!("it is of type `{}` and of type `{}`", first.ty, object.ty),
+            };
+            let message = format!("{what} `{}` is declared twice", object.name);
+            let twice = Diagnostic::warning(object.name.span(), message).with_help(help);
+            self.report(twice.with_note(first.name.span(), "the first is here"));
+        }
+    }
+
+    /// An object without a type that has the name of one: likely a forgotten dash.
+    fn named_like_a_type(&mut self, object: &'t Typed) {
+        let name = object.name.as_str();
+        if object.ty.alternatives.is_empty()
+            && name != "object"
+            && self.symbols.types.contains(name)
+        {
+            let message = format!("the object `{}` has the name of a type", object.name);
+            let help = format!("for the type of what stands before it, write `- {}`", object.name);
+            self.report(Diagnostic::warning(object.name.span(), message).with_help(help));
+        }
+    }
+
+    /// The declarations of predicates, or of functions. What the parameters are called means nothing.
+    pub(super) fn signatures(
+        &mut self,
+        what: &str,
+        declared: impl Iterator<Item = (&'t Name, &'t [Typed])>,
+    ) {
+        let mut firsts: HashMap<&str, (&Name, &[Typed])> = HashMap::default();
+        for (name, parameters) in declared {
+            self.parameters_once(parameters, Severity::Warning);
+            self.types_of_declaration(parameters);
+            let Some((first, own)) = firsts.get(name.as_str()) else {
+                firsts.insert(name.as_str(), (name, parameters));
+                continue;
+            };
+            let message = format!("{what} `{name}` is declared twice");
+            let twice = match own.len() == parameters.len() {
+                true => Diagnostic::warning(name.span(), message).with_help("the first one counts"),
+                false => Diagnostic::error(name.span(), message),
+            };
+            self.report(twice.with_note(first.span(), "the first is here"));
+        }
+    }
+
+    /// Types of parameters of a predicate or a function. Of a type that is not declared there is
+    /// nothing: no harm is done.
+    fn types_of_declaration(&mut self, parameters: &'t [Typed]) {
+        self.types_of_list(parameters, Severity::Warning);
+    }
+
+    /// Types of variables. One that is not declared, and that nothing declared is called like, is
+    /// taken at its word: there is nothing of it.
+    fn types_of_variables(&mut self, variables: &'t [Typed]) {
+        self.types_of_list(variables, Severity::Error);
+    }
+
+    fn types_of_list(&mut self, variables: &'t [Typed], severity: Severity) {
+        for (index, typed) in variables.iter().enumerate() {
+            // `?x ?y - typo` is one mistake, not two.
+            if index == 0 || typed.ty != variables[index - 1].ty {
+                self.types_if_any(typed, severity);
+            }
+        }
+    }
+
+    /// Reports unknown types of a variable, as `severity` where another name is likely meant.
+    fn types_if_any(&mut self, variable: &'t Typed, severity: Severity) {
+        let symbols = self.symbols;
+        let names = variable.ty.alternatives.iter();
+        for name in names.filter(|name| !symbols.types.contains(name.as_str())) {
+            let near = self.nearest(name.as_str(), symbols.types.iter().map(Name::as_str));
+            let message = format!("unknown type `{name}`");
+            self.report(match near {
+                Some(_) => Diagnostic { severity, ..Diagnostic::error(name.span(), message) }
+                    .with_suggestion(near),
+                None => Diagnostic::warning(name.span(), message)
+                    .with_help("it is not declared, and nothing is of it"),
+            });
+        }
+    }
+
+    /// Names that are declared more than once.
+    pub(super) fn unique(&mut self, what: &str, names: impl Iterator<Item = &'t Name>) {
         let mut firsts: HashMap<&str, &Name> = HashMap::default();
         for name in names {
             if let Some(first) = firsts.get(name.as_str()) {
-                let message = format!("{what} `{mark}{name}` is declared twice");
+                let message = format!("{what} `{name}` is declared twice");
                 let twice = Diagnostic::error(name.span(), message);
                 self.report(twice.with_note(first.span(), "the first is here"));
             } else {
@@ -145,13 +250,29 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// The variables of an action, a quantifier, or a declaration.
-    pub(super) fn parameters(&mut self, parameters: &'t [Typed]) {
-        self.unique_marked("parameter", "?", parameters.iter().map(|typed| &typed.name));
-        self.types_of(parameters);
+    fn parameters_once(&mut self, parameters: &'t [Typed], severity: Severity) {
+        let mut firsts: HashMap<&str, &Name> = HashMap::default();
+        for Typed { name, .. } in parameters {
+            let Some(first) = firsts.get(name.as_str()) else {
+                firsts.insert(name.as_str(), name);
+                continue;
+            };
+            let message = format!("parameter `?{name}` is declared twice");
+            let twice = Diagnostic { severity, ..Diagnostic::error(name.span(), message) };
+            self.report(twice.with_note(first.span(), "the first is here"));
+        }
     }
 
-    /// The types of variables and objects.
+    /// The variables of an action, a quantifier, or a declaration.
+    pub(super) fn parameters(&mut self, parameters: &'t [Typed]) {
+        self.parameters_once(parameters, Severity::Error);
+        match self.foreign_types {
+            Some(_) => self.types_of(parameters),
+            None => self.types_of_variables(parameters),
+        }
+    }
+
+    /// The types of objects, and of variables of actions, axioms and quantifiers.
     pub(super) fn types_of(&mut self, list: &'t [Typed]) {
         for (index, typed) in list.iter().enumerate() {
             // `a b c - typo` is one mistake, not three.

@@ -4,26 +4,31 @@ use foldhash::HashMap;
 
 use super::Checker;
 use crate::diagnostic::Diagnostic;
-use crate::tree::{Atom, Domain, FluentTerm, InitElement, Number, ObjectDeclaration, Problem};
+use crate::tree::{
+    Atom, Domain, FluentTerm, InitElement, Number, ObjectDeclaration, Problem, Span,
+};
 
-/// What becomes of values for functions that the domain does not have.
+/// What becomes of facts and values that the domain has no name for, and of two values of one function.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Values {
-    /// Competition problems carry values that some domains do without: a warning.
+    /// Competition problems carry what some domains do without, and say some numbers twice: a warning.
     Spare,
+    /// The map of a building says what its author means: a fact that the domain has no name for, and a
+    /// second number, are errors. Values that the domain does without are a warning.
+    Map,
     /// An error.
     Declared,
 }
 
 impl<'t> Checker<'_, 't> {
-    pub(super) fn problem(&mut self, domain: &'t Domain, problem: &'t Problem) {
+    pub(super) fn problem(&mut self, domain: &'t Domain, problem: &'t Problem, values: Values) {
         if problem.domain != domain.name {
             let message = format!("the domain is called `{}`", domain.name);
             self.report(Diagnostic::warning(problem.domain.span(), message));
         }
         self.requirements(&problem.requirements);
         self.objects(domain, &problem.objects);
-        self.init(&problem.init, Values::Spare);
+        self.init(&problem.init, values);
         self.condition(&problem.goal);
         if let Some(metric) = &problem.metric {
             self.expression(&metric.expression);
@@ -32,7 +37,7 @@ impl<'t> Checker<'_, 't> {
 
     /// Objects of a problem or a model, beside the constants of the domain.
     pub(super) fn objects(&mut self, domain: &'t Domain, objects: &'t [ObjectDeclaration]) {
-        self.unique("object", objects.iter().map(|declaration| &declaration.object.name));
+        self.objects_once("object", objects.iter().map(|declaration| &declaration.object));
         let constants: HashMap<&str, _> =
             domain.constants.iter().map(|typed| (typed.name.as_str(), typed)).collect();
         for (index, declaration) in objects.iter().enumerate() {
@@ -52,7 +57,8 @@ impl<'t> Checker<'_, 't> {
         let message = format!("`{name}` is a constant of the domain already");
         self.report(match is_same {
             true => Diagnostic::warning(name.span(), message),
-            false => Diagnostic::error(name.span(), format!("{message}, of another type")),
+            false => Diagnostic::warning(name.span(), format!("{message}, of another type"))
+                .with_help("it belongs to both types"),
         });
     }
 
@@ -61,19 +67,48 @@ impl<'t> Checker<'_, 't> {
         for element in elements {
             self.init_element(element, spare);
             if let InitElement::Assign(fluent, number) = element {
-                self.one_value(fluent, *number, &mut values);
+                self.one_value(fluent, *number, spare, &mut values);
+            }
+        }
+        self.contradictions(elements);
+    }
+
+    /// What is said to be true and to be false: it is true, as after an action that does both.
+    fn contradictions(&mut self, elements: &'t [InitElement]) {
+        let mut denied: HashMap<&Atom, &Atom> = HashMap::default();
+        for element in elements {
+            if let InitElement::Not(atom) = element {
+                denied.entry(atom).or_insert(atom);
+            }
+        }
+        if denied.is_empty() {
+            return;
+        }
+        for element in elements {
+            let InitElement::Atom(atom) = element else { continue };
+            if let Some(no) = denied.remove(atom) {
+                let message =
+                    format!("`{atom}` is said to be true here, and to be false elsewhere");
+                let both =
+                    Diagnostic::warning(atom.span, message).with_help("it is taken to be true");
+                self.report(both.with_note(no.span, "here it is false"));
             }
         }
     }
 
     fn init_element(&mut self, element: &'t InitElement, values: Values) {
         match element {
+            InitElement::Atom(atom) | InitElement::Not(atom)
+                if values == Values::Spare && self.is_spare_fact(atom) =>
+            {
+                self.report_spare_fact(atom);
+            }
             InitElement::Atom(atom) | InitElement::Not(atom) => self.fact(atom),
             // Also of what is derived: an agent that has left knew what it is derived from.
             InitElement::Unknown(atom) => self.atom(atom),
             InitElement::Assign(fluent, _) => match values {
-                Values::Spare if self.is_spare(fluent) => self.report_spare(fluent),
-                Values::Spare | Values::Declared => self.fluent(fluent),
+                Values::Spare | Values::Map if self.is_spare(fluent) => self.report_spare(fluent),
+                Values::Spare | Values::Map | Values::Declared => self.fluent(fluent),
             },
             InitElement::At(_, inner) => self.init_element(inner, values),
         }
@@ -86,6 +121,27 @@ impl<'t> Checker<'_, 't> {
         symbols.function(name).is_none()
             && symbols.predicate(name).is_none()
             && self.nearest(name.as_str(), symbols.function_names()).is_none()
+    }
+
+    /// Whether the domain has nothing of this name. Nothing else of the task can speak of it: that
+    /// would be a mistake of its own.
+    fn is_spare_fact(&self, atom: &Atom) -> bool {
+        self.symbols.predicate(&atom.predicate).is_none()
+            && self.symbols.function(&atom.predicate).is_none()
+    }
+
+    fn report_spare_fact(&mut self, atom: &'t Atom) {
+        let name = &atom.predicate;
+        let symbols = self.symbols;
+        let near = self.nearest(name.as_str(), symbols.predicate_names());
+        let spare =
+            Diagnostic::warning(name.span(), format!("the domain has no predicate `{name}`"));
+        self.report(match near {
+            Some(near) => {
+                spare.with_help(format!("did you mean `{near}`? As it is, the fact is never read"))
+            }
+            None => spare.with_help("the fact is never read"),
+        });
     }
 
     fn report_spare(&mut self, fluent: &'t FluentTerm) {
@@ -103,17 +159,25 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// A function has one value at the start.
+    /// A function has one value at the start. In problems of competitions the last one counts.
     fn one_value(
         &mut self,
         fluent: &'t FluentTerm,
         number: Number,
-        values: &mut HashMap<&'t FluentTerm, Number>,
+        spare: Values,
+        values: &mut HashMap<&'t FluentTerm, (Number, Span)>,
     ) {
-        let first = *values.entry(fluent).or_insert(number);
-        if first != number {
-            let message = format!("`{fluent}` is {first} already, and now {number}");
-            self.report(Diagnostic::error(fluent.span, message));
+        let Some((first, place)) = values.insert(fluent, (number, fluent.span)) else { return };
+        if first == number {
+            return;
         }
+        let message = format!("`{fluent}` is {first} already, and now {number}");
+        let twice = match spare {
+            Values::Spare => {
+                Diagnostic::warning(fluent.span, message).with_help("the last value counts")
+            }
+            Values::Map | Values::Declared => Diagnostic::error(fluent.span, message),
+        };
+        self.report(twice.with_note(place, format!("here it is {first}")));
     }
 }

@@ -42,7 +42,16 @@ pub fn check_domain(domain: &Domain) -> Vec<Diagnostic> {
 pub fn check_problem(domain: &Domain, problem: &Problem) -> Vec<Diagnostic> {
     let symbols = Symbols::of_problem(domain, problem);
     let mut checker = Checker::new(&symbols);
-    checker.problem(domain, problem);
+    checker.problem(domain, problem, facts::Values::Spare);
+    checker.problems.into_sorted()
+}
+
+/// Checks the map of a building against its domain. Problems of competitions are read with what is odd
+/// in them; of a map, a fact that the domain has no name for is an error.
+pub fn check_map(domain: &Domain, map: &Problem) -> Vec<Diagnostic> {
+    let symbols = Symbols::of_problem(domain, map);
+    let mut checker = Checker::new(&symbols);
+    checker.problem(domain, map, facts::Values::Map);
     checker.problems.into_sorted()
 }
 

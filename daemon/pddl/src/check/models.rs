@@ -14,7 +14,7 @@ impl<'t> Checker<'_, 't> {
         }
         self.requirements(&model.requirements);
         self.types(&model.types);
-        self.unique("type", model.types.iter().map(|typed| &typed.name));
+        self.types_once(&model.types);
         self.model_predicates(ontology, model);
         self.model_functions(ontology, model);
         self.objects(ontology, &model.objects);
@@ -25,9 +25,8 @@ impl<'t> Checker<'_, 't> {
     }
 
     fn model_predicates(&mut self, ontology: &'t Domain, model: &'t ActionModel) {
-        self.unique("predicate", model.predicates.iter().map(|it| &it.name));
+        self.signatures("predicate", model.predicates.iter().map(|it| (&it.name, &*it.parameters)));
         for own in &model.predicates {
-            self.parameters(&own.parameters);
             let shared = ontology.predicates.iter().find(|shared| shared.name == own.name);
             if let Some(shared) = shared.filter(|it| !unify(&it.parameters, &own.parameters)) {
                 self.declared_otherwise(&own.name, shared.to_string());
@@ -36,9 +35,8 @@ impl<'t> Checker<'_, 't> {
     }
 
     fn model_functions(&mut self, ontology: &'t Domain, model: &'t ActionModel) {
-        self.unique("function", model.functions.iter().map(|it| &it.name));
+        self.signatures("function", model.functions.iter().map(|it| (&it.name, &*it.parameters)));
         for own in &model.functions {
-            self.parameters(&own.parameters);
             self.named_like_a_predicate(&own.name);
             let shared = ontology.functions.iter().find(|shared| shared.name == own.name);
             if let Some(shared) = shared.filter(|it| !unify(&it.parameters, &own.parameters)) {

@@ -45,7 +45,8 @@ impl<'t> Checker<'_, 't> {
             let Some(actual) = self.object(argument) else { continue };
             let wanted = &parameter.ty;
             let known = self.knows(wanted) && self.knows(actual);
-            if known && !self.symbols.types.accepts(wanted, actual) {
+            let is_also = || self.symbols.is_also(argument, wanted);
+            if known && !self.symbols.types.accepts(wanted, actual) && !is_also() {
                 let message = format!(
                     "`{argument}` is of type `{actual}`, `{}` wants `{wanted}`",
                     step.action

@@ -5,7 +5,8 @@ use std::cell::{Cell, OnceCell};
 use foldhash::{HashMap, HashSet};
 
 use crate::tree::{
-    ActionModel, Domain, FunctionDeclaration, Name, PredicateDeclaration, Problem, Typed,
+    ActionModel, ActionSchema, Domain, FunctionDeclaration, Name, PredicateDeclaration, Problem,
+    TypeExpr, Typed,
 };
 use crate::types::Types;
 
@@ -16,6 +17,7 @@ pub(super) struct Symbols<'t> {
     functions: Table<'t, FunctionDeclaration>,
     objects: Table<'t, Typed>,
     derived: HashSet<&'t str>,
+    actions: &'t [ActionSchema],
     /// Whether others may bring objects that are not listed here.
     pub(super) is_open: bool,
     /// Whether the objects of problems are unknown here, and only constants are not.
@@ -49,6 +51,7 @@ impl<'t> Symbols<'t> {
             functions: Table::new(&domain.functions),
             objects: Table::new(&domain.constants),
             derived: domain.derived.iter().map(|axiom| axiom.predicate.as_str()).collect(),
+            actions: &domain.actions,
             is_open: false,
             is_of_domain: true,
         }
@@ -69,6 +72,7 @@ impl<'t> Symbols<'t> {
             functions: Table::new(ontology.functions.iter().chain(&model.functions)),
             objects: Table::new(ontology.constants.iter().chain(objects)),
             derived: derived.map(|axiom| axiom.predicate.as_str()).collect(),
+            actions: &model.actions,
             is_open: true,
             is_of_domain: false,
         }
@@ -86,8 +90,18 @@ impl<'t> Symbols<'t> {
         self.objects.get(name.as_str())
     }
 
+    /// Whether some declaration of an object, which may have several, is of this type.
+    pub(super) fn is_also(&self, object: &Name, wanted: &TypeExpr) -> bool {
+        let mut named = self.objects.order.iter().filter(|one| one.name == *object);
+        named.any(|one| self.types.accepts(wanted, &one.ty))
+    }
+
     pub(super) fn is_derived(&self, predicate: &Name) -> bool {
         self.derived.contains(predicate.as_str())
+    }
+
+    pub(super) fn is_action(&self, name: &Name) -> bool {
+        self.actions.iter().any(|action| action.name == *name)
     }
 
     pub(super) fn predicate_names(&self) -> impl Iterator<Item = &'t str> {

@@ -40,7 +40,8 @@ pub(super) fn action<'f>(
     while let Some((key, node)) = parts.next(reader, &[PRECONDITION, EFFECT, OBSERVE_KEY]) {
         match key {
             AGENT_KEY => action.agent = parts.opt_agent(reader),
-            PARAMETERS => action.parameters = parameters(reader, node),
+            PARAMETERS => action.parameters.splice(0..0, parameters(reader, node)).for_each(drop),
+            VARS => action.parameters.extend(parameters(reader, node)),
             PRECONDITION => {
                 action.precondition = condition::condition(reader, node).unwrap_or_default();
             }
@@ -72,7 +73,10 @@ pub(super) fn durative_action<'f>(
         while let Some((key, node)) = parts.next(reader, &[DURATION, CONDITION, EFFECT]) {
             match key {
                 AGENT_KEY => action.agent = parts.opt_agent(reader),
-                PARAMETERS => action.parameters = parameters(reader, node),
+                PARAMETERS => {
+                    action.parameters.splice(0..0, parameters(reader, node)).for_each(drop);
+                }
+                VARS => action.parameters.extend(parameters(reader, node)),
                 DURATION => action.duration = durative::duration(reader, node),
                 CONDITION => action.conditions = durative::conditions(reader, node),
                 _ => {
@@ -122,6 +126,8 @@ fn observed<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Vec<Atom> {
 
 const AGENT_KEY: &str = ":agent";
 const PARAMETERS: &str = ":parameters";
+/// Further parameters, in PDDL 1.2.
+const VARS: &str = ":vars";
 const PRECONDITION: &str = ":precondition";
 const DURATION: &str = ":duration";
 const CONDITION: &str = ":condition";
@@ -153,17 +159,23 @@ impl<'f> Parts<'f> {
     ) -> Option<(&'static str, Node<'f>)> {
         while let Some(node) = self.items.next() {
             let Some(word) = node.symbol().filter(|word| word.starts_with(':')) else {
-                let message = format!("expected a keyword, found `{}`", excerpt(node));
-                reader.report(Diagnostic::error(node.span(), message).with_rule(self.rule));
+                if !reader.is_passed_over(node) {
+                    self.report_stranger(reader, node);
+                }
                 continue;
             };
             let lower = Keyword::of(word);
-            let known = [AGENT_KEY, PARAMETERS].into_iter().chain(keys.iter().copied());
+            let known = [AGENT_KEY, PARAMETERS, VARS].into_iter().chain(keys.iter().copied());
             let key = known.clone().find(|key| *key == lower.as_str());
             if key.is_none() {
                 reader.unknown(node, "keyword", &known.collect::<Vec<_>>());
             }
             let Some(value) = self.value(reader, node, word) else { continue };
+            if key == Some(VARS) {
+                let vars =
+                    Diagnostic::warning(node.span(), "`:vars` are read as further parameters");
+                reader.report(vars.with_help("write them into `:parameters`"));
+            }
             match key {
                 Some(key) if self.is_first(reader, key, node.span()) => return Some((key, value)),
                 // An agent is not one node but up to three; read it away.
@@ -172,6 +184,29 @@ impl<'f> Parts<'f> {
             }
         }
         None
+    }
+
+    /// Reports what stands where a key is expected: after one condition or effect, likely another that
+    /// an `and` should join to it.
+    fn report_stranger(&self, reader: &mut Reader<'f>, node: Node<'f>) {
+        let after = self.seen.last().map(|(key, _)| *key);
+        let what = match after {
+            Some(PRECONDITION | CONDITION) => "condition",
+            Some(EFFECT) => "effect",
+            _ => "",
+        };
+        let found = excerpt(node);
+        reader.report(match (what, after, node.list()) {
+            (what @ ("condition" | "effect"), Some(key), Some(_)) => {
+                let article = if what == "effect" { "one effect" } else { "one condition" };
+                let message = format!("`{key}` is {article}, `{found}` is another");
+                Diagnostic::error(node.span(), message).with_help("join them: `(and …)`")
+            }
+            _ => {
+                let message = format!("expected a keyword, found `{found}`");
+                Diagnostic::error(node.span(), message).with_rule(self.rule)
+            }
+        });
     }
 
     /// The node after a key; an agent's is left for [`Parts::opt_agent`].

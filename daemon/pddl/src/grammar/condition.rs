@@ -42,7 +42,13 @@ pub(crate) fn condition<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<C
         "<=" => compare(reader, Comparison::LessOrEqual, items, node.span()),
         ">=" => compare(reader, Comparison::GreaterOrEqual, items, node.span()),
         ">" => compare(reader, Comparison::Greater, items, node.span()),
-        "preference" => unsupported(reader, node, "preferences"),
+        "preference" => preference(reader, node, items),
+        "always" | "sometime" | "within" | "at-most-once" | "sometime-after"
+        | "sometime-before" | "always-within" | "hold-during" | "hold-after"
+            if items.into_iter().any(|item| item.list().is_some()) =>
+        {
+            unsupported(reader, node, &format!("constraints on trajectories (`{word}`)"))
+        }
         "when" => misplaced(reader, node, "`when` belongs to effects", "write `imply`"),
         "assign" | "increase" | "decrease" | "scale-up" | "scale-down" => {
             let help = "compare with `<`, `<=`, `=`, `>=` or `>`";
@@ -56,12 +62,33 @@ pub(crate) fn condition<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<C
 pub(super) fn atom<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Atom> {
     let mut items = reader.expect_list(node, "an atom", ATOM)?;
     let head = reader.expect(&mut items, "predicate", ATOM)?;
+    if let Some(help) = foreign(head.symbol().unwrap_or("")) {
+        let message = format!("PDDL has no `{}`", excerpt(head));
+        reader.report(Diagnostic::error(head.span(), message).with_help(help));
+        return None;
+    }
     let predicate = names::applied(reader, head, "a predicate", ATOM)?;
     if let Some(argument) = items.into_iter().find(|node| node.list().is_some()) {
         return nested(reader, head, argument);
     }
     let arguments = names::terms(reader, items)?;
     Some(Atom { predicate, arguments, span: node.span() })
+}
+
+/// What to write in place of an operator of another language.
+fn foreign(word: &str) -> Option<&'static str> {
+    Some(match word {
+        "!=" | "<>" | "/=" | "~=" => "write `(not (= … …))`",
+        "==" => "write `(= … …)`",
+        "&&" | "&" => "write `(and … …)`",
+        "||" | "|" => "write `(or … …)`",
+        "!" | "~" => "write `(not …)`",
+        "->" | "=>" => "write `(imply … …)`",
+        "+=" => "write `(increase FLUENT EXPRESSION)`",
+        "-=" => "write `(decrease FLUENT EXPRESSION)`",
+        ":=" => "write `(assign FLUENT EXPRESSION)`",
+        _ => return None,
+    })
 }
 
 /// Words of conditions and effects that take more than terms.
@@ -112,7 +139,9 @@ pub(super) fn headed<'f>(
     rule: &'static str,
 ) -> Option<Headed<'f>> {
     let mut items = match node.view() {
+        View::List(_) if reader.is_passed_over(node) => return None,
         View::List(items) => items,
+        View::Symbol(_) if reader.report_call(node) => return None,
         View::Symbol(word) => {
             let message = format!("expected {what}, found `{word}`");
             let diagnostic = Diagnostic::error(node.span(), message).with_rule(rule);
@@ -136,8 +165,19 @@ pub(super) fn headed<'f>(
 
 /// Reports something of PDDL that this crate does not read.
 pub(super) fn unsupported<T>(reader: &mut Reader<'_>, node: Node<'_>, what: &str) -> Option<T> {
-    reader.report(Diagnostic::error(node.span(), format!("{what} are not supported")));
+    reader.report(Diagnostic::unsupported(node.span(), format!("{what} are not supported")));
     None
+}
+
+/// `(preference [NAME] CONDITION)`: read, for the mistakes in it, and refused by name.
+fn preference<'f, T>(reader: &mut Reader<'f>, node: Node<'f>, mut items: Items<'f>) -> Option<T> {
+    if items.peek().is_some_and(|first| first.symbol().is_some()) {
+        items.next();
+    }
+    for inner in items {
+        condition(reader, inner);
+    }
+    unsupported(reader, node, "preferences")
 }
 
 /// Reports something at the wrong place.

@@ -96,8 +96,11 @@ fn number_type<'f>(reader: &mut Reader<'f>, items: &mut Items<'f>, dash: Node<'f
     let Some(ty) = names::opt_type(reader, items, dash) else { return };
     if ty.alternatives.iter().any(|name| *name != "number") {
         let span = ty.alternatives[0].span();
-        let message = format!("functions have numbers as values, not `{}`", ty.alternatives[0]);
-        reader.report(Diagnostic::error(span, message).with_rule(FUNCTIONS));
+        let message = format!(
+            "functions with objects as values (here `{}`) are not supported",
+            ty.alternatives[0]
+        );
+        reader.report(Diagnostic::unsupported(span, message).with_rule(FUNCTIONS));
     }
 }
 

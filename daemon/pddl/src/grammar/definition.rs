@@ -34,10 +34,18 @@ pub(crate) fn single<'f, T>(
     what: &str,
     production: impl FnOnce(&mut Reader<'f>, Node<'f>) -> Option<T>,
 ) -> Option<T> {
-    let Some(node) = roots.next() else {
+    let Some(mut node) = roots.next() else {
         reader.report(Diagnostic::error(roots.end(), format!("the text holds no {what}")));
         return None;
     };
+    // Files of 1998 say first in which package of Lisp they are.
+    while let (Some(word @ ("in-package" | "IN-PACKAGE")), Some(next)) = (node.head(), roots.peek())
+    {
+        let message = format!("`{word}` is of Lisp, and passed over");
+        reader.report(Diagnostic::warning(node.span(), message));
+        roots.next();
+        node = next;
+    }
     let value = production(reader, node);
     if let Some(more) = roots.next() {
         let message = format!("one {what} is expected, `{}` is more", excerpt(more));
@@ -127,7 +135,7 @@ pub(super) struct Sections<'f> {
     items: Items<'f>,
     /// What this kind of file may hold.
     known: &'static [&'static str],
-    seen: Vec<(&'static str, Span)>,
+    seen: Vec<(&'static str, Node<'f>, Span)>,
 }
 
 /// `(:KEYWORD ITEM*)`
@@ -139,6 +147,25 @@ pub(super) struct Section<'f> {
 
 /// Sections that may be there any number of times.
 const REPEATED: &[&str] = &[":action", ":durative-action", ":derived"];
+
+/// Sections that list things, so that two of them are one list.
+const JOINED: &[&str] =
+    &[":requirements", ":types", ":constants", ":objects", ":predicates", ":functions", ":init"];
+
+/// Sections of PDDL and its extensions that are legal and not read: what their author calls them.
+const UNSUPPORTED: &[(&str, &str)] = &[
+    (":constraints", "constraints on trajectories (`:constraints`)"),
+    (":event", "events (`:event`)"),
+    (":process", "processes (`:process`)"),
+    (":concurrency-network", "concurrency networks (`:concurrency-network`)"),
+    (":concurrency-constraint", "concurrency constraints (`:concurrency-constraint`)"),
+    (":axiom", "axioms of PDDL 1.2 (`:axiom`)"),
+    (":timeless", "timeless facts (`:timeless`)"),
+    (":safety", "safety constraints (`:safety`)"),
+    (":method", "methods (`:method`)"),
+    (":task", "tasks (`:task`)"),
+    (":htn", "task networks (`:htn`)"),
+];
 
 /// Every section of any kind of file, and the kinds it belongs to.
 const ELSEWHERE: &[(&str, &str)] = &[
@@ -178,7 +205,7 @@ impl<'f> Sections<'f> {
             let word = head.symbol().unwrap_or("");
             let lower = Keyword::of(word);
             match self.known.iter().find(|known| **known == lower.as_str()) {
-                Some(keyword) if self.is_first(reader, keyword, head.span()) => {
+                Some(keyword) if self.is_read(reader, keyword, node, head.span()) => {
                     return Some(Section { keyword, items, span: node.span() });
                 }
                 Some(_) => {}
@@ -188,19 +215,33 @@ impl<'f> Sections<'f> {
         None
     }
 
-    fn is_first(&mut self, reader: &mut Reader<'f>, keyword: &'static str, span: Span) -> bool {
+    /// Whether a section is to be read: not if it is the second that says one and the same.
+    fn is_read(
+        &mut self,
+        reader: &mut Reader<'f>,
+        keyword: &'static str,
+        node: Node<'f>,
+        span: Span,
+    ) -> bool {
         if REPEATED.contains(&keyword) {
             return true;
         }
-        let Some((_, first)) = self.seen.iter().find(|(seen, _)| *seen == keyword) else {
-            self.seen.push((keyword, span));
+        let Some((_, first, span_of_first)) = self.seen.iter().find(|one| one.0 == keyword) else {
+            self.seen.push((keyword, node, span));
             return true;
         };
-        let twice = Diagnostic::error(span, format!("a second `{keyword}` section"))
-            .with_help("join the two")
-            .with_note(*first, "the first is here");
-        reader.report(twice);
-        false
+        let is_joined = JOINED.contains(&keyword);
+        let is_same = first.says_the_same(node);
+        let message = format!("a second `{keyword}` section");
+        let (twice, help) = match (is_joined, is_same) {
+            (false, false) => (Diagnostic::error(span, message), "join the two"),
+            (_, true) => (Diagnostic::warning(span, message), "it says the same: leave it out"),
+            (true, false) => {
+                (Diagnostic::warning(span, message), "it is read as if joined to the first")
+            }
+        };
+        reader.report(twice.with_help(help).with_note(*span_of_first, "the first is here"));
+        is_joined && !is_same
     }
 
     fn report_unknown(&self, reader: &mut Reader<'f>, head: Node<'f>, lower: &str) {
@@ -213,9 +254,9 @@ impl<'f> Sections<'f> {
             let message = format!("`{word}` is obsolete and passed over");
             return reader.report(Diagnostic::warning(head.span(), message));
         }
-        if matches!(lower, ":constraints" | ":event" | ":process") {
-            let message = format!("`{word}` is not supported");
-            return reader.report(Diagnostic::error(head.span(), message));
+        if let Some((_, feature)) = UNSUPPORTED.iter().find(|(keyword, _)| *keyword == lower) {
+            let message = format!("{feature} are not supported");
+            return reader.report(Diagnostic::unsupported(head.span(), message));
         }
         let everywhere = ELSEWHERE.iter().map(|(keyword, _)| *keyword);
         let near = reader.nearest(&word, self.known.iter().copied().chain(everywhere));

@@ -25,11 +25,13 @@ pub(super) fn domain<'f>(reader: &mut Reader<'f>, name: Name, items: Items<'f>) 
     while let Some(section) = sections.next(reader) {
         let (items, span) = (section.items, section.span);
         match section.keyword {
-            ":requirements" => domain.requirements = declarations::requirements(reader, items),
-            ":types" => domain.types = declarations::types(reader, items),
-            ":constants" => domain.constants = declarations::constants(reader, items),
-            ":predicates" => domain.predicates = declarations::predicates(reader, items),
-            ":functions" => domain.functions = declarations::functions(reader, items),
+            ":requirements" => {
+                domain.requirements.extend(declarations::requirements(reader, items))
+            }
+            ":types" => domain.types.extend(declarations::types(reader, items)),
+            ":constants" => domain.constants.extend(declarations::constants(reader, items)),
+            ":predicates" => domain.predicates.extend(declarations::predicates(reader, items)),
+            ":functions" => domain.functions.extend(declarations::functions(reader, items)),
             ":derived" => domain.derived.extend(action::derived(reader, items, span)),
             ":action" => domain.actions.extend(action::action(reader, items, span)),
             _ => domain.durative_actions.extend(action::durative_action(reader, items, span)),

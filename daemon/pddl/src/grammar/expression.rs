@@ -1,6 +1,6 @@
 //! Numeric expressions.
 
-use super::condition::{Headed, headed};
+use super::condition::{Headed, headed, unsupported};
 use super::names;
 use super::reader::{Keyword, Place, Reader};
 use crate::balance::too_deep;
@@ -33,6 +33,9 @@ pub(super) fn expression<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<
         "/" => apply(reader, Operator::Divide, items, node.span()),
         _ if is_total_time(reader, word) && items.peek().is_none() => {
             Some(Expression::TotalTime(node.span()))
+        }
+        _ if reader.place() == Place::Metric && word.eq_ignore_ascii_case("is-violated") => {
+            unsupported(reader, node, "preferences (`is-violated`)")
         }
         _ => fluent(reader, node).map(Expression::Fluent),
     }

@@ -35,14 +35,14 @@ pub(super) fn action_model<'f>(
         let (items, span) = (section.items, section.span);
         match section.keyword {
             ":domain" => domain = domain_name(reader, items),
-            ":requirements" => model.requirements = declarations::requirements(reader, items),
-            ":types" => model.types = declarations::types(reader, items),
+            ":requirements" => model.requirements.extend(declarations::requirements(reader, items)),
+            ":types" => model.types.extend(declarations::types(reader, items)),
             ":constants" | ":objects" => {
                 model.objects.extend(declarations::objects(reader, items));
             }
-            ":predicates" => model.predicates = declarations::predicates(reader, items),
-            ":functions" => model.functions = declarations::functions(reader, items),
-            ":init" => model.init = facts::init_elements(reader, items),
+            ":predicates" => model.predicates.extend(declarations::predicates(reader, items)),
+            ":functions" => model.functions.extend(declarations::functions(reader, items)),
+            ":init" => model.init.extend(facts::init_elements(reader, items)),
             ":derived" => model.derived.extend(action::derived(reader, items, span)),
             ":action" => model.actions.extend(action::action(reader, items, span)),
             _ => model.durative_actions.extend(action::durative_action(reader, items, span)),

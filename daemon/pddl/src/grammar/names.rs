@@ -84,6 +84,15 @@ pub(super) fn applied<'f>(
 
 /// `?NAME`
 pub(super) fn variable<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Name> {
+    variable_after(reader, node, false)
+}
+
+/// `?NAME`, where a variable without a type may stand before it: a word then likely lacks its dash.
+fn variable_after<'f>(
+    reader: &mut Reader<'f>,
+    node: Node<'f>,
+    is_after_variable: bool,
+) -> Option<Name> {
     let Some(word) = node.symbol() else {
         return name(reader, node, "a variable");
     };
@@ -91,7 +100,11 @@ pub(super) fn variable<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Na
         return checked_name(reader, bare, word, node.span(), "a variable");
     }
     let diagnostic = Diagnostic::error(node.span(), format!("expected a variable, found `{word}`"));
-    reader.report(diagnostic.with_help(format!("write `?{word}`")).with_rule(VARIABLE));
+    let help = match is_after_variable {
+        true => format!("write `- {word}` for the type of the variable before it, or `?{word}`"),
+        false => format!("write `?{word}`"),
+    };
+    reader.report(diagnostic.with_help(help).with_rule(VARIABLE));
     None
 }
 
@@ -147,7 +160,7 @@ pub(super) fn typed_list<'f>(
             Some(word) if word.starts_with('-') => glued_type(reader, node, &word[1..]),
             _ => {
                 let entry = match entries {
-                    Entries::Variables => variable(reader, node),
+                    Entries::Variables => variable_after(reader, node, untyped_from < typed.len()),
                     Entries::Names => name(reader, node, "a name"),
                 };
                 typed.extend(entry.map(|name| Typed { name, ty: TypeExpr::default() }));
@@ -235,6 +248,7 @@ fn checked_name<'f>(
         let code = u32::from(stranger);
         diagnostic.help = Some(match stranger.is_whitespace() {
             true => format!("U+{code:04X} looks like a space, but is none in PDDL"),
+            false if stranger == ',' => "separate names by spaces, not by commas".to_owned(),
             false => format!("a name cannot hold `{}`", stranger.escape_default()),
         });
     }

@@ -19,18 +19,22 @@ const METRIC: &str = "(:metric minimize|maximize EXPRESSION)";
 pub(super) fn problem<'f>(reader: &mut Reader<'f>, name: Name, items: Items<'f>) -> Problem {
     let mut domain = None;
     let mut problem = Problem::named(name, Name::new(""));
+    let mut objects = Vec::new();
     let mut sections = Sections::new(items, SECTIONS);
     while let Some(section) = sections.next(reader) {
         let items = section.items;
         match section.keyword {
             ":domain" => domain = domain_name(reader, items),
-            ":requirements" => problem.requirements = declarations::requirements(reader, items),
-            ":objects" => problem.objects = Arc::new(declarations::objects(reader, items)),
-            ":init" => problem.init = facts::init_elements(reader, items),
+            ":requirements" => {
+                problem.requirements.extend(declarations::requirements(reader, items))
+            }
+            ":objects" => objects.extend(declarations::objects(reader, items)),
+            ":init" => problem.init.extend(facts::init_elements(reader, items)),
             ":goal" => problem.goal = goal(reader, items).unwrap_or_default(),
             _ => problem.metric = metric(reader, items, section.span),
         }
     }
+    problem.objects = Arc::new(objects);
     problem.domain = domain.unwrap_or_else(|| missing_domain(reader, sections.end()));
     problem
 }

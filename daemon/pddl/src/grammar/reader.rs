@@ -18,7 +18,12 @@ pub(crate) struct Reader<'f> {
     problems: Problems,
     place: Place,
     copies_left: usize,
+    /// Where a list begins that was reported together with the word before it.
+    passed_over: Option<u32>,
 }
+
+/// Words of a call that are quoted in advice.
+const CALL_WORDS_MAX: usize = 6;
 
 /// How many variables may be written out again where `forall` is flattened; see
 /// [`Reader::afford_copies`].
@@ -45,7 +50,7 @@ impl<'f> Reader<'f> {
     pub(crate) fn new(problems: Problems, node_count: usize) -> Reader<'f> {
         // A building's text spells every tenth of them for the first time.
         let names = HashMap::with_capacity_and_hasher(node_count / 10, RandomState::default());
-        Reader { names, problems, place: Place::Plain, copies_left: COPIES_MAX }
+        Reader { names, problems, place: Place::Plain, copies_left: COPIES_MAX, passed_over: None }
     }
 
     pub(crate) fn into_diagnostics(self) -> Vec<Diagnostic> {
@@ -113,7 +118,9 @@ impl<'f> Reader<'f> {
         rule: &'static str,
     ) -> Option<Items<'f>> {
         match node.view() {
+            View::List(_) if self.is_passed_over(node) => None,
             View::List(items) => Some(items),
+            View::Symbol(_) if self.report_call(node) => None,
             View::Symbol(word) => {
                 let message = format!("expected {what}, found `{word}`");
                 self.report(Diagnostic::error(node.span(), message).with_rule(rule));
@@ -127,8 +134,40 @@ impl<'f> Reader<'f> {
     pub(super) fn expect_end(&mut self, mut items: Items<'f>, what: &str, rule: &'static str) {
         if let Some(node) = items.next() {
             let message = format!("{what} ends before `{}`", excerpt(node));
-            self.report(Diagnostic::error(node.span(), message).with_rule(rule));
+            let mut more = Diagnostic::error(node.span(), message).with_rule(rule);
+            let takes_one = rule.contains("CONDITION") || rule.contains("EFFECT");
+            if takes_one && node.list().is_some() {
+                more.help = Some("several are joined by `(and …)`".to_owned());
+            }
+            self.report(more);
         }
+    }
+
+    /// Reports a word with parentheses after it, as other languages write it: `at(r1, hall)`. Then the
+    /// parentheses are passed over. Whether it was such a word.
+    pub(super) fn report_call(&mut self, word: Node<'f>) -> bool {
+        let Some(list) = word.touching_list() else { return false };
+        if self.is_passed_over(list) {
+            return true;
+        }
+        let name = excerpt(word);
+        let inner = list.text().trim_matches(['(', ')']).replace(',', " ");
+        let is_flat = !inner.contains(['(', ')']);
+        let arguments: Vec<&str> = match is_flat {
+            true => inner.split_whitespace().take(CALL_WORDS_MAX).collect(),
+            false => vec!["…"],
+        };
+        let written = [&[name.as_str()], arguments.as_slice()].concat().join(" ");
+        let message = format!("`{name}` stands before its parentheses");
+        let call = Diagnostic::error(Span { end: list.span().end, ..word.span() }, message);
+        self.report(call.with_help(format!("write `({written})`")));
+        self.passed_over = Some(list.span().start);
+        true
+    }
+
+    /// Whether a node belongs to something that was reported as a whole.
+    pub(super) fn is_passed_over(&self, node: Node<'f>) -> bool {
+        self.passed_over == Some(node.span().start)
     }
 
     /// The candidate that was likely meant; none once no more mistakes are listed.

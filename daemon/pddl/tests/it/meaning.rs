@@ -126,8 +126,8 @@ fn unknown_words_are_offered_their_likeness() {
     check_problem(
         "(:requirements :strips :typng)",
         expect![[r#"
-        1:61: error: unknown requirement `:typng`; did you mean `:typing`? at `:typng`
-    "#]],
+            1:61: warning: unknown requirement `:typng`; did you mean `:typing`? at `:typng`
+        "#]],
     );
 }
 
@@ -219,10 +219,10 @@ fn nothing_is_declared_twice() {
         "(define (domain d) (:types a A) (:constants k - a K - a) (:predicates (p) (P ?x - a)) (:functions (f) (f))
            (:action act :parameters (?x ?x - a)) (:durative-action Act :duration ()))",
         expect![[r#"
-            1:30: error: type `A` is declared twice at `A`
-            1:51: error: constant `K` is declared twice at `K`
+            1:30: warning: type `A` is declared twice; leave one of the two out at `A`
+            1:51: warning: constant `K` is declared twice; leave one of the two out at `K`
             1:76: error: predicate `P` is declared twice at `P`
-            1:104: error: function `f` is declared twice at `f`
+            1:104: warning: function `f` is declared twice; the first one counts at `f`
             2:41: error: parameter `?x` is declared twice at `?x`
             2:68: error: action `Act` is declared twice at `Act`
         "#]],
@@ -230,15 +230,15 @@ fn nothing_is_declared_twice() {
     check_problem(
         "(:objects a a - room dock - room)",
         expect![[r#"
-        1:50: error: object `a` is declared twice at `a`
-        1:59: warning: `dock` is a constant of the domain already at `dock`
-    "#]],
+            1:50: warning: object `a` is declared twice; leave one of the two out at `a`
+            1:59: warning: `dock` is a constant of the domain already at `dock`
+        "#]],
     );
     check_problem(
         "(:objects dock - robot)",
         expect![[r#"
-        1:48: error: `dock` is a constant of the domain already, of another type at `dock`
-    "#]],
+            1:48: warning: `dock` is a constant of the domain already, of another type; it belongs to both types at `dock`
+        "#]],
     );
 }
 
@@ -262,9 +262,9 @@ fn types_are_known_and_form_no_circle() {
            (:functions (f ?x - hall)) (:action a :parameters (?z - moor) :effect (p ?z ?z)))",
         expect![[r#"
             1:50: error: unknown type `rom`; did you mean `room`? at `rom`
-            1:79: error: unknown type `rooom`; did you mean `room`? at `rooom`
-            2:32: error: unknown type `hall` at `hall`
-            2:68: error: unknown type `moor` at `moor`
+            1:79: warning: unknown type `rooom`; did you mean `room`? at `rooom`
+            2:32: warning: unknown type `hall`; it is not declared, and nothing is of it at `hall`
+            2:68: warning: unknown type `moor`; it is not declared, and nothing is of it at `moor`
         "#]],
     );
 }
@@ -352,7 +352,7 @@ fn problems_are_lenient_with_repetition_and_spare_values() {
     check_problem(
         "(:init (= (distance dock dock) 1) (= (distance DOCK dock) 2))",
         expect![[r#"
-            1:75: error: `(distance DOCK dock)` is 1 already, and now 2 at `(distance DOCK dock)`
+            1:75: warning: `(distance DOCK dock)` is 1 already, and now 2; the last value counts at `(distance DOCK dock)`
         "#]],
     );
     let elsewhere = PROBLEM.replace("(:domain office)", "(:domain home)");
@@ -430,4 +430,20 @@ fn looking_for_likely_names_costs_no_more_than_it_may() {
     let text = format!("(define (problem p) (:domain office) {sections})");
     let problem = pddl::parse_problem(&text).into_result().expect("the form is right");
     assert_eq!(pddl::check_problem(&domain(), &problem).len(), 1_001);
+}
+
+#[test]
+fn an_object_that_has_the_name_of_a_type_is_told() {
+    let domain = "(define (domain d) (:types room) (:predicates (p ?x - room)))";
+    let problem = "(define (problem p) (:domain d) (:objects hall attic room) (:goal (p hall)))";
+    let domain = pddl::parse_domain(domain).into_result().unwrap();
+    let parsed = pddl::parse_problem(problem).into_result().unwrap();
+    let found = pddl::check_problem(&domain, &parsed);
+    let told: Vec<String> = found.iter().map(|one| one.located(problem)).collect();
+    assert_eq!(
+        told[0],
+        "1:54: warning: the object `room` has the name of a type; for the type of what stands \
+         before it, write `- room`"
+    );
+    assert!(found[1].is_error(), "{told:?}");
 }

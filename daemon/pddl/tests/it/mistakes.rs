@@ -72,10 +72,10 @@ fn a_parenthesis_too_many_does_not_lose_the_rest() {
     check(
         "(define (domain d)))))",
         expect![[r#"
-        1:20: error: `)` closes nothing; remove it, or add the `(` that it belongs to
-          at `)`
-        (define (domain d))
-    "#]],
+            1:20: warning: `)` after the end closes nothing; remove it
+              at `)`
+            (define (domain d))
+        "#]],
     );
 }
 
@@ -126,17 +126,17 @@ fn sections_are_named_like_this() {
               at `:foo`
             1:57: warning: `:length` is obsolete and passed over
               at `:length`
-            1:69: error: `:constraints` is not supported
+            1:69: error: constraints on trajectories (`:constraints`) are not supported
               at `:constraints`
             1:83: error: expected a section, found `stray` [(:KEYWORD …)]
               at `stray`
             1:90: error: missing keyword [(:KEYWORD …)]
               at `)`
-            2:24: error: a second `:types` section; join the two
+            2:24: warning: a second `:types` section; it is read as if joined to the first
               at `:types`
               2:13: the first is here
             (define (domain d)
-              (:types a))
+              (:types a b))
         "#]],
     );
 }
@@ -159,14 +159,14 @@ fn parts_of_actions_are_named_like_this() {
               2:12: the first is here
             2:40: error: nothing follows `:precondition` [(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] [:precondition CONDITION] [:effect EFFECT] [:observe OBSERVED])]
               at `:precondition`
-            2:54: error: unknown keyword `:vars`; known are :agent :parameters :precondition :effect :observe
+            2:54: warning: `:vars` are read as further parameters; write them into `:parameters`
               at `:vars`
             2:75: error: expected the name of the action, found `(b)` [NAME = a letter or digit, then letters, digits, `-` and `_`]
               at `(b)`
             (define (domain d)
               (:action a
                 :agent ?x - t
-                :parameters ()
+                :parameters (?z)
                 :effect (p)))
         "#]],
     );
@@ -242,7 +242,7 @@ fn conditions_are_made_like_this() {
               at `p`
             1:51: error: missing condition [(not CONDITION)]
               at `)`
-            1:62: error: `not` ends before `(q)` [(not CONDITION)]
+            1:62: error: `not` ends before `(q)`; several are joined by `(and …)` [(not CONDITION)]
               at `(q)`
             1:77: error: missing second condition [(imply CONDITION CONDITION)]
               at `)`
@@ -370,7 +370,7 @@ fn declarations_are_made_like_this() {
               at `x`
             2:55: error: a `:private` has one owner, `?b` is another [(:private [VARIABLE - TYPE] DECLARATION*)]
               at `?b`
-            2:82: error: functions have numbers as values, not `integer` [(:functions ((NAME [VARIABLE* [- TYPE]]*)* [- number])*)]
+            2:82: error: functions with objects as values (here `integer`) are not supported [(:functions ((NAME [VARIABLE* [- TYPE]]*)* [- number])*)]
               at `integer`
             (define (domain d)
               (:types a - object b - c e)
@@ -468,4 +468,163 @@ fn mistakes_are_listed_up_to_a_number() {
     let diagnostics = pddl::parse_document(&text).diagnostics;
     assert_eq!(diagnostics.len(), 1_001);
     assert_eq!(diagnostics[1_000].message, "4000 more mistakes are not listed");
+}
+
+#[test]
+fn several_conditions_want_an_and() {
+    check(
+        "(define (domain d) (:predicates (p) (q)) (:action a :parameters ()
+           :precondition (p) (q) :effect (p) (not (q))) (:derived (p) (q) (q)))",
+        expect![[r#"
+            2:30: error: `:precondition` is one condition, `(q)` is another; join them: `(and …)`
+              at `(q)`
+            2:46: error: `:effect` is one effect, `(not (q))` is another; join them: `(and …)`
+              at `(not (q))`
+            2:75: error: an axiom ends before `(q)`; several are joined by `(and …)` [(:derived (PREDICATE VARIABLES) CONDITION)]
+              at `(q)`
+            (define (domain d)
+              (:predicates (p) (q))
+              (:derived (p)
+                (q))
+              (:action a
+                :parameters ()
+                :precondition (p)
+                :effect (p)))
+        "#]],
+    );
+    check(
+        "(define (problem p) (:domain d) (:goal (p) (q)))",
+        expect![[r#"
+            1:44: error: a goal is one condition, `(q)` is another; join them: `(and …)` [(:goal CONDITION)]
+              at `(q)`
+            (define (problem p)
+              (:domain d)
+              (:goal (p)))
+        "#]],
+    );
+    check(
+        "(define (domain d) (:predicates (p ?x) (q)) (:action a :parameters ()
+           :precondition (forall (?x) (p ?x) (q)) :effect (when (q) (p) (q))))",
+        expect![[r#"
+            2:46: error: a quantifier ends before `(q)`; several are joined by `(and …)` [(exists|forall (VARIABLES) CONDITION)]
+              at `(q)`
+            2:73: error: `when` ends before `(q)`; several are joined by `(and …)` [(when CONDITION EFFECT)]
+              at `(q)`
+            (define (domain d)
+              (:predicates (p ?x) (q))
+              (:action a
+                :parameters ()
+                :precondition (forall (?x) (p ?x))
+                :effect (when (q) (p))))
+        "#]],
+    );
+}
+
+#[test]
+fn words_stand_inside_their_parentheses() {
+    check(
+        "(define (problem p) (:domain d) (:init at(r1, hall) (q)) (:goal (and at(r1, attic) (q))))",
+        expect![[r#"
+            1:40: error: `at` stands before its parentheses; write `(at r1 hall)`
+              at `at(r1, hall)`
+            1:70: error: `at` stands before its parentheses; write `(at r1 attic)`
+              at `at(r1, attic)`
+            (define (problem p)
+              (:domain d)
+              (:init (q))
+              (:goal (and (q))))
+        "#]],
+    );
+    check(
+        "(define (domain d) (:predicates at(?x) (q)) (:action a :parameters (?x)
+           :precondition at(?x) :effect not(at(?x))))",
+        expect![[r#"
+            1:33: error: `at` stands before its parentheses; write `(at ?x)`
+              at `at(?x)`
+            2:26: error: `at` stands before its parentheses; write `(at ?x)`
+              at `at(?x)`
+            2:41: error: `not` stands before its parentheses; write `(not …)`
+              at `not(at(?x))`
+            (define (domain d)
+              (:predicates (q))
+              (:action a
+                :parameters (?x)))
+        "#]],
+    );
+    check(
+        "(define (problem p) (:domain d) (:objects a, b) (:init (at a, b)))",
+        expect![[r#"
+            1:43: error: expected a name, found `a,`; separate names by spaces, not by commas [NAME = a letter or digit, then letters, digits, `-` and `_`]
+              at `a,`
+            1:60: error: expected a variable or an object, found `a,`; separate names by spaces, not by commas [NAME = a letter or digit, then letters, digits, `-` and `_`]
+              at `a,`
+            (define (problem p)
+              (:domain d)
+              (:objects b - object)
+              (:goal (and)))
+        "#]],
+    );
+}
+
+#[test]
+fn comments_begin_with_a_semicolon() {
+    check(
+        "# lamps (all of them\n(define (domain d) // a (domain\n(:predicates (p)) /* more\n (and more */)",
+        expect![[r#"
+            1:1: error: `#` begins no comment in PDDL; begin each line of a comment with `;`
+              at `#`
+            2:20: error: `//` begins no comment in PDDL; begin each line of a comment with `;`
+              at `//`
+            3:19: error: `/*` begins no comment in PDDL; begin each line of a comment with `;`
+              at `/*`
+            (define (domain d)
+              (:predicates (p)))
+        "#]],
+    );
+}
+
+#[test]
+fn operators_are_words() {
+    check(
+        "(define (domain d) (:predicates (p ?x) (q)) (:action a :parameters (?x ?y)
+           :precondition (and (!= ?x ?y) (== ?x ?y) (! (q)) (&& (q) (q)) (-> (q) (q)))
+           :effect (and (p ?x) (+= (f) 1))))",
+        expect![[r#"
+            2:32: error: PDDL has no `!=`; write `(not (= … …))`
+              at `!=`
+            2:43: error: PDDL has no `==`; write `(= … …)`
+              at `==`
+            2:54: error: PDDL has no `!`; write `(not …)`
+              at `!`
+            2:62: error: PDDL has no `&&`; write `(and … …)`
+              at `&&`
+            2:75: error: PDDL has no `->`; write `(imply … …)`
+              at `->`
+            3:33: error: PDDL has no `+=`; write `(increase FLUENT EXPRESSION)`
+              at `+=`
+            (define (domain d)
+              (:predicates (p ?x) (q))
+              (:action a
+                :parameters (?x ?y)
+                :effect (and (p ?x))))
+        "#]],
+    );
+}
+
+#[test]
+fn a_type_wants_its_dash() {
+    check(
+        "(define (domain d) (:types room) (:predicates (p ?x room)) (:action a :parameters (?x room ?y)))",
+        expect![[r#"
+            1:53: error: expected a variable, found `room`; write `- room` for the type of the variable before it, or `?room` [VARIABLE = ?NAME]
+              at `room`
+            1:87: error: expected a variable, found `room`; write `- room` for the type of the variable before it, or `?room` [VARIABLE = ?NAME]
+              at `room`
+            (define (domain d)
+              (:types room)
+              (:predicates (p ?x))
+              (:action a
+                :parameters (?x ?y)))
+        "#]],
+    );
 }

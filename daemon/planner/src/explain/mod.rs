@@ -5,12 +5,15 @@
 //! operator of a relaxed task (`suppose`), and the smallest sets of them under which a part of the
 //! goal is reached are found in one pass (`support`).
 //!
+//! Of plain PDDL, where no agents are, [`why_unsolvable`] says what no action makes true.
+//!
 //! - Nothing here is acted on: what would do in the relaxation is a hint, for people.
 //! - That a part is listed as an obstacle is a proof; that it is not listed proves nothing.
 //! - Work is counted; where the count ends it, [`Explanation::is_complete`] says so.
 //! - Amounts are left out of the supposing: an action is taken to be possible whatever it costs.
 
 mod places;
+mod plain;
 mod support;
 mod suppose;
 mod words;
@@ -20,10 +23,11 @@ use std::collections::BTreeMap;
 use pddl::{ActionModel, Atom, Condition, Domain, Name, Problem, TypeExpr};
 
 use self::places::places;
+pub use self::plain::{Unsolvability, why_unsolvable};
 use self::support::{Rules, Support};
 use self::suppose::Supposed;
 use crate::goal::unreachable;
-use crate::ground::{GroundError, ground};
+use crate::ground::ground;
 use crate::limits::{Cancel, Options};
 use crate::normalize::normalize;
 use crate::outcome::PlanError;
@@ -142,9 +146,8 @@ pub fn explain(
     let lifted = normalize(&supposed.domain, &supposed.problem)?;
     let task = match ground(&lifted, options.budget, cancel, &mut 0) {
         Ok(grounded) => grounded.task,
-        Err(GroundError::Unsupported(unsupported)) => return Err(unsupported.into()),
         // Without an end nothing is proven, and nothing explained.
-        Err(GroundError::Stopped(_)) => {
+        Err(_) => {
             return Ok(Explanation {
                 obstacles: Vec::new(),
                 parts: parts.len(),

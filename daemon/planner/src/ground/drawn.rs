@@ -5,6 +5,7 @@
 
 use pddl::Diagnostic;
 
+use super::action_relation;
 use super::draft::Draft;
 use super::instantiate::{Instantiation, Ready, ready_axioms};
 use super::join::Catalog;
@@ -15,7 +16,6 @@ use super::sets::Sets;
 use super::tree::{Auxiliaries, RawAxiom};
 use super::values::Values;
 use super::work::Work;
-use super::{GroundError, action_relation};
 use crate::normalize::lifted::{Closed, Lifted, Schema};
 use crate::outcome::StopReason;
 use crate::task::{FactId, GroundComparison, Literal, Operators};
@@ -64,7 +64,7 @@ pub(super) fn draw(
     reached: &mut Reached,
     values: &mut Values,
     work: &mut Work<'_>,
-) -> Result<Raw, GroundError> {
+) -> Result<Raw, StopReason> {
     let sizes = reached.relations[..lifted.predicates.len()].iter().map(Relation::len);
     let mut drawn = Drawn::new(sizes, 0);
     drawn.draw(lifted, reached, values, &vec![0; lifted.schemas.len()], work)?;
@@ -146,7 +146,7 @@ impl Drawn {
         values: &mut Values,
         rows: &[usize],
         work: &mut Work<'_>,
-    ) -> Result<(), GroundError> {
+    ) -> Result<(), StopReason> {
         let Reached { relations, sets } = reached;
         let mut catalog = Catalog { lifted, relations, sets, is_complete: true };
         let has_rows = |(index, _): &(usize, &Schema)| {

@@ -93,19 +93,27 @@ fn set_costs(task: &mut Task, is_unit: bool) {
         task.costs_equal = true;
         return;
     }
-    let is_whole = |value: f64| (value - value.round()).abs() < 1e-9 * value.abs().max(1.0);
+    // No more than rounding may be missing: a cost that is small is not none.
+    let is_whole = |value: f64| (value - value.round()).abs() <= 4.0 * f64::EPSILON * value.abs();
     let scales = [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6];
     let fits = |scale: &&f64| all.iter().all(|cost| is_whole(f64::from_bits(*cost) * **scale));
     let scale = scales.iter().find(fits).copied();
-    task.costs_exact = scale.is_some();
+    // Where some steps pay, all are taken to cost so much more that none does: what pays most is then
+    // preferred, and no plan is called the cheapest.
+    let lowest = all.iter().map(|cost| f64::from_bits(*cost)).fold(0.0, f64::min);
+    let has_negative = lowest < 0.0;
+    if has_negative {
+        all.iter_mut().for_each(|cost| *cost = (f64::from_bits(*cost) - lowest).to_bits());
+    }
+    task.costs_exact = scale.is_some() && !has_negative;
     let scale = scale.unwrap_or(1e6);
     task.cost_unit = 1.0 / scale;
     for cost in all.iter_mut() {
-        // Negative costs were refused; the conversion saturates.
+        // The conversion saturates.
         *cost = (f64::from_bits(*cost) * scale).round() as u64;
     }
     let first = all.first().copied().unwrap_or(1);
-    task.costs_equal = first > 0 && all.iter().all(|cost| *cost == first);
+    task.costs_equal = first > 0 && !has_negative && all.iter().all(|cost| *cost == first);
 }
 
 /// What is known of every raw fact, by its dense index: rows of relations, comparisons, auxiliaries.

@@ -1,7 +1,10 @@
 //! One tuple of a schema becomes an operator, one binding of an axiom's variables an axiom.
 
-use pddl::{Assignment, Diagnostic};
+use std::sync::Arc;
 
+use pddl::{Assignment, Diagnostic, Operator as Arithmetic};
+
+use super::action_relation;
 use super::condition::{Condition, tidy};
 use super::draft::Draft;
 use super::join::{Catalog, JoinPlan};
@@ -9,11 +12,10 @@ use super::node::{Grounder, Node, enumeration};
 use super::tree::{Auxiliaries, RawAxiom, Tree};
 use super::values::Grounded;
 use super::work::Work;
-use super::{GroundError, action_relation};
 use crate::normalize::lifted::{
     Formula, Lifted, LiftedEffect, LiftedFluent, LiftedNumeric, Schema, Slot, TypeIndex,
 };
-use crate::outcome::{StopReason, Unsupported};
+use crate::outcome::StopReason;
 use crate::task::{FactId, GroundExpression, Literal, NumericChange, ObjectId, Operators};
 
 /// Ways to satisfy one precondition before disjunctions in it become facts of their own.
@@ -40,7 +42,7 @@ pub(super) struct Instantiation<'g, 'w, 'c> {
 }
 
 /// Called under every binding of an effect's variables.
-type Instance<'f, I> = &'f mut dyn FnMut(&mut I, &mut [ObjectId]) -> Result<(), GroundError>;
+type Instance<'f, I> = &'f mut dyn FnMut(&mut I, &mut [ObjectId]) -> Result<(), StopReason>;
 
 /// A schema ready for grounding.
 pub(super) struct Ready<'s> {
@@ -63,7 +65,8 @@ struct Guarded<'s, T> {
 pub(super) struct ReadyAxiom {
     head: usize,
     parameter_count: usize,
-    frame: Vec<TypeIndex>,
+    /// Shared by all alternatives of one axiom.
+    frame: Arc<[TypeIndex]>,
     plan: JoinPlan,
     body: Condition,
     stratum: usize,
@@ -78,6 +81,7 @@ pub(super) fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<ReadyAxiom> {
             Formula::Or(alternatives) => alternatives.as_slice(),
             _ => whole,
         };
+        let frame: Arc<[TypeIndex]> = axiom.frame.as_slice().into();
         for alternative in alternatives {
             let (slots, body) = open(alternative);
             let parameters = 0..axiom.parameter_count as Slot;
@@ -87,7 +91,7 @@ pub(super) fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<ReadyAxiom> {
             ready.push(ReadyAxiom {
                 head: axiom.head,
                 parameter_count: axiom.parameter_count,
-                frame: axiom.frame.clone(),
+                frame: Arc::clone(&frame),
                 plan,
                 body: Condition::compile(catalog, &axiom.frame, &body, &mut bound, false),
                 stratum: axiom.stratum,
@@ -149,11 +153,7 @@ impl<'s> Ready<'s> {
 // === impl Instantiation ===
 
 impl Instantiation<'_, '_, '_> {
-    pub(super) fn schema(
-        &mut self,
-        ready: &Ready<'_>,
-        first_row: usize,
-    ) -> Result<(), GroundError> {
+    pub(super) fn schema(&mut self, ready: &Ready<'_>, first_row: usize) -> Result<(), StopReason> {
         let relations = self.grounder.relations;
         let relation = &relations[action_relation(self.grounder.lifted, ready.index)];
         let mut binding = vec![ObjectId::from_index(0); ready.schema.frame.len().max(1)];
@@ -175,7 +175,7 @@ impl Instantiation<'_, '_, '_> {
         arguments: &[ObjectId],
         binding: &mut [ObjectId],
         draft: &mut Draft,
-    ) -> Result<(), GroundError> {
+    ) -> Result<(), StopReason> {
         draft.clear();
         if ready.schema.piece_of.is_none() {
             draft.cost = self.grounder.lifted.costs.per_step;
@@ -194,12 +194,8 @@ impl Instantiation<'_, '_, '_> {
             self.numeric(guarded, ready, binding, draft, &mut rest)?;
         }
         if self.grounder.lifted.costs.varies {
-            // As seen from the initial state it may even pay; nobody knows later.
+            // Seen from the initial state it may even pay; what it costs later is not known.
             draft.cost = draft.cost.max(0.0);
-        }
-        if draft.cost < 0.0 {
-            let feature = format!("a negative cost of `{}`", ready.schema.action());
-            return Err(Unsupported::in_domain(feature, ready.schema.span).into());
         }
         let schema = ready.index as u32;
         match rest {
@@ -228,7 +224,7 @@ impl Instantiation<'_, '_, '_> {
         frame: &[TypeIndex],
         binding: &mut [ObjectId],
         draft: &mut Draft,
-    ) -> Result<(), GroundError> {
+    ) -> Result<(), StopReason> {
         let Guarded { plan, condition, part } = guarded;
         self.each(plan.as_ref(), frame, binding, &mut |this, binding| {
             let Some(fact) = this.grounder.fact(&part.atom, binding) else { return Ok(()) };
@@ -273,7 +269,7 @@ impl Instantiation<'_, '_, '_> {
         binding: &mut [ObjectId],
         draft: &mut Draft,
         rest: &mut Tree,
-    ) -> Result<(), GroundError> {
+    ) -> Result<(), StopReason> {
         let lifted = self.grounder.lifted;
         let Guarded { plan, condition, part: change } = guarded;
         let frame = &ready.schema.frame;
@@ -290,7 +286,10 @@ impl Instantiation<'_, '_, '_> {
                 return Ok(());
             }
             let values = &mut this.grounder.values;
-            let value = values.ground(&change.value, binding);
+            let mut value = values.ground(&change.value, binding);
+            if change.assignment == Assignment::ScaleDown && value == Grounded::Fixed(0.0) {
+                value = Grounded::Undefined;
+            }
             let is_defined = change.assignment == Assignment::Assign
                 || is_fluent
                 || values.initially(&change.fluent, binding).is_some();
@@ -306,15 +305,16 @@ impl Instantiation<'_, '_, '_> {
                 Grounded::Undefined => None,
             };
             if let (true, Some(amount)) = (is_counted, at_first) {
-                draft.cost += cost(lifted, &change.fluent, binding, change.assignment, amount);
+                let more = cost(lifted, &change.fluent, binding, change.assignment, amount);
+                draft.cost = Arithmetic::Add.apply(draft.cost, more);
             }
-            // Whether a value exists decides whether the action applies; what is defined stays so.
             let is_uncertain = match &value {
                 Grounded::Varying(amount) => !is_counted || at_first.is_none() || amount.may_fail(),
-                Grounded::Fixed(_) | Grounded::Undefined => false,
+                value => may_outgrow(change.assignment, value),
             };
-            let follow =
-                (is_followed && (lifted.functions[function].read || !is_counted)) || is_uncertain;
+            let may_conflict = is_followed && change.assignment == Assignment::Assign;
+            let is_read = lifted.functions[function].read || !is_counted;
+            let follow = is_uncertain || may_conflict || (is_followed && is_read);
             if follow {
                 let value = match value {
                     Grounded::Fixed(number) => GroundExpression::Number(number),
@@ -346,7 +346,7 @@ impl Instantiation<'_, '_, '_> {
         frame: &[TypeIndex],
         binding: &mut [ObjectId],
         found: Instance<'_, Self>,
-    ) -> Result<(), GroundError> {
+    ) -> Result<(), StopReason> {
         let Some(plan) = plan else { return found(self, binding) };
         let mut bindings = std::mem::take(&mut self.bindings);
         bindings.clear();
@@ -358,7 +358,7 @@ impl Instantiation<'_, '_, '_> {
         Ok(())
     }
 
-    pub(super) fn axiom(&mut self, axiom: &ReadyAxiom) -> Result<(), GroundError> {
+    pub(super) fn axiom(&mut self, axiom: &ReadyAxiom) -> Result<(), StopReason> {
         let relation = &self.grounder.relations[axiom.head];
         // Even a binding of no variables leaves a trace.
         let mut binding = vec![ObjectId::from_index(0); axiom.frame.len().max(1)];
@@ -398,8 +398,12 @@ impl Instantiation<'_, '_, '_> {
     }
 
     fn warn_undefined(&mut self, change: &LiftedNumeric, schema: &Schema) {
+        let or = match change.assignment == Assignment::ScaleDown || change.value.divides() {
+            true => ", or divide by zero",
+            false => "",
+        };
         let message = format!(
-            "some instances of `{}` never apply: they use a function value that :init leaves out",
+            "some instances of `{}` never apply: they use a function value that :init leaves out{or}",
             schema.action()
         );
         let warning = Diagnostic::warning(change.span, message);
@@ -412,7 +416,20 @@ impl Instantiation<'_, '_, '_> {
     }
 }
 
-/// What changing a fluent by an amount adds to the cost of a plan.
+/// Whether a change by a fixed amount, done again and again, can leave the range of numbers within any
+/// plan that a machine can hold. Whether a value exists decides whether the action applies; what is
+/// defined stays so otherwise.
+fn may_outgrow(assignment: Assignment, amount: &Grounded) -> bool {
+    let &Grounded::Fixed(amount) = amount else { return false };
+    match assignment {
+        Assignment::Assign => false,
+        Assignment::Increase | Assignment::Decrease => amount.abs() > 1e290,
+        Assignment::ScaleUp => amount.abs() > 1.0,
+        Assignment::ScaleDown => amount.abs() < 1.0,
+    }
+}
+
+/// What changing a fluent by an amount adds to the cost of a plan; nothing of what sets or scales it.
 fn cost(
     lifted: &Lifted,
     fluent: &LiftedFluent,
@@ -421,7 +438,11 @@ fn cost(
     amount: f64,
 ) -> f64 {
     let weights = lifted.costs.weights.as_deref().unwrap_or_default();
-    let sign = if assignment == Assignment::Decrease { -1.0 } else { 1.0 };
+    let sign = match assignment {
+        Assignment::Increase => 1.0,
+        Assignment::Decrease => -1.0,
+        Assignment::Assign | Assignment::ScaleUp | Assignment::ScaleDown => return 0.0,
+    };
     let is_it = |objects: &[ObjectId]| {
         let arguments = fluent.arguments.iter().map(|term| term.object(binding));
         objects.iter().copied().eq(arguments)

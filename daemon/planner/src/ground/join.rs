@@ -261,9 +261,8 @@ impl Filter {
             Filter::Compare { positive, comparison, sides } => {
                 let left = values.fixed(&sides.0, binding);
                 let right = values.fixed(&sides.1, binding);
-                let holds = left
-                    .zip(right)
-                    .is_some_and(|(l, r)| super::values::compares(*comparison, l, r));
+                let holds =
+                    left.zip(right).is_some_and(|(left, right)| comparison.holds(left, right));
                 holds == *positive
             }
         }

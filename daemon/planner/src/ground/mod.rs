@@ -34,7 +34,7 @@ use self::values::Values;
 use self::work::Work;
 use crate::limits::{Budget, Cancel};
 use crate::normalize::lifted::Lifted;
-use crate::outcome::{StopReason, Unsupported};
+use crate::outcome::StopReason;
 use crate::task::Task;
 
 /// A ground task and what its author may not have meant.
@@ -44,29 +44,20 @@ pub(crate) struct Grounded {
     pub(crate) warnings: Vec<Diagnostic>,
 }
 
-/// Why grounding ended without a task.
-#[derive(Debug)]
-pub(crate) enum GroundError {
-    /// A cap was reached, or the caller cancelled.
-    Stopped(StopReason),
-    /// Something only seen on ground level is not supported.
-    Unsupported(Unsupported),
-}
-
-/// Grounds a lifted task; `join_steps` tells how much work it was, however it ends.
+/// Grounds a lifted task, unless a cap is reached or the caller cancels; `join_steps` tells how much work it was, however it ends.
 pub(crate) fn ground(
     lifted: &Lifted,
     budget: Budget,
     cancel: &Cancel,
     join_steps: &mut u64,
-) -> Result<Grounded, GroundError> {
+) -> Result<Grounded, StopReason> {
     let mut work = Work::new(budget, cancel);
     let result = grounded(lifted, &mut work);
     *join_steps = work.steps;
     result
 }
 
-fn grounded(lifted: &Lifted, work: &mut Work<'_>) -> Result<Grounded, GroundError> {
+fn grounded(lifted: &Lifted, work: &mut Work<'_>) -> Result<Grounded, StopReason> {
     let mut values = Values::new(lifted);
     let mut reached = reach::reach(lifted, &values, work)?;
     let mut raw = drawn::draw(lifted, &mut reached, &mut values, work)?;
@@ -78,16 +69,4 @@ fn grounded(lifted: &Lifted, work: &mut Work<'_>) -> Result<Grounded, GroundErro
 /// The relation of a schema's applicable bindings.
 fn action_relation(lifted: &Lifted, schema: usize) -> usize {
     lifted.predicates.len() + schema
-}
-
-impl From<StopReason> for GroundError {
-    fn from(reason: StopReason) -> GroundError {
-        GroundError::Stopped(reason)
-    }
-}
-
-impl From<Unsupported> for GroundError {
-    fn from(unsupported: Unsupported) -> GroundError {
-        GroundError::Unsupported(unsupported)
-    }
 }

@@ -10,7 +10,7 @@ use super::join::{Catalog, Join, JoinPlan, Part};
 use super::relation::Relation;
 use super::sets::Sets;
 use super::tree::Tree;
-use super::values::{Grounded, Values, compares};
+use super::values::{Grounded, Values};
 use super::work::Work;
 use crate::normalize::lifted::{
     Formula, Lifted, LiftedAtom, LiftedExpression, LiftedTerm, Slot, TypeIndex,
@@ -310,7 +310,7 @@ impl Grounder<'_> {
         };
         match (left, right) {
             (Grounded::Fixed(left), Grounded::Fixed(right)) => {
-                truth_value(compares(comparison, left, right))
+                truth_value(comparison.holds(left, right))
             }
             (left, right) => match (expression(left), expression(right)) {
                 (Some(left), Some(right)) => {

@@ -7,7 +7,7 @@
 use super::action_relation;
 use super::join::{Catalog, Join, JoinPlan, Part, is_static};
 use super::relation::Relation;
-use super::rules::{NARROWING_ROWS_MAX, Narrowing, Rule, rules, variables};
+use super::rules::{Conjunct, NARROWING_ROWS_MAX, Narrowing, Rule, rules, variables};
 use super::sets::Sets;
 use super::triggers::{Action, Trigger, Triggers};
 use super::values::Values;
@@ -278,7 +278,7 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
                 let tuple = self.relations[relation].row(row).iter();
                 let is_it =
                     tuple.zip(&atom.arguments).all(|(object, term)| *object == term.object(&[]));
-                if is_it && self.triggers.count_down(rule) {
+                if is_it && self.triggers.count_down(rule) && self.passes(rule) {
                     let head = &self.rules[rule].head;
                     self.relations[head.predicate].insert_terms(&head.arguments, &[]);
                 }
@@ -304,6 +304,23 @@ impl<'g, 'w, 'c> Reach<'g, 'w, 'c> {
                 result
             }
         }
+    }
+
+    /// Whether what no trigger counts of a rule without variables holds: its tests and its static
+    /// atoms. Narrowing leaves them where the last pass made them free of variables.
+    fn passes(&self, rule: usize) -> bool {
+        let Conjunct { atoms, filters } = &self.rules[rule].body;
+        let is_static = |atom: &&LiftedAtom| is_static(self.lifted, atom.predicate);
+        let stands = |atom: &LiftedAtom| {
+            self.relations[atom.predicate].find_terms(&atom.arguments, &[]).is_some()
+        };
+        atoms.iter().filter(is_static).all(stands)
+            && filters.iter().all(|filter| {
+                let mut is_ground = true;
+                filter.slots(&mut |_| is_ground = false);
+                // A test of a variable that nothing binds is left out by joins, too.
+                !is_ground || filter.passes(&self.relations, self.values, &[])
+            })
     }
 
     /// The join of a rule's body, without the atom at `cause`, whose variables are bound already.

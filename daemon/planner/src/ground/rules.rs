@@ -119,7 +119,11 @@ fn relax_literal(lifted: &Lifted, positive: bool, atom: &LiftedAtom) -> Conjunct
 
 fn relax_all(lifted: &Lifted, parts: &[Formula]) -> Vec<Conjunct> {
     let mut whole = vec![Conjunct::default()];
-    for part in parts {
+    // A conjunction in a conjunction is taken apart: what grounding does not test again, because a
+    // join has tested it, must never be left out together with a disjunction beside it.
+    let mut flat = Vec::new();
+    flatten(parts, &mut flat);
+    for part in flat {
         let alternatives = relax(lifted, part);
         if alternatives.len() > 1 && alternatives.len() * whole.len() > DISJUNCTS_MAX {
             continue;
@@ -133,6 +137,15 @@ fn relax_all(lifted: &Lifted, parts: &[Formula]) -> Vec<Conjunct> {
         whole = pairs.collect();
     }
     whole
+}
+
+fn flatten<'f>(parts: &'f [Formula], flat: &mut Vec<&'f Formula>) {
+    for part in parts {
+        match part {
+            Formula::And(inner) => flatten(inner, flat),
+            other => flat.push(other),
+        }
+    }
 }
 
 // === impl Conjunct ===

@@ -9,6 +9,7 @@
 
 use pddl::{Atom, InitElement, Term};
 
+use super::action_relation;
 use super::drawn::{Drawn, Layout, Raw};
 use super::finish::{Start, finish};
 use super::possible::{Flow, Possible};
@@ -19,7 +20,6 @@ use super::tree::RawAxiom;
 use super::values::Values;
 use super::wanted::Sources;
 use super::work::Work;
-use super::{GroundError, action_relation};
 use crate::limits::{Budget, Cancel};
 use crate::normalize::lifted::{
     Closed, Formula, Lifted, LiftedAtom, PredicateIndex, Schema, TypeSet,
@@ -88,7 +88,7 @@ impl Standing {
         budget: Budget,
         cancel: &Cancel,
         join_steps: &mut u64,
-    ) -> Result<Standing, GroundError> {
+    ) -> Result<Standing, StopReason> {
         let mut work = Work::new(budget, cancel);
         make_changeable(&mut lifted);
         let mut values = Values::new(&lifted);
@@ -179,7 +179,7 @@ impl Standing {
         budget: Budget,
         cancel: &Cancel,
         join_steps: &mut u64,
-    ) -> Result<Result<(), Outgrown>, GroundError> {
+    ) -> Result<Result<(), Outgrown>, StopReason> {
         let before =
             Before { objects: self.lifted.objects.len(), schemas: self.lifted.schemas.len() };
         let known = self.lifted.predicates.len();

@@ -1,15 +1,12 @@
 //! Numbers while grounding: static functions are looked up, fluents become part of the state.
 
-use pddl::{Comparison, Operator as Arithmetic};
+use pddl::Operator as Arithmetic;
 
 use super::relation::Relation;
 use crate::normalize::lifted::{
     FunctionIndex, FunctionUse, Lifted, LiftedExpression, LiftedFluent, objects,
 };
 use crate::task::{GroundComparison, GroundExpression, ObjectId};
-
-/// Two numbers this close are one: sums of decimal fractions are not exact in binary.
-pub(crate) const TOLERANCE: f64 = 1e-6;
 
 /// The values of `:init`, and the numeric fluents found so far.
 #[derive(Debug)]
@@ -271,17 +268,6 @@ impl Table {
 impl GroundComparison {
     /// Whether it holds; not where a side has no value.
     pub(crate) fn holds(&self, values: &dyn Fn(u32) -> f64) -> bool {
-        compares(self.comparison, self.left.evaluate(values), self.right.evaluate(values))
-    }
-}
-
-/// Compares two numbers; nothing holds of what is not a number.
-pub(super) fn compares(comparison: Comparison, left: f64, right: f64) -> bool {
-    match comparison {
-        Comparison::Less => left < right - TOLERANCE,
-        Comparison::LessOrEqual => left <= right + TOLERANCE,
-        Comparison::Equal => (left - right).abs() <= TOLERANCE,
-        Comparison::GreaterOrEqual => left >= right - TOLERANCE,
-        Comparison::Greater => left > right + TOLERANCE,
+        self.comparison.holds(self.left.evaluate(values), self.right.evaluate(values))
     }
 }

@@ -4,7 +4,6 @@ use pddl::{ActionSchema, Assign, Effect};
 
 use super::formula::Scope;
 use super::lifted::{Formula, LiftedEffect, LiftedNumeric, Schema, Slot};
-use super::quantifiers::rearrange;
 use super::symbols::Symbols;
 
 /// What surrounds an effect: the variables of its `forall`s and the conditions of its `when`s.
@@ -18,7 +17,7 @@ struct Guard {
 pub(super) fn schema(symbols: &mut Symbols, action: &ActionSchema) -> Schema {
     let mut scope = Scope::new(symbols, action.all_parameters());
     let parameter_count = scope.frame.len();
-    let precondition = rearrange(scope.formula(&action.precondition, true));
+    let precondition = scope.rearranged(&action.precondition);
     let mut flat = Flat { scope, effects: Vec::new(), numeric: Vec::new() };
     flat.effect(&action.effect, &Guard::default());
     Schema {
@@ -50,7 +49,7 @@ impl Flat<'_> {
             Effect::Assign(assign) => self.numeric(assign, guard),
             Effect::When(condition, inner) => {
                 let mut guard = guard.clone();
-                guard.conditions.push(rearrange(self.scope.formula(condition, true)));
+                guard.conditions.push(self.scope.rearranged(condition));
                 self.effect(inner, &guard);
             }
             Effect::Forall(variables, inner) => {

@@ -28,6 +28,12 @@ impl<'s> Scope<'s> {
         scope
     }
 
+    /// The condition, easier to ground.
+    pub(super) fn rearranged(&mut self, condition: &Condition) -> Formula {
+        let formula = self.formula(condition, true);
+        self.symbols.rearranging.rearrange(formula)
+    }
+
     /// The condition, or its negation where `positive` is false.
     pub(super) fn formula(&mut self, condition: &Condition, positive: bool) -> Formula {
         match condition {

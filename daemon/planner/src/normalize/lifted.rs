@@ -363,6 +363,16 @@ impl Formula {
 }
 
 impl LiftedExpression {
+    /// Whether some part of it is a division.
+    pub(crate) fn divides(&self) -> bool {
+        match self {
+            LiftedExpression::Number(_) | LiftedExpression::Fluent(_) => false,
+            LiftedExpression::Negate(inner) => inner.divides(),
+            LiftedExpression::Apply(Arithmetic::Divide, _) => true,
+            LiftedExpression::Apply(_, operands) => operands.iter().any(Self::divides),
+        }
+    }
+
     /// Calls `visit` for every term in it.
     pub(crate) fn terms(&self, visit: &mut dyn FnMut(&LiftedTerm)) {
         match self {

@@ -1,11 +1,13 @@
 //! What a plan costs: the metric as a weighted sum of fluents that only ever grow step by step.
 //!
-//! A metric is additive if every change of its fluents is an unconditional increase or decrease.
-//! Anything else is refused by name. Where the amount depends on the state, planning counts what it
-//! is in the initial state, and proves no cost; what a plan costs is told by the validator.
+//! A metric is additive if it is linear and every change of its fluents is an unconditional increase
+//! or decrease by an amount that no step changes. Planning is then for the cheapest plan. Any other
+//! metric ranks plans all the same, and makes none wrong: planning counts what it can of it, as seen
+//! from the initial state, and proves no cost. What a plan costs is told by the validator.
 
 use pddl::{
-    Assignment, Direction, Expression, FluentTerm, Metric, Operator as Arithmetic, Problem,
+    Assignment, Diagnostic, Direction, Expression, FluentTerm, InitElement, Metric,
+    Operator as Arithmetic, Problem,
 };
 
 use super::formula::Scope;
@@ -15,11 +17,20 @@ use crate::outcome::{PlanError, Unsupported};
 use crate::task::ObjectId;
 
 /// The weights of the metric, if there is one.
-pub(super) fn costs(symbols: &mut Symbols, problem: &Problem) -> Result<Costs, PlanError> {
+pub(super) fn costs(
+    symbols: &mut Symbols,
+    problem: &Problem,
+    schemas: &[Schema],
+) -> Result<Costs, PlanError> {
     let Some(metric) = &problem.metric else { return Ok(Costs::default()) };
+    refuse_what_has_no_value(symbols, problem, metric, schemas);
     let sign = if metric.direction == Direction::Maximize { -1.0 } else { 1.0 };
-    let mut linear = Linear { metric, weights: Vec::new(), per_step: 0.0 };
+    let mut linear = Linear { weights: Vec::new(), per_step: 0.0, is_linear: true };
     linear.add(&metric.expression, sign)?;
+    if !linear.is_linear {
+        // How much a step counts is not known: all count the same.
+        return Ok(Costs { weights: Some(Vec::new()), per_step: 1.0, varies: true });
+    }
     let (mut weights, per_step) = (Vec::new(), linear.per_step);
     for (fluent, weight) in linear.weights {
         let mut scope = Scope::new(symbols, []);
@@ -34,44 +45,72 @@ pub(super) fn costs(symbols: &mut Symbols, problem: &Problem) -> Result<Costs, P
     Ok(Costs { weights: Some(weights), per_step, varies: false })
 }
 
-/// Refuses a metric whose fluents are set, scaled, or changed under conditions; notes whether their
-/// changes depend on the state.
-pub(super) fn check_additive(
-    costs: &mut Costs,
-    schemas: &[Schema],
-    functions: &[FunctionUse],
-) -> Result<(), Unsupported> {
+/// Notes whether what a step costs depends on more than the step: where fluents of the metric are set
+/// or scaled, or change under conditions or by amounts that change.
+pub(super) fn note_variation(costs: &mut Costs, schemas: &[Schema], functions: &[FunctionUse]) {
     let weights = costs.weights.as_deref().unwrap_or_default();
-    let mut varies = false;
+    let mut varies = costs.varies;
     let in_metric = |change: &LiftedNumeric| {
         weights.iter().any(|(function, ..)| *function == change.fluent.function)
     };
     for change in schemas.iter().flat_map(|schema| &schema.numeric).filter(|one| in_metric(one)) {
-        let name = &functions[change.fluent.function].name;
-        let refuse = |what: &str| {
-            Unsupported::in_domain(
-                format!("{what} of `{name}`, which the metric counts"),
-                change.span,
-            )
-        };
-        if !matches!(change.assignment, Assignment::Increase | Assignment::Decrease) {
-            return Err(refuse("an assignment or scaling"));
-        }
-        if !matches!(&change.condition, Formula::And(parts) if parts.is_empty()) {
-            return Err(refuse("a conditional change"));
-        }
+        varies |= !matches!(change.assignment, Assignment::Increase | Assignment::Decrease);
+        varies |= !matches!(&change.condition, Formula::And(parts) if parts.is_empty());
         change.value.functions(&mut |function| varies |= functions[function].changed);
     }
     costs.varies = varies;
-    Ok(())
+}
+
+/// Reports a fluent of the metric that has no value, and that no step gives one.
+fn refuse_what_has_no_value(
+    symbols: &mut Symbols,
+    problem: &Problem,
+    metric: &Metric,
+    schemas: &[Schema],
+) {
+    let mut fluents = Vec::new();
+    collect(&metric.expression, &mut fluents);
+    for fluent in fluents {
+        let is_total_cost = fluent.function == "total-cost" && fluent.arguments.is_empty();
+        let has_value = problem
+            .init
+            .iter()
+            .any(|element| matches!(element, InitElement::Assign(other, _) if other == fluent));
+        if is_total_cost || has_value || !symbols.has_function(&fluent.function) {
+            continue;
+        }
+        let function = symbols.function(&fluent.function, fluent.arguments.len());
+        let gives = |change: &LiftedNumeric| {
+            change.assignment == Assignment::Assign && Some(change.fluent.function) == function
+        };
+        if !schemas.iter().flat_map(|schema| &schema.numeric).any(gives) {
+            let message = format!("the metric reads `{fluent}`, which has no value");
+            let help = format!("give it one in `:init`: `(= {fluent} NUMBER)`");
+            symbols.problems.push(Diagnostic::error(fluent.span, message).with_help(help));
+        }
+    }
+}
+
+/// All fluents of an expression.
+fn collect<'e>(expression: &'e Expression, fluents: &mut Vec<&'e FluentTerm>) {
+    match expression {
+        Expression::Fluent(fluent) => fluents.push(fluent),
+        Expression::Negate(inner) => collect(inner, fluents),
+        Expression::Apply(_, operands) => operands.iter().for_each(|one| collect(one, fluents)),
+        Expression::Number(_)
+        | Expression::Duration(_)
+        | Expression::ContinuousTime(_)
+        | Expression::TotalTime(_) => (),
+    }
 }
 
 /// A sum of weighted fluents; constants do not tell plans apart and are dropped.
 struct Linear<'m> {
-    metric: &'m Metric,
     weights: Vec<(&'m FluentTerm, f64)>,
     /// The weight of `total-time`.
     per_step: f64,
+    /// Whether it is such a sum at all.
+    is_linear: bool,
 }
 
 // === impl Linear ===
@@ -91,7 +130,7 @@ impl<'m> Linear<'m> {
                 Ok(())
             }
             Expression::Duration(span) | Expression::ContinuousTime(span) => {
-                Err(self.refuse("time in a metric", *span))
+                Err(Unsupported::in_problem("time in a metric", *span).into())
             }
         }
     }
@@ -133,11 +172,10 @@ impl<'m> Linear<'m> {
             [inner, Expression::Number(divisor)] if divisor.0 != 0.0 => {
                 self.add(inner, weight / divisor.0)
             }
-            _ => Err(self.refuse("a metric that is not linear", self.metric.span)),
+            _ => {
+                self.is_linear = false;
+                Ok(())
+            }
         }
-    }
-
-    fn refuse(&self, feature: &str, span: pddl::Span) -> PlanError {
-        Unsupported::in_problem(feature, span).into()
     }
 }

@@ -19,10 +19,9 @@ use pddl::{Assignment, Diagnostic, Domain, InitElement, Problem};
 use self::formula::Scope;
 use self::lifted::{Closed, Lifted, LiftedAxiom, LiftedNumeric, LiftedTerm, Schema};
 pub(crate) use self::piecewise::{Piecewise, is_wide};
-use self::quantifiers::rearrange;
 pub(crate) use self::symbols::Symbols;
 pub(crate) use self::wide::split_wide;
-use crate::outcome::{PlanError, Unsupported};
+use crate::outcome::{PlanError, Text, Unsupported};
 use crate::task::ObjectId;
 
 /// The lifted task of a domain and a problem.
@@ -48,14 +47,22 @@ pub(crate) fn normalize_named(
 fn lift(symbols: &mut Symbols, domain: &Domain, problem: &Problem) -> Result<Lifted, PlanError> {
     refuse_nonclassical(domain, problem)?;
     *symbols = Symbols::new(domain, problem);
-    let schemas: Vec<Schema> =
-        domain.actions.iter().map(|action| effects::schema(symbols, action)).collect();
+    let mut schemas = Vec::with_capacity(domain.actions.len());
+    for action in &domain.actions {
+        let schema = effects::schema(symbols, action);
+        bound_frame(&schema.frame, "action", action.span, Text::Domain)?;
+        schemas.push(schema);
+    }
     let mut axioms = axioms(symbols, domain);
+    for (axiom, derived) in axioms.iter().zip(&domain.derived) {
+        bound_frame(&axiom.frame, "axiom", derived.span, Text::Domain)?;
+    }
     let goal = closed(symbols, &problem.goal);
+    bound_frame(&goal.frame, "goal", pddl::Span::default(), Text::Problem)?;
     mark_predicates(symbols, &schemas, &axioms);
     mark_functions(symbols, &schemas, &axioms, &goal);
-    let mut costs = metric::costs(symbols, problem)?;
-    metric::check_additive(&mut costs, &schemas, &symbols.functions)?;
+    let mut costs = metric::costs(symbols, problem, &schemas)?;
+    metric::note_variation(&mut costs, &schemas, &symbols.functions);
     let (init, values) = (initial_facts(symbols, problem), initial_values(symbols, problem));
     reject_derived_changes(symbols, domain, problem);
     if let Err(problem) = strata::assign(&mut axioms, domain) {
@@ -67,10 +74,28 @@ fn lift(symbols: &mut Symbols, domain: &Domain, problem: &Problem) -> Result<Lif
     Ok(Lifted { schemas, axioms, goal, init, values, costs, ..Lifted::default() })
 }
 
+/// Variables that one action, axiom or goal may have, those of its quantifiers included: every binding
+/// has a place for each. No author writes a hundredth of it.
+const VARIABLES_MAX: usize = 10_000;
+
+fn bound_frame(
+    frame: &[lifted::TypeIndex],
+    what: &str,
+    span: pddl::Span,
+    text: Text,
+) -> Result<(), Unsupported> {
+    if frame.len() <= VARIABLES_MAX {
+        return Ok(());
+    }
+    let article = if what == "goal" { "a" } else { "an" };
+    let feature = format!("{article} {what} with more than {VARIABLES_MAX} variables");
+    Err(Unsupported { feature, span, text })
+}
+
 /// A condition of its own, such as the goal, over a problem's objects.
 pub(crate) fn closed(symbols: &mut Symbols, condition: &pddl::Condition) -> Closed {
     let mut scope = Scope::new(symbols, []);
-    let formula = rearrange(scope.formula(condition, true));
+    let formula = scope.rearranged(condition);
     Closed { frame: scope.frame, formula }
 }
 
@@ -99,7 +124,7 @@ fn axioms(symbols: &mut Symbols, domain: &Domain) -> Vec<LiftedAxiom> {
     for derived in &domain.derived {
         let head = symbols.predicate(&derived.predicate, derived.parameters.len());
         let mut scope = Scope::new(symbols, &derived.parameters);
-        let body = rearrange(scope.formula(&derived.condition, true));
+        let body = scope.rearranged(&derived.condition);
         let (frame, parameter_count) = (scope.frame, derived.parameters.len());
         let Some(head) = head else { continue };
         axioms.push(LiftedAxiom { head, parameter_count, frame, body, stratum: 0 });
@@ -161,7 +186,8 @@ fn mark_functions(
 fn initial_facts(symbols: &mut Symbols, problem: &Problem) -> Vec<(usize, Vec<ObjectId>)> {
     let mut scope = Scope::new(symbols, []);
     let fact = |element: &InitElement| match element {
-        InitElement::Atom(atom) => {
+        // As with values below.
+        InitElement::Atom(atom) if scope.symbols.has_predicate(&atom.predicate) => {
             scope.atom(atom).map(|atom| (atom.predicate, ground(&atom.arguments)))
         }
         _ => None,

@@ -5,21 +5,226 @@
 //! - A disjunction inside an `exists` is multiplied out while it stays small, so that a join can
 //!   use the facts of each alternative; dually for `forall`.
 //!
-//! All of it holds for empty types as well.
+//! All of it holds for empty types as well. It costs more than it saves where conditions are large and
+//! deep, as a text from outside may be: what is looked at and copied is counted, and once the count is
+//! used up the rest stays as it is.
+
+use rustc_hash::FxHashMap;
 
 use super::lifted::{Formula, LiftedTerm, Slot};
 
 /// Alternatives that one quantifier may be split into.
 const ALTERNATIVES_MAX: usize = 8;
 
-/// The same condition, easier to ground.
-pub(super) fn rearrange(formula: Formula) -> Formula {
-    match formula {
-        Formula::And(parts) => junction(parts.into_iter().map(rearrange), true),
-        Formula::Or(parts) => junction(parts.into_iter().map(rearrange), false),
-        Formula::Exists(slots, inner) => quantified(slots, rearrange(*inner), true),
-        Formula::Forall(slots, inner) => quantified(slots, rearrange(*inner), false),
-        other => other,
+/// Parts of conditions that may be looked at and copied, all in all: a fraction of a second, and of a
+/// gigabyte.
+const WORK_MAX: u64 = 3_000_000;
+
+/// Rearranges the conditions of one task, within a bound on work.
+#[derive(Clone, Debug)]
+pub(super) struct Rearranging {
+    work_left: u64,
+}
+
+impl Default for Rearranging {
+    fn default() -> Rearranging {
+        Rearranging { work_left: WORK_MAX }
+    }
+}
+
+// === impl Rearranging ===
+
+impl Rearranging {
+    /// The same condition, easier to ground.
+    pub(super) fn rearrange(&mut self, formula: Formula) -> Formula {
+        match formula {
+            Formula::And(parts) => {
+                let parts: Vec<Formula> =
+                    parts.into_iter().map(|part| self.rearrange(part)).collect();
+                junction(parts, true)
+            }
+            Formula::Or(parts) => {
+                let parts: Vec<Formula> =
+                    parts.into_iter().map(|part| self.rearrange(part)).collect();
+                junction(parts, false)
+            }
+            Formula::Exists(slots, inner) => {
+                let inner = self.rearrange(*inner);
+                self.quantified(slots, inner, true)
+            }
+            Formula::Forall(slots, inner) => {
+                let inner = self.rearrange(*inner);
+                self.quantified(slots, inner, false)
+            }
+            other => other,
+        }
+    }
+
+    /// `exists` over a conjunction, or `forall` over a disjunction, once all else is taken apart.
+    fn quantified(&mut self, mut slots: Vec<Slot>, inner: Formula, existential: bool) -> Formula {
+        if self.work_left == 0 {
+            return as_it_is(slots, inner, existential);
+        }
+        let mut parts = match inner {
+            Formula::Or(parts) if existential => return self.each(slots, parts, existential),
+            Formula::And(parts) if !existential => return self.each(slots, parts, existential),
+            Formula::And(parts) | Formula::Or(parts) => parts,
+            other => vec![other],
+        };
+        self.pull_up(&mut slots, &mut parts, existential);
+        match self.alternatives(&slots, &parts, existential) {
+            Some(all) => self.each(slots, all, existential),
+            None => self.components(slots, parts, existential),
+        }
+    }
+
+    fn each(&mut self, slots: Vec<Slot>, parts: Vec<Formula>, existential: bool) -> Formula {
+        self.spend(slots.len() as u64 * parts.len() as u64);
+        let parts = parts.into_iter();
+        let parts: Vec<Formula> =
+            parts.map(|part| self.quantified(slots.clone(), part, existential)).collect();
+        junction(parts, !existential)
+    }
+
+    /// Takes the variables of inner quantifiers of the same kind.
+    fn pull_up(&mut self, slots: &mut Vec<Slot>, parts: &mut Vec<Formula>, existential: bool) {
+        let mut position = 0;
+        while position < parts.len() {
+            let more = match &parts[position] {
+                Formula::Exists(more, _) if existential => more,
+                Formula::Forall(more, _) if !existential => more,
+                _ => &Vec::new(),
+            };
+            if more.is_empty() {
+                position += 1;
+                continue;
+            }
+            let mut others = parts.iter().enumerate().filter(|(at, _)| *at != position);
+            let is_taken = self.work_left == 0
+                || more.iter().any(|slot| slots.contains(slot))
+                || others.any(|(_, part)| self.mentions(part, more));
+            if is_taken {
+                position += 1;
+                continue;
+            }
+            if let Formula::Exists(more, inner) | Formula::Forall(more, inner) =
+                parts.remove(position)
+            {
+                slots.extend(more);
+                match *inner {
+                    Formula::And(inner) if existential => parts.extend(inner),
+                    Formula::Or(inner) if !existential => parts.extend(inner),
+                    other => parts.push(other),
+                }
+            }
+        }
+    }
+
+    /// A conjunction as a disjunction of a few, or dually; `None` if there is nothing to multiply out
+    /// or too much.
+    fn alternatives(
+        &mut self,
+        slots: &[Slot],
+        parts: &[Formula],
+        existential: bool,
+    ) -> Option<Vec<Formula>> {
+        // How many there would be is found first, as most conditions are not split, and copies cost.
+        let mut choices: Vec<&[Formula]> = Vec::new();
+        let (mut count, mut is_split) = (1, false);
+        for part in parts {
+            let own = match part {
+                Formula::Or(own) if existential => own.as_slice(),
+                Formula::And(own) if !existential => own.as_slice(),
+                _ => std::slice::from_ref(part),
+            };
+            let is_choice = own.len() != 1 && self.mentions(part, slots);
+            let own = if is_choice { own } else { std::slice::from_ref(part) };
+            is_split |= is_choice;
+            count *= own.len();
+            if count > ALTERNATIVES_MAX {
+                return None;
+            }
+            choices.push(own);
+        }
+        if !is_split {
+            return None;
+        }
+        self.spend(count as u64 * parts.iter().map(size).sum::<u64>());
+        if self.work_left == 0 {
+            return None;
+        }
+        let mut all: Vec<Vec<Formula>> = vec![Vec::new()];
+        for choices in choices {
+            let pairs = all.iter().flat_map(|left| {
+                choices
+                    .iter()
+                    .map(move |right| [left.as_slice(), std::slice::from_ref(right)].concat())
+            });
+            all = pairs.collect();
+        }
+        Some(all.into_iter().map(|parts| junction(parts, existential)).collect())
+    }
+
+    /// One quantifier per group of variables that parts connect; what mentions none stays outside.
+    fn components(&mut self, slots: Vec<Slot>, parts: Vec<Formula>, existential: bool) -> Formula {
+        // Slots that some part mentions together are one group.
+        let places: FxHashMap<Slot, usize> =
+            slots.iter().enumerate().map(|(place, slot)| (*slot, place)).collect();
+        let mut leader: Vec<usize> = (0..slots.len()).collect();
+        let mut first_of_part = Vec::with_capacity(parts.len());
+        for part in &parts {
+            let mut first: Option<usize> = None;
+            self.work_left = self.work_left.saturating_sub(each_slot(part, &mut |slot| {
+                let Some(place) = places.get(&slot) else { return };
+                let own = find(&mut leader, *place);
+                match first {
+                    None => first = Some(own),
+                    Some(other) => {
+                        let other = find(&mut leader, other);
+                        leader[own.max(other)] = own.min(other);
+                    }
+                }
+            }));
+            first_of_part.push(first);
+        }
+        let mut groups: Vec<(Vec<Slot>, Vec<Formula>)> =
+            vec![(Vec::new(), Vec::new()); slots.len()];
+        // The group that a later part speaks of comes later.
+        let mut last = vec![0; slots.len()];
+        for (place, slot) in slots.iter().enumerate() {
+            groups[find(&mut leader, place)].0.push(*slot);
+        }
+        let mut outside = Vec::new();
+        for (position, (part, first)) in parts.into_iter().zip(first_of_part).enumerate() {
+            let Some(first) = first else {
+                outside.push(part);
+                continue;
+            };
+            let group = find(&mut leader, first);
+            groups[group].1.push(part);
+            last[group] = position + 1;
+        }
+        let mut groups: Vec<_> = groups.into_iter().zip(last).collect();
+        groups.retain(|((slots, _), _)| !slots.is_empty());
+        groups.sort_by_key(|(_, last)| *last);
+        let groups = groups.into_iter().map(|(group, _)| group);
+        let quantified = groups.map(|(slots, parts)| {
+            let inner = Box::new(junction(parts, existential));
+            if existential { Formula::Exists(slots, inner) } else { Formula::Forall(slots, inner) }
+        });
+        junction(outside.into_iter().chain(quantified), existential)
+    }
+
+    fn spend(&mut self, work: u64) {
+        self.work_left = self.work_left.saturating_sub(work);
+    }
+
+    /// Whether a formula mentions one of these variables.
+    fn mentions(&mut self, formula: &Formula, slots: &[Slot]) -> bool {
+        let mut is_mentioned = false;
+        let work = each_slot(formula, &mut |slot| is_mentioned |= slots.contains(&slot));
+        self.spend(work * slots.len().max(1) as u64);
+        is_mentioned
     }
 }
 
@@ -40,129 +245,57 @@ fn junction(parts: impl IntoIterator<Item = Formula>, conjunction: bool) -> Form
     }
 }
 
-/// `exists` over a conjunction, or `forall` over a disjunction, once all else is taken apart.
-fn quantified(mut slots: Vec<Slot>, inner: Formula, existential: bool) -> Formula {
-    let mut parts = match inner {
-        Formula::Or(parts) if existential => return each(slots, parts, existential),
-        Formula::And(parts) if !existential => return each(slots, parts, existential),
-        Formula::And(parts) | Formula::Or(parts) => parts,
-        other => vec![other],
-    };
-    pull_up(&mut slots, &mut parts, existential);
-    match alternatives(&slots, &parts, existential) {
-        Some(all) => each(slots, all, existential),
-        None => components(slots, parts, existential),
+/// A quantifier that is left alone.
+fn as_it_is(slots: Vec<Slot>, inner: Formula, existential: bool) -> Formula {
+    let inner = Box::new(inner);
+    if existential { Formula::Exists(slots, inner) } else { Formula::Forall(slots, inner) }
+}
+
+/// The first slot of a group.
+fn find(leader: &mut [usize], mut place: usize) -> usize {
+    while leader[place] != place {
+        leader[place] = leader[leader[place]];
+        place = leader[place];
     }
+    place
 }
 
-fn each(slots: Vec<Slot>, parts: Vec<Formula>, existential: bool) -> Formula {
-    let parts = parts.into_iter().map(|part| quantified(slots.clone(), part, existential));
-    junction(parts, !existential)
+/// How many parts a formula has.
+fn size(formula: &Formula) -> u64 {
+    each_slot(formula, &mut |_| ())
 }
 
-/// Takes the variables of inner quantifiers of the same kind.
-fn pull_up(slots: &mut Vec<Slot>, parts: &mut Vec<Formula>, existential: bool) {
-    let mut position = 0;
-    while position < parts.len() {
-        let more = match &parts[position] {
-            Formula::Exists(more, _) if existential => more,
-            Formula::Forall(more, _) if !existential => more,
-            _ => &Vec::new(),
-        };
-        let others = parts.iter().enumerate().filter(|(at, _)| *at != position);
-        let is_taken = more.iter().any(|slot| slots.contains(slot))
-            || others.into_iter().any(|(_, part)| mentions(part, more));
-        if more.is_empty() || is_taken {
-            position += 1;
-            continue;
+/// Calls `visit` for every variable in a formula; returns how many parts it has.
+fn each_slot(formula: &Formula, visit: &mut dyn FnMut(Slot)) -> u64 {
+    let mut variable = |term: &LiftedTerm| {
+        if let LiftedTerm::Variable(slot) = term {
+            visit(*slot);
         }
-        if let Formula::Exists(more, inner) | Formula::Forall(more, inner) = parts.remove(position)
-        {
-            slots.extend(more);
-            match *inner {
-                Formula::And(inner) if existential => parts.extend(inner),
-                Formula::Or(inner) if !existential => parts.extend(inner),
-                other => parts.push(other),
-            }
-        }
-    }
-}
-
-/// A conjunction as a disjunction of a few, or dually; `None` if there is nothing to multiply out
-/// or too much.
-fn alternatives(slots: &[Slot], parts: &[Formula], existential: bool) -> Option<Vec<Formula>> {
-    let choices = |part: &Formula| match part {
-        Formula::Or(choices) if existential && mentions(part, slots) => Some(choices.clone()),
-        Formula::And(choices) if !existential && mentions(part, slots) => Some(choices.clone()),
-        _ => None,
-    };
-    let mut all: Vec<Vec<Formula>> = vec![Vec::new()];
-    let mut is_split = false;
-    for part in parts {
-        let choices = match choices(part) {
-            Some(choices) => {
-                is_split = true;
-                choices
-            }
-            None => vec![part.clone()],
-        };
-        if all.len() * choices.len() > ALTERNATIVES_MAX {
-            return None;
-        }
-        let pairs = all.iter().flat_map(|left| {
-            choices.iter().map(move |right| [left.as_slice(), std::slice::from_ref(right)].concat())
-        });
-        all = pairs.collect();
-    }
-    is_split.then(|| all.into_iter().map(|parts| junction(parts, existential)).collect())
-}
-
-/// One quantifier per group of variables that parts connect; what mentions none stays outside.
-fn components(slots: Vec<Slot>, parts: Vec<Formula>, existential: bool) -> Formula {
-    let mut groups: Vec<(Vec<Slot>, Vec<Formula>)> =
-        slots.into_iter().map(|slot| (vec![slot], Vec::new())).collect();
-    let mut outside = Vec::new();
-    for part in parts {
-        let (touched, mut rest): (Vec<_>, Vec<_>) =
-            groups.into_iter().partition(|(slots, _)| mentions(&part, slots));
-        if touched.is_empty() {
-            outside.push(part);
-        } else {
-            let mut whole = (Vec::new(), Vec::new());
-            for (slots, parts) in touched {
-                whole.0.extend(slots);
-                whole.1.extend(parts);
-            }
-            whole.1.push(part);
-            rest.push(whole);
-        }
-        groups = rest;
-    }
-    let quantified = groups.into_iter().map(|(slots, parts)| {
-        let inner = Box::new(junction(parts, existential));
-        if existential { Formula::Exists(slots, inner) } else { Formula::Forall(slots, inner) }
-    });
-    junction(outside.into_iter().chain(quantified), existential)
-}
-
-/// Whether a formula mentions one of these variables.
-fn mentions(formula: &Formula, slots: &[Slot]) -> bool {
-    let is_one = |term: &LiftedTerm| match term {
-        LiftedTerm::Variable(slot) => slots.contains(slot),
-        LiftedTerm::Object(_) => false,
     };
     match formula {
-        Formula::Constant(_) => false,
-        Formula::Literal { atom, .. } => atom.arguments.iter().any(is_one),
-        Formula::Equal { left, right, .. } => is_one(left) || is_one(right),
-        Formula::Compare { sides, .. } => {
-            let mut found = false;
-            sides.0.terms(&mut |term| found |= is_one(term));
-            sides.1.terms(&mut |term| found |= is_one(term));
-            found
+        Formula::Constant(_) => 1,
+        Formula::Literal { atom, .. } => {
+            atom.arguments.iter().for_each(variable);
+            1 + atom.arguments.len() as u64
         }
-        Formula::And(parts) | Formula::Or(parts) => parts.iter().any(|part| mentions(part, slots)),
-        Formula::Exists(_, inner) | Formula::Forall(_, inner) => mentions(inner, slots),
+        Formula::Equal { left, right, .. } => {
+            [left, right].into_iter().for_each(variable);
+            3
+        }
+        Formula::Compare { sides, .. } => {
+            let mut count = 1;
+            for side in [&sides.0, &sides.1] {
+                side.terms(&mut |term| {
+                    count += 1;
+                    variable(term);
+                });
+            }
+            count
+        }
+        Formula::And(parts) | Formula::Or(parts) => {
+            1 + parts.iter().map(|part| each_slot(part, visit)).sum::<u64>()
+        }
+        Formula::Exists(_, inner) | Formula::Forall(_, inner) => 1 + each_slot(inner, visit),
     }
 }
 
@@ -196,7 +329,7 @@ mod tests {
 
     #[track_caller]
     fn check(formula: Formula, expected: &str) {
-        assert_eq!(show(&rearrange(formula)), expected);
+        assert_eq!(show(&Rearranging::default().rearrange(formula)), expected);
     }
 
     #[test]
@@ -222,6 +355,6 @@ mod tests {
     fn a_forall_inside_a_disjunction_joins_the_one_around_it() {
         let inner = Formula::Forall(vec![2], Box::new(atom(0, &[1, 2])));
         let or = Formula::Or(vec![inner, atom(1, &[1])]);
-        check(Formula::Forall(vec![1], Box::new(or)), "(A[2, 1] (or p11 p012))");
+        check(Formula::Forall(vec![1], Box::new(or)), "(A[1, 2] (or p11 p012))");
     }
 }

@@ -4,6 +4,7 @@ use pddl::{Diagnostic, Domain, Name, Problem, TypeExpr, Typed, Types};
 use rustc_hash::FxHashMap;
 
 use super::lifted::{FunctionUse, PredicateUse, TypeIndex, TypeSet};
+use super::quantifiers::Rearranging;
 use crate::task::ObjectId;
 
 /// Who is called what, and every name that nobody declared.
@@ -16,10 +17,13 @@ pub(crate) struct Symbols {
     pub(super) problems: Vec<Diagnostic>,
     object_ids: FxHashMap<Name, ObjectId>,
     object_types: Vec<TypeExpr>,
+    /// Of objects that are declared again with another type: they belong to all of them.
+    more_types: FxHashMap<ObjectId, Vec<TypeExpr>>,
     predicate_ids: FxHashMap<Name, usize>,
     function_ids: FxHashMap<Name, usize>,
     type_ids: FxHashMap<TypeExpr, TypeIndex>,
     hierarchy: Types,
+    pub(super) rearranging: Rearranging,
 }
 
 // === impl Symbols ===
@@ -34,10 +38,12 @@ impl Symbols {
             problems: Vec::new(),
             object_ids: FxHashMap::default(),
             object_types: Vec::new(),
+            more_types: FxHashMap::default(),
             predicate_ids: FxHashMap::default(),
             function_ids: FxHashMap::default(),
             type_ids: FxHashMap::default(),
             hierarchy: Types::of(domain),
+            rearranging: Rearranging::default(),
         };
         let declared = problem.objects.iter().map(|declaration| &declaration.object);
         for object in domain.constants.iter().chain(declared) {
@@ -96,6 +102,10 @@ impl Symbols {
         found.filter(|index| self.functions[*index].arity == arity)
     }
 
+    pub(super) fn has_predicate(&self, name: &Name) -> bool {
+        self.predicate_ids.contains_key(name)
+    }
+
     pub(super) fn has_function(&self, name: &Name) -> bool {
         self.function_ids.contains_key(name)
     }
@@ -109,8 +119,13 @@ impl Symbols {
         let mut accepted = FxHashMap::<&TypeExpr, bool>::default();
         let mut members = Vec::new();
         for (index, own) in self.object_types.iter().enumerate() {
-            if *accepted.entry(own).or_insert_with(|| self.hierarchy.accepts(ty, own)) {
-                members.push(ObjectId::from_index(index));
+            let object = ObjectId::from_index(index);
+            let also = || {
+                let more = self.more_types.get(&object);
+                more.is_some_and(|more| more.iter().any(|own| self.hierarchy.accepts(ty, own)))
+            };
+            if *accepted.entry(own).or_insert_with(|| self.hierarchy.accepts(ty, own)) || also() {
+                members.push(object);
             }
         }
         let index = self.types.len();
@@ -120,7 +135,10 @@ impl Symbols {
     }
 
     fn declare_object(&mut self, object: &Typed) {
-        if self.object_ids.contains_key(&object.name) {
+        if let Some(known) = self.object_ids.get(&object.name) {
+            if self.object_types[known.index()] != object.ty {
+                self.more_types.entry(*known).or_default().push(object.ty.clone());
+            }
             return;
         }
         self.object_ids.insert(object.name.clone(), ObjectId::from_index(self.objects.len()));

@@ -14,7 +14,7 @@ use pddl::{Condition, Diagnostic, Domain, Plan, PlanStep, Problem};
 
 use self::known::{Additions, Known};
 use self::repair::Resumable;
-use crate::ground::{GroundError, Now, Outgrown, Present, Standing};
+use crate::ground::{Now, Outgrown, Present, Standing};
 use crate::limits::{Cancel, Options};
 use crate::normalize::{normalize_named, refuse_nonclassical};
 use crate::outcome::{Outcome, PlanError, Statistics, StopReason};
@@ -365,7 +365,13 @@ impl<'c> Call<'c> {
         let plan = Some(self.judge.best.take()?);
         let (stop_reason, statistics) = (StopReason::GoalReached, self.statistics);
         Some(Replanned {
-            outcome: Outcome { plan, stop_reason, statistics, warnings: Vec::new() },
+            outcome: Outcome {
+                plan,
+                stop_reason,
+                unproven: None,
+                statistics,
+                warnings: Vec::new(),
+            },
             course: Course::Kept,
             grounding: Grounding::Unneeded,
         })
@@ -399,7 +405,8 @@ impl<'c> Call<'c> {
         // It may be the cheapest, but nobody has looked for a shorter one.
         self.statistics.proven_optimal &= !resumes;
         let world = self.judge.world.take();
-        let outcome = self.judge.outcome(reason, self.statistics, warnings);
+        let effort = self.options.effort;
+        let outcome = self.judge.outcome(reason, effort, self.statistics, warnings);
         let replanned = outcome.map(|outcome| {
             let steps = outcome.plan.as_ref().map_or(&[][..], |plan| &plan.steps);
             let pairs = steps.iter().rev().zip(rest.iter().rev());
@@ -419,7 +426,7 @@ impl<'c> Call<'c> {
         warnings: Vec<Diagnostic>,
     ) -> Replanned {
         let statistics = self.statistics;
-        let outcome = Outcome { plan: None, stop_reason, statistics, warnings };
+        let outcome = Outcome { plan: None, stop_reason, unproven: None, statistics, warnings };
         Replanned { outcome, course: Course::Planned, grounding }
     }
 }
@@ -430,12 +437,9 @@ enum GroundFailure {
     Refused(PlanError),
 }
 
-impl From<GroundError> for GroundFailure {
-    fn from(error: GroundError) -> GroundFailure {
-        match error {
-            GroundError::Stopped(reason) => GroundFailure::Stopped(reason),
-            GroundError::Unsupported(unsupported) => GroundFailure::Refused(unsupported.into()),
-        }
+impl From<StopReason> for GroundFailure {
+    fn from(reason: StopReason) -> GroundFailure {
+        GroundFailure::Stopped(reason)
     }
 }
 

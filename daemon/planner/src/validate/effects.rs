@@ -132,7 +132,7 @@ impl View<'_> {
     pub(super) fn new_values(self, changes: &mut Changes) -> Result<Vec<NewValue>, FaultReason> {
         // Stable: updates of one fluent stay in the order of the text.
         changes.updates.sort_by(|left, right| left.key().cmp(&right.key()));
-        let (mut values, mut conflicts) = (Vec::new(), Vec::new());
+        let (mut values, mut endless, mut conflicts) = (Vec::new(), Vec::new(), Vec::new());
         for same in changes.updates.chunk_by(|left, right| left.key() == right.key()) {
             let Update { function, objects, .. } = &same[0];
             let old = self.world.values[function.index()].get(|column| objects[column]);
@@ -141,18 +141,23 @@ impl View<'_> {
                 Some(value) if value.is_finite() => {
                     values.push((*function, objects.clone(), value));
                 }
-                _ => conflicts.push((*function, &**objects)),
+                Some(_) => endless.push((*function, &**objects)),
+                None => conflicts.push((*function, &**objects)),
             }
         }
-        let names = |(function, objects)| self.names(function, objects);
-        match conflicts.into_iter().map(names).min() {
-            None => Ok(values),
-            Some((function, objects)) => Err(FaultReason::Conflict(FluentTerm {
-                function,
-                arguments: objects.into_iter().map(Term::Object).collect(),
-                span: Span::default(),
-            })),
+        match (self.first(conflicts), self.first(endless)) {
+            (Some(fluent), _) => Err(FaultReason::Conflict(fluent)),
+            (None, Some(fluent)) => Err(FaultReason::NotFinite(fluent)),
+            (None, None) => Ok(values),
         }
+    }
+
+    /// The first of these fluents by name.
+    fn first(self, fluents: Vec<(Relation, &[Object])>) -> Option<FluentTerm> {
+        let names = |(function, objects)| self.names(function, objects);
+        let (function, objects) = fluents.into_iter().map(names).min()?;
+        let arguments = objects.into_iter().map(Term::Object).collect();
+        Some(FluentTerm { function, arguments, span: Span::default() })
     }
 
     fn names(self, function: Relation, objects: &[Object]) -> (Name, Vec<Name>) {

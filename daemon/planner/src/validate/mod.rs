@@ -104,6 +104,8 @@ pub enum FaultReason {
     Goal(Condition),
     /// A fluent is read or changed that has no value, or whose value is no finite number.
     Undefined(FluentTerm),
+    /// An effect divides a fluent by zero, or takes it beyond the greatest number.
+    NotFinite(FluentTerm),
     /// Effects of one step contradict each other on a fluent.
     Conflict(FluentTerm),
 }
@@ -202,6 +204,9 @@ impl fmt::Display for FaultReason {
                 write!(f, "{condition} does not hold")
             }
             FaultReason::Undefined(fluent) => write!(f, "{fluent} has no value"),
+            FaultReason::NotFinite(fluent) => {
+                write!(f, "its effect on {fluent} has no value: a division by zero, or too large")
+            }
             FaultReason::Conflict(fluent) => {
                 write!(f, "effects contradict each other on {fluent}")
             }

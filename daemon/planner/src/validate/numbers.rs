@@ -1,14 +1,11 @@
 //! Numbers: what expressions come to, how they compare, and what several changes make of a value.
 
-use pddl::{Assignment, Comparison, FluentTerm, Name, Operator, Term};
+use pddl::{Assignment, FluentTerm, Name, Term};
 
 use super::compiled::{Argument, Compare, Expression, Fluent};
 use super::query::View;
 use super::symbols::Object;
 use super::table::Table;
-
-/// Two numbers this close are one: sums of decimal fractions are not exact in binary.
-pub(super) const TOLERANCE: f64 = 1e-6;
 
 /// The values of a function.
 #[derive(Clone, Debug)]
@@ -60,13 +57,7 @@ impl View<'_> {
         let (Some(left), Some(right)) = (left, self.value(&compare.right, frame)) else {
             return false;
         };
-        match compare.comparison {
-            Comparison::Less => left < right - TOLERANCE,
-            Comparison::LessOrEqual => left <= right + TOLERANCE,
-            Comparison::Equal => (left - right).abs() <= TOLERANCE,
-            Comparison::GreaterOrEqual => left >= right - TOLERANCE,
-            Comparison::Greater => left > right + TOLERANCE,
-        }
+        compare.comparison.holds(left, right)
     }
 
     /// The value of an expression, or the fluent that has none.
@@ -103,7 +94,7 @@ impl View<'_> {
             Expression::Apply(operator, operands) => {
                 let mut values = operands.iter().map(|operand| self.value(operand, frame));
                 let first = values.next()??;
-                values.try_fold(first, |left, right| Some(calculate(*operator, left, right?)))?
+                values.try_fold(first, |left, right| Some(operator.apply(left, right?)))?
             }
             // A sequential plan takes one unit of time per step.
             Expression::TotalTime => self.world.steps as f64,
@@ -144,15 +135,6 @@ fn no_number(expression: &Expression) -> FluentTerm {
     }
 }
 
-fn calculate(operator: Operator, left: f64, right: f64) -> f64 {
-    match operator {
-        Operator::Add => left + right,
-        Operator::Subtract => left - right,
-        Operator::Multiply => left * right,
-        Operator::Divide => left / right,
-    }
-}
-
 /// The value after all updates of one fluent; `None` where they contradict each other.
 ///
 /// Increases and decreases add up, and so do scalings among themselves; an assignment stands alone,
@@ -165,17 +147,14 @@ pub(super) fn combine(
     let is_additive = |one| matches!(one, Assignment::Increase | Assignment::Decrease);
     if first == Assignment::Assign {
         let agrees = |(assignment, value): (Assignment, f64)| {
-            assignment == Assignment::Assign && (value - first_value).abs() <= TOLERANCE
+            assignment == Assignment::Assign && value == first_value
         };
         return updates.all(agrees).then_some(first_value);
     }
     let additive = is_additive(first);
     updates.try_fold(old?, |value, (assignment, operand)| match assignment {
         Assignment::Assign => None,
-        Assignment::Increase if additive => Some(value + operand),
-        Assignment::Decrease if additive => Some(value - operand),
-        Assignment::ScaleUp if !additive => Some(value * operand),
-        Assignment::ScaleDown if !additive => Some(value / operand),
+        one if is_additive(one) == additive => Some(one.apply(value, operand)),
         _ => None,
     })
 }

@@ -19,6 +19,8 @@ pub(super) struct Objects {
     by_name: FxHashMap<Name, Object>,
     /// The types of those that are declared: positions in `types`.
     typed: Vec<usize>,
+    /// The further types of those that are declared again.
+    typed_again: FxHashMap<Object, Vec<usize>>,
     types: Vec<TypeExpr>,
     types_by_expr: FxHashMap<TypeExpr, usize>,
 }
@@ -64,16 +66,14 @@ impl Object {
 // === impl Objects ===
 
 impl Objects {
-    /// Adds an object with its type; of several declarations the first counts.
+    /// Adds an object with its type; one that is declared several times belongs to all its types.
     ///
     /// # Panics
     ///
     /// If objects have been named before that are not declared.
     pub(super) fn declare(&mut self, object: &Typed) {
         assert_eq!(self.names.len(), self.typed.len(), "declared objects come first");
-        if self.by_name.contains_key(&object.name) {
-            return;
-        }
+        let known = self.by_name.get(&object.name).copied();
         let ty = match self.types_by_expr.get(&object.ty) {
             Some(ty) => *ty,
             None => {
@@ -82,6 +82,10 @@ impl Objects {
                 self.types.len() - 1
             }
         };
+        if let Some(known) = known {
+            self.typed_again.entry(known).or_default().push(ty);
+            return;
+        }
         self.insert(&object.name);
         self.typed.push(ty);
     }
@@ -118,7 +122,12 @@ impl Objects {
         }
         let accepted: Vec<bool> = self.types.iter().map(|own| types.accepts(ty, own)).collect();
         let numbers = (0..).map(Object).zip(&self.typed);
-        let fitting = numbers.filter(|(_, own)| accepted[**own]).map(|(object, _)| object);
+        let again = |object: &Object| {
+            let more = self.typed_again.get(object);
+            more.is_some_and(|more| more.iter().any(|own| accepted[*own]))
+        };
+        let fitting = numbers.filter(|(object, own)| accepted[**own] || again(object));
+        let fitting = fitting.map(|(object, _)| object);
         Arc::new(Extension::Listed(fitting.collect()))
     }
 }

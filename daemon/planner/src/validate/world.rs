@@ -132,8 +132,8 @@ impl World {
         let Some(metric) = &self.model.metric else { return Ok(self.steps as f64) };
         let expression = Scope::new(&self.model).expression(&metric.expression);
         let value = View::of(self).evaluate(&expression, &[]);
-        // Sums of decimal fractions are not exact in binary; nine digits are nobody's intention.
-        value.map(|value| (value * 1e9).round() / 1e9).map_err(|fluent| {
+        // Zero has two signs, and they are one number.
+        value.map(|value| value + 0.0).map_err(|fluent| {
             let reason = FaultReason::Undefined(fluent);
             Box::new(Fault { place: Place::Metric, reason, span: metric.span })
         })

@@ -31,10 +31,23 @@ pub(crate) fn all_steps(domain: &Domain, problem: &Problem) -> Vec<PlanStep> {
     steps
 }
 
+/// A task has more states than can be tried here.
+#[derive(Debug)]
+pub(crate) struct TooLarge;
+
 /// The least cost of any plan, by Dijkstra's algorithm; `None` if there is no plan.
 ///
 /// Costs are taken as millionths, so that they can be compared.
 pub(crate) fn least_cost(domain: &Domain, problem: &Problem) -> Option<f64> {
+    least_cost_within(domain, problem, usize::MAX).expect("no bound")
+}
+
+/// The same, unless more than so many states are in reach.
+pub(crate) fn least_cost_within(
+    domain: &Domain,
+    problem: &Problem,
+    states_max: usize,
+) -> Result<Option<f64>, TooLarge> {
     let steps = all_steps(domain, problem);
     let start = World::initial(domain, problem).expect("the texts make sense");
     let mut known = BTreeMap::from([(key(&start), 0)]);
@@ -44,7 +57,10 @@ pub(crate) fn least_cost(domain: &Domain, problem: &Problem) -> Option<f64> {
             continue;
         }
         if world.holds(&problem.goal) {
-            return Some(cost as f64 / 1e6);
+            return Ok(Some(cost as f64 / 1e6));
+        }
+        if known.len() > states_max {
+            return Err(TooLarge);
         }
         for step in &steps {
             let mut next = world.clone();
@@ -59,7 +75,7 @@ pub(crate) fn least_cost(domain: &Domain, problem: &Problem) -> Option<f64> {
             }
         }
     }
-    None
+    Ok(None)
 }
 
 fn key(world: &World) -> String {

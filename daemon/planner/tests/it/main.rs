@@ -6,6 +6,7 @@ mod conformance;
 mod explaining;
 mod goals;
 mod numbers;
+mod oddities;
 mod office;
 mod ordering;
 mod replanning;

@@ -170,3 +170,125 @@ fn values_that_no_domain_asks_for_are_passed_over() {
         "#]],
     );
 }
+
+#[test]
+fn a_division_by_what_is_zero_for_ever_makes_no_step() {
+    for effect in [
+        "(scale-down (a) 0)",
+        "(scale-down (a) (b))",
+        "(scale-down (a) (- 1 1))",
+        "(assign (a) (/ (a) 0))",
+        "(increase (a) (/ 1 (b)))",
+        "(when (not (done)) (scale-down (a) 0))",
+    ] {
+        let parts = format!(
+            "(:predicates (done)) (:functions (a) (b))
+             (:action bad :parameters () :effect (and (done) {effect}))"
+        );
+        let problem = support::problem("(:init (= (a) 1) (= (b) 0)) (:goal (done))");
+        let outcome = support::outcome(&support::domain(&parts), &problem);
+        let outcome = outcome.unwrap_or_else(|err| panic!("{effect}: {err}"));
+        assert!(outcome.plan.is_none(), "{effect}");
+        let is_proof = matches!(outcome.stop_reason, planner::StopReason::Unsolvable { .. });
+        assert!(is_proof, "{effect}: {}", outcome.stop_reason);
+    }
+    case(
+        "(:predicates (done)) (:functions (a))
+         (:action bad :parameters () :effect (and (done) (scale-down (a) 0)))",
+        "(:init (= (a) 1)) (:goal (done))",
+        expect![[r#"
+            warning: some instances of `bad` never apply: they use a function value that :init leaves out, or divide by zero
+            proven unsolvable before search
+        "#]],
+    );
+}
+
+#[test]
+fn a_number_that_grows_beyond_all_numbers_makes_no_step() {
+    case(
+        "(:predicates (p) (q)) (:functions (a))
+         (:action first :effect (and (p) (scale-up (a) 1e200)))
+         (:action then :precondition (p) :effect (and (q) (scale-up (a) 1e200)))",
+        "(:init (= (a) 1)) (:goal (q))",
+        expect![[r#"
+            proven unsolvable
+        "#]],
+    );
+}
+
+#[test]
+fn numbers_are_compared_exactly() {
+    // Less than a tolerance of binary fractions apart, and apart.
+    case(
+        "(:predicates (q)) (:functions (x)) (:action set :effect (assign (x) 0.0000005))
+         (:action go :precondition (> (x) 0) :effect (q))",
+        "(:init (= (x) 0)) (:goal (q))",
+        expect![[r#"
+            (set)
+            (go)
+            cost 2, optimal
+        "#]],
+    );
+    case(
+        "(:predicates (q)) (:functions (x)) (:action go :precondition (= (x) 1) :effect (q))",
+        "(:init (= (x) 1.0000001)) (:goal (q))",
+        expect![[r#"
+            proven unsolvable before search
+        "#]],
+    );
+    case(
+        "(:predicates (q)) (:functions (x)) (:action add :effect (increase (x) 0.0000000001))
+         (:action go :precondition (>= (x) 0.0000000003) :effect (q))",
+        "(:init (= (x) 0)) (:goal (q))",
+        expect![[r#"
+            (add)
+            (add)
+            (add)
+            (go)
+            cost 4, optimal
+        "#]],
+    );
+}
+
+#[test]
+fn decimals_add_up_as_they_are_written() {
+    case(
+        "(:predicates (q)) (:functions (x)) (:action add :effect (increase (x) 0.1))
+         (:action go :precondition (= (x) 0.3) :effect (q))",
+        "(:init (= (x) 0)) (:goal (q))",
+        expect![[r#"
+            (add)
+            (add)
+            (add)
+            (go)
+            cost 4, optimal
+        "#]],
+    );
+    case(
+        "(:predicates (q)) (:functions (x)) (:action take :precondition (>= (x) 0.1)
+           :effect (decrease (x) 0.1))
+         (:action go :precondition (<= (x) 0) :effect (q))",
+        "(:init (= (x) 0.3)) (:goal (q))",
+        expect![[r#"
+            (take)
+            (take)
+            (take)
+            (go)
+            cost 4, optimal
+        "#]],
+    );
+}
+
+#[test]
+fn a_cost_that_is_small_is_not_none() {
+    case(
+        "(:predicates (q)) (:functions (total-cost))
+         (:action dear :effect (and (q) (increase (total-cost) 1.0000000001)))
+         (:action cheap :effect (and (q) (increase (total-cost) 1)))",
+        "(:init) (:goal (q)) (:metric minimize (total-cost))",
+        expect![[r#"
+            (dear)
+            cost 1.0000000001, unproven
+        "#]],
+    );
+}

@@ -263,7 +263,7 @@ fn kind(reason: &FaultReason) -> Wrong {
         FaultReason::UnknownObject(_) | FaultReason::WrongType { .. } => Wrong::Arguments,
         FaultReason::Precondition(_) => Wrong::Precondition,
         FaultReason::Undefined(_) => Wrong::Undefined,
-        FaultReason::Conflict(_) => Wrong::Conflict,
+        FaultReason::NotFinite(_) | FaultReason::Conflict(_) => Wrong::Conflict,
         other => panic!("{other}"),
     }
 }

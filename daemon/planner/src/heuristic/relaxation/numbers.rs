@@ -11,7 +11,8 @@ use rustc_hash::FxHashMap;
 
 use crate::task::{GroundComparison, GroundExpression, NumericChange};
 
-/// What counts as more than nothing.
+/// By how much a quotient may miss a whole number and be meant for it. Of an estimate alone: nothing
+/// is taken for impossible because of it.
 const EPSILON: f64 = 1e-9;
 
 /// Repetitions of what, as things are, leads nowhere: other steps have to come first.
@@ -104,7 +105,7 @@ impl Numbers {
         let change = self.change(comparison, changes, first);
         if let Change::Constant(by) = change {
             let is_either_way = matches!(wanted, Wanted::Zero | Wanted::NotZero);
-            if by.abs() < EPSILON || (!is_either_way && by * sign < 0.0) {
+            if by == 0.0 || (!is_either_way && by * sign < 0.0) {
                 return None;
             }
         }
@@ -175,7 +176,7 @@ fn times(wanted: Wanted, distance: f64, by: f64) -> u32 {
         // A little more than what is missing.
         Wanted::AboveZero => (-distance / by).floor() + 1.0,
     };
-    if by.abs() < EPSILON || missing < -EPSILON {
+    if by == 0.0 || missing < -EPSILON {
         return DETOUR;
     }
     ((missing - EPSILON).ceil().max(1.0) as u32).min(REPETITIONS_MAX)

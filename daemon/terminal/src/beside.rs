@@ -3,15 +3,15 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::pddl_files::{self, DomainText};
+use crate::report::{Report, Source};
 use pddl::Name;
-use terminal::pddl_files::{self, DomainText};
-use terminal::report::{Report, Source};
 
 /// Files looked into for a domain; a folder of problems may hold thousands.
 const CANDIDATES_MAX: usize = 100;
 
 /// Of the domains given, the one of that name that fits the file best.
-pub(super) fn domain_given<'d>(
+pub fn domain_given<'d>(
     path: &Path,
     name: &Name,
     given: &'d [DomainText],
@@ -22,7 +22,7 @@ pub(super) fn domain_given<'d>(
 
 /// The domain of that name among the `.pddl` files in the file's folder, or in the one above, where
 /// collections of problems have it.
-pub(super) fn domain_beside(path: &Path, name: &Name) -> Option<DomainText> {
+pub fn domain_beside(path: &Path, name: &Name) -> Option<DomainText> {
     let folder = path.parent()?;
     let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let above = here.join("..");
@@ -54,7 +54,7 @@ fn domain_files(folder: &Path, path: &Path) -> Vec<PathBuf> {
 
 /// How unlikely a file is to be the domain of another, by their names alone: `p07-domain` and
 /// `domain_p07` belong to `p07`, `domain` to whatever has none of its own.
-fn distance(domain: &Path, problem: &Path) -> usize {
+pub(crate) fn distance(domain: &Path, problem: &Path) -> usize {
     let own = words(domain);
     let Some(at) = own.iter().position(|word| word == "domain") else { return 3 };
     let rest: Vec<&String> = own[..at].iter().chain(&own[at + 1..]).collect();

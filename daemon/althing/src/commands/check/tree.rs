@@ -1,0 +1,190 @@
+//! `althing check --tree`: every PDDL file of a folder is read, and what becomes of them is counted.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+use std::process::ExitCode;
+
+use serde_json::{Value, json};
+use terminal::deadline::Deadline;
+use terminal::pddl_tree::{self, Counts, Outcome, ReadFile, Tree};
+use terminal::report::Report;
+use terminal::{exit, output};
+
+use crate::cli::CheckArgs;
+
+/// The kinds of files, as the table lists them.
+const KINDS: [(&str, &str); 4] = [
+    ("domain", "domains"),
+    ("problem", "problems"),
+    ("action model", "action models"),
+    ("unknown", "other files"),
+];
+
+/// Reads the tree, and shows the counts and what is refused.
+pub(super) fn run(args: &CheckArgs, folder: &Path, deadline: &Deadline) -> ExitCode {
+    let tree = match pddl_tree::read(folder, &mut |_| ()) {
+        Ok(tree) => tree,
+        Err(failure) => {
+            let mut report = Report::default();
+            report.add_failure(failure);
+            let json = args.print.json;
+            return deadline.answer(|| output::show(&report, json, "bad-input", exit::BAD_INPUT));
+        }
+    };
+    let code = match tree.counts(None).refused {
+        0 => exit::DONE,
+        _ => exit::BAD_INPUT,
+    };
+    deadline.answer(|| match args.print.json {
+        true => output::print_json(&json_tree(&tree), code),
+        false => output::print(people(&tree, args.warnings), code),
+    })
+}
+
+/// The table, then what is refused, then what is not planned with, by reason.
+fn people(tree: &Tree, warnings: bool) -> String {
+    let mut text = format!(
+        "{:<15}{:>8}{:>8}{:>8}{:>13}{:>11}{:>9}\n",
+        "", "files", "read", "odd", "unsupported", "no domain", "refused"
+    );
+    for (kind, name) in KINDS {
+        let counts = tree.counts(Some(kind));
+        if counts.files > 0 {
+            row(&mut text, name, counts);
+        }
+    }
+    row(&mut text, "all", tree.counts(None));
+    let refused = |file: &ReadFile| match &file.outcome {
+        Outcome::Refused(why) => Some(why.clone()),
+        _ => None,
+    };
+    files(&mut text, tree, "refused", &refused);
+    let alone = |file: &ReadFile| match &file.outcome {
+        Outcome::Alone(why) => Some(why.clone()),
+        _ => None,
+    };
+    files(&mut text, tree, "without a domain", &alone);
+    reasons(&mut text, "unsupported", unsupported(tree));
+    if warnings {
+        reasons(&mut text, "odd", odd(tree));
+    }
+    text
+}
+
+fn row(text: &mut String, name: &str, counts: Counts) {
+    let Counts { files, read, odd, unsupported, alone, refused } = counts;
+    let _ = writeln!(
+        text,
+        "{name:<15}{files:>8}{read:>8}{odd:>8}{unsupported:>13}{alone:>11}{refused:>9}"
+    );
+}
+
+fn files(text: &mut String, tree: &Tree, title: &str, why: &dyn Fn(&ReadFile) -> Option<String>) {
+    let mut is_first = true;
+    for file in &tree.files {
+        let Some(why) = why(file) else { continue };
+        if std::mem::replace(&mut is_first, false) {
+            let _ = writeln!(text, "\n{title}");
+        }
+        let _ = writeln!(text, "  {}: {why}", file.path.display());
+    }
+}
+
+fn reasons(text: &mut String, title: &str, reasons: BTreeMap<String, usize>) {
+    if !reasons.is_empty() {
+        let _ = writeln!(text, "\n{title}");
+    }
+    for (reason, count) in reasons {
+        let _ = writeln!(text, "  {count:>6}  {reason}");
+    }
+}
+
+/// By feature: how many files have it.
+fn unsupported(tree: &Tree) -> BTreeMap<String, usize> {
+    let features = tree.files.iter().filter_map(|file| match &file.outcome {
+        Outcome::Unsupported(feature) => Some(general(feature)),
+        _ => None,
+    });
+    counted(features)
+}
+
+/// By oddity: how many files have it.
+fn odd(tree: &Tree) -> BTreeMap<String, usize> {
+    let read = tree.files.iter().filter(|file| file.outcome == Outcome::Read);
+    counted(read.flat_map(|file| {
+        let mut kinds: Vec<String> = file.warnings.iter().map(|warning| general(warning)).collect();
+        kinds.sort();
+        kinds.dedup();
+        kinds
+    }))
+}
+
+fn counted(all: impl Iterator<Item = String>) -> BTreeMap<String, usize> {
+    let mut counts = BTreeMap::new();
+    for one in all {
+        *counts.entry(one).or_insert(0) += 1;
+    }
+    counts
+}
+
+/// A message without the names of one file, which stand between backquotes; those of PDDL stay.
+fn general(message: &str) -> String {
+    let mut parts = message.split('`');
+    let mut general = parts.next().unwrap_or_default().to_owned();
+    while let (Some(quoted), rest) = (parts.next(), parts.next()) {
+        general += &match quoted.starts_with(':') {
+            true => format!("`{quoted}`"),
+            false => "…".to_owned(),
+        };
+        general += rest.unwrap_or_default();
+    }
+    general
+}
+
+fn json_tree(tree: &Tree) -> Value {
+    let kinds: serde_json::Map<String, Value> = { KINDS.iter() }
+        .map(|(kind, _)| ((*kind).to_owned(), json_counts(tree.counts(Some(kind)))))
+        .collect();
+    let all = tree.counts(None);
+    let files: Vec<Value> = tree.files.iter().filter_map(json_file).collect();
+    json!({
+        "status": if all.refused > 0 { "bad-input" } else { "ok" },
+        "counts": json_counts(all),
+        "kinds": kinds,
+        "unsupported": unsupported(tree),
+        "odd": odd(tree),
+        "files": files,
+    })
+}
+
+fn json_counts(counts: Counts) -> Value {
+    let Counts { files, read, odd, unsupported, alone, refused } = counts;
+    json!({
+        "files": files,
+        "read": read,
+        "odd": odd,
+        "unsupported": unsupported,
+        "no_domain": alone,
+        "refused": refused,
+    })
+}
+
+/// What is to be said of a file; nothing of one that is read without a word.
+fn json_file(file: &ReadFile) -> Option<Value> {
+    let (outcome, why) = match &file.outcome {
+        Outcome::Read if file.warnings.is_empty() => return None,
+        Outcome::Read => ("odd", None),
+        Outcome::Unsupported(why) => ("unsupported", Some(why)),
+        Outcome::Alone(why) => ("no-domain", Some(why)),
+        Outcome::Refused(why) => ("refused", Some(why)),
+    };
+    Some(json!({
+        "file": file.path.display().to_string(),
+        "kind": file.kind,
+        "domain": file.domain.as_ref().map(|domain| domain.display().to_string()),
+        "outcome": outcome,
+        "reason": why,
+        "warnings": file.warnings,
+    }))
+}

@@ -1,0 +1,151 @@
+//! What numbers come to: arithmetic with decimals, as an author reckons, and exact comparisons.
+//!
+//! A binary number is none of `0.1`, `0.2` and `0.3`, so that `(- 0.3 0.1)` is a little less than `0.2`.
+//! A comparison with a tolerance would hide that, and would call numbers equal that are not. Instead,
+//! every result is rounded to the fifteen decimal digits that a binary number can hold: sums,
+//! differences and products of decimals are then those decimals, and comparisons need no tolerance.
+
+use crate::tree::{Assignment, Comparison, Operator};
+
+/// Decimal digits that any binary number of 64 bits keeps.
+const DIGITS: i32 = 15;
+
+/// Digits of a quotient that is taken for a decimal, if it differs from it by no more than rounding.
+const QUOTIENT_DIGITS: i32 = 12;
+
+/// Whole numbers up to here are exact.
+const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
+
+/// Powers of ten that a binary number holds exactly.
+const POWERS: [f64; 23] = [
+    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
+    1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
+];
+
+// === impl Operator ===
+
+impl Operator {
+    /// The value of `(OPERATOR left right)`; not finite where there is none.
+    ///
+    /// ```
+    /// use pddl::Operator;
+    /// assert_eq!(Operator::Subtract.apply(0.3, 0.1), 0.2);
+    /// assert_eq!(Operator::Divide.apply(0.3, 0.1), 3.0);
+    /// assert!(!Operator::Divide.apply(1.0, 0.0).is_finite());
+    /// ```
+    pub fn apply(self, left: f64, right: f64) -> f64 {
+        match self {
+            Operator::Add => sum(left, right),
+            Operator::Subtract => sum(left, -right),
+            Operator::Multiply => {
+                let product = left * right;
+                rounded(product, product.abs(), DIGITS)
+            }
+            Operator::Divide => quotient(left, right),
+        }
+    }
+}
+
+// === impl Assignment ===
+
+impl Assignment {
+    /// The value after `(ASSIGNMENT fluent operand)`, where the fluent was `old` before.
+    pub fn apply(self, old: f64, operand: f64) -> f64 {
+        match self {
+            Assignment::Assign => operand,
+            Assignment::Increase => Operator::Add.apply(old, operand),
+            Assignment::Decrease => Operator::Subtract.apply(old, operand),
+            Assignment::ScaleUp => Operator::Multiply.apply(old, operand),
+            Assignment::ScaleDown => Operator::Divide.apply(old, operand),
+        }
+    }
+}
+
+// === impl Comparison ===
+
+impl Comparison {
+    /// Whether `(COMPARISON left right)` holds; nothing holds of what is no number.
+    pub fn holds(self, left: f64, right: f64) -> bool {
+        match self {
+            Comparison::Less => left < right,
+            Comparison::LessOrEqual => left <= right,
+            Comparison::Equal => left == right,
+            Comparison::GreaterOrEqual => left >= right,
+            Comparison::Greater => left > right,
+        }
+    }
+}
+
+fn sum(left: f64, right: f64) -> f64 {
+    rounded(left + right, left.abs().max(right.abs()), DIGITS)
+}
+
+fn quotient(left: f64, right: f64) -> f64 {
+    let exact = left / right;
+    let decimal = rounded(exact, exact.abs(), QUOTIENT_DIGITS);
+    // A third is no decimal, and stays as it is.
+    if (exact - decimal).abs() <= 4.0 * f64::EPSILON * exact.abs() { decimal } else { exact }
+}
+
+/// The decimal nearest to `value` among those that have so many digits at the size of `magnitude`.
+#[inline]
+fn rounded(value: f64, magnitude: f64, digits: i32) -> f64 {
+    // Most numbers of most tasks are whole.
+    if (value.fract() == 0.0 && value.abs() <= WHOLE_MAX) || !value.is_finite() {
+        return value;
+    }
+    round_fraction(value, magnitude, digits)
+}
+
+fn round_fraction(value: f64, magnitude: f64, digits: i32) -> f64 {
+    // `magnitude` is finite, or `value` would not be.
+    let places = digits - 1 - magnitude.log10().floor() as i32;
+    let Ok(places) = usize::try_from(places) else { return value };
+    let Some(power) = POWERS.get(places) else { return of_text(value, places) };
+    let scaled = (value * power).round();
+    // A whole number divided by an exact power of ten is the binary number nearest to the decimal.
+    if scaled.abs() <= WHOLE_MAX { scaled / power } else { value }
+}
+
+/// The same for small numbers, whose power of ten is not exact.
+fn of_text(value: f64, places: usize) -> f64 {
+    format!("{value:.places$}").parse().unwrap_or(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn decimals_are_reckoned_as_they_are_written() {
+        let add =
+            |numbers: &[f64]| numbers.iter().fold(0.0, |all, one| Operator::Add.apply(all, *one));
+        assert_eq!(add(&[0.1; 10]), 1.0);
+        assert_eq!(add(&[0.1, 0.2, -0.3]), 0.0);
+        assert_eq!(add(&[1_000_000.3, -1_000_000.1]), 0.2);
+        assert_eq!(add(&[1e-9; 3]), 3e-9);
+        assert_eq!(Operator::Multiply.apply(1.1, 1.1), 1.21);
+        assert_eq!(Operator::Multiply.apply(0.07, 100.0), 7.0);
+        assert_eq!(Operator::Divide.apply(0.3, 0.1), 3.0);
+        assert_eq!(Operator::Divide.apply(4.35, 100.0), 0.0435);
+    }
+
+    #[test]
+    fn small_and_great_numbers_keep_their_value() {
+        for value in [1e-300, 3.5e-30, 1e300, 123_456_789_012_345_680.0, -7e-12] {
+            assert_eq!(Operator::Add.apply(value, 0.0), value);
+            assert_eq!(Operator::Multiply.apply(value, 1.0), value);
+        }
+        assert!(!Operator::Multiply.apply(1e300, 1e300).is_finite());
+        assert!(Comparison::Greater.holds(1e-12, 0.0) && !Comparison::Equal.holds(1e-12, 0.0));
+        assert!(!Comparison::GreaterOrEqual.holds(f64::NAN, f64::NAN));
+    }
+
+    #[test]
+    fn thirds_add_up_to_one() {
+        let third = Operator::Divide.apply(1.0, 3.0);
+        let two = Operator::Add.apply(third, third);
+        assert_eq!(Operator::Add.apply(two, third), 1.0);
+        assert_eq!(Operator::Multiply.apply(third, 3.0), 1.0);
+    }
+}

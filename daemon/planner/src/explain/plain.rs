@@ -1,0 +1,377 @@
+//! Why a problem of plain PDDL has no plan: which part of the goal cannot be reached, and what its
+//! achievers lack, down to what nothing makes true.
+//!
+//! - Reads the lifted texts and asks the delete relaxation, part by part: what is said to be out of
+//!   reach is proven to be.
+//! - Where every part can be reached alone, each is planned for alone, with little work.
+//! - Bounded: so many parts, so many links of a chain; what is left out is counted.
+
+use pddl::{Atom, Condition, Domain, Effect, Name, Problem, Term, TypeExpr, Typed, Types};
+
+use crate::goal::{conjuncts, unreachable};
+use crate::limits::{Budget, Cancel, Options};
+use crate::outcome::{PlanError, StopReason};
+use crate::validate::World;
+
+/// Parts of a goal that are looked at; each is ground anew.
+const PARTS_MAX: usize = 64;
+
+/// Parts that are explained; of more, how many.
+const TOLD_MAX: usize = 3;
+
+/// Links of a chain from a part of the goal to what nothing makes true.
+const LINKS_MAX: usize = 6;
+
+/// Achievers of one fact that are named.
+const ACHIEVERS_MAX: usize = 3;
+
+/// Characters of a condition that are told.
+const TEXT_CHARS_MAX: usize = 120;
+
+/// Work for one question: a fraction of a second.
+const JOIN_STEPS_MAX: u64 = 5_000_000;
+const EXPANSIONS_MAX: u64 = 5_000;
+
+/// Why there is no plan.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Unsolvability {
+    /// Parts of the goal that cannot be reached even alone, and why; the first few.
+    pub parts: Vec<(Condition, String)>,
+    /// How many more there are.
+    pub more: usize,
+    /// What is said where each part can be reached alone.
+    pub together: Option<&'static str>,
+}
+
+/// Explains why a problem has no plan, as far as a bounded look shows it.
+///
+/// # Errors
+///
+/// If the texts make no sense, or mean something that this planner does not do.
+pub fn why_unsolvable(
+    domain: &Domain,
+    problem: &Problem,
+    memory_max_bytes: usize,
+    cancel: &Cancel,
+) -> Result<Unsolvability, PlanError> {
+    let world = World::initial(domain, problem).map_err(PlanError::BadInput)?;
+    let mut parts = conjuncts(&world, &problem.goal);
+    parts.truncate(PARTS_MAX);
+    let budget =
+        Budget { expansions_max: EXPANSIONS_MAX, join_steps_max: JOIN_STEPS_MAX, memory_max_bytes };
+    let options = Options { budget, ..Options::default() };
+    let why = Why { domain, problem, types: Types::of(domain), options, cancel };
+    let missing = why.unreachable(&parts)?;
+    let mut found = Unsolvability::default();
+    for part in missing.iter().take(TOLD_MAX) {
+        found.parts.push((parts[*part].clone(), why.chain(&parts[*part])?));
+    }
+    found.more = missing.len().saturating_sub(TOLD_MAX);
+    if missing.is_empty() {
+        why.alone(&parts, &mut found)?;
+    }
+    Ok(found)
+}
+
+/// What questions are asked of.
+struct Why<'w> {
+    domain: &'w Domain,
+    problem: &'w Problem,
+    types: Types,
+    options: Options,
+    cancel: &'w Cancel,
+}
+
+/// An action or an axiom that could make a fact true.
+struct Achiever {
+    name: Name,
+    is_axiom: bool,
+    /// What it asks for, in parts, over the objects of the fact; what is free is quantified.
+    needs: Vec<Condition>,
+}
+
+/// A variable that stands for the same as another, or for an object.
+type Bindings = Vec<(Name, Term)>;
+
+// === impl Why ===
+
+impl Why<'_> {
+    fn unreachable(&self, conditions: &[Condition]) -> Result<Vec<usize>, PlanError> {
+        unreachable(self.domain, self.problem, conditions, &self.options, self.cancel)
+    }
+
+    /// Plans for each part alone.
+    fn alone(&self, parts: &[Condition], found: &mut Unsolvability) -> Result<(), PlanError> {
+        let is_one = parts.len() == 1;
+        for part in parts.iter().filter(|_| !is_one) {
+            let alone = Problem { goal: part.clone(), metric: None, ..self.problem.clone() };
+            let outcome = crate::plan(self.domain, &alone, &self.options, self.cancel)?;
+            if !matches!(outcome.stop_reason, StopReason::Unsolvable { .. }) {
+                continue;
+            }
+            if found.parts.len() < TOLD_MAX {
+                let reason = "the steps towards it undo what it needs";
+                found.parts.push((part.clone(), reason.to_owned()));
+            } else {
+                found.more += 1;
+            }
+        }
+        if found.parts.is_empty() {
+            found.together = Some(match is_one {
+                true => "the steps towards it undo what it needs",
+                false => "each part of the goal can be reached, but not all of them together",
+            });
+        }
+        Ok(())
+    }
+
+    /// The way from a condition down to what nothing makes true, as a clause.
+    fn chain(&self, condition: &Condition) -> Result<String, PlanError> {
+        let mut links: Vec<String> = Vec::new();
+        let mut seen: Vec<Condition> = Vec::new();
+        let mut at = condition.clone();
+        while links.len() < LINKS_MAX && !seen.contains(&at) && !self.cancel.is_set() {
+            seen.push(at.clone());
+            let subject = if links.is_empty() { "it".to_owned() } else { quoted(&at) };
+            let Some(atom) = wanted(&at) else {
+                links.push(format!("nothing makes {subject} true"));
+                break;
+            };
+            let achievers = self.achievers(atom);
+            if achievers.is_empty() {
+                links.push(self.nothing_makes(atom, &subject));
+                break;
+            }
+            let (link, next) = self.link(&subject, &achievers)?;
+            links.push(link);
+            let Some(next) = next else { break };
+            at = next;
+        }
+        Ok(links.join("; "))
+    }
+
+    /// Why nothing makes an atom true: what has its predicate is of other objects, or nothing has.
+    fn nothing_makes(&self, atom: &Atom, subject: &str) -> String {
+        let name = &atom.predicate;
+        let mut is_changed = self.domain.derived.iter().any(|axiom| axiom.predicate == *name);
+        for action in &self.domain.actions {
+            added(&action.effect, &mut Vec::new(), &mut |other, _| {
+                is_changed |= other.predicate == *name;
+            });
+        }
+        match is_changed {
+            true => format!("no action makes {subject} true of these objects"),
+            false => format!("no action makes {subject} true, and `:init` does not say it"),
+        }
+    }
+
+    /// What the achievers of one fact lack, and the first such condition.
+    fn link(
+        &self,
+        subject: &str,
+        achievers: &[Achiever],
+    ) -> Result<(String, Option<Condition>), PlanError> {
+        let (mut words, mut next) = (Vec::new(), None);
+        for achiever in achievers.iter().take(ACHIEVERS_MAX) {
+            let blocked = self.unreachable(&achiever.needs)?;
+            let name = &achiever.name;
+            let verb = if achiever.is_axiom { "derives" } else { "makes" };
+            let what = match achiever.is_axiom {
+                true => format!("an axiom {verb} {subject}"),
+                false => format!("`{name}` {verb} {subject} true"),
+            };
+            let listed: Vec<String> =
+                blocked.iter().map(|need| quoted(&achiever.needs[*need])).collect();
+            let is_fact = |need: &usize| wanted(&achiever.needs[*need]).is_some();
+            let never = match listed.len() {
+                _ if blocked.iter().all(is_fact) => "",
+                1 => ", which never holds",
+                _ => ", which never hold",
+            };
+            words.push(match listed.is_empty() {
+                true => format!("{what}, but its conditions never hold together"),
+                false => format!("{what}, but needs {}{never}", listed.join(" and ")),
+            });
+            if next.is_none() {
+                let fact = blocked.iter().find(|need| is_fact(need));
+                next = fact.map(|need| achiever.needs[*need].clone());
+            }
+        }
+        let rest = achievers.len().saturating_sub(ACHIEVERS_MAX);
+        if rest > 0 {
+            words.push(format!("{rest} more ways lack something, too"));
+        }
+        Ok((words.join(", and "), next))
+    }
+
+    /// Every action and axiom with an effect that can be this atom.
+    fn achievers(&self, atom: &Atom) -> Vec<Achiever> {
+        let mut achievers: Vec<Achiever> = Vec::new();
+        for action in &self.domain.actions {
+            added(&action.effect, &mut Vec::new(), &mut |effect, conditions| {
+                let parameters: Vec<&Typed> = action.all_parameters().collect();
+                if effect.predicate != atom.predicate {
+                    return;
+                }
+                let bindings = self.unify(&effect.arguments, &atom.arguments, &parameters);
+                let Some(bindings) = bindings else { return };
+                let all = std::iter::once(&action.precondition).chain(conditions.iter().copied());
+                let needs = self.needs(all, &bindings, &parameters);
+                let name = action.name.clone();
+                achievers.push(Achiever { name, is_axiom: false, needs });
+            });
+        }
+        for axiom in self.domain.derived.iter().filter(|one| one.predicate == atom.predicate) {
+            let parameters: Vec<&Typed> = axiom.parameters.iter().collect();
+            let terms: Vec<Term> =
+                parameters.iter().map(|one| Term::Variable(one.name.clone())).collect();
+            if let Some(bindings) = self.unify(&terms, &atom.arguments, &parameters) {
+                let needs = self.needs(std::iter::once(&axiom.condition), &bindings, &parameters);
+                let name = axiom.predicate.clone();
+                achievers.push(Achiever { name, is_axiom: true, needs });
+            }
+        }
+        achievers
+    }
+
+    /// What parameters stand for, so that an effect is the wanted atom; `None` if it cannot be.
+    fn unify(&self, own: &[Term], wanted: &[Term], parameters: &[&Typed]) -> Option<Bindings> {
+        if own.len() != wanted.len() {
+            return None;
+        }
+        let mut bindings: Bindings = Vec::new();
+        for (own, wanted) in own.iter().zip(wanted) {
+            let Term::Object(object) = wanted else { continue };
+            match own {
+                Term::Object(other) if other != object => return None,
+                Term::Object(_) => (),
+                Term::Variable(name) => {
+                    let known = bindings.iter().find(|(bound, _)| bound == name);
+                    if known.is_some_and(|(_, term)| term != wanted) {
+                        return None;
+                    }
+                    let parameter = parameters.iter().find(|one| one.name == *name);
+                    if parameter.is_some_and(|one| !self.is_of(object, &one.ty)) {
+                        return None;
+                    }
+                    bindings.push((name.clone(), wanted.clone()));
+                }
+            }
+        }
+        Some(bindings)
+    }
+
+    fn is_of(&self, object: &Name, ty: &TypeExpr) -> bool {
+        let declared = self.problem.objects.iter().map(|declaration| &declaration.object);
+        let mut all = self.domain.constants.iter().chain(declared);
+        all.any(|one| one.name == *object && self.types.accepts(ty, &one.ty))
+    }
+
+    /// The conjuncts of conditions with objects in place of what is bound; what is free is quantified.
+    fn needs<'c>(
+        &self,
+        conditions: impl Iterator<Item = &'c Condition>,
+        bindings: &Bindings,
+        parameters: &[&Typed],
+    ) -> Vec<Condition> {
+        let mut parts = Vec::new();
+        conditions.for_each(|condition| flatten(condition, &mut parts));
+        let close = |part: &Condition| {
+            let part = substituted(part, bindings);
+            let free: Vec<Typed> = { parameters.iter() }
+                .filter(|one| !bindings.iter().any(|(name, _)| *name == one.name))
+                .filter(|one| mentions(&part, &one.name))
+                .map(|one| (*one).clone())
+                .collect();
+            match free.is_empty() {
+                true => part,
+                false => Condition::Exists(free, Box::new(part)),
+            }
+        };
+        let mut needs: Vec<Condition> = Vec::new();
+        for need in parts.into_iter().map(close) {
+            if !needs.contains(&need) {
+                needs.push(need);
+            }
+        }
+        needs
+    }
+}
+
+impl std::fmt::Display for Unsolvability {
+    /// A clause for each part, without a period.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        for (number, (part, why)) in self.parts.iter().enumerate() {
+            let separator = if number == 0 { "" } else { "\n" };
+            write!(f, "{separator}{} cannot be reached: {why}", quoted(part))?;
+        }
+        if self.more > 0 {
+            write!(f, "\n{} more parts of the goal cannot be reached", self.more)?;
+        }
+        self.together.map_or(Ok(()), |together| f.write_str(together))
+    }
+}
+
+/// A condition as it is told: of a long one, the beginning.
+fn quoted(condition: &Condition) -> String {
+    let text = condition.to_string();
+    let mut short: String = text.chars().take(TEXT_CHARS_MAX).collect();
+    if short.len() < text.len() {
+        short.push('…');
+    }
+    format!("`{}`", short.split_whitespace().collect::<Vec<_>>().join(" "))
+}
+
+/// The atom that is asked for, with its free variables, where it is one.
+fn wanted(condition: &Condition) -> Option<&Atom> {
+    match condition {
+        Condition::Atom(atom) => Some(atom),
+        Condition::Exists(_, inner) => wanted(inner),
+        _ => None,
+    }
+}
+
+fn flatten<'c>(condition: &'c Condition, parts: &mut Vec<&'c Condition>) {
+    match condition {
+        Condition::And(all) => all.iter().for_each(|part| flatten(part, parts)),
+        other => parts.push(other),
+    }
+}
+
+/// Calls `visit` for every atom that an effect adds, with the conditions it stands under.
+fn added<'e>(
+    effect: &'e Effect,
+    conditions: &mut Vec<&'e Condition>,
+    visit: &mut dyn FnMut(&'e Atom, &[&'e Condition]),
+) {
+    match effect {
+        Effect::And(parts) => parts.iter().for_each(|part| added(part, conditions, visit)),
+        Effect::Add(atom) => visit(atom, conditions),
+        Effect::Delete(_) | Effect::Assign(_) => (),
+        // Its own variables are not told from others: the conditions on them are left out.
+        Effect::Forall(_, inner) => {
+            let mut none = Vec::new();
+            added(inner, &mut none, &mut |atom, _| visit(atom, &[]));
+        }
+        Effect::When(condition, inner) => {
+            conditions.push(condition);
+            added(inner, conditions, visit);
+            conditions.pop();
+        }
+    }
+}
+
+fn substituted(condition: &Condition, bindings: &Bindings) -> Condition {
+    let mut names = crate::validate::bindings::Bindings::default();
+    for (name, term) in bindings {
+        names.bind(name, term.name().clone());
+    }
+    names.substitute(condition)
+}
+
+/// Whether a condition speaks of a variable: then another stands there once it is bound.
+fn mentions(condition: &Condition, variable: &Name) -> bool {
+    let mut names = crate::validate::bindings::Bindings::default();
+    names.bind(variable, Name::new(""));
+    names.substitute(condition) != *condition
+}

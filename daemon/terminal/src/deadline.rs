@@ -1,0 +1,152 @@
+//! Limits of time and memory that hold from the first byte read, whatever the process is at.
+//!
+//! - The planner counts its own work and memory, and ends by itself where it can. Reading a text,
+//!   checking it and normalizing it count nothing; so a thread of this module looks at the clock and at
+//!   the memory of the whole process.
+//! - When time is up it asks the planner to stop. Where no answer comes within a grace period, it gives
+//!   the answer and ends the process: the best plan told so far, or that there is none.
+
+use std::process::ExitCode;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use planner::{Cancel, StopReason};
+
+/// How often the memory of the process is looked at.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// How long after the limit the planner may take for its answer, at least.
+const GRACE_MIN: Duration = Duration::from_millis(300);
+
+/// Memory of the process beside what the planner counts: its code and its texts.
+const BESIDE_BYTES: u64 = 64 << 20;
+
+/// Watches until an answer is given.
+pub struct Deadline {
+    answer: Arc<Answer>,
+    /// Dropping it wakes the thread.
+    _stop: mpsc::Sender<()>,
+}
+
+/// The one answer of the process.
+#[derive(Default)]
+struct Answer(Mutex<Given>);
+
+#[derive(Default)]
+struct Given {
+    /// Whether the process answers by itself.
+    is_given: bool,
+    /// The best plan that has been told.
+    best: Option<String>,
+}
+
+/// Gives the answer of a process that is ended: why, and the best plan.
+pub type Give = Box<dyn FnOnce(StopReason, Option<String>) -> u8 + Send>;
+
+/// What is watched.
+pub struct Limits {
+    /// How long it may take.
+    pub time: Option<Duration>,
+    /// What the planner's tables may take.
+    pub memory_bytes: usize,
+}
+
+impl Limits {
+    /// A limit of time, and half of the memory that is available.
+    pub fn of_time(time: Option<Duration>) -> Limits {
+        let available = machine::memory_available().map_or(u64::MAX, |available| available / 2);
+        Limits { time, memory_bytes: usize::try_from(available).unwrap_or(usize::MAX) }
+    }
+}
+
+/// Gives the answer of a command that is ended: one line, or an object with a status.
+pub fn refusal(json: bool) -> Give {
+    Box::new(move |reason, _| {
+        let (status, words) = match reason {
+            StopReason::MemoryLimit { limit } => {
+                ("out-of-memory", format!("out of memory at {} MiB", limit >> 20))
+            }
+            _ => ("out-of-time", "out of time (--time-limit)".to_owned()),
+        };
+        let code = reason.exit_code();
+        match json {
+            true => drop(crate::output::print_json(&serde_json::json!({ "status": status }), code)),
+            false => crate::output::note(&words),
+        }
+        code
+    })
+}
+
+// === impl Deadline ===
+
+impl Deadline {
+    /// Starts to watch; sets `cancel` when time is up.
+    pub fn start(limits: Limits, started: Instant, cancel: Cancel, give: Give) -> Deadline {
+        let answer = Arc::new(Answer::default());
+        let (stop, stopped) = mpsc::channel();
+        let shared = Arc::clone(&answer);
+        thread::spawn(move || {
+            if let Some(reason) = watch(&limits, started, &cancel, &stopped) {
+                shared.give(reason, give);
+            }
+        });
+        Deadline { answer, _stop: stop }
+    }
+
+    /// Notes a plan that has been found.
+    pub fn note(&self, plan: String) {
+        self.answer.given().best = Some(plan);
+    }
+
+    /// Answers, unless the answer has been given already: then the process is about to end.
+    pub fn answer(&self, answer: impl FnOnce() -> ExitCode) -> ExitCode {
+        self.answer.given().is_given = true;
+        answer()
+    }
+}
+
+/// Waits until a limit is passed and no answer comes; `None` if there is one.
+fn watch(
+    limits: &Limits,
+    started: Instant,
+    cancel: &Cancel,
+    stopped: &mpsc::Receiver<()>,
+) -> Option<StopReason> {
+    let bytes_max = limits.memory_bytes as u64;
+    let bytes_max = bytes_max.saturating_add((bytes_max / 4).max(BESIDE_BYTES));
+    let grace = limits.time.map(|time| GRACE_MIN.max(time / 10));
+    loop {
+        if stopped.recv_timeout(LOOK) != Err(RecvTimeoutError::Timeout) {
+            return None;
+        }
+        if machine::memory_resident().is_some_and(|bytes| bytes > bytes_max) {
+            return Some(StopReason::MemoryLimit { limit: limits.memory_bytes });
+        }
+        let (Some(time), Some(grace)) = (limits.time, grace) else { continue };
+        if started.elapsed() >= time {
+            cancel.set();
+        }
+        if started.elapsed() >= time + grace {
+            return Some(StopReason::Cancelled);
+        }
+    }
+}
+
+// === impl Answer ===
+
+impl Answer {
+    fn given(&self) -> MutexGuard<'_, Given> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn give(&self, reason: StopReason, give: Give) {
+        // Held until the process ends: nothing else answers.
+        let mut given = self.given();
+        if !given.is_given {
+            let code = give(reason, given.best.take());
+            std::process::exit(i32::from(code));
+        }
+    }
+}
