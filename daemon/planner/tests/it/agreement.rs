@@ -2,6 +2,12 @@
 //!
 //! Solvable exactly where it finds a plan, unsolvable where it claims so, the least cost where it
 //! claims that; and every order that deordering allows works.
+//!
+//! `ALTHING_TASKS=10000` draws so many, `ALTHING_TASKS_SEED=7` draws others, and with
+//! `ALTHING_TASKS_FOLDER=FOLDER` each is left there with its least cost, for another planner to be
+//! held against (`benches/random_tasks.py`).
+
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use planner::order::deorder;
 use planner::validate::World;
@@ -157,23 +163,49 @@ fn task() -> impl Strategy<Value = (String, String)> {
     )
 }
 
-proptest! {
-    #![proptest_config(ProptestConfig {
-        cases: 500,
-        max_global_rejects: 10_000,
+/// A number that the environment gives, or this one.
+fn given(variable: &str, default: u32) -> u32 {
+    match std::env::var(variable) {
+        Ok(text) => text.parse().unwrap_or_else(|_| panic!("{variable}: `{text}` is no number")),
+        Err(_) => default,
+    }
+}
+
+fn drawn(cases: u32, seed: u32) -> ProptestConfig {
+    ProptestConfig {
+        cases,
+        max_global_rejects: cases.max(500) * 20,
         failure_persistence: None,
-        rng_seed: proptest::test_runner::RngSeed::Fixed(2_026),
+        rng_seed: proptest::test_runner::RngSeed::Fixed(seed.into()),
         ..ProptestConfig::default()
-    })]
+    }
+}
+
+/// Leaves a task in a folder, and what brute force says of it: its least cost, or `none`.
+fn keep(folder: &str, domain: &str, problem: &str, truth: Option<f64>) {
+    static COUNT: AtomicUsize = AtomicUsize::new(0);
+    let number = COUNT.fetch_add(1, Ordering::Relaxed);
+    let truth = truth.map_or("none".to_owned(), |cost| cost.to_string());
+    for (kind, text) in [("domain.pddl", domain), ("problem.pddl", problem), ("cost", &truth)] {
+        let path = std::path::Path::new(folder).join(format!("{number:05}-{kind}"));
+        std::fs::write(&path, text).unwrap_or_else(|err| panic!("{}: {err}", path.display()));
+    }
+}
+
+proptest! {
+    #![proptest_config(drawn(given("ALTHING_TASKS", 500), given("ALTHING_TASKS_SEED", 2_026)))]
 
     #[test]
-    fn planner_and_brute_force_agree((domain, problem) in task()) {
-        let (domain, problem) = parse(&domain, &problem);
+    fn planner_and_brute_force_agree(texts in task()) {
+        let (domain, problem) = parse(&texts.0, &texts.1);
         let outcome = plan(&domain, &problem, &Options::default(), &Cancel::new())
             .map_err(|err| TestCaseError::fail(err.to_string()))?;
         let Ok(truth) = least_cost_within(&domain, &problem, STATES_MAX) else {
             return Err(TestCaseError::reject("too large to try everything"));
         };
+        if let Ok(folder) = std::env::var("ALTHING_TASKS_FOLDER") {
+            keep(&folder, &texts.0, &texts.1, truth);
+        }
         match (&outcome.plan, truth) {
             (Some(plan), Some(least)) => {
                 prop_assert!(outcome.statistics.proven_optimal);
@@ -193,13 +225,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig {
-        cases: 60,
-        max_global_rejects: 10_000,
-        failure_persistence: None,
-        rng_seed: proptest::test_runner::RngSeed::Fixed(2_027),
-        ..ProptestConfig::default()
-    })]
+    #![proptest_config(drawn(60, 2_027))]
 
     #[test]
     fn every_way_to_search_agrees((domain, problem) in task()) {
