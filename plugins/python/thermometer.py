@@ -14,7 +14,8 @@ ROOT, DAEMON, LIFE = f"althing/{ECOSYSTEM}", f"{NAME}-py", time.time_ns() // 100
 MODEL = f"""(define (agent {NAME}) (:domain smart-office)
   (:objects {NAME} - temperature-sensor) (:init (located {NAME} {ROOM}))
   (:action report-temperature :agent ?s - temperature-sensor :parameters (?r - room)
-    :precondition (located ?s ?r) :effect (and (known-temperature ?r) (increase (total-cost) 1))))"""
+    :precondition (located ?s ?r) :effect (and (known-temperature ?r) (increase (total-cost) 1))
+    :observe (temperature ?r)))"""
 METHODS = {"report-temperature": {"method": "read_temperature", "arguments": {}, "timeout": 2000}}
 state = {"facts": f"(located {NAME} {ROOM})", "sequence": 0, "messages": 0}
 hosts, done = {}, {}

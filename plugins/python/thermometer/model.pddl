@@ -5,4 +5,5 @@
     :agent ?s - temperature-sensor
     :parameters (?r - room)
     :precondition (located ?s ?r)
-    :effect (and (known-temperature ?r) (increase (total-cost) 1))))
+    :effect (and (known-temperature ?r) (increase (total-cost) 1))
+    :observe (temperature ?r)))
