@@ -101,9 +101,8 @@ fn problem_by(
     check: fn(&Domain, &Problem) -> Vec<Diagnostic>,
 ) -> Option<Problem> {
     let Parsed { value, diagnostics } = pddl::parse_problem(&source.text);
-    let checked = |domain: &Domain| {
-        value.as_ref().map(|problem| check(domain, problem)).unwrap_or_default()
-    };
+    let checked =
+        |domain: &Domain| value.as_ref().map(|problem| check(domain, problem)).unwrap_or_default();
     report.add(source, checked_against(source, domain, diagnostics, checked));
     value
 }

@@ -30,8 +30,8 @@ impl Meaning<'_> {
         let domain = self.named_file("domain", domain, "domain.pddl");
         let problem = self.named_file("problem", problem, "map.pddl");
         let domain = domain.map(|source| pddl_files::domain_of(source, &mut self.report));
-        let problem = problem
-            .map(|source| pddl_files::map_of(&source, domain.as_ref(), &mut self.report));
+        let problem =
+            problem.map(|source| pddl_files::map_of(&source, domain.as_ref(), &mut self.report));
         let are_sound = self.errors() == errors_before;
         match (domain, problem) {
             (Some(DomainText { domain: Some(domain), .. }), Some(Some(problem))) => {
