@@ -117,8 +117,11 @@ impl PlanRequester {
         if matches!(asked_to, Phase::Executing(_)) {
             goal.given_up = std::mem::take(&mut goal.steps_left);
         }
-        if !matches!((&asked_to, &report), (Phase::Executing(_), Ok(report)) if report.outcome == Outcome::Done)
-        {
+        // Others wait until it is clear whether the goal is reached: their plans might undo it.
+        let is_verified = goal.keep == Keep::Achieve
+            && matches!(asked_to, Phase::Executing(_))
+            && report.as_ref().is_ok_and(|report| report.outcome == Outcome::Done);
+        if !is_verified {
             self.release(id);
         }
         match (asked_to, report) {

@@ -479,6 +479,9 @@ impl PlanRequester {
         let report = Report::new(outcome, detail);
         self.tell(id, report.clone(), ctx);
         if let Some(goal) = self.goals.remove(id) {
+            if matches!(goal.phase, Phase::Verifying(_)) {
+                self.release(id);
+            }
             self.ended.told(goal.engagement.clone(), report.clone());
             self.keep_end(&goal, report, ctx);
             if let Some(timer) = goal.timer {

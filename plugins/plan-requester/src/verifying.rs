@@ -48,20 +48,14 @@ impl PlanRequester {
             Ok(open.first().map(|conjunct| known.standing(conjunct)))
         });
         match unmet {
-            Ok(None) => {
-                self.release(id);
-                self.end(id, Outcome::Done, "the goal holds", ctx);
-            }
+            Ok(None) => self.end(id, Outcome::Done, "the goal holds", ctx),
             Ok(Some(_)) if look < LOOKS_MAX => self.verify_later(id, look + 1, ctx),
             Ok(Some(unmet)) => {
                 self.release(id);
                 let why = format!("every step is done, and {unmet}");
                 self.retry(id, why, std::time::Duration::ZERO, ctx);
             }
-            Err(problem) => {
-                self.release(id);
-                self.end(id, Outcome::Failed, problem, ctx);
-            }
+            Err(problem) => self.end(id, Outcome::Failed, problem, ctx),
         }
     }
 
