@@ -4,7 +4,8 @@
 //!    [`terminal::exit`] names what the process ends with.
 //!
 //! Around them: [`prompt`] (a person at a terminal), [`hosting`] (one daemon and its agents), [`plugins`] (the table of them), [`scenario`]
-//! (the paper's demonstrations), [`config`] (what the ecosystem file means), [`logging`],
+//! (the paper's demonstrations), [`config`] (what the ecosystem file means), [`review`] (what is wrong
+//! with it beyond its shape), [`logging`],
 //! [`service_manager`] (what systemd is told), [`interruption`] (what it, or Ctrl-C, tells us). How
 //! files are read, and mistakes and results shown, is the crate [`terminal`]'s; `althing plan` is
 //! [`althing_plan`].
@@ -18,6 +19,7 @@ mod interruption;
 mod logging;
 mod plugins;
 mod prompt;
+mod review;
 mod scenario;
 mod service_manager;
 

@@ -299,6 +299,87 @@ impl Config {
     }
 }
 
+/// Something in the `[zenoh]` table that no session could be opened with.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SettingProblem {
+    /// The setting, such as `connect.endpoints.0`; empty for the whole table.
+    pub at: String,
+    /// What is wrong. Completes “failed to …”.
+    pub message: String,
+}
+
+/// All that is wrong with a `[zenoh]` table, without opening anything.
+pub fn problems(ecosystem: &EcosystemId, zenoh: &Value, is_secured: bool) -> Vec<SettingProblem> {
+    let problem = |at: &str, message: String| SettingProblem { at: at.to_owned(), message };
+    let table = match zenoh {
+        Value::Null => return Vec::new(),
+        Value::Object(table) => table,
+        _ => return vec![problem("", OpenError::NotATable.to_string())],
+    };
+    if table.contains_key("mode") {
+        return vec![problem("mode", OpenError::ModeInSettings.to_string())];
+    }
+    let mut found = Vec::new();
+    for (side, check) in [
+        ("listen", endpoint::check_listen as fn(&str) -> Result<(), EndpointError>),
+        ("connect", endpoint::check_connect),
+    ] {
+        let at = format!("{side}.endpoints");
+        for (path, each) in located_endpoints(&zenoh[side]["endpoints"], &at) {
+            let secured = if is_secured { endpoint::check_secured(&each) } else { Ok(()) };
+            if let Err(error) = secured.and_then(|()| check(&each)) {
+                found.push(problem(&path, error.to_string()));
+            }
+        }
+    }
+    let mut said = zenoh.clone();
+    let told = endpoints(&said["listen"]["endpoints"]);
+    if let Err(error) = scouting::settle(ecosystem, is_secured, &told, &mut said) {
+        found.push(problem("scouting", error.to_string()));
+    }
+    for side in ["listen", "connect"] {
+        // What is wrong with endpoints is said.
+        if let Some(table) = said.get_mut(side).and_then(Value::as_object_mut) {
+            table.remove("endpoints");
+        }
+    }
+    if let Err(source) = read(&said) {
+        let path = culprit(&said);
+        let at = path.join(".");
+        let mut message = OpenError::Settings { at: at.clone(), source }.to_string();
+        if let Some(meant) = path.last().and_then(|key| split_setting(key)) {
+            message += &format!("; did you mean `{meant}`?");
+        }
+        found.push(problem(&at, message));
+    }
+    found
+}
+
+/// `listen_endpoints` is `listen.endpoints`.
+fn split_setting(key: &str) -> Option<String> {
+    let (table, setting) = key.split_once(['_', '-'])?;
+    let probe = json!({ table: { setting: [] } });
+    read(&probe).is_ok().then(|| format!("{table}.{setting}"))
+}
+
+/// Endpoints in any of the shapes Zenoh knows, each with its path.
+fn located_endpoints(value: &Value, path: &str) -> Vec<(String, String)> {
+    match value {
+        Value::String(endpoint) => vec![(path.to_owned(), endpoint.clone())],
+        Value::Array(list) => {
+            let each = list.iter().enumerate();
+            each.flat_map(|(at, value)| located_endpoints(value, &format!("{path}.{at}"))).collect()
+        }
+        Value::Object(table) => {
+            let lists = table.iter().filter(|(key, _)| *key != "strategy");
+            lists
+                .flat_map(|(key, list)| located_endpoints(list, &format!("{path}.{key}")))
+                .collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
 /// How long a silent daemon counts as alive by Zenoh's settings, if they say.
 pub fn lease(zenoh: &Value) -> Option<Duration> {
     let millis = zenoh.pointer("/transport/link/tx/lease").and_then(Value::as_u64);
@@ -464,6 +545,18 @@ mod tests {
             let error = config(zenoh).settings().expect_err(expected).to_string();
             assert!(error.starts_with(expected), "{error}");
         }
+        let bad = json!({
+            "listen": { "endpoints": ["tcp/127.0.0.1:7447", "tls/[::]:99999"] },
+            "connect": { "endpoints": ["office-pi:7447"] },
+            "transprt": {},
+        });
+        let ecosystem = EcosystemId::new("office").expect("a name");
+        let at: Vec<_> =
+            problems(&ecosystem, &bad, false).into_iter().map(|problem| problem.at).collect();
+        assert_eq!(at, ["listen.endpoints.1", "connect.endpoints.0", "transprt"]);
+        let good = json!({ "listen": { "endpoints": ["tls/[::]:7447"] }, "scouting": true });
+        assert_eq!(problems(&ecosystem, &good, true), []);
+        assert_eq!(problems(&ecosystem, &good, false).len(), 1, "plain text is not scouted with");
         let client = Config { mode: Mode::Client, ..config(Value::Null) };
         assert!(matches!(client.settings(), Err(OpenError::NowhereToConnect)));
     }

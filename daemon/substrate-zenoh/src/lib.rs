@@ -32,7 +32,9 @@ mod tap;
 mod together;
 mod too_long;
 
-pub use config::{Config, LEASE, MESSAGE_BYTES_MAX, Mode, OpenError, REST, lease};
+pub use config::{
+    Config, LEASE, MESSAGE_BYTES_MAX, Mode, OpenError, REST, SettingProblem, lease, problems,
+};
 pub use endpoint::EndpointError;
 pub use sealing::Security;
 pub use session::ZenohSubstrate;

@@ -16,12 +16,13 @@ use tokio::sync::oneshot;
 use crate::cli::UpArgs;
 use crate::commands::client::{self, View};
 use crate::commands::{READY, hearing};
-use crate::config::{self, AgentEntry, Ecosystem, InterfaceEntry, Overrides};
+use crate::config::{self, AgentEntry, Ecosystem, InterfaceEntry, Overrides, Reading};
 use crate::hosting::{self, GuestKeys, Node, Part, Processes, Stay, Wire, socket_in};
 use crate::interfacing::{self, Other};
 use crate::interruption;
 use crate::plugins;
 use crate::prompt::{self, Guest};
+use crate::review::{self, Scope};
 use crate::service_manager::{self, Watchdog};
 
 /// How a daemon of this machine is called again when its link is lost: four times a second for as
@@ -40,17 +41,9 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
     };
     let mode = args.mode.map(Mode::from);
     let overrides = Overrides::default().mode(mode).connect(&args.connect);
-    let ecosystem = match Ecosystem::load(&file, &overrides, &plugins::known()) {
-        Ok(ecosystem) => ecosystem,
-        Err(error) => return output::show(&error.into_report(), false, "bad-input", exit::CONFIG),
-    };
-    output::show_people(&ecosystem.warnings);
-    let place = match Place::find(&ecosystem, args.daemon.as_deref()) {
-        Ok(place) => place,
-        Err(problem) => {
-            output::note(&format!("error: {problem}"));
-            return exit::with(exit::CONFIG);
-        }
+    let (ecosystem, place) = match read(&file, &overrides, args.daemon.as_deref()) {
+        Ok(read) => read,
+        Err(exit) => return exit,
     };
     let goals: Result<Vec<_>, _> = args.goals.iter().map(|goal| ecosystem.wish(goal)).collect();
     let goals = match goals {
@@ -67,6 +60,32 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
         Err(report) => return output::show(&report, false, "bad-input", exit::CONFIG),
     };
     super::in_runtime(up(Arc::new(ecosystem), place, others, manner))
+}
+
+/// Reads the ecosystem and finds this daemon's part of it; what is wrong is shown.
+fn read(
+    file: &Path,
+    overrides: &Overrides,
+    asked: Option<&str>,
+) -> Result<(Ecosystem, Place), ExitCode> {
+    let reading = Ecosystem::read(file, overrides, &plugins::known());
+    let refused = |report: &Report| output::show(report, false, "bad-input", exit::CONFIG);
+    let place = match &reading.ecosystem {
+        Some(ecosystem) if !reading.report.has_errors() => Place::find(ecosystem, asked),
+        _ => return Err(refused(&review::review(&reading, Scope::Everything))),
+    };
+    let place = place.map_err(|problem| {
+        output::note(&format!("error: {problem}"));
+        exit::with(exit::CONFIG)
+    })?;
+    let scope = if place.is_alone { Scope::Everything } else { Scope::Daemon(&place.daemon) };
+    let report = review::review(&reading, scope);
+    let Reading { ecosystem: Some(ecosystem), .. } = reading else { return Err(refused(&report)) };
+    if report.has_errors() {
+        return Err(refused(&report));
+    }
+    output::show_people(&report);
+    Ok((ecosystem, place))
 }
 
 /// What the daemon does for whoever started it.

@@ -38,7 +38,7 @@ pub(crate) use folders::{
 };
 pub(crate) use moving::watch_addresses;
 pub(crate) use processes::{Processes, become_plugin};
-pub(crate) use rehearsal::{models, rehearse};
+pub(crate) use rehearsal::{Stage, models};
 pub(crate) use standstill::watch_standstill;
 use supervisor::Supervised;
 pub(crate) use unreliable::Mishaps;
