@@ -3,6 +3,7 @@
 //! `ALTHING_LOG` speaks the language of `tracing`'s filters (`info`, `agent=debug`) and wins over
 //! `-v`; results and mistakes are never logged, they are printed.
 
+use tracing_subscriber::filter::FilterExt as _;
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{EnvFilter, Layer as _, fmt, registry};
@@ -21,7 +22,7 @@ pub(crate) fn start(verbose: u8) {
     let lines = fmt::layer()
         .with_writer(|| terminal::output::Notes)
         .with_ansi(terminal::output::stderr_is_colored())
-        .with_filter(filter);
+        .with_filter(filter.and(substrate_zenoh::without_calls_to_self()));
     // A second start, in a test, changes nothing.
     let _ = registry().with(lines).with(substrate_zenoh::too_long()).try_init();
 }

@@ -15,6 +15,7 @@ use zenoh::qos::Priority;
 use crate::endpoint::{self, EndpointError};
 use crate::key_expr::Keys;
 use crate::scouting;
+use crate::{listening, own_address};
 use crate::sealing::Security;
 use crate::session::ZenohSubstrate;
 
@@ -130,6 +131,14 @@ pub enum OpenError {
         /// What Zenoh says.
         source: zenoh::Error,
     },
+    /// An endpoint cannot be listened at: its port is taken, or its address is not here.
+    #[error("{obstacle}")]
+    Listen {
+        /// Which, why, and what to do.
+        obstacle: String,
+        /// What Zenoh says.
+        source: zenoh::Error,
+    },
     /// Zenoh could not open.
     #[error("open a Zenoh session{}", places(listen, connect))]
     Session {
@@ -154,6 +163,8 @@ pub enum OpenError {
 #[derive(Debug)]
 pub(crate) struct Settings {
     pub(crate) zenoh: zenoh::Config,
+    /// All endpoints to connect to, in the shape in which they were written.
+    connect_as_written: Value,
     pub(crate) listen: Vec<String>,
     pub(crate) connect: Vec<String>,
     /// Where others of the ecosystem are looked for, if they are.
@@ -161,6 +172,39 @@ pub(crate) struct Settings {
     /// The lease, whoever has said it.
     pub(crate) lease: Duration,
     pub(crate) security: Option<Security>,
+}
+
+// === impl Settings ===
+
+impl Settings {
+    /// Takes out the endpoints that are this daemon's own: one file for all machines names them all.
+    pub(crate) async fn without_self(mut self) -> Settings {
+        let own = own_address::own(&self.listen, &self.connect).await;
+        if own.is_empty() {
+            return self;
+        }
+        tracing::debug!(?own, "does not call itself");
+        own_address::without(&mut self.connect_as_written, &own);
+        self.connect.retain(|endpoint| !own.contains(endpoint));
+        let others = self.connect_as_written.to_string();
+        if let Err(error) = self.zenoh.insert_json5("connect/endpoints", &others) {
+            // Then Zenoh closes the link to itself.
+            tracing::debug!(%error, "the daemon's own endpoints stay among those it calls");
+        }
+        self
+    }
+}
+
+/// Why a session did not open: an endpoint that cannot be listened at, or what Zenoh says.
+pub(crate) fn not_opened(
+    listen: Vec<String>,
+    connect: Vec<String>,
+    source: zenoh::Error,
+) -> OpenError {
+    match listening::obstacle(&listen) {
+        Some(obstacle) => OpenError::Listen { obstacle, source },
+        None => OpenError::Session { listen, connect, source },
+    }
 }
 
 // === impl Config ===
@@ -188,7 +232,7 @@ impl Config {
     ///
     /// If the settings are refused, an endpoint cannot be listened on, or a client reaches nobody.
     pub async fn open(self, inbound: Arc<dyn Inbound>) -> Result<Arc<ZenohSubstrate>, OpenError> {
-        let settings = self.settings()?;
+        let settings = self.settings()?.without_self().await;
         ZenohSubstrate::open(&self.ecosystem, self.daemon, settings, inbound).await
     }
 
@@ -250,7 +294,8 @@ impl Config {
             scouts(&merged).then(|| merged["scouting"]["multicast"]["address"].to_string());
         let lease = lease(&merged).unwrap_or(self.lease);
         let security = self.security.clone();
-        Ok(Settings { zenoh, listen, connect, scouts_at, lease, security })
+        let connect_as_written = merged["connect"]["endpoints"].clone();
+        Ok(Settings { zenoh, connect_as_written, listen, connect, scouts_at, lease, security })
     }
 
     /// What is different from Zenoh's defaults, and why.

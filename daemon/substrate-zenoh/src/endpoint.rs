@@ -97,6 +97,14 @@ pub(crate) fn leaves_machine(endpoint: &str) -> bool {
     split(endpoint).is_ok_and(beyond)
 }
 
+/// Host and port of an endpoint over IP, the host without brackets.
+pub(crate) fn host_and_port(endpoint: &str) -> Option<(String, u16)> {
+    let (protocol, address) = split(endpoint).ok()?;
+    let (host, port) = address.rsplit_once(':').filter(|_| protocol != "unixsock-stream")?;
+    let host = host.trim_start_matches('[').trim_end_matches(']');
+    Some((host.to_owned(), port.parse().ok()?))
+}
+
 /// Of what goes over IP, whether the address has a host and a port.
 fn check_address(
     endpoint: &str,

@@ -19,6 +19,8 @@ mod declarations;
 mod endpoint;
 mod inbound;
 mod key_expr;
+mod listening;
+mod own_address;
 mod presence;
 mod publishers;
 mod questions;
@@ -36,6 +38,7 @@ pub use config::{
     Config, LEASE, MESSAGE_BYTES_MAX, Mode, OpenError, REST, SettingProblem, lease, problems,
 };
 pub use endpoint::EndpointError;
+pub use own_address::without_calls_to_self;
 pub use sealing::Security;
 pub use session::ZenohSubstrate;
 pub use tap::{Tap, tap};
