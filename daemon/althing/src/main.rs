@@ -37,5 +37,19 @@ fn main() -> ExitCode {
         Err(exit) => return exit,
     };
     logging::start(cli.verbose);
+    tell_panics_safely();
     commands::run(cli.command)
+}
+
+/// A panic may hold what others said, and a terminal obeys what it is sent.
+fn tell_panics_safely() {
+    std::panic::set_hook(Box::new(|panic| {
+        let thread = std::thread::current();
+        let name = thread.name().unwrap_or("unnamed").to_owned();
+        terminal::output::note(&format!("thread '{name}' panicked: {panic}"));
+        let trace = std::backtrace::Backtrace::capture();
+        if trace.status() == std::backtrace::BacktraceStatus::Captured {
+            terminal::output::note(&trace.to_string());
+        }
+    }));
 }

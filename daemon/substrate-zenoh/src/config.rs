@@ -15,9 +15,9 @@ use zenoh::qos::Priority;
 use crate::endpoint::{self, EndpointError};
 use crate::key_expr::Keys;
 use crate::scouting;
-use crate::{listening, own_address};
 use crate::sealing::Security;
 use crate::session::ZenohSubstrate;
+use crate::{listening, own_address};
 
 /// How long a silent daemon counts as alive. A killed process is seen in milliseconds whatever
 /// the lease is; this is for the frozen machine and the pulled cable. Four keep-alives, of which

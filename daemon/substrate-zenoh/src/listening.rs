@@ -108,8 +108,7 @@ mod tests {
     fn a_port_that_is_taken_is_said_to_be_taken_by_whom() {
         let taken = TcpListener::bind("127.0.0.1:0").expect("a port");
         let port = taken.local_addr().expect("an address").port();
-        let endpoints =
-            ["unixsock-stream//run/a.sock".to_owned(), format!("tcp/127.0.0.1:{port}")];
+        let endpoints = ["unixsock-stream//run/a.sock".to_owned(), format!("tcp/127.0.0.1:{port}")];
         let told = obstacle(&endpoints).expect("it is taken");
         let who = format!("port {port} is taken by process {} (`", std::process::id());
         assert!(told.contains(&who) && told.contains(&endpoints[1]), "{told}");

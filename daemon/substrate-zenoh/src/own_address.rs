@@ -161,7 +161,9 @@ mod tests {
             assert_eq!(found.contains(endpoint), expected, "{endpoint}");
         }
         // The kernel chooses the port, so no file can name it.
-        assert!(own(&["tls/0.0.0.0:0".to_owned()], &["tls/127.0.0.1:7461".to_owned()]).await.is_empty());
+        assert!(
+            own(&["tls/0.0.0.0:0".to_owned()], &["tls/127.0.0.1:7461".to_owned()]).await.is_empty()
+        );
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! In: [`arguments`] and [`pddl_files`]. Out: mistakes are gathered in a [`report`] and drawn by
 //! [`render`], everything goes to one of two streams ([`output`]), and the process ends with a code
-//! of [`exit`].
+//! of [`exit`]. What comes from outside is made [`visible`]; what we paint is [`styled`].
 
 pub mod arguments;
 pub mod exit;
@@ -10,3 +10,5 @@ pub mod output;
 pub mod pddl_files;
 pub mod render;
 pub mod report;
+pub mod styled;
+pub mod visible;

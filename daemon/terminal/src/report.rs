@@ -11,6 +11,8 @@ use std::sync::Arc;
 
 use pddl::{Diagnostic, Severity, Span};
 
+use crate::visible;
+
 /// The largest text that is read: a gigabyte. Spans are 32 bits wide, and a device that never ends
 /// must not fill the memory.
 const TEXT_BYTES_MAX: u64 = 1 << 30;
@@ -51,7 +53,7 @@ impl Source {
     ///
     /// The error completes “failed to …” and names the file.
     pub fn read(path: &Path) -> Result<Arc<Source>, String> {
-        let name = path.display().to_string();
+        let name = visible::line(&path.display().to_string()).into_owned();
         Source::read_as(path, &name).map_err(|reason| match nearby(path) {
             Some(meant) if !path.exists() => {
                 format!("read `{name}`: {reason}; did you mean `{meant}`?")

@@ -160,7 +160,8 @@ impl Agent for DomainMaintainer {
             | Resource::Questions
             | Resource::Journal
             | Resource::Plugins
-            | Resource::Discovered => return None,
+            | Resource::Discovered
+            | Resource::Files => return None,
         };
         answer.ok()
     }

@@ -17,7 +17,7 @@ use serde_json::{Value, json};
 use terminal::pddl_files::{self, DomainText};
 use terminal::render::plural;
 use terminal::report::{Report, Source};
-use terminal::{exit, output};
+use terminal::{exit, output, visible};
 
 use crate::cli::CheckArgs;
 use crate::config::{Ecosystem, KnownPlugin, Overrides};
@@ -142,7 +142,7 @@ impl Desk {
     }
 
     fn note(&mut self, path: &Path, kind: &'static str, about: String, has_errors: bool) {
-        let file = path.display().to_string();
+        let file = visible::line(&path.display().to_string()).into_owned();
         self.checked.push(Checked { file, kind, about, has_errors });
     }
 

@@ -1,8 +1,9 @@
 //! The simulated building of an ecosystem, built from its map and the entries of its agents.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use ::building::{Battery, Building, Layout, LayoutError, Quantity, View};
+use ::building::{Battery, Building, Device, Layout, LayoutError, Quantity, View};
+use acl::AgentId;
 use pddl::{InitElement, Name, Problem, Span, Term, Types};
 use serde_json::Value;
 
@@ -88,6 +89,33 @@ pub(crate) fn simulate(ecosystem: &Ecosystem) -> Result<Building, SimulationErro
         }
     }
     Ok(building)
+}
+
+/// Changes the devices of a building that is open to those of a file that was read anew: takes the
+/// devices of the agents that leave, and brings those that are not there. What is true of the others
+/// stays. What cannot be brought, for a person.
+pub(crate) fn refurnish(
+    building: &Building,
+    ecosystem: &Ecosystem,
+    leaving: &BTreeSet<AgentId>,
+) -> Vec<String> {
+    let layout = match layout_of(ecosystem) {
+        Ok(layout) => layout,
+        Err(error) => return vec![format!("failed to {error}")],
+    };
+    for agent in leaving {
+        // An agent without a simulated device has none to take.
+        let _ = building.remove_device(agent.as_str());
+    }
+    let is_missing = |device: &&Device| building.place_of(device.name()).is_err();
+    let missing = layout.devices().iter().filter(is_missing);
+    let brought = missing.map(|device| (device.name(), building.add_device(device.clone())));
+    brought
+        .filter_map(|(name, brought)| {
+            let error = brought.err()?;
+            Some(format!("`{name}` is not in the simulated building: failed to {error}"))
+        })
+        .collect()
 }
 
 fn layout_of(ecosystem: &Ecosystem) -> Result<Layout, SimulationError> {
