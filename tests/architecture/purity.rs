@@ -20,6 +20,33 @@ const EFFECTS: &[&str] = &[
     "eprintln",
 ];
 
+/// Words that print past `terminal::output`, where what others said is made visible before a terminal
+/// obeys it.
+const PRINTS: &[&str] = &["print", "println", "eprint", "eprintln", "stdout", "stderr"];
+
+/// Who may name them all the same, and why.
+const PRINTS_ITSELF: &[(&str, &str)] = &[
+    ("daemon/terminal/src/output.rs", "it is that place"),
+    ("daemon/terminal/src/render.rs", "asks how wide the terminal is"),
+    ("daemon/althing/src/prompt/input.rs", "asks whether there is a terminal"),
+    ("daemon/althing/src/interruption.rs", "waits for a reader to go away"),
+    ("daemon/althing-plan/src/telling.rs", "asks whether there is a terminal"),
+    ("daemon/plugin-host/src/confinement.rs", "in the process of a plugin, whose stderr is a file"),
+];
+
+/// The lines of `code` where something is printed, or a stream is named that it could be printed to.
+fn prints(code: &str) -> Vec<(usize, &str)> {
+    let said = |(start, word): &(usize, &str)| {
+        let rest = code[start + word.len()..].trim_start();
+        let before = code[..*start].trim_end();
+        // A method or a field of another thing's is not the stream.
+        let is_call = rest.starts_with('!') || rest.starts_with("()");
+        is_call && !before.ends_with('.') && !before.ends_with("fn")
+    };
+    let found = words(code).filter(|(_, word)| PRINTS.contains(word)).filter(said);
+    found.map(|(start, word)| (line_of(code, start), word)).collect()
+}
+
 /// The words of `code` that are effects, with their lines.
 fn effects(code: &str) -> Vec<(usize, &str)> {
     words(code)
@@ -69,6 +96,28 @@ fn production_unwraps_nothing() {
     none(&complaints, "production has no `unwrap()`: `expect(\"invariant: …\")` where proven");
 }
 
+/// Benchmarks, examples and what is no program of ours (a plugin's process) print as they like.
+#[test]
+fn everything_printed_goes_through_one_place() {
+    let mut complaints = Vec::new();
+    let mut needed = Vec::new();
+    for name in ["althing", "althing-plan", "terminal", "plugin-host", "engines", "agent"] {
+        for (path, code) in production(&root().join("daemon").join(name).join("src")) {
+            let file = path.strip_prefix(root()).unwrap_or(&path).display().to_string();
+            let found = prints(&code);
+            if PRINTS_ITSELF.iter().any(|(known, _)| *known == file) {
+                needed.extend((!found.is_empty()).then_some(file));
+                continue;
+            }
+            let at = |(line, word)| format!("{file}:{line}: `{word}`");
+            complaints.extend(found.into_iter().map(at));
+        }
+    }
+    let unused = PRINTS_ITSELF.iter().filter(|(known, _)| !needed.iter().any(|file| file == known));
+    complaints.extend(unused.map(|(file, why)| format!("{file} prints nothing: drop “{why}”")));
+    none(&complaints, "everything printed goes through `terminal::output`");
+}
+
 #[test]
 fn every_file_opens_with_its_role() {
     let complaints: Vec<_> = ["daemon", "plugins", "tests"]
@@ -105,6 +154,19 @@ fn effects_are_found_in_code_only() {
         ("const HELP: &str = \"async println\";", 0),
     ] {
         assert_eq!(effects(&code(source)).len(), expected, "{source}");
+    }
+}
+
+#[test]
+fn what_prints_is_found() {
+    for (source, expected) in [
+        ("fn a() { println!(\"x\"); }", 1),
+        ("fn a() { std::io::stderr().write(b) }", 1),
+        ("fn a() { output::print(\"x\", 0); let stdout = stdout(&run); }", 0),
+        ("fn a() { run.stdout(); command.stderr(pipe) }", 0),
+        ("fn print() {} fn stdout() {}", 0),
+    ] {
+        assert_eq!(prints(&code(source)).len(), expected, "{source}");
     }
 }
 

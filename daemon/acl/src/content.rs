@@ -36,7 +36,7 @@ pub enum Request {
     Act(Box<Act>),
     /// To the Domain Maintainer: change the state.
     ChangeState(ChangeState),
-    /// To the Plan Requester: plan by another flow from now on.
+    /// To the Plan Requester: from now on one agent plans for all, or each for itself.
     SetMode(SetMode),
     /// To a Keyboard Agent: a person's answer to one of its open questions.
     AnswerQuestion(AnswerQuestion),
@@ -50,7 +50,7 @@ pub enum Request {
     Keep(Keeping),
 }
 
-/// Ask for another flow.
+/// Ask that one agent plans for all, or each for itself.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SetMode {

@@ -62,6 +62,8 @@ pub struct Switchboard {
     machine: Machine,
     /// How the plugins that run as processes are, where this daemon hosts any.
     plugins: OnceLock<Box<dyn Fn() -> String + Send + Sync>>,
+    /// What this daemon has read of the ecosystem's files.
+    files: OnceLock<String>,
     /// Agents that no file names, by what has found them.
     discovered: Mutex<BTreeMap<String, Vec<Discovered>>>,
     /// What came and was not believed.
@@ -137,6 +139,7 @@ impl Switchboard {
             counters: Counters::default(),
             machine,
             plugins: OnceLock::new(),
+            files: OnceLock::new(),
             discovered: Mutex::default(),
             rejections: Arc::default(),
             rights: OnceLock::new(),
@@ -153,6 +156,12 @@ impl Switchboard {
     pub fn tell_plugins(&self, tell: impl Fn() -> String + Send + Sync + 'static) {
         // Of two hosts of plugins on one daemon the first is asked.
         let _ = self.plugins.set(Box::new(tell));
+    }
+
+    /// Says what this daemon has read of the ecosystem's files, once; answers [`Resource::Files`].
+    pub fn tell_files(&self, files: String) {
+        // They are read once, at start.
+        let _ = self.files.set(files);
     }
 
     /// Says which agents have appeared by what is called so, in place of what was said before.
@@ -757,6 +766,11 @@ impl Inbound for Switchboard {
             Resource::Plugins => {
                 if let Some(tell) = self.plugins.get() {
                     (question.answer)(tell().into());
+                }
+            }
+            Resource::Files => {
+                if let Some(files) = self.files.get() {
+                    (question.answer)(files.clone().into());
                 }
             }
             Resource::Domain

@@ -27,7 +27,7 @@ Run   up        run the daemon: this machine's agents join the ecosystem
       scenario  play a scenario of the paper in a simulated building
 Ask   goal      for an outcome: follow it, keep it up, give it up
       act       for one action         set      change what is known to be true
-      mode      for the other flow     answer   what an agent asks people
+      mode      who plans, from now on answer   what an agent asks people
 Look  agents    who is here            domain   what all can do, as PDDL
       state     what is known          goals    what is wanted, how it stands
       watch     the messages           mailbox  how full agents' mailboxes are
@@ -35,7 +35,7 @@ Plan  plan      without an ecosystem   validate a plan, to the step that fails
       check     show what is wrong in ecosystem files, PDDL, action models
       replay    what was recorded      send     one message as it is written
 More  plugin    programs that bring agents: add them, see how they are
-      cert      keys to the door   sensors  plugged in   completions of shells
+      cert      keys, certificates sensors  plugged in   completions of shells
 
 Options: -v, -vv (log more), --json (where something is printed), -h, -V
 ";

@@ -1,6 +1,11 @@
-//! How the process is told to stop.
+//! How the process is told to stop: by signals, and by whoever read what it prints.
 
+use std::os::fd::AsFd as _;
+use std::os::unix::fs::FileTypeExt as _;
+
+use rustix::event::{PollFd, PollFlags, poll};
 use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::oneshot;
 
 /// Whether the process has been told to stop, by SIGINT or SIGTERM, whose number comes. Listens
 /// from the call on, not only from when it is first polled: who has said that he is ready must not
@@ -21,6 +26,36 @@ pub(crate) fn interrupted() -> impl Future<Output = i32> {
             _ = terminations.recv() => terminate.as_raw_value(),
         }
     }
+}
+
+/// Waits until nobody reads stdout any more (`althing watch | head`). A write would find out too, and
+/// may be hours away. Where stdout is no pipe, that never comes.
+pub(crate) fn reader_gone() -> impl Future<Output = ()> {
+    let (tell, gone) = oneshot::channel();
+    if is_pipe() {
+        // A thread of its own, which ends with the process: nothing else wakes it.
+        std::thread::spawn(move || {
+            let stdout = std::io::stdout();
+            let mut watched = [PollFd::from_borrowed_fd(stdout.as_fd(), PollFlags::empty())];
+            while poll(&mut watched, None).is_ok() {
+                if watched[0].revents().intersects(PollFlags::ERR | PollFlags::HUP) {
+                    let _ = tell.send(());
+                    return;
+                }
+            }
+        });
+    }
+    async move {
+        if gone.await.is_err() {
+            std::future::pending().await
+        }
+    }
+}
+
+/// Whether stdout leads to another process.
+fn is_pipe() -> bool {
+    let about = std::fs::metadata("/proc/self/fd/1");
+    about.is_ok_and(|about| about.file_type().is_fifo() || about.file_type().is_socket())
 }
 
 #[cfg(test)]

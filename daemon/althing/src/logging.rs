@@ -3,6 +3,9 @@
 //! `ALTHING_LOG` speaks the language of `tracing`'s filters (`info`, `agent=debug`) and wins over
 //! `-v`; results and mistakes are never logged, they are printed.
 
+use terminal::visible;
+use tracing_subscriber::field::MakeExt as _;
+use tracing_subscriber::filter::FilterExt as _;
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{EnvFilter, Layer as _, fmt, registry};
@@ -18,10 +21,21 @@ pub(crate) fn start(verbose: u8) {
         terminal::output::note(&format!("{VARIABLE}={filter} is left out: {err}"));
         EnvFilter::new(level(verbose))
     });
+    // What others said stands in the fields; the rest of a line is ours.
+    let fields = fmt::format::debug_fn(|writer, field, value| {
+        let value = format!("{value:?}");
+        match field.name() {
+            "message" => write!(writer, "{}", visible::line(&value)),
+            // Where a line of the crate `log` came from stands before it already.
+            name if name.starts_with("log.") => Ok(()),
+            name => write!(writer, "{name}={}", visible::line(&value)),
+        }
+    });
     let lines = fmt::layer()
+        .fmt_fields(fields.delimited(" "))
         .with_writer(|| terminal::output::Notes)
         .with_ansi(terminal::output::stderr_is_colored())
-        .with_filter(filter);
+        .with_filter(filter.and(substrate_zenoh::without_calls_to_self()));
     // A second start, in a test, changes nothing.
     let _ = registry().with(lines).with(substrate_zenoh::too_long()).try_init();
 }

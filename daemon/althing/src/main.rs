@@ -4,7 +4,8 @@
 //!    [`terminal::exit`] names what the process ends with.
 //!
 //! Around them: [`prompt`] (a person at a terminal), [`hosting`] (one daemon and its agents), [`plugins`] (the table of them), [`scenario`]
-//! (the paper's demonstrations), [`config`] (what the ecosystem file means), [`logging`],
+//! (the paper's demonstrations), [`config`] (what the ecosystem file means), [`review`] (what is wrong
+//! with it beyond its shape), [`logging`],
 //! [`service_manager`] (what systemd is told), [`interruption`] (what it, or Ctrl-C, tells us). How
 //! files are read, and mistakes and results shown, is the crate [`terminal`]'s; `althing plan` is
 //! [`althing_plan`].
@@ -18,6 +19,7 @@ mod interruption;
 mod logging;
 mod plugins;
 mod prompt;
+mod review;
 mod scenario;
 mod service_manager;
 
@@ -35,5 +37,19 @@ fn main() -> ExitCode {
         Err(exit) => return exit,
     };
     logging::start(cli.verbose);
+    tell_panics_safely();
     commands::run(cli.command)
+}
+
+/// A panic may hold what others said, and a terminal obeys what it is sent.
+fn tell_panics_safely() {
+    std::panic::set_hook(Box::new(|panic| {
+        let thread = std::thread::current();
+        let name = thread.name().unwrap_or("unnamed").to_owned();
+        terminal::output::note(&format!("thread '{name}' panicked: {panic}"));
+        let trace = std::backtrace::Backtrace::capture();
+        if trace.status() == std::backtrace::BacktraceStatus::Captured {
+            terminal::output::note(&trace.to_string());
+        }
+    }));
 }

@@ -42,6 +42,7 @@ pub(crate) fn doorkeeper(daemon: &DaemonId) -> AgentEntry {
     let daemon_name: String = daemon.as_str().chars().take(48).collect();
     let name = AgentId::new(&format!("doorkeeper-{daemon_name}"));
     AgentEntry {
+        path: String::new(),
         name: name.expect("invariant: names of daemons and of agents are of the same symbols"),
         plugin: doorkeeper::PLUGIN.name.to_owned(),
         package: None,

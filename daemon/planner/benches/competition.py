@@ -4,8 +4,8 @@
 usage: competition.py BENCH [--set classical|numeric] [--time 30] [--core N] [--other 'CMD'] [--only ALTHING|OTHER]
                       [--anytime] [--every N]
 
-BENCH is a folder with planbench.py, SET.tasks and SET/; results go to target/competition/SET/*.jsonl, and a run goes on
-where those end: `rm -r target/competition` begins anew. `cargo build --release` comes before. The other planner of the
+BENCH is a folder with SET.tasks (a line per task: `DOMAIN PROBLEM`, files in SET/) and SET/; results go to
+target/competition/SET/*.jsonl, and a run goes on where those end: `rm -r target/competition` begins anew. `cargo build --release` comes before. The other planner of the
 classical set is Fast Downward (`pip install up-fast-downward`), `--alias lama-first`; any other is named by --other, with
 {domain} {problem} {plan}. Both get a core, 2 GiB, an empty PATH and `althing validate` as a judge. Prints Markdown.
 
@@ -15,7 +15,8 @@ the cheapest counts. --every 4 takes every fourth task only.
 The agile score is that of the competitions: 1 for a task solved within a second, less for each second more, on a
 logarithmic scale, 0 at the limit.
 """
-import argparse, importlib.util, json, math, os, pathlib, subprocess, sys
+import argparse, contextlib, importlib.util, json, math, os, pathlib, re, resource, shlex, signal, subprocess, sys
+import tempfile, time
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 ALTHING = ROOT / "target/release/althing"
@@ -34,16 +35,63 @@ def task_lines(bench, which, every):
     return [line for line in open(pathlib.Path(bench) / f"{which}.tasks") if line.split("#")[0].split()][::every]
 
 
-def run(name, command, args, out):
-    validate = f"{ALTHING} validate {{domain}} {{problem}} {{plan}}"
-    bench = pathlib.Path(args.bench)
-    tasks = out.parent / "tasks"
-    tasks.write_text("".join(task_lines(bench, args.set, args.every)))
-    words = [sys.executable, bench / "planbench.py", "--name", name, "--cmd", f"PATH= {command}", "--validate", validate,
-             "--tasks", tasks, "--root", bench / args.set, "--out", out, "--time", str(args.time)]
-    if args.core is not None:
-        words += ["--core", str(args.core)]
-    subprocess.run([str(word) for word in words], check=True)
+def confine(core):
+    """Runs in the planner's process before the planner does: one core, 2 GiB."""
+    def begin():
+        resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))
+        if core is not None:
+            os.sched_setaffinity(0, {core})
+    return begin
+
+
+def newest(plan):
+    """The plan file, or of several (`plan.1`, `plan.2`, …) the last one."""
+    numbered = [path for path in plan.parent.glob(plan.name + ".*") if path.suffix[1:].isdigit()]
+    return max(numbered, key=lambda path: int(path.suffix[1:]), default=plan)
+
+
+def cost_of(text):
+    """What a plan says that it costs, or how many actions it has."""
+    said = re.findall(r"^;\s*cost\s*[=:]\s*([0-9.eE+]+)", text, re.MULTILINE)
+    return float(said[-1]) if said else float(sum("(" in line.split(";")[0] for line in text.splitlines()))
+
+
+def attempt(command, domain, problem, args):
+    """Plans once; the row of the results."""
+    with tempfile.TemporaryDirectory() as folder:
+        plan = pathlib.Path(folder) / "plan"
+        words = [word.format(domain=domain, problem=problem, plan=plan) for word in shlex.split(command)]
+        began = time.monotonic()
+        child = subprocess.Popen(words, cwd=folder, env={**os.environ, "PATH": ""}, start_new_session=True,
+                                 preexec_fn=confine(args.core), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            child.wait(args.time)
+        except subprocess.TimeoutExpired:
+            pass
+        # What the planner has started ends with it.
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child.pid, signal.SIGKILL)
+        child.wait()
+        wall = time.monotonic() - began
+        found = newest(plan)
+        if not found.exists():
+            return {"solved": False, "valid": None, "wall": wall, "cost": None}
+        judge = subprocess.run([ALTHING, "validate", domain, problem, found], capture_output=True)
+        valid = judge.returncode == 0
+        return {"solved": valid, "valid": valid, "wall": wall, "cost": cost_of(found.read_text())}
+
+
+def run(command, args, out):
+    """Tries every task that the results do not have yet."""
+    done = rows(out)
+    for line in task_lines(args.bench, args.set, args.every):
+        domain, problem = line.split("#")[0].split()[:2]
+        if (domain, problem) in done:
+            continue
+        root = pathlib.Path(args.bench).resolve() / args.set
+        row = attempt(command, root / domain, root / problem, args)
+        with open(out, "a") as results:
+            print(json.dumps({"domain": domain, "problem": problem, **row}), file=results)
 
 
 def rows(path):
@@ -109,11 +157,11 @@ def main():
     commands = {
         # Somewhat less memory than there is: code and stacks want room, too.
         "althing": f"{ALTHING} plan {{domain}} {{problem}} --plan {{plan}} --memory-limit 1800 --time-limit {args.time - 0.2:g}{further}",
-        "other": args.other or (command_of_fast_downward(alias) if args.set == "classical" else None),
+        "other": args.other or (command_of_fast_downward(alias) if args.set == "classical" and args.only != "althing" else None),
     }
     for name, command in commands.items():
         if command and args.only in (None, name):
-            run(name, command, args, results[name])
+            run(command, args, results[name])
     tell(args, *(rows(results[name]) for name in ("althing", "other")))
 
 

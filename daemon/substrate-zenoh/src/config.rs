@@ -17,6 +17,7 @@ use crate::key_expr::Keys;
 use crate::scouting;
 use crate::sealing::Security;
 use crate::session::ZenohSubstrate;
+use crate::{listening, own_address};
 
 /// How long a silent daemon counts as alive. A killed process is seen in milliseconds whatever
 /// the lease is; this is for the frozen machine and the pulled cable. Four keep-alives, of which
@@ -130,6 +131,14 @@ pub enum OpenError {
         /// What Zenoh says.
         source: zenoh::Error,
     },
+    /// An endpoint cannot be listened at: its port is taken, or its address is not here.
+    #[error("{obstacle}")]
+    Listen {
+        /// Which, why, and what to do.
+        obstacle: String,
+        /// What Zenoh says.
+        source: zenoh::Error,
+    },
     /// Zenoh could not open.
     #[error("open a Zenoh session{}", places(listen, connect))]
     Session {
@@ -154,6 +163,8 @@ pub enum OpenError {
 #[derive(Debug)]
 pub(crate) struct Settings {
     pub(crate) zenoh: zenoh::Config,
+    /// All endpoints to connect to, in the shape in which they were written.
+    connect_as_written: Value,
     pub(crate) listen: Vec<String>,
     pub(crate) connect: Vec<String>,
     /// Where others of the ecosystem are looked for, if they are.
@@ -161,6 +172,39 @@ pub(crate) struct Settings {
     /// The lease, whoever has said it.
     pub(crate) lease: Duration,
     pub(crate) security: Option<Security>,
+}
+
+// === impl Settings ===
+
+impl Settings {
+    /// Takes out the endpoints that are this daemon's own: one file for all machines names them all.
+    pub(crate) async fn without_self(mut self) -> Settings {
+        let own = own_address::own(&self.listen, &self.connect).await;
+        if own.is_empty() {
+            return self;
+        }
+        tracing::debug!(?own, "does not call itself");
+        own_address::without(&mut self.connect_as_written, &own);
+        self.connect.retain(|endpoint| !own.contains(endpoint));
+        let others = self.connect_as_written.to_string();
+        if let Err(error) = self.zenoh.insert_json5("connect/endpoints", &others) {
+            // Then Zenoh closes the link to itself.
+            tracing::debug!(%error, "the daemon's own endpoints stay among those it calls");
+        }
+        self
+    }
+}
+
+/// Why a session did not open: an endpoint that cannot be listened at, or what Zenoh says.
+pub(crate) fn not_opened(
+    listen: Vec<String>,
+    connect: Vec<String>,
+    source: zenoh::Error,
+) -> OpenError {
+    match listening::obstacle(&listen) {
+        Some(obstacle) => OpenError::Listen { obstacle, source },
+        None => OpenError::Session { listen, connect, source },
+    }
 }
 
 // === impl Config ===
@@ -188,7 +232,7 @@ impl Config {
     ///
     /// If the settings are refused, an endpoint cannot be listened on, or a client reaches nobody.
     pub async fn open(self, inbound: Arc<dyn Inbound>) -> Result<Arc<ZenohSubstrate>, OpenError> {
-        let settings = self.settings()?;
+        let settings = self.settings()?.without_self().await;
         ZenohSubstrate::open(&self.ecosystem, self.daemon, settings, inbound).await
     }
 
@@ -250,7 +294,8 @@ impl Config {
             scouts(&merged).then(|| merged["scouting"]["multicast"]["address"].to_string());
         let lease = lease(&merged).unwrap_or(self.lease);
         let security = self.security.clone();
-        Ok(Settings { zenoh, listen, connect, scouts_at, lease, security })
+        let connect_as_written = merged["connect"]["endpoints"].clone();
+        Ok(Settings { zenoh, connect_as_written, listen, connect, scouts_at, lease, security })
     }
 
     /// What is different from Zenoh's defaults, and why.
@@ -296,6 +341,87 @@ impl Config {
                 "rx": { "max_message_size": MESSAGE_BYTES_MAX },
             } },
         })
+    }
+}
+
+/// Something in the `[zenoh]` table that no session could be opened with.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SettingProblem {
+    /// The setting, such as `connect.endpoints.0`; empty for the whole table.
+    pub at: String,
+    /// What is wrong. Completes “failed to …”.
+    pub message: String,
+}
+
+/// All that is wrong with a `[zenoh]` table, without opening anything.
+pub fn problems(ecosystem: &EcosystemId, zenoh: &Value, is_secured: bool) -> Vec<SettingProblem> {
+    let problem = |at: &str, message: String| SettingProblem { at: at.to_owned(), message };
+    let table = match zenoh {
+        Value::Null => return Vec::new(),
+        Value::Object(table) => table,
+        _ => return vec![problem("", OpenError::NotATable.to_string())],
+    };
+    if table.contains_key("mode") {
+        return vec![problem("mode", OpenError::ModeInSettings.to_string())];
+    }
+    let mut found = Vec::new();
+    for (side, check) in [
+        ("listen", endpoint::check_listen as fn(&str) -> Result<(), EndpointError>),
+        ("connect", endpoint::check_connect),
+    ] {
+        let at = format!("{side}.endpoints");
+        for (path, each) in located_endpoints(&zenoh[side]["endpoints"], &at) {
+            let secured = if is_secured { endpoint::check_secured(&each) } else { Ok(()) };
+            if let Err(error) = secured.and_then(|()| check(&each)) {
+                found.push(problem(&path, error.to_string()));
+            }
+        }
+    }
+    let mut said = zenoh.clone();
+    let told = endpoints(&said["listen"]["endpoints"]);
+    if let Err(error) = scouting::settle(ecosystem, is_secured, &told, &mut said) {
+        found.push(problem("scouting", error.to_string()));
+    }
+    for side in ["listen", "connect"] {
+        // What is wrong with endpoints is said.
+        if let Some(table) = said.get_mut(side).and_then(Value::as_object_mut) {
+            table.remove("endpoints");
+        }
+    }
+    if let Err(source) = read(&said) {
+        let path = culprit(&said);
+        let at = path.join(".");
+        let mut message = OpenError::Settings { at: at.clone(), source }.to_string();
+        if let Some(meant) = path.last().and_then(|key| split_setting(key)) {
+            message += &format!("; did you mean `{meant}`?");
+        }
+        found.push(problem(&at, message));
+    }
+    found
+}
+
+/// `listen_endpoints` is `listen.endpoints`.
+fn split_setting(key: &str) -> Option<String> {
+    let (table, setting) = key.split_once(['_', '-'])?;
+    let probe = json!({ table: { setting: [] } });
+    read(&probe).is_ok().then(|| format!("{table}.{setting}"))
+}
+
+/// Endpoints in any of the shapes Zenoh knows, each with its path.
+fn located_endpoints(value: &Value, path: &str) -> Vec<(String, String)> {
+    match value {
+        Value::String(endpoint) => vec![(path.to_owned(), endpoint.clone())],
+        Value::Array(list) => {
+            let each = list.iter().enumerate();
+            each.flat_map(|(at, value)| located_endpoints(value, &format!("{path}.{at}"))).collect()
+        }
+        Value::Object(table) => {
+            let lists = table.iter().filter(|(key, _)| *key != "strategy");
+            lists
+                .flat_map(|(key, list)| located_endpoints(list, &format!("{path}.{key}")))
+                .collect()
+        }
+        _ => Vec::new(),
     }
 }
 
@@ -464,6 +590,18 @@ mod tests {
             let error = config(zenoh).settings().expect_err(expected).to_string();
             assert!(error.starts_with(expected), "{error}");
         }
+        let bad = json!({
+            "listen": { "endpoints": ["tcp/127.0.0.1:7447", "tls/[::]:99999"] },
+            "connect": { "endpoints": ["office-pi:7447"] },
+            "transprt": {},
+        });
+        let ecosystem = EcosystemId::new("office").expect("a name");
+        let at: Vec<_> =
+            problems(&ecosystem, &bad, false).into_iter().map(|problem| problem.at).collect();
+        assert_eq!(at, ["listen.endpoints.1", "connect.endpoints.0", "transprt"]);
+        let good = json!({ "listen": { "endpoints": ["tls/[::]:7447"] }, "scouting": true });
+        assert_eq!(problems(&ecosystem, &good, true), []);
+        assert_eq!(problems(&ecosystem, &good, false).len(), 1, "plain text is not scouted with");
         let client = Config { mode: Mode::Client, ..config(Value::Null) };
         assert!(matches!(client.settings(), Err(OpenError::NowhereToConnect)));
     }

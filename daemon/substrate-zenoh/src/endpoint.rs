@@ -20,6 +20,21 @@ pub enum EndpointError {
         /// Its protocol.
         protocol: String,
     },
+    /// An address that nothing can have.
+    #[error(
+        "use endpoint `{endpoint}`: `{address}` is no address; write HOST:PORT, with a port from {first} to \
+         65535, like `{protocol}/office-pi.local:7447`"
+    )]
+    Address {
+        /// The endpoint.
+        endpoint: String,
+        /// Its protocol.
+        protocol: String,
+        /// Its address.
+        address: String,
+        /// The first port that is possible: at 0 one can listen, and the kernel chooses.
+        first: u16,
+    },
     /// Plain text that everybody on the network could read and write.
     #[error(
         "listen on `{endpoint}`: plain TCP is for this machine alone; write `tls/{address}` for \
@@ -52,12 +67,14 @@ const PROTOCOLS: [&str; 3] = ["tls", "unixsock-stream", "tcp"];
 
 /// Checks an endpoint to connect to.
 pub(crate) fn check_connect(endpoint: &str) -> Result<(), EndpointError> {
-    split(endpoint).map(|_| ())
+    let (protocol, address) = split(endpoint)?;
+    check_address(endpoint, protocol, address, 1)
 }
 
 /// Checks an endpoint to listen on.
 pub(crate) fn check_listen(endpoint: &str) -> Result<(), EndpointError> {
     let (protocol, address) = split(endpoint)?;
+    check_address(endpoint, protocol, address, 0)?;
     if protocol == "tcp" && !is_loopback(address) {
         let (endpoint, address) = (endpoint.to_owned(), address.to_owned());
         return Err(EndpointError::PlainText { endpoint, address });
@@ -78,6 +95,37 @@ pub(crate) fn check_secured(endpoint: &str) -> Result<(), EndpointError> {
 pub(crate) fn leaves_machine(endpoint: &str) -> bool {
     let beyond = |(protocol, address)| protocol != "unixsock-stream" && !is_loopback(address);
     split(endpoint).is_ok_and(beyond)
+}
+
+/// Host and port of an endpoint over IP, the host without brackets.
+pub(crate) fn host_and_port(endpoint: &str) -> Option<(String, u16)> {
+    let (protocol, address) = split(endpoint).ok()?;
+    let (host, port) = address.rsplit_once(':').filter(|_| protocol != "unixsock-stream")?;
+    let host = host.trim_start_matches('[').trim_end_matches(']');
+    Some((host.to_owned(), port.parse().ok()?))
+}
+
+/// Of what goes over IP, whether the address has a host and a port.
+fn check_address(
+    endpoint: &str,
+    protocol: &str,
+    address: &str,
+    first: u16,
+) -> Result<(), EndpointError> {
+    let is_right = protocol == "unixsock-stream"
+        || address.rsplit_once(':').is_some_and(|(host, port)| {
+            let is_host = !host.is_empty()
+                && !host.contains(char::is_whitespace)
+                // Without brackets, where an address of IPv6 ends and its port begins is anybody's
+                // guess.
+                && (!host.contains(':') || host.starts_with('[') && host.ends_with(']'));
+            is_host && port.parse().is_ok_and(|port: u16| port >= first)
+        });
+    if is_right {
+        return Ok(());
+    }
+    let (endpoint, protocol) = (endpoint.to_owned(), protocol.to_owned());
+    Err(EndpointError::Address { endpoint, protocol, address: address.to_owned(), first })
 }
 
 /// Protocol and address, without Zenoh's metadata (`?…`) and configuration (`#…`).
@@ -120,12 +168,33 @@ mod tests {
         ] {
             assert_eq!(check_listen(good), Ok(()), "{good}");
         }
-        for bad in
-            ["tcp/[::]:7447", "tcp/0.0.0.0:0", "tcp/192.168.1.2:7447", "tcp/office:1", "tcp/x"]
-        {
+        for bad in ["tcp/[::]:7447", "tcp/0.0.0.0:1", "tcp/192.168.1.2:7447", "tcp/office:1"] {
             assert!(matches!(check_listen(bad), Err(EndpointError::PlainText { .. })), "{bad}");
             assert_eq!(check_connect(bad), Ok(()), "{bad}");
         }
+    }
+
+    #[test]
+    fn an_address_has_a_host_and_a_port() {
+        for bad in [
+            "tls/office-pi",
+            "tls/office-pi:744700",
+            "tls/office-pi:http",
+            "tls/office pi:7447",
+            "tls/:7447",
+            "tcp/::1:7447",
+            "tls/[::]:-1",
+        ] {
+            for checked in [check_listen(bad), check_connect(bad)] {
+                assert!(
+                    matches!(checked, Err(EndpointError::Address { .. })),
+                    "{bad}: {checked:?}"
+                );
+            }
+        }
+        // The kernel chooses where one listens, and nobody can be called there.
+        assert_eq!(check_listen("tls/[::]:0"), Ok(()));
+        assert!(check_connect("tls/[::1]:0").is_err());
     }
 
     #[test]

@@ -19,6 +19,8 @@ mod declarations;
 mod endpoint;
 mod inbound;
 mod key_expr;
+mod listening;
+mod own_address;
 mod presence;
 mod publishers;
 mod questions;
@@ -32,8 +34,11 @@ mod tap;
 mod together;
 mod too_long;
 
-pub use config::{Config, LEASE, MESSAGE_BYTES_MAX, Mode, OpenError, REST, lease};
+pub use config::{
+    Config, LEASE, MESSAGE_BYTES_MAX, Mode, OpenError, REST, SettingProblem, lease, problems,
+};
 pub use endpoint::EndpointError;
+pub use own_address::without_calls_to_self;
 pub use sealing::Security;
 pub use session::ZenohSubstrate;
 pub use tap::{Tap, tap};

@@ -262,6 +262,8 @@ pub enum Resource {
     Plugins,
     /// Agents that have appeared and that no file names.
     Discovered,
+    /// Which domain and which map a daemon has read, as digests.
+    Files,
 }
 
 /// A question to daemons.
@@ -358,7 +360,7 @@ impl Breach {
 
 impl Resource {
     /// All of them.
-    pub const ALL: [Resource; 10] = [
+    pub const ALL: [Resource; 11] = [
         Resource::Directory,
         Resource::Domain,
         Resource::State,
@@ -369,6 +371,7 @@ impl Resource {
         Resource::Journal,
         Resource::Plugins,
         Resource::Discovered,
+        Resource::Files,
     ];
 
     /// Whether, of several agents of one name, only the one that acts answers.
@@ -389,6 +392,7 @@ impl Resource {
             Resource::Journal => "journal",
             Resource::Plugins => "plugins",
             Resource::Discovered => "discovered",
+            Resource::Files => "files",
         }
     }
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 use clap::error::ErrorKind;
 use clap::{Args, Parser};
 
-use crate::exit;
+use crate::{exit, visible};
 
 /// How results are printed.
 #[derive(Clone, Debug, Args)]
@@ -19,8 +19,12 @@ pub struct PrintArgs {
 
 /// Reads the command line; what the process ends with where it is wrong, or asks for help.
 pub fn parse<P: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<P, ExitCode> {
-    P::try_parse_from(words).map_err(|err| {
+    let words: Vec<OsString> = words.into_iter().collect();
+    P::try_parse_from(&words).map_err(|err| {
         let asked_for = matches!(err.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
+        // The words are repeated, and a terminal would obey what is in them.
+        let shown = words.iter().map(|word| visible::line(&word.to_string_lossy()).into_owned());
+        let err = P::try_parse_from(shown).err().unwrap_or(err);
         // To a reader that went away there is nothing to say.
         let _ = err.print();
         exit::with(if asked_for { exit::DONE } else { exit::USAGE })

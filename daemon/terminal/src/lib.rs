@@ -2,7 +2,7 @@
 //!
 //! In: [`arguments`], [`pddl_files`] and whole folders of them, [`pddl_tree`]. Out: mistakes are gathered in a [`report`] and drawn by
 //! [`render`], everything goes to one of two streams ([`output`]), and the process ends with a code
-//! of [`exit`].
+//! of [`exit`]. What comes from outside is made [`visible`]; what we paint is [`styled`].
 
 pub mod arguments;
 pub mod beside;
@@ -13,3 +13,5 @@ pub mod pddl_files;
 pub mod pddl_tree;
 pub mod render;
 pub mod report;
+pub mod styled;
+pub mod visible;

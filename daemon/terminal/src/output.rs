@@ -1,18 +1,28 @@
 //! The two streams: results on stdout, everything about them on stderr.
 //!
-//! A reader that goes away (`althing plan … | head -1`) is no error. Colors only where a person
-//! looks: on a terminal, and never with `NO_COLOR`. While a prompt is on the terminal, everything
-//! goes [`above`] it, so that nothing garbles the line that is being edited.
+//! A reader that goes away (`althing plan … | head -1`) is no error, and whoever prints on and on asks
+//! [`is_reader_gone`]. Colors only where a person looks: on a terminal, and never with `NO_COLOR`.
+//! While a prompt is on the terminal, everything goes [`above`] it, so that nothing garbles the line
+//! that is being edited.
+//!
+//! Everything that is printed goes through here, and here it is made [`visible`]: much of it was said by
+//! others, and a terminal obeys what it is sent.
 
+use std::borrow::Cow;
 use std::fmt::Display;
 use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use crate::exit;
 use crate::render::{self, Look};
 use crate::report::Report;
+use crate::styled::Styled;
+use crate::{exit, visible};
+
+/// Whether a write to stdout has found nobody there.
+static READER_GONE: AtomicBool = AtomicBool::new(false);
 
 /// The way to above the prompt, while there is one.
 static ABOVE: Mutex<Option<Sender<String>>> = Mutex::new(None);
@@ -49,7 +59,7 @@ fn lock() -> MutexGuard<'static, Option<Sender<String>>> {
     ABOVE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A word in its color, where stdout has any.
+/// A word in its color, where stdout has any. For a word of our own; [`Styled`] paints those of others.
 pub fn paint(color: Color, word: &str) -> String {
     let code = match color {
         Color::Plain => return word.to_owned(),
@@ -61,7 +71,8 @@ pub fn paint(color: Color, word: &str) -> String {
     if stdout_is_colored() { format!("\x1b[{code}m{word}\x1b[0m") } else { word.to_owned() }
 }
 
-/// Standard error, or above the prompt: for the log.
+/// Standard error, or above the prompt: for the log. What it writes is safe already: who formats a line
+/// of the log makes visible what others said.
 pub struct Notes;
 
 impl Write for Notes {
@@ -79,19 +90,41 @@ impl Write for Notes {
 
 /// Writes a result to stdout; `code` if that worked.
 pub fn print(text: impl Display, code: u8) -> ExitCode {
-    let text = match print_above(text.to_string()) {
+    write(visible::text(&text.to_string()), code)
+}
+
+/// Writes a result with colors in it to stdout; `code` if that worked.
+pub fn print_styled(text: &Styled, code: u8) -> ExitCode {
+    write(text.as_str().into(), code)
+}
+
+/// Writes text that is no news of anybody's, byte by byte: a script for a shell.
+pub fn print_raw(text: &str, code: u8) -> ExitCode {
+    write(text.into(), code)
+}
+
+fn write(text: Cow<'_, str>, code: u8) -> ExitCode {
+    let text = match print_above(text.into_owned()) {
         Ok(()) => return exit::with(code),
         Err(text) => text,
     };
     let mut stdout = io::stdout().lock();
-    match write!(stdout, "{text}").and_then(|()| stdout.flush()) {
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
         Ok(()) => exit::with(code),
-        Err(err) if err.kind() == ErrorKind::BrokenPipe => exit::with(code),
+        Err(err) if err.kind() == ErrorKind::BrokenPipe => {
+            READER_GONE.store(true, Ordering::Relaxed);
+            exit::with(code)
+        }
         Err(err) => {
             note(&format!("failed to write the result: {err}"));
             exit::with(exit::OUTPUT)
         }
     }
+}
+
+/// Whether nobody reads stdout any more.
+pub fn is_reader_gone() -> bool {
+    READER_GONE.load(Ordering::Relaxed)
 }
 
 /// Breaks a long line between words where stdout is a terminal; what follows is indented.
@@ -114,12 +147,14 @@ fn fold(line: &str, columns: usize, indent: usize) -> String {
 
 /// Writes one JSON value and a newline to stdout.
 pub fn print_json(value: &serde_json::Value, code: u8) -> ExitCode {
-    print(format_args!("{value}\n"), code)
+    let mut text = visible::json(&value.to_string()).into_owned();
+    text.push('\n');
+    write(text.into(), code)
 }
 
 /// Writes a line for people to stderr. There is nowhere to say that this failed.
 pub fn note(line: &str) {
-    if let Err(line) = print_above(format!("{line}\n")) {
+    if let Err(line) = print_above(format!("{}\n", visible::text(line))) {
         let _ = io::stderr().lock().write_all(line.as_bytes());
     }
 }

@@ -154,7 +154,7 @@ fn merged(
 }
 
 /// The lines with errors in them.
-fn damaged_lines(text: &str, diagnostics: &[Diagnostic]) -> Vec<String> {
+pub fn damaged_lines(text: &str, diagnostics: &[Diagnostic]) -> Vec<String> {
     let errors = diagnostics.iter().filter(|found| found.is_error());
     errors.map(|found| marked_lines(text, found).to_owned()).collect()
 }
@@ -167,7 +167,8 @@ fn marked_lines<'t>(text: &'t str, found: &Diagnostic) -> &'t str {
     &text[start..end]
 }
 
-fn has_word(text: &str, word: &str) -> bool {
-    let is_break = |c: char| c.is_whitespace() || "()".contains(c);
+/// Whether a text has this word, whatever its case.
+pub fn has_word(text: &str, word: &str) -> bool {
+    let is_break = |c: char| c.is_whitespace() || "(),;".contains(c);
     !word.is_empty() && text.split(is_break).any(|other| other.eq_ignore_ascii_case(word))
 }

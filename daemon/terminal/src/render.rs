@@ -10,6 +10,7 @@ use pddl::{Diagnostic, Severity, Span};
 use serde_json::{Value, json};
 
 use crate::report::{Finding, Report, Source};
+use crate::visible;
 
 /// Columns where nobody says how many there are.
 const WIDTH: usize = 80;
@@ -127,7 +128,7 @@ fn json_finding(finding: &Finding) -> Value {
 }
 
 fn draw(finding: &Finding, renderer: &Renderer, width: usize) -> String {
-    let diagnostic = &finding.diagnostic;
+    let diagnostic = &safe(&finding.diagnostic);
     let level = match diagnostic.severity {
         Severity::Error => Level::ERROR,
         Severity::Warning => Level::WARNING,
@@ -157,6 +158,21 @@ fn draw(finding: &Finding, renderer: &Renderer, width: usize) -> String {
         group = group.element(Level::NOTE.with_name("rule").message(wrap(rule, width)));
     }
     renderer.render(&[group])
+}
+
+/// The same with everything shown that a terminal would obey.
+fn safe(diagnostic: &Diagnostic) -> Diagnostic {
+    let text = |text: &String| visible::text(text).into_owned();
+    let mut safe = diagnostic.clone();
+    safe.message = text(&diagnostic.message);
+    safe.label = diagnostic.label.as_ref().map(text);
+    safe.help = diagnostic.help.as_ref().map(text);
+    let rule = diagnostic.rule.as_deref();
+    safe.rule = rule.map(|rule| Cow::Owned(visible::text(rule).into_owned()));
+    for note in &mut safe.notes {
+        note.message = text(&note.message);
+    }
+    safe
 }
 
 /// The marked line, and the places of the notes: beside it where they are near.
@@ -212,8 +228,13 @@ impl<'a> Excerpt<'a> {
     }
 
     fn snippet(&self, source: &'a Source) -> Snippet<'a, Annotation<'a>> {
-        let text = without_passwords(self.text);
-        Snippet::source(text).line_start(self.line).path(source.name.as_str()).fold(true)
+        let text = match visible::same_length(self.text) {
+            Cow::Borrowed(text) => without_passwords(text),
+            // Places are counted in bytes.
+            Cow::Owned(text) => Cow::Owned(without_passwords(&text).into_owned()),
+        };
+        let name = visible::line(&source.name);
+        Snippet::source(text).line_start(self.line).path(name).fold(true)
     }
 
     /// Marks a span, or of one that goes over several lines the first line.

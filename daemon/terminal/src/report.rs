@@ -11,6 +11,8 @@ use std::sync::Arc;
 
 use pddl::{Diagnostic, Severity, Span};
 
+use crate::visible;
+
 /// The largest text that is read: a gigabyte. Spans are 32 bits wide, and a device that never ends
 /// must not fill the memory.
 const TEXT_BYTES_MAX: u64 = 1 << 30;
@@ -51,13 +53,21 @@ impl Source {
     ///
     /// The error completes “failed to …” and names the file.
     pub fn read(path: &Path) -> Result<Arc<Source>, String> {
-        let name = path.display().to_string();
-        Source::read_as(path, &name).map_err(|reason| format!("read `{name}`: {reason}"))
+        let name = visible::line(&path.display().to_string()).into_owned();
+        Source::read_as(path, &name).map_err(|reason| match nearby(path) {
+            Some(meant) if !path.exists() => {
+                format!("read `{name}`: {reason}; did you mean `{meant}`?")
+            }
+            _ => format!("read `{name}`: {reason}"),
+        })
     }
 
     /// Reads a file that is to be called `name`. The error is the reason alone.
     pub fn read_as(path: &Path, name: &str) -> Result<Arc<Source>, String> {
         let bytes = read_bytes(path)?;
+        if let Some(text) = utf16(&bytes) {
+            return Ok(Source::new(name, text));
+        }
         let text = match String::from_utf8(bytes) {
             Ok(text) => text,
             Err(err) => pddl::text_from_bytes(err.as_bytes()).into_owned(),
@@ -69,6 +79,50 @@ impl Source {
     pub fn line_column(&self, span: Span) -> (usize, usize) {
         pddl::line_column(&self.text, span.start as usize)
     }
+}
+
+/// A file in the same folder whose name is nearly this one's.
+fn nearby(path: &Path) -> Option<String> {
+    let wanted = path.file_name()?.to_string_lossy().into_owned();
+    let folder = path.parent().unwrap_or(Path::new(""));
+    Some(folder.join(similar_name(folder, &wanted)?).display().to_string())
+}
+
+/// The name in a folder that was likely meant: with the same ending a similar name, or the same name
+/// with a similar ending.
+pub fn similar_name(folder: &Path, wanted: &str) -> Option<String> {
+    let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let entries = std::fs::read_dir(here).ok()?.flatten();
+    let mut names: Vec<String> =
+        entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    // Folders list their files in any order.
+    names.sort();
+    let parts = |name: &str| -> (String, String) {
+        let (stem, ending) = name.rsplit_once('.').unwrap_or((name, ""));
+        (stem.to_owned(), ending.to_owned())
+    };
+    let (stem, ending) = parts(wanted);
+    let nearest_by = |wanted: &str, part: &dyn Fn(&str) -> Option<String>| {
+        let candidates: Vec<_> =
+            names.iter().filter_map(|name| Some((part(name)?, name))).collect();
+        let near = pddl::nearest(wanted, candidates.iter().map(|(part, _)| part.as_str()))?;
+        candidates.iter().find(|(part, _)| part == near).map(|(_, name)| (*name).clone())
+    };
+    let stems = |name: &str| Some(parts(name)).filter(|each| each.1 == ending).map(|each| each.0);
+    let endings = |name: &str| Some(parts(name)).filter(|each| each.0 == stem).map(|each| each.1);
+    nearest_by(&stem, &stems).or_else(|| nearest_by(&ending, &endings))
+}
+
+/// The text of a file in UTF-16, as editors of Windows write it: it begins with a byte order mark.
+fn utf16(bytes: &[u8]) -> Option<String> {
+    let (mark, rest) = bytes.split_at_checked(2)?;
+    let unit = match mark {
+        [0xff, 0xfe] => u16::from_le_bytes,
+        [0xfe, 0xff] => u16::from_be_bytes,
+        _ => return None,
+    };
+    let units = rest.chunks_exact(2).map(|pair| unit([pair[0], pair[1]]));
+    Some(char::decode_utf16(units).map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER)).collect())
 }
 
 fn read_bytes(path: &Path) -> Result<Vec<u8>, String> {

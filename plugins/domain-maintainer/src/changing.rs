@@ -150,7 +150,7 @@ impl DomainMaintainer {
                 notes.push(format!("`{fact}` does not count as long as {misfit}"));
             }
             for (owner, said) in maintainer.contradicting(fact, speaker) {
-                notes.push(format!("{owner} says `{said}`, and its next word goes before"));
+                notes.push(format!("{owner} says `{said}`, and its next heartbeat overrides this"));
             }
         }
         notes

@@ -161,7 +161,8 @@ impl Agent for DomainMaintainer {
             | Resource::Questions
             | Resource::Journal
             | Resource::Plugins
-            | Resource::Discovered => return None,
+            | Resource::Discovered
+            | Resource::Files => return None,
         };
         answer.ok()
     }

@@ -58,7 +58,7 @@ pub(crate) fn choice(
                 } else {
                     format!(" for {shared} of them")
                 };
-                Some(format!("`{other}` asked {}{part}", best.cost))
+                Some(format!("`{other}` bid {}{part}", best.cost))
             })
             .collect();
         has_others |= !others.is_empty();
@@ -397,7 +397,7 @@ mod tests {
         let refusals = [(id("d"), "no plan reaches it".to_owned())].into();
         assert_eq!(
             choice(&selection, &bids, &refusals, &[id("e")].into()).expect("others"),
-            "chosen: `a` for `(x)` and `(y)` at cost 3 (`b` asked 1.5 for 1 of them, `c` asked 7); \
+            "chosen: `a` for `(x)` and `(y)` at cost 3 (`b` bid 1.5 for 1 of them, `c` bid 7); \
              declined: `d`: no plan reaches it; did not answer: `e`"
         );
         let alone: Bids = [(id("a"), vec![proposal(&["(x)", "(y)"], 3.0)])].into();

@@ -10,7 +10,10 @@
 //! Asking is the actuator's: the method says what is to be asked, `Device::watch` asks it, and
 //! `Device::heard` brings the answer back.
 
-use std::path::PathBuf;
+use std::fs::File;
+use std::io::Read as _;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
@@ -88,6 +91,24 @@ impl Secret {
     }
 }
 
+/// Reads a file with a PIN, unless every user of the machine could read it, or its group change it.
+///
+/// A group may read it: that is how systemd hands a credential to a service, and how an administrator
+/// lets a daemon read what root owns.
+fn read_pin(path: &Path) -> Result<String, String> {
+    let mut file = File::open(path).map_err(|error| error.to_string())?;
+    let mode = file.metadata().map_err(|error| error.to_string())?.mode() & 0o777;
+    if mode & 0o027 != 0 {
+        let path = path.display();
+        return Err(format!(
+            "others can read or change it (mode {mode:03o}); close it with `chmod 600 {path}`"
+        ));
+    }
+    let mut text = String::new();
+    file.read_to_string(&mut text).map_err(|error| error.to_string())?;
+    Ok(text)
+}
+
 /// Until when the screen is locked: shared with the attempt that may lock it.
 type Lock = Arc<std::sync::Mutex<Option<Instant>>>;
 
@@ -114,8 +135,9 @@ impl Login {
             // It is on the robot's own machine.
             (None, Some(file)) if is_rehearsal => file.display().to_string(),
             (None, Some(file)) => {
-                let text = std::fs::read_to_string(&file)
-                    .map_err(|error| problem(format!("read {}: {error}", file.display())))?;
+                let text = read_pin(&file);
+                let text =
+                    text.map_err(|why| problem(format!("read {}: {why}", file.display())))?;
                 text.lines().next().unwrap_or_default().to_owned()
             }
             _ => return Err(problem("`login` needs `pin` or `pin-file`, one of them".to_owned())),
@@ -251,6 +273,37 @@ impl Drop for Attempt {
         // question ends at its deadline.
         if self.is_open {
             let _ = self.ask.try_send(Asking::Nothing);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::{self, Permissions};
+    use std::os::unix::fs::PermissionsExt as _;
+
+    use super::*;
+
+    #[test]
+    fn a_pin_that_every_user_can_read_is_refused_with_the_cure() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("pin");
+        fs::write(&path, "4711\n").expect("it is written");
+        for (mode, is_fine) in [
+            (0o600, true),
+            (0o400, true),
+            (0o440, true),
+            (0o644, false),
+            (0o604, false),
+            (0o620, false),
+        ] {
+            fs::set_permissions(&path, Permissions::from_mode(mode)).expect("ours");
+            let read = read_pin(&path);
+            assert_eq!(read.is_ok(), is_fine, "{mode:o}: {read:?}");
+            if let Err(why) = read {
+                assert!(why.contains(&format!("chmod 600 {}", path.display())), "{why}");
+                assert!(!why.contains("4711"), "{why}");
+            }
         }
     }
 }

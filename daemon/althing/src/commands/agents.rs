@@ -8,7 +8,7 @@ use acl::AgentId;
 use acl::content::{Appeared, Inform, Snapshot};
 use agent::{Resident, Resource};
 use serde_json::json;
-use terminal::{exit, output};
+use terminal::{exit, output, visible};
 
 use crate::cli::AgentsArgs;
 use crate::commands::client::{self, View};
@@ -38,6 +38,7 @@ async fn discovered(view: &View, json: bool) -> ExitCode {
             let joined = if one.joined { "takes part" } else { "does not take part" };
             let why = one.problem.as_ref().map(|why| format!(": {why}")).unwrap_or_default();
             let said = format!("# {}: {joined}{why}; by {} at {daemon}", one.agent, one.by);
+            let said = visible::line(&said);
             let _ =
                 write!(text, "{}\n{}\n", output::folded(&said, 0).replace('\n', "\n# "), one.toml);
         }
@@ -77,7 +78,11 @@ pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
         let line = format!("{:<24} {:<18} {offers}", resident.agent, resident.daemon);
         let _ = writeln!(text, "{}", line.trim_end());
         for conflict in left_out(&resident.agent) {
-            let _ = writeln!(text, "{}", output::folded(&format!("    {conflict}"), 4));
+            let _ = writeln!(
+                text,
+                "{}",
+                output::folded(&format!("    {}", visible::line(&conflict)), 4)
+            );
         }
     }
     output::print(text, exit::DONE)

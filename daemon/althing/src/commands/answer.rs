@@ -7,7 +7,7 @@ use acl::content::OpenQuestion;
 use agent::Resource;
 use keyboard::Said;
 use serde_json::json;
-use terminal::{exit, output};
+use terminal::{exit, output, visible};
 
 use crate::cli::AnswerArgs;
 use crate::commands::client::{self, Link, View};
@@ -36,7 +36,7 @@ pub(crate) async fn list(view: &View, json: bool) -> ExitCode {
     let mut text = format!("{:<28} {:<20} {:>8}  QUESTION\n", "ID", "FROM", "LEFT");
     for OpenQuestion { keyboard, question, from, text: asked, left } in &open {
         let id = format!("{keyboard}/{question}");
-        let left = super::brief(left.0);
+        let (left, asked) = (super::brief(left.0), visible::line(asked));
         let _ = writeln!(text, "{id:<28} {:<20} {left:>8}  {asked}", from.as_str());
     }
     output::print(text, exit::DONE)
@@ -48,7 +48,7 @@ async fn answer(link: &Link, id: &str, args: &AnswerArgs) -> ExitCode {
         Ok(said) => said,
         Err(problem) => return super::wrong(&problem, json),
     };
-    let interrupt = Interrupt::Leave("the answer may have been given all the same");
+    let interrupt = Interrupt::Leave("the answer may have been given all the same".to_owned());
     speaking::say(link, said, Manner { to: None, json, interrupt }).await
 }
 

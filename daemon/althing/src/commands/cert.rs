@@ -9,6 +9,7 @@ use acl::{DaemonId, EcosystemId};
 use credentials::{Authority, Certificate, CredentialError, Folder, Trust};
 use serde_json::json;
 use terminal::output::Color;
+use terminal::styled::Styled;
 use terminal::{exit, output};
 
 use crate::cli::{
@@ -126,7 +127,8 @@ fn show(args: &CertShowArgs) -> ExitCode {
         let value = json!({ "folder": place.folder.path(), "certificates": shown });
         return output::print_json(&value, exit::DONE);
     }
-    let mut text = format!("{:<30} {:>9} {:<8} HOSTS\n", "NAME", "DAYS LEFT", "STATE");
+    let head = format!("{:<30} {:>9} {:<8} HOSTS", "NAME", "DAYS LEFT", "STATE");
+    let mut text = vec![Styled::line(&head).end()];
     for (certificate, state) in &shown {
         let color = match *state {
             "good" => Color::Green,
@@ -134,12 +136,12 @@ fn show(args: &CertShowArgs) -> ExitCode {
             _ => Color::Red,
         };
         // Padded before it is painted: colors have no width.
-        let state = output::paint(color, &format!("{state:<8}"));
-        let (left, hosts) = (days(certificate), certificate.hosts.join(", "));
-        let line = format!("{:<30} {left:>9} {state} {hosts}", certificate.subject);
-        let _ = writeln!(text, "{}", line.trim_end());
+        let state = Styled::painted(color, &format!("{state:<8}"));
+        let line = format!("{:<30} {:>9} ", certificate.subject, days(certificate));
+        let hosts = format!(" {}", certificate.hosts.join(", "));
+        text.push(Styled::line(&line).and_styled(&state).and(hosts.trim_end()).end());
     }
-    output::print(text, exit::DONE)
+    output::print_styled(&text.into_iter().collect(), exit::DONE)
 }
 
 fn revoke(args: &CertRevokeArgs) -> ExitCode {

@@ -1,6 +1,6 @@
 //! `althing check`: what is wrong in these files, each in its line.
 //!
-//! - Tells the kind of a file by its ending (`.toml` is an ecosystem) and its first words.
+//! - Tells the kind of a file by its ending (`.toml` is an ecosystem) and its words.
 //! - An ecosystem's agents are built as `up` would build them, and let go.
 //! - A problem or an action model is checked against the domain it names: one of the files given,
 //!   else one found beside it.
@@ -21,12 +21,12 @@ use terminal::deadline::{Deadline, Limits};
 use terminal::pddl_files::{self, DomainText};
 use terminal::render::plural;
 use terminal::report::{Report, Source};
-use terminal::{exit, output};
+use terminal::{exit, output, visible};
 
 use crate::cli::CheckArgs;
 use crate::config::{Ecosystem, KnownPlugin, Overrides};
-use crate::hosting;
 use crate::interfacing;
+use crate::review::{self, Scope};
 
 /// What a file turned out to be.
 struct Checked {
@@ -54,13 +54,23 @@ pub(crate) fn run(args: &CheckArgs, known_plugins: &[KnownPlugin]) -> ExitCode {
     }
     let mut desk = Desk { domains: Vec::new(), report: Report::default(), checked: Vec::new() };
     let (ecosystems, texts): (Vec<&PathBuf>, Vec<&PathBuf>) =
-        args.files.iter().partition(|path| path.extension().is_some_and(|ending| ending == "toml"));
+        args.files.iter().partition(|path| is_ecosystem(path));
     desk.check_texts(&texts);
     for path in ecosystems {
         desk.check_ecosystem(path, known_plugins);
     }
     desk.report.dedup();
     deadline.answer(|| desk.show(args.print.json))
+}
+
+/// Whether a file is an ecosystem's: by its ending, or because it has the table of one.
+fn is_ecosystem(path: &Path) -> bool {
+    let has_ending = path.extension().is_some_and(|ending| ending == "toml");
+    let has_table = || {
+        let source = Source::read(path).ok();
+        source.is_some_and(|source| source.text.lines().any(|line| line.trim() == "[ecosystem]"))
+    };
+    has_ending || has_table()
 }
 
 // === impl Desk ===
@@ -137,24 +147,19 @@ impl Desk {
     }
 
     fn check_ecosystem(&mut self, path: &Path, known_plugins: &[KnownPlugin]) {
-        match Ecosystem::load(path, &Overrides::default(), known_plugins) {
-            Ok(ecosystem) => {
-                let mut mistakes = hosting::rehearse(&ecosystem);
-                mistakes.extend(interfacing::check(&ecosystem, known_plugins));
-                let about = about_ecosystem(&ecosystem);
-                self.note(path, "ecosystem", about, mistakes.has_errors());
-                self.report.extend(ecosystem.warnings);
-                self.report.extend(mistakes);
-            }
-            Err(err) => {
-                self.note(path, "ecosystem", String::new(), true);
-                self.report.extend(err.into_report());
-            }
+        let reading = Ecosystem::read(path, &Overrides::default(), known_plugins);
+        let mut report = review::review(&reading, Scope::Everything);
+        let ecosystem = reading.ecosystem.as_ref();
+        if let Some(ecosystem) = ecosystem.filter(|_| !reading.report.has_errors()) {
+            report.extend(interfacing::check(ecosystem, known_plugins));
         }
+        let about = ecosystem.map(about_ecosystem).unwrap_or_default();
+        self.note(path, "ecosystem", about, report.has_errors());
+        self.report.extend(report);
     }
 
     fn note(&mut self, path: &Path, kind: &'static str, about: String, has_errors: bool) {
-        let file = path.display().to_string();
+        let file = visible::line(&path.display().to_string()).into_owned();
         self.checked.push(Checked { file, kind, about, has_errors });
     }
 

@@ -8,11 +8,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{Ask, Directory, Machine, Resource, Switchboard};
+use agent::{Ask, Directory, Machine, Resident, Resource, Switchboard};
 use bytes::Bytes;
 use terminal::{exit, output};
 
 use crate::cli::{AskArgs, ReachArgs};
+use crate::commands::doors;
 use crate::config::{self, Ecosystem, Overrides};
 use crate::hosting::{self, GuestKeys, Node, Wire};
 use crate::plugins;
@@ -154,9 +155,25 @@ pub(crate) fn guest_config(
     };
     let mut config = substrate_zenoh::Config::new(ecosystem.clone(), daemon);
     config.mode = substrate_zenoh::Mode::Client;
-    config.connect = endpoints.to_vec();
+    config.connect = doors::awake_first(endpoints);
     config.security = security;
     Ok(config)
+}
+
+/// The arguments by which an ecosystem was found, for a command that a person is advised to type.
+pub(crate) fn reach_words(reach: &ReachArgs) -> String {
+    let ReachArgs { ecosystem, connect, key } = reach;
+    let ecosystem = ecosystem.iter().map(|each| ("--ecosystem", each));
+    let connect = connect.iter().map(|each| ("--connect", each));
+    let key = key.iter().map(|each| ("--as", each));
+    let words = ecosystem.chain(connect).chain(key);
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "/._-:[]".contains(c);
+    words
+        .map(|(option, value)| match value.chars().all(is_plain) {
+            true => format!(" {option} {value}"),
+            false => format!(" {option} '{}'", value.replace('\'', "'\\''")),
+        })
+        .collect()
 }
 
 /// A name that no other process of any machine has: people sit at many terminals.
@@ -178,6 +195,16 @@ impl View {
     pub(crate) async fn ask(&self, resource: Resource, agent: Option<AgentId>) -> Vec<Bytes> {
         let ask = Ask { daemon: None, resource, agent };
         self.switchboard.ask(ask, ANSWERED_WITHIN).await
+    }
+
+    /// The daemon at which an agent is, as the daemons say that are here.
+    pub(crate) async fn holder(&self, agent: &AgentId) -> Option<DaemonId> {
+        self.directory(None).await;
+        let answers = self.ask(Resource::Directory, None).await;
+        let read = |answer: &Bytes| serde_json::from_slice::<Vec<Resident>>(answer).ok();
+        let mut residents = answers.iter().filter_map(read).flatten();
+        let found = residents.find(|resident| resident.agent == *agent);
+        found.map(|resident| resident.daemon)
     }
 
     /// Who is here, once the link has told of `wanted`, or of anyone.

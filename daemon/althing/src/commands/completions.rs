@@ -17,5 +17,5 @@ pub(super) fn run(args: &CompletionsArgs) -> ExitCode {
     };
     let mut script = Vec::new();
     generate(shell, &mut Cli::command(), "althing", &mut script);
-    output::print(String::from_utf8_lossy(&script), exit::DONE)
+    output::print_raw(&String::from_utf8_lossy(&script), exit::DONE)
 }

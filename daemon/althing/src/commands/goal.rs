@@ -19,8 +19,10 @@ pub(super) fn run(args: &GoalArgs) -> ExitCode {
             Ok(said) => said,
             Err(problem) => return (link, super::wrong(&problem, json)),
         };
-        let advice = "the goal goes on without you; give it up with: althing goal --cancel ID";
-        let interrupt = Interrupt::Leave(advice);
+        let interrupt = match args.wish.cancel {
+            Some(_) => Interrupt::Leave("it was asked to be given up".to_owned()),
+            None => Interrupt::LeaveGoal(client::reach_words(&args.reach)),
+        };
         let manner = Manner { to: Some("plan-requester"), json, interrupt };
         let code = speaking::say(&link, said, manner).await;
         (link, code)

@@ -7,7 +7,7 @@ use acl::AgentId;
 use acl::content::{GoalStatus, Keep};
 use agent::Resource;
 use serde_json::json;
-use terminal::{exit, output};
+use terminal::{exit, output, visible};
 
 use crate::cli::AskArgs;
 use crate::commands::client::{self, View};
@@ -42,15 +42,15 @@ fn paragraphs(goals: &[GoalStatus]) -> String {
         };
         let plans = if *rounds == 1 { "plan" } else { "plans" };
         let goal = goal.split_whitespace().collect::<Vec<_>>().join(" ");
-        let _ = writeln!(text, "{goal}");
+        let _ = writeln!(text, "{}", visible::line(&goal));
         let _ = writeln!(text, "  {phase}; {keep}, priority {priority}, {rounds} {plans}");
-        let _ = writeln!(text, "  {conversation}");
+        let _ = writeln!(text, "  {}", visible::line(conversation.as_str()));
         let older = history.len().saturating_sub(HISTORY_LINES);
         if older > 0 {
             let _ = writeln!(text, "    … {older} earlier");
         }
         for line in history.iter().skip(older) {
-            let _ = writeln!(text, "    {line}");
+            let _ = writeln!(text, "    {}", visible::line(line));
         }
     }
     text

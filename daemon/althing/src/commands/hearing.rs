@@ -7,6 +7,7 @@ use acl::{Message, Performative};
 use keyboard::Heard;
 use serde_json::{Value, json};
 use terminal::output::Color;
+use terminal::styled::Styled;
 use terminal::{exit, output};
 
 /// Prints what was heard.
@@ -14,13 +15,12 @@ pub(crate) fn print(heard: &Heard, json: bool) -> ExitCode {
     if json {
         return output::print_json(&object(heard), exit::DONE);
     }
-    let folded = |line: &String| format!("{}\n", output::folded(line, 9));
-    let text: String = lines(heard).iter().map(folded).collect();
-    output::print(text, exit::DONE)
+    let text: Styled = lines(heard).into_iter().map(|line| line.folded(9).end()).collect();
+    output::print_styled(&text, exit::DONE)
 }
 
 /// What was heard, for a person.
-pub(crate) fn lines(heard: &Heard) -> Vec<String> {
+pub(crate) fn lines(heard: &Heard) -> Vec<Styled> {
     match heard {
         Heard::Asked(id) => vec![line(Color::Dim, "asked", id.as_str())],
         Heard::Report(_, report) => of_report(report),
@@ -32,7 +32,7 @@ pub(crate) fn lines(heard: &Heard) -> Vec<String> {
             let left = super::brief(left.0);
             vec![
                 line(Color::Yellow, "asks", &format!("{from}: {text}")),
-                format!("           answer {question} TEXT     within {left}"),
+                Styled::line(&format!("           answer {question} TEXT     within {left}")),
             ]
         }
         Heard::QuestionClosed(question, why) => {
@@ -41,11 +41,11 @@ pub(crate) fn lines(heard: &Heard) -> Vec<String> {
     }
 }
 
-fn line(color: Color, word: &str, rest: &str) -> String {
-    format!("{} {rest}", output::paint(color, &format!("{word:<8}")))
+fn line(color: Color, word: &str, rest: &str) -> Styled {
+    Styled::painted(color, &format!("{word:<8}")).and(" ").and(rest)
 }
 
-fn of_report(report: &Report) -> Vec<String> {
+fn of_report(report: &Report) -> Vec<Styled> {
     let color = match report.outcome {
         Outcome::Progress => Color::Plain,
         Outcome::Holds | Outcome::Done => Color::Green,
@@ -54,13 +54,15 @@ fn of_report(report: &Report) -> Vec<String> {
     let mut lines = vec![line(color, &report.outcome.to_string(), &report.detail)];
     let steps = report.plan.iter().flat_map(|plan| plan.lines());
     lines.extend(
-        steps.filter(|line| line.starts_with('(')).map(|line| format!("           {line}")),
+        steps
+            .filter(|line| line.starts_with('('))
+            .map(|line| Styled::line(&format!("           {line}"))),
     );
     lines
 }
 
 /// An answer to a message that was sent as it was written.
-fn of_message(message: &Message) -> String {
+fn of_message(message: &Message) -> Styled {
     let (from, act) = (&message.sender, message.performative);
     let said = match act {
         Performative::Confirm => message
@@ -76,7 +78,7 @@ fn of_message(message: &Message) -> String {
         _ => Ok(message.content.to_string()),
     };
     let said = said.unwrap_or_else(|_| message.content.to_string());
-    format!("{:<8} {from}: {said}", act.as_str())
+    Styled::line(&format!("{:<8} {from}: {said}", act.as_str()))
 }
 
 /// What was heard, for a program.

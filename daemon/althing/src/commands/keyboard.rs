@@ -14,26 +14,27 @@ use crate::prompt::{self, Guest};
 /// Opens the prompt.
 pub(super) fn run(args: &KeyboardArgs) -> ExitCode {
     let json = args.print.json;
+    let is_chosen = args.name.is_some();
     let name = args.name.clone().unwrap_or_else(|| client::guest_name("keyboard"));
     let id = match AgentId::new(&name) {
         Ok(id) => id,
         Err(error) => return super::wrong(&error.to_string(), json),
     };
     client::with_link(&args.reach, json, async |link| {
-        let code = open(&link, id, json).await;
+        let code = open(&link, id, is_chosen, json).await;
         (link, code)
     })
 }
 
-async fn open(link: &Link, id: AgentId, json: bool) -> ExitCode {
-    let directory = link.view.directory(Some(&id)).await;
-    if let Some(holder) = directory.find(&id) {
+async fn open(link: &Link, id: AgentId, is_chosen: bool, json: bool) -> ExitCode {
+    // A name that we made has nobody else.
+    if is_chosen && let Some(daemon) = link.view.holder(&id).await {
         let problem = format!(
-            "be `{id}`: an agent of that name is at daemon `{}`; choose another with --name",
-            holder.daemon
+            "be `{id}`: an agent of that name is at daemon `{daemon}`; choose another with --name"
         );
         return client::unavailable(&problem, json);
     }
+    link.view.directory(None).await;
     let (keyboard, terminal) = Keyboard::with_terminal();
     link.node.launch(id.clone(), keyboard, link.view.ontology());
     let guest = Guest { view: link.view.clone(), id, terminal, json };

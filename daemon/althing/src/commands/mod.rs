@@ -10,6 +10,7 @@ mod cert;
 mod check;
 mod completions;
 pub(crate) mod domain;
+mod doors;
 pub(crate) mod goal;
 pub(crate) mod goals;
 mod keyboard;
@@ -24,6 +25,7 @@ pub(crate) mod set;
 pub(crate) mod state;
 mod up;
 mod validate;
+mod vigil;
 pub(crate) mod watch;
 
 // What several of them need.

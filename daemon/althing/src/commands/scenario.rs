@@ -36,6 +36,7 @@ pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
             code = perform(number, script, json) => code,
             // The stage falls with the play, and what was started for it ends.
             signal = interruption::interrupted() => exit::by_signal(signal),
+            () = interruption::reader_gone() => exit::with(exit::DONE),
         }
     })
 }

@@ -75,7 +75,8 @@ async fn send(link: &Link, draft: Draft, json: bool) -> ExitCode {
         return client::unavailable(&problem, json);
     }
     let to = draft.to.clone();
-    let interrupt = Interrupt::Leave("the message was sent; its answers are not waited for");
+    let interrupt =
+        Interrupt::Leave("the message was sent; its answers are not waited for".to_owned());
     let manner = Manner { to: to.as_ref().map(AgentId::as_str), json, interrupt };
     let is_to_all = draft.to.is_none();
     let code = speaking::say(link, Said::Send(draft), manner).await;

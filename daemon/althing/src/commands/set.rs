@@ -17,7 +17,7 @@ pub(super) fn run(args: &SetArgs) -> ExitCode {
         Err(problem) => return wrong(&problem, json),
     };
     client::with_link(&args.reach, json, async |link| {
-        let interrupt = Interrupt::Leave("the change may have been made all the same");
+        let interrupt = Interrupt::Leave("the change may have been made all the same".to_owned());
         let manner = Manner { to: Some("domain-maintainer"), json, interrupt };
         let code = speaking::say(&link, said, manner).await;
         (link, code)

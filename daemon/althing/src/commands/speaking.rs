@@ -3,23 +3,31 @@
 
 use std::process::ExitCode;
 
-use acl::AgentId;
 use acl::content::{Outcome, Report};
-use keyboard::{Heard, Keyboard, Said};
+use acl::{AgentId, ConversationId};
+use keyboard::{Heard, Keyboard, Said, Terminal};
 use terminal::{exit, output};
 use tokio::signal;
 
 use crate::commands::client::{self, Link};
 use crate::commands::hearing;
+use crate::commands::vigil::Vigil;
+use crate::interruption;
+
+/// The number of the signal of Ctrl-C.
+const SIGINT: i32 = 2;
 
 /// What was asked for failed, or was refused.
 pub(super) const FAILED: u8 = 1;
 
 /// What Ctrl-C means for what was said.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Interrupt {
-    /// It goes on; the user is told how to go on without it.
-    Leave(&'static str),
+    /// It goes on; the user is told so.
+    Leave(String),
+    /// A goal goes on; the user is told how to follow it and how to give it up. With the arguments by
+    /// which the ecosystem was found.
+    LeaveGoal(String),
     /// It is given up, and its last word is waited for; a second Ctrl-C leaves.
     GiveUp,
 }
@@ -37,37 +45,38 @@ pub(super) async fn say(link: &Link, said: Said, manner: Manner<'_>) -> ExitCode
     let json = manner.json;
     let is_cancel = matches!(said, Said::Cancel(_));
     let is_to_all = matches!(&said, Said::Send(draft) if draft.to.is_none());
-    let (keyboard, mut terminal) = Keyboard::with_terminal();
-    let Ok(id) = AgentId::new(&client::guest_name("keyboard")) else {
-        return client::unavailable("name a keyboard", json);
+    let mut terminal = match begin(link, said, &manner).await {
+        Ok(terminal) => terminal,
+        Err(problem) => return client::unavailable(problem, json),
     };
-    if let Err(problem) = greet(link, manner.to).await {
-        return client::unavailable(problem, json);
-    }
-    link.node.launch(id, keyboard, link.view.ontology());
-    if is_to_all {
-        // Nobody says it again who has not heard it.
-        link.node.switchboard().introduced().await;
-    }
-    if terminal.say.send(said).await.is_err() {
-        return client::unavailable("speak: the keyboard has ended", json);
-    }
-    let mut about = None;
+    let mut vigil = vigil(link, &manner);
+    let mut about: Option<ConversationId> = None;
     let mut interrupt = manner.interrupt;
+    let mut holds = false;
+    let reader_gone = interruption::reader_gone();
+    tokio::pin!(reader_gone);
     loop {
         let heard = tokio::select! {
+            news = news(&mut vigil) => {
+                output::note(&news);
+                continue;
+            }
             heard = terminal.hear.recv() => heard,
             _ = signal::ctrl_c() => {
-                match (interrupt, about.take()) {
+                match (&interrupt, &about) {
                     (Interrupt::GiveUp, Some(about)) => {
                         output::note("giving it up; Ctrl-C once more leaves without its last word");
-                        interrupt = Interrupt::Leave("it was asked to be given up");
-                        let _ = terminal.say.send(Said::Cancel(about)).await;
+                        let _ = terminal.say.send(Said::Cancel(about.clone())).await;
+                        interrupt = Interrupt::Leave("it was asked to be given up".to_owned());
                         continue;
                     }
-                    (Interrupt::Leave(advice), _) => output::note(advice),
-                    (Interrupt::GiveUp, None) => (),
+                    (left, about) => output::note(&left.advice(about.as_ref())),
                 }
+                // What was asked for is not done; a goal that holds is.
+                return if holds { exit::with(exit::DONE) } else { exit::by_signal(SIGINT) };
+            }
+            () = &mut reader_gone => {
+                output::note(&interrupt.advice(about.as_ref()));
                 return exit::with(exit::DONE);
             }
         };
@@ -75,14 +84,66 @@ pub(super) async fn say(link: &Link, said: Said, manner: Manner<'_>) -> ExitCode
             return client::unavailable("hear: the keyboard has ended", json);
         };
         about = about.or_else(|| heard.conversation().cloned());
+        if let Heard::Report(..) = heard {
+            holds = heard.is_success();
+        }
         let printed = hearing::print(&heard, json);
-        if printed != exit::with(exit::DONE) {
+        if printed != exit::with(exit::DONE) || output::is_reader_gone() {
             return printed;
         }
         // Of a message to all nobody knows how many will answer.
         if heard.is_final() && !(is_to_all && matches!(heard, Heard::Answered(_))) {
             return exit::with(code_of(&heard, is_cancel));
         }
+    }
+}
+
+impl Interrupt {
+    /// What a person is told who goes away.
+    fn advice(&self, about: Option<&ConversationId>) -> String {
+        match (self, about) {
+            (Interrupt::Leave(advice), _) => advice.clone(),
+            (Interrupt::LeaveGoal(reach), Some(id)) => format!(
+                "the goal goes on without you\n\
+                 how it stands:  althing goals{reach}\n\
+                 follow it:      althing watch --conversation {id}{reach}\n\
+                 give it up:     althing goal --cancel {id}{reach}"
+            ),
+            (Interrupt::LeaveGoal(_), None) => "nothing was asked for yet".to_owned(),
+            (Interrupt::GiveUp, _) => "the action goes on without you".to_owned(),
+        }
+    }
+}
+
+/// Says it; where the answers come. The error completes “failed to …”.
+async fn begin(link: &Link, said: Said, manner: &Manner<'_>) -> Result<Terminal, &'static str> {
+    let is_to_all = matches!(&said, Said::Send(draft) if draft.to.is_none());
+    let (keyboard, terminal) = Keyboard::with_terminal();
+    let id = AgentId::new(&client::guest_name("keyboard")).map_err(|_| "name a keyboard")?;
+    greet(link, manner.to).await?;
+    link.node.launch(id, keyboard, link.view.ontology());
+    if is_to_all {
+        // Nobody says it again who has not heard it.
+        link.node.switchboard().introduced().await;
+    }
+    let sent = terminal.say.send(said).await;
+    sent.map_err(|_| "speak: the keyboard has ended")?;
+    Ok(terminal)
+}
+
+/// What is told of a goal besides its own news.
+fn vigil(link: &Link, manner: &Manner<'_>) -> Option<Vigil> {
+    if !matches!(manner.interrupt, Interrupt::LeaveGoal(_)) {
+        return None;
+    }
+    let leader = AgentId::new(manner.to?).ok()?;
+    Some(Vigil::begin(&link.view, leader))
+}
+
+async fn news(vigil: &mut Option<Vigil>) -> String {
+    match vigil {
+        Some(vigil) => vigil.news().await,
+        None => std::future::pending().await,
     }
 }
 

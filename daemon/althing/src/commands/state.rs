@@ -8,7 +8,7 @@ use acl::AgentId;
 use acl::content::{BelievedFact, BelievedState};
 use agent::Resource;
 use serde_json::json;
-use terminal::{exit, output};
+use terminal::{exit, output, visible};
 
 use crate::cli::AskArgs;
 use crate::commands::client::{self, View};
@@ -38,13 +38,15 @@ fn table(state: &BelievedState) -> String {
         let age = super::brief(Duration::from_millis(*age_ms));
         let left = known_for.map(|left| format!(", for {} more", super::brief(left.0)));
         let left = left.unwrap_or_default();
-        let _ = writeln!(text, "{fact:<46} {:<22} {age}{left}", owners.join(", "));
+        let (owners, shown) = (owners.join(", "), visible::line(fact));
+        let _ = writeln!(text, "{shown:<46} {:<22} {age}{left}", visible::line(&owners));
         // Owners who contradict each other: whose word is not believed now.
         for other in claims.iter().filter(|claim| claim.fact != *fact) {
             let age = super::brief(Duration::from_millis(other.age_ms));
             let not = if other.fact.starts_with("(unknown ") { "" } else { "not " };
-            let said = format!("{not}{}", other.fact);
-            let _ = writeln!(text, "  {said:<44} {:<22} {age}", other.owner);
+            let (fact, owner) = (visible::line(&other.fact), visible::line(&other.owner));
+            let said = format!("{not}{fact}");
+            let _ = writeln!(text, "  {said:<44} {owner:<22} {age}");
         }
     }
     text

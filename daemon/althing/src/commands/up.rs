@@ -1,10 +1,13 @@
 //! `althing up`: runs the daemon until it is told to stop.
 
+mod reload;
+
+use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use ::building::{BuildingHandle, ServeError, Server};
+use ::building::{Building, BuildingHandle, ServeError, Server};
 use acl::{AgentId, DaemonId};
 use agent::Mode;
 use keyboard::{Heard, Keyboard, Said, Terminal, Wish};
@@ -16,13 +19,15 @@ use tokio::sync::oneshot;
 use crate::cli::UpArgs;
 use crate::commands::client::{self, View};
 use crate::commands::{READY, hearing};
-use crate::config::{self, AgentEntry, Ecosystem, InterfaceEntry, Overrides};
+use crate::config::{self, AgentEntry, Ecosystem, InterfaceEntry, Overrides, Reading};
 use crate::hosting::{self, GuestKeys, Node, Part, Processes, Stay, Wire, socket_in};
 use crate::interfacing::{self, Other};
 use crate::interruption;
 use crate::plugins;
 use crate::prompt::{self, Guest};
+use crate::review::{self, Scope};
 use crate::service_manager::{self, Watchdog};
+use reload::Reload;
 
 /// How a daemon of this machine is called again when its link is lost: four times a second for as
 /// long as it does not answer, because looking for a socket costs nothing, and a process that was
@@ -31,6 +36,7 @@ const RETRY: &str = "retry_period_init_ms=250;retry_period_max_ms=250";
 
 /// Reads the ecosystem, hosts this machine's part of it, drains at SIGINT and SIGTERM.
 pub(super) fn run(args: &UpArgs) -> ExitCode {
+    hosting::keep_to_oneself();
     let Some(file) = args.file.clone().or_else(config::find_ecosystem_file) else {
         output::note(
             "error: there is no althing.toml here nor in the configuration folders; name the \
@@ -40,17 +46,9 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
     };
     let mode = args.mode.map(Mode::from);
     let overrides = Overrides::default().mode(mode).connect(&args.connect);
-    let ecosystem = match Ecosystem::load(&file, &overrides, &plugins::known()) {
-        Ok(ecosystem) => ecosystem,
-        Err(error) => return output::show(&error.into_report(), false, "bad-input", exit::CONFIG),
-    };
-    output::show_people(&ecosystem.warnings);
-    let place = match Place::find(&ecosystem, args.daemon.as_deref()) {
-        Ok(place) => place,
-        Err(problem) => {
-            output::note(&format!("error: {problem}"));
-            return exit::with(exit::CONFIG);
-        }
+    let (ecosystem, place) = match read(&file, &overrides, args.daemon.as_deref()) {
+        Ok(read) => read,
+        Err(exit) => return exit,
     };
     let goals: Result<Vec<_>, _> = args.goals.iter().map(|goal| ecosystem.wish(goal)).collect();
     let goals = match goals {
@@ -66,7 +64,45 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
         Ok(others) => others,
         Err(report) => return output::show(&report, false, "bad-input", exit::CONFIG),
     };
-    super::in_runtime(up(Arc::new(ecosystem), place, others, manner))
+    let ecosystem = Arc::new(ecosystem);
+    let reload = Reload {
+        file,
+        overrides,
+        asked: args.daemon.clone(),
+        goals: args.goals.clone(),
+        ecosystem: Arc::clone(&ecosystem),
+        place: place.clone(),
+        building: None,
+        hangups: None,
+        had_terminal: false,
+    };
+    super::in_runtime(up(ecosystem, place, others, manner, reload))
+}
+
+/// Reads the ecosystem and finds this daemon's part of it; what is wrong is shown.
+fn read(
+    file: &Path,
+    overrides: &Overrides,
+    asked: Option<&str>,
+) -> Result<(Ecosystem, Place), ExitCode> {
+    let reading = Ecosystem::read(file, overrides, &plugins::known());
+    let refused = |report: &Report| output::show(report, false, "bad-input", exit::CONFIG);
+    let place = match &reading.ecosystem {
+        Some(ecosystem) if !reading.report.has_errors() => Place::find(ecosystem, asked),
+        _ => return Err(refused(&review::review(&reading, Scope::Everything))),
+    };
+    let place = place.map_err(|problem| {
+        output::note(&format!("error: {problem}"));
+        exit::with(exit::CONFIG)
+    })?;
+    let scope = if place.is_alone { Scope::Everything } else { Scope::Daemon(&place.daemon) };
+    let report = review::review(&reading, scope);
+    let Reading { ecosystem: Some(ecosystem), .. } = reading else { return Err(refused(&report)) };
+    if report.has_errors() {
+        return Err(refused(&report));
+    }
+    output::show_people(&report);
+    Ok((ecosystem, place))
 }
 
 /// What the daemon does for whoever started it.
@@ -78,6 +114,7 @@ struct Manner {
 }
 
 /// Which part of the ecosystem this process hosts.
+#[derive(Clone)]
 struct Place {
     daemon: DaemonId,
     agents: Vec<AgentEntry>,
@@ -200,13 +237,19 @@ async fn drain(home: Node, abroad: Abroad) -> bool {
     all
 }
 
-async fn up(ecosystem: Arc<Ecosystem>, place: Place, others: Others, manner: Manner) -> ExitCode {
+async fn up(
+    ecosystem: Arc<Ecosystem>,
+    place: Place,
+    others: Others,
+    manner: Manner,
+    mut reload: Reload,
+) -> ExitCode {
     let unavailable = |problem: String| {
         output::note(&format!("error: {problem}"));
         exit::with(exit::UNAVAILABLE)
     };
     // They end after the node: others are told that a daemon has left when it has.
-    let (node, _server, _stay, scouts) = match open(&ecosystem, &place).await {
+    let (mut node, simulated, _stay, scouts) = match open(&ecosystem, &place).await {
         Ok(opened) => opened,
         Err(problem) => return unavailable(format!("failed to {problem}")),
     };
@@ -217,6 +260,12 @@ async fn up(ecosystem: Arc<Ecosystem>, place: Place, others: Others, manner: Man
     // Before anybody hears that the daemon is ready, and may tell it to stop.
     let interrupted = interruption::interrupted();
     tokio::pin!(interrupted);
+    reload.building = simulated.own.clone();
+    if !manner.has_prompt {
+        reload.hangups = reload::listen();
+        reload.had_terminal = std::io::stdin().is_terminal();
+    }
+    hosting::watch_files(&node, &ecosystem);
     announce(&ecosystem, &place, &node);
     if !manner.has_prompt {
         let lease = substrate_zenoh::lease(&ecosystem.zenoh);
@@ -233,19 +282,7 @@ async fn up(ecosystem: Arc<Ecosystem>, place: Place, others: Others, manner: Man
             Err(problem) => output::note(&format!("error: failed to {problem}")),
         }
     } else {
-        let mut watchdog = Watchdog::from_environment();
-        let mut stdin_ended = manner.until_stdin_ends.then(watch_stdin);
-        let mut terminal = ask(&ecosystem, &node, manner.goals).await;
-        loop {
-            tokio::select! {
-                _ = &mut interrupted => break,
-                () = ended(&mut stdin_ended) => break,
-                () = watchdog.due() => watchdog.lives(),
-                heard = hear(&mut terminal) => {
-                    hearing::print(&heard, false);
-                }
-            }
-        }
+        serve(&mut node, &ecosystem, manner, reload, interrupted).await;
     }
     service_manager::stopping();
     if drain(node, abroad).await {
@@ -253,6 +290,37 @@ async fn up(ecosystem: Arc<Ecosystem>, place: Place, others: Others, manner: Man
     }
     output::note("warning: some agents did not finish in time; they were ended");
     exit::with(exit::DONE)
+}
+
+/// Runs the daemon until it is told to stop.
+async fn serve(
+    node: &mut Node,
+    ecosystem: &Ecosystem,
+    manner: Manner,
+    mut reload: Reload,
+    interrupted: impl Future<Output = i32>,
+) {
+    let mut watchdog = Watchdog::from_environment();
+    let mut stdin_ended = manner.until_stdin_ends.then(watch_stdin);
+    let mut terminal = ask(ecosystem, node, manner.goals).await;
+    tokio::pin!(interrupted);
+    loop {
+        tokio::select! {
+            _ = &mut interrupted => break,
+            () = ended(&mut stdin_ended) => break,
+            () = watchdog.due() => watchdog.lives(),
+            () = reload::asked_for(&mut reload.hangups) => {
+                // The terminal that it was started in has been closed.
+                if reload.had_terminal && !std::io::stdin().is_terminal() {
+                    break;
+                }
+                reload.again(node).await;
+            }
+            heard = hear(&mut terminal) => {
+                hearing::print(&heard, false);
+            }
+        }
+    }
 }
 
 /// A prompt's end of this daemon: a keyboard of its own, which asks for the goals of the command
@@ -341,9 +409,10 @@ fn announce(ecosystem: &Ecosystem, place: &Place, node: &Node) {
 async fn open(
     ecosystem: &Ecosystem,
     place: &Place,
-) -> Result<(Node, Option<Server>, Stay, bool), String> {
+) -> Result<(Node, Simulated, Stay, bool), String> {
     let socket = building_socket(ecosystem, place)?;
-    let (building, server) = simulated(ecosystem, &place.agents, socket.as_ref()).await?;
+    let simulated = simulated(ecosystem, &place.agents, socket.as_ref()).await?;
+    let building = simulated.handle.clone();
     let socket = socket.filter(|_| building.is_some());
     let state =
         hosting::state_folder(&ecosystem.name, &place.daemon).map_err(|error| error.to_string())?;
@@ -366,7 +435,7 @@ async fn open(
         building: socket,
     };
     node.host_processes(processes)?;
-    Ok((node, server, stay, scouts))
+    Ok((node, simulated, stay, scouts))
 }
 
 /// Where several processes share the building: as the file says, or where plugins of this daemon that
@@ -380,34 +449,51 @@ fn building_socket(ecosystem: &Ecosystem, place: &Place) -> Result<Option<PathBu
     Ok(is_shared.then(|| folder.join(format!("{}.building", place.daemon))))
 }
 
+/// The simulated building as this daemon uses it.
+#[derive(Default)]
+struct Simulated {
+    handle: Option<BuildingHandle>,
+    /// The building itself, where it is not another process's.
+    own: Option<Building>,
+    /// Lends it to others for as long as the daemon lives.
+    _server: Option<Server>,
+}
+
+impl Simulated {
+    fn ours(building: Building, server: Option<Server>) -> Simulated {
+        Simulated { handle: Some(building.handle()), own: Some(building), _server: server }
+    }
+}
+
 /// The building of the simulated drivers, if any is hosted here: another process's, if one
 /// serves it already; otherwise ours, which others may use.
 async fn simulated(
     ecosystem: &Ecosystem,
     agents: &[AgentEntry],
     socket: Option<&PathBuf>,
-) -> Result<(Option<BuildingHandle>, Option<Server>), String> {
+) -> Result<Simulated, String> {
     let has_drivers = |entry: &AgentEntry| {
         plugins::find(&entry.plugin).is_some_and(|plugin| !plugin.drivers.is_empty())
     };
     if !agents.iter().any(has_drivers) {
-        return Ok((None, None));
+        return Ok(Simulated::default());
     }
     if let Some(socket) = socket
         && let Ok(building) = BuildingHandle::connect(socket).await
     {
-        return Ok((Some(building), None));
+        return Ok(Simulated { handle: Some(building), ..Simulated::default() });
     }
     let building = hosting::simulate(ecosystem).map_err(|error| error.to_string())?;
     let Some(socket) = socket else {
-        return Ok((Some(building.handle()), None));
+        return Ok(Simulated::ours(building, None));
     };
     match ::building::serve(building.handle(), socket).await {
-        Ok(server) => Ok((Some(building.handle()), Some(server))),
+        Ok(server) => Ok(Simulated::ours(building, Some(server))),
         // Another daemon that started with us was faster.
         Err(ServeError::InUse { .. }) => {
             let theirs = BuildingHandle::connect(socket).await;
-            Ok((Some(theirs.map_err(|error| error.to_string())?), None))
+            let handle = Some(theirs.map_err(|error| error.to_string())?);
+            Ok(Simulated { handle, ..Simulated::default() })
         }
         Err(error) => Err(error.to_string()),
     }

@@ -11,13 +11,15 @@ use acl::{EcosystemId, Message, Performative, Protocol};
 use conversation::Transcript;
 use serde_json::{Value, json};
 use terminal::output::Color;
-use terminal::{exit, output};
+use terminal::styled::Styled;
+use terminal::{exit, output, visible};
 use tokio::signal;
 use tokio::sync::mpsc;
 
 use crate::cli::WatchArgs;
 use crate::commands::client::{self, Target};
 use crate::hosting::GuestKeys;
+use crate::interruption;
 
 /// Messages that may wait to be printed; a slow terminal misses the rest, and is told so.
 const WAITING_MAX: usize = 10_000;
@@ -53,6 +55,7 @@ pub(super) fn run(args: &WatchArgs) -> ExitCode {
                 Err(problem) => client::unavailable(&problem, json),
             },
             _ = signal::ctrl_c() => exit::with(exit::DONE),
+            () = interruption::reader_gone() => exit::with(exit::DONE),
         }
     })
 }
@@ -96,7 +99,7 @@ pub(crate) async fn listen(
             continue;
         }
         let printed = watcher.print(&message);
-        if printed != exit::with(exit::DONE) {
+        if printed != exit::with(exit::DONE) || output::is_reader_gone() {
             return Ok(printed);
         }
     }
@@ -138,9 +141,9 @@ impl Watcher {
         let mut text = if self.is_diagram { step(at, message) } else { line(at, message) };
         if let Some(violation) = violation {
             let violation = format!("! out of turn: {violation}");
-            text.push_str(&format!("         {}\n", output::paint(Color::Red, &violation)));
+            text = text.and("         ").and_styled(&Styled::painted(Color::Red, &violation)).end();
         }
-        output::print(text, exit::DONE)
+        output::print_styled(&text, exit::DONE)
     }
 }
 
@@ -169,24 +172,25 @@ fn receiver(message: &Message) -> String {
 }
 
 /// A message among all others: one line.
-fn line(at: Duration, message: &Message) -> String {
+fn line(at: Duration, message: &Message) -> Styled {
     let (act, from, to) = (message.performative, &message.sender, receiver(message));
     let head = format!("{:>8.3} {act:<15} {from} → {to}", at.as_secs_f64());
     let room = COLUMNS.saturating_sub(head.chars().count() + 2);
     let what = cut(&gist(message), room);
-    format!("{}\n", format!("{head}  {what}").trim_end())
+    Styled::line(format!("{head}  {what}").trim_end()).end()
 }
 
 /// A message of one conversation: an arrow from one agent to another, and what it says below.
-fn step(at: Duration, message: &Message) -> String {
+fn step(at: Duration, message: &Message) -> Styled {
     let from = cut(message.sender.as_str(), NAME_COLUMNS);
     let to = cut(&receiver(message), NAME_COLUMNS);
     let act = format!("─ {} ", message.performative);
     let arrow = format!("{act:─<width$}▶", width = ARROW_COLUMNS - 1);
-    let mut text = format!("{:>8.3} {from:<NAME_COLUMNS$} {arrow} {to}\n", at.as_secs_f64());
+    let head = format!("{:>8.3} {from:<NAME_COLUMNS$} {arrow} {to}", at.as_secs_f64());
+    let mut text = Styled::line(&head).end();
     let what = cut(&gist(message), COLUMNS - 9);
     if !what.is_empty() {
-        text.push_str(&format!("         {}\n", output::paint(Color::Dim, &what)));
+        text = text.and("         ").and_styled(&Styled::painted(Color::Dim, &what)).end();
     }
     text
 }
@@ -229,7 +233,9 @@ fn gist(message: &Message) -> String {
             _ => of_content(message),
         },
     };
-    said.split_whitespace().collect::<Vec<_>>().join(" ")
+    let line = said.split_whitespace().collect::<Vec<_>>().join(" ");
+    // Before it is cut to the width of a terminal: what is shown is longer than what it stands for.
+    visible::line(&line).into_owned()
 }
 
 /// The first field of a content that tells a person something.

@@ -10,7 +10,7 @@ use agent::{Admit, Mode, Rights, Settings};
 use keyboard::Wish;
 use pddl::{Domain, Problem};
 use serde_json::Value;
-use terminal::report::Report;
+use terminal::report::Source;
 
 use super::InterfaceEntry;
 use super::layer::Places;
@@ -46,15 +46,29 @@ pub(crate) struct Ecosystem {
     pub(crate) plugins: PluginSettings,
     /// The simulated building.
     pub(crate) building: BuildingSettings,
-    /// Where the entries of agents and interfaces were written: `agent.0.config` and what is in it.
+    /// Where each key was written: `agent.0.config` and what is in it.
     pub(crate) places: Places,
-    /// What is probably not meant.
-    pub(crate) warnings: Report,
+    /// The texts that the ecosystem was read from.
+    pub(crate) texts: Texts,
+    /// Whether ontology and map are free of errors, so that what is held against them means
+    /// something.
+    pub(crate) are_files_sound: bool,
+}
+
+/// The texts that an ecosystem was read from.
+#[derive(Clone, Debug)]
+pub(crate) struct Texts {
+    /// The ecosystem file.
+    pub(crate) file: Arc<Source>,
+    /// The map.
+    pub(crate) map: Arc<Source>,
 }
 
 /// One `[[agent]]`.
 #[derive(Clone, Debug)]
 pub(crate) struct AgentEntry {
+    /// Where the entry stands in the file, such as `agent.3`; empty for an agent that no file names.
+    pub(crate) path: String,
     /// Its name, unique in the ecosystem.
     pub(crate) name: AgentId,
     /// The plugin that builds it: a known one, or one of its package's.

@@ -19,20 +19,30 @@ pub(crate) struct Place {
     pub(crate) value: Span,
 }
 
-/// Where the entries of agents and interfaces were written, for what is found wrong in them later.
+/// Where every key was written, for mistakes that are found later.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Places(BTreeMap<String, (Arc<Source>, Place)>);
 
 impl Places {
     /// Those of layers, the strongest last.
-    pub(super) fn of_agents(layers: &[Layer]) -> Places {
+    pub(super) fn of(layers: &[Layer]) -> Places {
         let places = layers.iter().flat_map(|layer| {
-            let is_kept =
-                |path: &str| ["agent.", "interface."].iter().any(|of| path.starts_with(of));
-            let kept = layer.places.iter().filter(move |(path, _)| is_kept(path));
-            kept.map(|(path, place)| (path.clone(), (Arc::clone(&layer.source), *place)))
+            let place = |(path, place): (&String, &Place)| {
+                (path.clone(), (Arc::clone(&layer.source), *place))
+            };
+            layer.places.iter().map(place)
         });
         Places(places.collect())
+    }
+
+    /// The values written directly under a path, as they stand in the text.
+    pub(crate) fn under(&self, path: &str) -> Vec<&str> {
+        let is_under = |key: &str| {
+            let rest = key.strip_prefix(path).and_then(|rest| rest.strip_prefix('.'));
+            rest.is_some_and(|rest| !rest.contains('.'))
+        };
+        let found = self.0.iter().filter(|(key, _)| is_under(key));
+        found.filter_map(|(_, (source, place))| source.text.get(place.value.range())).collect()
     }
 
     /// Where something was written, or else the nearest thing around it; and whether it is that.

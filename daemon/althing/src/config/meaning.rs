@@ -25,10 +25,11 @@ use agent::{Admit, Allowed};
 use pddl::{Diagnostic, Span};
 
 use super::KnownPlugin;
-use super::ecosystem::{BuildingSettings, Ecosystem, PluginSettings};
+use super::ecosystem::{BuildingSettings, Ecosystem, PluginSettings, Texts};
 use super::layer::{Layer, Place, Places};
 use super::raw::{Raw, RawBuilding, RawEcosystem, RawPlugins};
 use files::Files;
+pub(crate) use goals::moved as moved_goal;
 use rights::limited_actions;
 use terminal::report::{Report, Source};
 
@@ -40,14 +41,15 @@ struct Meaning<'l> {
     report: Report,
 }
 
-/// Understands what was written, or says all that is wrong with it, `report` included.
+/// Understands what was written as far as it can be, and says all that is wrong with it, `report`
+/// included.
 pub(super) fn understand(
     file: &Path,
     raw: Raw,
     layers: &[Layer],
     known_plugins: &[KnownPlugin],
     report: Report,
-) -> Result<Ecosystem, Report> {
+) -> (Option<Ecosystem>, Report) {
     // No `..`: a new table must be understood here.
     let Raw {
         ecosystem,
@@ -73,7 +75,7 @@ pub(super) fn understand(
     daemons.extend(agents.iter().flat_map(|agent| agent.daemons.clone()));
     let interfaces = meaning.interfaces(interface, &agents, files.as_ref());
     daemons.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
-    let goals = meaning.goals(goals, files.as_ref(), &agents);
+    let goals = meaning.goals(goals);
     let settings = meaning.settings(&timing, &limits);
     let security = meaning.security(security, name.as_ref());
     let mut rights = meaning.rights(&rights, &agents, &limited);
@@ -86,27 +88,29 @@ pub(super) fn understand(
 
     let mut report = meaning.report;
     report.sort();
-    match (name, files) {
-        (Some(name), Some(files)) if !report.has_errors() => Ok(Ecosystem {
-            name,
-            domain: Arc::new(files.domain),
-            problem: Arc::new(files.problem),
-            mode,
-            daemons,
-            agents,
-            interfaces,
-            goals,
-            zenoh,
-            settings,
-            security,
-            rights,
-            plugins,
-            building,
-            places: Places::of_agents(layers),
-            warnings: report,
-        }),
-        _ => Err(report),
-    }
+    let (Some(name), Some(files), Some(file)) = (name, files, layers.get(1)) else {
+        return (None, report);
+    };
+    let ecosystem = Ecosystem {
+        name,
+        domain: Arc::new(files.domain),
+        problem: Arc::new(files.problem),
+        mode,
+        daemons,
+        agents,
+        interfaces,
+        goals,
+        zenoh,
+        settings,
+        security,
+        rights,
+        plugins,
+        building,
+        places: Places::of(layers),
+        texts: Texts { file: Arc::clone(&file.source), map: files.map_source },
+        are_files_sound: files.are_sound,
+    };
+    (Some(ecosystem), report)
 }
 
 // === impl Meaning ===

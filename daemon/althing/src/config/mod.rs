@@ -15,6 +15,8 @@ mod schema;
 
 mod reader;
 
+mod syntax;
+
 mod environment;
 
 mod layer;
@@ -36,6 +38,8 @@ pub(crate) use ::interfacing::{InterfaceEntry, RuleEntry};
 pub(crate) use ecosystem::{AgentEntry, Ecosystem, SecuritySettings, wish_for};
 pub(crate) use environment::{Variables, variables};
 pub(crate) use find::{credentials_folder, find_ecosystem_file, resolve_ecosystem};
+pub(crate) use meaning::moved_goal;
+pub(crate) use syntax::is_syntax_error;
 
 use layer::Layer;
 use raw::Raw;
@@ -64,6 +68,19 @@ pub(crate) struct Overrides(Vec<(String, Value)>);
 /// Everything that is wrong with an ecosystem file and the files it names.
 #[derive(Clone, Debug)]
 pub(crate) struct LoadError(Report);
+
+/// An ecosystem file as far as it can be understood, and what is wrong with it.
+#[derive(Debug)]
+pub(crate) struct Reading {
+    /// The ecosystem without what could not be understood; `None` where its name, its domain or its
+    /// map is missing.
+    pub(crate) ecosystem: Option<Ecosystem>,
+    /// The mistakes and the doubts.
+    pub(crate) report: Report,
+    /// Whether all of the text is TOML. What seems to be missing may otherwise stand where nothing
+    /// could be read.
+    pub(crate) is_whole: bool,
+}
 
 // === impl Overrides ===
 
@@ -123,22 +140,54 @@ impl Ecosystem {
         overrides: &Overrides,
         known_plugins: &[KnownPlugin],
     ) -> Result<Ecosystem, LoadError> {
-        let mut report = Report::default();
-        let source = Source::read(file).map_err(|failure| {
-            report.add_failure(failure);
-            LoadError(report.clone())
-        })?;
-        let layers = read_layers(&source, variables, &mut report);
-        let [_, file_layer, _] = &layers;
-        if !file_layer.is_whole && !file_layer.places.contains_key("ecosystem") {
-            // What seems to be missing may stand where nothing could be read.
-            return Err(LoadError(report));
+        let Reading { ecosystem, report, .. } =
+            Ecosystem::read_with(file, variables, overrides, known_plugins);
+        match ecosystem {
+            Some(ecosystem) if !report.has_errors() => Ok(ecosystem),
+            _ => Err(LoadError(report)),
         }
-        let raw = merge(&layers, overrides).map_err(|err| {
-            report.add_failure(format_args!("merge the configuration: {err}"));
-            LoadError(report.clone())
-        })?;
-        meaning::understand(file, raw, &layers, known_plugins, report).map_err(LoadError)
+    }
+
+    /// Reads as much of an ecosystem file as can be understood.
+    pub(crate) fn read(
+        file: &Path,
+        overrides: &Overrides,
+        known_plugins: &[KnownPlugin],
+    ) -> Reading {
+        Ecosystem::read_with(file, &variables(), overrides, known_plugins)
+    }
+
+    fn read_with(
+        file: &Path,
+        variables: &Variables,
+        overrides: &Overrides,
+        known_plugins: &[KnownPlugin],
+    ) -> Reading {
+        let mut report = Report::default();
+        let source = match Source::read(file) {
+            Ok(source) => source,
+            Err(failure) => {
+                report.add_failure(failure);
+                return Reading { ecosystem: None, report, is_whole: false };
+            }
+        };
+        let layers = read_layers(&source, variables, &mut report);
+        let [_, Layer { is_whole, places, .. }, _] = &layers;
+        let is_whole = *is_whole;
+        if !is_whole && !places.contains_key("ecosystem") {
+            return Reading { ecosystem: None, report, is_whole };
+        }
+        match merge(&layers, overrides) {
+            Ok(raw) => {
+                let (ecosystem, report) =
+                    meaning::understand(file, raw, &layers, known_plugins, report);
+                Reading { ecosystem, report, is_whole }
+            }
+            Err(err) => {
+                report.add_failure(format_args!("merge the configuration: {err}"));
+                Reading { ecosystem: None, report, is_whole }
+            }
+        }
     }
 }
 

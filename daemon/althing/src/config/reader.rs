@@ -14,6 +14,7 @@ use toml::de::{DeArray, DeTable, DeValue};
 use super::duration;
 use super::layer::{Layer, Place};
 use super::schema::{self, Key, Shape};
+use super::syntax::{self, Failure};
 
 /// Walks the tree of a text.
 pub(super) struct Reader {
@@ -27,7 +28,12 @@ pub(super) struct Reader {
 pub(super) fn read(source: &Arc<Source>) -> (Layer, Vec<Diagnostic>) {
     let mut reader = Reader::new(Arc::clone(source));
     let (tree, errors) = DeTable::parse_recoverable(&source.text);
-    reader.diagnostics.extend(errors.iter().map(|err| syntax_error(&source.text, err)));
+    let failure = |err: &toml::de::Error| Failure {
+        message: err.message().to_owned(),
+        range: err.span().unwrap_or(0..0),
+    };
+    let failures: Vec<_> = errors.iter().map(failure).collect();
+    reader.diagnostics.extend(syntax::mistakes(&source.text, &failures));
     let keys = match &schema::FILE {
         Shape::Table(keys) => *keys,
         _ => &[],
@@ -36,22 +42,6 @@ pub(super) fn read(source: &Arc<Source>) -> (Layer, Vec<Diagnostic>) {
     reader.layer.values = reader.table("", keys, tree.get_ref());
     reader.diagnostics.sort_by_key(|found| (found.span.start, found.span.end));
     (reader.layer, reader.diagnostics)
-}
-
-fn syntax_error(text: &str, err: &toml::de::Error) -> Diagnostic {
-    let range = err.span().unwrap_or(0..0);
-    let word = text.get(range.clone()).unwrap_or("");
-    let (message, expected) = match err.message().split_once(", expected ") {
-        Some((message, expected)) => (message, Some(expected)),
-        None => (err.message(), None),
-    };
-    let span = Span::new(range.start, range.end);
-    let mut found = Diagnostic::error(span, format!("not TOML: {message}"));
-    found.help = match expected {
-        _ if message.contains("must be quoted") => Some(format!("write \"{word}\"")),
-        expected => expected.map(|expected| format!("{expected} is expected here")),
-    };
-    found
 }
 
 // === impl Reader ===
@@ -66,12 +56,13 @@ impl Reader {
         for (written, value) in table {
             let name = written.get_ref().as_ref();
             let place = self.place(written.span(), value.span());
+            let inner = join(path, name);
+            self.layer.places.insert(inner.clone(), place);
             let Some(key) = keys.iter().find(|key| key.name == name) else {
-                self.diagnostics.push(unknown_key(path, keys, name, place.key));
+                self.diagnostics.push(unknown_key(path, keys, name, value.get_ref(), place.key));
                 continue;
             };
-            let path = join(path, name);
-            self.layer.places.insert(path.clone(), place);
+            let path = inner;
             let value = self.value(&path, &key.shape, key.about, value);
             values.extend(value.map(|value| (name.to_owned(), value)));
         }
@@ -126,6 +117,7 @@ impl Reader {
             },
         };
         let span = self.place(0..0, value.span()).value;
+        let wrong = wrong.or_else(|| cure(path, shape, value.get_ref()));
         self.diagnostics.push(wrong_value(path, about, shape, wrong, span));
         None
     }
@@ -134,11 +126,24 @@ impl Reader {
     fn remember(&mut self, path: &str, table: &DeTable<'_>) {
         for (written, value) in table {
             let path = join(path, written.get_ref());
+            self.remember_within(&path, value);
             let place = self.place(written.span(), value.span());
-            if let DeValue::Table(table) = value.get_ref() {
-                self.remember(&path, table);
-            }
             self.layer.places.insert(path, place);
+        }
+    }
+
+    fn remember_within(&mut self, path: &str, value: &Spanned<DeValue<'_>>) {
+        match value.get_ref() {
+            DeValue::Table(table) => self.remember(path, table),
+            DeValue::Array(list) => {
+                for (index, element) in list.iter().enumerate() {
+                    let path = join(path, &index.to_string());
+                    self.remember_within(&path, element);
+                    let place = self.place(element.span(), element.span());
+                    self.layer.places.insert(path, place);
+                }
+            }
+            _ => (),
         }
     }
 
@@ -207,6 +212,32 @@ fn scalar(shape: &Shape, value: &DeValue<'_>) -> Result<Value, Option<String>> {
     }
 }
 
+/// What to write in place of a value of another kind.
+fn cure(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<String> {
+    let spoken = spoken(path);
+    let key = spoken.rsplit('.').next().unwrap_or(&spoken);
+    match (shape, value) {
+        (Shape::List(Shape::Table(_)), DeValue::Table(_)) => Some(format!("write [[{key}]]")),
+        (Shape::List(Shape::Text | Shape::Choice(_)), DeValue::String(text)) => {
+            Some(format!("write {key} = [\"{text}\"]"))
+        }
+        (Shape::Text | Shape::Texts, DeValue::Integer(_) | DeValue::Float(_)) => {
+            Some(format!("write {key} = \"{}\"", toml_text(value)))
+        }
+        (Shape::Number { .. } | Shape::Count, DeValue::String(text)) => {
+            let plain = text.trim().replace(',', ".");
+            let end = plain.find(|c: char| !c.is_ascii_digit() && !".-+".contains(c));
+            let (number, unit) = plain.split_at(end.unwrap_or(plain.len()));
+            let number: f64 = number.parse().ok()?;
+            Some(match unit.trim() {
+                "" => format!("write {key} = {number}, without quotes"),
+                unit => format!("write {key} = {number}, the number alone, without `{unit}`"),
+            })
+        }
+        _ => None,
+    }
+}
+
 /// Any TOML as `config` has it.
 pub(super) fn handed_on(value: &DeValue<'_>) -> Value {
     let kind = match value {
@@ -255,17 +286,61 @@ pub(super) fn spoken(path: &str) -> String {
     words.collect::<Vec<_>>().join(".")
 }
 
-fn unknown_key(path: &str, keys: &[Key], name: &str, span: Span) -> Diagnostic {
-    let within = match spoken(path).as_str() {
+fn unknown_key(
+    path: &str,
+    keys: &[Key],
+    name: &str,
+    value: &DeValue<'_>,
+    span: Span,
+) -> Diagnostic {
+    let table = spoken(path);
+    let within = match table.as_str() {
         "" => String::new(),
         table => format!(" in `{table}`"),
     };
-    let names = || keys.iter().map(|key| key.name);
-    let help = match nearest(name, names()) {
-        Some(nearest) => format!("did you mean `{nearest}`?"),
-        None => format!("known are {}", names().collect::<Vec<_>>().join(", ")),
+    let written = |key: &Key| match (&key.shape, table.as_str()) {
+        (Shape::List(Shape::Table(_)), "") => format!("[[{}]]", key.name),
+        (_, "") => format!("[{}]", key.name),
+        _ => key.name.to_owned(),
+    };
+    let near = nearest(name, keys.iter().map(|key| key.name));
+    let near = near.and_then(|near| keys.iter().find(|key| key.name == near));
+    let elsewhere = || {
+        let tables = match &schema::FILE {
+            Shape::Table(tables) => *tables,
+            _ => &[],
+        };
+        let has_key = |key: &&Key| match &key.shape {
+            Shape::Table(keys) => keys.iter().any(|key| key.name == name),
+            _ => false,
+        };
+        tables.iter().find(has_key).map(|table| format!("`{name}` stands under [{}]", table.name))
+    };
+    let help = match near {
+        Some(near) => format!("did you mean `{}`?", written(near)),
+        None => elsewhere().unwrap_or_else(|| match table.as_str() {
+            "agent" => {
+                let value = toml_text(value);
+                format!("if its plugin is to read it, write config = {{ {name} = {value} }}")
+            }
+            _ => {
+                let names: Vec<_> = keys.iter().map(written).collect();
+                format!("known are {}", names.join(", "))
+            }
+        }),
     };
     Diagnostic::error(span, format!("unknown key `{name}`{within}")).with_help(help)
+}
+
+/// A short value as it may have been written.
+fn toml_text(value: &DeValue<'_>) -> String {
+    match value {
+        DeValue::String(text) if text.len() <= 40 => format!("\"{text}\""),
+        DeValue::Integer(number) => number.to_string(),
+        DeValue::Float(number) => number.to_string(),
+        DeValue::Boolean(truth) => truth.to_string(),
+        _ => "…".to_owned(),
+    }
 }
 
 fn wrong_value(

@@ -1,12 +1,14 @@
 //! The simulated building of an ecosystem, built from its map and the entries of its agents.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use ::building::{Battery, Building, Layout, LayoutError, Quantity, View};
-use pddl::{InitElement, Name, Problem, Term, Types};
+use ::building::{Battery, Building, Device, Layout, LayoutError, Quantity, View};
+use acl::AgentId;
+use pddl::{InitElement, Name, Problem, Span, Term, Types};
 use serde_json::Value;
 
 use crate::config::{AgentEntry, Ecosystem};
+use crate::review::At;
 
 /// Temperature of a place that the ecosystem file does not name, in °C.
 const CELSIUS: f64 = 20.0;
@@ -19,15 +21,27 @@ const METERS: f64 = 5.0;
 const RECHARGE_TIME: f64 = 600.0;
 const POSE_METERS: f64 = 1.0;
 
-/// Why the building cannot be simulated. Completes “failed to …”.
+/// Why the building cannot be simulated, and what of the ecosystem is to blame. Completes
+/// “failed to …”.
+#[derive(Debug, thiserror::Error)]
+#[error("simulate the building: {problem}")]
+pub(crate) struct SimulationError {
+    /// Where it was written.
+    pub(crate) place: At,
+    /// What is wrong.
+    #[source]
+    pub(crate) problem: Impossible,
+}
+
+/// What cannot be simulated. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub(crate) enum SimulationError {
+pub(crate) enum Impossible {
     /// The map and the agents' entries do not fit.
-    #[error("simulate the building: {0}")]
+    #[error("{0}")]
     Layout(#[from] LayoutError),
     /// An agent's entry lacks what the building has to know.
-    #[error("simulate the building: the config of `{agent}` needs `{key}`")]
+    #[error("read the config of `{agent}`: it needs `{key}`")]
     Config {
         /// The agent.
         agent: String,
@@ -35,11 +49,27 @@ pub(crate) enum SimulationError {
         key: &'static str,
     },
     /// A quantity that no building has.
-    #[error("simulate the building: unknown quantity `{name}`; known are {}", known())]
+    #[error("find the quantity `{name}`; known are {}", known())]
     Quantity {
         /// What was written.
         name: String,
     },
+}
+
+/// Says where an impossible thing was written.
+trait Located<T> {
+    fn at(self, place: impl FnOnce() -> At) -> Result<T, SimulationError>;
+}
+
+impl<T, E: Into<Impossible>> Located<T> for Result<T, E> {
+    fn at(self, place: impl FnOnce() -> At) -> Result<T, SimulationError> {
+        self.map_err(|problem| SimulationError { place: place(), problem: problem.into() })
+    }
+}
+
+/// A key of an entry's `config`.
+fn config(entry: &AgentEntry, key: &str) -> At {
+    At::Key(format!("{}.config.{key}", entry.path))
 }
 
 /// The building in which an ecosystem's simulated agents live, as it is at the start.
@@ -49,13 +79,43 @@ pub(crate) enum SimulationError {
 /// If an agent's entry names a place, a carrier or a quantity that is not there, or none, or if
 /// something is said to be so that cannot be.
 pub(crate) fn simulate(ecosystem: &Ecosystem) -> Result<Building, SimulationError> {
-    let building = Building::new(layout_of(ecosystem)?, ecosystem.building.time_scale)?;
+    let time_scale = || At::Key("building.time-scale".to_owned());
+    let building = Building::new(layout_of(ecosystem)?, ecosystem.building.time_scale);
+    let building = building.at(time_scale)?;
     for (place, values) in &ecosystem.building.conditions {
         for (name, value) in values {
-            building.set(place, quantity(name)?, *value)?;
+            let path = || At::Key(format!("building.conditions.{place}.{name}"));
+            building.set(place, quantity(name).at(path)?, *value).at(path)?;
         }
     }
     Ok(building)
+}
+
+/// Changes the devices of a building that is open to those of a file that was read anew: takes the
+/// devices of the agents that leave, and brings those that are not there. What is true of the others
+/// stays. What cannot be brought, for a person.
+pub(crate) fn refurnish(
+    building: &Building,
+    ecosystem: &Ecosystem,
+    leaving: &BTreeSet<AgentId>,
+) -> Vec<String> {
+    let layout = match layout_of(ecosystem) {
+        Ok(layout) => layout,
+        Err(error) => return vec![format!("failed to {error}")],
+    };
+    for agent in leaving {
+        // An agent without a simulated device has none to take.
+        let _ = building.remove_device(agent.as_str());
+    }
+    let is_missing = |device: &&Device| building.place_of(device.name()).is_err();
+    let missing = layout.devices().iter().filter(is_missing);
+    let brought = missing.map(|device| (device.name(), building.add_device(device.clone())));
+    brought
+        .filter_map(|(name, brought)| {
+            let error = brought.err()?;
+            Some(format!("`{name}` is not in the simulated building: failed to {error}"))
+        })
+        .collect()
 }
 
 fn layout_of(ecosystem: &Ecosystem) -> Result<Layout, SimulationError> {
@@ -68,30 +128,42 @@ fn layout_of(ecosystem: &Ecosystem) -> Result<Layout, SimulationError> {
         ecosystem.agents.iter().filter(simulated).filter(move |entry| entry.plugin == plugin)
     };
     for entry in of("temperature-sensor") {
-        layout.add_fixed_sensor(entry.name.as_str(), text(entry, "location")?)?;
+        let at = || config(entry, "location");
+        layout.add_fixed_sensor(entry.name.as_str(), text(entry, "location")?).at(at)?;
     }
     for entry in of("sensor") {
         let (name, location) = (entry.name.as_str(), text(entry, "location")?);
         match text(entry, "quantity")? {
-            "temperature" => layout.add_fixed_sensor(name, location)?,
-            other => layout.add_sensor(name, location, quantity(other)?)?,
-        };
+            "temperature" => layout.add_fixed_sensor(name, location),
+            other => {
+                let quantity = quantity(other).at(|| config(entry, "quantity"))?;
+                layout.add_sensor(name, location, quantity)
+            }
+        }
+        .at(|| config(entry, "location"))?;
     }
     for entry in of("turtlebot").chain(of("cleaning-robot")) {
         add_robot(&mut layout, entry)?;
     }
     for entry in of("video-robot") {
         add_robot(&mut layout, entry)?;
-        layout.mount_screen(&format!("{}-screen", entry.name), entry.name.as_str())?;
+        let screen = format!("{}-screen", entry.name);
+        layout.mount_screen(&screen, entry.name.as_str()).at(|| config(entry, "start"))?;
     }
     for entry in of("screen") {
-        layout.add_screen(entry.name.as_str(), text(entry, "location")?)?;
+        let at = || config(entry, "location");
+        layout.add_screen(entry.name.as_str(), text(entry, "location")?).at(at)?;
     }
     for entry in of("ptz-camera") {
-        layout.add_camera(entry.name.as_str(), text(entry, "location")?, views(entry)?)?;
+        let (location, views) = (text(entry, "location")?, views(entry)?);
+        // The location is right: it is the directions that are not.
+        let is_there = layout.location(location).is_some();
+        let key = if is_there { "presets" } else { "location" };
+        layout.add_camera(entry.name.as_str(), location, views).at(|| config(entry, key))?;
     }
     for entry in of("ir-temperature-sensor") {
-        layout.mount(entry.name.as_str(), text(entry, "mounted-on")?)?;
+        let at = || config(entry, "mounted-on");
+        layout.mount(entry.name.as_str(), text(entry, "mounted-on")?).at(at)?;
     }
     Ok(layout)
 }
@@ -100,13 +172,17 @@ fn add_robot(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationEr
     let number = |value: Option<&Value>| value.and_then(Value::as_f64);
     let speed = number(entry.config.get("speed")).unwrap_or(0.3);
     add_poses(layout, entry)?;
-    layout.add_robot(entry.name.as_str(), text(entry, "start")?, speed)?;
+    let start = text(entry, "start")?;
+    let key = if layout.location(start).is_some() { "speed" } else { "start" };
+    layout.add_robot(entry.name.as_str(), start, speed).at(|| config(entry, key))?;
     if let Some(battery) = entry.config.get("battery") {
         let range = number(battery.get("range")).ok_or_else(|| lacks(entry, "battery.range"))?;
         let charge = number(battery.get("charge")).unwrap_or(range);
         let recharge_time = number(battery.get("recharge-time")).unwrap_or(RECHARGE_TIME);
         let dock = text(entry, "dock")?.to_owned();
-        layout.equip(entry.name.as_str(), Battery { dock, range, charge, recharge_time })?;
+        let key = if layout.location(&dock).is_some() { "battery" } else { "dock" };
+        let battery = Battery { dock, range, charge, recharge_time };
+        layout.equip(entry.name.as_str(), battery).at(|| config(entry, key))?;
     }
     Ok(())
 }
@@ -120,10 +196,11 @@ fn add_poses(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationEr
         let meters = pose.get("meters").and_then(Value::as_f64).unwrap_or(POSE_METERS);
         if layout.location(name).is_none() {
             let celsius = layout.location(near).map_or(CELSIUS, |place| place.celsius);
-            layout.add_corridor(name, celsius)?;
+            layout.add_corridor(name, celsius).at(|| config(entry, &format!("poses.{name}")))?;
         }
         if layout.meters(near, name).is_none() {
-            layout.connect(near, name, meters)?;
+            let at = || config(entry, &format!("poses.{name}"));
+            layout.connect(near, name, meters).at(at)?;
         }
     }
     Ok(())
@@ -142,11 +219,12 @@ fn views(entry: &AgentEntry) -> Result<Vec<View>, SimulationError> {
 }
 
 fn lacks(entry: &AgentEntry, key: &'static str) -> SimulationError {
-    SimulationError::Config { agent: entry.name.to_string(), key }
+    let problem = Impossible::Config { agent: entry.name.to_string(), key };
+    SimulationError { place: config(entry, key), problem }
 }
 
-fn quantity(name: &str) -> Result<Quantity, SimulationError> {
-    Quantity::named(name).ok_or_else(|| SimulationError::Quantity { name: name.to_owned() })
+fn quantity(name: &str) -> Result<Quantity, Impossible> {
+    Quantity::named(name).ok_or_else(|| Impossible::Quantity { name: name.to_owned() })
 }
 
 fn known() -> String {
@@ -158,7 +236,7 @@ fn text<'a>(entry: &'a AgentEntry, key: &'static str) -> Result<&'a str, Simulat
     entry.config.get(key).and_then(Value::as_str).ok_or_else(|| lacks(entry, key))
 }
 
-fn add_places(layout: &mut Layout, ecosystem: &Ecosystem) -> Result<(), LayoutError> {
+fn add_places(layout: &mut Layout, ecosystem: &Ecosystem) -> Result<(), SimulationError> {
     let types = Types::of(&ecosystem.domain);
     for declaration in ecosystem.problem.objects.iter() {
         let object = &declaration.object;
@@ -168,22 +246,22 @@ fn add_places(layout: &mut Layout, ecosystem: &Ecosystem) -> Result<(), LayoutEr
         let name = object.name.as_str();
         let celsius = ecosystem.building.temperatures.get(name).copied().unwrap_or(CELSIUS);
         if is_a("room") {
-            layout.add_room(name, celsius)?;
+            layout.add_room(name, celsius).at(|| At::Map(object.name.span()))?;
         } else if is_a("location") {
-            layout.add_corridor(name, celsius)?;
+            layout.add_corridor(name, celsius).at(|| At::Map(object.name.span()))?;
         }
     }
     Ok(())
 }
 
-fn add_connections(layout: &mut Layout, map: &Problem) -> Result<(), LayoutError> {
-    let mut meters: BTreeMap<(&Name, &Name), f64> = BTreeMap::new();
+fn add_connections(layout: &mut Layout, map: &Problem) -> Result<(), SimulationError> {
+    let mut lengths: BTreeMap<(&Name, &Name), (f64, Span)> = BTreeMap::new();
     for element in &map.init {
         if let InitElement::Assign(fluent, number) = element
             && fluent.function == "distance"
             && let [Term::Object(from), Term::Object(to)] = fluent.arguments.as_slice()
         {
-            meters.insert((from, to), number.0);
+            lengths.insert((from, to), (number.0, fluent.span));
         }
     }
     for element in &map.init {
@@ -191,8 +269,14 @@ fn add_connections(layout: &mut Layout, map: &Problem) -> Result<(), LayoutError
             && atom.predicate == "connected"
             && let [Term::Object(from), Term::Object(to)] = atom.arguments.as_slice()
         {
-            let meters = meters.get(&(from, to)).copied().unwrap_or(METERS);
-            layout.connect_one_way(from.as_str(), to.as_str(), meters)?;
+            let (meters, written) =
+                lengths.get(&(from, to)).copied().unwrap_or((METERS, atom.span));
+            let connected = layout.connect_one_way(from.as_str(), to.as_str(), meters);
+            let span = match &connected {
+                Err(LayoutError::BadDistance { .. }) => written,
+                _ => atom.span,
+            };
+            connected.at(|| At::Map(span))?;
         }
     }
     Ok(())

@@ -1,14 +1,20 @@
 //! Where a daemon keeps its sockets and what it must not forget.
 
-use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
+use std::fs::Permissions;
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
 use acl::{DaemonId, EcosystemId};
+use rustix::fs::Mode;
+use rustix::process::umask;
 
 /// Longest path of a Unix socket: `sockaddr_un` holds 108 bytes with its final zero, and Zenoh
 /// keeps a lock beside it.
 const SOCKET_PATH_BYTES_MAX: usize = 100;
+
+/// What users other than the owner may do.
+const OTHERS: u32 = 0o077;
 
 /// Why a folder cannot be used. Completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
@@ -92,8 +98,33 @@ pub(crate) fn state_folder(
         .unwrap_or_else(|| PathBuf::from("/var/lib/althing"));
     let folder = base.join(ecosystem.as_str()).join(daemon.as_str());
     let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(&folder);
-    made.map_err(|source| FolderError::Io { path: folder.clone(), source })?;
+    made.and_then(|()| close(&folder))
+        .map_err(|source| FolderError::Io { path: folder.clone(), source })?;
     Ok(folder)
+}
+
+/// Lets no other user read what this process makes from now on, whatever the umask it was started with.
+pub(crate) fn keep_to_oneself() {
+    let before = umask(Mode::from_raw_mode(OTHERS));
+    umask(before | Mode::from_raw_mode(OTHERS));
+}
+
+/// Takes a folder and the files in it from other users: an older version, or a person, made them with
+/// another umask.
+fn close(folder: &Path) -> io::Result<()> {
+    let files = fs::read_dir(folder)?.filter_map(Result::ok).map(|entry| entry.path());
+    for path in files.chain([folder.to_owned()]) {
+        // A link leads elsewhere, and what has gone meanwhile needs nothing.
+        let Ok(about) = fs::symlink_metadata(&path) else { continue };
+        let mode = about.mode() & 0o7777;
+        if (about.is_file() || about.is_dir()) && mode & OTHERS != 0 {
+            let closed = fs::set_permissions(&path, Permissions::from_mode(mode & !OTHERS));
+            let _ = closed.inspect_err(|error| {
+                tracing::warn!(path = %path.display(), %error, "others can read it");
+            });
+        }
+    }
+    Ok(())
 }
 
 /// The socket of a daemon in the folder where they meet.

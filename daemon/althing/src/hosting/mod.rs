@@ -10,10 +10,12 @@ mod folders;
 mod moving;
 mod processes;
 mod rehearsal;
+mod same_files;
 mod standstill;
 mod supervisor;
 mod unreliable;
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -30,15 +32,16 @@ use tokio_util::task::TaskTracker;
 use crate::config::{AgentEntry, Ecosystem};
 use crate::plugins;
 
-pub(crate) use building::simulate;
+pub(crate) use building::{refurnish, simulate};
 pub(crate) use credentials::{GuestKeys, announce_end, forget_keys, secure, tell_keys};
 pub(crate) use entrance::{Stay, enter};
 pub(crate) use folders::{
-    plugins_folder, running_ecosystems, runtime_folder, socket_in, state_folder,
+    keep_to_oneself, plugins_folder, running_ecosystems, runtime_folder, socket_in, state_folder,
 };
 pub(crate) use moving::watch_addresses;
 pub(crate) use processes::{Processes, become_plugin};
-pub(crate) use rehearsal::{models, rehearse};
+pub(crate) use rehearsal::{Stage, models};
+pub(crate) use same_files::watch_files;
 pub(crate) use standstill::watch_standstill;
 use supervisor::Supervised;
 pub(crate) use unreliable::Mishaps;
@@ -253,6 +256,25 @@ impl Node {
     pub(crate) fn unplug(&self, agent: &AgentId) {
         for supervised in self.agents.iter().filter(|supervised| supervised.id == *agent) {
             supervised.unplugged.cancel();
+        }
+    }
+
+    /// Lets some agents give up their commitments and leave, while the others live on. Who does not
+    /// finish in time is ended.
+    pub(crate) async fn retire(&mut self, leaving: &BTreeSet<AgentId>) {
+        let is_leaving = |agent: &Supervised| leaving.contains(&agent.id);
+        let (left, stay): (Vec<_>, _) =
+            std::mem::take(&mut self.agents).into_iter().partition(is_leaving);
+        self.agents = stay;
+        left.iter().for_each(|agent| agent.stopping.cancel());
+        let deadline = tokio::time::Instant::now() + DRAIN_GRACE;
+        for Supervised { id, unplugged, mut supervision, .. } in left {
+            // A supervision that broke has ended, too.
+            if tokio::time::timeout_at(deadline, &mut supervision).await.is_err() {
+                tracing::warn!(%id, "did not finish in time; it is ended");
+                unplugged.cancel();
+                let _ = supervision.await;
+            }
         }
     }
 

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use acl::AgentId;
 use agent::{Berth, Blueprint, BuildError, Host, Launch, PluginEntry, Switchboard};
+use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
@@ -23,6 +24,10 @@ pub(super) struct Supervised {
     pub(super) id: AgentId,
     /// Ends it at once, for good.
     pub(super) unplugged: CancellationToken,
+    /// Ends it for good, once it has given up its commitments.
+    pub(super) stopping: CancellationToken,
+    /// Ends when it has.
+    pub(super) supervision: JoinHandle<()>,
 }
 
 /// Builds an agent once, so that what is wrong with its entry is said at start, and supervises
@@ -39,7 +44,7 @@ pub(super) fn begin(
     let plugin = plugins::find(&entry.plugin).ok_or_else(unknown)?;
     let blueprint = blueprint(&entry, plugin, host)?;
     let first = (plugin.build)(blueprint.clone())?;
-    let unplugged = CancellationToken::new();
+    let (unplugged, stopping) = (CancellationToken::new(), stopping.child_token());
     let supervision = Supervision {
         plugin,
         blueprint,
@@ -48,8 +53,8 @@ pub(super) fn begin(
         unplugged: unplugged.clone(),
         stands_by: entry.daemons.len() > 1,
     };
-    tasks.spawn(supervision.run(first));
-    Ok(Supervised { id, unplugged })
+    let supervision = tasks.spawn(supervision.run(first));
+    Ok(Supervised { id, unplugged, stopping, supervision })
 }
 
 /// Builds an agent of this entry that is not to live: what is wrong with the entry is said as at

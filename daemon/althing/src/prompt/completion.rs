@@ -65,6 +65,8 @@ impl Vocabulary {
         let (context, word) = before.split_at(start);
         let mut fitting: Vec<String> =
             self.candidates(context).into_iter().filter(|known| known.starts_with(word)).collect();
+        // The editor shows them as they are.
+        fitting.retain(|known| terminal::visible::is_plain(known));
         fitting.sort();
         fitting.dedup();
         (start, fitting)

@@ -20,7 +20,7 @@ use acl::content::Snapshot;
 use acl::{AgentId, ConversationId};
 use agent::Resource;
 use keyboard::{Heard, Said, Terminal};
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, watch as watch_channel};
 use tokio::task::JoinHandle;
 
 use crate::cli::{ReplyArgs, WatchWords};
@@ -28,9 +28,11 @@ use crate::commands::client::View;
 use crate::commands::{
     act, agents, answer, domain, goal, goals, hearing, mailbox, set, state, watch,
 };
+use crate::interruption;
 use completion::Vocabulary;
 use input::{Input, Typed};
 use requests::Requests;
+use terminal::styled::Styled;
 use terminal::{exit, output};
 use verbs::Verb;
 
@@ -49,26 +51,32 @@ pub(crate) struct Guest {
     pub(crate) json: bool,
 }
 
-/// Reads and does line after line until the input ends, `quit` is said, or `end` comes. Whether
-/// all that was asked for went well.
+/// Reads and does line after line until the input ends, `quit` is said, or `end` comes. Of a script,
+/// whether all that was asked for went well.
 pub(crate) async fn run(guest: Guest, end: impl Future) -> bool {
     let Guest { view, id, terminal, json } = guest;
     let Terminal { say, mut hear } = terminal;
     let words = Arc::new(RwLock::new(Vocabulary::default()));
-    let refresher = Refresher::start(&view, &words).await;
     let mut input = Input::open(&words, &view.name);
+    let refresher = Refresher::start(&view, &words);
+    if input.is_terminal {
+        // Only a person completes.
+        refresher.first().await;
+    }
     let mut prompt =
         Prompt { view, id, json, say, words, requests: Requests::default(), watching: None };
     if input.is_terminal {
         prompt.greet();
     }
     input.next();
-    tokio::pin!(end);
+    let reader_gone = interruption::reader_gone();
+    tokio::pin!(end, reader_gone);
     let mut is_idle = false;
     let mut has_ended = false;
     loop {
         tokio::select! {
             _ = &mut end => break,
+            () = &mut reader_gone => break,
             heard = hear.recv() => match heard {
                 Some(heard) => prompt.hear(&heard),
                 None => break,
@@ -95,8 +103,10 @@ pub(crate) async fn run(guest: Guest, end: impl Future) -> bool {
             input.next();
         }
     }
+    let is_terminal = input.is_terminal;
     input.close().await;
-    prompt.requests.went_well()
+    // Whoever sits there has seen what failed, and has gone on.
+    is_terminal || prompt.requests.went_well()
 }
 
 /// What follows a line.
@@ -142,8 +152,9 @@ impl Prompt {
         }
         let mark = number.map(|number| format!("[{number}] ")).unwrap_or_default();
         let lines = hearing::lines(heard);
-        let text: String = lines.iter().map(|line| format!("{mark}{line}\n")).collect();
-        let _ = output::print(text, exit::DONE);
+        let text: Styled =
+            lines.iter().map(|line| Styled::line(&mark).and_styled(line).end()).collect();
+        let _ = output::print_styled(&text, exit::DONE);
     }
 
     /// Numbers that can be completed.
@@ -274,17 +285,20 @@ impl Prompt {
 /// Keeps the words that are completed those of the domain as it is.
 struct Refresher {
     wake: mpsc::Sender<()>,
+    is_read: watch_channel::Receiver<bool>,
 }
 
 impl Refresher {
     /// Reads the words, and goes on reading them.
-    async fn start(view: &View, words: &Arc<RwLock<Vocabulary>>) -> Refresher {
+    fn start(view: &View, words: &Arc<RwLock<Vocabulary>>) -> Refresher {
         let (wake, mut woken) = mpsc::channel::<()>(1);
+        let (read, is_read) = watch_channel::channel(false);
         let (view, words) = (view.clone(), Arc::clone(words));
-        let first = read_words(&view, &words);
-        let _ = tokio::time::timeout(WORDS_WITHIN, first).await;
         let (_, mut changes) = view.switchboard.presence_changes();
         tokio::spawn(async move {
+            read_words(&view, &words).await;
+            // Nobody waits any more where the prompt has gone.
+            let _ = read.send(true);
             loop {
                 tokio::select! {
                     _ = changes.recv() => tokio::time::sleep(SETTLING).await,
@@ -294,7 +308,13 @@ impl Refresher {
                 read_words(&view, &words).await;
             }
         });
-        Refresher { wake }
+        Refresher { wake, is_read }
+    }
+
+    /// Waits until the words were read once, for a while.
+    async fn first(&self) {
+        let mut is_read = self.is_read.clone();
+        let _ = tokio::time::timeout(WORDS_WITHIN, is_read.wait_for(|is_read| *is_read)).await;
     }
 
     fn again(&self) {

@@ -31,6 +31,18 @@ config = { location = "kitchen" }
 
 [goals]
 temperatures = "(forall (?r - room) (known ?r))"
+
+[[agent]]
+name = "domain-maintainer"
+plugin = "domain-maintainer"
+
+[[agent]]
+name = "plan-requester"
+plugin = "plan-requester"
+
+[[agent]]
+name = "plan-executor"
+plugin = "plan-executor"
 "#;
 
 fn house(ecosystem: &str) -> Sandbox {
@@ -49,8 +61,8 @@ fn check(from: &str, to: &str, expected: Expect) {
 fn a_file_without_mistakes_is_told_in_a_line() {
     house(ECOSYSTEM).check("check house.toml", 0).shows(
         expect![[r#"
-        house.toml: ecosystem house (1 agent on one machine, decentralized): ok
-    "#]],
+            house.toml: ecosystem house (4 agents on one machine, decentralized): ok
+        "#]],
         expect![""],
     );
 }
@@ -94,7 +106,7 @@ fn a_table_that_is_missing_is_missed_in_the_file() {
 
 #[test]
 fn the_environment_wins_over_the_file() {
-    let file = ECOSYSTEM.replace("[[agent]]", "mode = \"decentralized\"\n\n[[agent]]");
+    let file = ECOSYSTEM.replacen("[[agent]]", "mode = \"decentralized\"\n\n[[agent]]", 1);
     let sandbox = house(&file).with_variable("ALTHING_ECOSYSTEM__MODE", "centralized");
     let run = sandbox.check("check house.toml", 0);
     assert!(run.stdout.contains("centralized"), "{}", run.stdout);
@@ -329,16 +341,16 @@ fn toml_that_cannot_be_read() {
         "name = \"house\"",
         "name = house",
         expect![[r#"
-        error: not TOML: string values must be quoted
-         --> house.toml:2:8
-          |
-        2 | name = house
-          |        ^^^^^
-          |
-          = help: write "house"
+            error: not TOML: a text stands in quotes
+             --> house.toml:2:8
+              |
+            2 | name = house
+              |        ^^^^^
+              |
+              = help: write "house"
 
-        1 error
-    "#]],
+            1 error
+        "#]],
     );
 }
 
@@ -348,14 +360,16 @@ fn a_key_that_is_there_twice() {
         "name = \"house\"\n",
         "name = \"house\"\nname = \"home\"\n",
         expect![[r#"
-        error: not TOML: duplicate key
-         --> house.toml:3:1
-          |
-        3 | name = "home"
-          | ^^^^
+            error: not TOML: `name` is there already (line 2)
+             --> house.toml:3:1
+              |
+            3 | name = "home"
+              | ^^^^
+              |
+              = help: take one of the two out
 
-        1 error
-    "#]],
+            1 error
+        "#]],
     );
 }
 
@@ -462,18 +476,17 @@ fn the_house_s_own_ecosystem_is_right() {
 fn a_key_that_the_plugin_does_not_know() {
     check(
         "{ location = \"kitchen\" }",
-        "{ location = \"kitchen\", humid = true }",
+        "{ location = \"kitchen\", wattage = true }",
         expect![[r#"
-            error: config of `thermometer`: unknown field `humid`, expected one of
-                   `location`, `quantity`, `humidity`, `valid-for`, `device`, `channel`,
-                   `sysfs`, `command`, `json`, `factor`, `every`, `library`, `serial`,
-                   `hub-port`, `port`, `humidity-port`, `sensor`, `broker`, `user`,
-                   `password-file`, `ca`, `topic`, `availability`, `line`, `active-low`,
-                   `bias`, `debounce`, `chips`
+            error: config of `thermometer`: there is no key `wattage`
               --> house.toml:10:34
                |
-            10 | config = { location = "kitchen", humid = true }
-               |                                  ^^^^^
+            10 | config = { location = "kitchen", wattage = true }
+               |                                  ^^^^^^^
+               |
+               = help: known are `location`, `quantity`, `humidity`, `valid-for`,
+                       `device`, `channel`, and 22 more that are for one driver each
+                       (docs/devices.md)
 
             1 error
         "#]],
@@ -486,14 +499,16 @@ fn a_value_of_another_kind() {
         "{ location = \"kitchen\" }",
         "{ location = \"kitchen\", humidity = 3 }",
         expect![[r#"
-        error: config of `thermometer`: invalid type: integer `3`, expected a boolean
-          --> house.toml:10:45
-           |
-        10 | config = { location = "kitchen", humidity = 3 }
-           |                                             ^
+            error: config of `thermometer`: `humidity` must be true or false, and is 3
+              --> house.toml:10:45
+               |
+            10 | config = { location = "kitchen", humidity = 3 }
+               |                                             ^
+               |
+               = help: write humidity = true or humidity = false
 
-        1 error
-    "#]],
+            1 error
+        "#]],
     );
 }
 
@@ -503,14 +518,16 @@ fn a_key_that_the_plugin_needs() {
         "{ location = \"kitchen\" }",
         "{ humidity = true }",
         expect![[r#"
-        error: config of `thermometer`: missing field `location`
-          --> house.toml:10:10
-           |
-        10 | config = { humidity = true }
-           |          ^^^^^^^^^^^^^^^^^^^
+            error: config of `thermometer`: `location` is missing
+              --> house.toml:10:1
+               |
+            10 | config = { humidity = true }
+               | ^^^^^^
+               |
+               = help: write location = "kitchen"
 
-        1 error
-    "#]],
+            1 error
+        "#]],
     );
 }
 
@@ -526,11 +543,14 @@ fn a_mistake_within_a_table_of_a_config() {
     house(&robot("attempts = 3")).check("check house.toml", 0);
     let run = house(&robot("attempts = 3, patience = \"soon\"")).check("check house.toml", 33);
     expect![[r#"
-        error: config of `robot`: `soon`: expected number at 0
-          --> house.toml:18:89
+        error: config of `robot`: `login.patience` must be a duration, and is "soon"
+          --> house.toml:30:89
            |
-        18 | ...uch", attempts = 3, patience = "soon" } }
+        30 | ...uch", attempts = 3, patience = "soon" } }
            |                                   ^^^^^^
+           |
+           = help: write a number and ms, s, min or h in quotes, such as "30s" or
+                   "10min"
 
         1 error
     "#]]

@@ -123,8 +123,8 @@ fn names_that_would_meet_or_could_be_mistaken_are_refused() {
         .check("check ecosystems/firm.toml", 33)
         .shows(
             expect![[r#"
-            ecosystems/firm.toml: ecosystem: has errors
-        "#]],
+                ecosystems/firm.toml: ecosystem firm (4 agents, 1 daemon, 1 interface, decentralized): has errors
+            "#]],
             expect![[r#"
             error: `plan-requester` is an agent of this ecosystem already
               --> ecosystems/firm.toml:63:6
@@ -141,8 +141,8 @@ fn names_that_would_meet_or_could_be_mistaken_are_refused() {
         .check("check ecosystems/firm.toml", 33)
         .shows(
             expect![[r#"
-            ecosystems/firm.toml: ecosystem: has errors
-        "#]],
+                ecosystems/firm.toml: ecosystem firm (4 agents, 1 daemon, 1 interface, decentralized): has errors
+            "#]],
             expect![[r#"
             error: `room-217` is what `blue-room` stands for already
               --> ecosystems/firm.toml:52:12
@@ -178,8 +178,8 @@ fn mistakes_in_a_rule_point_at_it() {
         .check("check ecosystems/firm.toml", 33)
         .shows(
             expect![[r#"
-            ecosystems/firm.toml: ecosystem: has errors
-        "#]],
+                ecosystems/firm.toml: ecosystem firm (4 agents, 1 daemon, 1 interface, decentralized): has errors
+            "#]],
             expect![[r#"
             error: `interface.import.performatives` must be "inform" or "cfp" or "request"
                    or "cancel"

@@ -12,6 +12,8 @@ mod check;
 
 mod ecosystem;
 
+mod mistakes;
+
 mod interfaces;
 
 mod engines;

@@ -93,7 +93,7 @@ impl Obstacle {
             true if self.actions.is_empty() => {
                 "no agent that is or was here has an action for it".to_owned()
             }
-            true => "one or two more capabilities would not be enough".to_owned(),
+            true => "more than two things are missing for it that no agent brings about".to_owned(),
         }
     }
 

@@ -82,7 +82,7 @@ pub const HEURISTICS: &[Heuristic] = &[
     },
     Heuristic {
         name: "max",
-        summary: "the dearest goal, reached alone and without deletes",
+        summary: "the most expensive goal, reached alone and without deletes",
         admissible: true,
         consistent: true,
         build: Some(|task| Box::new(Max::new(task))),

@@ -43,7 +43,9 @@ async fn refusals_name_the_endpoint_and_what_would_be_right() {
     let a = Daemon::listening("a").await;
     let taken = a.substrate.locators();
     let error = refusal(|config| config.listen = taken.clone()).await;
-    assert!(error.contains(&taken[0]), "{error}");
+    let port = taken[0].rsplit_once(':').expect("a port").1;
+    let by = format!("port {port} is taken by process {} (`", std::process::id());
+    assert!(error.contains(&taken[0]) && error.contains(&by), "{error}");
 
     let nobody = "unixsock-stream//nowhere/a.sock".to_owned();
     let error = refusal(|config| {
@@ -52,4 +54,23 @@ async fn refusals_name_the_endpoint_and_what_would_be_right() {
     })
     .await;
     assert!(error.contains(&nobody), "{error}");
+}
+
+/// One file for all machines names each of them.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_daemon_that_is_told_to_call_itself_does_not() {
+    let free = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let port = free.local_addr().expect("an address").port();
+    drop(free);
+    let others = Daemon::listening("b").await;
+    let own = [format!("tcp/127.0.0.1:{port}"), format!("tcp/localhost:{port}")];
+    let mut a = Daemon::open("a", |config| {
+        config.listen = vec![own[0].clone()];
+        config.connect = own.iter().cloned().chain(others.substrate.locators()).collect();
+        config.zenoh = serde_json::json!({ "connect": { "endpoints": [own[0]] } });
+    })
+    .await;
+    // The others are called all the same.
+    let _lamp = others.announce("lamp");
+    a.hear("joined lamp@b").await;
 }

@@ -5,8 +5,9 @@
 //! other one message ([`Recorded`]), without what people answered. It is written as it is heard: a
 //! recording that was cut off anywhere is whole up to its last line.
 
-use std::fs::File;
+use std::fs::{File, OpenOptions, Permissions};
 use std::io::{self, BufRead as _, BufReader, BufWriter, Write as _};
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -169,6 +170,18 @@ async fn record(
     Ok(())
 }
 
+/// Makes a file that its owner alone reads, whatever the umask: people's words are in it. One that is
+/// there is emptied, and closed to others.
+fn private_file(path: &Path) -> io::Result<File> {
+    let mut options = OpenOptions::new();
+    let file = options.write(true).create(true).truncate(true).mode(0o600).open(path)?;
+    let about = file.metadata()?;
+    if about.is_file() && about.mode() & 0o177 != 0 {
+        file.set_permissions(Permissions::from_mode(0o600))?;
+    }
+    Ok(file)
+}
+
 /// Keeps a message until it is written. A full queue loses a line of a recording, which is counted, and
 /// nothing else.
 fn keep(waiting: &mpsc::Sender<Heard>, missed: &AtomicU64, heard: Heard) {
@@ -181,7 +194,7 @@ fn keep(waiting: &mpsc::Sender<Heard>, missed: &AtomicU64, heard: Heard) {
 
 impl Recorder {
     fn create(path: &Path, ecosystem: &EcosystemId, bytes_max: u64) -> io::Result<Recorder> {
-        let file = BufWriter::new(File::create(path)?);
+        let file = BufWriter::new(private_file(path)?);
         let (began, left) = (Instant::now(), bytes_max);
         let (unread, missed) = (0, Arc::default());
         let mut recorder = Recorder { file, began, left, written: 0, unread, missed };

@@ -1,5 +1,7 @@
 //! The agents of an ecosystem: their names, their plugins, and what their entries refer to.
 
+use std::collections::BTreeSet;
+
 use acl::{AgentId, DaemonId};
 use pddl::Diagnostic;
 use serde_json::Value;
@@ -9,9 +11,20 @@ use super::files::Files;
 use crate::config::KnownPlugin;
 use crate::config::ecosystem::AgentEntry;
 use crate::config::raw::RawAgent;
+use crate::config::reader;
 
-/// Keys of `config` that mean the same for every plugin: the name of a place on the map.
-const PLACES: &[&str] = &["location", "start", "dock"];
+/// Where the `config` of an agent names a place of the map, whatever its plugin; `*` stands for every
+/// key of a table or every element of a list.
+const PLACES: &[&str] = &[
+    "location",
+    "start",
+    "dock",
+    "presets.*.shows",
+    "poses.*",
+    "poses.*.near",
+    "patrol.places.*",
+    "rooms.*",
+];
 /// Keys of `config` that mean the same for every plugin: the name of another agent.
 const CARRIERS: &[&str] = &["mounted-on"];
 
@@ -22,11 +35,12 @@ impl Meaning<'_> {
     pub(super) fn agents(&mut self, raw: Vec<RawAgent>, files: Option<&Files>) -> Vec<AgentEntry> {
         let names: Vec<Option<String>> = raw.iter().map(|agent| agent.name.clone()).collect();
         let given = raw.iter().any(|agent| !agent.daemon.is_empty());
+        let poses: BTreeSet<String> = raw.iter().flat_map(poses).cloned().collect();
         let mut agents = Vec::new();
         for (index, raw) in raw.into_iter().enumerate() {
             let path = format!("agent.{index}");
             self.duplicate_name(&names, index);
-            self.references(&path, &raw, &names, files);
+            self.references(&path, &raw, &names, &poses, files);
             if given && raw.daemon.is_empty() {
                 self.homeless(&path, raw.name.as_deref());
             }
@@ -46,16 +60,26 @@ impl Meaning<'_> {
             let package = package?;
             let (plugin, config) = (plugin.unwrap_or_else(|| package.clone()), config.into());
             let package = Some(package);
-            return Some(AgentEntry { name: name?, plugin, package, daemons, driver, config });
+            let path = path.to_owned();
+            return Some(AgentEntry {
+                path,
+                name: name?,
+                plugin,
+                package,
+                daemons,
+                driver,
+                config,
+            });
         }
         let plugin = self.plugin(path, plugin);
-        if let (Some(known), Some(driver)) = (plugin, &driver) {
-            self.driver(path, known.name, known.drivers, driver);
-        }
+        let has_driver = match (plugin, &driver) {
+            (Some(known), Some(driver)) => self.driver(path, known.name, known.drivers, driver),
+            _ => true,
+        };
         let daemons = self.hosts(path, plugin, &daemon)?;
-        let plugin = plugin?.name.to_owned();
-        let (package, config) = (None, config.into());
-        Some(AgentEntry { name: name?, plugin, package, daemons, driver, config })
+        let plugin = plugin.filter(|_| has_driver)?.name.to_owned();
+        let (path, package, config) = (path.to_owned(), None, config.into());
+        Some(AgentEntry { path, name: name?, plugin, package, daemons, driver, config })
     }
 
     /// The name of a package: whether it is there, only the machine knows that hosts it.
@@ -173,9 +197,10 @@ impl Meaning<'_> {
         None
     }
 
-    fn driver(&mut self, path: &str, plugin: &str, drivers: &[&str], driver: &str) {
+    /// Whether the plugin has this driver; if not, that is said.
+    fn driver(&mut self, path: &str, plugin: &str, drivers: &[&str], driver: &str) -> bool {
         if drivers.contains(&driver) {
-            return;
+            return true;
         }
         let message = format!("plugin `{plugin}` has no driver `{driver}`");
         let help = match pddl::nearest(driver, drivers.iter().copied()) {
@@ -186,6 +211,7 @@ impl Meaning<'_> {
         self.about_value(&format!("{path}.driver"), |span| {
             Diagnostic::error(span, message).with_help(help)
         });
+        false
     }
 
     /// What in an entry's `config` names a place or another agent.
@@ -194,12 +220,15 @@ impl Meaning<'_> {
         path: &str,
         raw: &RawAgent,
         names: &[Option<String>],
+        poses: &BTreeSet<String>,
         files: Option<&Files>,
     ) {
         let Value::Object(config) = &raw.config else { return };
         let text = |key: &&str| Some((format!("{path}.config.{key}"), config.get(*key)?.as_str()?));
-        for (path, place) in PLACES.iter().filter_map(text) {
-            if let Some((message, help)) = files.and_then(|files| files.unknown_object(place)) {
+        for (key, place) in PLACES.iter().flat_map(|pattern| texts_at(&raw.config, pattern)) {
+            let unknown = files.filter(|_| !poses.contains(place));
+            if let Some((message, help)) = unknown.and_then(|files| files.unknown_object(place)) {
+                let path = format!("{path}.config.{key}");
                 self.about_value(&path, |span| Diagnostic::error(span, message).with_help(help));
             }
         }
@@ -223,4 +252,33 @@ impl Meaning<'_> {
         let help = "others are; without `daemon`, every machine that runs alone hosts it";
         self.about_key(path, |span| Diagnostic::warning(span, message).with_help(help));
     }
+}
+
+/// The spots that an entry adds to the places of the map.
+fn poses(agent: &RawAgent) -> impl Iterator<Item = &String> {
+    let poses = agent.config.get("poses").and_then(Value::as_object);
+    poses.into_iter().flat_map(|poses| poses.keys())
+}
+
+/// The texts that stand where a pattern points, each with its own path.
+fn texts_at<'v>(value: &'v Value, pattern: &str) -> Vec<(String, &'v str)> {
+    let mut found = vec![(String::new(), value)];
+    for step in pattern.split('.') {
+        let within = found.into_iter().flat_map(|(path, value)| {
+            let below: Vec<(String, &Value)> = match (value, step) {
+                (Value::Object(table), "*") => {
+                    table.iter().map(|(key, value)| (key.clone(), value)).collect()
+                }
+                (Value::Array(list), "*") => {
+                    list.iter().enumerate().map(|(at, value)| (at.to_string(), value)).collect()
+                }
+                (value, key) => {
+                    value.get(key).into_iter().map(|value| (key.to_owned(), value)).collect()
+                }
+            };
+            below.into_iter().map(move |(key, value)| (reader::join(&path, &key), value))
+        });
+        found = within.collect();
+    }
+    found.into_iter().filter_map(|(path, value)| Some((path, value.as_str()?))).collect()
 }

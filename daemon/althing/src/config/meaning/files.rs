@@ -3,16 +3,26 @@
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
-use pddl::{Diagnostic, Domain, Problem};
+use pddl::{Diagnostic, Document, Domain, Problem};
 use terminal::pddl_files::{self, DomainText};
-use terminal::report::Source;
+use terminal::report::{Source, similar_name};
 
 use super::Meaning;
+
+/// Of a map with hundreds of objects, as many as are listed.
+const OBJECTS_LISTED_MAX: usize = 12;
+
+/// How many folders above the one of the file are looked into for a path that was meant.
+const FOLDERS_ABOVE_MAX: usize = 3;
 
 /// Both files, as far as they can be read.
 pub(super) struct Files {
     pub(super) domain: Domain,
     pub(super) problem: Problem,
+    /// The text of the map.
+    pub(super) map_source: Arc<Source>,
+    /// The lines of the map that could not be read.
+    damaged: String,
     /// Whether both are free of errors, so that what is checked against them means something.
     pub(super) are_sound: bool,
 }
@@ -30,13 +40,20 @@ impl Meaning<'_> {
         let domain = self.named_file("domain", domain, "domain.pddl");
         let problem = self.named_file("problem", problem, "map.pddl");
         let domain = domain.map(|source| pddl_files::domain_of(source, &mut self.report));
-        let problem =
-            problem.map(|source| pddl_files::map_of(&source, domain.as_ref(), &mut self.report));
+        let problem = problem.and_then(|source| {
+            let problem = pddl_files::map_of(&source, domain.as_ref(), &mut self.report)?;
+            let damaged = pddl_files::damaged_lines(
+                &source.text,
+                &pddl::parse_problem(&source.text).diagnostics,
+            );
+            Some((source, problem, damaged.join("\n")))
+        });
         let are_sound = self.errors() == errors_before;
         match (domain, problem) {
-            (Some(DomainText { domain: Some(domain), .. }), Some(Some(problem))) => {
-                Some(Files { domain, problem, are_sound })
-            }
+            (
+                Some(DomainText { domain: Some(domain), .. }),
+                Some((map_source, problem, damaged)),
+            ) => Some(Files { domain, problem, map_source, damaged, are_sound }),
             _ => None,
         }
     }
@@ -59,11 +76,11 @@ impl Meaning<'_> {
         let folder = self.file.parent().unwrap_or(Path::new(""));
         let path = folder.join(&written);
         match Source::read_as(&path, &shortened(&path).display().to_string()) {
-            Ok(source) => Some(source),
+            Ok(source) => self.of_kind(key, &written, source),
             Err(reason) => {
                 let message = format!("`{written}` cannot be read: {reason}");
-                let help = match similar_file(&path) {
-                    Some(name) => format!("did you mean `{name}`?"),
+                let help = match path_meant(folder, &written) {
+                    Some(path) => format!("did you mean `{path}`?"),
                     None => "paths are relative to the ecosystem file".to_owned(),
                 };
                 let path = format!("ecosystem.{key}");
@@ -74,24 +91,67 @@ impl Meaning<'_> {
     }
 }
 
+impl Meaning<'_> {
+    /// The text, unless it is plainly one of another kind: domain and map are easily exchanged.
+    fn of_kind(&mut self, key: &str, written: &str, source: Arc<Source>) -> Option<Arc<Source>> {
+        let is = match pddl::parse_document(&source.text).value {
+            Some(Document::Domain(_)) => ("domain", "a domain (types, predicates, functions)"),
+            Some(Document::Problem(_)) => ("problem", "a map (objects and facts)"),
+            Some(Document::ActionModel(_)) => ("model", "the action model of an agent"),
+            None => return Some(source),
+        };
+        if is.0 == key {
+            return Some(source);
+        }
+        let message = format!("`{written}` is {}", is.1);
+        let help = match key {
+            "domain" => "`domain` names the file that begins with (define (domain …",
+            _ => "`problem` names the file that begins with (define (problem …",
+        };
+        let path = format!("ecosystem.{key}");
+        self.about_value(&path, |span| Diagnostic::error(span, message).with_help(help));
+        None
+    }
+}
+
 // === impl Files ===
 
 impl Files {
     /// What is wrong with the name of a place that is to be on the map, and what would be right.
     pub(super) fn unknown_object(&self, name: &str) -> Option<(String, String)> {
-        if self.has_object(name) {
+        if self.objects().any(|object| object == name) || self.is_damaged(name) {
             return None;
+        }
+        if let Some(object) = self.objects().find(|object| object.eq_ignore_ascii_case(name)) {
+            let help = format!("names are in lower case here: write \"{object}\"");
+            return Some((format!("there is no `{name}` on the map"), help));
         }
         let help = match pddl::nearest(name, self.objects()) {
             Some(nearest) => format!("did you mean `{nearest}`?"),
-            None => format!("the map has {}", self.objects().collect::<Vec<_>>().join(", ")),
+            None => format!("the map has {}", self.some_objects()),
         };
         Some((format!("there is no `{name}` on the map"), help))
+    }
+
+    /// Whether it is a word in a part of the map that could not be read.
+    fn is_damaged(&self, name: &str) -> bool {
+        pddl_files::has_word(&self.damaged, name)
     }
 
     /// Whether the map or the ontology has an object of that name.
     pub(super) fn has_object(&self, name: &str) -> bool {
         self.objects().any(|object| object.eq_ignore_ascii_case(name))
+    }
+
+    /// As many names as a person reads.
+    fn some_objects(&self) -> String {
+        let mut names: Vec<String> =
+            self.objects().take(OBJECTS_LISTED_MAX).map(str::to_owned).collect();
+        let others = self.objects().count() - names.len();
+        if others > 0 {
+            names.push(format!("and {others} others"));
+        }
+        names.join(", ")
     }
 
     fn objects(&self) -> impl Iterator<Item = &str> {
@@ -115,14 +175,35 @@ fn shortened(path: &Path) -> PathBuf {
     short
 }
 
-/// The file in the same folder whose name was likely meant.
-fn similar_file(path: &Path) -> Option<String> {
+/// The path, relative to a folder, that was likely meant: from a folder above, within a folder that was
+/// named, or of a file with a similar name.
+fn path_meant(folder: &Path, written: &str) -> Option<String> {
+    let path = folder.join(written);
+    if path.is_dir() {
+        let word = if written.is_empty() { "." } else { written.trim_end_matches('/') };
+        let names = file_names(&path);
+        let pddl = names.iter().find(|name| name.ends_with(".pddl"))?;
+        return Some(format!("{word}/{pddl}"));
+    }
+    let mut above = written.to_owned();
+    for _ in 0..FOLDERS_ABOVE_MAX {
+        above.insert_str(0, "../");
+        if folder.join(&above).is_file() {
+            return Some(above);
+        }
+    }
     let wanted = path.file_name()?.to_string_lossy().into_owned();
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let entries = std::fs::read_dir(folder.unwrap_or(Path::new("."))).ok()?;
+    let near = similar_name(path.parent()?, &wanted)?;
+    let parent = Path::new(written).parent().filter(|parent| !parent.as_os_str().is_empty());
+    Some(parent.map_or(near.clone(), |parent| format!("{}/{near}", parent.display())))
+}
+
+/// The names in a folder, in order: folders list their files in any.
+fn file_names(folder: &Path) -> Vec<String> {
+    let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let entries = std::fs::read_dir(here).into_iter().flatten().flatten();
     let mut names: Vec<String> =
-        entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
-    // Folders list their files in any order.
+        entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
     names.sort();
-    pddl::nearest(&wanted, names.iter().map(String::as_str)).map(str::to_owned)
+    names
 }

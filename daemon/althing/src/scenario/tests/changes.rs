@@ -115,7 +115,7 @@ async fn who_contradicts_whom_is_answered_and_seen() {
     let answer = change(&set, "bob", observe("(= (temperature office1) 21)")).await;
     assert_eq!(
         answer,
-        "done: believed; ann says `(= (temperature office1) 18)`, and its next word goes before"
+        "done: believed; ann says `(= (temperature office1) 18)`, and its next heartbeat overrides this"
     );
     let state: BelievedState = read(&set, "domain-maintainer", Resource::State).await;
     let fact = state.facts.iter().find(|fact| fact.fact.contains("temperature office1"));

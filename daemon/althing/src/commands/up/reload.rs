@@ -1,0 +1,214 @@
+//! SIGHUP: the ecosystem file is read anew, and what can change while a daemon runs does.
+//!
+//! Agents that are built in come, go and begin anew; named goals are read by each command anew. All
+//! else is fixed when a daemon starts: a change of it is named, and needs a restart. A file with a
+//! mistake changes nothing.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use ::building::Building;
+use acl::AgentId;
+use terminal::output;
+use tokio::signal::unix::{Signal, SignalKind, signal};
+
+use super::{Place, read};
+use crate::config::{AgentEntry, Ecosystem, Overrides};
+use crate::hosting::{self, Node};
+
+/// The file as it is meant now, and how it is read again.
+pub(super) struct Reload {
+    pub(super) file: PathBuf,
+    pub(super) overrides: Overrides,
+    /// The daemon that the command line names.
+    pub(super) asked: Option<String>,
+    /// The goals that the command line names.
+    pub(super) goals: Vec<String>,
+    pub(super) ecosystem: Arc<Ecosystem>,
+    pub(super) place: Place,
+    /// The simulated building, where this process has it.
+    pub(super) building: Option<Building>,
+    /// SIGHUP, where it is listened for.
+    pub(super) hangups: Option<Signal>,
+    /// Whether the daemon was started in a terminal.
+    pub(super) had_terminal: bool,
+}
+
+/// What differs between the agents of two readings of a file.
+#[derive(Debug, Default, PartialEq, Eq)]
+struct Difference {
+    come: BTreeSet<AgentId>,
+    gone: BTreeSet<AgentId>,
+    changed: BTreeSet<AgentId>,
+}
+
+/// Listens for SIGHUP; nothing comes where the kernel refuses that.
+pub(super) fn listen() -> Option<Signal> {
+    let listening = signal(SignalKind::hangup());
+    listening.inspect_err(|error| tracing::warn!(%error, "failed to listen for SIGHUP")).ok()
+}
+
+/// Waits for SIGHUP.
+pub(super) async fn asked_for(hangups: &mut Option<Signal>) {
+    let hangup = match hangups {
+        Some(hangups) => hangups.recv().await,
+        None => None,
+    };
+    if hangup.is_none() {
+        std::future::pending().await
+    }
+}
+
+impl Reload {
+    /// Reads the file and changes what can be changed; says what it did and what needs a restart.
+    pub(super) async fn again(&mut self, node: &mut Node) {
+        let file = self.file.display().to_string();
+        // What is wrong is shown with its place.
+        let Ok((ecosystem, place)) = read(&self.file, &self.overrides, self.asked.as_deref())
+        else {
+            output::note(&format!("SIGHUP: {file} has mistakes; nothing is changed"));
+            return;
+        };
+        if place.daemon != self.place.daemon {
+            output::note(&format!(
+                "SIGHUP: by {file} this is daemon `{}` and no longer `{}`; restart it",
+                place.daemon, self.place.daemon
+            ));
+            return;
+        }
+        let fixed = fixed(&self.ecosystem, &ecosystem, &self.goals);
+        let (old, new) = (built_in(&self.place.agents), built_in(&place.agents));
+        let difference = Difference::between(&old, &new);
+        let mut said = vec![format!("SIGHUP: {file} is read anew")];
+        let goals = changed_goals(&self.ecosystem, &ecosystem);
+        if !goals.is_empty() {
+            said.push(format!("goals from now on: {}", goals.join(", ")));
+        }
+        let leaving = difference.gone.union(&difference.changed).cloned().collect();
+        node.retire(&leaving).await;
+        if let Some(building) = &self.building {
+            said.extend(hosting::refurnish(building, &ecosystem, &leaving));
+        }
+        let mut kept = self.place.agents.clone();
+        kept.retain(|entry| !leaving.contains(&entry.name));
+        for entry in &new {
+            let before = old.iter().find(|other| other.name == entry.name);
+            let is_new = difference.come.contains(&entry.name);
+            if !is_new && !difference.changed.contains(&entry.name) {
+                continue;
+            }
+            match node.plug_in((*entry).clone()) {
+                Ok(()) => kept.push((*entry).clone()),
+                Err(error) => {
+                    said.push(format!("`{}` is not begun: failed to {error}", entry.name));
+                    let again = before.filter(|entry| node.plug_in((**entry).clone()).is_ok());
+                    kept.extend(again.map(|entry| (*entry).clone()));
+                }
+            }
+        }
+        difference.tell(&mut said);
+        if !fixed.is_empty() {
+            said.push(format!("changed, and read at a restart only: {}", fixed.join(", ")));
+        }
+        if said.len() == 1 {
+            said.push("nothing that concerns this daemon has changed".to_owned());
+        }
+        output::note(&said.join("\n  "));
+        self.place.agents = kept;
+        // Of what is fixed, the daemon goes on with what it has, and says so again next time.
+        let mut goes_on = (*self.ecosystem).clone();
+        goes_on.goals = ecosystem.goals;
+        self.ecosystem = Arc::new(goes_on);
+    }
+}
+
+fn built_in(agents: &[AgentEntry]) -> Vec<&AgentEntry> {
+    agents.iter().filter(|entry| entry.is_built_in()).collect()
+}
+
+/// Whether two entries mean the same agent, wherever they stand in the file.
+fn is_same(one: &AgentEntry, other: &AgentEntry) -> bool {
+    let AgentEntry { path: _, name, plugin, package, daemons, driver, config } = one;
+    (name, plugin, package) == (&other.name, &other.plugin, &other.package)
+        && (daemons, driver, config) == (&other.daemons, &other.driver, &other.config)
+}
+
+impl Difference {
+    fn between(old: &[&AgentEntry], new: &[&AgentEntry]) -> Difference {
+        let mut difference = Difference::default();
+        for entry in new {
+            match old.iter().find(|other| other.name == entry.name) {
+                None => drop(difference.come.insert(entry.name.clone())),
+                Some(other) if !is_same(entry, other) => {
+                    difference.changed.insert(entry.name.clone());
+                }
+                Some(_) => (),
+            }
+        }
+        let is_gone = |entry: &&&AgentEntry| new.iter().all(|other| other.name != entry.name);
+        difference.gone = old.iter().filter(is_gone).map(|entry| entry.name.clone()).collect();
+        difference
+    }
+
+    fn tell(&self, said: &mut Vec<String>) {
+        for (what, agents) in [
+            ("agents that are new", &self.come),
+            ("agents that have left", &self.gone),
+            ("agents that began anew", &self.changed),
+        ] {
+            let names: Vec<_> = agents.iter().map(|agent| format!("`{agent}`")).collect();
+            if !names.is_empty() {
+                said.push(format!("{what}: {}", names.join(", ")));
+            }
+        }
+    }
+}
+
+/// The named goals that are new, gone or otherwise.
+fn changed_goals(old: &Ecosystem, new: &Ecosystem) -> Vec<String> {
+    let names: BTreeSet<&String> = old.goals.keys().chain(new.goals.keys()).collect();
+    let meaning = |of: &Ecosystem, name: &str| of.goals.get(name).map(|wish| format!("{wish:?}"));
+    let changed = names.into_iter().filter(|name| meaning(old, name) != meaning(new, name));
+    let said = changed.map(|name| match new.goals.contains_key(name) {
+        true => format!("`{name}`"),
+        false => format!("no `{name}`"),
+    });
+    said.collect()
+}
+
+/// What differs of that which is read at start only, in the words of the file.
+fn fixed(old: &Ecosystem, new: &Ecosystem, asked: &[String]) -> Vec<String> {
+    fn debug(value: &impl std::fmt::Debug) -> String {
+        format!("{value:?}")
+    }
+    let packages = |of: &Ecosystem| -> Vec<(String, String)> {
+        let others = of.agents.iter().filter(|entry| !entry.is_built_in());
+        others
+            .map(|entry| (entry.name.to_string(), debug(&(&entry.driver, &entry.config))))
+            .collect()
+    };
+    let journals = |of: &Ecosystem| of.journals().cloned().collect::<Vec<_>>();
+    let wish = |of: &Ecosystem, goal: &String| debug(&of.wish(goal).ok());
+    let goals: Vec<_> =
+        asked.iter().filter(|goal| wish(old, goal) != wish(new, goal)).cloned().collect();
+    let parts = [
+        ("the ecosystem's name", old.name != new.name),
+        ("the domain file", old.domain.to_string() != new.domain.to_string()),
+        ("the map (rooms, doors, ways)", old.problem.to_string() != new.problem.to_string()),
+        ("`mode` (`althing mode` changes it at once)", old.mode != new.mode),
+        ("`[settings]`", old.settings != new.settings),
+        ("`[zenoh]`", old.zenoh != new.zenoh),
+        ("`[security]`", debug(&old.security) != debug(&new.security)),
+        ("rights", old.rights != new.rights),
+        ("`[plugins]`", debug(&old.plugins) != debug(&new.plugins)),
+        ("agents of packages", packages(old) != packages(new)),
+        ("the list of Journals", journals(old) != journals(new)),
+        ("`[building]`", debug(&old.building) != debug(&new.building)),
+        ("`[[interface]]`", debug(&old.interfaces) != debug(&new.interfaces)),
+    ];
+    let differs = parts.into_iter().filter(|(_, differs)| *differs);
+    let mut fixed: Vec<String> = differs.map(|(part, _)| part.to_owned()).collect();
+    fixed.extend(goals.iter().map(|goal| format!("the goal `{goal}` of the command line")));
+    fixed
+}

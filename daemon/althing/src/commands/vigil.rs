@@ -1,0 +1,85 @@
+//! What a person who waits for a goal is told besides the goal's own news: that nobody leads, and that
+//! the daemon through which the command hears stands still.
+
+use std::time::Duration;
+
+use acl::AgentId;
+use tokio::time::{Interval, MissedTickBehavior, interval};
+
+use crate::commands::client::View;
+use crate::commands::doors;
+
+/// How often it is looked. What is gone for two looks is told: a standby takes over within less.
+const PERIOD: Duration = Duration::from_millis(500);
+
+/// Looks while a goal is waited for.
+pub(super) struct Vigil {
+    view: View,
+    leader: AgentId,
+    /// By which daemon of this machine the command hears.
+    door: Option<String>,
+    ticks: Interval,
+    /// For how many looks nobody has led.
+    leaderless: u32,
+    is_door_told: bool,
+}
+
+impl Vigil {
+    /// Begins; `leader` is the agent that decides on the goal.
+    pub(super) fn begin(view: &View, leader: AgentId) -> Vigil {
+        let door = view.endpoints.iter().find(|endpoint| doors::stopped_at(endpoint).is_none());
+        let mut ticks = interval(PERIOD);
+        ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let (view, door) = (view.clone(), door.cloned());
+        Vigil { view, leader, door, ticks, leaderless: 0, is_door_told: false }
+    }
+
+    /// Waits for something to tell.
+    pub(super) async fn news(&mut self) -> String {
+        loop {
+            self.ticks.tick().await;
+            if let Some(news) = self.of_door().or_else(|| self.of_leader()) {
+                return news;
+            }
+        }
+    }
+
+    fn of_door(&mut self) -> Option<String> {
+        let door = self.door.as_ref()?;
+        let stopped = doors::stopped_at(door);
+        let is_news = stopped.is_some() && !self.is_door_told;
+        self.is_door_told = stopped.is_some();
+        is_news.then(|| {
+            let process = stopped.unwrap_or_default();
+            format!(
+                "the daemon at {door} stands still (process {process} is stopped), and this \
+                 command hears by it: it hears nothing until it is linked to another daemon, \
+                 which takes up to twenty seconds, and may miss what is said meanwhile; \
+                 `althing goals` tells how the goal stands"
+            )
+        })
+    }
+
+    fn of_leader(&mut self) -> Option<String> {
+        let directory = self.view.switchboard.directory();
+        // Without a link nobody is seen, and nothing is known of who leads.
+        directory.iter().next()?;
+        let leader = &self.leader;
+        match directory.find(leader) {
+            Some(resident) => {
+                let was_told = self.leaderless > 1;
+                self.leaderless = 0;
+                was_told.then(|| format!("`{leader}` leads again, at daemon `{}`", resident.daemon))
+            }
+            None => {
+                self.leaderless = self.leaderless.saturating_add(1);
+                (self.leaderless == 2).then(|| {
+                    format!(
+                        "nobody leads: no daemon that is seen hosts `{leader}`; the goal waits \
+                         until a standby takes over, or its daemon comes back"
+                    )
+                })
+            }
+        }
+    }
+}

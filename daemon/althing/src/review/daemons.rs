@@ -1,0 +1,134 @@
+//! Names of daemons that are probably slips of others: a daemon comes to be by being named, so a slip
+//! makes a machine that nobody has.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use acl::DaemonId;
+use pddl::{Diagnostic, Span};
+
+use super::Desk;
+
+/// Names shorter than this differ by a letter for good reasons: `a` and `b`, `pi1` and `pi2`.
+const LETTERS_MIN: usize = 5;
+
+impl Desk<'_> {
+    /// Daemons that are named once and resemble one that is named more often.
+    pub(super) fn daemons(&mut self) {
+        let named = self.named_daemons();
+        let listed: BTreeSet<&str> = self.listed_daemons();
+        let is_sure = |name: &str| {
+            named.get(name).is_some_and(|paths| paths.len() > 1) || listed.contains(name)
+        };
+        let mut slips = Vec::new();
+        for (name, paths) in &named {
+            let [path] = &paths[..] else { continue };
+            if is_sure(name) || name.len() < LETTERS_MIN {
+                continue;
+            }
+            let known = named.keys().map(String::as_str).chain(listed.iter().copied());
+            let mut others = known.filter(|other| other != name);
+            // Of a name that has siblings, somebody meant each.
+            if others.clone().any(|other| are_siblings(name, other)) {
+                continue;
+            }
+            // Of two that are named once, that one is right which is called after a place.
+            let is_right = |other: &str| {
+                is_sure(other) || self.names_a_place(other) && !self.names_a_place(name)
+            };
+            if let Some(meant) = others.find(|other| is_slip(name, other) && is_right(other)) {
+                slips.push((path.clone(), name.clone(), meant.to_owned()));
+            }
+        }
+        for (path, name, meant) in slips {
+            let message = format!("the daemon `{name}` is named nowhere else");
+            let help = format!(
+                "did you mean `{meant}`? If it is another machine, list it: daemons = [\"{name}\"] \
+                 under [ecosystem]"
+            );
+            self.say_of(&path, Diagnostic::warning(Span::default(), message).with_help(help));
+        }
+    }
+
+    /// Whether a word in the name of a daemon is the name of a place.
+    fn names_a_place(&self, daemon: &str) -> bool {
+        let mut objects = self.ecosystem.problem.objects.iter();
+        objects.any(|declaration| {
+            let name = declaration.object.name.as_str();
+            daemon == name || daemon.strip_prefix(name).is_some_and(|rest| rest.starts_with('-'))
+        })
+    }
+
+    /// Daemons, and where each is named.
+    fn named_daemons(&self) -> BTreeMap<String, Vec<String>> {
+        let mut named: BTreeMap<String, Vec<String>> = BTreeMap::new();
+        for entry in &self.ecosystem.agents {
+            for (index, daemon) in entry.daemons.iter().enumerate() {
+                let path = format!("{}.daemon.{index}", entry.path);
+                named.entry(daemon.to_string()).or_default().push(path);
+            }
+        }
+        for (index, interface) in self.ecosystem.interfaces.iter().enumerate() {
+            if let Some(daemon) = &interface.daemon {
+                let path = format!("interface.{index}.daemon");
+                named.entry(daemon.to_string()).or_default().push(path);
+            }
+        }
+        named
+    }
+
+    /// Daemons that the file lists as such.
+    fn listed_daemons(&self) -> BTreeSet<&str> {
+        let is_listed = |daemon: &&DaemonId| {
+            let places = self.ecosystem.places.under("ecosystem.daemons");
+            places.into_iter().any(|text| text.trim_matches(['"', '\'']) == daemon.as_str())
+        };
+        self.ecosystem.daemons.iter().filter(is_listed).map(DaemonId::as_str).collect()
+    }
+}
+
+/// Whether one name is the other with a letter too many, too few or wrong, or two in each other's
+/// place.
+fn is_slip(one: &str, other: &str) -> bool {
+    strsim::damerau_levenshtein(one, other) == 1
+}
+
+/// Whether two names differ only in what tells siblings apart: numbers, and single letters between
+/// hyphens (`room-101-pi` and `room-102-pi`, `lab-a` and `lab-b`).
+fn are_siblings(one: &str, other: &str) -> bool {
+    let stem = |name: &str| -> Vec<String> {
+        let words = name.split(['-', '_']);
+        let stems = words.map(|word| word.chars().filter(|c| !c.is_ascii_digit()).collect());
+        stems.filter(|stem: &String| stem.chars().count() > 1).collect()
+    };
+    stem(one) == stem(other)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{are_siblings, is_slip};
+
+    #[test]
+    fn a_slip_is_of_one_letter() {
+        for (one, other, expected) in [
+            ("hal-pi", "hall-pi", true),
+            ("ofifce-pc", "office-pc", true),
+            ("room-101-pi", "robot-1-pi", false),
+            ("attic", "cellar", false),
+        ] {
+            assert_eq!(is_slip(one, other), expected, "{one} {other}");
+        }
+    }
+
+    #[test]
+    fn numbers_and_letters_tell_siblings_apart() {
+        for (one, other, expected) in [
+            ("room-101-pi", "room-102-pi", true),
+            ("office-pi", "office1-pi", true),
+            ("lab-a-pi", "lab-b-pi", true),
+            ("hal-pi", "hall-pi", false),
+            ("ofice-pc", "office-pc", false),
+        ] {
+            assert_eq!(are_siblings(one, other), expected, "{one} {other}");
+        }
+    }
+}

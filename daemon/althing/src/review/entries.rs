@@ -1,0 +1,301 @@
+//! The entries of agents, as their plugins read them: each agent is built, and let go.
+
+use std::collections::BTreeSet;
+
+use agent::BuildError;
+use pddl::{Diagnostic, Severity, Span, Types};
+use serde_json::{Map, Value};
+
+use super::wording::{self, Mistake, Worded, worded};
+use super::{Desk, Scope};
+use crate::config::{AgentEntry, Ecosystem};
+use crate::hosting::{HostError, Stage};
+
+/// Mistakes that are told of one entry: after so many it is to be written anew.
+const MISTAKES_MAX: usize = 8;
+
+impl Desk<'_> {
+    /// All mistakes in the entries of agents.
+    pub(super) fn entries(&mut self, scope: Scope<'_>) {
+        let ecosystem = self.ecosystem;
+        let stage = Stage::of(ecosystem);
+        // What a package brings, only the machine knows that has the package.
+        for entry in ecosystem.agents.iter().filter(|entry| entry.is_built_in()) {
+            let severity = match scope {
+                Scope::Daemon(daemon)
+                    if !entry.daemons.is_empty() && !entry.daemons.contains(daemon) =>
+                {
+                    Severity::Warning
+                }
+                _ => Severity::Error,
+            };
+            self.entry(entry, &stage, severity);
+        }
+    }
+
+    /// Builds an agent of the entry, and of the entry without each mistake that is found.
+    fn entry(&mut self, entry: &AgentEntry, stage: &Stage, severity: Severity) {
+        let mut tried = entry.clone();
+        // Keys whose values were taken out: they are not missing.
+        let mut taken = BTreeSet::new();
+        for _ in 0..MISTAKES_MAX {
+            let Err(error) = stage.build(&tried) else { return };
+            let path = culprit(&tried, stage, &error);
+            let value = at(&tried.config, &path);
+            let example = |key: &str| example(key, self.ecosystem);
+            let dotted = path.join(".");
+            let Worded { kind, message, help } = worded(&said(&error), &dotted, value, example);
+            if let Mistake::MissingKey(missing) = &kind
+                && let Some(written) = self.misspelt(&tried, stage, &path, missing)
+            {
+                self.say_misspelt(entry, &path, &written, missing, severity);
+                rename(&mut tried, &path, &written, missing);
+                continue;
+            }
+            let is_consequence = match &kind {
+                // It stands beside `config`, which is said.
+                Mistake::MissingKey(key) => taken.contains(key) || self.is_beside(entry, key),
+                Mistake::Other => !taken.is_empty(),
+                Mistake::UnknownKey(..) | Mistake::Kind => false,
+            };
+            if !is_consequence {
+                self.is_complete &= severity != Severity::Error;
+                let message = format!("config of `{}`: {message}", entry.name);
+                let mut found = Diagnostic::error(Span::default(), message);
+                (found.severity, found.help) = (severity, help);
+                self.say_of_entry(entry, &dotted, found, &kind);
+            }
+            if !goes_on(&mut tried, &path, &kind, &mut taken, self.ecosystem) {
+                return;
+            }
+        }
+    }
+
+    /// The key that was written in place of a missing one: the plugin does not know it, and it
+    /// resembles the other or is another word for it.
+    fn misspelt(
+        &self,
+        entry: &AgentEntry,
+        stage: &Stage,
+        path: &[String],
+        missing: &str,
+    ) -> Option<String> {
+        let table = at(&entry.config, path)?.as_object()?;
+        let known = [missing.to_owned()];
+        let alike = table.keys().filter(|key| wording::meant(key, &known).is_some());
+        let is_unknown = |key: &&String| {
+            let mut tried = entry.clone();
+            rename(&mut tried, path, key, missing);
+            let mut both = tried.clone();
+            let mut config = Value::clone(&both.config);
+            let table = path.iter().try_fold(&mut config, |table, key| table.get_mut(key));
+            let table = table.and_then(Value::as_object_mut);
+            table.into_iter().for_each(|table| {
+                table.insert((*key).clone(), Value::Null);
+            });
+            both.config = config.into();
+            let says = |entry: &AgentEntry| stage.build(entry).map_err(|error| said(&error));
+            let names = |said: &str| {
+                ["unknown field", "has no key"].iter().any(|words| said.contains(words))
+                    && said.contains(&format!("`{key}`"))
+            };
+            says(&both).is_err_and(|said| names(&said))
+        };
+        alike.filter(|key| *key != missing).find(is_unknown).cloned()
+    }
+
+    fn say_misspelt(
+        &mut self,
+        entry: &AgentEntry,
+        path: &[String],
+        written: &str,
+        missing: &str,
+        severity: Severity,
+    ) {
+        let whole: Vec<&str> = path.iter().map(String::as_str).chain([written]).collect();
+        let whole = whole.join(".");
+        let message = format!("config of `{}`: there is no key `{whole}`", entry.name);
+        let mut found = Diagnostic::error(Span::default(), message);
+        (found.severity, found.help) = (severity, Some(format!("did you mean `{missing}`?")));
+        self.is_complete &= severity != Severity::Error;
+        let kind = Mistake::UnknownKey(written.to_owned(), None);
+        self.say_of_entry(entry, &whole, found, &kind);
+    }
+
+    /// Whether a key stands in the entry, and not in its `config`.
+    fn is_beside(&self, entry: &AgentEntry, key: &str) -> bool {
+        let path = format!("{}.{key}", entry.path);
+        self.ecosystem.places.find(&path).is_some_and(|(_, _, is_it)| is_it)
+    }
+
+    /// An unknown key is wrong itself; elsewhere it is the value. What is wrong at a place already is
+    /// not said in other words.
+    fn say_of_entry(&mut self, entry: &AgentEntry, path: &str, found: Diagnostic, kind: &Mistake) {
+        let config = format!("{}.config", entry.path);
+        let path = if path.is_empty() { config } else { format!("{config}.{path}") };
+        if let Some((source, place, true)) = self.ecosystem.places.find(&path)
+            && self.said.contains(&(source.name.clone(), place.value.start))
+        {
+            return;
+        }
+        match kind {
+            Mistake::UnknownKey(..) | Mistake::MissingKey(_) => self.say_of_key(&path, found),
+            Mistake::Kind | Mistake::Other => self.say_of(&path, found),
+        }
+    }
+}
+
+/// Mends a mistake as it was probably meant, or takes it out, so that the others are found too.
+fn goes_on(
+    entry: &mut AgentEntry,
+    path: &[String],
+    kind: &Mistake,
+    taken: &mut BTreeSet<String>,
+    ecosystem: &Ecosystem,
+) -> bool {
+    let mut config = Value::clone(&entry.config);
+    match kind {
+        Mistake::UnknownKey(key, meant) => {
+            let Some(value) = take(&mut config, path) else { return false };
+            if path.last() != Some(key) {
+                return false;
+            }
+            if let (Some(meant), Some((_, tables))) = (meant, path.split_last()) {
+                let tables = tables.iter().try_fold(&mut config, |table, key| table.get_mut(key));
+                if let Some(Value::Object(table)) = tables {
+                    table.entry(meant.clone()).or_insert(value);
+                }
+            }
+        }
+        Mistake::Kind => {
+            if take(&mut config, path).is_none() {
+                return false;
+            }
+            taken.extend(path.last().cloned());
+        }
+        Mistake::MissingKey(key) => {
+            let example = example(key, ecosystem).and_then(|text| parsed(&text));
+            let Some(example) = example else { return false };
+            if config.is_null() {
+                config = Value::Object(Map::new());
+            }
+            let table = path.iter().try_fold(&mut config, |table, key| table.get_mut(key));
+            let Some(Value::Object(table)) = table else { return false };
+            taken.insert(key.clone());
+            if table.insert(key.clone(), example).is_some() {
+                return false;
+            }
+        }
+        Mistake::Other => return false,
+    }
+    entry.config = config.into();
+    true
+}
+
+/// Gives a key of a table in an entry's `config` another name.
+fn rename(entry: &mut AgentEntry, path: &[String], from: &str, to: &str) {
+    let mut config = Value::clone(&entry.config);
+    let table = path.iter().try_fold(&mut config, |table, key| table.get_mut(key));
+    if let Some(table) = table.and_then(Value::as_object_mut)
+        && let Some(value) = table.remove(from)
+    {
+        table.insert(to.to_owned(), value);
+    }
+    entry.config = config.into();
+}
+
+/// What the plugin says.
+fn said(error: &HostError) -> String {
+    match error {
+        HostError::Build(BuildError::Config { source, .. }) => source.to_string(),
+        HostError::Build(BuildError::Other { problem, .. }) => problem.clone(),
+        error => format!("failed to {error}"),
+    }
+}
+
+/// The key of an entry's `config` that a mistake is about: the one without which there is no
+/// mistake, or another. Empty where something is missing.
+fn culprit(entry: &AgentEntry, stage: &Stage, error: &HostError) -> Vec<String> {
+    let built = |config: Value| {
+        let entry = AgentEntry { config: config.into(), ..entry.clone() };
+        stage.build(&entry).map_err(|error| error.to_string())
+    };
+    let (is_shape, told) =
+        (matches!(error, HostError::Build(BuildError::Config { .. })), error.to_string());
+    let mut path: Vec<String> = Vec::new();
+    while let Some(Value::Object(table)) = at(&entry.config, &path) {
+        let outcome = |key: &String| {
+            let path: Vec<String> = path.iter().chain([key]).cloned().collect();
+            let mut config = Value::clone(&entry.config);
+            take(&mut config, &path);
+            built(config)
+        };
+        let is_right = |key: &&String| outcome(key).is_ok();
+        // What is needed is missed when it is taken away, which does not blame it.
+        let is_other = |key: &&String| {
+            outcome(key).is_err_and(|now| {
+                now != told && (is_shape || !now.contains(&format!("missing field `{key}`")))
+            })
+        };
+        let next = table.keys().find(is_right).or_else(|| table.keys().find(is_other)).cloned();
+        match next {
+            Some(key) => path.push(key),
+            None => break,
+        }
+    }
+    path
+}
+
+fn at<'v>(value: &'v Value, path: &[String]) -> Option<&'v Value> {
+    path.iter().try_fold(value, |value, key| value.get(key))
+}
+
+/// Takes out what stands at this path.
+fn take(value: &mut Value, path: &[String]) -> Option<Value> {
+    let (last, tables) = path.split_last()?;
+    let within = tables.iter().try_fold(value, |value, key| value.get_mut(key.as_str()))?;
+    within.as_object_mut()?.remove(last.as_str())
+}
+
+/// What could stand at a key of a `config`, as TOML: with names of this ecosystem where there are.
+fn example(key: &str, ecosystem: &Ecosystem) -> Option<String> {
+    let quote = |name: &str| format!("\"{name}\"");
+    let place = || place(ecosystem, "location").unwrap_or_else(|| "hall".to_owned());
+    Some(match key {
+        "location" => quote(&super::entries::place(ecosystem, "room").unwrap_or_else(place)),
+        "start" | "dock" | "shows" | "near" => quote(&place()),
+        "mounted-on" => {
+            let robots = ecosystem.agents.iter().filter(|each| each.config.get("start").is_some());
+            quote(robots.map(|each| each.name.as_str()).next().unwrap_or("robot-1"))
+        }
+        "presets" => format!("{{ door = {{ shows = \"{}\" }} }}", place()),
+        "poses" => format!("{{ window = {{ near = \"{}\", meters = 2.0 }} }}", place()),
+        "patrol" => format!("{{ places = [\"{}\"], every = \"10m\" }}", place()),
+        "places" => format!("[\"{}\"]", place()),
+        "media" => "{ welcome = \"Welcome\" }".to_owned(),
+        "quantity" => quote("co2"),
+        "kind" => quote("lamp"),
+        "broker" => quote("localhost:1883"),
+        "model" => quote("MODEL.pddl"),
+        "command" | "run" => "[\"PROGRAM\", \"ARGUMENT\"]".to_owned(),
+        "range" => "100.0".to_owned(),
+        "every" => quote("10m"),
+        "battery" => "{ range = 100.0 }".to_owned(),
+        _ => return None,
+    })
+}
+
+/// A text of [`example`] as a value.
+fn parsed(text: &str) -> Option<Value> {
+    let table: toml::Table = format!("value = {text}").parse().ok()?;
+    serde_json::to_value(table.get("value")?).ok()
+}
+
+/// The first object of the map that is of a type.
+fn place(ecosystem: &Ecosystem, sort: &str) -> Option<String> {
+    let types = Types::of(&ecosystem.domain);
+    let mut objects = ecosystem.problem.objects.iter().map(|declaration| &declaration.object);
+    let is_one = |ty: &pddl::Name| types.is_subtype(ty.as_str(), sort);
+    let found = objects.find(|object| object.ty.alternatives.iter().any(is_one));
+    found.map(|object| object.name.as_str().to_owned())
+}

@@ -1,0 +1,108 @@
+//! The goals of a file: their words are held against the ontology, the map, and what the agents of the
+//! file bring (media, presets, predicates of their own).
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use acl::AgentId;
+use pddl::{ActionModel, Diagnostic, Domain, ObjectDeclaration, Problem, Severity};
+
+use super::Desk;
+use crate::config::moved_goal;
+use crate::hosting;
+
+impl Desk<'_> {
+    /// Unknown words and wrong arguments in goals with a name.
+    pub(super) fn goals(&mut self) {
+        if self.ecosystem.goals.is_empty() {
+            return;
+        }
+        let models = hosting::models(self.ecosystem);
+        let (domain, problem) =
+            widened(&self.ecosystem.domain, &self.ecosystem.problem, models.values());
+        let agents = self.agents(&models);
+        for (name, wish) in &self.ecosystem.goals {
+            // What is no condition is said already.
+            let Some(condition) = pddl::parse_condition(&wish.goal).value else { continue };
+            let is_agent = |found: &Diagnostic| {
+                let word = wish.goal.get(found.span.range()).unwrap_or("");
+                agents.contains(&word.to_lowercase())
+            };
+            let mut found = pddl::check_condition(&domain, &problem, &condition);
+            found.retain(|found| !is_agent(found));
+            for found in found {
+                if let Some(found) = self.softened(found) {
+                    self.say_of_goal(name, &wish.goal, found);
+                }
+            }
+        }
+    }
+
+    fn say_of_goal(&mut self, name: &str, goal: &str, found: Diagnostic) {
+        let path = format!("goals.{name}.goal");
+        match self.ecosystem.places.find(&path) {
+            Some((source, place, true)) => {
+                let found = moved_goal(found, &source, place, goal);
+                self.report.add(&source, [found]);
+            }
+            _ => self.say_of(&path, found),
+        }
+    }
+
+    /// Agents of the file, also those that interfaces borrow or packages bring.
+    fn agents(&self, models: &BTreeMap<AgentId, ActionModel>) -> BTreeSet<String> {
+        let own = self.ecosystem.agents.iter().map(|entry| entry.name.to_string());
+        let rules = self.ecosystem.interfaces.iter().flat_map(|interface| &interface.imports);
+        let borrowed = rules.map(|rule| rule.called.to_string());
+        own.chain(borrowed).filter(|name| !models.keys().any(|id| id.as_str() == name)).collect()
+    }
+
+    /// A word that nothing here has and nothing resembles may be that of an agent which comes later.
+    /// Where entries could not be understood, it may be theirs.
+    fn softened(&self, mut found: Diagnostic) -> Option<Diagnostic> {
+        if found.message.starts_with("unknown ") && found.help.is_none() {
+            found.severity = Severity::Warning;
+            let help = "neither the map nor an agent of this file brings it; the goal waits for an \
+                        agent that does";
+            found.help = Some(help.to_owned());
+            return self.is_complete.then_some(found);
+        }
+        Some(found)
+    }
+}
+
+/// Ontology and map with what the models add to them.
+fn widened<'m>(
+    ontology: &Arc<Domain>,
+    map: &Arc<Problem>,
+    models: impl Iterator<Item = &'m ActionModel>,
+) -> (Domain, Problem) {
+    let (mut domain, problem) = (Domain::clone(ontology), Problem::clone(map));
+    let mut objects = Vec::clone(&problem.objects);
+    for model in models {
+        for ty in &model.types {
+            if !domain.types.iter().any(|known| known.name == ty.name) {
+                domain.types.push(ty.clone());
+            }
+        }
+        for predicate in &model.predicates {
+            if !domain.predicates.iter().any(|known| known.name == predicate.name) {
+                domain.predicates.push(predicate.clone());
+            }
+        }
+        for function in &model.functions {
+            if !domain.functions.iter().any(|known| known.name == function.name) {
+                domain.functions.push(function.clone());
+            }
+        }
+        for declaration in &model.objects {
+            let name = &declaration.object.name;
+            let is_known =
+                objects.iter().any(|known: &ObjectDeclaration| known.object.name == *name);
+            if !is_known && !domain.constants.iter().any(|known| known.name == *name) {
+                objects.push(declaration.clone());
+            }
+        }
+    }
+    (domain, Problem { objects: Arc::new(objects), ..problem })
+}

@@ -1,0 +1,283 @@
+//! The map: ways that lead one way only, ways without a length, and places that no robot reaches.
+//!
+//! Ways are the facts `connected`, lengths the values of `distance`: the words by which robots move. An
+//! author who means a way in one direction, or a place without a way, says so in a comment in its line
+//! (`; one way`, `; no way`), and nothing is said of it.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use pddl::{Diagnostic, InitElement, Name, Span, Term, Types};
+
+use super::Desk;
+
+/// The predicate of a way.
+const WAY: &str = "connected";
+/// The function of its length.
+const LENGTH: &str = "distance";
+
+/// The comment that says that a way leads in one direction only, or that no way leads to a place.
+const ONE_WAY: &[&str] = &["one way", "one-way"];
+const NO_WAY: &[&str] = &["no way", "one way", "one-way"];
+
+/// Ways and their lengths, as the map gives them.
+struct Ways<'m> {
+    /// From where to where, in the order of the map, each once.
+    ways: Vec<(&'m Name, &'m Name, Span)>,
+    lengths: BTreeMap<(&'m str, &'m str), (f64, Span)>,
+}
+
+impl Desk<'_> {
+    /// What is probably not meant in the map.
+    pub(super) fn map(&mut self) {
+        let ways = Ways::of(&self.ecosystem.problem.init);
+        self.impossible_lengths(&ways);
+        if self.knows_predicate() && !ways.ways.is_empty() {
+            self.one_way(&ways);
+            self.without_length(&ways);
+            self.unreachable(&ways);
+        }
+    }
+
+    fn knows_predicate(&self) -> bool {
+        let predicates = &self.ecosystem.domain.predicates;
+        predicates.iter().any(|each| each.name == WAY && each.parameters.len() == 2)
+    }
+
+    fn knows_lengths(&self) -> bool {
+        let functions = &self.ecosystem.domain.functions;
+        functions.iter().any(|each| each.name == LENGTH && each.parameters.len() == 2)
+    }
+
+    fn impossible_lengths(&mut self, ways: &Ways<'_>) {
+        for ((from, to), (meters, span)) in &ways.lengths {
+            if *meters <= 0.0 {
+                let message = format!("the way from `{from}` to `{to}` cannot be {meters} m long");
+                let help = "write its length in meters, more than 0";
+                self.say_of_map(Diagnostic::error(*span, message).with_help(help));
+            }
+        }
+        for (from, _, span) in ways.ways.iter().filter(|(from, to, _)| from == to) {
+            let message = format!("a way leads from `{from}` to itself");
+            let help = "name two different places, or take it out";
+            self.say_of_map(Diagnostic::error(*span, message).with_help(help));
+        }
+    }
+
+    /// Ways of which the way back is not given. Who passes an airlock comes back by other ways that
+    /// lead in one direction, so such a round is meant.
+    fn one_way(&mut self, ways: &Ways<'_>) {
+        let given: BTreeSet<_> = ways.pairs().collect();
+        let has_back = |(from, to): &(&str, &str)| given.contains(&(*to, *from));
+        let (all, two_way) = (graph(ways.pairs()), graph(ways.pairs().filter(has_back)));
+        let is_round = |from: &str, to: &str| {
+            reached(&all, [to].into_iter()).contains(from)
+                && !reached(&two_way, [to].into_iter()).contains(from)
+        };
+        let is_alone = |(from, to, span): &&(&Name, &Name, Span)| {
+            let (from, to) = (from.as_str(), to.as_str());
+            from != to
+                && !has_back(&(from, to))
+                && !is_round(from, to)
+                && !self.is_commented(*span, ONE_WAY)
+        };
+        let alone: Vec<_> = ways.ways.iter().filter(is_alone).collect();
+        let Some((first_from, first_to, first)) = alone.first().copied() else { return };
+        // A map that never gives the way back means something else by it, or all of it is wrong.
+        if alone.len() > 2 && alone.len() * 2 > ways.ways.len() {
+            let (few, all) = (alone.len(), ways.ways.len());
+            let message =
+                format!("{few} of {all} ways lead in one direction only; this is the first");
+            let help = format!(
+                "write the way back too: ({WAY} {first_to} {first_from}); a way that is meant so \
+                 says `; one way` in its line"
+            );
+            return self.say_of_map(Diagnostic::warning(*first, message).with_help(help));
+        }
+        for (from, to, span) in alone {
+            let message = format!("a way leads from `{from}` to `{to}`, and none back");
+            let length = match ways.lengths.get(&(to.as_str(), from.as_str())) {
+                Some(_) => String::new(),
+                None => ways
+                    .lengths
+                    .get(&(from.as_str(), to.as_str()))
+                    .map_or_else(String::new, |(meters, _)| {
+                        format!(" (= ({LENGTH} {to} {from}) {meters})")
+                    }),
+            };
+            let help = format!(
+                "write ({WAY} {to} {from}){length} too; if it is meant so, `; one way` behind it"
+            );
+            self.say_of_map(Diagnostic::warning(*span, message).with_help(help));
+        }
+    }
+
+    /// Ways on which no robot can move: it needs to know how far it is.
+    fn without_length(&mut self, ways: &Ways<'_>) {
+        if !self.knows_lengths() {
+            return;
+        }
+        let lacks = |(from, to, _): &&(&Name, &Name, Span)| {
+            from != to && !ways.lengths.contains_key(&(from.as_str(), to.as_str()))
+        };
+        let without: Vec<_> = ways.ways.iter().filter(lacks).collect();
+        let Some((from, to, span)) = without.first().copied() else { return };
+        if without.len() > 2 && without.len() == ways.ways.len() {
+            let message = "no way has a length, so no robot can move";
+            let help = format!("write how far it is, in meters: (= ({LENGTH} {from} {to}) 5)");
+            return self.say_of_map(Diagnostic::warning(*span, message).with_help(help));
+        }
+        for (from, to, span) in without {
+            let message =
+                format!("the way from `{from}` to `{to}` has no length, so no robot takes it");
+            let back = ways.lengths.get(&(to.as_str(), from.as_str()));
+            let meters = back.map_or(5.0, |(meters, _)| *meters);
+            let help =
+                format!("write how far it is, in meters: (= ({LENGTH} {from} {to}) {meters})");
+            self.say_of_map(Diagnostic::warning(*span, message).with_help(help));
+        }
+    }
+
+    /// Places to which no way leads from where a robot starts; without robots, places without any way.
+    fn unreachable(&mut self, ways: &Ways<'_>) {
+        let (poses, starts) = (self.poses(), self.starts());
+        let mut next: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+        let mut lead = |from, to| {
+            next.entry(from).or_default().insert(to);
+        };
+        for (from, to, span) in &ways.ways {
+            lead(from.as_str(), to.as_str());
+            // Of a way whose way back is missing, that is said already.
+            if !self.is_commented(*span, ONE_WAY) {
+                lead(to.as_str(), from.as_str());
+            }
+        }
+        for (pose, near) in &poses {
+            lead(pose.as_str(), near.as_str());
+            lead(near.as_str(), pose.as_str());
+        }
+        let has_robots = !starts.is_empty();
+        let reached: BTreeSet<&str> = match has_robots {
+            true => reached(&next, starts.iter().map(String::as_str)),
+            false => ways.pairs().map(|(_, to)| to).collect(),
+        };
+        let hub = next.iter().max_by_key(|(name, to)| (reached.contains(*name), to.len()));
+        let hub = hub.map_or("corridor", |(name, _)| *name);
+        let places = self.places();
+        for (name, span) in places.iter().filter(|(name, _)| !reached.contains(name.as_str())) {
+            if self.is_commented(*span, NO_WAY) || name.as_str() == hub {
+                continue;
+            }
+            let message = match has_robots {
+                true => format!("no robot can reach `{name}`: no way leads there from its start"),
+                false => format!("no way leads to `{name}`"),
+            };
+            let help = format!(
+                "write, under (:init, ({WAY} {hub} {name}) (= ({LENGTH} {hub} {name}) 5), and the \
+                 same back; if it is meant so, `; no way` in the line of its name"
+            );
+            self.say_of_map(Diagnostic::warning(*span, message).with_help(help));
+        }
+    }
+
+    /// The places of the map: what ways can join.
+    fn places(&self) -> Vec<(Name, Span)> {
+        let types = Types::of(&self.ecosystem.domain);
+        let predicates = &self.ecosystem.domain.predicates;
+        let way = predicates.iter().find(|each| each.name == WAY);
+        let sorts: Vec<&Name> =
+            way.iter().flat_map(|way| &way.parameters).flat_map(|p| &p.ty.alternatives).collect();
+        let is_place = |ty: &Name| {
+            sorts.is_empty()
+                || sorts.iter().any(|sort| types.is_subtype(ty.as_str(), sort.as_str()))
+        };
+        let objects = self.ecosystem.problem.objects.iter().map(|declaration| &declaration.object);
+        objects
+            .filter(|object| object.ty.alternatives.iter().any(is_place))
+            .map(|object| (object.name.clone(), object.name.span()))
+            .collect()
+    }
+
+    /// Where robots of the file start.
+    fn starts(&self) -> Vec<String> {
+        let start = |value: &serde_json::Value| Some(value.get("start")?.as_str()?.to_lowercase());
+        self.ecosystem.agents.iter().filter_map(|entry| start(&entry.config)).collect()
+    }
+
+    /// The spots that robots add, each with the place beside it.
+    fn poses(&self) -> Vec<(String, String)> {
+        let mut all = Vec::new();
+        for entry in &self.ecosystem.agents {
+            let poses = entry.config.get("poses").and_then(serde_json::Value::as_object);
+            for (name, pose) in poses.into_iter().flatten() {
+                let near = pose.as_str().or_else(|| pose.get("near")?.as_str());
+                all.extend(near.map(|near| (name.clone(), near.to_owned())));
+            }
+        }
+        all
+    }
+
+    /// Whether a comment in the line of a place says one of these words.
+    fn is_commented(&self, span: Span, words: &[&str]) -> bool {
+        let text = &self.ecosystem.texts.map.text;
+        let rest = text.get(span.start as usize..).unwrap_or_default();
+        let line = rest.lines().next().unwrap_or_default();
+        let comment = line.split_once(';').map(|(_, comment)| comment.to_lowercase());
+        comment.is_some_and(|comment| words.iter().any(|word| comment.contains(word)))
+    }
+}
+
+impl<'m> Ways<'m> {
+    fn of(init: &'m [InitElement]) -> Ways<'m> {
+        let mut ways = Ways { ways: Vec::new(), lengths: BTreeMap::new() };
+        let mut seen = BTreeSet::new();
+        for element in init {
+            match element {
+                InitElement::Atom(atom) if atom.predicate == WAY => {
+                    if let [Term::Object(from), Term::Object(to)] = atom.arguments.as_slice()
+                        && seen.insert((from, to))
+                    {
+                        ways.ways.push((from, to, atom.span));
+                    }
+                }
+                InitElement::Assign(fluent, number) if fluent.function == LENGTH => {
+                    if let [Term::Object(from), Term::Object(to)] = fluent.arguments.as_slice() {
+                        let between = (from.as_str(), to.as_str());
+                        ways.lengths.insert(between, (number.0, fluent.span));
+                    }
+                }
+                _ => (),
+            }
+        }
+        ways
+    }
+
+    fn pairs(&self) -> impl Iterator<Item = (&'m str, &'m str)> {
+        self.ways.iter().map(|(from, to, _)| (from.as_str(), to.as_str()))
+    }
+}
+
+/// Where one comes from each place.
+fn graph<'n>(
+    ways: impl Iterator<Item = (&'n str, &'n str)>,
+) -> BTreeMap<&'n str, BTreeSet<&'n str>> {
+    let mut next: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+    for (from, to) in ways {
+        next.entry(from).or_default().insert(to);
+    }
+    next
+}
+
+/// All that can be reached from some places, themselves included.
+fn reached<'n>(
+    next: &BTreeMap<&'n str, BTreeSet<&'n str>>,
+    starts: impl Iterator<Item = &'n str>,
+) -> BTreeSet<&'n str> {
+    let mut waiting: Vec<&str> = starts.collect();
+    let mut reached = BTreeSet::new();
+    while let Some(place) = waiting.pop() {
+        if reached.insert(place) {
+            waiting.extend(next.get(place).into_iter().flatten());
+        }
+    }
+    reached
+}

@@ -1,0 +1,21 @@
+//! The `[zenoh]` table: endpoints that nobody could call, settings that Zenoh does not have.
+
+use pddl::{Diagnostic, Span};
+
+use super::Desk;
+
+impl Desk<'_> {
+    /// What is wrong in the table.
+    pub(super) fn network(&mut self) {
+        let ecosystem = self.ecosystem;
+        let is_secured = ecosystem.security.is_some();
+        for problem in substrate_zenoh::problems(&ecosystem.name, &ecosystem.zenoh, is_secured) {
+            let path = match problem.at.as_str() {
+                "" => "zenoh".to_owned(),
+                at => format!("zenoh.{at}"),
+            };
+            let message = format!("failed to {}", problem.message);
+            self.say_of(&path, Diagnostic::error(Span::default(), message));
+        }
+    }
+}

@@ -1,0 +1,65 @@
+//! The roles of the reasoning engine: without one of them no goal is ever reached.
+
+use agent::Mode;
+use pddl::{Diagnostic, Span};
+
+use super::Desk;
+use crate::config::AgentEntry;
+
+/// The plugin of a role, what is missing without it, and whether people and agents look for it by the
+/// plugin's name.
+const ROLES: &[(&str, &str, bool)] = &[
+    ("domain-maintainer", "nobody knows who is here and what is true", true),
+    ("plan-requester", "nobody takes goals", true),
+    ("plan-executor", "nobody carries plans out", true),
+];
+
+/// The role that only the centralized mode needs.
+const CENTRAL: (&str, &str, bool) =
+    ("planning-agent", "nobody plans in the mode \"centralized\"", false);
+
+impl Desk<'_> {
+    /// Roles that no agent has, or has under a name that nobody looks for.
+    pub(super) fn roles(&mut self) {
+        // A file without agents is one that somebody is about to write.
+        if self.ecosystem.agents.is_empty() || !self.is_complete {
+            return;
+        }
+        let central = (self.ecosystem.mode == Mode::Centralized).then_some(&CENTRAL);
+        for (plugin, lack, is_by_name) in ROLES.iter().chain(central) {
+            let entries = &self.ecosystem.agents;
+            let has_role = |entry: &&AgentEntry| entry.is_built_in() && entry.plugin == *plugin;
+            let Some(entry) = entries.iter().find(has_role) else {
+                self.missing_role(plugin, lack);
+                continue;
+            };
+            let is_found =
+                entries.iter().filter(has_role).any(|each| each.name.as_str() == *plugin);
+            if *is_by_name && !is_found {
+                let message = format!(
+                    "a `{plugin}` is looked for by the name `{plugin}`, and this one is called `{}`",
+                    entry.name
+                );
+                let (path, help) =
+                    (format!("{}.name", entry.path), format!("write name = \"{plugin}\""));
+                self.say_of(&path, Diagnostic::warning(Span::default(), message).with_help(help));
+            }
+        }
+    }
+
+    fn missing_role(&mut self, plugin: &str, lack: &str) {
+        let message = format!("{lack}: the file has no agent with plugin = \"{plugin}\"");
+        // Where another of them is, this one belongs too.
+        let roles = || ROLES.iter().chain([&CENTRAL]).map(|(plugin, ..)| *plugin);
+        let beside = self.ecosystem.agents.iter().find(|entry| {
+            entry.is_built_in()
+                && !entry.daemons.is_empty()
+                && roles().any(|role| role == entry.plugin)
+        });
+        let daemon = beside.and_then(|entry| entry.daemons.first());
+        let daemon = daemon.map_or_else(String::new, |name| format!("\ndaemon = \"{name}\""));
+        let help = format!("write\n[[agent]]\nname = \"{plugin}\"\nplugin = \"{plugin}\"{daemon}");
+        let found = Diagnostic::warning(Span::default(), message).with_help(help);
+        self.say_of_key("ecosystem", found);
+    }
+}

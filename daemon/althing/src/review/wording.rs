@@ -1,0 +1,487 @@
+//! What a plugin says of its `config`, in the words of the author of the file.
+//!
+//! Plugins read their `config` by serde, which speaks of Rust: “invalid type: string "0.3", expected
+//! f64”. Here that becomes “`speed` must be a number, and is the text "0.3"”, and what to write.
+
+use pddl::nearest;
+use serde_json::Value;
+
+/// Of many keys, as many as are listed.
+const LISTED_MAX: usize = 6;
+
+/// How many letters of a name are enough to know it by.
+const PREFIX_MIN: usize = 4;
+
+/// What people call a key that has another name.
+const SYNONYMS: &[(&str, &[&str])] = &[
+    ("location", &["room", "place", "where", "position", "in", "at"]),
+    ("start", &["location", "room", "place", "where", "position", "at", "home"]),
+    ("mounted-on", &["carrier", "robot", "on", "base", "mounted", "carried-by", "location"]),
+    ("speed", &["velocity", "meters-per-second"]),
+    ("quantity", &["kind", "type", "measures", "unit"]),
+    ("presets", &["directions", "positions", "views"]),
+    ("broker", &["host", "server", "url", "address"]),
+    ("command", &["program", "run", "exec"]),
+    ("device", &["path", "file"]),
+];
+
+/// Keys of durations.
+const DURATIONS: &[&str] =
+    &["valid-for", "every", "debounce", "time-out", "patience", "motion-for", "offline-after"];
+
+/// A mistake in a `config`.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Worded {
+    pub(super) kind: Mistake,
+    pub(super) message: String,
+    pub(super) help: Option<String>,
+}
+
+/// What is wrong.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Mistake {
+    /// No such key; the one that was probably meant.
+    UnknownKey(String, Option<String>),
+    /// A key that is needed.
+    MissingKey(String),
+    /// A value of another kind.
+    Kind,
+    /// Whatever else the plugin says.
+    Other,
+}
+
+/// Words what a plugin says of the key at `path` (`presets.door`; empty for the whole `config`), whose
+/// value is `value`. `example` is what could stand at a key.
+pub(super) fn worded(
+    said: &str,
+    path: &str,
+    value: Option<&Value>,
+    example: impl Fn(&str) -> Option<String>,
+) -> Worded {
+    if let Some(rest) = said.strip_prefix("unknown field `") {
+        return unknown_key(rest, path);
+    }
+    if let Some(key) = said.strip_prefix("missing field `").and_then(|rest| rest.split('`').next())
+    {
+        return missing_key(key, path, example);
+    }
+    if let Some(rest) = said.strip_prefix("unknown variant `")
+        && let Some((word, rest)) = rest.split_once('`')
+    {
+        return unknown_word(word, &quoted(rest), path);
+    }
+    let invalid = ["invalid type: ", "invalid value: ", "invalid length "];
+    if let Some(rest) = invalid.iter().find_map(|prefix| said.strip_prefix(prefix))
+        && let Some((got, wanted)) = rest.rsplit_once(", expected ")
+    {
+        return wrong_kind(got, wanted, path, value, example);
+    }
+    if said.starts_with("data did not match any variant") {
+        return of_no_form(path, example);
+    }
+    if let Some((key, text)) = duration_error(said, path, value) {
+        let message = format!("`{key}` must be a duration, and is \"{text}\"");
+        let help = "write a number and ms, s, min or h in quotes, such as \"30s\" or \"10min\"";
+        return Worded { kind: Mistake::Other, message, help: Some(help.to_owned()) };
+    }
+    let key = said.split_once("has no key `").and_then(|(_, rest)| rest.split('`').next());
+    if let Some(key) = key {
+        let whole = if ends_with(path, key) { path.to_owned() } else { join(path, key) };
+        return Worded {
+            kind: Mistake::UnknownKey(key.to_owned(), None),
+            message: format!("there is no key `{whole}`"),
+            help: Some(beside(key).unwrap_or_else(|| format!("take `{key}` out"))),
+        };
+    }
+    Worded { kind: Mistake::Other, message: said.to_owned(), help: None }
+}
+
+fn unknown_key(rest: &str, path: &str) -> Worded {
+    let (key, known) = rest.split_once('`').unwrap_or((rest, ""));
+    let known = quoted(known);
+    let meant = meant(key, &known);
+    // The path may end with the key itself, or with the table that it stands in.
+    let whole = if ends_with(path, key) { path.to_owned() } else { join(path, key) };
+    let help = match (&meant, known.len()) {
+        (Some(meant), _) => format!("did you mean `{meant}`?"),
+        (None, 0) => "it takes no keys: leave it out".to_owned(),
+        (None, _) => beside(key).unwrap_or_else(|| listed(&known)),
+    };
+    Worded {
+        kind: Mistake::UnknownKey(key.to_owned(), meant),
+        message: format!("there is no key `{whole}`"),
+        help: Some(help),
+    }
+}
+
+/// A key of the entry that was written in its `config`.
+fn beside(key: &str) -> Option<String> {
+    let of_entry = ["name", "plugin", "package", "daemon", "driver", "actions"];
+    of_entry.contains(&key).then(|| {
+        format!("`{key}` stands beside `config`, and not in it: write it in a line of its own")
+    })
+}
+
+fn missing_key(key: &str, path: &str, example: impl Fn(&str) -> Option<String>) -> Worded {
+    let within = match path {
+        "" => String::new(),
+        path => format!(" in `{path}`"),
+    };
+    Worded {
+        kind: Mistake::MissingKey(key.to_owned()),
+        message: format!("`{key}` is missing{within}"),
+        help: Some(match example(key) {
+            Some(example) => format!("write {key} = {example}"),
+            None => format!("write {key} = …"),
+        }),
+    }
+}
+
+fn unknown_word(word: &str, known: &[String], path: &str) -> Worded {
+    let meant = meant(word, known);
+    let known: Vec<String> = known.iter().map(|word| format!("\"{word}\"")).collect();
+    let message = format!("`{path}` cannot be \"{word}\"");
+    let help = match meant {
+        Some(meant) => format!("did you mean \"{meant}\"?"),
+        None => format!("write {}", either(&known)),
+    };
+    Worded { kind: Mistake::Kind, message, help: Some(help) }
+}
+
+fn wrong_kind(
+    got: &str,
+    wanted: &str,
+    path: &str,
+    value: Option<&Value>,
+    example: impl Fn(&str) -> Option<String>,
+) -> Worded {
+    let wanted_words = kind(wanted);
+    let got_words = self::got(got);
+    let is_itself = value.is_none_or(|value| is_of(got, value));
+    let subject = match (path, is_itself) {
+        ("", _) => "`config`".to_owned(),
+        (path, true) => format!("`{path}`"),
+        (path, false) => format!("what stands in `{path}`"),
+    };
+    let key = path.rsplit('.').next().unwrap_or(path);
+    let text = value.filter(|_| is_itself);
+    let help = text.and_then(|value| cure(key, wanted, value)).or_else(|| {
+        let example = example(key).filter(|_| is_itself)?;
+        Some(format!("write {key} = {example}"))
+    });
+    let within = path.split('.').next().filter(|table| *table != path);
+    let help = help.or_else(|| {
+        within
+            .and_then(|table| Some((table, example(table)?)))
+            .map(|(table, example)| format!("such as {table} = {example}"))
+    });
+    let message = format!("{subject} must be {wanted_words}, and is {got_words}");
+    Worded { kind: Mistake::Kind, message, help }
+}
+
+fn of_no_form(path: &str, example: impl Fn(&str) -> Option<String>) -> Worded {
+    let key = path.split('.').next().unwrap_or(path);
+    Worded {
+        kind: Mistake::Kind,
+        message: format!("`{path}` has none of the forms that it may have"),
+        help: example(key).map(|example| format!("such as {key} = {example}")),
+    }
+}
+
+/// The key and the text of a duration that cannot be read.
+fn duration_error(said: &str, path: &str, value: Option<&Value>) -> Option<(String, String)> {
+    let told = [
+        "expected number at ",
+        "invalid character at ",
+        "time unit needed",
+        "unknown time unit",
+        "number is too large",
+        "value was empty",
+    ];
+    told.iter().any(|words| said.contains(words)).then_some(())?;
+    let text = value?.as_str()?;
+    Some((path.to_owned(), text.to_owned()))
+}
+
+/// The words in backquotes.
+fn quoted(text: &str) -> Vec<String> {
+    text.split('`').skip(1).step_by(2).map(str::to_owned).collect()
+}
+
+/// The known word that was probably meant.
+pub(super) fn meant(word: &str, known: &[String]) -> Option<String> {
+    let is_known = |key: &&str| known.iter().any(|known| known == key);
+    if let Some(near) = nearest(word, known.iter().map(String::as_str)) {
+        return Some(near.to_owned());
+    }
+    // `valid_for` and `validFor` are `valid-for`.
+    let plain = |word: &str| word.replace(['-', '_'], "").to_lowercase();
+    if let Some(same) = known.iter().find(|known| plain(known) == plain(word)) {
+        return Some(same.clone());
+    }
+    let lower = word.to_lowercase();
+    let begins = known.iter().filter(|known| {
+        let (long, short) =
+            if known.len() > lower.len() { (*known, &lower) } else { (&lower, *known) };
+        short.len() >= PREFIX_MIN && long.starts_with(short.as_str())
+    });
+    if let [only] = begins.collect::<Vec<_>>()[..] {
+        return Some(only.clone());
+    }
+    let synonyms = SYNONYMS.iter().filter(|(_, words)| words.contains(&lower.as_str()));
+    synonyms.map(|(key, _)| *key).find(is_known).map(str::to_owned)
+}
+
+fn listed(known: &[String]) -> String {
+    let shown: Vec<_> = known.iter().take(LISTED_MAX).map(|key| format!("`{key}`")).collect();
+    match known.len().saturating_sub(LISTED_MAX) {
+        0 => format!("known are {}", shown.join(", ")),
+        more => format!(
+            "known are {}, and {more} more that are for one driver each (docs/devices.md)",
+            shown.join(", ")
+        ),
+    }
+}
+
+fn either(words: &[String]) -> String {
+    match words {
+        [] => "another word".to_owned(),
+        [only] => only.clone(),
+        [first @ .., last] => format!("{} or {last}", first.join(", ")),
+    }
+}
+
+fn join(path: &str, key: &str) -> String {
+    if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") }
+}
+
+fn ends_with(path: &str, key: &str) -> bool {
+    path.rsplit('.').next() == Some(key)
+}
+
+/// The kind of value that a type of Rust's is for an author.
+fn kind(wanted: &str) -> String {
+    let whole = |from: i128, to: i128| format!("a whole number from {from} to {to}");
+    match wanted {
+        "f32" | "f64" => "a number".to_owned(),
+        "u8" => whole(0, u8::MAX.into()),
+        "u16" => whole(0, u16::MAX.into()),
+        "u32" | "u64" | "usize" => "a whole number, 0 or more".to_owned(),
+        "i8" | "i16" | "i32" | "i64" | "isize" => "a whole number".to_owned(),
+        "a boolean" => "true or false".to_owned(),
+        "a string" | "path string" | "a borrowed string" => "a text in quotes".to_owned(),
+        "a sequence" => "a list in [ ]".to_owned(),
+        "a map" | "string or map" => "a table in { }".to_owned(),
+        wanted if wanted.starts_with("struct ") => "a table in { }".to_owned(),
+        wanted if wanted.starts_with("enum ") => "one of its words in quotes".to_owned(),
+        wanted => wanted.to_owned(),
+    }
+}
+
+/// A value that serde describes, for an author.
+fn got(said: &str) -> String {
+    let within = |prefix: &str| said.strip_prefix(prefix).map(|rest| rest.trim_matches('`'));
+    match said {
+        "sequence" => "a list".to_owned(),
+        "map" => "a table".to_owned(),
+        "null" | "unit value" => "empty".to_owned(),
+        said => None
+            .or_else(|| said.strip_prefix("string ").map(|text| format!("the text {text}")))
+            .or_else(|| within("integer ").map(str::to_owned))
+            .or_else(|| within("floating point ").map(str::to_owned))
+            .or_else(|| within("boolean ").map(str::to_owned))
+            .unwrap_or_else(|| said.to_owned()),
+    }
+}
+
+/// Whether what serde describes is this very value, and not something within it.
+fn is_of(got: &str, value: &Value) -> bool {
+    match value {
+        Value::String(_) => got.starts_with("string "),
+        Value::Number(_) => got.starts_with("integer ") || got.starts_with("floating point "),
+        Value::Bool(_) => got.starts_with("boolean "),
+        Value::Array(_) => got == "sequence" || got.starts_with(|c: char| c.is_ascii_digit()),
+        Value::Object(_) => got == "map",
+        Value::Null => true,
+    }
+}
+
+/// What to write in place of a value of another kind.
+fn cure(key: &str, wanted: &str, value: &Value) -> Option<String> {
+    let is_whole = wanted.len() <= 5 && wanted.starts_with(['u', 'i']);
+    match (wanted, value) {
+        ("f32" | "f64", Value::String(text)) => numeric(key, text, false),
+        (_, Value::String(text)) if is_whole => numeric(key, text, true),
+        ("a boolean", Value::String(text)) => {
+            let truth = match text.to_lowercase().as_str() {
+                "yes" | "on" | "true" | "ja" | "1" => true,
+                "no" | "off" | "false" | "nein" | "0" => false,
+                _ => return Some(format!("write {key} = true or {key} = false, without quotes")),
+            };
+            Some(format!("write {key} = {truth}, without quotes"))
+        }
+        ("a boolean", Value::Number(number)) => Some(match number.as_i64() {
+            Some(0) => format!("write {key} = false"),
+            Some(1) => format!("write {key} = true"),
+            _ => format!("write {key} = true or {key} = false"),
+        }),
+        ("a string", Value::Number(number)) if DURATIONS.contains(&key) => {
+            Some(format!("write a unit too, in quotes: {key} = \"{number}s\" or \"{number}min\""))
+        }
+        ("a string" | "path string", Value::Number(_) | Value::Bool(_)) => {
+            Some(format!("write {key} = \"{value}\""))
+        }
+        ("a string" | "path string", Value::Array(list)) => match &list[..] {
+            [Value::String(only)] => Some(format!("write {key} = \"{only}\", without [ ]")),
+            _ => Some("write one text, without [ ]".to_owned()),
+        },
+        ("a sequence", Value::String(text)) => {
+            let words: Vec<_> = match key {
+                // Programs run without a shell.
+                "command" | "run" | "on" | "off" | "state" => text.split_whitespace().collect(),
+                _ => vec![text.as_str()],
+            };
+            let words: Vec<_> = words.into_iter().map(|word| format!("\"{word}\"")).collect();
+            Some(format!("write {key} = [{}]", words.join(", ")))
+        }
+        _ => None,
+    }
+}
+
+/// A number that was written as a text, with its unit or without.
+fn numeric(key: &str, text: &str, whole: bool) -> Option<String> {
+    let plain = text.trim().replace(',', ".");
+    let end = plain.find(|c: char| !c.is_ascii_digit() && !".-+".contains(c));
+    let (number, unit) = plain.split_at(end.unwrap_or(plain.len()));
+    let parsed: f64 = number.parse().ok()?;
+    let number = if whole { format!("{}", parsed.trunc()) } else { format!("{parsed}") };
+    Some(match unit.trim() {
+        "" => format!("write {key} = {number}, without quotes"),
+        unit => format!("write {key} = {number}, the number alone, without `{unit}`"),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn example(key: &str) -> Option<String> {
+        (key == "start").then(|| "\"hall\"".to_owned())
+    }
+
+    #[track_caller]
+    fn check(said: &str, path: &str, value: Value, message: &str, help: &str) {
+        let worded = worded(said, path, Some(&value), example);
+        assert_eq!(worded.message, message);
+        assert_eq!(worded.help.as_deref().unwrap_or_default(), help);
+    }
+
+    #[test]
+    fn kinds_of_values_are_those_of_the_file() {
+        let text = |text: &str| format!("invalid type: string \"{text}\", expected f64");
+        check(
+            &text("0.3"),
+            "speed",
+            json!("0.3"),
+            "`speed` must be a number, and is the text \"0.3\"",
+            "write speed = 0.3, without quotes",
+        );
+        check(
+            &text("21 C"),
+            "limit",
+            json!("21 C"),
+            "`limit` must be a number, and is the text \"21 C\"",
+            "write limit = 21, the number alone, without `C`",
+        );
+        check(
+            &text("1,5m"),
+            "speed",
+            json!("1,5m"),
+            "`speed` must be a number, and is the text \"1,5m\"",
+            "write speed = 1.5, the number alone, without `m`",
+        );
+        check(
+            "invalid type: string \"yes\", expected a boolean",
+            "humidity",
+            json!("yes"),
+            "`humidity` must be true or false, and is the text \"yes\"",
+            "write humidity = true, without quotes",
+        );
+        check(
+            "invalid type: integer `101`, expected a string",
+            "location",
+            json!(101),
+            "`location` must be a text in quotes, and is 101",
+            "write location = \"101\"",
+        );
+        check(
+            "invalid type: string \"cat /tmp/t\", expected a sequence",
+            "command",
+            json!("cat /tmp/t"),
+            "`command` must be a list in [ ], and is the text \"cat /tmp/t\"",
+            "write command = [\"cat\", \"/tmp/t\"]",
+        );
+        check(
+            "invalid value: integer `-3`, expected u8",
+            "port",
+            json!(-3),
+            "`port` must be a whole number from 0 to 255, and is -3",
+            "",
+        );
+        check(
+            "invalid type: integer `3`, expected a string",
+            "command",
+            json!(["echo", 3]),
+            "what stands in `command` must be a text in quotes, and is 3",
+            "",
+        );
+    }
+
+    #[test]
+    fn keys_are_those_of_the_file() {
+        let many = "unknown field `lokation`, expected one of `location`, `a`, `b`, `c`, `d`, `e`, \
+                    `f`, `g`";
+        let help = "did you mean `location`?";
+        check(many, "lokation", json!("x"), "there is no key `lokation`", help);
+        check(
+            &many.replace("lokation", "zzz"),
+            "zzz",
+            json!("x"),
+            "there is no key `zzz`",
+            "known are `location`, `a`, `b`, `c`, `d`, `e`, and 2 more that are for one driver \
+             each (docs/devices.md)",
+        );
+        let room = many.replace("lokation", "room");
+        check(&room, "room", json!("x"), "there is no key `room`", help);
+        let driver = many.replace("lokation", "driver");
+        let help = "`driver` stands beside `config`, and not in it: write it in a line of its own";
+        check(&driver, "driver", json!("x"), "there is no key `driver`", help);
+        let missing = "missing field `start`";
+        check(missing, "", json!({}), "`start` is missing", "write start = \"hall\"");
+        let missing = "missing field `shows`";
+        let message = "`shows` is missing in `presets.door`";
+        check(missing, "presets.door", json!({}), message, "write shows = …");
+    }
+
+    #[test]
+    fn words_and_durations() {
+        check(
+            "unknown variant `lmp`, expected one of `lamp`, `relay`, `lock`",
+            "kind",
+            json!("lmp"),
+            "`kind` cannot be \"lmp\"",
+            "did you mean \"lamp\"?",
+        );
+        check(
+            "`soon`: expected number at 0",
+            "login.patience",
+            json!("soon"),
+            "`login.patience` must be a duration, and is \"soon\"",
+            "write a number and ms, s, min or h in quotes, such as \"30s\" or \"10min\"",
+        );
+        let own = "speed = -0.3 must be above zero";
+        check(own, "speed", json!(-0.3), own, "");
+    }
+}

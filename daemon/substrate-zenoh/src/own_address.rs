@@ -1,0 +1,176 @@
+//! Which of the endpoints to connect to are this daemon's own: one file for all machines names each of
+//! them, and no daemon calls itself.
+
+use std::collections::BTreeSet;
+use std::fmt::Debug;
+use std::net::{IpAddr, SocketAddr, ToSocketAddrs as _, UdpSocket};
+use std::time::Duration;
+
+use serde_json::Value;
+use tracing::field::{Field, Visit};
+use tracing::{Event, Metadata};
+use tracing_subscriber::layer::{Context, Filter};
+
+use crate::endpoint;
+
+/// Where Zenoh says that a link could not be made.
+const ESTABLISHMENT: &str = "zenoh_transport::unicast::establishment";
+
+/// How long names may take to be resolved. What takes longer is called, and Zenoh closes a link to
+/// itself.
+const RESOLVED_WITHIN: Duration = Duration::from_secs(2);
+
+/// The endpoints of `connect` at which this daemon listens itself.
+pub(crate) async fn own(listen: &[String], connect: &[String]) -> BTreeSet<String> {
+    let places: Vec<_> = listen.iter().filter_map(|each| place(each)).collect();
+    let mut own = BTreeSet::new();
+    let mut looking = Vec::new();
+    for endpoint in connect {
+        if listen.contains(endpoint) {
+            own.insert(endpoint.clone());
+            continue;
+        }
+        let Some((host, port)) = place(endpoint) else { continue };
+        let same_port: Vec<String> =
+            places.iter().filter(|(_, at)| *at == port).map(|(host, _)| host.clone()).collect();
+        if !same_port.is_empty() {
+            let endpoint = endpoint.clone();
+            let look = move || is_own(&host, port, &same_port).then_some(endpoint);
+            looking.push(tokio::task::spawn_blocking(look));
+        }
+    }
+    let deadline = tokio::time::Instant::now() + RESOLVED_WITHIN;
+    for look in looking {
+        if let Ok(Ok(found)) = tokio::time::timeout_at(deadline, look).await {
+            own.extend(found);
+        }
+    }
+    own
+}
+
+/// Takes endpoints out of a list in any of the shapes Zenoh knows.
+pub(crate) fn without(value: &mut Value, own: &BTreeSet<String>) {
+    match value {
+        Value::Array(list) => {
+            list.retain(|each| each.as_str().is_none_or(|endpoint| !own.contains(endpoint)));
+            list.iter_mut().for_each(|each| without(each, own));
+        }
+        Value::Object(table) => table.values_mut().for_each(|each| without(each, own)),
+        _ => (),
+    }
+}
+
+/// Part of a program's log: leaves out what Zenoh says of links to itself, which it closes. A name that
+/// was nobody's at the start may become this machine's later.
+pub fn without_calls_to_self<S>() -> impl Filter<S> {
+    NotToSelf
+}
+
+struct NotToSelf;
+
+impl<S> Filter<S> for NotToSelf {
+    fn enabled(&self, _: &Metadata<'_>, _: &Context<'_, S>) -> bool {
+        true
+    }
+
+    fn event_enabled(&self, event: &Event<'_>, _: &Context<'_, S>) -> bool {
+        if !event.metadata().target().starts_with(ESTABLISHMENT) {
+            return true;
+        }
+        let mut line = Line::default();
+        event.record(&mut line);
+        !line.is_to_self
+    }
+}
+
+#[derive(Default)]
+struct Line {
+    is_to_self: bool,
+}
+
+impl Visit for Line {
+    fn record_debug(&mut self, _: &Field, value: &dyn Debug) {
+        self.is_to_self |= format!("{value:?}").contains("CONNECTION_TO_SELF");
+    }
+}
+
+/// Host and port of an endpoint over IP.
+fn place(endpoint: &str) -> Option<(String, u16)> {
+    let (host, port) = endpoint::host_and_port(endpoint)?;
+    (port != 0).then_some((host, port))
+}
+
+/// Whether `host` is an address of this machine at which one of these is listened at.
+fn is_own(host: &str, port: u16, listening: &[String]) -> bool {
+    let called = resolved(host, port);
+    listening.iter().any(|at| {
+        let is_any = at.parse().is_ok_and(|ip: IpAddr| ip.is_unspecified());
+        let here = resolved(at, port);
+        called.iter().any(|called| here.contains(called) || is_any && is_of_this_machine(*called))
+    })
+}
+
+fn resolved(host: &str, port: u16) -> Vec<IpAddr> {
+    // What cannot be resolved is nobody's yet.
+    let addresses = (host, port).to_socket_addrs().into_iter().flatten();
+    addresses.map(|address| address.ip().to_canonical()).collect()
+}
+
+/// The kernel lets one bind to the addresses of this machine and to no others.
+fn is_of_this_machine(address: IpAddr) -> bool {
+    UdpSocket::bind(SocketAddr::new(address, 0)).is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_daemon_knows_itself_by_every_name() {
+        let host = std::fs::read_to_string("/proc/sys/kernel/hostname").expect("a name");
+        let by_name = format!("tls/{}:7461", host.trim());
+        let is_named = !resolved(host.trim(), 7461).is_empty();
+        let everywhere = ["tls/0.0.0.0:7461".to_owned(), "unixsock-stream//run/a.sock".to_owned()];
+        for (endpoint, expected) in [
+            ("tls/127.0.0.1:7461", true),
+            ("tls/127.9.9.9:7461", true),
+            ("tls/localhost:7461", true),
+            ("tls/127.0.0.1:7461#so_rcvbuf=1", true),
+            (&by_name, is_named),
+            ("unixsock-stream//run/a.sock", true),
+            ("tls/127.0.0.1:7462", false),
+            ("tls/192.0.2.1:7461", false),
+            ("tls/nobody.invalid:7461", false),
+            ("unixsock-stream//run/b.sock", false),
+        ] {
+            let found = own(&everywhere, &[endpoint.to_owned()]).await;
+            assert_eq!(found.contains(endpoint), expected, "{endpoint}");
+        }
+    }
+
+    #[tokio::test]
+    async fn who_listens_at_one_address_may_call_another() {
+        let here = ["tls/127.0.0.1:7461".to_owned()];
+        for (endpoint, expected) in [
+            ("tls/127.0.0.1:7461", true),
+            ("tls/localhost:7461", true),
+            ("tls/[::ffff:127.0.0.1]:7461", true),
+            ("tls/127.0.0.2:7461", false),
+        ] {
+            let found = own(&here, &[endpoint.to_owned()]).await;
+            assert_eq!(found.contains(endpoint), expected, "{endpoint}");
+        }
+        // The kernel chooses the port, so no file can name it.
+        assert!(
+            own(&["tls/0.0.0.0:0".to_owned()], &["tls/127.0.0.1:7461".to_owned()]).await.is_empty()
+        );
+    }
+
+    #[test]
+    fn lists_of_any_shape_lose_it() {
+        let own = BTreeSet::from(["a".to_owned()]);
+        let mut list = serde_json::json!({ "router": ["a", "b"], "peer": ["a"] });
+        without(&mut list, &own);
+        assert_eq!(list, serde_json::json!({ "router": ["b"], "peer": [] }));
+    }
+}

@@ -1,0 +1,616 @@
+//! What people at a terminal met: readers that go away, goals that are left, ports that are taken, text
+//! that a terminal would obey.
+
+mod support;
+
+use std::fs::File;
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpListener;
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use support::{Office, PATIENCE, ask, lab, lines, office, stderr, stdout};
+
+fn file() -> String {
+    Office::file().display().to_string()
+}
+
+/// A process that ends with its test.
+struct Ends(Child);
+
+impl Drop for Ends {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Ends {
+    /// Waits for its end; how long that may take, and what it ended with.
+    #[track_caller]
+    fn within(&mut self, limit: Duration) -> Option<i32> {
+        let deadline = Instant::now() + limit;
+        loop {
+            if let Some(status) = self.0.try_wait().expect("our child") {
+                return status.code();
+            }
+            assert!(Instant::now() < deadline, "it does not end");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+// === readers that go away ===
+
+/// Runs a command whose reader goes away after so many lines.
+fn head(office: &Office, arguments: &[&str], lines: usize) -> Ends {
+    let mut command = office.command(&[arguments, &["--ecosystem", &file()]].concat());
+    command.stdout(Stdio::piped()).stderr(Stdio::null());
+    let mut child = command.spawn().expect("the binary is built");
+    let mut read = BufReader::new(child.stdout.take().expect("a pipe")).lines();
+    for _ in 0..lines {
+        read.next().expect("a line").expect("text");
+    }
+    Ends(child)
+}
+
+#[test]
+fn who_prints_ends_when_nobody_reads_any_more() {
+    let mut office = Office::new();
+    office.up_alone(&[]);
+    for arguments in [&["watch"][..], &["watch", "--json"]] {
+        let mut ended = head(&office, arguments, 1);
+        assert_eq!(ended.within(PATIENCE), Some(0), "{arguments:?}");
+    }
+    let goal = ["goal", "temperatures", "--maintain"];
+    for arguments in [goal.to_vec(), [&goal[..], &["--json"]].concat()] {
+        let mut ended = head(&office, &arguments, 1);
+        assert_eq!(ended.within(PATIENCE), Some(0), "{arguments:?}");
+    }
+    for arguments in [&["state"][..], &["agents", "--json"], &["domain"], &["goals"], &["mailbox"]]
+    {
+        let mut ended = head(&office, arguments, 0);
+        assert_eq!(ended.within(PATIENCE), Some(0), "{arguments:?}");
+    }
+    // Nothing is said any more by which it would find out, and it ends all the same.
+    let mut ended = head(&office, &["watch", "--conversation", "nobody-s"], 1);
+    assert_eq!(ended.within(PATIENCE), Some(0));
+}
+
+#[test]
+fn a_scenario_and_a_prompt_end_with_their_reader() {
+    let office = Office::new();
+    let mut command = office.command(&["scenario", "2"]);
+    let mut child = command.stdout(Stdio::piped()).spawn().expect("the binary is built");
+    let mut line = String::new();
+    let mut read = BufReader::new(child.stdout.take().expect("a pipe"));
+    read.read_line(&mut line).expect("a line");
+    drop(read);
+    assert_eq!(Ends(child).within(PATIENCE), Some(0));
+
+    let mut office = office;
+    office.up_alone(&[]);
+    let mut command = office.command(&["keyboard", "--ecosystem", &file()]);
+    command.stdin(Stdio::piped()).stdout(Stdio::piped());
+    let mut child = command.spawn().expect("the binary is built");
+    drop(child.stdout.take());
+    // Its input stays open.
+    let _input = child.stdin.take();
+    Ends(child).within(PATIENCE);
+}
+
+// === a goal that is left ===
+
+#[test]
+fn who_leaves_a_goal_hears_how_to_follow_it_and_how_to_give_it_up() {
+    let office = office();
+    let mut command =
+        office.command(&["goal", "(at turtlebot-1 office1)", "--maintain", "--ecosystem", &file()]);
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("built");
+    let said = lines(&mut child);
+    let asked = said.recv_timeout(PATIENCE).expect("it is asked for");
+    let id = asked.split_whitespace().last().expect("a name").to_owned();
+    let pid = child.id().to_string();
+    assert!(Command::new("kill").args(["-INT", &pid]).status().expect("kill").success());
+    let mut told = String::new();
+    let mut error = child.stderr.take().expect("a pipe");
+    error.read_to_string(&mut told).expect("text");
+    let code = Ends(child).within(PATIENCE);
+    assert!(code == Some(130) || code == Some(0), "0 only where it holds: {code:?}");
+    let reach = format!("--ecosystem {}", file());
+    for command in [
+        format!("althing goals {reach}"),
+        format!("althing watch --conversation {id} {reach}"),
+        format!("althing goal --cancel {id} {reach}"),
+    ] {
+        assert!(told.contains(&command), "{command}: {told}");
+    }
+    // As it was told.
+    let (code, cancelled) = ask(&office, &["goal", "--cancel", &id]);
+    assert_eq!(code, Some(0), "{cancelled}");
+}
+
+// === the prompt ===
+
+#[test]
+fn a_script_for_the_prompt_is_done_at_once() {
+    let mut office = Office::new();
+    office.up_alone(&[]);
+    let run = |input: &str| {
+        let mut command = office.command(&["keyboard", "--ecosystem", &file()]);
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let began = Instant::now();
+        let mut child = command.spawn().expect("the binary is built");
+        child.stdin.take().expect("a pipe").write_all(input.as_bytes()).expect("it reads");
+        let output = child.wait_with_output().expect("our child");
+        (output.status.code(), began.elapsed(), stdout(&output) + &stderr(&output))
+    };
+    // The first of a few: the machine may be busy with other tests.
+    let quickest = (0..5).map(|_| run("quit\n")).min_by_key(|(_, took, _)| *took).expect("runs");
+    assert_eq!(quickest.0, Some(0), "{}", quickest.2);
+    assert!(quickest.1 < Duration::from_millis(1_500), "{:?}", quickest.1);
+    let (code, _, said) = run("agnets\nquit\n");
+    assert_eq!(code, Some(1), "of a script it counts: {said}");
+}
+
+// === a terminal ===
+
+/// A terminal of the test's own, in which a command runs.
+struct Terminal {
+    child: Ends,
+    controller: File,
+}
+
+impl Terminal {
+    fn open(mut command: Command) -> Terminal {
+        let controller = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a terminal");
+        grantpt(&controller).and_then(|()| unlockpt(&controller)).expect("it is ours");
+        let path = ptsname(&controller, Vec::new()).expect("a name");
+        let path = path.to_str().expect("text").to_owned();
+        let side = || File::options().read(true).write(true).open(&path).expect("the other side");
+        command.env("TERM", "xterm").env_remove("NO_COLOR");
+        command.stdin(side()).stdout(side()).stderr(side());
+        let child = Ends(command.spawn().expect("the binary is built"));
+        Terminal { child, controller: File::from(controller) }
+    }
+
+    fn type_text(&mut self, text: &str) {
+        self.controller.write_all(text.as_bytes()).expect("it is open");
+    }
+
+    /// All that it was sent until the command has ended.
+    fn until_end(mut self) -> (Option<i32>, String) {
+        let mut all = Vec::new();
+        let mut bytes = [0; 4_096];
+        // Once nobody has the other side open, a read fails.
+        while let Ok(count @ 1..) = self.controller.read(&mut bytes) {
+            all.extend_from_slice(&bytes[..count]);
+        }
+        (self.child.within(PATIENCE), String::from_utf8(all).expect("text"))
+    }
+
+    /// All that it was sent until that is a part of it.
+    fn until(&mut self, text: &str) -> String {
+        let mut all = Vec::new();
+        let mut bytes = [0; 4_096];
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let said = String::from_utf8_lossy(&all).into_owned();
+            if said.contains(text) {
+                return said;
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            let left = Timespec::try_from(left).expect("a minute");
+            let mut watched = [PollFd::new(&self.controller, PollFlags::IN)];
+            let news = poll(&mut watched, Some(&left)).expect("it is open");
+            assert!(news > 0, "`{text}` never came: {said:?}");
+            let count = self.controller.read(&mut bytes).expect("it is open");
+            all.extend_from_slice(&bytes[..count]);
+        }
+    }
+}
+
+/// What a stranger would like a terminal to do: a title, a cleared screen by two ways, a line that goes
+/// back, text that runs the other way.
+const HOSTILE: &str =
+    "PIN \u{1b}]0;owned\u{7}\u{1b}[35m\u{9b}2J\r\u{202e}evil\u{2066}\u{7f}\u{200b}x";
+
+/// Of what a terminal was sent, whatever it would obey beyond ends of lines and our colors.
+#[track_caller]
+fn obeyed(sent: &str) -> Vec<char> {
+    let sent = sent.replace("\r\n", "\n");
+    // A color of ours, and none that we never use.
+    let mut parts = sent.split("\u{1b}[");
+    let mut rest = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let color = part.split('m').next().unwrap_or_default();
+        let is_ours = color != "35" && color.chars().all(|c| c.is_ascii_digit() || c == ';');
+        let end = if is_ours && part.contains('m') { color.len() + 1 } else { 0 };
+        rest += if end == 0 { "\u{1b}[" } else { "" };
+        rest += &part[end..];
+    }
+    let is_bad = |c: char| c != '\n' && c.is_control() || "\u{202e}\u{2066}\u{200b}".contains(c);
+    rest.chars().filter(|c| is_bad(*c)).collect()
+}
+
+fn hostile_question(office: &Office) -> String {
+    let text = serde_json::to_string(HOSTILE).expect("JSON");
+    let message = format!(
+        r#"{{"receiver": "keyboard", "performative": "query-ref",
+            "content": {{"text": {text}}}, "reply_by": 60000}}"#
+    );
+    office.write("hostile.json", &message).display().to_string()
+}
+
+#[test]
+fn a_terminal_is_sent_nothing_that_a_stranger_made_up() {
+    let mut office = Office::new();
+    office.up_alone(&[]);
+    let file = file();
+    let command =
+        |arguments: &[&str]| office.command(&[arguments, &["--ecosystem", &file]].concat());
+    // A listener, and a person at a prompt whose name agents know.
+    let mut watching = Terminal::open(command(&["watch"]));
+    watching.until("listening to");
+    let mut sitting = Terminal::open(command(&["keyboard", "--name", "door"]));
+    sitting.until("althing> ");
+    let message = hostile_question(&office);
+    let text = std::fs::read_to_string(&message).expect("it was written");
+    let to_door = office.write("door.json", &text.replace("\"keyboard\"", "\"door\""));
+    let asking = |path: &str| {
+        let mut command = command(&["send", path]);
+        Ends(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("built"))
+    };
+    let (_one, _two) = (asking(&message), asking(&to_door.display().to_string()));
+    let shown = "PIN ␛]0;owned␇␛[35m\\u{9b}2J␍\\u{202e}evil\\u{2066}␡\\u{200b}x";
+
+    let mut heard = watching.until("PIN ");
+    heard += &watching.until("heartbeat");
+    assert!(heard.contains("PIN ␛]0;owned␇␛[35m"), "{heard:?}");
+    assert_eq!(obeyed(&heard[heard.find("PIN").expect("it")..]), [], "{heard:?}");
+
+    let asked = sitting.until("answer 1 TEXT");
+    let line = &asked[asked.find("PIN").expect("it is asked")..];
+    let line = &line[..line.find('\n').expect("its end")];
+    assert!(line.contains("␛]0;owned␇"), "{line:?}");
+    assert!(!line.contains("\u{1b}]") && !line.contains('\u{202e}'), "{line:?}");
+    sitting.type_text("\u{4}");
+
+    let (code, listed) = Terminal::open(command(&["answer"])).until_end();
+    assert_eq!(code, Some(0), "{listed:?}");
+    assert!(listed.contains(shown), "{listed:?}");
+    assert_eq!(obeyed(&listed), [], "{listed:?}");
+    let (_, listed) = Terminal::open(command(&["answer", "--json"])).until_end();
+    assert_eq!(obeyed(&listed), [], "{listed:?}");
+    let json: serde_json::Value = serde_json::from_str(listed.trim()).expect("JSON");
+    assert_eq!(json["questions"][0]["text"], HOSTILE, "and it is the same");
+
+    for arguments in [
+        vec!["goal", "(known-temperature office1\u{1b}]0;x\u{7}\u{202e})"],
+        vec!["act", "(move \u{1b}[2J turtlebot-1 corridor office1)"],
+        vec!["set", "(at \u{9b}31m turtlebot-1)"],
+        vec!["goal", "temp\u{1b}[31meratures"],
+        vec!["goal", "--cancel", "none\u{1b}[2J"],
+        vec!["watch", "--conversation", "\u{1b}[2J", "--nonsense\u{1b}[2J"],
+        vec!["mailbox", "tur\u{1b}[2Jtle"],
+        vec!["check", "no\u{1b}]0;x\u{7}file\u{202e}.toml"],
+        vec!["plan", "no\u{1b}]0;x\u{7}file.pddl", "\u{9b}2J.pddl"],
+        vec!["replay", "\u{1b}[2J.jsonl"],
+    ] {
+        let mut whole = office.command(&arguments);
+        if !matches!(arguments[0], "check" | "plan" | "replay") {
+            whole.args(["--ecosystem", &file]);
+        }
+        let (_, sent) = Terminal::open(whole).until_end();
+        assert!(!sent.is_empty(), "{arguments:?} says something");
+        assert_eq!(obeyed(&sent), [], "{arguments:?}: {sent:?}");
+    }
+}
+
+/// Mistakes are shown with the line they are in.
+#[test]
+fn neither_do_files_reach_a_terminal_raw() {
+    let office = Office::new();
+    let text =
+        "(define (problem p) (:domain d) (:objects a\u{1b}]0;x\u{7} b\u{202e}c \u{9b}2J - room)";
+    let path = office.write("map.pddl", text).display().to_string();
+    let toml = "[ecosystem]\nname = \"a\u{202e}b\u{9b}\"\nmode = \"\\u001B[2J\"\nx\u{1b}y = 1\n";
+    let file = office.write("x.toml", toml).display().to_string();
+    for path in [path, file] {
+        let (code, sent) = Terminal::open(office.command(&["check", &path])).until_end();
+        assert_eq!(code, Some(33), "{sent:?}");
+        assert_eq!(obeyed(&sent), [], "{sent:?}");
+    }
+}
+
+/// The log of a daemon in a terminal says what agents say.
+#[test]
+fn nor_does_a_log() {
+    let office = Office::new();
+    let mut command = office.command(&["up", &file(), "-v"]);
+    command.env("ALTHING_LOG", "info,keyboard=debug,agent=debug");
+    let mut daemon = Terminal::open(command);
+    let mut all = daemon.until("is ready");
+    let message = hostile_question(&office);
+    let mut asking = office.command(&["send", &message, "--ecosystem", &file()]);
+    let _asking = Ends(asking.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("built"));
+    all += &daemon.until("PIN ");
+    all += &daemon.until("\n");
+    let line = all.lines().find(|line| line.contains("PIN ")).expect("it is logged");
+    let said = &line[line.find("PIN ").expect("it")..];
+    assert!(said.starts_with("PIN ␛]0;owned␇"), "{said:?}");
+    assert!(!said.contains("\u{1b}]") && !said.contains('\u{9b}'), "{said:?}");
+}
+
+// === a file that is read anew ===
+
+const THERMOMETER: &str = "[[agent]]\nname = \"NAME\"\nplugin = \"temperature-sensor\"\n\
+     driver = \"simulated\"\nconfig = { location = \"ROOM\" }\n\n";
+
+fn thermometer(name: &str, room: &str) -> String {
+    THERMOMETER.replace("NAME", name).replace("ROOM", room)
+}
+
+/// An ecosystem of the office's words and of a map of the test's own.
+fn lab_with(office: &Office, agents: &str) -> String {
+    let source = Office::file().canonicalize().expect("it is there");
+    let map = source.ancestors().nth(2).expect("a folder").join("domains/smart-office/map.pddl");
+    let text = lab("decentralized");
+    let own = office.folder().join("map.pddl");
+    if !own.exists() {
+        std::fs::copy(&map, &own).expect("it can be copied");
+    }
+    text.replace(&map.display().to_string(), &own.display().to_string()) + agents
+}
+
+#[test]
+fn a_file_is_read_anew_and_what_needs_a_restart_is_named() {
+    let mut office = Office::new();
+    let goals = "[goals]\nwarm = \"(known-temperature office1)\"\n\n";
+    let first = lab_with(&office, &(goals.to_owned() + &thermometer("thermometer-a", "office1")));
+    let file = office.write("lab.toml", &first);
+    office.file = file.clone();
+    let mut command = office.command(&["up", &file.display().to_string()]);
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = Ends(command.spawn().expect("the binary is built"));
+    let said = lines(&mut child.0);
+    assert!(said.recv_timeout(PATIENCE).expect("it begins").contains("is ready"));
+    let notes = notes(child.0.stderr.take().expect("a pipe"));
+    let hangup = || {
+        let pid = child.0.id().to_string();
+        assert!(Command::new("kill").args(["-HUP", &pid]).status().expect("kill").success());
+    };
+
+    // One agent has left, one is new, a goal is another, and the map has a room more.
+    let goals = "[goals]\nwarm = \"(known-temperature office2)\"\n\n";
+    office.write(
+        "lab.toml",
+        &lab_with(&office, &(goals.to_owned() + &thermometer("thermometer-b", "office2"))),
+    );
+    let map = office.folder().join("map.pddl");
+    let text = std::fs::read_to_string(&map).expect("it is there");
+    let more = text.replacen("(:objects", "(:objects attic - room", 1);
+    assert_ne!(more, text, "the map has objects");
+    office.write("map.pddl", &more);
+    hangup();
+    let told = await_note(&notes, "read at a restart only");
+    for part in ["new: `thermometer-b`", "left: `thermometer-a`", "`warm`", "the map (rooms"] {
+        assert!(told.contains(part), "{part}: {told}");
+    }
+    let agents = office.ask(&["agents"]).1;
+    assert!(agents.contains("thermometer-b") && !agents.contains("thermometer-a"), "{agents}");
+    let (code, said) = office.ask(&["goal", "warm"]);
+    assert_eq!(code, Some(0), "the new one measures: {said}");
+
+    // A mistake changes nothing.
+    office.write("lab.toml", "[ecosystem\n");
+    hangup();
+    await_note(&notes, "nothing is changed");
+    // Commands read the file, too.
+    office.write("lab.toml", &first);
+    let agents = office.ask(&["agents"]).1;
+    assert!(agents.contains("thermometer-b"), "{agents}");
+}
+
+/// The lines of a stream, as they come.
+fn notes(stream: impl std::io::Read + Send + 'static) -> mpsc::Receiver<String> {
+    let (tell, told) = mpsc::channel();
+    std::thread::spawn(move || {
+        for line in BufReader::new(stream).lines().map_while(Result::ok) {
+            if tell.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    told
+}
+
+/// All lines up to the one that contains `text`.
+#[track_caller]
+fn await_note(notes: &mpsc::Receiver<String>, text: &str) -> String {
+    let mut all = String::new();
+    let deadline = Instant::now() + PATIENCE;
+    while !all.contains(text) {
+        let left = deadline.saturating_duration_since(Instant::now());
+        let line = notes.recv_timeout(left).unwrap_or_else(|_| panic!("no `{text}`: {all}"));
+        all += &line;
+        all.push('\n');
+    }
+    all
+}
+
+#[test]
+fn machines_with_different_maps_tell_of_each_other() {
+    let mut office = Office::new();
+    let agents = thermometer("thermometer-b", "office2");
+    let text = lab_with(&office, &(agents.replace("driver =", "daemon = \"b\"\ndriver =")));
+    let text = text.replace(
+        "plugin = \"domain-maintainer\"\n",
+        "plugin = \"domain-maintainer\"\ndaemon = \"a\"\n",
+    );
+    let file = office.write("lab.toml", &text);
+    office.file = file.clone();
+    let up = |name: &str| {
+        let mut command = office.command(&["up", &file.display().to_string(), "--daemon", name]);
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = Ends(command.spawn().expect("the binary is built"));
+        let said = lines(&mut child.0);
+        assert!(said.recv_timeout(PATIENCE).expect("it begins").contains("is ready"));
+        let notes = notes(child.0.stderr.take().expect("a pipe"));
+        (child, said, notes)
+    };
+    let (_a, _said_a, notes_a) = up("a");
+    let map = office.folder().join("map.pddl");
+    let text = std::fs::read_to_string(&map).expect("it is there");
+    office.write("map.pddl", &text.replacen("(:objects", "(:objects attic - room", 1));
+    let (_b, _said_b, notes_b) = up("b");
+    let at_a = await_note(&notes_a, "the map of daemon `b` is another one");
+    let at_b = await_note(&notes_b, "the map of daemon `a` is another one");
+    let digests = |told: &str| -> Vec<String> {
+        let line = told.lines().last().expect("a line");
+        let hex = |word: &&str| word.len() == 12 && word.chars().all(|c| c.is_ascii_hexdigit());
+        let mut all: Vec<_> =
+            line.split(|c: char| !c.is_alphanumeric()).filter(hex).map(str::to_owned).collect();
+        all.sort();
+        all
+    };
+    assert_eq!(digests(&at_a).len(), 2, "{at_a}");
+    assert_eq!(digests(&at_a), digests(&at_b), "{at_b}");
+}
+
+// === a daemon that stands still ===
+
+#[test]
+fn a_stopped_bystander_keeps_no_command_waiting() {
+    let mut office = Office::new();
+    // The bystander is the first by its name, and so the first that commands would join by.
+    office.up(&["reasoning", "conf-room-pi"], &[]);
+    office.signal("conf-room-pi", "STOP");
+    let began = Instant::now();
+    let (code, said) = ask(&office, &["goals"]);
+    let took = began.elapsed();
+    office.signal("conf-room-pi", "CONT");
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("conf-room-pi.sock stands still (process "), "{said}");
+    assert!(said.contains("joins by unixsock-stream/"), "{said}");
+    assert!(took < Duration::from_secs(9), "Zenoh alone waits ten seconds: {took:?}");
+}
+
+#[test]
+fn who_waits_for_a_goal_hears_that_nobody_leads() {
+    let mut office = Office::new();
+    office.up(&["office2-pi", "reasoning"], &[]);
+    let goal = ["goal", "(known-temperature office2)", "--maintain", "--ecosystem", &file()];
+    let mut command = office.command(&goal);
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = Ends(command.spawn().expect("the binary is built"));
+    let said = lines(&mut child.0);
+    // Accepted, and kept on the disk of the daemon that is killed.
+    await_note(&said, "holds");
+    let notes = notes(child.0.stderr.take().expect("a pipe"));
+    office.kill("reasoning");
+    await_note(&notes, "nobody leads: no daemon that is seen hosts `plan-requester`");
+    office.up(&["reasoning"], &[]);
+    await_note(&notes, "`plan-requester` leads again, at daemon `reasoning`");
+}
+
+// === files that are nobody else's ===
+
+#[test]
+fn what_a_daemon_and_a_recording_keep_is_closed_to_others_whatever_the_umask() {
+    let mut office = Office::new();
+    let state = office.folder().join("state");
+    let file = file();
+    let mut shell = office.program("sh");
+    let althing = env!("CARGO_BIN_EXE_althing");
+    shell.args(["-c", "umask 0; exec \"$@\"", "sh", althing, "up", &file]);
+    office.begin_as("alone", shell);
+    let (code, said) = ask(&office, &["goal", "temperatures"]);
+    assert_eq!(code, Some(0), "{said}");
+    let mut open = vec![state];
+    let mut files = 0;
+    while let Some(path) = open.pop() {
+        let about = std::fs::symlink_metadata(&path).expect("it is there");
+        // Only the folder of an ecosystem's daemon is ours; a test made those above.
+        assert_eq!(about.mode() & 0o077, 0, "{}", path.display());
+        if about.is_dir() {
+            let entries = std::fs::read_dir(&path).expect("a folder");
+            open.extend(entries.map(|entry| entry.expect("an entry").path()));
+        } else {
+            files += 1;
+        }
+    }
+    assert!(files > 0, "a journal is kept");
+
+    let recording = office.write("old.jsonl", "");
+    std::fs::set_permissions(&recording, std::fs::Permissions::from_mode(0o666)).expect("ours");
+    for name in ["new.jsonl", "old.jsonl"] {
+        let mut shell = office.program("sh");
+        shell.args(["-c", "umask 0; exec \"$@\"", "sh", althing, "watch", "--record", name]);
+        shell.args(["--ecosystem", &file]).stdout(Stdio::null()).stderr(Stdio::null());
+        let _child = Ends(shell.spawn().expect("a shell"));
+        let path = office.folder().join(name);
+        let deadline = Instant::now() + PATIENCE;
+        while std::fs::metadata(&path).map_or(0, |about| about.len()) == 0 {
+            assert!(Instant::now() < deadline, "{name} is never written");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let mode = std::fs::metadata(&path).expect("it is there").mode() & 0o777;
+        assert_eq!(mode, 0o600, "{name}");
+    }
+}
+
+// === ports ===
+
+/// A daemon that listens at a port of this machine, as its environment says.
+fn up_at(office: &Office, name: &str, listen: &str, connect: &str) -> Child {
+    let mut command = office.command(&["up", &file(), "--daemon", name]);
+    command.env("ALTHING_ZENOH__LISTEN__ENDPOINTS", listen);
+    command.env("ALTHING_ZENOH__CONNECT__ENDPOINTS", connect);
+    command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the binary is built")
+}
+
+#[test]
+fn a_port_that_is_taken_is_said_to_be_taken_and_by_whom() {
+    let office = Office::new();
+    let taken = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let port = taken.local_addr().expect("an address").port();
+    let listen = format!("[\"tcp/127.0.0.1:{port}\"]");
+    let refused = up_at(&office, "reasoning", &listen, "[]").wait_with_output().expect("our child");
+    assert_eq!(refused.status.code(), Some(69));
+    let said = stderr(&refused);
+    let by = format!("port {port} is taken by process {} (`", std::process::id());
+    assert!(said.contains(&by), "{said}");
+    assert!(said.contains("ALTHING_ZENOH__LISTEN__ENDPOINTS="), "the cure: {said}");
+}
+
+/// One file for all machines names each of them.
+#[test]
+fn a_daemon_that_is_told_to_call_itself_does_not() {
+    let office = Office::new();
+    let free = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let port = free.local_addr().expect("an address").port();
+    drop(free);
+    let listen = format!("[\"tcp/127.0.0.1:{port}\"]");
+    let host = std::fs::read_to_string("/proc/sys/kernel/hostname").expect("a name");
+    let connect = format!(
+        "[\"tcp/127.0.0.1:{port}\", \"tcp/localhost:{port}\", \"tcp/{}:{port}\"]",
+        host.trim()
+    );
+    let mut child = up_at(&office, "reasoning", &listen, &connect);
+    let said = lines(&mut child);
+    let ready = said.recv_timeout(PATIENCE).expect("it says that it is ready");
+    assert!(ready.contains("is ready"), "{ready}");
+    // It is asked something, so that whatever a call to itself would have said is said.
+    let (code, agents) = ask(&office, &["agents"]);
+    assert_eq!(code, Some(0), "{agents}");
+    let pid = child.id().to_string();
+    assert!(Command::new("kill").args(["-TERM", &pid]).status().expect("kill").success());
+    let output = child.wait_with_output().expect("our child");
+    let log = stderr(&output);
+    assert!(!log.contains("SELF") && !log.contains("ERROR"), "{log}");
+}
