@@ -21,8 +21,8 @@ fn office() -> Office {
     let text = std::fs::read_to_string(Office::file()).expect("it is there");
     let root = Office::file().canonicalize().expect("it is there");
     let root = root.ancestors().nth(2).expect("a folder").display().to_string();
-    let text = text.replace("\"../domains", &format!("\"{root}/domains")) +
-        "\n[[agent]]\nname = \"journal-2\"\nplugin = \"journal\"\ndaemon = \"turtlebot-laptop\"\n\n[[agent]]\nname = \"journal-3\"\nplugin = \"journal\"\ndaemon = \"office2-pi\"\n\n[[agent]]\nname = \"journal-4\"\nplugin = \"journal\"\ndaemon = \"conf-room-pi\"\n";
+    let text = text.replace("\"../domains", &format!("\"{root}/domains"))
+        + "\n[[agent]]\nname = \"journal-2\"\nplugin = \"journal\"\ndaemon = \"turtlebot-laptop\"\n\n[[agent]]\nname = \"journal-3\"\nplugin = \"journal\"\ndaemon = \"office2-pi\"\n\n[[agent]]\nname = \"journal-4\"\nplugin = \"journal\"\ndaemon = \"conf-room-pi\"\n";
     let file = office.write("office.toml", &text);
     let mut office = office.with_file(file);
     let file = office.file.display().to_string();
@@ -32,7 +32,8 @@ fn office() -> Office {
     office.begin_as("reasoning", command);
     for name in ["turtlebot-laptop", "office2-pi", "conf-room-pi"] {
         let mut command = office.command(&["up", &file, "--daemon", name]);
-        command.env("ALTHING_BUILDING__TIME_SCALE", std::env::var("SCALE").unwrap_or("0.02".into()));
+        command
+            .env("ALTHING_BUILDING__TIME_SCALE", std::env::var("SCALE").unwrap_or("0.02".into()));
         office.begin_as(name, command);
     }
     office.await_devices(5);
@@ -88,11 +89,18 @@ async fn of_a_thousand_goals_at_once_every_end_is_told_and_kept() {
     let unkept = log.lines().filter(|line| line.contains("did not keep")).count();
     eprintln!("{unkept} times a Journal did not keep");
     let journals = asker.question(Resource::Journal).await;
-    let records: Vec<_> = journals.iter().flat_map(|records| records.as_array().cloned()).flatten().collect();
-    let goal = |record: &&serde_json::Value| record["key"].as_str().is_some_and(|key| key.starts_with("goal/"));
+    let records: Vec<_> =
+        journals.iter().flat_map(|records| records.as_array().cloned()).flatten().collect();
+    let goal = |record: &&serde_json::Value| {
+        record["key"].as_str().is_some_and(|key| key.starts_with("goal/"))
+    };
     let kept: Vec<_> = records.iter().filter(goal).collect();
     let ended = kept.iter().filter(|record| !record["body"]["ended"].is_null()).count();
-    eprintln!("{} goal records, {ended} ended, {} null", kept.len(), kept.iter().filter(|record| record["body"].is_null()).count());
+    eprintln!(
+        "{} goal records, {ended} ended, {} null",
+        kept.len(),
+        kept.iter().filter(|record| record["body"].is_null()).count()
+    );
     let _ = Outcome::Done;
     std::fs::copy(office.folder().join("log"), "/tmp/load-log").expect("copied");
     assert_eq!(count(|heard| !heard.is_over()), 0);

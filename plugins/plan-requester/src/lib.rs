@@ -103,7 +103,15 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let config = blueprint.config_as()?;
     let mode = blueprint.host.mode;
     let (keeper, goals, ended) = (Keeper::new(&blueprint.host), BTreeMap::new(), Ended::default());
-    Ok(Box::new(PlanRequester { config, mode, goals, ended, keeper, comparing: None, telling: None }))
+    Ok(Box::new(PlanRequester {
+        config,
+        mode,
+        goals,
+        ended,
+        keeper,
+        comparing: None,
+        telling: None,
+    }))
 }
 
 struct PlanRequester {
@@ -232,7 +240,9 @@ impl PlanRequester {
         let untold = self.ended.untold_count();
         if self.goals.len() + untold >= GOALS_MAX {
             let detail = match untold {
-                0 => format!("{GOALS_MAX} goals are pursued already; ask again when some have ended"),
+                0 => {
+                    format!("{GOALS_MAX} goals are pursued already; ask again when some have ended")
+                }
                 _ => format!(
                     "{} goals are pursued already, and how {untold} ended could not be told yet; ask \
                      again later",

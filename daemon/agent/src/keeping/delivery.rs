@@ -265,13 +265,7 @@ fn answered<A: Keeps>(agent: &mut A, from: &AgentId, outcome: Outcome, ctx: &mut
 }
 
 /// One record is not kept by a Journal: tells those who wait for it.
-fn refused<A: Keeps>(
-    agent: &mut A,
-    by: &AgentId,
-    key: &str,
-    why: &str,
-    ctx: &mut Context<A>,
-) {
+fn refused<A: Keeps>(agent: &mut A, by: &AgentId, key: &str, why: &str, ctx: &mut Context<A>) {
     let deliveries = &agent.keeper().deliveries;
     let waits = |(_, tally): &(&u64, &Tally<A>)| tally.keys.contains(key);
     let waiting = deliveries.tallies.iter().filter(waits).map(|(number, _)| *number);
@@ -301,7 +295,9 @@ fn settle_kept<A: Keeps>(agent: &mut A, journal: &AgentId, ctx: &mut Context<A>)
         return;
     };
     let is_kept = |number: &u64| {
-        tallies.get(number).is_none_or(|tally| !tally.keys.iter().any(|key| waiting.contains_key(key)))
+        tallies
+            .get(number)
+            .is_none_or(|tally| !tally.keys.iter().any(|key| waiting.contains_key(key)))
     };
     let (kept, left) = std::mem::take(numbers).into_iter().partition(is_kept);
     *numbers = left;
@@ -378,7 +374,8 @@ mod tests {
         delivery.add(&[record("goal/a", 1, json!("asked for"))]);
         assert_eq!(delivery.next().expect("one").len(), 1);
         for count in 2..1_000 {
-            delivery.add(&[record("goal/a", count, json!(count)), record("plan/a", count, json!(0))]);
+            delivery
+                .add(&[record("goal/a", count, json!(count)), record("plan/a", count, json!(0))]);
             assert_eq!(delivery.next(), None, "one is under way");
         }
         assert_eq!(delivery.waiting.len(), 2);
