@@ -19,6 +19,7 @@ mod declarations;
 mod endpoint;
 mod inbound;
 mod key_expr;
+mod plain_words;
 mod presence;
 mod publishers;
 mod questions;
@@ -34,6 +35,7 @@ mod too_long;
 
 pub use config::{Config, LEASE, MESSAGE_BYTES_MAX, Mode, OpenError, REST, lease};
 pub use endpoint::EndpointError;
+pub use plain_words::{is_error_of_zenoh, plain_words};
 pub use sealing::Security;
 pub use session::ZenohSubstrate;
 pub use tap::{Tap, tap};

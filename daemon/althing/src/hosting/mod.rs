@@ -6,7 +6,9 @@ mod anew;
 mod building;
 mod credentials;
 mod entrance;
+mod file_handles;
 mod folders;
+mod lost_socket;
 mod moving;
 mod processes;
 mod rehearsal;
@@ -33,9 +35,11 @@ use crate::plugins;
 pub(crate) use building::simulate;
 pub(crate) use credentials::{GuestKeys, announce_end, forget_keys, secure, tell_keys};
 pub(crate) use entrance::{Stay, enter};
+pub(crate) use file_handles::warn_of_few_file_handles;
 pub(crate) use folders::{
     plugins_folder, running_ecosystems, runtime_folder, socket_in, state_folder,
 };
+pub(crate) use lost_socket::watch_socket;
 pub(crate) use moving::watch_addresses;
 pub(crate) use processes::{Processes, become_plugin};
 pub(crate) use rehearsal::{models, rehearse};
