@@ -5,104 +5,143 @@ mod support;
 
 use std::collections::BTreeMap;
 use std::fs::File;
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use acl::content::Outcome;
 use substrate::Resource;
+use support::Office;
 use support::asker::{Asker, Heard};
-use support::{Office, PATIENCE};
 
-/// Goals that one asker asks for at once.
-const GOALS: usize = 1_000;
+/// Goals that one asker asks for at once: more than are pursued at a time, and more than a mailbox
+/// holds.
+const GOALS: usize = 400;
 
-/// The office with two Journals, with the log of who reasons in a file.
+/// Commands that people begin at once: several times as many as join at a time.
+const COMMANDS: usize = 12;
+
+/// How long a busy machine may take for all of it.
+const BUSY: Duration = Duration::from_secs(120);
+
+/// The office with a Journal on each of three machines, and the log of who reasons in a file.
 fn office() -> Office {
     let office = Office::new();
     let text = std::fs::read_to_string(Office::file()).expect("it is there");
     let root = Office::file().canonicalize().expect("it is there");
     let root = root.ancestors().nth(2).expect("a folder").display().to_string();
-    let text = text.replace("\"../domains", &format!("\"{root}/domains"))
-        + "\n[[agent]]\nname = \"journal-2\"\nplugin = \"journal\"\ndaemon = \"turtlebot-laptop\"\n\n[[agent]]\nname = \"journal-3\"\nplugin = \"journal\"\ndaemon = \"office2-pi\"\n\n[[agent]]\nname = \"journal-4\"\nplugin = \"journal\"\ndaemon = \"conf-room-pi\"\n";
+    let mut text = text.replace("\"../domains", &format!("\"{root}/domains"));
+    for (name, daemon) in [("journal-2", "office2-pi"), ("journal-3", "conf-room-pi")] {
+        text += &format!(
+            "\n[[agent]]\nname = \"{name}\"\nplugin = \"journal\"\ndaemon = \"{daemon}\"\n"
+        );
+    }
     let file = office.write("office.toml", &text);
     let mut office = office.with_file(file);
     let file = office.file.display().to_string();
-    let mut command = office.command(&["up", &file, "--daemon", "reasoning", "-v"]);
-    let log = File::create(office.folder().join("log")).expect("a file");
-    command.stderr(log);
-    office.begin_as("reasoning", command);
-    for name in ["turtlebot-laptop", "office2-pi", "conf-room-pi"] {
+    for name in ["reasoning", "turtlebot-laptop", "office2-pi", "conf-room-pi"] {
         let mut command = office.command(&["up", &file, "--daemon", name]);
-        command
-            .env("ALTHING_BUILDING__TIME_SCALE", std::env::var("SCALE").unwrap_or("0.02".into()));
+        command.env("ALTHING_BUILDING__TIME_SCALE", "0.02");
+        if name == "reasoning" {
+            command.arg("-v");
+            command.stderr(File::create(office.folder().join("log")).expect("a file"));
+        }
         office.begin_as(name, command);
     }
     office.await_devices(5);
     office
 }
 
-fn log(office: &Office) -> String {
-    std::fs::read_to_string(office.folder().join("log")).expect("a file")
+/// The lines of the log of who reasons.
+fn log(office: &Office) -> Vec<String> {
+    let text = std::fs::read_to_string(office.folder().join("log")).expect("a file");
+    text.lines().map(str::to_owned).collect()
 }
 
-/// Goals of which each is another.
+/// Goals that can be reached, and one in eight that cannot be read.
 fn goals(count: usize) -> impl Iterator<Item = String> {
     (0..count).map(|number| match number % 8 {
         0 => "(at turtlebot-1 office1)".to_owned(),
-        1 => "(known-temperature conf-room)".to_owned(),
+        1 | 3 => "(known-temperature conf-room)".to_owned(),
         2 => "(known-co2 conf-room)".to_owned(),
-        3 => "(known-temperature office1)".to_owned(),
         4 => "(at turtlebot-1 office2)".to_owned(),
-        5 => "(at turtlebot-1 conf-room)".to_owned(),
+        5 => "(known-temperature office2)".to_owned(),
         6 => "(at turtlebot-1 nowhere)".to_owned(),
         _ => "(and (at turtlebot-1 corridor) (known-temperature office2))".to_owned(),
     })
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn of_a_thousand_goals_at_once_every_end_is_told_and_kept() {
+async fn of_hundreds_of_goals_at_once_every_end_is_told_and_kept() {
     let office = tokio::task::spawn_blocking(office).await.expect("no panic");
     let asker = Asker::join(&office, "asker").await;
-    let began = std::time::Instant::now();
-    let heard = asker.ask(goals(GOALS), std::time::Duration::from_secs(45)).await;
-    let took = began.elapsed();
+    let heard = asker.ask(goals(GOALS), BUSY).await;
 
-    let count = |is: fn(&Heard) -> bool| heard.values().filter(|heard| is(heard)).count();
     let mut reasons: BTreeMap<String, usize> = BTreeMap::new();
-    for heard in heard.values() {
-        if let Some(why) = &heard.refused {
-            *reasons.entry(format!("refused: {why}")).or_default() += 1;
-        }
-        if let Some((outcome, why)) = &heard.ended {
-            *reasons.entry(format!("{outcome}: {why}")).or_default() += 1;
+    for Heard { refused, ended, .. } in heard.values() {
+        assert!(refused.is_none() || ended.is_none(), "refused, and done: {refused:?} {ended:?}");
+        let refused = refused.iter().map(|why| format!("refused: {why}"));
+        let ended = ended.iter().map(|(outcome, why)| format!("{outcome}: {why}"));
+        for what in refused.chain(ended) {
+            *reasons.entry(what).or_default() += 1;
         }
     }
-    let last = heard.values().filter_map(|heard| heard.over_after).max();
-    eprintln!(
-        "{} receipts, {} accepted, {} refused, {} ended, {} of {GOALS} are not over after {took:?}; last after {last:?}\n{reasons:#?}",
-        count(|heard| heard.receipt),
-        count(|heard| heard.accepted.is_some()),
-        count(|heard| heard.refused.is_some()),
-        count(|heard| heard.ended.is_some()),
-        count(|heard| !heard.is_over()),
-    );
-    let log = log(&office);
-    let unkept = log.lines().filter(|line| line.contains("did not keep")).count();
-    eprintln!("{unkept} times a Journal did not keep");
-    let journals = asker.question(Resource::Journal).await;
-    let records: Vec<_> =
-        journals.iter().flat_map(|records| records.as_array().cloned()).flatten().collect();
-    let goal = |record: &&serde_json::Value| {
-        record["key"].as_str().is_some_and(|key| key.starts_with("goal/"))
+    eprintln!("{reasons:#?}");
+    let open: Vec<_> = heard.iter().filter(|(_, heard)| !heard.is_over()).collect();
+    assert!(open.is_empty(), "not told how they ended: {open:?}");
+    let is_true = |reason: &str| {
+        ["done: ", "failed: 1:17: error: unknown object `nowhere`", "refused: 256 goals"]
+            .iter()
+            .any(|beginning| reason.starts_with(beginning))
+            || (reason.starts_with("refused: ") && reason.ends_with("ask again later"))
     };
-    let kept: Vec<_> = records.iter().filter(goal).collect();
-    let ended = kept.iter().filter(|record| !record["body"]["ended"].is_null()).count();
-    eprintln!(
-        "{} goal records, {ended} ended, {} null",
-        kept.len(),
-        kept.iter().filter(|record| record["body"].is_null()).count()
-    );
-    let _ = Outcome::Done;
-    std::fs::copy(office.folder().join("log"), "/tmp/load-log").expect("copied");
-    assert_eq!(count(|heard| !heard.is_over()), 0);
-    assert_eq!(unkept, 0);
+    let untrue: Vec<_> = reasons.keys().filter(|reason| !is_true(reason)).collect();
+    assert!(untrue.is_empty(), "{untrue:?}");
+    let log = log(&office);
+    let unkept: Vec<_> = log
+        .iter()
+        .filter(|line| line.contains("does not keep") || line.contains("is not kept"))
+        .collect();
+    assert!(unkept.is_empty(), "{unkept:?}");
+
+    // Each goal that was accepted has its end in the Journal, though the asker may know it sooner.
+    let ended: Vec<_> = heard.iter().filter(|(_, heard)| heard.ended.is_some()).collect();
+    assert!(ended.len() >= 32, "hardly any was accepted: {reasons:?}");
+    let kept = tokio::time::timeout(BUSY, async {
+        loop {
+            let kept = ends_kept(&asker).await;
+            if ended.iter().all(|(id, _)| kept.contains(&format!("goal/{id}"))) {
+                return;
+            }
+            tokio::time::sleep(Duration::from_millis(200)).await;
+        }
+    });
+    kept.await.expect("all ends are on disk");
+}
+
+/// The keys of the goals whose end some Journal has kept.
+async fn ends_kept(asker: &Asker) -> Vec<String> {
+    let journals = asker.question(Resource::Journal).await;
+    let records =
+        journals.iter().flat_map(|records| records.as_array().cloned().unwrap_or_default());
+    let ended = records.filter(|record| !record["body"]["ended"].is_null());
+    ended.filter_map(|record| Some(record["key"].as_str()?.to_owned())).collect()
+}
+
+#[test]
+fn commands_that_come_at_once_wait_their_turn() {
+    let office = office();
+    let file = office.file.display().to_string();
+    let goals = ["(known-temperature conf-room)", "(known-co2 conf-room)"];
+    let mut begun = Vec::new();
+    for number in 0..COMMANDS {
+        let goal = goals[number % goals.len()];
+        let mut command: Command = office.command(&["goal", goal, "--ecosystem", &file]);
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        begun.push(command.spawn().expect("it begins"));
+    }
+    for command in begun {
+        let output = command.wait_with_output().expect("it ends");
+        let said = String::from_utf8_lossy(&output.stdout);
+        let noted = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{said}\n{noted}");
+    }
 }

@@ -194,8 +194,18 @@ impl Keyboard {
             Said::Act(action) => self.act(action, ctx),
             Said::Set(change) => self.set(change, ctx),
             Said::Mode(mode) => self.set_mode(mode, ctx),
-            Said::Answer { keyboard, question, text } => {
-                self.give_answer(keyboard, AnswerQuestion { question, text }, ctx);
+            Said::Answer { keyboard, question, text, seal_to } => {
+                let said = PersonsAnswer::plain(text);
+                match seal_to.as_deref().map_or(Ok(said.clone()), |key| sealed(key, &said)) {
+                    Ok(said) => {
+                        self.give_answer(keyboard, AnswerQuestion { question, said }, ctx);
+                    }
+                    Err(refusal) => {
+                        let conversation = ctx.new_conversation();
+                        self.pass(Heard::Asked(conversation.clone()));
+                        self.pass(Heard::Refused(conversation, refusal));
+                    }
+                }
             }
             Said::Send(draft) => self.send(draft, ctx),
         }
@@ -420,7 +430,7 @@ impl Keyboard {
         let patience = asked - QUESTION_MARGIN.min(asked / 10);
         let timer =
             ctx.after(patience, move |keyboard: &mut Self, ctx| keyboard.expire(number, ctx));
-        self.questions.keep(engagement, question.text, patience, timer, ctx.now());
+        self.questions.keep(engagement, question, patience, timer, ctx.now());
         if let Some(open) = self.questions.find(ctx.id(), number, ctx.now()) {
             self.pass(Heard::Question(open));
         }
@@ -496,17 +506,30 @@ impl Keyboard {
         answer: AnswerQuestion,
         ctx: &mut Context<Self>,
     ) -> Result<Report, Refusal> {
-        let AnswerQuestion { question: number, text } = answer;
+        let AnswerQuestion { question: number, said } = answer;
+        // Who brings it may not know how to seal it.
+        let said = match self.questions.seal_to(number).filter(|_| said.sealed.is_none()) {
+            Some(key) => sealed(key, &said)?,
+            None => said,
+        };
         let Some(question) = self.questions.take(number) else {
             let open = self.questions.numbers();
             let detail = format!("`{}` has no open question {number}; open: {open}", ctx.id());
             return Err(Refusal::new(Reason::Unknown, detail));
         };
         ctx.forget(question.timer);
-        let inform = Inform::Answer(PersonsAnswer { text });
+        let inform = Inform::Answer(said);
         ctx.answer(&question.engagement, Performative::Inform, &inform);
         let asker = &question.engagement.initiator;
         Ok(Report::new(Outcome::Done, format!("`{asker}` was told")))
+    }
+}
+
+/// An answer, sealed to the key of its question.
+fn sealed(key: &str, said: &PersonsAnswer) -> Result<PersonsAnswer, Refusal> {
+    match credentials::seal_answer(key, &said.text) {
+        Ok(sealed) => Ok(PersonsAnswer { text: String::new(), sealed: Some(sealed) }),
+        Err(error) => Err(Refusal::new(Reason::BadContent, format!("the answer {error}"))),
     }
 }
 

@@ -7,15 +7,14 @@
 use std::fs::{File, OpenOptions, TryLockError};
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::sync::mpsc;
+use std::thread;
+use std::time::Duration;
 
 use terminal::output;
 
 /// How many commands join at a time.
 const AT_ONCE: usize = 4;
-
-/// How often one that waits looks whether it is its turn.
-const PERIOD: Duration = Duration::from_millis(40);
 
 /// After how long a person is told that the command waits.
 const TOLD_AFTER: Duration = Duration::from_secs(3);
@@ -33,35 +32,41 @@ pub(super) fn wait(folder: &Path) -> Result<Turn, String> {
 }
 
 fn wait_within(folder: &Path, within: Duration) -> Result<Turn, String> {
-    let began = Instant::now();
-    let mut is_told = false;
-    // Those that wait look at other files first.
-    let first = usize::try_from(std::process::id()).unwrap_or_default();
-    loop {
-        for number in 0..AT_ONCE {
-            let path = folder.join(format!("joining-{}", (first + number) % AT_ONCE));
-            let opened = OpenOptions::new().create(true).append(true).mode(0o600).open(&path);
-            // Where no file can be made, nobody can be waited for.
-            let Ok(file) = opened else { return Ok(Turn(None)) };
-            match file.try_lock() {
-                Ok(()) => return Ok(Turn(Some(file))),
-                Err(TryLockError::WouldBlock) => (),
-                Err(TryLockError::Error(_)) => return Ok(Turn(None)),
-            }
+    let mut files = Vec::new();
+    for number in 0..AT_ONCE {
+        let path = folder.join(format!("joining-{number}"));
+        let opened = OpenOptions::new().create(true).append(true).mode(0o600).open(&path);
+        // Where no file can be made, nobody can be waited for.
+        let Ok(file) = opened else { return Ok(Turn(None)) };
+        match file.try_lock() {
+            Ok(()) => return Ok(Turn(Some(file))),
+            Err(TryLockError::WouldBlock) => files.push(file),
+            Err(TryLockError::Error(_)) => return Ok(Turn(None)),
         }
-        if began.elapsed() >= within {
-            return Err(format!(
-                "join the ecosystem: the daemon is busy, other commands have been joining for {} \
-                 seconds; try again later",
-                within.as_secs()
-            ));
-        }
-        if !is_told && began.elapsed() >= TOLD_AFTER {
-            is_told = true;
-            output::note("many commands are joining just now; this one waits for its turn");
-        }
-        std::thread::sleep(PERIOD);
     }
+    // Those that wait are spread; the system wakes one when its turn has come.
+    let queue = usize::try_from(std::process::id()).unwrap_or_default() % AT_ONCE;
+    let file = files.swap_remove(queue);
+    let (tell, locked) = mpsc::channel();
+    thread::spawn(move || {
+        let turn = file.lock().map(|()| Turn(Some(file)));
+        // Who has waited too long does not hear it, and the turn is over at once.
+        let _ = tell.send(turn.unwrap_or(Turn(None)));
+    });
+    let told_after = TOLD_AFTER.min(within);
+    if let Ok(turn) = locked.recv_timeout(told_after) {
+        return Ok(turn);
+    }
+    if told_after < within {
+        output::note("many commands are joining just now; this one waits for its turn");
+    }
+    locked.recv_timeout(within - told_after).map_err(|_| {
+        format!(
+            "join the ecosystem: the daemon is busy, other commands have been joining for {} \
+             seconds; try again later",
+            within.as_secs()
+        )
+    })
 }
 
 impl Drop for Turn {
