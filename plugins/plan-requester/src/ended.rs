@@ -9,16 +9,16 @@ use agent::{Engagement, Resident};
 
 use crate::resuming::conversation_of;
 
-/// Goals that have ended and are remembered: twice as many as are pursued at a time, so that how
-/// each of them ended is kept.
-const KNOWN_MAX: usize = 2 * crate::GOALS_MAX;
+/// Goals that have ended and are remembered.
+const KNOWN_MAX: usize = 128;
 
 /// Ends that are told once more: to Journals that come, and to who takes over; either may have missed
 /// the first time.
 const OWN_MAX: usize = 32;
 
-/// Ends that are told once more to askers that come back, or ask again.
-const TOLD_MAX: usize = 2 * crate::GOALS_MAX;
+/// Ends that are told once more to askers that come back, or ask again: those of all goals that are
+/// pursued at a time.
+const TOLD_MAX: usize = crate::GOALS_MAX;
 
 /// What is remembered of goals that have ended.
 #[derive(Debug, Default)]

@@ -60,19 +60,15 @@ struct Delivery {
     /// Those of whose records all are in `waiting`, or on their way.
     tallies: BTreeSet<u64>,
     /// What the request that is under way carries.
-    under_way: Option<Batch>,
+    under_way: Option<Vec<Record>>,
     /// Until it is asked again.
     again: Option<TimerId>,
     /// Whether records go one by one, because the Journal refused some of several.
     one_by_one: bool,
-    /// Whether its trouble has been logged.
-    is_in_trouble: bool,
-}
-
-/// The records of one request.
-#[derive(Debug, Default)]
-struct Batch {
-    records: Vec<Record>,
+    /// Why it keeps nothing now, as the log says already.
+    trouble: Option<String>,
+    /// Whether its disk is the reason: nobody waits for that.
+    is_disk_in_trouble: bool,
 }
 
 /// What a Journal said of a request.
@@ -97,11 +93,12 @@ impl<A: Agent> Deliveries<A> {
     /// Whether every Journal that is here has all it was asked to keep.
     pub(super) fn is_empty(&self) -> bool {
         let is_idle = |to: &Delivery| to.under_way.is_none() && to.waiting.is_empty();
-        self.to.values().all(|to| to.is_in_trouble || is_idle(to))
+        self.to.values().all(|to| to.trouble.is_some() || is_idle(to))
     }
 }
 
 impl Delivery {
+    /// Takes records to be sent, or back those that were not kept, unless newer ones wait.
     fn add(&mut self, records: &[Record]) {
         for record in records {
             let waiting = self.waiting.get(&record.key);
@@ -127,13 +124,8 @@ impl Delivery {
             }
             records.push(record);
         }
-        self.under_way = Some(Batch { records: records.clone() });
+        self.under_way = Some(records.clone());
         Some(records)
-    }
-
-    /// Takes back what was not kept; what has changed meanwhile is newer.
-    fn take_back(&mut self, records: Vec<Record>) {
-        self.add(&records);
     }
 }
 
@@ -164,8 +156,10 @@ pub(super) fn deliver<A: Keeps>(
         let late = move |agent: &mut A, ctx: &mut Context<A>| {
             let awaited = agent.keeper().deliveries.tallies.get(&number);
             for journal in awaited.map(|tally| tally.awaited.clone()).unwrap_or_default() {
-                let late = Err("it did not answer in time".to_owned());
-                note(agent, number, &journal, late, ctx);
+                let known = agent.keeper().deliveries.to.get(&journal);
+                let why = known.and_then(|delivery| delivery.trouble.clone());
+                let why = why.unwrap_or_else(|| "it did not answer in time".to_owned());
+                note(agent, number, &journal, Err(why), ctx);
             }
         };
         let tally = Tally {
@@ -183,7 +177,11 @@ pub(super) fn deliver<A: Keeps>(
         let delivery = agent.keeper().deliveries.to.entry(journal.clone()).or_default();
         delivery.add(records);
         delivery.tallies.extend(number);
-        send(agent, &journal, ctx);
+        let is_hopeless = delivery.is_disk_in_trouble && delivery.again.is_some();
+        match delivery.trouble.clone().filter(|_| is_hopeless) {
+            Some(why) => settle(agent, &journal, &Err(why), ctx),
+            None => send(agent, &journal, ctx),
+        }
     }
 }
 
@@ -191,6 +189,9 @@ pub(super) fn deliver<A: Keeps>(
 fn send<A: Keeps>(agent: &mut A, journal: &AgentId, ctx: &mut Context<A>) {
     let Some(delivery) = agent.keeper().deliveries.to.get_mut(journal) else { return };
     let Some(records) = delivery.next() else { return };
+    if ctx.find(journal).is_none() {
+        return answered(agent, journal, Outcome::Gone("it has left".to_owned()), ctx);
+    }
     let opening = Opening {
         to: Some(journal.clone()),
         performative: Performative::Request,
@@ -215,26 +216,27 @@ fn answered<A: Keeps>(agent: &mut A, from: &AgentId, outcome: Outcome, ctx: &mut
     let Some(batch) = delivery.under_way.take() else { return };
     match outcome {
         Outcome::Kept => {
-            if std::mem::take(&mut delivery.is_in_trouble) {
+            if delivery.trouble.take().is_some() {
                 tracing::info!(agent = %ctx.id(), journal = %from, "the Journal keeps records again");
             }
         }
-        Outcome::Refused(_) if batch.records.len() > 1 => {
+        Outcome::Refused(_) if batch.len() > 1 => {
             delivery.one_by_one = true;
-            delivery.take_back(batch.records);
+            delivery.add(&batch);
         }
         Outcome::Refused(why) => {
-            let Some(record) = batch.records.first() else { return };
+            let Some(record) = batch.first() else { return };
             tracing::warn!(agent = %ctx.id(), journal = %from, key = record.key, why,
                 "a Journal refuses a record: it is not kept there");
             refused(agent, from, &record.key, &why, ctx);
         }
         Outcome::Later(why, wait) => {
-            delivery.take_back(batch.records);
-            if !std::mem::replace(&mut delivery.is_in_trouble, true) {
+            delivery.add(&batch);
+            if delivery.trouble.replace(why.clone()).is_none() {
                 tracing::warn!(agent = %ctx.id(), journal = %from, why,
                     "a Journal does not keep records now: it is asked again until it does");
             }
+            delivery.is_disk_in_trouble = wait == DISK_AGAIN;
             let journal = from.clone();
             delivery.again = Some(ctx.after(wait, move |agent: &mut A, ctx| {
                 if let Some(delivery) = agent.keeper().deliveries.to.get_mut(&journal) {
@@ -251,7 +253,7 @@ fn answered<A: Keeps>(agent: &mut A, from: &AgentId, outcome: Outcome, ctx: &mut
             if let Some(again) = delivery.again.take() {
                 ctx.forget(again);
             }
-            (delivery.waiting, delivery.is_in_trouble) = (BTreeMap::new(), false);
+            (delivery.waiting, delivery.trouble) = (BTreeMap::new(), None);
             return settle(agent, from, &Err(why), ctx);
         }
     }
@@ -381,7 +383,7 @@ mod tests {
         assert_eq!(delivery.waiting.len(), 2);
         // What was under way is not kept: what has changed meanwhile is.
         let batch = delivery.under_way.take().expect("it is under way");
-        delivery.take_back(batch.records);
+        delivery.add(&batch);
         let next = delivery.next().expect("two");
         assert_eq!(next.iter().map(|record| record.version.count).collect::<Vec<_>>(), [999, 999]);
     }
