@@ -4,7 +4,7 @@ mod support;
 
 use std::fs;
 use std::os::unix::net::UnixDatagram;
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use support::{Office, PATIENCE};
@@ -109,4 +109,42 @@ fn the_unit_waits_for_what_the_daemon_says() {
         assert!(unit.lines().any(|written| written == line), "no `{line}`");
     }
     assert!(unit.lines().any(|line| line.starts_with("WatchdogSec=")), "no watchdog");
+}
+
+/// Also without the folder no command could reach it, and no daemon that comes later.
+#[test]
+fn a_daemon_whose_folder_of_sockets_is_deleted_makes_it_again() {
+    let office = Office::new();
+    let manager = Manager::beside(&office);
+    let _daemon = up(&office, &manager, None);
+    manager.awaits("READY=1");
+    fs::remove_dir_all(office.runtime_folder().join("smart-office")).expect("it is there");
+    manager.awaits("READY=1");
+    let (code, agents) = office.ask(&["agents"]);
+    assert_eq!(code, Some(0), "{agents}");
+    assert!(agents.contains("turtlebot-1"), "{agents}");
+}
+
+#[test]
+fn a_daemon_with_few_file_handles_says_so_at_start() {
+    let office = Office::new();
+    let manager = Manager::beside(&office);
+    let file = Office::file().display().to_string();
+    let plain = office.command(&["up", &file]);
+    let log = office.folder().join("log");
+    let mut command = Command::new("sh");
+    command.args(["-c", "ulimit -n 200 && exec \"$0\" \"$@\""]);
+    command.arg(plain.get_program()).args(plain.get_args());
+    for (name, value) in plain.get_envs() {
+        match value {
+            Some(value) => command.env(name, value),
+            None => command.env_remove(name),
+        };
+    }
+    command.env("NOTIFY_SOCKET", &manager.path).env_remove("WATCHDOG_PID").stdout(Stdio::null());
+    command.stderr(fs::File::create(&log).expect("a file"));
+    let _daemon = Ends(command.spawn().expect("there is a shell"));
+    manager.awaits("READY=1");
+    let said = fs::read_to_string(log).expect("a file");
+    assert!(said.contains("only 200 files open") && said.contains("ulimit -n 512"), "{said}");
 }

@@ -61,6 +61,7 @@ const PLUGINS_KNOW: &[&str] = &["acl", "actuator", "agent", "pddl"];
 const EXCEPTIONS: &[Exception] = &[
     exception("domain-maintainer", "capability", "it is that state machine, given a mailbox"),
     exception("plan-executor", "planner", "deorders plans, checks what is left of one"),
+    exception("keyboard", "credentials", "it seals what people answer"),
     exception("domain-maintainer", "planner", "tells what axioms derive of the state"),
     exception("plan-requester", "planner", "validates proposals, takes goals apart"),
     exception("planning-agent", "planner", "it is that planner, given a mailbox"),

@@ -3,6 +3,7 @@
 
 #![allow(dead_code, reason = "each test file uses its part")]
 
+pub(crate) mod asker;
 pub(crate) mod broker;
 pub(crate) mod network;
 pub(crate) mod packages;

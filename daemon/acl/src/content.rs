@@ -77,7 +77,8 @@ pub struct AnswerQuestion {
     /// Which of the keyboard's questions.
     pub question: u64,
     /// What the person says.
-    pub text: String,
+    #[serde(flatten)]
+    pub said: PersonsAnswer,
 }
 
 /// Ask for a goal.
@@ -519,6 +520,17 @@ pub enum Inform {
 pub struct Question {
     /// The question.
     pub text: String,
+    /// The key that the answer is to be sealed to, which may be a secret: an X25519 public key of the
+    /// asker's, made for this question alone, as 64 hexadecimal digits.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seal_to: Option<String>,
+}
+
+impl Question {
+    /// A question whose answer is no secret.
+    pub fn new(text: impl Into<String>) -> Question {
+        Question { text: text.into(), seal_to: None }
+    }
 }
 
 /// Content of a `cancel` that withdraws a question.
@@ -533,8 +545,20 @@ pub struct Withdrawal {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PersonsAnswer {
-    /// The answer, as it was typed.
+    /// The answer, as it was typed; empty where it is sealed.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub text: String,
+    /// The answer, sealed to the key of the question: a sealed box (libsodium's `crypto_box_seal`) of
+    /// its UTF-8 text, in hexadecimal digits.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sealed: Option<String>,
+}
+
+impl PersonsAnswer {
+    /// An answer that anybody may read.
+    pub fn plain(text: impl Into<String>) -> PersonsAnswer {
+        PersonsAnswer { text: text.into(), sealed: None }
+    }
 }
 
 /// A question to a person that nobody has answered, for those who ask what is open.
@@ -551,6 +575,9 @@ pub struct OpenQuestion {
     pub text: String,
     /// How long an answer is still waited for.
     pub left: Deadline,
+    /// The key that the answer is to be sealed to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seal_to: Option<String>,
 }
 
 /// How full the mailboxes of one daemon's agents are, for those who look after it.

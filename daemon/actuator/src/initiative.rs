@@ -16,6 +16,7 @@ use acl::content::{
 };
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{Answer, Context, Opening, Presence, Resident, Undelivered, Work};
+use credentials::AnswerKey;
 use serde_json::Value;
 
 use crate::actuator::Actuator;
@@ -62,8 +63,8 @@ pub enum Initiative {
         /// Its name.
         name: String,
     },
-    /// Asks the people at all keyboards, and takes the first answer. Another question of the same
-    /// name takes its place.
+    /// Asks the people at all keyboards, and takes the first answer, which is sealed on its way here:
+    /// it may be a secret. Another question of the same name takes its place.
     Ask {
         /// Its name.
         name: String,
@@ -358,16 +359,18 @@ impl<D: Device> Actuator<D> {
         if self.initiatives.questions.len() >= OPEN_MAX {
             return self.decline(name, ctx);
         }
+        let key = AnswerKey::new();
+        let question = Question { seal_to: Some(key.public()), ..question.clone() };
         let opening = Opening {
             to: None,
             performative: Performative::QueryRef,
             protocol: Protocol::Query,
             conversation: ctx.new_conversation(),
-            content: value(question),
+            content: value(&question),
         };
         let about = name.clone();
         let exchange = ctx.open(opening, patience, move |actuator: &mut Self, answer, ctx| {
-            actuator.person_answered(&about, patience, &answer, ctx);
+            actuator.person_answered(&about, patience, (&key, &answer), ctx);
         });
         self.initiatives.questions.insert(name, exchange);
     }
@@ -383,13 +386,19 @@ impl<D: Device> Actuator<D> {
         &mut self,
         name: &str,
         patience: Duration,
-        answer: &Answer,
+        (key, answer): (&AnswerKey, &Answer),
         ctx: &mut Context<Self>,
     ) {
         let news = match answer {
             Answer::Message(message) if message.performative == Performative::Inform => {
                 match message.content_as::<Inform>() {
-                    Ok(Inform::Answer(answer)) => News::Answer(answer.text),
+                    Ok(Inform::Answer(answer)) => match answer.sealed.map(|text| key.open(&text)) {
+                        None => News::Answer(answer.text),
+                        Some(Ok(text)) => News::Answer(text),
+                        Some(Err(error)) => {
+                            return ctx.not_understood(message, format!("the answer {error}"));
+                        }
+                    },
                     Ok(_) => return ctx.not_understood(message, "this answers no question"),
                     Err(error) => return ctx.not_understood(message, error.to_string()),
                 }

@@ -98,7 +98,7 @@ fn withdraw() -> Initiative {
 }
 
 fn ask() -> Initiative {
-    let question = Question { text: "who is it?".to_owned() };
+    let question = Question::new("who is it?");
     Initiative::Ask { name: "who".to_owned(), question, patience: Duration::from_secs(30) }
 }
 

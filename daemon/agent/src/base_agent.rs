@@ -176,8 +176,14 @@ async fn live<A: Agent>(agent: Box<A>, berth: Berth) -> Result<(), LaunchError> 
     let (told, presence) = switchboard.presence_changes();
     let announced = switchboard.announce(&id, incarnation);
     let _token = announced.map_err(|source| LaunchError::Announce { agent: id.clone(), source })?;
-    let communication =
-        CommunicationAgent::new(id.clone(), incarnation, Arc::clone(&switchboard), ontology, via);
+    let communication = CommunicationAgent::new(
+        id.clone(),
+        incarnation,
+        Arc::clone(&switchboard),
+        ontology,
+        via,
+        mailbox.door(),
+    );
     let ctx = Context::new(communication);
     let standing = stands_by.then(|| Standing::new(Instant::now()));
     let stopping = Box::pin(stopping.cancelled_owned());

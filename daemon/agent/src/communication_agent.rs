@@ -18,12 +18,13 @@ use acl::{
     AgentId, ConversationId, Deadline, DecodeError, EcosystemId, Incarnation, Message, MessageId,
     Performative, Protocol, ReplyToken, SCHEMA_VERSION,
 };
-use conversation::{Exchange, Phase, Seen};
+use conversation::{Exchange, Phase};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use substrate::{Address, Presence, Resident, Subject};
 use tokio::time::Instant;
 
+use crate::mailbox::{Door, Passed};
 use crate::outbox::{Due, Life, Outbox, Parcel};
 use crate::receipts::{Receipts, Until};
 use crate::switchboard::Switchboard;
@@ -122,7 +123,8 @@ pub(crate) struct CommunicationAgent {
     ontology: Arc<str>,
     via: Arc<[EcosystemId]>,
     outbox: Outbox,
-    seen: Seen,
+    /// The messages that it has heard.
+    door: Arc<Door>,
     engagements: BTreeMap<(ReplyToken, AgentId), Exchange>,
     engagements_order: VecDeque<(ReplyToken, AgentId)>,
     early: VecDeque<Message>,
@@ -153,9 +155,9 @@ impl CommunicationAgent {
         switchboard: Arc<Switchboard>,
         ontology: Arc<str>,
         via: Arc<[EcosystemId]>,
+        door: Arc<Door>,
     ) -> CommunicationAgent {
         let outbox = Outbox::new(switchboard.settings());
-        let seen = Seen::new(switchboard.settings().heard_messages_max);
         let receipts = Receipts::new(switchboard.settings().retry_first);
         CommunicationAgent {
             id,
@@ -164,7 +166,7 @@ impl CommunicationAgent {
             ontology,
             via,
             outbox,
-            seen,
+            door,
             engagements: BTreeMap::new(),
             engagements_order: VecDeque::new(),
             early: VecDeque::new(),
@@ -232,23 +234,34 @@ impl CommunicationAgent {
         (message, sent)
     }
 
-    /// Answers as the participant of an exchange.
+    /// Answers as the participant of an exchange; an answer that could not be sent is logged.
     pub(crate) fn answer(
         &mut self,
         engagement: &Engagement,
         performative: Performative,
         content: Value,
     ) {
+        if let Err(why) = self.try_answer(engagement, performative, content) {
+            tracing::warn!(agent = %self.id, conversation = %engagement.conversation, %why,
+                "an answer could not be sent");
+        }
+    }
+
+    /// Answers as the participant of an exchange. What could not be sent has not been said.
+    pub(crate) fn try_answer(
+        &mut self,
+        engagement: &Engagement,
+        performative: Performative,
+        content: Value,
+    ) -> Result<(), Undelivered> {
         let Engagement { initiator, life, exchange, conversation, protocol } = engagement.clone();
         let mut message = self.message(performative, conversation, content);
         message.protocol = protocol;
         message.in_reply_to = Some(exchange.clone());
         message.receiver.push(initiator.clone());
+        self.post_to(life, &message, ANSWER_RETRIED)?;
         self.advance_engagement(&(exchange, initiator), &message);
-        if let Err(why) = self.post_to(life, &message, ANSWER_RETRIED) {
-            tracing::warn!(agent = %self.id, conversation = %message.conversation_id, %why,
-                "an answer could not be sent");
-        }
+        Ok(())
     }
 
     /// Sends a message to its receiver, or to all.
@@ -274,9 +287,6 @@ impl CommunicationAgent {
             self.switchboard.broadcast(&self.id, message.performative, payload);
             return Ok(());
         };
-        if let Some(exchange) = &message.in_reply_to {
-            self.receipts.replied(to, exchange, message.performative);
-        }
         let directory = self.switchboard.directory();
         // Who names no life of itself is a stranger's tool: whoever holds its name is meant.
         let life = life.filter(|life| *life != Incarnation::default());
@@ -298,6 +308,9 @@ impl CommunicationAgent {
             if !self.outbox.put(message.id.clone(), parcel, life, Instant::now()) {
                 return Err(Undelivered::OutboxFull);
             }
+        }
+        if let Some(exchange) = &message.in_reply_to {
+            self.receipts.replied(to, exchange, message.performative);
         }
         if let Some(resident) = resident {
             let subject = Subject::Message(message.performative);
@@ -375,7 +388,7 @@ impl CommunicationAgent {
     /// Whether a message to all is new. Only those that open an exchange are sent again, to
     /// whoever did not answer; of the others the newest counts.
     pub(crate) fn is_new(&mut self, message: &Message) -> bool {
-        message.reply_with.is_none() || self.seen.note(&message.id)
+        message.reply_with.is_none() || self.door.hear(&message.id) == Passed::New
     }
 
     /// A turn to several has come, and its receiver is one of them.
@@ -396,12 +409,21 @@ impl CommunicationAgent {
                 return Opened::Nothing;
             }
         };
+        let is_full = message.opens_exchange() && !self.outbox.has_room();
+        if is_full {
+            self.door.refuse(&message.id);
+        }
+        let passed = self.door.hear(&message.id);
+        if passed == Passed::Refused {
+            self.turn_away(message);
+            return Opened::Nothing;
+        }
         if message.performative.is_retried() {
             let sender = (message.sender.clone(), message.incarnation);
             let (id, until) = (message.id.clone(), Until::of(&message));
             self.receipts.owe(sender, id, until, Instant::now());
         }
-        if !self.seen.note(&message.id) {
+        if passed == Passed::Before {
             tracing::debug!(agent = %self.id, id = %message.id, "heard before");
             return Opened::Nothing;
         }
@@ -414,6 +436,16 @@ impl CommunicationAgent {
             }
             None => Opened::Opens(Box::new(message)),
         }
+    }
+
+    /// Refuses a question to which no answer could be told now, or a copy of one that was refused.
+    /// The refusal does not stay under way: whoever did not hear it asks again and is told anew.
+    fn turn_away(&mut self, message: Message) {
+        let detail = format!("`{}` is busy: too much is under way; ask again later", self.id);
+        tracing::debug!(agent = %self.id, from = %message.sender, id = %message.id, detail, "refuses");
+        let to = message.sender.clone();
+        let refusal = self.switchboard.refusal(&self.id, message, Reason::Busy, detail);
+        self.switchboard.send(&to, Subject::Message(Performative::Refuse), acl::encode(&refusal));
     }
 
     fn unreadable(&mut self, error: DecodeError) {

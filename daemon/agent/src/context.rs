@@ -345,6 +345,17 @@ impl<A: Agent> Context<A> {
         self.communication.answer(engagement, performative, value(content));
     }
 
+    /// Answers as the participant of an exchange, or says why that cannot be said now: for what has to
+    /// be said later then.
+    pub fn try_answer(
+        &mut self,
+        engagement: &Engagement,
+        performative: Performative,
+        content: &impl serde::Serialize,
+    ) -> Result<(), Undelivered> {
+        self.communication.try_answer(engagement, performative, value(content))
+    }
+
     /// Declines, as the participant of an exchange.
     pub fn refuse(&mut self, engagement: &Engagement, reason: Reason, detail: impl Into<String>) {
         self.answer(engagement, Performative::Refuse, &Refusal::new(reason, detail));

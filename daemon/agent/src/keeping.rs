@@ -5,25 +5,22 @@
 //! newer than those of who wrote before, whatever their clocks say. Journals that come, or come
 //! back, are read again: after a partition they know what was decided on their side.
 
+mod delivery;
+
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use acl::content::{Keeping, Record, Refusal, Request, Version, value};
-use acl::{AgentId, DaemonId, Incarnation, Performative, Protocol};
+use acl::content::{Record, Version};
+use acl::{AgentId, Incarnation};
 use serde_json::Value;
 use substrate::{Ask, Presence, Resource};
 use tokio::task::JoinSet;
 use tokio::time::Instant;
 
 use crate::base_agent::Agent;
-use crate::communication_agent::{Answer, Opening};
 use crate::context::{Context, TimerId, Work};
+use crate::keeping::delivery::Deliveries;
 use crate::plugin::Host;
-
-/// How many machines are to have a record before it counts as kept: this one, and one other that can
-/// be reached.
-const COPIES: usize = 2;
 
 /// How long the other Journals are waited for once one has answered: they hold the same, but for
 /// what was written last.
@@ -37,7 +34,7 @@ const READS_OFTEN: u32 = 40;
 const READ_LATER: Duration = Duration::from_secs(2);
 
 /// What an agent has kept.
-pub struct Keeper {
+pub struct Keeper<A: Agent> {
     journals: Vec<AgentId>,
     version: Version,
     is_leading: bool,
@@ -49,12 +46,13 @@ pub struct Keeper {
     reading: Option<Work>,
     /// Until those that gave no answer are asked again.
     again: Option<TimerId>,
+    deliveries: Deliveries<A>,
 }
 
 /// An agent that has records kept.
 pub trait Keeps: Agent {
     /// Its records.
-    fn keeper(&mut self) -> &mut Keeper;
+    fn keeper(&mut self) -> &mut Keeper<Self>;
 
     /// This was kept, by itself or by who acted before; the newest version of each, in the order of
     /// keys. Called when it begins to act and whenever a Journal comes.
@@ -70,9 +68,9 @@ pub struct Kept {
     pub not_by: BTreeMap<AgentId, String>,
 }
 
-impl Keeper {
+impl<A: Agent> Keeper<A> {
     /// A keeper that has read nothing yet.
-    pub fn new(host: &Host) -> Keeper {
+    pub fn new(host: &Host) -> Keeper<A> {
         Keeper {
             journals: host.journals.clone(),
             version: Version::default(),
@@ -82,7 +80,13 @@ impl Keeper {
             reads: 0,
             reading: None,
             again: None,
+            deliveries: Deliveries::new(),
         }
+    }
+
+    /// Whether every Journal that is here and works has all it was asked to keep.
+    pub fn has_delivered(&self) -> bool {
+        self.deliveries.is_empty()
     }
 
     /// The Journals of the ecosystem.
@@ -132,81 +136,22 @@ fn stride_of(Incarnation(life): Incarnation) -> u64 {
     (life.wrapping_mul(SPREAD) >> 32).max(1)
 }
 
-/// Who is still to answer, and whom to tell.
-struct Tally<F> {
-    kept: Kept,
-    /// The machines that have the records.
-    machines: BTreeSet<DaemonId>,
-    awaited: usize,
-    then: Option<F>,
-}
-
-impl<F> Tally<F> {
-    /// A Journal has answered, or will not; whom to tell, if now is the time.
-    fn note(&mut self, journal: &AgentId, machine: &DaemonId, answer: Answer) -> Option<(F, Kept)> {
-        self.awaited = self.awaited.saturating_sub(1);
-        match objection(answer) {
-            None => {
-                self.machines.insert(machine.clone());
-                self.kept.by.push(journal.clone());
-            }
-            Some(why) => drop(self.kept.not_by.insert(journal.clone(), why)),
-        }
-        let is_enough = self.machines.len() >= COPIES || self.awaited == 0;
-        if is_enough { self.then.take().map(|then| (then, self.kept.clone())) } else { None }
-    }
-}
-
-/// Has records kept; `then` is told as soon as enough Journals have them, or all that are here
-/// have answered. The others keep them too.
+/// Has records kept; `then` is told as soon as enough Journals have them, all that are here have
+/// answered, or the time for an answer has passed. All that are here are asked again until they have
+/// them.
 pub fn keep<A: Keeps>(
     agent: &mut A,
-    records: Vec<Record>,
+    records: &[Record],
     ctx: &mut Context<A>,
     then: impl FnOnce(&mut A, Kept, &mut Context<A>) + Send + 'static,
 ) {
-    let journals = agent.keeper().journals.clone();
-    let found = |journal: AgentId| Some((ctx.find(&journal)?.daemon, journal));
-    let here: Vec<_> = journals.into_iter().filter_map(found).collect();
-    if here.is_empty() {
-        ctx.after(Duration::ZERO, move |agent: &mut A, ctx| then(agent, Kept::default(), ctx));
-        return;
-    }
-    let (kept, machines, awaited) = (Kept::default(), BTreeSet::new(), here.len());
-    let tally = Arc::new(Mutex::new(Tally { kept, machines, awaited, then: Some(then) }));
-    let content = value(&Request::Keep(Keeping { records }));
-    for (machine, journal) in here {
-        let opening = Opening {
-            to: Some(journal.clone()),
-            performative: Performative::Request,
-            protocol: Protocol::StateChange,
-            conversation: ctx.new_conversation(),
-            content: content.clone(),
-        };
-        let tally = Arc::clone(&tally);
-        let patience = ctx.settings().answer_deadline;
-        ctx.open(opening, patience, move |agent: &mut A, answer, ctx| {
-            let mut tally = tally.lock().unwrap_or_else(PoisonError::into_inner);
-            let told = tally.note(&journal, &machine, answer);
-            drop(tally);
-            if let Some((then, kept)) = told {
-                then(agent, kept, ctx);
-            }
-        });
-    }
+    delivery::deliver(agent, records, Some(Box::new(then)), ctx);
 }
 
-/// Why a Journal did not keep something, if so.
-fn objection(answer: Answer) -> Option<String> {
-    match answer {
-        Answer::Message(message) if message.performative == Performative::Confirm => None,
-        Answer::Message(message) => {
-            let refusal = message.content_as::<Refusal>().map(|refusal| refusal.detail);
-            Some(refusal.unwrap_or_else(|_| "it declined".to_owned()))
-        }
-        Answer::Silence => Some("it did not answer in time".to_owned()),
-        Answer::Undelivered(why) => Some(why.to_string()),
-    }
+/// Has records kept, of which nobody waits to hear: the Journals that are here are asked until they
+/// have them, or newer ones.
+pub fn keep_on<A: Keeps>(agent: &mut A, records: &[Record], ctx: &mut Context<A>) {
+    delivery::deliver(agent, records, None, ctx);
 }
 
 /// To be called when an agent's turn to act comes or ends.
@@ -346,7 +291,11 @@ fn take_in<A: Keeps>(
 mod tests {
     use super::*;
 
-    fn keeper() -> Keeper {
+    struct Writer;
+
+    impl Agent for Writer {}
+
+    fn keeper() -> Keeper<Writer> {
         Keeper {
             journals: Vec::new(),
             version: Version::default(),
@@ -356,6 +305,7 @@ mod tests {
             reads: 0,
             reading: None,
             again: None,
+            deliveries: Deliveries::new(),
         }
     }
 

@@ -1,11 +1,12 @@
 //! An agent's mailbox: bounded, so that a flood is refused and not hoarded.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use acl::content::MailboxStatus;
 use acl::{AgentId, Message, MessageId};
 use bytes::Bytes;
+use conversation::Seen;
 use substrate::Question;
 use tokio::sync::mpsc;
 
@@ -30,6 +31,27 @@ pub(crate) enum Letter {
 pub(crate) struct Slot {
     letters: mpsc::Sender<Letter>,
     counts: Arc<Counts>,
+    door: Arc<Door>,
+}
+
+/// Which messages an agent has heard, and which were refused before it heard them. A copy of a
+/// message that waits in a full mailbox may come again: one of the two words counts, never both.
+pub(crate) struct Door(Mutex<Known>);
+
+struct Known {
+    heard: Seen,
+    refused: Seen,
+}
+
+/// What is known of a message that an agent takes out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Passed {
+    /// It is new.
+    New,
+    /// The agent has heard it before.
+    Before,
+    /// Its sender was told that it is refused.
+    Refused,
 }
 
 /// What became of the letters so far.
@@ -40,12 +62,45 @@ struct Counts {
 }
 
 /// Where the agent takes them out.
-pub(crate) struct Mailbox(mpsc::Receiver<Letter>);
+pub(crate) struct Mailbox {
+    letters: mpsc::Receiver<Letter>,
+    door: Arc<Door>,
+}
 
-/// A mailbox for `letters_max` letters.
-pub(crate) fn mailbox(letters_max: usize) -> (Slot, Mailbox) {
+/// A mailbox for `letters_max` letters, that remembers `known_max` messages.
+pub(crate) fn mailbox(letters_max: usize, known_max: usize) -> (Slot, Mailbox) {
     let (letters, mailbox) = mpsc::channel(letters_max.max(1));
-    (Slot { letters, counts: Arc::default() }, Mailbox(mailbox))
+    let door = Arc::new(Door::new(known_max));
+    let slot = Slot { letters, counts: Arc::default(), door: Arc::clone(&door) };
+    (slot, Mailbox { letters: mailbox, door })
+}
+
+impl Door {
+    fn new(known_max: usize) -> Door {
+        Door(Mutex::new(Known { heard: Seen::new(known_max), refused: Seen::new(known_max) }))
+    }
+
+    /// Notes that an agent hears a message.
+    pub(crate) fn hear(&self, id: &MessageId) -> Passed {
+        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if known.refused.has(id) {
+            Passed::Refused
+        } else if known.heard.note(id) {
+            Passed::New
+        } else {
+            Passed::Before
+        }
+    }
+
+    /// Notes that a message is refused before its agent hears it; `false` if it has heard it.
+    pub(crate) fn refuse(&self, id: &MessageId) -> bool {
+        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_unheard = !known.heard.has(id);
+        if is_unheard {
+            known.refused.note(id);
+        }
+        is_unheard
+    }
 }
 
 impl Slot {
@@ -62,6 +117,11 @@ impl Slot {
             }
             Err(mpsc::error::TrySendError::Closed(letter)) => Err(letter),
         }
+    }
+
+    /// What is known of the messages that come here.
+    pub(crate) fn door(&self) -> &Door {
+        &self.door
     }
 
     /// How full it is, as the mailbox of `agent`.
@@ -84,14 +144,35 @@ impl Slot {
 }
 
 impl Mailbox {
+    /// What is known of the messages that come here.
+    pub(crate) fn door(&self) -> Arc<Door> {
+        Arc::clone(&self.door)
+    }
+
     /// How many letters are in it.
     #[cfg(test)]
     pub(crate) fn waiting(&self) -> usize {
-        self.0.len()
+        self.letters.len()
     }
 
     /// The next letter; `None` when nobody can put one in any more.
     pub(crate) async fn next(&mut self) -> Option<Letter> {
-        self.0.recv().await
+        self.letters.recv().await
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_is_heard_or_refused_and_never_both() {
+        let door = Door::new(8);
+        let [queued, heard] = ["queued", "heard"].map(MessageId::new);
+        assert!(door.refuse(&queued), "its copy found no room");
+        assert_eq!(door.hear(&queued), Passed::Refused);
+        assert_eq!(door.hear(&heard), Passed::New);
+        assert!(!door.refuse(&heard), "a copy that is late changes nothing");
+        assert_eq!(door.hear(&heard), Passed::Before);
     }
 }

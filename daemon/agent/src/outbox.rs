@@ -122,6 +122,11 @@ impl Outbox {
         true
     }
 
+    /// Whether more may be begun: half of the outbox is for the ends of what was begun before.
+    pub(crate) fn has_room(&self) -> bool {
+        self.parcels.len() < self.parcels_max.div_ceil(2)
+    }
+
     /// A receipt has come.
     pub(crate) fn received(&mut self, id: &MessageId) {
         self.parcels.remove(id);

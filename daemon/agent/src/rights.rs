@@ -228,7 +228,7 @@ impl Default for Askers {
 
 #[cfg(test)]
 mod tests {
-    use acl::content::{Achieve, AnswerQuestion, ChangeState, Keep, Observation};
+    use acl::content::{Achieve, AnswerQuestion, ChangeState, Keep, Observation, PersonsAnswer};
 
     use super::*;
 
@@ -311,8 +311,8 @@ mod tests {
         });
         let change = Request::ChangeState(ChangeState::default());
         let observation = Request::Observe(Observation::default());
-        let (question, text) = (1, "yes".to_owned());
-        let answer = Request::AnswerQuestion(AnswerQuestion { question, text });
+        let (question, said) = (1, PersonsAnswer::plain("yes"));
+        let answer = Request::AnswerQuestion(AnswerQuestion { question, said });
         for (who, goals, changes, observes) in [
             ("camera", true, false, true),
             ("robot", false, false, true),

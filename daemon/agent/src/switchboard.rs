@@ -261,7 +261,9 @@ impl Switchboard {
         let is_informed = interests.contains(&Performative::Inform);
         let missed = state.heard.values().flat_map(Hearsay::all).filter(|_| is_informed);
         let missed: Vec<_> = missed.cloned().collect();
-        let (slot, mailbox) = mailbox(self.settings.mailbox_messages_max + missed.len());
+        let settings = &self.settings;
+        let letters_max = settings.mailbox_messages_max + missed.len();
+        let (slot, mailbox) = mailbox(letters_max, settings.heard_messages_max);
         for payload in missed {
             // It fits: the mailbox was made for it.
             let _ = slot.put(Letter::Missed(payload));
@@ -500,13 +502,13 @@ impl Switchboard {
             Err(Letter::Direct(_)) if slot.is_closed() => {
                 tracing::debug!(%agent, "a message to an agent that has ended");
             }
-            Err(Letter::Direct(payload)) => self.refuse_overflow(agent, &payload),
+            Err(Letter::Direct(payload)) => self.refuse_overflow(agent, &slot, &payload),
             _ => (),
         }
     }
 
     /// A full mailbox refuses: whoever asked learns it at once, and does not wait.
-    fn refuse_overflow(&self, agent: &AgentId, payload: &[u8]) {
+    fn refuse_overflow(&self, agent: &AgentId, slot: &Slot, payload: &[u8]) {
         self.counters.mailbox_full.fetch_add(1, Ordering::Relaxed);
         let from = acl::sender_of(payload);
         let from = from.as_ref().map_or("nobody known", AgentId::as_str);
@@ -516,6 +518,10 @@ impl Switchboard {
         let Ok(message) = acl::decode(payload) else { return };
         if !message.opens_exchange() {
             // A turn of an open exchange is retried by its sender until there is room.
+            return;
+        }
+        if !slot.door().refuse(&message.id) {
+            // A copy of what was heard before, which is answered.
             return;
         }
         let detail = format!("the mailbox of `{agent}` is full; ask again later");

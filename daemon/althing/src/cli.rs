@@ -192,7 +192,9 @@ Examples: althing set \"(known-temperature office1)\"
 const ANSWER_HELP: &str = "\
 Examples: althing answer               lists the open questions
           althing answer 1 yes         where one keyboard alone has a question 1
-          althing answer hall/1 yes    question 1 of the keyboard `hall`";
+          althing answer hall/1 yes    question 1 of the keyboard `hall`
+          althing answer 1             asks for the answer, and does not show a secret
+          althing answer 1 < pin       takes the first line of a file as the answer";
 
 const WATCH_HELP: &str = "\
 Examples: althing watch
@@ -397,9 +399,8 @@ pub(crate) struct AnswerArgs {
 #[derive(Debug, Args)]
 pub(crate) struct ReplyArgs {
     /// Which question: its number, or KEYBOARD/NUMBER
-    #[arg(requires = "text")]
     pub(crate) id: Option<String>,
-    /// What to answer
+    /// What to answer; without it you are asked, or standard input is read, which suits a secret
     pub(crate) text: Vec<String>,
 }
 

@@ -5,7 +5,7 @@
 
 use terminal::visible;
 use tracing_subscriber::field::MakeExt as _;
-use tracing_subscriber::filter::FilterExt as _;
+use tracing_subscriber::filter::{FilterExt as _, filter_fn};
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{EnvFilter, Layer as _, fmt, registry};
@@ -16,6 +16,8 @@ const VARIABLE: &str = "ALTHING_LOG";
 /// Begins to log. What cannot be read of the filter is left out, and said so.
 pub(crate) fn start(verbose: u8) {
     let asked = std::env::var(VARIABLE).ok().filter(|filter| !filter.trim().is_empty());
+    // Who asks for more of Zenoh reads its errors as they are.
+    let is_plain = asked.is_none() && verbose < 2;
     let filter = asked.unwrap_or_else(|| level(verbose).to_owned());
     let filter = EnvFilter::builder().parse(&filter).unwrap_or_else(|err| {
         terminal::output::note(&format!("{VARIABLE}={filter} is left out: {err}"));
@@ -35,14 +37,17 @@ pub(crate) fn start(verbose: u8) {
         .fmt_fields(fields.delimited(" "))
         .with_writer(|| terminal::output::Notes)
         .with_ansi(terminal::output::stderr_is_colored())
-        .with_filter(filter.and(substrate_zenoh::without_calls_to_self()));
+        .with_filter(filter.and(substrate_zenoh::without_calls_to_self()).and(filter_fn(
+            move |about| !is_plain || !substrate_zenoh::is_error_of_zenoh(about),
+        )));
+    let plain = is_plain.then(substrate_zenoh::plain_words);
     // A second start, in a test, changes nothing.
-    let _ = registry().with(lines).with(substrate_zenoh::too_long()).try_init();
+    let _ = registry().with(lines).with(plain).with(substrate_zenoh::too_long()).try_init();
 }
 
 /// What `-v` means. Zenoh tells much that is of use to nobody who does not work on Zenoh: its sessions,
 /// that something came before the name it goes by, where routers still tell each other what is there.
-/// Agents say again what nobody has received.
+/// Agents say again what nobody has received. Its errors are told by `substrate_zenoh::plain_words`.
 fn level(verbose: u8) -> &'static str {
     match verbose {
         0 => "warn,zenoh=error,zenoh::api::session=off",

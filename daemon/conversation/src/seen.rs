@@ -19,6 +19,11 @@ impl Seen {
         Seen { ids: HashSet::new(), order: VecDeque::new(), ids_max }
     }
 
+    /// Whether a message was heard before.
+    pub fn has(&self, id: &MessageId) -> bool {
+        self.ids.contains(id)
+    }
+
     /// Notes a message; `false` if it was heard before.
     pub fn note(&mut self, id: &MessageId) -> bool {
         if !self.ids.insert(id.clone()) {

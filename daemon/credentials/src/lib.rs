@@ -3,6 +3,7 @@
 //!
 //! - [`Authority`] makes certificates and revokes them; its key stays where it was made.
 //! - [`Folder`] says which file is which, and refuses a key that others can read.
+//! - [`AnswerKey`] opens what people answer, [`seal_answer`] seals it.
 //! - [`Identity`] seals what a daemon says, [`Verifier`] opens what it hears.
 //!
 //! One Ed25519 key per daemon serves TLS and seals; what is signed begins with a text of its own
@@ -11,6 +12,7 @@
 //!
 //! Keys never leave this crate but as files, and nothing here is logged or shown that holds one.
 
+mod answer;
 mod authority;
 mod certificate;
 mod error;
@@ -23,6 +25,7 @@ mod seal;
 mod trust;
 mod verifier;
 
+pub use answer::{AnswerKey, SealError, seal_answer};
 pub use authority::{AUTHORITY_DAYS, Authority, DAEMON_DAYS};
 pub use certificate::Certificate;
 pub use error::{CredentialError, Distrust};

@@ -21,6 +21,7 @@ mod inbound;
 mod key_expr;
 mod listening;
 mod own_address;
+mod plain_words;
 mod presence;
 mod publishers;
 mod questions;
@@ -39,6 +40,7 @@ pub use config::{
 };
 pub use endpoint::EndpointError;
 pub use own_address::without_calls_to_self;
+pub use plain_words::{is_error_of_zenoh, plain_words};
 pub use sealing::Security;
 pub use session::ZenohSubstrate;
 pub use tap::{Tap, tap};

@@ -85,7 +85,7 @@ struct DomainMaintainer {
     telling_all: Option<TimerId>,
     /// Whether there was something to tell when they were told last.
     has_requests: bool,
-    keeper: Keeper,
+    keeper: Keeper<DomainMaintainer>,
     /// Whether it acts: who stands by hears the same and says nothing.
     is_leading: bool,
     /// What requests had changed when it was kept last, if that was read.
@@ -200,7 +200,7 @@ impl Maintains for DomainMaintainer {
 }
 
 impl Keeps for DomainMaintainer {
-    fn keeper(&mut self) -> &mut Keeper {
+    fn keeper(&mut self) -> &mut Keeper<Self> {
         &mut self.keeper
     }
 
@@ -260,11 +260,7 @@ impl DomainMaintainer {
         let kept = KeptRequests::new(requested, ctx.switchboard().machine().wall_clock());
         let record = self.keeper.write(REQUESTED.to_owned(), value(&kept));
         self.recalled = Some(record.version);
-        keeping::keep(self, vec![record], ctx, |_, kept, _| {
-            for (journal, why) in kept.not_by {
-                tracing::warn!(%journal, why, "a Journal did not keep what was requested");
-            }
-        });
+        keeping::keep_on(self, &[record], ctx);
     }
 
     /// Gathers what changed, to announce it in one message.

@@ -172,7 +172,7 @@ impl Doorkeeper {
             performative: Performative::QueryRef,
             protocol: Protocol::Query,
             conversation: ctx.new_conversation(),
-            content: serde_json::json!(Question { text: asking.text.clone() }),
+            content: serde_json::json!(Question::new(asking.text.clone())),
         };
         let exchange = ctx.open(opening, PATIENCE, move |doorkeeper: &mut Self, answer, ctx| {
             doorkeeper.answered(id, &answer, is_to_all, ctx);

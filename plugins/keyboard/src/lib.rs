@@ -23,7 +23,7 @@ use acl::content::{
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{
     Agent, Answer, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Opening,
-    PluginEntry, Presence, Resource, Work,
+    PluginEntry, Presence, Resource, Undelivered, Work,
 };
 use serde::Deserialize;
 use tokio::sync::mpsc;
@@ -66,11 +66,21 @@ struct Config {
     goals: Vec<Wish>,
 }
 
+/// How long whoever plans is waited for that left before it had heard of a goal, how often it is
+/// looked for meanwhile, and how often it may leave like that.
+const RETURN_AWAITED: Duration = Duration::from_secs(5);
+const SEEK_AGAIN: Duration = Duration::from_millis(200);
+const LEFTS_MAX: u32 = 5;
+
 /// A goal that was asked for.
 struct Asked {
     exchange: ReplyToken,
     /// When something was heard of it last.
     heard: Instant,
+    /// What was asked for.
+    request: Request,
+    /// How often whoever plans has left before it had heard this.
+    lefts: u32,
 }
 
 /// The agent.
@@ -194,8 +204,18 @@ impl Keyboard {
             Said::Act(action) => self.act(action, ctx),
             Said::Set(change) => self.set(change, ctx),
             Said::Mode(mode) => self.set_mode(mode, ctx),
-            Said::Answer { keyboard, question, text } => {
-                self.give_answer(keyboard, AnswerQuestion { question, text }, ctx);
+            Said::Answer { keyboard, question, text, seal_to } => {
+                let said = PersonsAnswer::plain(text);
+                match seal_to.as_deref().map_or(Ok(said.clone()), |key| sealed(key, &said)) {
+                    Ok(said) => {
+                        self.give_answer(keyboard, AnswerQuestion { question, said }, ctx);
+                    }
+                    Err(refusal) => {
+                        let conversation = ctx.new_conversation();
+                        self.pass(Heard::Asked(conversation.clone()));
+                        self.pass(Heard::Refused(conversation, refusal));
+                    }
+                }
             }
             Said::Send(draft) => self.send(draft, ctx),
         }
@@ -206,7 +226,38 @@ impl Keyboard {
         let request = Request::Achieve(Achieve { goal, keep, priority, partition });
         let to = self.plan_requester.clone();
         let (conversation, exchange) = self.request(to, Protocol::Goal, &request, PATIENCE, ctx);
-        self.goals.insert(conversation, Asked { exchange, heard: ctx.now() });
+        self.goals.insert(conversation, Asked { exchange, heard: ctx.now(), request, lefts: 0 });
+    }
+
+    /// Whoever plans has left before it had heard of a goal: asks it again when it, or another, is here.
+    /// A daemon that is busy may be taken for gone. Says so where nobody comes.
+    fn seek(&mut self, about: ConversationId, until: Instant, ctx: &mut Context<Self>) {
+        let Some(asked) = self.goals.get(&about) else { return };
+        let to = self.plan_requester.clone();
+        if ctx.find(&to).is_none() {
+            if ctx.now() < until {
+                let again = move |keyboard: &mut Self, ctx: &mut Context<Self>| {
+                    keyboard.seek(about, until, ctx);
+                };
+                ctx.after(SEEK_AGAIN, again);
+            } else {
+                self.goals.remove(&about);
+                let why = format!("`{to}` could not be reached: it has left");
+                self.pass(Heard::Unanswered(about, why));
+            }
+            return;
+        }
+        let opening = Opening {
+            to: Some(to),
+            performative: Performative::Request,
+            protocol: Protocol::Goal,
+            conversation: about.clone(),
+            content: value(&asked.request),
+        };
+        let exchange = self.open(opening, PATIENCE, ctx);
+        if let Some(asked) = self.goals.get_mut(&about) {
+            asked.exchange = exchange;
+        }
     }
 
     /// Another Plan Requester acts since `came`. Of whose goals it has said nothing, it knows nothing:
@@ -363,6 +414,14 @@ impl Keyboard {
                 Err(error) => return ctx.not_understood(&message, error),
             },
             Answer::Silence => Heard::Unanswered(about, format!("`{who}` did not answer in time")),
+            Answer::Undelivered(Undelivered::Left)
+                if let Some(asked) = self.goals.get_mut(&about)
+                    && asked.lefts < LEFTS_MAX =>
+            {
+                asked.lefts += 1;
+                let until = ctx.now() + RETURN_AWAITED;
+                return self.seek(about, until, ctx);
+            }
             Answer::Undelivered(why) => {
                 Heard::Unanswered(about, format!("`{who}` could not be reached: {why}"))
             }
@@ -420,7 +479,7 @@ impl Keyboard {
         let patience = asked - QUESTION_MARGIN.min(asked / 10);
         let timer =
             ctx.after(patience, move |keyboard: &mut Self, ctx| keyboard.expire(number, ctx));
-        self.questions.keep(engagement, question.text, patience, timer, ctx.now());
+        self.questions.keep(engagement, question, patience, timer, ctx.now());
         if let Some(open) = self.questions.find(ctx.id(), number, ctx.now()) {
             self.pass(Heard::Question(open));
         }
@@ -496,17 +555,30 @@ impl Keyboard {
         answer: AnswerQuestion,
         ctx: &mut Context<Self>,
     ) -> Result<Report, Refusal> {
-        let AnswerQuestion { question: number, text } = answer;
+        let AnswerQuestion { question: number, said } = answer;
+        // Who brings it may not know how to seal it.
+        let said = match self.questions.seal_to(number).filter(|_| said.sealed.is_none()) {
+            Some(key) => sealed(key, &said)?,
+            None => said,
+        };
         let Some(question) = self.questions.take(number) else {
             let open = self.questions.numbers();
             let detail = format!("`{}` has no open question {number}; open: {open}", ctx.id());
             return Err(Refusal::new(Reason::Unknown, detail));
         };
         ctx.forget(question.timer);
-        let inform = Inform::Answer(PersonsAnswer { text });
+        let inform = Inform::Answer(said);
         ctx.answer(&question.engagement, Performative::Inform, &inform);
         let asker = &question.engagement.initiator;
         Ok(Report::new(Outcome::Done, format!("`{asker}` was told")))
+    }
+}
+
+/// An answer, sealed to the key of its question.
+fn sealed(key: &str, said: &PersonsAnswer) -> Result<PersonsAnswer, Refusal> {
+    match credentials::seal_answer(key, &said.text) {
+        Ok(sealed) => Ok(PersonsAnswer { text: String::new(), sealed: Some(sealed) }),
+        Err(error) => Err(Refusal::new(Reason::BadContent, format!("the answer {error}"))),
     }
 }
 

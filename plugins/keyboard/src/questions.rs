@@ -25,6 +25,8 @@ pub(crate) struct Question {
     pub(crate) engagement: Engagement,
     /// What is asked.
     pub(crate) text: String,
+    /// The key that the answer is sealed to.
+    pub(crate) seal_to: Option<String>,
     /// How long its answer was to be waited for.
     pub(crate) patience: Duration,
     /// Ends it.
@@ -42,15 +44,22 @@ impl Questions {
     pub(crate) fn keep(
         &mut self,
         engagement: Engagement,
-        text: String,
+        asked: acl::content::Question,
         patience: Duration,
         timer: TimerId,
         now: Instant,
     ) -> u64 {
         self.asked += 1;
         let until = now + patience;
-        self.open.insert(self.asked, Question { engagement, text, patience, timer, until });
+        let acl::content::Question { text, seal_to } = asked;
+        let question = Question { engagement, text, seal_to, patience, timer, until };
+        self.open.insert(self.asked, question);
         self.asked
+    }
+
+    /// The key that the answer to a question is sealed to.
+    pub(crate) fn seal_to(&self, number: u64) -> Option<&str> {
+        self.open.get(&number)?.seal_to.as_deref()
     }
 
     /// Takes a question out: it is answered, or its time is over.
@@ -107,6 +116,7 @@ impl Question {
             question: number,
             from: self.engagement.initiator.clone(),
             text: self.text.clone(),
+            seal_to: self.seal_to.clone(),
             left: Deadline(self.until.saturating_duration_since(now)),
         }
     }

@@ -44,6 +44,9 @@ pub enum Said {
         question: u64,
         /// What I say.
         text: String,
+        /// The key that it is sealed to, which the question names; the keyboard knows that of its own
+        /// questions.
+        seal_to: Option<String>,
     },
     /// Send this message.
     Send(Draft),

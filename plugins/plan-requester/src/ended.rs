@@ -16,8 +16,9 @@ const KNOWN_MAX: usize = 128;
 /// the first time.
 const OWN_MAX: usize = 32;
 
-/// Ends that are told once more to askers that come back.
-const UNTOLD_MAX: usize = 128;
+/// Ends that are told once more to askers that come back, or ask again: those of all goals that are
+/// pursued at a time.
+const TOLD_MAX: usize = crate::GOALS_MAX;
 
 /// What is remembered of goals that have ended.
 #[derive(Debug, Default)]
@@ -26,6 +27,8 @@ pub(crate) struct Ended {
     /// The records of those that this Plan Requester ended itself.
     own: VecDeque<Record>,
     told: VecDeque<(Engagement, Report)>,
+    /// What askers are to hear and could not be told yet: too much is under way.
+    untold: VecDeque<(Engagement, Report)>,
 }
 
 impl Ended {
@@ -75,10 +78,26 @@ impl Ended {
     /// An asker was told how its goal ended; whether it has heard it is not known.
     pub(crate) fn told(&mut self, engagement: Engagement, report: Report) {
         self.told.retain(|(other, _)| other.exchange != engagement.exchange);
-        if self.told.len() >= UNTOLD_MAX {
+        if self.told.len() >= TOLD_MAX {
             self.told.pop_front();
         }
         self.told.push_back((engagement, report));
+    }
+
+    /// An asker could not be told how its goal ended. A goal that could not be told its end is one
+    /// less that is accepted, so these have a bound.
+    pub(crate) fn not_told(&mut self, engagement: Engagement, report: Report) {
+        self.untold.push_back((engagement, report));
+    }
+
+    /// The oldest end that could not be told.
+    pub(crate) fn take_untold(&mut self) -> Option<(Engagement, Report)> {
+        self.untold.pop_front()
+    }
+
+    /// How many ends could not be told yet.
+    pub(crate) fn untold_count(&self) -> usize {
+        self.untold.len()
     }
 
     /// How the goal ended that is asked for once more, by who has not heard it.

@@ -34,7 +34,7 @@ use acl::{AgentId, ConversationId, Message, Performative};
 use agent::keeping::{self, Keeper};
 use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, Engagement, Launch, Mode, PluginEntry,
-    Presence, Resource, Work,
+    Presence, Resource, TimerId, Work,
 };
 use pddl::Condition;
 use serde::Deserialize;
@@ -60,6 +60,9 @@ const LOOK_AGAIN: Duration = Duration::from_secs(10);
 
 /// How long to wait before asking again where nobody answered.
 const ASK_AGAIN: Duration = Duration::from_millis(500);
+
+/// How long before an end is told again for which there was no room.
+const TELL_AGAIN: Duration = Duration::from_millis(200);
 
 /// How long a plan that was declined because an actuator is busy waits for it.
 const BUSY: Duration = Duration::from_millis(200);
@@ -100,7 +103,15 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
     let config = blueprint.config_as()?;
     let mode = blueprint.host.mode;
     let (keeper, goals, ended) = (Keeper::new(&blueprint.host), BTreeMap::new(), Ended::default());
-    Ok(Box::new(PlanRequester { config, mode, goals, ended, keeper, comparing: None }))
+    Ok(Box::new(PlanRequester {
+        config,
+        mode,
+        goals,
+        ended,
+        keeper,
+        comparing: None,
+        telling: None,
+    }))
 }
 
 struct PlanRequester {
@@ -108,9 +119,11 @@ struct PlanRequester {
     mode: Mode,
     goals: BTreeMap<ConversationId, Goal>,
     ended: Ended,
-    keeper: Keeper,
+    keeper: Keeper<PlanRequester>,
     /// Looks whether running plans could be much cheaper.
     comparing: Option<Work>,
+    /// Until the ends are told that could not be told before.
+    telling: Option<TimerId>,
 }
 
 impl Agent for PlanRequester {
@@ -143,6 +156,10 @@ impl Agent for PlanRequester {
             }
             Presence::Joined(resident) => self.tell_ends(resident, ctx),
         }
+    }
+
+    fn drained(&mut self, _ctx: &mut Context<Self>) -> bool {
+        self.keeper.has_delivered()
     }
 
     fn asked(&mut self, resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
@@ -220,8 +237,19 @@ impl PlanRequester {
         asked: &Achieve,
         engagement: &Engagement,
     ) -> Result<Condition, (Reason, String)> {
-        if self.goals.len() >= GOALS_MAX {
-            return Err((Reason::Busy, format!("{GOALS_MAX} goals are kept already")));
+        let untold = self.ended.untold_count();
+        if self.goals.len() + untold >= GOALS_MAX {
+            let detail = match untold {
+                0 => {
+                    format!("{GOALS_MAX} goals are pursued already; ask again when some have ended")
+                }
+                _ => format!(
+                    "{} goals are pursued already, and how {untold} ended could not be told yet; ask \
+                     again later",
+                    self.goals.len()
+                ),
+            };
+            return Err((Reason::Busy, detail));
         }
         if self.goals.contains_key(&engagement.conversation) {
             return Err((Reason::OutOfTurn, "this conversation is about another goal".to_owned()));
@@ -463,9 +491,36 @@ impl PlanRequester {
         let Some(goal) = self.goals.get_mut(id) else { return };
         tracing::info!(conversation = %id, outcome = %report.outcome, detail = report.detail, "goal");
         goal.note(format!("{}: {}", report.outcome, report.detail));
-        ctx.answer(&goal.engagement, Performative::Confirm, &report);
+        let told = ctx.try_answer(&goal.engagement, Performative::Confirm, &report);
         if !report.outcome.is_final() {
-            self.keep(id, ctx);
+            if let Err(why) = told {
+                tracing::debug!(conversation = %id, %why, "progress is not told");
+            }
+            return self.keep(id, ctx);
+        }
+        if let Err(why) = told {
+            tracing::info!(conversation = %id, %why, "the end of a goal is told later");
+            self.ended.not_told(goal.engagement.clone(), report);
+            self.tell_untold_soon(ctx);
+        }
+    }
+
+    /// Tells, in a while, the ends that could not be told before.
+    fn tell_untold_soon(&mut self, ctx: &mut Context<Self>) {
+        if self.telling.is_none() {
+            self.telling = Some(ctx.after(TELL_AGAIN, |requester: &mut Self, ctx| {
+                requester.telling = None;
+                requester.tell_untold(ctx);
+            }));
+        }
+    }
+
+    fn tell_untold(&mut self, ctx: &mut Context<Self>) {
+        while let Some((engagement, report)) = self.ended.take_untold() {
+            if ctx.try_answer(&engagement, Performative::Confirm, &report).is_err() {
+                self.ended.not_told(engagement, report);
+                return self.tell_untold_soon(ctx);
+            }
         }
     }
 

@@ -55,7 +55,7 @@ struct Running {
 }
 
 impl Keeps for PlanRequester {
-    fn keeper(&mut self) -> &mut Keeper {
+    fn keeper(&mut self) -> &mut Keeper<Self> {
         &mut self.keeper
     }
 
@@ -104,7 +104,7 @@ impl PlanRequester {
         }
         let Some(record) = self.record(id) else { return };
         let accepted = id.clone();
-        keeping::keep(self, vec![record], ctx, move |requester: &mut Self, kept, ctx| {
+        keeping::keep(self, &[record], ctx, move |requester: &mut Self, kept, ctx| {
             let listed = requester.keeper.journals().len();
             let detail = acceptance(&kept, listed);
             if kept.by.is_empty() {
@@ -117,7 +117,7 @@ impl PlanRequester {
     /// Has the Journals keep where a goal stands now.
     pub(crate) fn keep(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         if let Some(record) = self.record(id) {
-            self.send(vec![record], ctx);
+            self.send(&[record], ctx);
         }
     }
 
@@ -129,7 +129,8 @@ impl PlanRequester {
         let plan = self.goals.get(id).and_then(|goal| goal.plan.as_deref()).map(value);
         let plan = plan.map(|plan| self.keeper.write(format!("{PLAN}{id}"), plan));
         let goal = self.record(id);
-        self.send(plan.into_iter().chain(goal).collect(), ctx);
+        let records: Vec<_> = plan.into_iter().chain(goal).collect();
+        self.send(&records, ctx);
     }
 
     /// Has the Journals keep that a goal is given up; `then` is told when they do.
@@ -142,7 +143,7 @@ impl PlanRequester {
         let record =
             if self.goals.contains_key(id) { self.record(id) } else { self.ended.record(id) };
         let Some(record) = record else { return then(ctx) };
-        keeping::keep(self, vec![record], ctx, move |_, _, ctx| then(ctx));
+        keeping::keep(self, &[record], ctx, move |_, _, ctx| then(ctx));
     }
 
     /// A Journal is here, or here again: it may have missed anything.
@@ -151,7 +152,7 @@ impl PlanRequester {
         goals.iter().for_each(|id| self.keep_plan(id, ctx));
         let ended = self.ended.records();
         if !ended.is_empty() {
-            self.send(ended, ctx);
+            self.send(&ended, ctx);
         }
     }
 
@@ -192,14 +193,14 @@ impl PlanRequester {
         for oldest in forgotten {
             records.push(self.keeper.write(format!("{GOAL}{oldest}"), Value::Null));
         }
-        self.send(records, ctx);
+        self.send(&records, ctx);
     }
 
     /// Has the Journals forget the plan of a goal that has ended, or holds: whoever ended it may not
     /// have known of this one, which was made on the other side of a partition.
     pub(crate) fn forget_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let forgotten = self.keeper.write(format!("{PLAN}{id}"), Value::Null);
-        self.send(vec![forgotten], ctx);
+        self.send(&[forgotten], ctx);
     }
 
     fn record(&mut self, id: &ConversationId) -> Option<Record> {
@@ -221,12 +222,8 @@ impl PlanRequester {
         std::iter::once(self.keeper.write(format!("{GOAL}{id}"), body)).chain(plan).collect()
     }
 
-    fn send(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
-        keeping::keep(self, records, ctx, |_, kept, _| {
-            for (journal, why) in kept.not_by {
-                tracing::warn!(%journal, why, "a Journal did not keep where a goal stands");
-            }
-        });
+    fn send(&mut self, records: &[Record], ctx: &mut Context<Self>) {
+        keeping::keep_on(self, records, ctx);
     }
 
     // === going on ===

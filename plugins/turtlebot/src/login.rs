@@ -197,7 +197,7 @@ impl Login {
             match asked.lock().await.recv().await {
                 Some(Asking::Nothing) => vec![Initiative::Withdraw { name: LOGIN.to_owned() }],
                 Some(Asking::This(text)) => {
-                    let (name, question) = (LOGIN.to_owned(), Question { text });
+                    let (name, question) = (LOGIN.to_owned(), Question::new(text));
                     vec![Initiative::Ask { name, question, patience }]
                 }
                 // The robot is gone, and this with it.

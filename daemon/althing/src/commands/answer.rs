@@ -1,6 +1,7 @@
 //! `althing answer`: the questions that agents ask people, and a person's answer to one.
 
 use std::fmt::Write as _;
+use std::io::{self, BufRead as _, IsTerminal as _, Read as _};
 use std::process::ExitCode;
 
 use acl::content::OpenQuestion;
@@ -12,6 +13,9 @@ use terminal::{exit, output, visible};
 use crate::cli::AnswerArgs;
 use crate::commands::client::{self, Link, View};
 use crate::commands::speaking::{self, Interrupt, Manner};
+
+/// The longest answer from standard input.
+const ANSWER_BYTES_MAX: u64 = 4 << 10;
 
 /// Lists the open questions, or answers one.
 pub(super) fn run(args: &AnswerArgs) -> ExitCode {
@@ -34,7 +38,7 @@ pub(crate) async fn list(view: &View, json: bool) -> ExitCode {
         return output::print("no agent asks anybody\n", exit::DONE);
     }
     let mut text = format!("{:<28} {:<20} {:>8}  QUESTION\n", "ID", "FROM", "LEFT");
-    for OpenQuestion { keyboard, question, from, text: asked, left } in &open {
+    for OpenQuestion { keyboard, question, from, text: asked, left, .. } in &open {
         let id = format!("{keyboard}/{question}");
         let (left, asked) = (super::brief(left.0), visible::line(asked));
         let _ = writeln!(text, "{id:<28} {:<20} {left:>8}  {asked}", from.as_str());
@@ -44,7 +48,11 @@ pub(crate) async fn list(view: &View, json: bool) -> ExitCode {
 
 async fn answer(link: &Link, id: &str, args: &AnswerArgs) -> ExitCode {
     let json = args.print.json;
-    let said = match said(&link.view, id, args.reply.text.join(" ")).await {
+    let said = match meant(&link.view, id).await {
+        Ok(question) => text(&question, &args.reply.text).map(|text| reply(question, text)),
+        Err(problem) => return super::wrong(&problem, json),
+    };
+    let said = match said {
         Ok(said) => said,
         Err(problem) => return super::wrong(&problem, json),
     };
@@ -52,8 +60,49 @@ async fn answer(link: &Link, id: &str, args: &AnswerArgs) -> ExitCode {
     speaking::say(link, said, Manner { to: None, json, interrupt }).await
 }
 
+/// What a person answers: what stands on the command line, or is typed unseen, or comes from standard
+/// input.
+fn text(question: &OpenQuestion, words: &[String]) -> Result<String, String> {
+    if !words.is_empty() {
+        if question.seal_to.is_some() {
+            output::note(
+                "a command line can be read by every user of this machine, and the shell keeps it; \
+                 for a secret, leave the answer out, and you are asked",
+            );
+        }
+        return Ok(words.join(" "));
+    }
+    let failed = |error: io::Error| format!("the answer could not be read: {error}");
+    if !io::stdin().is_terminal() {
+        let mut line = String::new();
+        let most = io::stdin().lock().take(ANSWER_BYTES_MAX).read_line(&mut line);
+        if most.map_err(failed)? == 0 {
+            return Err("standard input ended before there was an answer".to_owned());
+        }
+        return Ok(line.trim_end_matches(['\r', '\n']).to_owned());
+    }
+    output::note(&question.text);
+    match &question.seal_to {
+        Some(_) => rpassword::prompt_password("answer (not shown): ").map_err(failed),
+        None => {
+            output::note("answer:");
+            let mut line = String::new();
+            io::stdin().read_line(&mut line).map_err(failed)?;
+            Ok(line.trim_end_matches(['\r', '\n']).to_owned())
+        }
+    }
+}
+
 /// What is to be said to answer the question `id`: its number, or its keyboard and its number.
 pub(crate) async fn said(view: &View, id: &str, text: String) -> Result<Said, String> {
+    meant(view, id).await.map(|question| reply(question, text))
+}
+
+fn reply(OpenQuestion { keyboard, question, seal_to, .. }: OpenQuestion, text: String) -> Said {
+    Said::Answer { keyboard, question, text, seal_to }
+}
+
+async fn meant(view: &View, id: &str) -> Result<OpenQuestion, String> {
     let open = questions(view).await;
     let is_meant = |open: &&OpenQuestion| match id.split_once('/') {
         Some((keyboard, number)) => {
@@ -68,7 +117,7 @@ pub(crate) async fn said(view: &View, id: &str, text: String) -> Result<Said, St
         ids.join(", ")
     };
     match meant[..] {
-        [one] => Ok(Said::Answer { keyboard: one.keyboard.clone(), question: one.question, text }),
+        [one] => Ok(one.clone()),
         [] if open.is_empty() => Err(format!("no question `{id}` is open, nor any other")),
         [] => {
             let all: Vec<_> = open.iter().collect();

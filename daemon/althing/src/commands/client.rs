@@ -14,6 +14,7 @@ use terminal::{exit, output};
 
 use crate::cli::{AskArgs, ReachArgs};
 use crate::commands::doors;
+use crate::commands::turn::{self, Turn};
 use crate::config::{self, Ecosystem, Overrides};
 use crate::hosting::{self, GuestKeys, Node, Wire};
 use crate::plugins;
@@ -22,7 +23,7 @@ use crate::plugins;
 const ANSWERED_WITHIN: Duration = Duration::from_secs(5);
 
 /// How long agents of the ecosystem may take to be seen after the link is up.
-const SEEN_WITHIN: Duration = Duration::from_secs(2);
+const SEEN_WITHIN: Duration = Duration::from_secs(5);
 
 /// Of a host's name, what stands in a guest's: lists of agents are 80 columns wide.
 const HOST_CHARS_MAX: usize = 12;
@@ -118,6 +119,16 @@ impl Target {
     /// What a client session is opened with.
     pub(super) fn config(&self) -> Result<substrate_zenoh::Config, String> {
         guest_config(&self.name, &self.endpoints, self.keys.as_ref(), "cli")
+    }
+
+    /// Waits for a command's turn to join, where the daemons are on this machine.
+    fn turn(&self) -> Result<Option<Turn>, String> {
+        let is_here = |endpoint: &String| endpoint.starts_with("unixsock-stream/");
+        if !self.endpoints.iter().any(is_here) {
+            return Ok(None);
+        }
+        let folder = hosting::runtime_folder(&self.name).map_err(|error| error.to_string())?;
+        turn::wait(&folder).map(Some)
     }
 
     /// Links up.
@@ -260,9 +271,15 @@ pub(super) fn with_link<F: Future<Output = (Link, ExitCode)>>(
         Ok(target) => target,
         Err(problem) => return unavailable(&problem, json),
     };
+    let turn = match target.turn() {
+        Ok(turn) => turn,
+        Err(problem) => return unavailable(&problem, json),
+    };
     super::in_runtime(async move {
         match target.link().await {
             Ok(link) => {
+                link.view.directory(None).await;
+                drop(turn);
                 let (link, code) = act(link).await;
                 link.node.drain().await;
                 code

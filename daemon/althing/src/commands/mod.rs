@@ -32,6 +32,7 @@ pub(crate) mod watch;
 pub(crate) mod client;
 pub(crate) mod hearing;
 mod speaking;
+mod turn;
 
 use std::future::Future;
 use std::process::ExitCode;

@@ -248,6 +248,7 @@ async fn up(
         output::note(&format!("error: {problem}"));
         exit::with(exit::UNAVAILABLE)
     };
+    hosting::warn_of_few_file_handles();
     // They end after the node: others are told that a daemon has left when it has.
     let (mut node, simulated, _stay, scouts) = match open(&ecosystem, &place).await {
         Ok(opened) => opened,
@@ -267,7 +268,11 @@ async fn up(
     }
     hosting::watch_files(&node, &ecosystem);
     announce(&ecosystem, &place, &node);
+    let socket = hosting::runtime_folder(&ecosystem.name)
+        .and_then(|folder| socket_in(&folder, place.daemon.as_str()));
+    let mut watch = None;
     if !manner.has_prompt {
+        watch = socket.ok().map(hosting::watch_socket);
         let lease = substrate_zenoh::lease(&ecosystem.zenoh);
         hosting::watch_standstill(lease.unwrap_or(substrate_zenoh::LEASE));
         if scouts {
@@ -285,6 +290,7 @@ async fn up(
         serve(&mut node, &ecosystem, manner, reload, interrupted).await;
     }
     service_manager::stopping();
+    drop(watch);
     if drain(node, abroad).await {
         return exit::with(exit::DONE);
     }

@@ -154,8 +154,8 @@ fn discreet(message: &Message) -> Message {
         message.performative == Performative::Inform && message.protocol == Some(Protocol::Query);
     let mut shown = message.clone();
     if answers || says("of", "answer") || says("act", "answer-question") {
-        match shown.content.get_mut("text") {
-            Some(text) => *text = Value::from(VEIL),
+        match ["text", "sealed"].iter().find(|key| shown.content.get(**key).is_some()) {
+            Some(key) => shown.content[*key] = Value::from(VEIL),
             // Of another shape than ours, and yet an answer.
             None => shown.content = Value::from(VEIL),
         }
@@ -302,6 +302,8 @@ mod tests {
         let answer = json!({ "of": "answer", "text": "2718" });
         assert_eq!(shown("inform", answer), json!({ "of": "answer", "text": "•••" }));
         assert_eq!(shown("inform", json!({ "pin": 2718 })), json!("•••"));
+        let sealed = json!({ "of": "answer", "sealed": "00ff" });
+        assert_eq!(shown("inform", sealed), json!({ "of": "answer", "sealed": "•••" }));
         let request = json!({ "act": "answer-question", "question": 3, "text": "2718" });
         let veiled = json!({ "act": "answer-question", "question": 3, "text": "•••" });
         assert_eq!(shown("request", request), veiled);

@@ -6,7 +6,9 @@ mod anew;
 mod building;
 mod credentials;
 mod entrance;
+mod file_handles;
 mod folders;
+mod lost_socket;
 mod moving;
 mod processes;
 mod rehearsal;
@@ -35,9 +37,11 @@ use crate::plugins;
 pub(crate) use building::{refurnish, simulate};
 pub(crate) use credentials::{GuestKeys, announce_end, forget_keys, secure, tell_keys};
 pub(crate) use entrance::{Stay, enter};
+pub(crate) use file_handles::warn_of_few_file_handles;
 pub(crate) use folders::{
     keep_to_oneself, plugins_folder, running_ecosystems, runtime_folder, socket_in, state_folder,
 };
+pub(crate) use lost_socket::watch_socket;
 pub(crate) use moving::watch_addresses;
 pub(crate) use processes::{Processes, become_plugin};
 pub(crate) use rehearsal::{Stage, models};

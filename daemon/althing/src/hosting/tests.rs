@@ -63,6 +63,11 @@ fn ecosystem(folder: &TempDir, entries: &str, mode: Mode) -> Ecosystem {
 impl Office {
     /// Opens the office with these entries; `{folder}` in them is a folder of the test's own.
     async fn open(entries: &[String], mode: Mode) -> Office {
+        Office::open_on(Network::new(), entries, mode).await
+    }
+
+    /// The same on this wire.
+    async fn open_on(network: Network, entries: &[String], mode: Mode) -> Office {
         let folder = tempfile::tempdir().expect("a folder");
         let mut text = String::new();
         for plugin in ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"] {
@@ -81,7 +86,7 @@ impl Office {
             building: Some(building.handle()),
             state: None,
         };
-        let node = Node::open(part, Wire::Memory(Network::new())).await;
+        let node = Node::open(part, Wire::Memory(network)).await;
         let node = node.unwrap_or_else(|error| panic!("failed to {error}"));
         // A heartbeat, so that everybody knows of everybody.
         tokio::time::sleep(ecosystem.settings.heartbeat_period * 2).await;
@@ -142,7 +147,8 @@ impl Person {
                 _ => None,
             })
             .await;
-        let said = Said::Answer { keyboard, question, text: answer.to_owned() };
+        let text = answer.to_owned();
+        let said = Said::Answer { keyboard, question, text, seal_to: None };
         self.terminal.say.send(said).await.expect("the keyboard listens");
     }
 

@@ -201,6 +201,9 @@ impl Prompt {
                 return self.say(Ok(said)).await;
             }
             Verb::Answer(ReplyArgs { id: None, .. }) => answer::list(&view, json).await,
+            Verb::Answer(ReplyArgs { id: Some(id), text }) if text.is_empty() => {
+                return self.decline(&format!("error: say what to answer: answer {id} TEXT"));
+            }
             Verb::Answer(ReplyArgs { id: Some(id), text }) => {
                 let said = self.answer(&id, text.join(" ")).await;
                 return self.say(said).await;
@@ -235,7 +238,8 @@ impl Prompt {
         };
         match id.parse() {
             Ok(question) if is_own => {
-                Ok(Said::Answer { keyboard: self.id.clone(), question, text })
+                let (keyboard, seal_to) = (self.id.clone(), None);
+                Ok(Said::Answer { keyboard, question, text, seal_to })
             }
             _ => answer::said(&self.view, id, text).await,
         }

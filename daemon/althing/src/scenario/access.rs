@@ -231,7 +231,7 @@ fn last_word(message: &Message, camera: &str) -> Option<Report> {
 }
 
 async fn answer(terminal: &Terminal, question: &OpenQuestion, text: &str) -> Result<(), String> {
-    let (keyboard, question) = (question.keyboard.clone(), question.question);
-    let said = Said::Answer { keyboard, question, text: text.to_owned() };
+    let OpenQuestion { keyboard, question, seal_to, .. } = question.clone();
+    let said = Said::Answer { keyboard, question, text: text.to_owned(), seal_to };
     terminal.say.send(said).await.map_err(|_| "a keyboard has ended".to_owned())
 }

@@ -2,12 +2,14 @@
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
 
 use ::building::{Event, Truth};
 use acl::content::{Inform, Keep, OpenQuestion, PersonsAnswer, Question};
 use acl::{AgentId, Message, Performative};
 use agent::{Agent, Ask, Callbacks, Context, Engagement, Mode, Resource};
 use keyboard::Said;
+use substrate::memory::Network;
 
 use super::{MODES, Office, PATIENCE, entry};
 
@@ -90,7 +92,7 @@ impl Visitor {
         ctx.answer(
             &Engagement::of(&message),
             Performative::Inform,
-            &Inform::Answer(PersonsAnswer { text }),
+            &Inform::Answer(PersonsAnswer::plain(text)),
         );
     }
 }
@@ -166,11 +168,48 @@ async fn a_question_that_somebody_has_answered_is_closed_elsewhere() {
         .flat_map(|answer| serde_json::from_slice::<Vec<OpenQuestion>>(answer).expect("questions"));
     assert_eq!(open.count(), 0);
     let keyboard = AgentId::new("there").expect("a name");
-    let said = Said::Answer { keyboard, question, text: "2718".to_owned() };
+    let text = "2718".to_owned();
+    let said = Said::Answer { keyboard, question, text, seal_to: None };
     there.terminal.say.send(said).await.expect("the keyboard listens");
     assert!(!there.hears().await);
     assert!(there.lines[0].contains("has no open question"), "{:?}", there.lines);
     office.close().await;
+}
+
+/// A stranger's tool on the wire of an ecosystem without keys hears every message, also that by which
+/// a person answers a question of another keyboard.
+#[tokio::test(start_paused = true)]
+async fn a_pin_is_nowhere_in_what_is_overheard() {
+    const PIN: &str = "31415";
+    let (network, said) = (Network::new(), Arc::new(Mutex::new(Vec::new())));
+    let heard = Arc::clone(&said);
+    network.tap(move |_, payload| {
+        let text = String::from_utf8_lossy(payload).into_owned();
+        heard.lock().expect("no panic").push(text);
+    });
+    let robot = robot(&format!("pin = \"{PIN}\""));
+    let office = Office::open_on(network, &[robot], Mode::Decentralized).await;
+    let (mut asker, mut there) = (office.person("user"), office.person("there"));
+    let guest = office.person("guest");
+    asker.wish("(validated office2)", Keep::Achieve).await;
+    let question = there.is_asked().await;
+    let ask = Ask { daemon: None, resource: Resource::Questions, agent: None };
+    let answers = office.node.switchboard().ask(ask, PATIENCE).await;
+    let mut open = answers
+        .iter()
+        .flat_map(|answer| serde_json::from_slice::<Vec<OpenQuestion>>(answer).expect("questions"));
+    let is_there = |open: &OpenQuestion| open.keyboard.as_str() == "there";
+    let OpenQuestion { keyboard, seal_to, .. } = open.find(is_there).expect("it is open");
+    let said_there = Said::Answer { keyboard, question, text: PIN.to_owned(), seal_to };
+    guest.terminal.say.send(said_there).await.expect("the keyboard listens");
+    assert!(asker.hears().await, "the robot has read it: {:#?}", asker.lines);
+    office.close().await;
+
+    let said = said.lock().expect("no panic").clone();
+    let tells: Vec<_> = said.iter().filter(|text| text.contains(PIN)).collect();
+    assert!(tells.is_empty(), "{tells:?}");
+    let answers = said.iter().filter(|text| text.contains("\"sealed\""));
+    assert!(answers.count() >= 2, "to the keyboard, and to the robot: {said:#?}");
 }
 
 #[tokio::test(start_paused = true)]

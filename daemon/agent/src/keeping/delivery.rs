@@ -1,0 +1,406 @@
+//! Records on their way to the Journals: one request at a time to each of them, with the newest
+//! version of all that waits, again and again until it is kept.
+//!
+//! However many changes there are and however slow a disk is, one message per Journal is under way,
+//! and what waits is bounded by the number of keys.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use acl::content::{Keeping, Reason, Record, Refusal, Request, value};
+use acl::{AgentId, DaemonId, Performative, Protocol};
+
+use super::{Keeps, Kept};
+use crate::base_agent::Agent;
+use crate::communication_agent::{Answer, Opening};
+use crate::context::{Context, TimerId};
+
+/// How many machines are to have a record before it counts as kept: this one, and one other that can
+/// be reached.
+const COPIES: usize = 2;
+
+/// How long before a Journal that did not answer or is busy is asked again.
+const AGAIN: Duration = Duration::from_millis(200);
+
+/// How long before a Journal is asked again whose disk keeps nothing: a full disk is emptied by a
+/// person.
+const DISK_AGAIN: Duration = Duration::from_secs(5);
+
+/// What one request carries at most: far below what a message may have, and enough that a few
+/// requests carry the changes of hundreds of goals.
+const RECORDS_AT_ONCE: usize = 64;
+const BYTES_AT_ONCE: usize = 128 << 10;
+
+/// What is told to the caller of `keep`.
+type Then<A> = Box<dyn FnOnce(&mut A, Kept, &mut Context<A>) + Send>;
+
+/// Who has kept some records, and whom to tell.
+struct Tally<A: Agent> {
+    keys: BTreeSet<String>,
+    kept: Kept,
+    /// The machines that have the records.
+    machines: BTreeSet<DaemonId>,
+    awaited: BTreeSet<AgentId>,
+    then: Then<A>,
+    deadline: TimerId,
+}
+
+/// All that is on its way to the Journals.
+pub(super) struct Deliveries<A: Agent> {
+    to: BTreeMap<AgentId, Delivery>,
+    tallies: BTreeMap<u64, Tally<A>>,
+    numbered: u64,
+}
+
+/// What is on its way to one Journal.
+#[derive(Debug, Default)]
+struct Delivery {
+    /// The newest version of each record that waits, by key.
+    waiting: BTreeMap<String, Record>,
+    /// Those of whose records all are in `waiting`, or on their way.
+    tallies: BTreeSet<u64>,
+    /// What the request that is under way carries.
+    under_way: Option<Vec<Record>>,
+    /// Until it is asked again.
+    again: Option<TimerId>,
+    /// Whether records go one by one, because the Journal refused some of several.
+    one_by_one: bool,
+    /// Why it keeps nothing now, as the log says already.
+    trouble: Option<String>,
+    /// Whether its disk is the reason: nobody waits for that.
+    is_disk_in_trouble: bool,
+}
+
+/// What a Journal said of a request.
+#[derive(Debug, PartialEq, Eq)]
+enum Outcome {
+    Kept,
+    /// It does not take what these records say, and never will.
+    Refused(String),
+    /// It may take them later.
+    Later(String, Duration),
+    /// It is not here any more: when it is back, all is sent anew.
+    Gone(String),
+}
+
+// === impl Deliveries ===
+
+impl<A: Agent> Deliveries<A> {
+    pub(super) fn new() -> Deliveries<A> {
+        Deliveries { to: BTreeMap::new(), tallies: BTreeMap::new(), numbered: 0 }
+    }
+
+    /// Whether every Journal that is here has all it was asked to keep.
+    pub(super) fn is_empty(&self) -> bool {
+        let is_idle = |to: &Delivery| to.under_way.is_none() && to.waiting.is_empty();
+        self.to.values().all(|to| to.trouble.is_some() || is_idle(to))
+    }
+}
+
+impl Delivery {
+    /// Takes records to be sent, or back those that were not kept, unless newer ones wait.
+    fn add(&mut self, records: &[Record]) {
+        for record in records {
+            let waiting = self.waiting.get(&record.key);
+            if waiting.is_none_or(|waiting| waiting.version < record.version) {
+                self.waiting.insert(record.key.clone(), record.clone());
+            }
+        }
+    }
+
+    /// Takes the records of the next request, where none is under way.
+    fn next(&mut self) -> Option<Vec<Record>> {
+        if self.under_way.is_some() || self.again.is_some() || self.waiting.is_empty() {
+            return None;
+        }
+        let most = if self.one_by_one { 1 } else { RECORDS_AT_ONCE };
+        let mut bytes = 0;
+        let mut records = Vec::new();
+        while let Some((key, record)) = self.waiting.pop_first() {
+            bytes += serde_json::to_vec(&record.body).map_or(0, |body| body.len()) + key.len();
+            if records.len() == most || (bytes > BYTES_AT_ONCE && !records.is_empty()) {
+                self.waiting.insert(key, record);
+                break;
+            }
+            records.push(record);
+        }
+        self.under_way = Some(records.clone());
+        Some(records)
+    }
+}
+
+// === keeping ===
+
+/// Has the Journals that are here keep records; `then`, if any, is told as soon as enough have them,
+/// all have answered, or `answer_deadline` has passed.
+pub(super) fn deliver<A: Keeps>(
+    agent: &mut A,
+    records: &[Record],
+    then: Option<Then<A>>,
+    ctx: &mut Context<A>,
+) {
+    let journals = agent.keeper().journals.clone();
+    let here: BTreeSet<_> =
+        journals.into_iter().filter(|journal| ctx.find(journal).is_some()).collect();
+    if here.is_empty() {
+        if let Some(then) = then {
+            ctx.after(Duration::ZERO, move |agent: &mut A, ctx| then(agent, Kept::default(), ctx));
+        }
+        return;
+    }
+    let number = then.map(|then| {
+        let deadline = ctx.settings().answer_deadline;
+        let deliveries = &mut agent.keeper().deliveries;
+        deliveries.numbered += 1;
+        let number = deliveries.numbered;
+        let late = move |agent: &mut A, ctx: &mut Context<A>| {
+            let awaited = agent.keeper().deliveries.tallies.get(&number);
+            for journal in awaited.map(|tally| tally.awaited.clone()).unwrap_or_default() {
+                let known = agent.keeper().deliveries.to.get(&journal);
+                let why = known.and_then(|delivery| delivery.trouble.clone());
+                let why = why.unwrap_or_else(|| "it did not answer in time".to_owned());
+                note(agent, number, &journal, Err(why), ctx);
+            }
+        };
+        let tally = Tally {
+            keys: records.iter().map(|record| record.key.clone()).collect(),
+            kept: Kept::default(),
+            machines: BTreeSet::new(),
+            awaited: here.clone(),
+            then,
+            deadline: ctx.after(deadline, late),
+        };
+        deliveries.tallies.insert(number, tally);
+        number
+    });
+    for journal in here {
+        let delivery = agent.keeper().deliveries.to.entry(journal.clone()).or_default();
+        delivery.add(records);
+        delivery.tallies.extend(number);
+        let is_hopeless = delivery.is_disk_in_trouble && delivery.again.is_some();
+        match delivery.trouble.clone().filter(|_| is_hopeless) {
+            Some(why) => settle(agent, &journal, &Err(why), ctx),
+            None => send(agent, &journal, ctx),
+        }
+    }
+}
+
+/// Sends what waits for a Journal, unless a request is under way.
+fn send<A: Keeps>(agent: &mut A, journal: &AgentId, ctx: &mut Context<A>) {
+    let Some(delivery) = agent.keeper().deliveries.to.get_mut(journal) else { return };
+    let Some(records) = delivery.next() else { return };
+    if ctx.find(journal).is_none() {
+        return answered(agent, journal, Outcome::Gone("it has left".to_owned()), ctx);
+    }
+    let opening = Opening {
+        to: Some(journal.clone()),
+        performative: Performative::Request,
+        protocol: Protocol::StateChange,
+        conversation: ctx.new_conversation(),
+        content: value(&Request::Keep(Keeping { records })),
+    };
+    let (patience, from) = (ctx.settings().answer_deadline, journal.clone());
+    ctx.open(opening, patience, move |agent: &mut A, answer, ctx| {
+        answered(agent, &from, outcome(answer), ctx);
+    });
+}
+
+fn answered<A: Keeps>(agent: &mut A, from: &AgentId, outcome: Outcome, ctx: &mut Context<A>) {
+    let keeper = agent.keeper();
+    // Who does not act any more writes nothing late: another's records may be older than these.
+    let outcome = match outcome {
+        Outcome::Later(why, _) if !keeper.is_leading => Outcome::Gone(why),
+        outcome => outcome,
+    };
+    let Some(delivery) = keeper.deliveries.to.get_mut(from) else { return };
+    let Some(batch) = delivery.under_way.take() else { return };
+    match outcome {
+        Outcome::Kept => {
+            if delivery.trouble.take().is_some() {
+                tracing::info!(agent = %ctx.id(), journal = %from, "the Journal keeps records again");
+            }
+        }
+        Outcome::Refused(_) if batch.len() > 1 => {
+            delivery.one_by_one = true;
+            delivery.add(&batch);
+        }
+        Outcome::Refused(why) => {
+            let Some(record) = batch.first() else { return };
+            tracing::warn!(agent = %ctx.id(), journal = %from, key = record.key, why,
+                "a Journal refuses a record: it is not kept there");
+            refused(agent, from, &record.key, &why, ctx);
+        }
+        Outcome::Later(why, wait) => {
+            delivery.add(&batch);
+            if delivery.trouble.replace(why.clone()).is_none() {
+                tracing::warn!(agent = %ctx.id(), journal = %from, why,
+                    "a Journal does not keep records now: it is asked again until it does");
+            }
+            delivery.is_disk_in_trouble = wait == DISK_AGAIN;
+            let journal = from.clone();
+            delivery.again = Some(ctx.after(wait, move |agent: &mut A, ctx| {
+                if let Some(delivery) = agent.keeper().deliveries.to.get_mut(&journal) {
+                    delivery.again = None;
+                    send(agent, &journal, ctx);
+                }
+            }));
+            if wait == DISK_AGAIN {
+                settle(agent, from, &Err(why), ctx);
+            }
+            return;
+        }
+        Outcome::Gone(why) => {
+            if let Some(again) = delivery.again.take() {
+                ctx.forget(again);
+            }
+            (delivery.waiting, delivery.trouble) = (BTreeMap::new(), None);
+            return settle(agent, from, &Err(why), ctx);
+        }
+    }
+    let delivery = agent.keeper().deliveries.to.entry(from.clone()).or_default();
+    if delivery.waiting.is_empty() {
+        delivery.one_by_one = false;
+        return settle(agent, from, &Ok(()), ctx);
+    }
+    settle_kept(agent, from, ctx);
+    send(agent, from, ctx);
+}
+
+/// One record is not kept by a Journal: tells those who wait for it.
+fn refused<A: Keeps>(agent: &mut A, by: &AgentId, key: &str, why: &str, ctx: &mut Context<A>) {
+    let deliveries = &agent.keeper().deliveries;
+    let waits = |(_, tally): &(&u64, &Tally<A>)| tally.keys.contains(key);
+    let waiting = deliveries.tallies.iter().filter(waits).map(|(number, _)| *number);
+    for number in waiting.collect::<Vec<_>>() {
+        note(agent, number, by, Err(why.to_owned()), ctx);
+    }
+}
+
+/// A Journal has, or will not have, all that was on its way to it.
+fn settle<A: Keeps>(
+    agent: &mut A,
+    journal: &AgentId,
+    outcome: &Result<(), String>,
+    ctx: &mut Context<A>,
+) {
+    let delivery = agent.keeper().deliveries.to.entry(journal.clone()).or_default();
+    for number in std::mem::take(&mut delivery.tallies) {
+        note(agent, number, journal, outcome.clone(), ctx);
+    }
+}
+
+/// Tells those whose records a Journal has, though others still wait.
+fn settle_kept<A: Keeps>(agent: &mut A, journal: &AgentId, ctx: &mut Context<A>) {
+    let deliveries = &mut agent.keeper().deliveries;
+    let tallies = &deliveries.tallies;
+    let Some(Delivery { waiting, tallies: numbers, .. }) = deliveries.to.get_mut(journal) else {
+        return;
+    };
+    let is_kept = |number: &u64| {
+        tallies
+            .get(number)
+            .is_none_or(|tally| !tally.keys.iter().any(|key| waiting.contains_key(key)))
+    };
+    let (kept, left) = std::mem::take(numbers).into_iter().partition(is_kept);
+    *numbers = left;
+    let kept: BTreeSet<u64> = kept;
+    for number in kept {
+        note(agent, number, journal, Ok(()), ctx);
+    }
+}
+
+/// Notes what a Journal has done with the records of a tally; tells its caller if now is the time.
+fn note<A: Keeps>(
+    agent: &mut A,
+    number: u64,
+    journal: &AgentId,
+    outcome: Result<(), String>,
+    ctx: &mut Context<A>,
+) {
+    let tallies = &mut agent.keeper().deliveries.tallies;
+    let Some(tally) = tallies.get_mut(&number) else { return };
+    if !tally.awaited.remove(journal) {
+        return;
+    }
+    match outcome {
+        Ok(()) => {
+            tally.machines.extend(ctx.find(journal).map(|resident| resident.daemon));
+            tally.kept.by.push(journal.clone());
+        }
+        Err(why) => drop(tally.kept.not_by.insert(journal.clone(), why)),
+    }
+    if (tally.machines.len() >= COPIES || tally.awaited.is_empty())
+        && let Some(Tally { then, kept, deadline, .. }) = tallies.remove(&number)
+    {
+        ctx.forget(deadline);
+        then(agent, kept, ctx);
+    }
+}
+
+/// What a Journal's answer means for what it was asked to keep.
+fn outcome(answer: Answer) -> Outcome {
+    match answer {
+        Answer::Message(message) if message.performative == Performative::Confirm => Outcome::Kept,
+        Answer::Message(message) => match message.content_as::<Refusal>() {
+            Ok(refusal) => match refusal.reason {
+                Reason::BadContent => Outcome::Refused(refusal.detail),
+                Reason::Busy | Reason::MailboxFull => Outcome::Later(refusal.detail, AGAIN),
+                _ => Outcome::Later(refusal.detail, DISK_AGAIN),
+            },
+            Err(_) => Outcome::Later("it declined".to_owned(), DISK_AGAIN),
+        },
+        Answer::Silence => Outcome::Later("it did not answer in time".to_owned(), AGAIN),
+        Answer::Undelivered(why) => match why {
+            crate::Undelivered::OutboxFull | crate::Undelivered::NoReceipt => {
+                Outcome::Later(why.to_string(), AGAIN)
+            }
+            _ => Outcome::Gone(why.to_string()),
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::content::Version;
+    use serde_json::{Value, json};
+
+    use super::*;
+
+    fn record(key: &str, count: u64, body: Value) -> Record {
+        Record { key: key.to_owned(), version: Version { term: 1, count }, body }
+    }
+
+    #[test]
+    fn one_request_at_a_time_carries_the_newest_of_all_that_waits() {
+        let mut delivery = Delivery::default();
+        delivery.add(&[record("goal/a", 1, json!("asked for"))]);
+        assert_eq!(delivery.next().expect("one").len(), 1);
+        for count in 2..1_000 {
+            delivery
+                .add(&[record("goal/a", count, json!(count)), record("plan/a", count, json!(0))]);
+            assert_eq!(delivery.next(), None, "one is under way");
+        }
+        assert_eq!(delivery.waiting.len(), 2);
+        // What was under way is not kept: what has changed meanwhile is.
+        let batch = delivery.under_way.take().expect("it is under way");
+        delivery.add(&batch);
+        let next = delivery.next().expect("two");
+        assert_eq!(next.iter().map(|record| record.version.count).collect::<Vec<_>>(), [999, 999]);
+    }
+
+    #[test]
+    fn a_request_has_a_bound_and_all_is_sent() {
+        let mut delivery = Delivery::default();
+        let long = json!("x".repeat(BYTES_AT_ONCE));
+        let of = |number| record(&format!("{number:03}"), 1, json!(number));
+        let records: Vec<_> = (0..RECORDS_AT_ONCE + 5).map(of).collect();
+        delivery.add(&records);
+        delivery.add(&[record("001", 2, long.clone()), record("002", 2, long)]);
+        let mut sizes = Vec::new();
+        while let Some(records) = delivery.next() {
+            sizes.push(records.len());
+            delivery.under_way = None;
+        }
+        assert_eq!(sizes, [1, 1, 1, RECORDS_AT_ONCE, 2]);
+    }
+}

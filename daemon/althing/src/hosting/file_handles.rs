@@ -1,0 +1,53 @@
+//! Whether the system lets this process have as many open files as a daemon needs: connections count
+//! as files, and a daemon that has none left accepts nobody and writes nothing.
+
+use nix::sys::resource::{Resource, getrlimit};
+
+/// What a daemon of a building needs: some forty for itself, two for each connection of a daemon or a
+/// command, several for each plugin that is a process.
+const NEEDED: u64 = 512;
+
+/// Says it in the log where this process may have too few files open at a time.
+pub(crate) fn warn_of_few_file_handles() {
+    if let Ok((limit, most)) = getrlimit(Resource::RLIMIT_NOFILE)
+        && let Some(warning) = warning(limit, most)
+    {
+        tracing::warn!("{warning}");
+    }
+}
+
+/// What is to be said of a limit that may be raised to `most`.
+fn warning(limit: u64, most: u64) -> Option<String> {
+    if limit >= NEEDED {
+        return None;
+    }
+    let cure = if most >= NEEDED {
+        format!(
+            "raise it with `ulimit -n {NEEDED}`, or `LimitNOFILE={NEEDED}` in the service's unit"
+        )
+    } else {
+        format!(
+            "only the administrator can raise it beyond {most}: `LimitNOFILE={NEEDED}` in the \
+             service's unit, or `nofile` in /etc/security/limits.conf"
+        )
+    };
+    Some(format!(
+        "this process may have only {limit} files open at a time, connections among them, and a \
+         daemon needs up to {NEEDED}: beyond the limit it can accept no command and no other daemon; \
+         {cure}"
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_low_limit_is_told_with_its_cure() {
+        assert_eq!(warning(1_024, 1_048_576), None);
+        let low = warning(64, 1_048_576).expect("it is low");
+        assert!(low.contains("only 64 files") && low.contains("ulimit -n 512"), "{low}");
+        let fixed = warning(64, 64).expect("it is low");
+        assert!(fixed.contains("administrator") && !fixed.contains("ulimit"), "{fixed}");
+    }
+}

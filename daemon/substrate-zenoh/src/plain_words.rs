@@ -1,0 +1,148 @@
+//! Zenoh's own errors in the log: each kind once, as a sentence that says what it means for the
+//! ecosystem.
+//!
+//! Zenoh logs some of what passes by itself as an error, once for every name that is concerned: of a
+//! daemon that is killed, hundreds of lines. Agents say again what nobody has received, and the roll is
+//! called anew.
+
+use std::collections::BTreeSet;
+use std::fmt::{self, Write as _};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+
+use tracing::field::{Field, Visit};
+use tracing::{Event, Level, Metadata, Subscriber};
+use tracing_subscriber::Layer;
+use tracing_subscriber::filter::{LevelFilter, filter_fn};
+use tracing_subscriber::layer::Context;
+use tracing_subscriber::registry::LookupSpan;
+
+/// How much of a line of Zenoh's is told: what follows may be a whole message.
+const LINE_CHARS_MAX: usize = 300;
+
+/// Kinds of errors that are told; Zenoh has some dozens.
+const KINDS_MAX: usize = 64;
+
+/// What Zenoh says, by a part of its line, and what it means.
+const MEANINGS: &[(&str, &str)] = &[
+    (
+        "cannot get index of",
+        "Zenoh heard of a daemon that it does not know any more: one has just gone, or come back. \
+         Who is here is asked anew within seconds",
+    ),
+    (
+        "Too many open files",
+        "this process has no file handle left, so Zenoh can accept no connection; raise the limit \
+         (`ulimit -n`, or `LimitNOFILE` in the service's unit)",
+    ),
+];
+
+/// Whether a line is an error of Zenoh's that [`plain_words`] tells.
+pub fn is_error_of_zenoh(about: &Metadata<'_>) -> bool {
+    *about.level() == Level::ERROR && about.target().starts_with("zenoh")
+}
+
+/// Part of a program's log: tells each kind of Zenoh's errors once, as a warning. The lines themselves
+/// are to be left out of the log ([`is_error_of_zenoh`]).
+pub fn plain_words<S>() -> impl Layer<S>
+where
+    S: Subscriber + for<'a> LookupSpan<'a>,
+{
+    // Of its sessions Zenoh says as an error that something came before the name it goes by.
+    let is_told =
+        |about: &Metadata<'_>| is_error_of_zenoh(about) && about.target() != "zenoh::api::session";
+    // Not within a line of the log, which may be within Zenoh's locks.
+    let tell = |sentence: String| drop(thread::spawn(move || tracing::warn!("{sentence}")));
+    Telling { told: Mutex::default(), tell }
+        .with_filter(filter_fn(is_told).with_max_level_hint(LevelFilter::ERROR))
+}
+
+struct Telling<T> {
+    told: Mutex<BTreeSet<String>>,
+    tell: T,
+}
+
+impl<S: Subscriber, T: Fn(String) + 'static> Layer<S> for Telling<T> {
+    fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
+        let mut line = Line::default();
+        event.record(&mut line);
+        let (kind, sentence) = sentence(event.metadata(), &line.0);
+        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        if told.len() < KINDS_MAX && told.insert(kind) {
+            drop(told);
+            (self.tell)(sentence);
+        }
+    }
+}
+
+/// Which kind an error is of, and what is told of it.
+fn sentence(about: &Metadata<'_>, line: &str) -> (String, String) {
+    match MEANINGS.iter().find(|(part, _)| line.contains(part)) {
+        Some((part, meaning)) => ((*part).to_owned(), format!("{meaning}. This is said once")),
+        None => {
+            let place = format!("{}:{}", about.target(), about.line().unwrap_or_default());
+            let line = line.trim_end_matches(['.', '!']);
+            (
+                place,
+                format!("Zenoh, which carries the messages, reports: {line}. This is said once"),
+            )
+        }
+    }
+}
+
+/// The text of an event, to a bound.
+#[derive(Default)]
+struct Line(String);
+
+impl fmt::Write for Line {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        let room = LINE_CHARS_MAX.saturating_sub(self.0.chars().count());
+        self.0.extend(text.chars().filter(|each| !each.is_control()).take(room));
+        if room == 0 { Err(fmt::Error) } else { Ok(()) }
+    }
+}
+
+impl Visit for Line {
+    fn record_debug(&mut self, field: &Field, value: &dyn fmt::Debug) {
+        if field.name() == "message" {
+            // It ends with an error where the line is too long.
+            let _ = write!(self, "{value:?}");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use tracing_subscriber::layer::SubscriberExt as _;
+
+    use super::*;
+
+    #[test]
+    fn each_kind_of_error_is_told_once_as_a_sentence() {
+        let told = Arc::new(Mutex::new(Vec::new()));
+        let heard = Arc::clone(&told);
+        let tell = move |sentence| heard.lock().expect("no panic").push(sentence);
+        let telling = Telling { told: Mutex::default(), tell };
+        let is_told = |about: &Metadata<'_>| is_error_of_zenoh(about);
+        let log = tracing_subscriber::registry().with(telling.with_filter(filter_fn(is_told)));
+        tracing::subscriber::with_default(log, || {
+            for name in ["thermometer", "lamp"] {
+                tracing::error!(target: "zenoh::net::routing::hat::router::token",
+                    "Error propagating token {name}: cannot get index of baf0f4ba!");
+                tracing::error!(target: "zenoh_link_tcp", "Unable to accept: \u{1b}]0;{name}.");
+                tracing::error!("an error of ours");
+                tracing::warn!(target: "zenoh::net", "a warning of Zenoh's");
+            }
+        });
+        let told = told.lock().expect("no panic").clone();
+        assert_eq!(told.len(), 2, "{told:?}");
+        assert!(told[0].starts_with("Zenoh heard of a daemon that it does not know"), "{told:?}");
+        let of_ours = "Zenoh, which carries the messages, reports: ";
+        assert_eq!(
+            told[1],
+            format!("{of_ours}Unable to accept: ]0;thermometer. This is said once")
+        );
+    }
+}

@@ -1,0 +1,215 @@
+//! An asker of another make: one agent that asks for any number of goals at once, as docs/protocol.md
+//! says, and notes for each what it hears.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use acl::content::{Achieve, Keep, Outcome, Refusal, Report, Request, value};
+use acl::{
+    AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message, MessageId, Performative,
+    Protocol, ReplyToken, SCHEMA_VERSION,
+};
+use substrate::{
+    Address, Addressed, Ask, Delivery, Inbound, Presence, PresenceToken, Question, Resource,
+    Subject, Substrate as _,
+};
+use substrate_zenoh::{Config, Mode, ZenohSubstrate};
+use tokio::sync::mpsc;
+
+use super::Office;
+
+/// How long before a request is sent again that has neither a receipt nor an answer.
+const RETRY: Duration = Duration::from_millis(200);
+
+/// What has been heard of one goal.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Heard {
+    /// A receipt, or an answer, which replaces it.
+    pub(crate) receipt: bool,
+    /// The first words of the answers that are no end.
+    pub(crate) accepted: Option<String>,
+    /// Why it was refused.
+    pub(crate) refused: Option<String>,
+    /// How it ended.
+    pub(crate) ended: Option<(Outcome, String)>,
+    /// When it was refused or ended, since it was asked for.
+    pub(crate) over_after: Option<Duration>,
+}
+
+impl Heard {
+    /// Whether nothing more is to be heard.
+    pub(crate) fn is_over(&self) -> bool {
+        self.refused.is_some() || self.ended.is_some()
+    }
+}
+
+/// What one asker hears, and what it owes receipts for.
+struct Ears {
+    began: Instant,
+    heard: Mutex<BTreeMap<ConversationId, Heard>>,
+    messages: Mutex<BTreeMap<MessageId, ConversationId>>,
+    owed: mpsc::UnboundedSender<MessageId>,
+}
+
+/// An agent that asks for goals, with its own word of what was heard.
+pub(crate) struct Asker {
+    id: AgentId,
+    ears: Arc<Ears>,
+    substrate: Arc<ZenohSubstrate>,
+    requester: Address,
+    _token: PresenceToken,
+}
+
+impl Ears {
+    fn heard(&self) -> MutexGuard<'_, BTreeMap<ConversationId, Heard>> {
+        self.heard.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn note(&self, message: &Message) {
+        let mut heard = self.heard();
+        let Some(goal) = heard.get_mut(&message.conversation_id) else { return };
+        goal.receipt = true;
+        let after = self.began.elapsed();
+        if let Ok(report) = message.content_as::<Report>()
+            && message.performative == Performative::Confirm
+        {
+            if !report.outcome.is_final() {
+                goal.accepted.get_or_insert(report.detail);
+            } else if goal.ended.is_none() {
+                goal.ended = Some((report.outcome, report.detail));
+                goal.over_after = Some(after);
+            }
+        } else if let Ok(refusal) = message.content_as::<Refusal>() {
+            goal.refused.get_or_insert(refusal.detail);
+            goal.over_after.get_or_insert(after);
+        }
+    }
+}
+
+impl Inbound for Ears {
+    fn deliver(&self, delivery: Delivery) {
+        match delivery.addressed {
+            Addressed::To(_, Subject::Receipt) => {
+                let ids: Vec<MessageId> =
+                    serde_json::from_slice(&delivery.payload).unwrap_or_default();
+                let messages = self.messages.lock().unwrap_or_else(PoisonError::into_inner);
+                let mut heard = self.heard();
+                for goal in ids.iter().filter_map(|id| messages.get(id)) {
+                    if let Some(goal) = heard.get_mut(goal) {
+                        goal.receipt = true;
+                    }
+                }
+            }
+            Addressed::To(_, Subject::Message(_)) => {
+                let message = acl::decode(&delivery.payload).expect("an agent's words");
+                self.note(&message);
+                // Not from within Zenoh's callback.
+                let _ = self.owed.send(message.id);
+            }
+            Addressed::All(..) | Addressed::Beat(_) => (),
+        }
+    }
+
+    fn presence(&self, _presence: Presence) {}
+
+    fn question(&self, _question: Question) {}
+}
+
+impl Asker {
+    /// An asker beside the office's daemon `reasoning`.
+    pub(crate) async fn join(office: &Office, name: &str) -> Asker {
+        let ecosystem = EcosystemId::new("smart-office").expect("a name");
+        let mut config = Config::new(ecosystem, DaemonId::new(name).expect("a name"));
+        config.mode = Mode::Client;
+        let socket = office.runtime_folder().join("smart-office/reasoning.sock");
+        config.connect = vec![format!("unixsock-stream/{}", socket.display())];
+        let (owed, mut owes) = mpsc::unbounded_channel();
+        let ears = Arc::new(Ears {
+            began: Instant::now(),
+            heard: Mutex::default(),
+            messages: Mutex::default(),
+            owed,
+        });
+        let inbound: Arc<dyn Inbound> = ears.clone();
+        let substrate = config.open(inbound).await.expect("the ecosystem runs");
+        let id = AgentId::new(name).expect("a name");
+        let _token = substrate.announce(&id, Incarnation(1)).expect("it is open");
+        let requester = Address {
+            daemon: DaemonId::new("reasoning").expect("a name"),
+            agent: AgentId::new("plan-requester").expect("a name"),
+        };
+        let (sender, to) = (Arc::clone(&substrate), requester.clone());
+        tokio::spawn(async move {
+            let mut ids = Vec::new();
+            while owes.recv_many(&mut ids, 256).await > 0 {
+                let receipts = serde_json::to_vec(&ids).expect("names");
+                let _ = sender.send(&to, Subject::Receipt, receipts.into());
+                ids.clear();
+            }
+        });
+        Asker { id, ears, substrate, requester, _token }
+    }
+
+    /// Asks for these goals at once, and hears until all are over or `patience` has passed.
+    pub(crate) async fn ask(
+        &self,
+        goals: impl IntoIterator<Item = String>,
+        patience: Duration,
+    ) -> BTreeMap<ConversationId, Heard> {
+        let mut asked = BTreeMap::new();
+        for (number, goal) in goals.into_iter().enumerate() {
+            let message = self.request(number, goal);
+            let conversation = message.conversation_id.clone();
+            let mut messages = self.ears.messages.lock().unwrap_or_else(PoisonError::into_inner);
+            messages.insert(message.id.clone(), conversation.clone());
+            drop(messages);
+            self.ears.heard().insert(conversation.clone(), Heard::default());
+            asked.insert(conversation, message);
+        }
+        let deadline = Instant::now() + patience;
+        loop {
+            let heard = self.ears.heard().clone();
+            let waits = |id: &ConversationId| !heard[id].is_over();
+            if Instant::now() >= deadline || !asked.keys().any(waits) {
+                return heard;
+            }
+            for (_, message) in asked.iter().filter(|(id, _)| !heard[*id].receipt) {
+                let payload = acl::encode(message);
+                let subject = Subject::Message(Performative::Request);
+                self.substrate.send(&self.requester, subject, payload).expect("it is open");
+            }
+            tokio::time::sleep(RETRY).await;
+        }
+    }
+
+    fn request(&self, number: usize, goal: String) -> Message {
+        let asked = Achieve::new(&goal, Keep::Achieve, 0);
+        let id = format!("{}.1.{number}", self.id);
+        Message {
+            version: SCHEMA_VERSION,
+            id: MessageId::new(&id),
+            performative: Performative::Request,
+            sender: self.id.clone(),
+            incarnation: Incarnation(1),
+            receiver: vec![self.requester.agent.clone()],
+            content: value(&Request::Achieve(asked)),
+            language: None,
+            ontology: None,
+            protocol: Some(Protocol::Goal),
+            conversation_id: ConversationId::new(&format!("goal-{number}-of-{}", self.id)),
+            reply_with: Some(ReplyToken::new(&id)),
+            in_reply_to: None,
+            reply_by: None,
+            via: Vec::new(),
+            unknown: serde_json::Map::new(),
+        }
+    }
+
+    /// Asks the ecosystem's daemons for a resource.
+    pub(crate) async fn question(&self, resource: Resource) -> Vec<serde_json::Value> {
+        let ask = Ask { daemon: None, resource, agent: None };
+        let answers = self.substrate.ask(ask, Duration::from_secs(10)).await;
+        answers.iter().map(|answer| serde_json::from_slice(answer).expect("JSON")).collect()
+    }
+}
