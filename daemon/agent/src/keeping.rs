@@ -293,7 +293,11 @@ mod tests {
 
     struct Writer;
 
-    impl Agent for Writer {}
+    impl Agent for Writer {
+        fn callbacks(&self) -> crate::Callbacks<Self> {
+            crate::Callbacks::new()
+        }
+    }
 
     fn keeper() -> Keeper<Writer> {
         Keeper {

@@ -33,13 +33,14 @@ pub(crate) fn start(verbose: u8) {
             name => write!(writer, "{name}={}", visible::line(&value)),
         }
     });
-    let lines = fmt::layer()
-        .fmt_fields(fields.delimited(" "))
-        .with_writer(|| terminal::output::Notes)
-        .with_ansi(terminal::output::stderr_is_colored())
-        .with_filter(filter.and(substrate_zenoh::without_calls_to_self()).and(filter_fn(
-            move |about| !is_plain || !substrate_zenoh::is_error_of_zenoh(about),
-        )));
+    let lines =
+        fmt::layer()
+            .fmt_fields(fields.delimited(" "))
+            .with_writer(|| terminal::output::Notes)
+            .with_ansi(terminal::output::stderr_is_colored())
+            .with_filter(filter.and(substrate_zenoh::without_calls_to_self()).and(filter_fn(
+                move |about| !is_plain || !substrate_zenoh::is_error_of_zenoh(about),
+            )));
     let plain = is_plain.then(substrate_zenoh::plain_words);
     // A second start, in a test, changes nothing.
     let _ = registry().with(lines).with(plain).with(substrate_zenoh::too_long()).try_init();
