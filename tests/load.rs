@@ -121,14 +121,15 @@ async fn of_hundreds_of_goals_at_once_every_end_is_told_and_kept() {
     kept.await.expect("all ends are on disk");
 }
 
-/// How many goals the Journals believe to go on, and of how many they have the end.
+/// How many of the asker's goals the Journals believe to go on, and of how many they have the end.
 async fn records(asker: &Asker) -> (usize, usize) {
     let journals = asker.question(Resource::Journal).await;
     assert!(!journals.is_empty(), "no Journal answers");
     let records =
         journals.iter().flat_map(|records| records.as_array().cloned().unwrap_or_default());
+    let is_of_the_asker = |key: &str| key.starts_with("goal/") && key.ends_with("-of-asker");
     let goals = records
-        .filter(|record| record["key"].as_str().is_some_and(|key| key.starts_with("goal/")))
+        .filter(|record| record["key"].as_str().is_some_and(is_of_the_asker))
         .filter(|record| !record["body"].is_null());
     let (mut open, mut ended) = (0, BTreeSet::new());
     for record in goals {
