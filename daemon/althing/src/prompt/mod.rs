@@ -83,6 +83,10 @@ pub(crate) async fn run(guest: Guest, end: impl Future) -> bool {
             },
             typed = input.typed(), if !is_idle && !has_ended => match typed {
                 Typed::Line(line) => {
+                    // A script's first wish must find who is here; to leave it needs nobody.
+                    if !input.is_terminal && line.trim() != "quit" {
+                        refresher.first().await;
+                    }
                     has_ended = prompt.obey(&line).await == Next::End;
                     is_idle = true;
                     refresher.again();
