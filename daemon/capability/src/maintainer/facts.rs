@@ -209,17 +209,20 @@ impl Maintainer {
     ) -> Option<Declined> {
         let here = { self.roster.answering(key).into_iter() }
             .filter(|agent| self.is_present(agent))
-            .map(|agent| Owner::Agent(agent.clone()));
-        for owner in here.filter(|owner| owner != speaker) {
+            .map(|agent| Owner::Agent(agent.clone()))
+            .filter(|owner| owner != speaker);
+        let said = |owner: Owner| {
             let said = self.beliefs.claim_of(key, &owner).map(|claim| claim.value);
-            if said == value {
-                return None;
-            }
-            let about = said.map(|said| key.element(said)).or_else(|| self.about(key, &owner));
-            let (fact, says) = (fact.to_string(), about.map(|about| about.to_string()));
-            return Some(Declined::Owned { fact, owner: owner.to_string(), says });
+            (owner, said)
+        };
+        let said: Vec<_> = here.map(said).collect();
+        if said.iter().any(|(_, said)| *said == value) {
+            return None;
         }
-        None
+        let (owner, said) = said.into_iter().next()?;
+        let about = said.map(|said| key.element(said)).or_else(|| self.about(key, &owner));
+        let (fact, says) = (fact.to_string(), about.map(|about| about.to_string()));
+        Some(Declined::Owned { fact, owner: owner.to_string(), says })
     }
 
     /// What an owner says instead of a fact: of the same symbol and the same first object.
