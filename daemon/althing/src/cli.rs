@@ -577,7 +577,7 @@ pub(crate) struct PluginArgs {
 pub(crate) enum PluginCommand {
     /// Show the plugins of a running ecosystem, how they are, and why
     List(AskArgs),
-    /// Show what is wrong with a package before it is added
+    /// Show what is wrong with a package before it is added, and try whether it starts
     Check(PluginCheckArgs),
     /// Put a package into this machine's folder of plugins, or a newer one in its place
     Add(PluginAddArgs),
@@ -597,6 +597,12 @@ pub(crate) struct PluginCheckArgs {
     /// Folders with a plugin.toml
     #[arg(required = true, value_name = "FOLDER")]
     pub(crate) packages: Vec<PathBuf>,
+    /// Look at the files only, and start nothing
+    #[arg(long)]
+    pub(crate) files_only: bool,
+    /// The ecosystem whose words and map it is told [default: ./althing.toml, or this user's]
+    #[arg(long, value_name = "FILE|NAME")]
+    pub(crate) ecosystem: Option<String>,
     #[command(flatten)]
     pub(crate) print: PrintArgs,
 }

@@ -13,19 +13,23 @@
 //! A plugin says and hears what any actuator does (docs/protocol.md), and only to its host: nothing of
 //! it has a meaning in the ecosystem but through the proxy.
 
+mod advice;
 mod attendant;
 mod confinement;
 mod endpoint;
+mod launching;
 mod lives;
 mod living;
 mod log;
 mod manifest;
 mod package;
 mod process;
+mod program;
 mod proxy;
 mod shelf;
 mod status;
 mod supervision;
+mod trial;
 mod usage;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -47,6 +51,7 @@ pub use process::Launcher;
 pub use shelf::{Shelf, ShelfError};
 pub use status::{Plugins, State, Status};
 pub use supervision::WantedAgent;
+pub use trial::{Failed, Trial, Worked};
 
 use log::Log;
 use package::{Stamp, stamp};

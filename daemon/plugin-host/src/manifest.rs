@@ -41,6 +41,8 @@ pub struct Manifest {
     pub about: String,
     /// The program and its arguments; a program with a `/` is a file of the package.
     pub run: Vec<String>,
+    /// Where that stands in the text; empty where an executable for this machine is named.
+    pub run_place: Span,
     /// The file of the action model's template, if the package has one.
     pub model: Option<PathBuf>,
     /// How long it may take until all its agents are here.
@@ -267,6 +269,7 @@ impl Reading {
             self.wrong(&raw.version, "a version says something", "write one, such as \"0.1.0\"");
         }
         self.protocol(&raw.protocol);
+        let run_place = raw.run.as_ref().map(|run| span(run.span())).unwrap_or_default();
         let run = self.program(raw.run, &raw.executable, &raw.name);
         let ready_within = raw.ready_within.and_then(|said| self.duration(&said));
         let methods = raw.action.into_iter().filter_map(|(name, action)| {
@@ -283,6 +286,7 @@ impl Reading {
             about: raw.about,
             ready_within: ready_within.unwrap_or(READY_WITHIN_DEFAULT),
             run,
+            run_place,
             model: raw.model,
             config: raw.config,
         }

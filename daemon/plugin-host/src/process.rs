@@ -5,6 +5,7 @@
 //! ends. The program itself is also killed with the thread that has started it, so that none begins
 //! unwatched.
 
+use std::ffi::OsString;
 use std::io;
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
@@ -37,6 +38,8 @@ pub(crate) struct Launch<'l> {
     pub(crate) launcher: &'l Launcher,
     pub(crate) program: &'l Path,
     pub(crate) arguments: &'l [String],
+    /// Variables beside those that every plugin has.
+    pub(crate) environment: &'l [(&'static str, OsString)],
     pub(crate) folder: &'l Path,
     /// A folder of its own.
     pub(crate) data: &'l Path,
@@ -63,10 +66,11 @@ impl Process {
         let mut command = Command::new(&launch.launcher.0);
         command.arg(crate::LAUNCH).arg(confinement).arg(launch.program).args(launch.arguments);
         command.current_dir(launch.folder).process_group(0).kill_on_drop(true).env_clear();
-        let kept = ["PATH", "LANG", "LC_ALL", "TZ", "ALTHING_LOG"];
+        let kept = ["LANG", "LC_ALL", "TZ", "ALTHING_LOG"];
         let kept = kept.iter().filter_map(|name| Some((name, std::env::var_os(name)?)));
         command.envs(kept).env("HOME", launch.data).env("TMPDIR", launch.data);
         command.env("PYTHONDONTWRITEBYTECODE", "1").env("PYTHONUNBUFFERED", "1");
+        command.envs(launch.environment.iter().map(|(name, value)| (name, value)));
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn()?;
         let pid = child.id().and_then(|id| Pid::from_raw(i32::try_from(id).ok()?));

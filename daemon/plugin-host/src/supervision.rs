@@ -4,34 +4,28 @@
 //! arrives during a restart wins.
 
 use std::collections::BTreeMap;
-use std::io;
-use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use acl::{AgentId, DaemonId, Deadline, Hello, HelloAgent, SCHEMA_VERSION};
-use pddl::ActionModel;
+use acl::{AgentId, HelloAgent};
 use serde_json::Value;
 use tokio::sync::watch;
 use tokio::time::Instant;
 
 use crate::Ground;
-use crate::confinement::Confinement;
 use crate::endpoint::{Endpoint, Purpose};
+use crate::launching::{Start, described, hello};
 use crate::lives::Lives;
 use crate::living::{Living, SILENT};
 use crate::log::Log;
 use crate::package::Package;
-use crate::process::{Launch, Process, ending};
+use crate::process::{Process, ending};
+use crate::program::Program;
 use crate::status::{State, Status};
 use crate::usage::usage;
 
 /// How often it is seen what a plugin takes.
 const LOOK: Duration = Duration::from_millis(250);
-
-/// Beyond what its processes may hold together, each is stopped by the kernel: libraries and the
-/// stacks of threads that nothing is in count here, and do not there.
-const ADDRESSES: u64 = 1 << 30;
 
 /// What is wanted of a plugin.
 #[derive(Clone, Debug)]
@@ -139,7 +133,7 @@ impl Supervision {
             status.describes(Some(&wanted.package));
             status.state = State::Starting;
         });
-        let (agents, endpoint) = match self.open(wanted).await {
+        let (program, agents, endpoint) = match self.open(wanted).await {
             Ok(opened) => opened,
             Err(problem) => {
                 self.status(|status| {
@@ -149,7 +143,7 @@ impl Supervision {
                 return;
             }
         };
-        self.lives(wanted, &agents, &endpoint).await;
+        self.lives(wanted, &program, &agents, &endpoint).await;
         endpoint.close().await;
         self.status(|status| {
             (status.pid, status.memory) = (None, None);
@@ -157,7 +151,8 @@ impl Supervision {
         });
     }
 
-    async fn open(&self, wanted: &Wanted) -> Result<(Vec<HelloAgent>, Endpoint), String> {
+    async fn open(&self, wanted: &Wanted) -> Result<(Program, Vec<HelloAgent>, Endpoint), String> {
+        let program = wanted.package.program().await?;
         let (mut told, mut models) = (Vec::new(), BTreeMap::new());
         for agent in &wanted.agents {
             let (hello, model) = described(&wanted.package, agent)?;
@@ -175,13 +170,21 @@ impl Supervision {
             landing: &self.ground.landing,
         };
         let opened = Endpoint::open(purpose).await;
-        opened.map(|endpoint| (told, endpoint)).map_err(|error| format!("failed to {error}"))
+        opened
+            .map(|endpoint| (program, told, endpoint))
+            .map_err(|error| format!("failed to {error}"))
     }
 
-    async fn lives(&mut self, wanted: &Wanted, agents: &[HelloAgent], endpoint: &Endpoint) {
+    async fn lives(
+        &mut self,
+        wanted: &Wanted,
+        program: &Program,
+        agents: &[HelloAgent],
+        endpoint: &Endpoint,
+    ) {
         let mut lives = Lives::default();
         while !self.wishes.has_changed().unwrap_or(true) {
-            let (why, ready) = match self.life(wanted, agents, endpoint).await {
+            let (why, ready) = match self.life(wanted, program, agents, endpoint).await {
                 Over::Unwanted => return,
                 Over::Ended { why, ready } => (why, ready),
             };
@@ -234,16 +237,26 @@ impl Supervision {
     }
 
     /// One life of the process.
-    async fn life(&mut self, wanted: &Wanted, agents: &[HelloAgent], endpoint: &Endpoint) -> Over {
+    async fn life(
+        &mut self,
+        wanted: &Wanted,
+        program: &Program,
+        agents: &[HelloAgent],
+        endpoint: &Endpoint,
+    ) -> Over {
         self.log.begin();
         self.status(|status| (status.state, status.reason) = (State::Starting, None));
         let ended = |why: String| Over::Ended { why, ready: None };
-        let mut process = match self.begin(&wanted.package) {
+        let Ground { launcher, landing, building, .. } = &*self.ground;
+        let (package, log) = (&wanted.package, &self.log);
+        let data = self.ground.data.join(&self.name);
+        let begun = Start { launcher, package, program, data: &data, log }.begin();
+        let mut process = match begun {
             Ok(process) => process,
             Err(problem) => return ended(problem),
         };
         self.status(|status| status.pid = Some(process.id()));
-        let hello = self.hello(agents, endpoint);
+        let hello = hello(package, landing, endpoint, agents, building.as_deref());
         let within = wanted.package.manifest.ready_within;
         let said = tokio::time::timeout(within, process.say(&hello)).await;
         if !matches!(said, Ok(Ok(()))) {
@@ -353,91 +366,4 @@ impl Supervision {
             status.state = if living.ready.is_some() { State::Running } else { State::Starting };
         });
     }
-
-    fn begin(&self, package: &Package) -> Result<Process, String> {
-        let program = package.program()?;
-        let permissions = &package.manifest.permissions;
-        let data = self.ground.data.join(&self.name);
-        let made = std::fs::create_dir_all(&data);
-        made.map_err(|error| format!("failed to make {}: {error}", data.display()))?;
-        let confinement = Confinement {
-            parent: std::process::id(),
-            memory: permissions.memory.saturating_add(ADDRESSES),
-            files: permissions.files,
-            network: permissions.network,
-            read: readable(package, &program),
-            write: permissions.devices.iter().cloned().chain([data.clone()]).collect(),
-        };
-        let launch = Launch {
-            launcher: &self.ground.launcher,
-            program: &program,
-            arguments: package.manifest.run.get(1..).unwrap_or_default(),
-            folder: &package.folder,
-            data: &data,
-            confinement: &confinement,
-            log: &self.log,
-        };
-        Process::begin(&launch).map_err(|error: io::Error| format!("failed to start it: {error}"))
-    }
-
-    fn hello(&self, agents: &[HelloAgent], endpoint: &Endpoint) -> String {
-        let host = &self.ground.landing.host;
-        let daemon = DaemonId::new(&format!("plugin-{}", self.name));
-        let hello = Hello {
-            protocol: SCHEMA_VERSION,
-            ecosystem: self.ground.landing.switchboard.ecosystem().clone(),
-            daemon: daemon.unwrap_or_else(|_| self.ground.landing.switchboard.daemon().clone()),
-            endpoint: endpoint.locator.clone(),
-            host: endpoint.host.clone(),
-            agents: agents.to_vec(),
-            domain: host.ontology.to_string(),
-            map: host.map.to_string(),
-            mode: host.mode,
-            heartbeat_period: Deadline(host.settings.heartbeat_period),
-            building: self.ground.building.as_ref().map(|path| path.display().to_string()),
-        };
-        serde_json::to_string(&hello).unwrap_or_default()
-    }
-}
-
-/// What a package's program is told of an agent, and its model where the package has one.
-fn described(
-    package: &Package,
-    agent: &WantedAgent,
-) -> Result<(HelloAgent, Option<ActionModel>), String> {
-    let WantedAgent { name, plugin, driver, config } = agent;
-    if let Some(problem) = package.manifest.problem_with(config) {
-        return Err(format!("agent `{name}`: {problem}"));
-    }
-    let described = package.model(name, config)?;
-    let (text, model) = described.unzip();
-    let hello = HelloAgent {
-        name: name.clone(),
-        plugin: plugin.clone(),
-        driver: driver.clone(),
-        config: config.clone(),
-        model: text.unwrap_or_default(),
-        methods: package.manifest.methods.clone(),
-    };
-    Ok((hello, model))
-}
-
-/// What the program needs to see: its package, what its manifest names, and where an interpreter that is
-/// not the system's has its library.
-fn readable(package: &Package, program: &std::path::Path) -> Vec<PathBuf> {
-    let mut readable = vec![package.folder.clone()];
-    readable.extend(package.manifest.permissions.read.iter().cloned());
-    let resolved = program.canonicalize().ok();
-    for program in [Some(program.to_owned()), resolved].into_iter().flatten() {
-        let home = program.parent().filter(|folder| folder.ends_with("bin"));
-        let home = home.and_then(|folder| folder.parent());
-        // Nobody's whole home, and not everything.
-        if let Some(home) =
-            home.filter(|home| home.join("lib").is_dir() && home.components().count() > 2)
-        {
-            readable.push(home.to_owned());
-        }
-        readable.push(program);
-    }
-    readable
 }

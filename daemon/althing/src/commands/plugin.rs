@@ -1,18 +1,20 @@
 //! `althing plugin`: programs that bring agents, on this machine and in a running ecosystem.
 
+mod check;
+
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::Path;
 use std::process::ExitCode;
 
 use agent::Resource;
-use plugin_host::{Faults, Package, Plugins, Shelf, ShelfError, Status};
+use plugin_host::{Package, Plugins, Shelf, ShelfError, Status};
 use serde_json::json;
-use terminal::report::{Report, Source};
+use terminal::report::Report;
 use terminal::{exit, output};
 
 use crate::cli::{
-    AskArgs, PluginAddArgs, PluginArgs, PluginCheckArgs, PluginCommand, PluginLogsArgs,
-    PluginNameArgs, PluginPlaceArgs,
+    AskArgs, PluginAddArgs, PluginArgs, PluginCommand, PluginLogsArgs, PluginNameArgs,
+    PluginPlaceArgs,
 };
 use crate::commands::client::{self, View};
 use crate::config::{self, Ecosystem, Overrides};
@@ -22,7 +24,7 @@ use crate::{hosting, plugins};
 pub(super) fn run(args: &PluginArgs) -> ExitCode {
     match &args.command {
         PluginCommand::List(args) => client::with_view(args, list),
-        PluginCommand::Check(args) => check(args),
+        PluginCommand::Check(args) => check::run(args),
         PluginCommand::Add(args) => add(args),
         PluginCommand::Remove(args) => change(args, "removed", |shelf, name| shelf.remove(name)),
         PluginCommand::Enable(args) => {
@@ -97,36 +99,6 @@ fn line(plugins: &Plugins, status: &Status) -> String {
     text
 }
 
-fn check(args: &PluginCheckArgs) -> ExitCode {
-    let mut report = Report::default();
-    let mut text = String::new();
-    for folder in &args.packages {
-        match Package::open(folder) {
-            Ok(package) => {
-                let manifest = package.manifest;
-                let _ = writeln!(text, "{} {}: nothing is wrong", manifest.name, manifest.version);
-            }
-            Err(faults) => add_faults(faults, &mut report),
-        }
-    }
-    if report.has_errors() {
-        return output::show(&report, args.print.json, "bad-input", exit::BAD_INPUT);
-    }
-    if args.print.json {
-        return output::print_json(&json!({ "status": "ok" }), exit::DONE);
-    }
-    output::print(text, exit::DONE)
-}
-
-fn add_faults(faults: Faults, report: &mut Report) {
-    let Faults { file, text, found } = faults;
-    if text.is_empty() {
-        found.into_iter().for_each(|mistake| report.add_general(mistake));
-    } else {
-        report.add(&Source::new(file.display().to_string(), text), found);
-    }
-}
-
 fn add(args: &PluginAddArgs) -> ExitCode {
     let json = args.print.json;
     let shelf = match shelf(&args.place) {
@@ -154,7 +126,7 @@ fn add(args: &PluginAddArgs) -> ExitCode {
         }
         Err(ShelfError::Faulty(faults)) => {
             let mut report = Report::default();
-            add_faults(*faults, &mut report);
+            check::add_faults(*faults, &mut report);
             output::show(&report, json, "bad-input", exit::BAD_INPUT)
         }
         Err(error) => super::wrong(&format!("failed to {error}"), json),
@@ -196,18 +168,20 @@ fn shelf(place: &PluginPlaceArgs) -> Result<Shelf, String> {
         Some(asked) => Some(config::resolve_ecosystem(asked)?),
         None => config::find_ecosystem_file(),
     };
-    let said: Option<PathBuf> = match file {
-        Some(file) => {
-            let read = Ecosystem::load(&file, &Overrides::default(), &plugins::known());
-            let ecosystem = read.map_err(|error| {
-                output::show_people(&error.into_report());
-                format!("read {}", file.display())
-            })?;
-            ecosystem.plugins.folder
-        }
+    let said = match file {
+        Some(file) => load(&file)?.plugins.folder,
         None => None,
     };
     Ok(Shelf { folder: hosting::plugins_folder(said.as_deref()) })
+}
+
+/// Reads an ecosystem file; what is wrong with it is shown.
+fn load(file: &Path) -> Result<Ecosystem, String> {
+    let read = Ecosystem::load(file, &Overrides::default(), &plugins::known());
+    read.map_err(|error| {
+        output::show_people(&error.into_report());
+        format!("read {}", file.display())
+    })
 }
 
 fn logs(args: &PluginLogsArgs) -> ExitCode {

@@ -37,7 +37,7 @@ pub(crate) use folders::{
     plugins_folder, running_ecosystems, runtime_folder, socket_in, state_folder,
 };
 pub(crate) use moving::watch_addresses;
-pub(crate) use processes::{Processes, become_plugin};
+pub(crate) use processes::{ITSELF, Processes, become_plugin};
 pub(crate) use rehearsal::{models, rehearse};
 pub(crate) use standstill::watch_standstill;
 use supervisor::Supervised;

@@ -13,7 +13,7 @@ use super::{Node, plugins_folder};
 use crate::config::{AgentEntry, Ecosystem};
 
 /// This program, as it runs now: also where its file was replaced meanwhile.
-const ITSELF: &str = "/proc/self/exe";
+pub(crate) const ITSELF: &str = "/proc/self/exe";
 
 /// What a daemon hosts plugins with.
 pub(crate) struct Processes<'p> {
