@@ -3,9 +3,9 @@
 
 mod support;
 
-use std::fs;
-use std::os::unix::fs::symlink;
-use std::path::Path;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::{PermissionsExt as _, symlink};
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
@@ -29,7 +29,7 @@ fn put(office: &Office, name: &str, change: &dyn Fn(&Path)) {
 fn office(mode: &str, more: &str) -> Office {
     let office = Office::new();
     let file = office.write("lab.toml", &(lab(mode) + more));
-    let mut office = office.with_file(file);
+    let mut office = office.with_file(file).with_python();
     office.up(&["daemon"], &[]);
     office
 }
@@ -271,15 +271,92 @@ fn an_upgrade_takes_over_and_one_that_does_not_work_is_taken_back() {
 }
 
 /// A package whose program is a shell's.
-fn script(office: &Office, name: &str, script: &str, more: &str) {
+fn script(office: &Office, name: &str, text: &str, more: &str) {
+    script_of(office, "sh", name, text, more);
+}
+
+/// The same of a shell by another name.
+fn script_of(office: &Office, shell: &str, name: &str, script: &str, more: &str) {
     let folder = office.folder().join("made").join(name);
     fs::create_dir_all(&folder).expect("a folder");
     let text = format!(
-        "name = \"{name}\"\nversion = \"1\"\nprotocol = \"1\"\nrun = [\"sh\", \"-c\", '''{script}''']\n\
+        "name = \"{name}\"\nversion = \"1\"\nprotocol = \"1\"\nrun = [\"{shell}\", \"-c\", '''{script}''']\n\
          ready-within = \"2s\"\n\n[[agent]]\nname = \"agent-of-{name}\"\n\n{more}"
     );
     fs::write(folder.join("plugin.toml"), text).expect("a file");
     fs::rename(&folder, office.plugins_folder().join(name)).expect("the same file system");
+}
+
+/// A program as version managers leave it on a path: a script that asks the manager, hidden elsewhere,
+/// and becomes what that says.
+fn shim(office: &Office, name: &str, real: &str) -> PathBuf {
+    let root = office.folder().join("manager");
+    let (shims, libexec) = (root.join("shims"), root.join("libexec"));
+    for folder in [&shims, &libexec] {
+        fs::create_dir_all(folder).expect("a folder");
+    }
+    let write = |file: &Path, text: &str| {
+        fs::write(file, text).expect("a file");
+        fs::set_permissions(file, Permissions::from_mode(0o755)).expect("our own");
+    };
+    let (shown, manager) = (root.display(), libexec.join("versions"));
+    write(
+        &shims.join(name),
+        &format!(
+            "#!/usr/bin/env bash\nset -e\nprogram=\"${{0##*/}}\"\nexport VERSIONS_ROOT=\"{shown}\"\n\
+             exec \"{}\" exec \"$program\" \"$@\"\n",
+            manager.display()
+        ),
+    );
+    write(
+        &manager,
+        &format!(
+            "#!/bin/sh\n[ \"$VERSIONS_ROOT\" = {shown} ] || exit 9\ncommand=$1\nshift 2\n\
+             case $command in which) echo {real} ;; exec) exec {real} \"$@\" ;; *) exit 1 ;; esac\n"
+        ),
+    );
+    shims
+}
+
+#[test]
+fn a_program_that_is_a_shim_of_a_version_manager_runs() {
+    let office = Office::new();
+    let shims = shim(&office, "a-shell-of-some-version", "/bin/sh");
+    let file = office.write("lab.toml", &lab("decentralized"));
+    let mut office = office.with_file(file).with_programs(&shims);
+    office.up(&["daemon"], &[]);
+    script_of(&office, "a-shell-of-some-version", "shimmed", "echo it ran >&2; exit 3", "");
+    await_status(&office, "shimmed", |status| {
+        status["reason"].as_str().is_some_and(|why| why.contains("exit code 3: it ran"))
+    });
+    let (code, said) = office.ask(&["plugin", "logs", "shimmed"]);
+    assert!(code == Some(0) && said.contains("which stands for /bin/sh"), "{said}");
+}
+
+#[test]
+fn a_check_starts_the_program_and_says_what_to_do_where_it_fails() {
+    let office = office("decentralized", "");
+    let folder = |name: &str| office.plugins_folder().join(name).display().to_string();
+    for (name, program, expected, help) in [
+        ("exits", "echo it is broken >&2; exit 3", "exit code 3: it is broken", None),
+        ("hidden", "cat /etc/shadow; exit 126", "Permission denied", Some("[permissions] read")),
+        ("idle", "exec sleep 600", "`agent-of-idle` was not here within 2s", Some("first line")),
+        (
+            "module",
+            "echo \"No module named 'zenoh'\" >&2; exit 1",
+            "",
+            Some("install `eclipse-zenoh`"),
+        ),
+    ] {
+        script(&office, name, program, "");
+        let output = office.run(&["plugin", "check", &folder(name)]);
+        let said = support::stderr(&output).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(output.status.code(), Some(33), "{name}: {said}");
+        assert!(said.contains("it does not start") && said.contains(expected), "{name}: {said}");
+        assert!(help.is_none_or(|help| said.contains(help)), "{name}: {said}");
+        let output = office.run(&["plugin", "check", "--files-only", &folder(name)]);
+        assert_eq!(output.status.code(), Some(0), "{name}: {}", support::stderr(&output));
+    }
 }
 
 #[test]
