@@ -17,7 +17,7 @@ fn filtered<T: Send + 'static>(
     calls: &[libc::c_long],
     work: impl FnOnce() -> T + Send + 'static,
 ) -> (Listener, mpsc::Receiver<T>) {
-    let rules: BTreeMap<_, _> = calls.iter().map(|call| (i64::from(*call), Vec::new())).collect();
+    let rules: BTreeMap<_, _> = calls.iter().map(|call| (number(*call), Vec::new())).collect();
     let target = std::env::consts::ARCH.try_into().expect("a machine with seccomp");
     let program = program(rules, target).expect("a program");
     let (tell, told) = mpsc::channel();
@@ -39,10 +39,10 @@ fn a_call_is_refused_pretended_or_done() {
     let paths = ["refused", "pretended", "done"].map(|name| folder.path().join(name));
     let made = paths.clone();
     let calls = [libc::SYS_mkdirat, mkdir()];
-    let (listener, results) = filtered(&calls, move || made.map(|path| fs::create_dir(path)));
+    let (listener, results) = filtered(&calls, move || made.map(fs::create_dir));
     for response in [Response::Error(libc::EACCES), Response::Value(0), Response::Continue] {
         let call = listener.next(PATIENCE).expect("it says").expect("it waits");
-        assert!(calls.map(i64::from).contains(&call.call), "{call:?}");
+        assert!(calls.map(number).contains(&call.call), "{call:?}");
         assert!(listener.is_waiting(call.id));
         listener.respond(call.id, response).expect("it is taken");
         assert!(!listener.is_waiting(call.id));
@@ -97,6 +97,11 @@ fn a_listener_waits_no_longer_than_it_is_told() {
     let (listener, _results) = filtered(&[libc::SYS_fsync], move || wait.recv());
     assert_eq!(listener.next(Some(Duration::from_millis(10))).expect("it says"), None);
     drop(go);
+}
+
+#[allow(clippy::useless_conversion, reason = "a C long has 32 bits on some boards")]
+fn number(call: libc::c_long) -> i64 {
+    i64::from(call)
 }
 
 /// The older call, where the machine has it.
