@@ -8,6 +8,7 @@ use std::process::ExitCode;
 
 use althing_plan::arguments::PlanArgs;
 use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand, ValueEnum};
+use plugin_host::Right;
 use terminal::arguments::PrintArgs;
 use terminal::exit;
 
@@ -148,7 +149,13 @@ the folder of plugins while the daemon runs, its agents take part at once; what
 crashes is started again, and given up in the end; what takes too much is stopped.
 docs/plugins.md says how to write one.
 
-Examples: althing plugin add ./thermometer
+A plugin has the least rights; what its manifest asks for beyond them a person
+allows when it is added, or a script by `--allow`. A package that was copied by
+hand waits for it.
+
+Examples: althing plugin check ./thermometer      starts it once
+          althing plugin add ./thermometer
+          althing plugin allow thermometer        where it was copied by hand
           althing plugin list
           althing plugin logs thermometer
           althing plugin enable thermometer       begins anew what was given up";
@@ -581,6 +588,8 @@ pub(crate) enum PluginCommand {
     Check(PluginCheckArgs),
     /// Put a package into this machine's folder of plugins, or a newer one in its place
     Add(PluginAddArgs),
+    /// Allow a plugin what it asks for beyond the least
+    Allow(PluginAllowArgs),
     /// Take a plugin away
     Remove(PluginNameArgs),
     /// Take a plugin into use again; begins anew what was given up
@@ -604,6 +613,8 @@ pub(crate) struct PluginCheckArgs {
     #[arg(long, value_name = "FILE|NAME")]
     pub(crate) ecosystem: Option<String>,
     #[command(flatten)]
+    pub(crate) rights: PluginRightsArgs,
+    #[command(flatten)]
     pub(crate) print: PrintArgs,
 }
 
@@ -614,9 +625,34 @@ pub(crate) struct PluginAddArgs {
     #[arg(value_name = "FOLDER")]
     pub(crate) package: PathBuf,
     #[command(flatten)]
+    pub(crate) rights: PluginRightsArgs,
+    #[command(flatten)]
     pub(crate) place: PluginPlaceArgs,
     #[command(flatten)]
     pub(crate) print: PrintArgs,
+}
+
+/// `althing plugin allow`
+#[derive(Debug, Args)]
+pub(crate) struct PluginAllowArgs {
+    /// Which
+    #[arg(value_name = "NAME")]
+    pub(crate) name: String,
+    #[command(flatten)]
+    pub(crate) rights: PluginRightsArgs,
+    #[command(flatten)]
+    pub(crate) place: PluginPlaceArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// What a plugin is allowed beyond the least.
+#[derive(Debug, Args)]
+pub(crate) struct PluginRightsArgs {
+    /// Allow this, and ask nobody: network, devices=PATH, read=PATH, memory=SIZE, cpu=SHARE, files=N,
+    /// processes=N, disk=SIZE
+    #[arg(long, value_name = "RIGHT", value_delimiter = ',')]
+    pub(crate) allow: Vec<Right>,
 }
 
 /// `althing plugin remove`, `enable` and `disable`

@@ -15,17 +15,21 @@
 
 mod advice;
 mod attendant;
+mod cgroup;
 mod confinement;
 mod endpoint;
 mod launching;
 mod lives;
 mod living;
 mod log;
+mod looking;
 mod manifest;
+mod mediator;
 mod package;
 mod process;
 mod program;
 mod proxy;
+mod rights;
 mod shelf;
 mod status;
 mod supervision;
@@ -33,8 +37,10 @@ mod trial;
 mod usage;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fs::DirBuilder;
+use std::os::unix::fs::DirBuilderExt as _;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use acl::AgentId;
@@ -44,15 +50,17 @@ use notify::{RecursiveMode, Watcher as _};
 use tokio::sync::{Notify, watch};
 use tokio::time::Instant;
 
-pub use confinement::{Confinement, ConfinementError};
-pub use manifest::{ConfigKey, ConfigShape, Manifest, OwnAgent, Permissions};
+pub use confinement::{Confinement, ConfinementError, Means, probe};
+pub use manifest::{ConfigKey, ConfigShape, Manifest, OwnAgent};
 pub use package::{Faults, MANIFEST, Package};
 pub use process::Launcher;
+pub use rights::{Permissions, Right, listed};
 pub use shelf::{Shelf, ShelfError};
-pub use status::{Plugins, State, Status};
+pub use status::{Confined, Plugins, State, Status};
 pub use supervision::WantedAgent;
 pub use trial::{Failed, Trial, Worked};
 
+use launching::Ward;
 use log::Log;
 use package::{Stamp, stamp};
 use supervision::{Statuses, Supervision, Wanted, Wish};
@@ -60,6 +68,10 @@ use supervision::{Statuses, Supervision, Wanted, Wish};
 /// What this daemon's own program is told as its first argument, to become a plugin's: a
 /// [`Confinement`], the program and its arguments follow.
 pub const LAUNCH: &str = "become-plugin";
+
+/// What it is told after that instead, to try out what the kernel has to confine plugins with: a
+/// folder follows.
+pub const PROBE: &str = "probe";
 
 /// What finds agents here, among all that does.
 const PLUGINS: &str = "plugins";
@@ -94,6 +106,10 @@ pub struct Setting {
     pub state: PathBuf,
     /// The simulated building's socket.
     pub building: Option<PathBuf>,
+    /// Whether plugins run only where nothing of their confinement is missing.
+    pub requires_confinement: bool,
+    /// Folders of which no plugin reads, whatever it was allowed: keys, sockets, what daemons keep.
+    pub private: Vec<PathBuf>,
 }
 
 /// What all supervisions stand on.
@@ -104,12 +120,32 @@ pub(crate) struct Ground {
     pub(crate) sockets: PathBuf,
     pub(crate) data: PathBuf,
     pub(crate) building: Option<PathBuf>,
+    requires_confinement: bool,
+    private: Vec<PathBuf>,
+    /// What plugins are confined with; found before the first is started.
+    ward: OnceLock<Ward>,
     /// Told when the folder is to be looked at.
     pub(crate) look_again: Notify,
     taken_back: Mutex<BTreeMap<String, String>>,
 }
 
 impl Ground {
+    /// What plugins are confined with; nothing, before that is known.
+    pub(crate) fn ward(&self) -> &Ward {
+        self.ward.get_or_init(Ward::unknown)
+    }
+
+    /// How far plugins are confined here.
+    fn confined(&self) -> Confined {
+        let ward = self.ward();
+        Confined {
+            not_enforced: ward.plan(false).lacks(),
+            limits: ward.limits(),
+            is_required: self.requires_confinement,
+            means: Some(ward.means.clone()),
+        }
+    }
+
     /// Which plugins were taken back to the version before, and why.
     pub(crate) fn taken_back(&self) -> MutexGuard<'_, BTreeMap<String, String>> {
         self.taken_back.lock().unwrap_or_else(PoisonError::into_inner)
@@ -122,10 +158,11 @@ impl Ground {
 ///
 /// If a folder of the daemon's own cannot be made.
 pub fn host(setting: Setting) -> std::io::Result<()> {
-    let Setting { shelf, landing, agents, named, admissions, launcher, sockets, state, building } =
+    let Setting { shelf, landing, agents, named, admissions, launcher, sockets, state, .. } =
         setting;
+    let Setting { building, requires_confinement, private, .. } = setting;
     for folder in [&sockets, &state] {
-        std::fs::create_dir_all(folder)?;
+        DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
     }
     let ground = Arc::new(Ground {
         shelf,
@@ -134,6 +171,9 @@ pub fn host(setting: Setting) -> std::io::Result<()> {
         sockets,
         data: state,
         building,
+        requires_confinement,
+        private,
+        ward: OnceLock::new(),
         look_again: Notify::new(),
         taken_back: Mutex::default(),
     });
@@ -159,6 +199,7 @@ fn told(ground: &Ground, statuses: &Statuses) -> String {
     let plugins = Plugins {
         daemon: ground.landing.switchboard.daemon().clone(),
         folder: ground.shelf.folder.display().to_string(),
+        confinement: ground.confined(),
         plugins: statuses
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
@@ -183,12 +224,14 @@ struct Keeper {
 struct Kept {
     stamp: Stamp,
     is_disabled: bool,
+    allowed: Vec<Right>,
     admission: Admission,
     wish: watch::Sender<Wish>,
 }
 
 impl Keeper {
     async fn run(mut self) {
+        self.find_means().await;
         let touched = Arc::new(Touched::default());
         let _watcher = self.watch(&touched);
         let stopping = self.ground.landing.stopping.clone();
@@ -206,6 +249,27 @@ impl Keeper {
                 () = tokio::time::sleep(if is_fresh { LOOK_SOON } else { LOOK_AGAIN }) => (),
             }
         }
+    }
+
+    /// Finds out how plugins are confined here, and says so.
+    async fn find_means(&self) {
+        let Ground { launcher, data, ward, shelf, private, .. } = &*self.ground;
+        let kept = shelf.keep_rights(|name| data.join(name).is_dir());
+        if let Err(error) = kept {
+            tracing::warn!("failed to {error}");
+        }
+        let found = Ward::find(launcher, data, private).await;
+        let lacks = found.plan(false).lacks();
+        match lacks.is_empty() {
+            true => tracing::info!(limits = found.limits(), "plugins are confined whole"),
+            false => tracing::warn!(
+                limits = found.limits(),
+                "plugins are not confined whole: of a plugin is not kept that {}",
+                lacks.join("; that ")
+            ),
+        }
+        // Nobody else finds it.
+        let _ = ward.set(found);
     }
 
     /// The kernel says what changes in the folder; where it does not, the folder is looked at now and
@@ -247,12 +311,15 @@ impl Keeper {
             }
         }
         let (mut discovered, mut applicants) = (Vec::new(), BTreeMap::new());
+        let shelf = self.ground.shelf.clone();
         for name in names {
             let now = stamp(&self.ground.shelf.at(&name));
             let is_disabled = self.ground.shelf.is_disabled(&name);
             let admission = self.admissions.of(PLUGINS, &name);
+            let allowed = shelf.allowed(&name);
             let is_as_it_was = |kept: &Kept| {
                 kept.stamp == now
+                    && kept.allowed == allowed
                     && kept.is_disabled == is_disabled
                     && kept.admission == admission
                     && !touched.contains(&name)
@@ -266,12 +333,13 @@ impl Keeper {
                 Some(kept) if is_as_it_was(kept) => (),
                 Some(kept) => {
                     (kept.stamp, kept.is_disabled) = (now, is_disabled);
-                    kept.admission = admission;
+                    (kept.admission, kept.allowed) = (admission, allowed);
                     kept.wish.send_replace(wish);
                 }
                 None => {
                     let wish = self.begin(&name, wish);
-                    self.kept.insert(name, Kept { stamp: now, is_disabled, admission, wish });
+                    let kept = Kept { stamp: now, is_disabled, allowed, admission, wish };
+                    self.kept.insert(name, kept);
                 }
             }
         }
@@ -360,7 +428,33 @@ impl Keeper {
             };
             return Wish::Rest(State::Unused, Some(reason), Some(Arc::new(package)));
         }
-        Wish::Run(Arc::new(Wanted { package: Arc::new(package), agents }))
+        match self.refusal(&package) {
+            Some((state, why)) => Wish::Rest(state, Some(why), Some(Arc::new(package))),
+            None => Wish::Run(Arc::new(Wanted { package: Arc::new(package), agents })),
+        }
+    }
+
+    /// Why a package must not run, although its agents are wanted.
+    fn refusal(&self, package: &Package) -> Option<(State, String)> {
+        let Ground { shelf, requires_confinement, .. } = &*self.ground;
+        let (name, permissions) = (&package.manifest.name, &package.manifest.permissions);
+        let writable = shelf.check_writers().and_then(|()| shelf.check_writers_of(name));
+        if let Err(error) = writable {
+            return Some((State::Invalid, format!("failed to {error}")));
+        }
+        let beyond = permissions.beyond(&shelf.allowed(name));
+        if !beyond.is_empty() {
+            let asks = listed(&beyond);
+            let why = format!(
+                "it asks for {asks}, and nobody has allowed that: althing plugin allow {name}"
+            );
+            return Some((State::NotAllowed, why));
+        }
+        let lacks = self.ground.ward().plan(permissions.network).lacks();
+        (*requires_confinement && !lacks.is_empty()).then(|| {
+            let why = format!("`confinement = \"require\"`, and here {}", lacks.join("; "));
+            (State::NotConfined, why)
+        })
     }
 
     fn begin(&self, name: &str, wish: Wish) -> watch::Sender<Wish> {
@@ -408,8 +502,9 @@ impl Touched {
             let within = path.strip_prefix(folder).ok();
             let first = within.and_then(|within| within.components().next());
             let Some(name) = first.and_then(|first| first.as_os_str().to_str()) else { continue };
-            // `.NAME.disabled` is about NAME; what is in a package is seen by its files.
-            if let Some((name, "disabled")) =
+            // `.NAME.disabled` and `.NAME.rights` are about NAME; what is in a package is seen by its
+            // files.
+            if let Some((name, "disabled" | "rights")) =
                 name.strip_prefix('.').and_then(|name| name.rsplit_once('.'))
             {
                 self.lock().insert(name.to_owned());

@@ -13,16 +13,18 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 
 use crate::Ground;
+use crate::advice::advice;
+use crate::cgroup::Group;
 use crate::endpoint::{Endpoint, Purpose};
-use crate::launching::{Start, described, hello};
+use crate::launching::{Start, Started, described, hello};
 use crate::lives::Lives;
 use crate::living::{Living, SILENT};
 use crate::log::Log;
+use crate::looking::Looking;
 use crate::package::Package;
 use crate::process::{Process, ending};
 use crate::program::Program;
 use crate::status::{State, Status};
-use crate::usage::usage;
 
 /// How often it is seen what a plugin takes.
 const LOOK: Duration = Duration::from_millis(250);
@@ -127,11 +129,19 @@ impl Supervision {
 
     /// Keeps it running until something else is wanted.
     async fn keep_running(&mut self, wanted: &Wanted) {
+        let permissions = &wanted.package.manifest.permissions;
+        let (asks, lacks) =
+            (permissions.asks(), self.ground.ward().plan(permissions.network).lacks());
+        if !lacks.is_empty() {
+            self.log.remark(&format!("not enforced here: {}", lacks.join("; ")));
+        }
         self.status(|status| {
             let former = std::mem::take(status);
             *status = Status { name: former.name, log: former.log, ..Status::default() };
             status.describes(Some(&wanted.package));
             status.state = State::Starting;
+            status.allowed = asks.iter().map(ToString::to_string).collect();
+            status.not_enforced = lacks;
         });
         let (program, agents, endpoint) = match self.open(wanted).await {
             Ok(opened) => opened,
@@ -195,9 +205,11 @@ impl Supervision {
             }
             let wait = lives.after(ready, Instant::now());
             tracing::warn!(plugin = self.name, ?wait, "{why}");
+            let advice = advice(&why, &program.file, &wanted.package.folder);
             self.status(|status| {
                 let state = if wait.is_some() { State::Waiting } else { State::GivenUp };
                 (status.state, status.reason, status.pid) = (state, Some(why), None);
+                status.advice = advice;
                 status.restarts += u32::from(wait.is_some());
             });
             let Some(wait) = wait else {
@@ -245,14 +257,24 @@ impl Supervision {
         endpoint: &Endpoint,
     ) -> Over {
         self.log.begin();
-        self.status(|status| (status.state, status.reason) = (State::Starting, None));
+        self.status(|status| {
+            (status.state, status.reason, status.advice) = (State::Starting, None, None);
+        });
         let ended = |why: String| Over::Ended { why, ready: None };
-        let Ground { launcher, landing, building, .. } = &*self.ground;
+        let ground = Arc::clone(&self.ground);
+        let Ground { launcher, landing, building, .. } = &*ground;
         let (package, log) = (&wanted.package, &self.log);
-        let data = self.ground.data.join(&self.name);
-        let begun = Start { launcher, package, program, data: &data, log }.begin();
-        let mut process = match begun {
-            Ok(process) => process,
+        let data = ground.data.join(&self.name);
+        let sockets = building.iter().cloned().chain([endpoint.socket.clone()]).collect();
+        let ward = ground.ward();
+        let start = Start { launcher, ward, package, program, sockets, data: &data, log };
+        let begun = tokio::select! {
+            biased;
+            () = landing.stopping.cancelled() => return Over::Unwanted,
+            begun = start.begin() => begun,
+        };
+        let Started { mut process, counted } = match begun {
+            Ok(started) => started,
             Err(problem) => return ended(problem),
         };
         self.status(|status| status.pid = Some(process.id()));
@@ -269,7 +291,10 @@ impl Supervision {
             return ended(why);
         }
         let mut living = Living::new();
-        match self.live(wanted, endpoint, &mut process, &mut living).await {
+        let disk = wanted.package.manifest.permissions.disk;
+        let looking = Looking::new(process.id(), data, disk);
+        let counted = counted.as_ref();
+        match self.live(wanted, endpoint, &mut process, &mut living, looking, counted).await {
             None => {
                 process.stop().await;
                 Over::Unwanted
@@ -288,12 +313,13 @@ impl Supervision {
         endpoint: &Endpoint,
         process: &mut Process,
         living: &mut Living,
+        mut looking: Looking,
+        counted: Option<&Group>,
     ) -> Option<String> {
         let mut accepted = endpoint.accepted.subscribe();
         let mut looks = tokio::time::interval(LOOK);
         looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         let stopping = self.ground.landing.stopping.clone();
-        let group = process.id();
         loop {
             self.see(wanted, &accepted.borrow_and_update(), living);
             tokio::select! {
@@ -309,11 +335,11 @@ impl Supervision {
                     return Some("it says more than is taken, for too long".to_owned());
                 }
                 _ = looks.tick() => {
-                    let (dropped, usage) = (endpoint.meter.dropped(), usage(group));
+                    let (dropped, look) = (endpoint.meter.dropped(), looking.look(counted).await);
                     self.status(|status| {
-                        (status.memory, status.dropped) = (Some(usage.memory), dropped);
+                        (status.memory, status.dropped) = (Some(look.usage.memory), dropped);
                     });
-                    if let Some(why) = living.objection(wanted, usage, group, &accepted.borrow()) {
+                    if let Some(why) = living.objection(wanted, look, counted, &accepted.borrow()) {
                         return Some(why);
                     }
                 }

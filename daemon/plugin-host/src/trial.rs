@@ -20,7 +20,7 @@ use tokio_util::task::TaskTracker;
 
 use crate::advice::advice;
 use crate::endpoint::{Endpoint, Purpose};
-use crate::launching::{Start, described, hello};
+use crate::launching::{Start, Started, Ward, described, hello};
 use crate::log::Log;
 use crate::package::Package;
 use crate::process::{Launcher, Process, ending};
@@ -127,7 +127,10 @@ impl Stage {
         let opened = Endpoint::open(purpose).await;
         let endpoint = opened.map_err(|error| format!("failed to {error}"))?;
         let data = self.folder.0.join("home");
-        let mut process = Start { launcher, package, program, data: &data, log }.begin()?;
+        let ward = Ward::find(launcher, &self.folder.0, &[]).await;
+        let sockets = vec![endpoint.socket.clone()];
+        let start = Start { launcher, ward: &ward, package, program, sockets, data: &data, log };
+        let Started { mut process, counted: _counted } = start.begin().await?;
         let began = Instant::now();
         let hello = hello(package, landing, &endpoint, &told, None);
         let outcome = match process.say(&hello).await {

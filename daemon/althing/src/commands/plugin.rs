@@ -1,5 +1,6 @@
 //! `althing plugin`: programs that bring agents, on this machine and in a running ecosystem.
 
+mod allow;
 mod check;
 
 use std::fmt::Write as _;
@@ -7,7 +8,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use agent::Resource;
-use plugin_host::{Package, Plugins, Shelf, ShelfError, Status};
+use plugin_host::{Confined, Package, Plugins, Shelf, ShelfError, Status};
 use serde_json::json;
 use terminal::report::Report;
 use terminal::{exit, output};
@@ -26,6 +27,7 @@ pub(super) fn run(args: &PluginArgs) -> ExitCode {
         PluginCommand::List(args) => client::with_view(args, list),
         PluginCommand::Check(args) => check::run(args),
         PluginCommand::Add(args) => add(args),
+        PluginCommand::Allow(args) => allow::run(args),
         PluginCommand::Remove(args) => change(args, "removed", |shelf, name| shelf.remove(name)),
         PluginCommand::Enable(args) => {
             change(args, "enabled", |shelf, name| shelf.set_disabled(name, false))
@@ -67,24 +69,40 @@ async fn list(view: &View, json: bool) -> ExitCode {
                 "`{daemon}` has none: althing plugin add FOLDER, or put it into {folder}"
             );
         }
+        found.iter().for_each(|plugins| text += &confined(plugins));
         return output::print(text, exit::DONE);
     }
     let _ = writeln!(
         text,
-        "{:<20} {:<10} {:<14} {:<10} AGENTS",
+        "{:<20} {:<10} {:<14} {:<12} AGENTS",
         "PLUGIN", "VERSION", "DAEMON", "STATE"
     );
     for (plugins, status) in all {
         text += &line(plugins, status);
     }
+    text.push('\n');
+    found.iter().for_each(|plugins| text += &confined(plugins));
     output::print(text, exit::DONE)
+}
+
+/// How far a daemon confines its plugins, in a line.
+fn confined(plugins: &Plugins) -> String {
+    let Plugins { daemon, confinement, .. } = plugins;
+    let Confined { not_enforced, limits, .. } = confinement;
+    let said = match not_enforced.as_slice() {
+        // A daemon of another version does not say.
+        [] if limits.is_empty() => return String::new(),
+        [] => format!("`{daemon}` confines plugins whole"),
+        lacks => format!("not enforced on `{daemon}`, of a plugin: {}", lacks.join("; ")),
+    };
+    output::folded(&format!("{said}; what they take is {limits}"), 4) + "\n"
 }
 
 fn line(plugins: &Plugins, status: &Status) -> String {
     let agents: Vec<_> = status.agents.iter().map(acl::AgentId::as_str).collect();
     let state = status.state.as_str();
     let line = format!(
-        "{:<20} {:<10} {:<14} {state:<10} {}",
+        "{:<20} {:<10} {:<14} {state:<12} {}",
         status.name,
         status.version,
         plugins.daemon,
@@ -92,8 +110,10 @@ fn line(plugins: &Plugins, status: &Status) -> String {
     );
     let mut text = output::folded(line.trim_end(), 4);
     text.push('\n');
-    if let Some(reason) = &status.reason {
-        text += &output::folded(&format!("    {reason}"), 4);
+    let lacks = status.not_enforced.join("; ");
+    let lacks = (!lacks.is_empty()).then(|| format!("not enforced here: {lacks}"));
+    for said in [&status.reason, &status.advice, &lacks].into_iter().flatten() {
+        text += &output::folded(&format!("    {said}"), 4);
         text.push('\n');
     }
     text
@@ -107,23 +127,33 @@ fn add(args: &PluginAddArgs) -> ExitCode {
     };
     // A folder is called by its name wherever one stands.
     let from = args.package.canonicalize().unwrap_or_else(|_| args.package.clone());
-    let was = Package::open(&shelf.at(&from.file_name().unwrap_or_default().to_string_lossy()));
-    match shelf.add(&from) {
-        Ok(manifest) => {
+    let added = Package::open(&from).map_err(|faults| ShelfError::Faulty(Box::new(faults)));
+    let added = added.and_then(|package| {
+        let name = &package.manifest.name;
+        let was = Package::open(&shelf.at(name)).ok().map(|was| was.manifest.version);
+        let beyond = package.manifest.permissions.beyond(&shelf.kept_rights(name));
+        let command = format!("althing plugin add {}", args.package.display());
+        match allow::consent(name, &beyond, &args.rights.allow, &command, json) {
+            Ok(consent) => shelf.add(&from, &consent).map(|manifest| Ok((manifest, was))),
+            Err(code) => Ok(Err(code)),
+        }
+    });
+    match added {
+        Ok(Ok((manifest, was))) => {
             let (name, version) = (&manifest.name, &manifest.version);
             let folder = shelf.at(name).display().to_string();
             if json {
                 let value = json!({ "plugin": name, "version": version, "folder": folder });
                 return output::print_json(&value, exit::DONE);
             }
-            let before = was.map(|was| format!(" in place of {}", was.manifest.version));
-            let before = before.unwrap_or_default();
+            let before = was.map(|was| format!(" in place of {was}")).unwrap_or_default();
             let said = format!("added {name} {version}{before}, in {folder}\n");
             output::print(
                 said + "A daemon that runs here starts it now: althing plugin list\n",
                 exit::DONE,
             )
         }
+        Ok(Err(code)) => code,
         Err(ShelfError::Faulty(faults)) => {
             let mut report = Report::default();
             check::add_faults(*faults, &mut report);
@@ -140,23 +170,27 @@ fn change(
 ) -> ExitCode {
     let json = args.print.json;
     let name = &args.name;
-    let changed = shelf(&args.place).and_then(|shelf| {
-        change(&shelf, name).map_err(|error| match error {
-            ShelfError::Unknown { .. } => {
-                match pddl::nearest(name, shelf.names().iter().map(String::as_str)) {
-                    Some(near) => format!("{error}; did you mean `{near}`?"),
-                    None => error.to_string(),
-                }
-            }
-            error => error.to_string(),
-        })
-    });
+    let changed = shelf(&args.place)
+        .and_then(|shelf| change(&shelf, name).map_err(|error| known_or_near(&shelf, name, error)));
     match changed {
         Ok(()) if json => {
             output::print_json(&json!({ "plugin": name, "status": done }), exit::DONE)
         }
         Ok(()) => output::print(format!("{done} {name}\n"), exit::DONE),
         Err(problem) => super::wrong(&format!("failed to {problem}"), json),
+    }
+}
+
+/// An error about a plugin; of one that is not there, with the name that may be meant.
+fn known_or_near(shelf: &Shelf, name: &str, error: ShelfError) -> String {
+    match error {
+        ShelfError::Unknown { .. } => {
+            match pddl::nearest(name, shelf.names().iter().map(String::as_str)) {
+                Some(near) => format!("{error}; did you mean `{near}`?"),
+                None => error.to_string(),
+            }
+        }
+        error => error.to_string(),
     }
 }
 

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 use agent::Host;
 use pddl::Domain;
-use plugin_host::{Failed, Faults, Launcher, Package, Trial, Worked};
+use plugin_host::{Failed, Faults, Launcher, Package, Right, Trial, Worked};
 use serde_json::{Value, json};
 use terminal::report::{Report, Source};
 use terminal::{exit, output};
@@ -43,7 +43,13 @@ async fn check(args: &PluginCheckArgs) -> ExitCode {
         let folder = folder.canonicalize().unwrap_or_else(|_| folder.clone());
         match Package::open(&folder) {
             Ok(package) if args.files_only => desk.right(&package, None),
-            Ok(package) => desk.try_out(package, ecosystem.as_ref()).await,
+            Ok(package) => {
+                let beyond = package.manifest.permissions.beyond(&args.rights.allow);
+                match beyond.as_slice() {
+                    [] => desk.try_out(package, ecosystem.as_ref()).await,
+                    beyond => desk.not_started(&package, beyond),
+                }
+            }
             Err(faults) => add_faults(faults, &mut desk.report),
         }
     }
@@ -82,6 +88,22 @@ impl Desk {
                 add_faults(faults, &mut self.report);
             }
         }
+    }
+
+    /// Nothing runs with rights that nobody has allowed.
+    fn not_started(&mut self, package: &Package, beyond: &[Right]) {
+        let words: Vec<_> = beyond.iter().map(|right| format!(" --allow {right}")).collect();
+        let (name, version) = (&package.manifest.name, &package.manifest.version);
+        let asks: Vec<_> = beyond.iter().map(Right::to_string).collect();
+        let value = json!({ "plugin": name, "version": version, "started": false, "asks": asks });
+        self.json.push(value);
+        let said = format!(
+            "{name} {version}: nothing is wrong with its files; it was not started, because it asks \
+             for rights that nobody has allowed; to try it with them: althing plugin check{} {}",
+            words.concat(),
+            package.folder.display()
+        );
+        let _ = writeln!(self.text, "{}", output::folded(&said, 4));
     }
 
     fn right(&mut self, package: &Package, worked: Option<&Worked>) {
