@@ -40,7 +40,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs::DirBuilder;
 use std::os::unix::fs::DirBuilderExt as _;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use acl::AgentId;
@@ -129,19 +129,25 @@ pub(crate) struct Ground {
     taken_back: Mutex<BTreeMap<String, String>>,
 }
 
+/// What plugins are confined with before that was tried out.
+static UNKNOWN: LazyLock<Ward> = LazyLock::new(Ward::unknown);
+
 impl Ground {
     /// What plugins are confined with; nothing, before that is known.
     pub(crate) fn ward(&self) -> &Ward {
-        self.ward.get_or_init(Ward::unknown)
+        self.ward.get().unwrap_or(&UNKNOWN)
     }
 
-    /// How far plugins are confined here.
+    /// How far plugins are confined here; nothing is said before it is known.
     fn confined(&self) -> Confined {
-        let ward = self.ward();
+        let is_required = self.requires_confinement;
+        let Some(ward) = self.ward.get() else {
+            return Confined { is_required, ..Confined::default() };
+        };
         Confined {
             not_enforced: ward.plan(false).lacks(),
             limits: ward.limits(),
-            is_required: self.requires_confinement,
+            is_required,
             means: Some(ward.means.clone()),
         }
     }
@@ -222,11 +228,19 @@ struct Keeper {
 
 /// One plugin, as it was looked at last.
 struct Kept {
+    looked: Looked,
+    wish: watch::Sender<Wish>,
+}
+
+/// All that decides what becomes of a plugin.
+#[derive(PartialEq)]
+struct Looked {
     stamp: Stamp,
     is_disabled: bool,
     allowed: Vec<Right>,
     admission: Admission,
-    wish: watch::Sender<Wish>,
+    /// Why what is in its package may be somebody else's.
+    writable: Option<String>,
 }
 
 impl Keeper {
@@ -311,40 +325,40 @@ impl Keeper {
             }
         }
         let (mut discovered, mut applicants) = (Vec::new(), BTreeMap::new());
-        let shelf = self.ground.shelf.clone();
         for name in names {
-            let now = stamp(&self.ground.shelf.at(&name));
-            let is_disabled = self.ground.shelf.is_disabled(&name);
-            let admission = self.admissions.of(PLUGINS, &name);
-            let allowed = shelf.allowed(&name);
-            let is_as_it_was = |kept: &Kept| {
-                kept.stamp == now
-                    && kept.allowed == allowed
-                    && kept.is_disabled == is_disabled
-                    && kept.admission == admission
-                    && !touched.contains(&name)
-            };
+            let looked = self.looked(&name);
             let package = Package::open(&self.ground.shelf.at(&name));
-            if let Some(about) = self.application(&name, package.as_ref().ok(), is_disabled) {
+            if let Some(about) = self.application(&name, package.as_ref().ok(), looked.is_disabled)
+            {
                 applicants.insert(name.clone(), about);
             }
-            let wish = self.wish(&name, package, is_disabled, &mut discovered);
+            let wish = self.wish(&name, package, &looked, &mut discovered);
             match self.kept.get_mut(&name) {
-                Some(kept) if is_as_it_was(kept) => (),
+                Some(kept) if kept.looked == looked && !touched.contains(&name) => (),
                 Some(kept) => {
-                    (kept.stamp, kept.is_disabled) = (now, is_disabled);
-                    (kept.admission, kept.allowed) = (admission, allowed);
+                    kept.looked = looked;
                     kept.wish.send_replace(wish);
                 }
                 None => {
                     let wish = self.begin(&name, wish);
-                    let kept = Kept { stamp: now, is_disabled, allowed, admission, wish };
-                    self.kept.insert(name, kept);
+                    self.kept.insert(name, Kept { looked, wish });
                 }
             }
         }
         self.admissions.present(PLUGINS, applicants);
         self.ground.landing.switchboard.discovered(PLUGINS, discovered);
+    }
+
+    fn looked(&self, name: &str) -> Looked {
+        let shelf = &self.ground.shelf;
+        let writers = shelf.check_writers().and_then(|()| shelf.check_writers_of(name));
+        Looked {
+            stamp: stamp(&shelf.at(name)),
+            is_disabled: shelf.is_disabled(name),
+            allowed: shelf.allowed(name),
+            admission: self.admissions.of(PLUGINS, name),
+            writable: writers.err().map(|error| error.to_string()),
+        }
     }
 
     /// What a person is told of a package that wants to take part and that nobody has let in.
@@ -371,7 +385,7 @@ impl Keeper {
         &self,
         name: &str,
         package: Result<Package, Faults>,
-        is_disabled: bool,
+        looked: &Looked,
         discovered: &mut Vec<Discovered>,
     ) -> Wish {
         let named = self.agents.get(name);
@@ -386,8 +400,8 @@ impl Keeper {
                 return Wish::Rest(State::Invalid, Some(reason), None);
             }
         };
-        let admission = self.admissions.of(PLUGINS, name);
-        let joined = named.is_none() && admission == Admission::Granted && !is_disabled;
+        let Looked { admission, is_disabled, .. } = looked;
+        let joined = named.is_none() && *admission == Admission::Granted && !is_disabled;
         let own = || package.manifest.agents.iter().filter(|own| !self.named.contains(&own.name));
         if named.is_none() {
             discovered.extend(own().map(|own| Discovered {
@@ -398,7 +412,7 @@ impl Keeper {
                 toml: entry(name, own),
             }));
         }
-        if is_disabled {
+        if *is_disabled {
             return Wish::Rest(State::Disabled, None, Some(Arc::new(package)));
         }
         let agents: Vec<_> = match named {
@@ -428,21 +442,20 @@ impl Keeper {
             };
             return Wish::Rest(State::Unused, Some(reason), Some(Arc::new(package)));
         }
-        match self.refusal(&package) {
+        match self.refusal(&package, looked) {
             Some((state, why)) => Wish::Rest(state, Some(why), Some(Arc::new(package))),
             None => Wish::Run(Arc::new(Wanted { package: Arc::new(package), agents })),
         }
     }
 
     /// Why a package must not run, although its agents are wanted.
-    fn refusal(&self, package: &Package) -> Option<(State, String)> {
-        let Ground { shelf, requires_confinement, .. } = &*self.ground;
+    fn refusal(&self, package: &Package, looked: &Looked) -> Option<(State, String)> {
+        let Ground { requires_confinement, .. } = &*self.ground;
         let (name, permissions) = (&package.manifest.name, &package.manifest.permissions);
-        let writable = shelf.check_writers().and_then(|()| shelf.check_writers_of(name));
-        if let Err(error) = writable {
-            return Some((State::Invalid, format!("failed to {error}")));
+        if let Some(problem) = &looked.writable {
+            return Some((State::Invalid, format!("failed to {problem}")));
         }
-        let beyond = permissions.beyond(&shelf.allowed(name));
+        let beyond = permissions.beyond(&looked.allowed);
         if !beyond.is_empty() {
             let asks = listed(&beyond);
             let why = format!(

@@ -180,10 +180,7 @@ impl Mediator {
         let is_own = match process {
             0 => true,
             process if process < 0 => process == -own,
-            process => {
-                let process = Pid::from_raw(process).ok_or(Errno::SRCH)?;
-                rustix::process::getpgid(Some(process))? == self.group
-            }
+            process => usage::is_of_group(process, own).ok_or(Errno::SRCH)?,
         };
         if is_own { Ok(Response::Continue) } else { Err(Errno::PERM) }
     }

@@ -36,6 +36,7 @@ pub struct Confined {
 
 /// One plugin.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub struct Status {
     /// Its name.
     pub name: String,

@@ -61,6 +61,13 @@ pub(crate) fn usage(group: i32) -> Usage {
     usage
 }
 
+/// Whether a process, or a thread, is of a group; `None` if there is no such process.
+pub(crate) fn is_of_group(process: i32, group: i32) -> Option<bool> {
+    // `getpgid` of `rustix` does not expect a first process that is of no group.
+    let stat = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
+    Some(of_group(&stat, group).is_some())
+}
+
 /// How many processes a group has.
 pub(crate) fn processes(group: i32) -> u32 {
     u32::try_from(processes_of(group).count()).unwrap_or(u32::MAX)

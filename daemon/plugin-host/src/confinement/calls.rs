@@ -257,11 +257,15 @@ fn files(rules: &mut Rules) -> Result<(), BackendError> {
     add(rules, "fcntl64", fcntl);
     let ioctl = IOCTL.iter().map(|command| Ok(vec![is(1, *command)?]));
     add(rules, "ioctl", ioctl.collect::<Result<_, BackendError>>()?);
-    // Who opens a file to read it can empty it all the same.
-    let (access, empties) = (libc::O_ACCMODE | libc::O_TRUNC, libc::O_TRUNC);
-    let (access, empties) = (access.unsigned_abs().into(), empties.unsigned_abs().into());
-    add(rules, "open", vec![vec![masked(1, access, empties)?]]);
-    add(rules, "openat", vec![vec![masked(2, access, empties)?]]);
+    // A file that is opened to be read is emptied all the same.
+    // So can a file that is opened for neither (the fourth access mode), which asks Landlock for nothing.
+    let mask = (libc::O_ACCMODE | libc::O_TRUNC).unsigned_abs().into();
+    for (call, index) in [("open", 1), ("openat", 2)] {
+        let empties = [libc::O_RDONLY, libc::O_ACCMODE].map(|mode| mode | libc::O_TRUNC);
+        let empties =
+            empties.map(|flags| Ok(vec![masked(index, mask, flags.unsigned_abs().into())?]));
+        add(rules, call, empties.into_iter().collect::<Result<_, BackendError>>()?);
+    }
     for (call, index) in [("mknod", 1), ("mknodat", 2)] {
         let kinds = [libc::S_IFCHR, libc::S_IFBLK].map(u64::from);
         let kinds = kinds.map(|kind| Ok(vec![masked(index, u64::from(libc::S_IFMT), kind)?]));

@@ -15,6 +15,7 @@ use super::{PLAIN_DEVICES, SYSTEM};
 
 /// What the kernel has.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub struct Means {
     /// The version of Landlock; 0 for none.
     pub landlock: i32,
@@ -53,10 +54,7 @@ impl Means {
     /// Confines this process as plugins are, step by step; what works. For a process of its own, which
     /// ends afterwards. `folder` is any folder that exists.
     pub(crate) fn try_out(folder: &Path) -> Means {
-        let why = |error: &dyn std::error::Error| {
-            let source = error.source().map(|source| format!(": {source}")).unwrap_or_default();
-            format!("{error}{source}")
-        };
+        let why = |error: &dyn std::error::Error| error.to_string();
         let target = calls::target();
         let unknown = || format!("filters are not known for {}", std::env::consts::ARCH);
         let asked = target.ok_or_else(unknown).and_then(|target| {
