@@ -79,8 +79,8 @@ impl Ward {
     /// How what plugins take is limited, for a person.
     pub(crate) fn limits(&self) -> String {
         match &self.tree {
-            Ok(_) => "limited by the kernel, in a control group of each plugin".to_owned(),
-            Err(why) => format!("looked at four times a second: {why}"),
+            Ok(_) => "limited by the kernel (a control group for each plugin)".to_owned(),
+            Err(why) => format!("measured four times a second, because {why}"),
         }
     }
 

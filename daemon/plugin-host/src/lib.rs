@@ -275,11 +275,13 @@ impl Keeper {
         let found = Ward::find(launcher, data, private).await;
         let lacks = found.plan(false).lacks();
         match lacks.is_empty() {
-            true => tracing::info!(limits = found.limits(), "plugins are confined whole"),
+            true => {
+                tracing::info!(limits = found.limits(), "plugins are confined, nothing is missing")
+            }
             false => tracing::warn!(
                 limits = found.limits(),
-                "plugins are not confined whole: of a plugin is not kept that {}",
-                lacks.join("; that ")
+                "not enforced here, of a plugin: {}",
+                lacks.join("; ")
             ),
         }
         // Nobody else finds it.

@@ -92,10 +92,11 @@ fn confined(plugins: &Plugins) -> String {
     let said = match not_enforced.as_slice() {
         // A daemon of another version does not say.
         [] if limits.is_empty() => return String::new(),
-        [] => format!("`{daemon}` confines plugins whole"),
+        [] => format!("`{daemon}` enforces the whole confinement of plugins"),
         lacks => format!("not enforced on `{daemon}`, of a plugin: {}", lacks.join("; ")),
     };
-    output::folded(&format!("{said}; what they take is {limits}"), 4) + "\n"
+    let taken = "the memory and processor time of plugins are";
+    output::folded(&format!("{said}; {taken} {limits}"), 4) + "\n"
 }
 
 fn line(plugins: &Plugins, status: &Status) -> String {
