@@ -256,7 +256,7 @@ fn drop_capabilities() -> std::io::Result<()> {
     let _ = rustix::thread::clear_ambient_capability_set();
     let sets = CapabilitySets { effective: none, permitted: none, inheritable: none };
     // A service manager may have forbidden the call, and left nothing to give up.
-    if rustix::thread::capabilities(None).map_or(true, |has| has != sets) {
+    if rustix::thread::capabilities(None) != Ok(sets) {
         rustix::thread::set_capabilities(None, sets)?;
     }
     rustix::thread::set_no_new_privs(true)?;
