@@ -3,9 +3,9 @@
 
 mod support;
 
-use std::fs;
-use std::os::unix::fs::symlink;
-use std::path::Path;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::{PermissionsExt as _, symlink};
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
@@ -29,7 +29,7 @@ fn put(office: &Office, name: &str, change: &dyn Fn(&Path)) {
 fn office(mode: &str, more: &str) -> Office {
     let office = Office::new();
     let file = office.write("lab.toml", &(lab(mode) + more));
-    let mut office = office.with_file(file);
+    let mut office = office.with_file(file).with_python();
     office.up(&["daemon"], &[]);
     office
 }
@@ -271,15 +271,92 @@ fn an_upgrade_takes_over_and_one_that_does_not_work_is_taken_back() {
 }
 
 /// A package whose program is a shell's.
-fn script(office: &Office, name: &str, script: &str, more: &str) {
+fn script(office: &Office, name: &str, text: &str, more: &str) {
+    script_of(office, "sh", name, text, more);
+}
+
+/// The same of a shell by another name.
+fn script_of(office: &Office, shell: &str, name: &str, script: &str, more: &str) {
     let folder = office.folder().join("made").join(name);
     fs::create_dir_all(&folder).expect("a folder");
     let text = format!(
-        "name = \"{name}\"\nversion = \"1\"\nprotocol = \"1\"\nrun = [\"sh\", \"-c\", '''{script}''']\n\
+        "name = \"{name}\"\nversion = \"1\"\nprotocol = \"1\"\nrun = [\"{shell}\", \"-c\", '''{script}''']\n\
          ready-within = \"2s\"\n\n[[agent]]\nname = \"agent-of-{name}\"\n\n{more}"
     );
     fs::write(folder.join("plugin.toml"), text).expect("a file");
     fs::rename(&folder, office.plugins_folder().join(name)).expect("the same file system");
+}
+
+/// A program as version managers leave it on a path: a script that asks the manager, hidden elsewhere,
+/// and becomes what that says.
+fn shim(office: &Office, name: &str, real: &str) -> PathBuf {
+    let root = office.folder().join("manager");
+    let (shims, libexec) = (root.join("shims"), root.join("libexec"));
+    for folder in [&shims, &libexec] {
+        fs::create_dir_all(folder).expect("a folder");
+    }
+    let write = |file: &Path, text: &str| {
+        fs::write(file, text).expect("a file");
+        fs::set_permissions(file, Permissions::from_mode(0o755)).expect("our own");
+    };
+    let (shown, manager) = (root.display(), libexec.join("versions"));
+    write(
+        &shims.join(name),
+        &format!(
+            "#!/usr/bin/env bash\nset -e\nprogram=\"${{0##*/}}\"\nexport VERSIONS_ROOT=\"{shown}\"\n\
+             exec \"{}\" exec \"$program\" \"$@\"\n",
+            manager.display()
+        ),
+    );
+    write(
+        &manager,
+        &format!(
+            "#!/bin/sh\n[ \"$VERSIONS_ROOT\" = {shown} ] || exit 9\ncommand=$1\nshift 2\n\
+             case $command in which) echo {real} ;; exec) exec {real} \"$@\" ;; *) exit 1 ;; esac\n"
+        ),
+    );
+    shims
+}
+
+#[test]
+fn a_program_that_is_a_shim_of_a_version_manager_runs() {
+    let office = Office::new();
+    let shims = shim(&office, "a-shell-of-some-version", "/bin/sh");
+    let file = office.write("lab.toml", &lab("decentralized"));
+    let mut office = office.with_file(file).with_programs(&shims);
+    office.up(&["daemon"], &[]);
+    script_of(&office, "a-shell-of-some-version", "shimmed", "echo it ran >&2; exit 3", "");
+    await_status(&office, "shimmed", |status| {
+        status["reason"].as_str().is_some_and(|why| why.contains("exit code 3: it ran"))
+    });
+    let (code, said) = office.ask(&["plugin", "logs", "shimmed"]);
+    assert!(code == Some(0) && said.contains("which stands for /bin/sh"), "{said}");
+}
+
+#[test]
+fn a_check_starts_the_program_and_says_what_to_do_where_it_fails() {
+    let office = office("decentralized", "");
+    let folder = |name: &str| office.plugins_folder().join(name).display().to_string();
+    for (name, program, expected, help) in [
+        ("exits", "echo it is broken >&2; exit 3", "exit code 3: it is broken", None),
+        ("hidden", "cat /etc/shadow; exit 126", "exit code 126: cat: ", Some("[permissions] read")),
+        ("idle", "exec sleep 600", "`agent-of-idle` was not here within 2s", Some("first line")),
+        (
+            "module",
+            "echo \"No module named 'zenoh'\" >&2; exit 1",
+            "",
+            Some("install `eclipse-zenoh`"),
+        ),
+    ] {
+        script(&office, name, program, "");
+        let output = office.run(&["plugin", "check", &folder(name)]);
+        let said = support::stderr(&output).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(output.status.code(), Some(33), "{name}: {said}");
+        assert!(said.contains("it does not start") && said.contains(expected), "{name}: {said}");
+        assert!(help.is_none_or(|help| said.contains(help)), "{name}: {said}");
+        let output = office.run(&["plugin", "check", "--files-only", &folder(name)]);
+        assert_eq!(output.status.code(), Some(0), "{name}: {}", support::stderr(&output));
+    }
 }
 
 #[test]
@@ -287,14 +364,19 @@ fn who_misbehaves_is_ended_with_a_reason_and_leaves_nothing() {
     let office = office("decentralized", "");
     let memory = "[permissions]\nmemory = \"48MiB\"\n";
     let forks = "for i in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17; do sleep 600 & done; wait";
+    let disk = "[permissions]\ndisk = \"1MiB\"\n";
+    let hoards = "for i in 1 2 3; do head -c 900000 /dev/zero > $HOME/$i; done; echo kept >&2; exec sleep 600";
+    // Of some, which is said depends on what the kernel has.
     let cases = [
         ("exits", "echo it is broken >&2; exit 3", "", "exit code 3: it is broken"),
         ("garbage", "while :; do head -c 4096 /dev/urandom; done", "", "was not here within 2s"),
         ("hangs", "exec sleep 600", "", "`agent-of-hangs` was not here within 2s"),
         ("stubborn", "trap '' TERM; while :; do sleep 1; done", "", "was not here within 2s"),
-        ("forks", forks, "", "it is 18 processes, and may be 16"),
+        ("forks", forks, "", "it is 18 processes, and may be 16|fork"),
         ("greedy", "exec tail /dev/zero", memory, "MiB of memory, and may hold 48"),
-        ("curious", "cat /etc/shadow", "", "Permission denied"),
+        ("hoards", hoards, disk, " MiB on disk, in "),
+        ("fills", "exec head -c 2000000 /dev/zero > $HOME/all", disk, "ended by signal 25"),
+        ("curious", "cat /etc/shadow", "", "Permission denied|No such file"),
         ("leaves", "exec setsid sleep 600", "", "Operation not permitted"),
     ];
     for (name, program, more, _) in cases {
@@ -303,7 +385,8 @@ fn who_misbehaves_is_ended_with_a_reason_and_leaves_nothing() {
     for (name, _, _, expected) in cases {
         await_status(&office, name, |status| {
             let reason = status["reason"].as_str().unwrap_or_default();
-            reason.contains(expected) && status["restarts"].as_u64() >= Some(1)
+            let is_it = expected.split('|').any(|expected| reason.contains(expected));
+            is_it && status["restarts"].as_u64() >= Some(1)
         });
     }
     // It is given up in the end, and a person can begin it anew.
@@ -321,6 +404,84 @@ fn who_misbehaves_is_ended_with_a_reason_and_leaves_nothing() {
     // The rest of the building was undisturbed.
     let (code, said) = office.ask(&["agents"]);
     assert!(code == Some(0) && said.contains("plan-executor"), "{said}");
+}
+
+#[test]
+fn time_that_children_have_spent_counts() {
+    let office = office("decentralized", "");
+    // Each child computes for a moment and is gone before anything looks at it.
+    let burns = "while :; do (i=0; while [ $i -lt 20000 ]; do i=$((i+1)); done); done";
+    script(&office, "burns", burns, "[permissions]\ncpu = 0.02\n");
+    let manifest = office.plugins_folder().join("burns/plugin.toml");
+    replace(&manifest, "ready-within = \"2s\"", "ready-within = \"10m\"");
+    await_status(&office, "burns", |status| {
+        let reason = status["reason"].as_str().unwrap_or_default();
+        reason.contains("% of a core, and may take 2 %")
+    });
+}
+
+#[test]
+fn rights_are_allowed_by_a_person_before_a_plugin_runs() {
+    let office = office("decentralized", "");
+    let asks = "[permissions]\nnetwork = true\nmemory = \"160MiB\"\n";
+    // Copied by hand, nobody was asked: it waits.
+    script(&office, "copied", "exit 3", asks);
+    let status = await_state(&office, "copied", "not-allowed");
+    let reason = status["reason"].as_str().unwrap_or_default();
+    assert!(reason.contains("network memory=160MiB"), "{reason}");
+    let (code, said) = office.ask(&["plugin", "allow", "copied"]);
+    assert_eq!(code, Some(77), "nobody can be asked: {said}");
+    assert!(said.contains("to connect to the Internet"), "{said}");
+    let (code, said) = office.ask(&[
+        "plugin",
+        "allow",
+        "copied",
+        "--allow",
+        "network",
+        "--allow",
+        "memory=160MiB",
+    ]);
+    assert_eq!(code, Some(0), "{said}");
+    await_status(&office, "copied", |status| {
+        status["reason"].as_str().is_some_and(|why| why.contains("exit code 3"))
+    });
+    // Another version that asks for no more is not asked about; one that asks for more is.
+    let add = |text: &str, more: &[&str]| {
+        let made = office.folder().join("made/copied");
+        let _ = fs::remove_dir_all(&made);
+        copy(&office.plugins_folder().join("copied"), &made);
+        replace(&made.join("plugin.toml"), asks, text);
+        let made = made.display().to_string();
+        office.ask(&[&["plugin", "add", &made], more].concat())
+    };
+    assert_eq!(add(asks, &[]).0, Some(0));
+    let grown = asks.replace("160MiB", "161MiB");
+    let (code, said) = add(&grown, &[]);
+    assert!(code == Some(77) && said.contains("--allow memory=161MiB"), "{said}");
+    assert_eq!(add(&grown, &["--allow", "memory=161MiB"]).0, Some(0));
+}
+
+#[test]
+fn a_folder_that_others_can_write_to_is_refused() {
+    let office = office("decentralized", "");
+    let mode = fs::metadata(office.plugins_folder()).expect("made").permissions().mode() & 0o777;
+    assert_eq!(mode, 0o700, "whatever the umask");
+    script(&office, "open", "exit 3", "");
+    let package = office.plugins_folder().join("open");
+    fs::set_permissions(&package, Permissions::from_mode(0o777)).expect("our own");
+    let refused = |cure: &str| {
+        let status = await_state(&office, "open", "invalid");
+        let reason = status["reason"].as_str().unwrap_or_default();
+        assert!(reason.contains("could run anything here") && reason.contains(cure), "{reason}");
+    };
+    refused("chmod -R go-w");
+    fs::set_permissions(&package, Permissions::from_mode(0o755)).expect("our own");
+    await_status(&office, "open", |status| {
+        status["reason"].as_str().is_some_and(|why| why.contains("exit code 3"))
+    });
+    fs::set_permissions(office.plugins_folder(), Permissions::from_mode(0o777)).expect("our own");
+    let (code, said) = office.ask(&["plugin", "add", &package.display().to_string()]);
+    assert!(code != Some(0) && said.contains("somebody else can write to it"), "{said}");
 }
 
 #[test]
@@ -360,6 +521,8 @@ fn the_internet_is_for_those_who_ask_for_it() {
         let manifest = office.plugins_folder().join(name).join("plugin.toml");
         replace(&manifest, "[\"sh\", \"-c\", '''''']", &run);
     }
+    let (code, said) = office.ask(&["plugin", "allow", "online", "--allow", "network"]);
+    assert_eq!(code, Some(0), "{said}");
     let of = |name, expected: &'static str| {
         await_status(&office, name, move |status| {
             status["reason"].as_str().unwrap_or_default().contains(expected)
@@ -441,7 +604,8 @@ fn a_manifest_that_lies_and_a_package_that_is_not_whole_say_so() {
     let (code, said) = office.ask(&["plugin", "list"]);
     assert_eq!(code, Some(0), "{said}");
     // Reasons are folded to the terminal's width, of which a test has none.
-    let mut rows = said.lines().filter(|line| !line.starts_with(' '));
+    let table = said.lines().take_while(|line| !line.is_empty());
+    let mut rows = table.filter(|line| !line.starts_with(' '));
     assert!(rows.all(|row| row.chars().count() <= 80), "{said}");
 }
 

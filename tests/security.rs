@@ -211,7 +211,7 @@ impl Rogue {
         let settings = office.write("rogue.json5", &settings.to_string());
         let program = example("put");
         assert!(program.exists(), "build it: cargo build -p substrate-zenoh --example put");
-        let mut command = office.program(&program.display().to_string());
+        let mut command = office.program(program.as_os_str());
         let key = "althing/smart-office/in/reasoning/plan-requester/request";
         let bytes = (100 << 20).to_string();
         command.arg(settings).args([key, &bytes]).stdin(Stdio::piped()).stdout(Stdio::piped());

@@ -22,6 +22,7 @@ const LAYERS: &[&[&str]] = &[
         "phidget-link",
         "planner",
         "programs",
+        "seccomp-notify",
         "substrate",
     ],
     // `engines` knows `planner` for its validator: no engine's plan is believed.

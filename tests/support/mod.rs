@@ -5,9 +5,11 @@
 
 pub(crate) mod asker;
 pub(crate) mod broker;
+pub(crate) mod left_out;
 pub(crate) mod network;
 pub(crate) mod packages;
 
+use std::ffi::OsString;
 use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -25,6 +27,8 @@ pub(crate) const PATIENCE: Duration = Duration::from_secs(90);
 pub(crate) struct Office {
     pub(crate) file: PathBuf,
     folder: TempDir,
+    /// The `PATH` of its programs, where it is not this test's.
+    path: Option<OsString>,
     daemons: Vec<Daemon>,
 }
 
@@ -47,6 +51,21 @@ impl Office {
         self
     }
 
+    /// The same with a Python first on the `PATH` that plugins can use, where there is one.
+    pub(crate) fn with_python(mut self) -> Office {
+        self.path = Some(packages::path());
+        self
+    }
+
+    /// The same with a folder of programs first on the `PATH`.
+    pub(crate) fn with_programs(mut self, folder: &Path) -> Office {
+        let path = self.path.take().or_else(|| std::env::var_os("PATH")).unwrap_or_default();
+        let rest = std::env::split_paths(&path).collect::<Vec<_>>();
+        let all = std::iter::once(folder.to_owned()).chain(rest);
+        self.path = Some(std::env::join_paths(all).expect("folders of a path"));
+        self
+    }
+
     /// Starts a daemon that meets no other of this machine: its sockets are elsewhere.
     pub(crate) fn up_apart(&mut self, name: &str, runtime: &Path, options: &[&str]) {
         let file = self.file.display().to_string();
@@ -59,7 +78,7 @@ impl Office {
     /// Another ecosystem, as fast.
     pub(crate) fn of(file: PathBuf) -> Office {
         let folder = tempfile::Builder::new().prefix("alt-").tempdir().expect("a folder");
-        Office { file, folder, daemons: Vec::new() }
+        Office { file, folder, path: None, daemons: Vec::new() }
     }
 
     pub(crate) fn file() -> PathBuf {
@@ -83,7 +102,7 @@ impl Office {
     }
 
     /// Any program, in this office's folder and environment.
-    pub(crate) fn program(&self, program: &str) -> Command {
+    pub(crate) fn program(&self, program: impl AsRef<std::ffi::OsStr>) -> Command {
         let mut command = Command::new(program);
         self.furnish(&mut command);
         command
@@ -91,6 +110,7 @@ impl Office {
 
     /// Gives a program this office's folder and environment.
     fn furnish(&self, command: &mut Command) {
+        command.envs(self.path.iter().map(|path| ("PATH", path)));
         command
             .current_dir(self.folder.path())
             .env("ALTHING_RUNTIME_DIR", self.runtime_folder())

@@ -14,6 +14,7 @@ use std::time::Instant;
 
 use serde_json::Value;
 
+use super::left_out::left_out;
 use super::{Office, PATIENCE, finish, stderr, stdout};
 
 /// A bridge that stands for a network of machines. One that no machine is plugged into by name
@@ -34,7 +35,7 @@ struct Namespace {
     holder: Child,
 }
 
-/// Whether namespaces can be made here. Says so loudly if not; where `CI` is set, that fails.
+/// Whether namespaces can be made here. Says so loudly if not; with `CI=true`, that fails.
 pub(crate) fn is_permitted() -> bool {
     let tried = Command::new("unshare").args(["--mount", "--net", "ip", "link", "show"]).output();
     let problem = match tried {
@@ -43,12 +44,7 @@ pub(crate) fn is_permitted() -> bool {
         Err(problem) => problem.to_string(),
     };
     let needed = "it needs root, `unshare` (util-linux) and `ip` (iproute2)";
-    assert!(std::env::var_os("CI").is_none(), "no network namespaces: {problem}; {needed}");
-    // Past what libtest swallows of a test that passes.
-    let _ = writeln!(
-        std::io::stderr(),
-        "SKIPPED, nothing is tested: no network namespaces: {problem}; {needed}"
-    );
+    left_out(&format!("no network namespaces: {problem}; {needed}"));
     false
 }
 

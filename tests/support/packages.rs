@@ -1,21 +1,117 @@
 //! Packages of plugins: that of this repository in Python, and its sensors as a program.
 
 use std::fs;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
+use std::sync::OnceLock;
 
-/// Whether there is a Python that has Zenoh; says so loudly where not.
+use super::left_out::left_out;
+
+/// Whether there is a Python that has Zenoh and can be confined; says so loudly where not.
 pub(crate) fn has_python() -> bool {
-    let has_zenoh = Command::new("python3").args(["-c", "import zenoh"]).output();
-    if has_zenoh.is_ok_and(|output| output.status.success()) {
-        return true;
+    python().is_some()
+}
+
+/// A Python that has Zenoh, and that runs a plugin inside its confinement. `None`, loudly, where there is
+/// none: what `python3` really is, that of an active virtual environment, and the system's are tried.
+pub(crate) fn python() -> Option<&'static Path> {
+    match found_python() {
+        Ok(python) => Some(python),
+        Err(why) => {
+            left_out(why);
+            None
+        }
     }
-    assert!(std::env::var_os("CI").is_none(), "python3 has no zenoh");
-    // Past what libtest swallows of a test that passes.
-    let _ =
-        writeln!(std::io::stderr(), "NOT TESTED: python3 has no zenoh: pip install eclipse-zenoh");
-    false
+}
+
+/// The `PATH` of daemons whose plugins say `python3`: as it is, where that Python is found on it first.
+pub(crate) fn path() -> std::ffi::OsString {
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let found = found_python().as_ref().ok();
+    let folder = found.and_then(|python| python.parent());
+    let is_first =
+        on_path().is_some_and(|first| Some(first.as_path()) == found.map(PathBuf::as_path));
+    match folder.filter(|_| !is_first) {
+        Some(folder) => {
+            let all = std::env::split_paths(&path).collect::<Vec<_>>();
+            let all = std::iter::once(folder.to_owned()).chain(all);
+            std::env::join_paths(all).expect("folders of a path")
+        }
+        None => path,
+    }
+}
+
+/// The first `python3` on the path, perhaps a shim.
+fn on_path() -> Option<PathBuf> {
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let mut found = std::env::split_paths(&path).map(|folder| folder.join("python3"));
+    found.find(|file| file.is_file())
+}
+
+/// What was found, once per program.
+fn found_python() -> &'static Result<PathBuf, String> {
+    static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    FOUND.get_or_init(find_python)
+}
+
+fn find_python() -> Result<PathBuf, String> {
+    let active =
+        std::env::var_os("VIRTUAL_ENV").map(|folder| Path::new(&folder).join("bin/python3"));
+    let candidates = [on_path(), on_path().and_then(real), active, Some("/usr/bin/python3".into())];
+    let mut looked_at: Vec<PathBuf> = Vec::new();
+    let mut why = Vec::new();
+    for python in candidates.into_iter().flatten() {
+        if looked_at.contains(&python) || !python.is_file() {
+            continue;
+        }
+        match is_of_use(&python) {
+            Ok(()) => return Ok(python),
+            Err(problem) => why.push(format!("{}: {problem}", python.display())),
+        }
+        looked_at.push(python);
+    }
+    let why = if why.is_empty() { "there is no python3".to_owned() } else { why.join("; ") };
+    Err(format!("no Python that plugins can use: {why}: pip install eclipse-zenoh"))
+}
+
+/// What a Python, or a shim of one, says that it is.
+fn real(python: PathBuf) -> Option<PathBuf> {
+    let said = asked(&python, "import sys; print(sys.executable)").ok()?;
+    Some(PathBuf::from(said.trim())).filter(|file| file.is_file())
+}
+
+/// Runs a line of Python; what it prints.
+fn asked(python: &Path, script: &str) -> Result<String, String> {
+    let mut command = Command::new(python);
+    command.args(["-c", script]).env_remove("PYTHONPATH").stdin(Stdio::null());
+    let output = command.output().map_err(|error| error.to_string())?;
+    let last = |bytes: &[u8]| {
+        let text = String::from_utf8_lossy(bytes).into_owned();
+        text.lines().last().unwrap_or_default().to_owned()
+    };
+    match output.status.success() {
+        true => Ok(last(&output.stdout)),
+        false => Err(last(&output.stderr)),
+    }
+}
+
+/// Whether it has Zenoh, outside of the confinement and inside.
+fn is_of_use(python: &Path) -> Result<(), String> {
+    asked(python, "import zenoh")?;
+    let folder = tempfile::tempdir().map_err(|error| error.to_string())?;
+    let package = folder.path().join("thermometer");
+    copy(&thermometer(), &package);
+    let rest = std::env::var_os("PATH").unwrap_or_default();
+    let path = [python.parent().map(Path::to_owned).unwrap_or_default()].into_iter();
+    let path = std::env::join_paths(path.chain(std::env::split_paths(&rest)));
+    let mut check = Command::new(env!("CARGO_BIN_EXE_althing"));
+    check.args(["plugin", "check"]).arg(&package).current_dir(folder.path());
+    check.env("PATH", path.map_err(|error| error.to_string())?);
+    let output = check.output().map_err(|error| error.to_string())?;
+    match output.status.success() {
+        true => Ok(()),
+        false => Err(String::from_utf8_lossy(&output.stderr).into_owned()),
+    }
 }
 
 /// The package in Python that this repository has.

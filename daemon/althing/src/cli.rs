@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use althing_plan::arguments::PlanArgs;
 use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand, ValueEnum};
+use plugin_host::Right;
 use terminal::arguments::{PrintArgs, seconds};
 use terminal::exit;
 
@@ -149,7 +150,13 @@ the folder of plugins while the daemon runs, its agents take part at once; what
 crashes is started again, and given up in the end; what takes too much is stopped.
 docs/plugins.md says how to write one.
 
-Examples: althing plugin add ./thermometer
+A plugin has the least rights; what its manifest asks for beyond them a person
+allows when it is added, or a script by `--allow`. A package that was copied by
+hand waits for it.
+
+Examples: althing plugin check ./thermometer      starts it once
+          althing plugin add ./thermometer
+          althing plugin allow thermometer        where it was copied by hand
           althing plugin list
           althing plugin logs thermometer
           althing plugin enable thermometer       begins anew what was given up";
@@ -579,10 +586,12 @@ pub(crate) struct PluginArgs {
 pub(crate) enum PluginCommand {
     /// Show the plugins of a running ecosystem, how they are, and why
     List(AskArgs),
-    /// Show what is wrong with a package before it is added
+    /// Show what is wrong with a package before it is added, and try whether it starts
     Check(PluginCheckArgs),
     /// Put a package into this machine's folder of plugins, or a newer one in its place
     Add(PluginAddArgs),
+    /// Allow a plugin what it asks for beyond the least
+    Allow(PluginAllowArgs),
     /// Take a plugin away
     Remove(PluginNameArgs),
     /// Take a plugin into use again; begins anew what was given up
@@ -599,6 +608,14 @@ pub(crate) struct PluginCheckArgs {
     /// Folders with a plugin.toml
     #[arg(required = true, value_name = "FOLDER")]
     pub(crate) packages: Vec<PathBuf>,
+    /// Look at the files only, and start nothing
+    #[arg(long)]
+    pub(crate) files_only: bool,
+    /// The ecosystem whose words and map it is told [default: ./althing.toml, or this user's]
+    #[arg(long, value_name = "FILE|NAME")]
+    pub(crate) ecosystem: Option<String>,
+    #[command(flatten)]
+    pub(crate) rights: PluginRightsArgs,
     #[command(flatten)]
     pub(crate) print: PrintArgs,
 }
@@ -610,9 +627,34 @@ pub(crate) struct PluginAddArgs {
     #[arg(value_name = "FOLDER")]
     pub(crate) package: PathBuf,
     #[command(flatten)]
+    pub(crate) rights: PluginRightsArgs,
+    #[command(flatten)]
     pub(crate) place: PluginPlaceArgs,
     #[command(flatten)]
     pub(crate) print: PrintArgs,
+}
+
+/// `althing plugin allow`
+#[derive(Debug, Args)]
+pub(crate) struct PluginAllowArgs {
+    /// Which
+    #[arg(value_name = "NAME")]
+    pub(crate) name: String,
+    #[command(flatten)]
+    pub(crate) rights: PluginRightsArgs,
+    #[command(flatten)]
+    pub(crate) place: PluginPlaceArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// What a plugin is allowed beyond the least.
+#[derive(Debug, Args)]
+pub(crate) struct PluginRightsArgs {
+    /// Allow this, and ask nobody: network, devices=PATH, read=PATH, memory=SIZE, cpu=SHARE, files=N,
+    /// processes=N, disk=SIZE
+    #[arg(long, value_name = "RIGHT", value_delimiter = ',')]
+    pub(crate) allow: Vec<Right>,
 }
 
 /// `althing plugin remove`, `enable` and `disable`

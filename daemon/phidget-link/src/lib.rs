@@ -8,7 +8,7 @@
 //! - Calls wait for USB devices and other programs. Whoever calls does so on a thread that may wait,
 //!   and knows until when: there is no async here, and no clock.
 //!
-//! All that is `unsafe` in this workspace is in `ffi`.
+//! All that is `unsafe` in this crate is in `ffi`.
 
 mod channel;
 mod ffi;

@@ -5,7 +5,7 @@
 //! its host lets them in (`proxy`).
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -45,6 +45,8 @@ const LEAVING: Duration = Duration::from_secs(3);
 /// An open endpoint; it outlives the processes that join it.
 pub(crate) struct Endpoint {
     pub(crate) locator: String,
+    /// The file of its socket.
+    pub(crate) socket: PathBuf,
     pub(crate) host: HostName,
     substrate: Arc<dyn Substrate>,
     pub(crate) accepted: Arc<Accepted>,
@@ -104,7 +106,8 @@ impl Endpoint {
             meter: Arc::clone(&meter),
         };
         tasks.spawn(reception.run(met));
-        Ok(Endpoint { locator, host, substrate, accepted, meter, stopping, tasks })
+        let socket = socket.to_owned();
+        Ok(Endpoint { locator, socket, host, substrate, accepted, meter, stopping, tasks })
     }
 
     /// Lets the plugin's agents leave, and closes.

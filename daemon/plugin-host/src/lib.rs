@@ -13,24 +13,34 @@
 //! A plugin says and hears what any actuator does (docs/protocol.md), and only to its host: nothing of
 //! it has a meaning in the ecosystem but through the proxy.
 
+mod advice;
 mod attendant;
+mod cgroup;
 mod confinement;
 mod endpoint;
+mod launching;
 mod lives;
 mod living;
 mod log;
+mod looking;
 mod manifest;
+mod mediator;
 mod package;
 mod process;
+mod program;
 mod proxy;
+mod rights;
 mod shelf;
 mod status;
 mod supervision;
+mod trial;
 mod usage;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fs::DirBuilder;
+use std::os::unix::fs::DirBuilderExt as _;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use acl::AgentId;
@@ -40,14 +50,17 @@ use notify::{RecursiveMode, Watcher as _};
 use tokio::sync::{Notify, watch};
 use tokio::time::Instant;
 
-pub use confinement::{Confinement, ConfinementError};
-pub use manifest::{ConfigKey, ConfigShape, Manifest, OwnAgent, Permissions};
+pub use confinement::{Confinement, ConfinementError, Means, probe};
+pub use manifest::{ConfigKey, ConfigShape, Manifest, OwnAgent};
 pub use package::{Faults, MANIFEST, Package};
 pub use process::Launcher;
+pub use rights::{Permissions, Right, listed};
 pub use shelf::{Shelf, ShelfError};
-pub use status::{Plugins, State, Status};
+pub use status::{Confined, Plugins, State, Status};
 pub use supervision::WantedAgent;
+pub use trial::{Failed, Trial, Worked};
 
+use launching::Ward;
 use log::Log;
 use package::{Stamp, stamp};
 use supervision::{Statuses, Supervision, Wanted, Wish};
@@ -55,6 +68,10 @@ use supervision::{Statuses, Supervision, Wanted, Wish};
 /// What this daemon's own program is told as its first argument, to become a plugin's: a
 /// [`Confinement`], the program and its arguments follow.
 pub const LAUNCH: &str = "become-plugin";
+
+/// What it is told after that instead, to try out what the kernel has to confine plugins with: a
+/// folder follows.
+pub const PROBE: &str = "probe";
 
 /// What finds agents here, among all that does.
 const PLUGINS: &str = "plugins";
@@ -89,6 +106,10 @@ pub struct Setting {
     pub state: PathBuf,
     /// The simulated building's socket.
     pub building: Option<PathBuf>,
+    /// Whether plugins run only where nothing of their confinement is missing.
+    pub requires_confinement: bool,
+    /// Folders of which no plugin reads, whatever it was allowed: keys, sockets, what daemons keep.
+    pub private: Vec<PathBuf>,
 }
 
 /// What all supervisions stand on.
@@ -99,12 +120,38 @@ pub(crate) struct Ground {
     pub(crate) sockets: PathBuf,
     pub(crate) data: PathBuf,
     pub(crate) building: Option<PathBuf>,
+    requires_confinement: bool,
+    private: Vec<PathBuf>,
+    /// What plugins are confined with; found before the first is started.
+    ward: OnceLock<Ward>,
     /// Told when the folder is to be looked at.
     pub(crate) look_again: Notify,
     taken_back: Mutex<BTreeMap<String, String>>,
 }
 
+/// What plugins are confined with before that was tried out.
+static UNKNOWN: LazyLock<Ward> = LazyLock::new(Ward::unknown);
+
 impl Ground {
+    /// What plugins are confined with; nothing, before that is known.
+    pub(crate) fn ward(&self) -> &Ward {
+        self.ward.get().unwrap_or(&UNKNOWN)
+    }
+
+    /// How far plugins are confined here; nothing is said before it is known.
+    fn confined(&self) -> Confined {
+        let is_required = self.requires_confinement;
+        let Some(ward) = self.ward.get() else {
+            return Confined { is_required, ..Confined::default() };
+        };
+        Confined {
+            not_enforced: ward.plan(false).lacks(),
+            limits: ward.limits(),
+            is_required,
+            means: Some(ward.means.clone()),
+        }
+    }
+
     /// Which plugins were taken back to the version before, and why.
     pub(crate) fn taken_back(&self) -> MutexGuard<'_, BTreeMap<String, String>> {
         self.taken_back.lock().unwrap_or_else(PoisonError::into_inner)
@@ -117,10 +164,11 @@ impl Ground {
 ///
 /// If a folder of the daemon's own cannot be made.
 pub fn host(setting: Setting) -> std::io::Result<()> {
-    let Setting { shelf, landing, agents, named, admissions, launcher, sockets, state, building } =
+    let Setting { shelf, landing, agents, named, admissions, launcher, sockets, state, .. } =
         setting;
+    let Setting { building, requires_confinement, private, .. } = setting;
     for folder in [&sockets, &state] {
-        std::fs::create_dir_all(folder)?;
+        DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
     }
     let ground = Arc::new(Ground {
         shelf,
@@ -129,6 +177,9 @@ pub fn host(setting: Setting) -> std::io::Result<()> {
         sockets,
         data: state,
         building,
+        requires_confinement,
+        private,
+        ward: OnceLock::new(),
         look_again: Notify::new(),
         taken_back: Mutex::default(),
     });
@@ -154,6 +205,7 @@ fn told(ground: &Ground, statuses: &Statuses) -> String {
     let plugins = Plugins {
         daemon: ground.landing.switchboard.daemon().clone(),
         folder: ground.shelf.folder.display().to_string(),
+        confinement: ground.confined(),
         plugins: statuses
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
@@ -176,14 +228,24 @@ struct Keeper {
 
 /// One plugin, as it was looked at last.
 struct Kept {
+    looked: Looked,
+    wish: watch::Sender<Wish>,
+}
+
+/// All that decides what becomes of a plugin.
+#[derive(PartialEq)]
+struct Looked {
     stamp: Stamp,
     is_disabled: bool,
+    allowed: Vec<Right>,
     admission: Admission,
-    wish: watch::Sender<Wish>,
+    /// Why what is in its package may be somebody else's.
+    writable: Option<String>,
 }
 
 impl Keeper {
     async fn run(mut self) {
+        self.find_means().await;
         let touched = Arc::new(Touched::default());
         let _watcher = self.watch(&touched);
         let stopping = self.ground.landing.stopping.clone();
@@ -201,6 +263,29 @@ impl Keeper {
                 () = tokio::time::sleep(if is_fresh { LOOK_SOON } else { LOOK_AGAIN }) => (),
             }
         }
+    }
+
+    /// Finds out how plugins are confined here, and says so.
+    async fn find_means(&self) {
+        let Ground { launcher, data, ward, shelf, private, .. } = &*self.ground;
+        let kept = shelf.keep_rights(|name| data.join(name).is_dir());
+        if let Err(error) = kept {
+            tracing::warn!("failed to {error}");
+        }
+        let found = Ward::find(launcher, data, private).await;
+        let lacks = found.plan(false).lacks();
+        match lacks.is_empty() {
+            true => {
+                tracing::info!(limits = found.limits(), "plugins are confined, nothing is missing")
+            }
+            false => tracing::warn!(
+                limits = found.limits(),
+                "not enforced here, of a plugin: {}",
+                lacks.join("; ")
+            ),
+        }
+        // Nobody else finds it.
+        let _ = ward.set(found);
     }
 
     /// The kernel says what changes in the folder; where it does not, the folder is looked at now and
@@ -243,35 +328,39 @@ impl Keeper {
         }
         let (mut discovered, mut applicants) = (Vec::new(), BTreeMap::new());
         for name in names {
-            let now = stamp(&self.ground.shelf.at(&name));
-            let is_disabled = self.ground.shelf.is_disabled(&name);
-            let admission = self.admissions.of(PLUGINS, &name);
-            let is_as_it_was = |kept: &Kept| {
-                kept.stamp == now
-                    && kept.is_disabled == is_disabled
-                    && kept.admission == admission
-                    && !touched.contains(&name)
-            };
+            let looked = self.looked(&name);
             let package = Package::open(&self.ground.shelf.at(&name));
-            if let Some(about) = self.application(&name, package.as_ref().ok(), is_disabled) {
+            if let Some(about) = self.application(&name, package.as_ref().ok(), looked.is_disabled)
+            {
                 applicants.insert(name.clone(), about);
             }
-            let wish = self.wish(&name, package, is_disabled, &mut discovered);
+            let wish = self.wish(&name, package, &looked, &mut discovered);
             match self.kept.get_mut(&name) {
-                Some(kept) if is_as_it_was(kept) => (),
+                Some(kept) if kept.looked == looked && !touched.contains(&name) => (),
                 Some(kept) => {
-                    (kept.stamp, kept.is_disabled) = (now, is_disabled);
-                    kept.admission = admission;
+                    kept.looked = looked;
                     kept.wish.send_replace(wish);
                 }
                 None => {
                     let wish = self.begin(&name, wish);
-                    self.kept.insert(name, Kept { stamp: now, is_disabled, admission, wish });
+                    self.kept.insert(name, Kept { looked, wish });
                 }
             }
         }
         self.admissions.present(PLUGINS, applicants);
         self.ground.landing.switchboard.discovered(PLUGINS, discovered);
+    }
+
+    fn looked(&self, name: &str) -> Looked {
+        let shelf = &self.ground.shelf;
+        let writers = shelf.check_writers().and_then(|()| shelf.check_writers_of(name));
+        Looked {
+            stamp: stamp(&shelf.at(name)),
+            is_disabled: shelf.is_disabled(name),
+            allowed: shelf.allowed(name),
+            admission: self.admissions.of(PLUGINS, name),
+            writable: writers.err().map(|error| error.to_string()),
+        }
     }
 
     /// What a person is told of a package that wants to take part and that nobody has let in.
@@ -298,7 +387,7 @@ impl Keeper {
         &self,
         name: &str,
         package: Result<Package, Faults>,
-        is_disabled: bool,
+        looked: &Looked,
         discovered: &mut Vec<Discovered>,
     ) -> Wish {
         let named = self.agents.get(name);
@@ -313,8 +402,8 @@ impl Keeper {
                 return Wish::Rest(State::Invalid, Some(reason), None);
             }
         };
-        let admission = self.admissions.of(PLUGINS, name);
-        let joined = named.is_none() && admission == Admission::Granted && !is_disabled;
+        let Looked { admission, is_disabled, .. } = looked;
+        let joined = named.is_none() && *admission == Admission::Granted && !is_disabled;
         let own = || package.manifest.agents.iter().filter(|own| !self.named.contains(&own.name));
         if named.is_none() {
             discovered.extend(own().map(|own| Discovered {
@@ -325,7 +414,7 @@ impl Keeper {
                 toml: entry(name, own),
             }));
         }
-        if is_disabled {
+        if *is_disabled {
             return Wish::Rest(State::Disabled, None, Some(Arc::new(package)));
         }
         let agents: Vec<_> = match named {
@@ -355,7 +444,32 @@ impl Keeper {
             };
             return Wish::Rest(State::Unused, Some(reason), Some(Arc::new(package)));
         }
-        Wish::Run(Arc::new(Wanted { package: Arc::new(package), agents }))
+        match self.refusal(&package, looked) {
+            Some((state, why)) => Wish::Rest(state, Some(why), Some(Arc::new(package))),
+            None => Wish::Run(Arc::new(Wanted { package: Arc::new(package), agents })),
+        }
+    }
+
+    /// Why a package must not run, although its agents are wanted.
+    fn refusal(&self, package: &Package, looked: &Looked) -> Option<(State, String)> {
+        let Ground { requires_confinement, .. } = &*self.ground;
+        let (name, permissions) = (&package.manifest.name, &package.manifest.permissions);
+        if let Some(problem) = &looked.writable {
+            return Some((State::Invalid, format!("failed to {problem}")));
+        }
+        let beyond = permissions.beyond(&looked.allowed);
+        if !beyond.is_empty() {
+            let asks = listed(&beyond);
+            let why = format!(
+                "it asks for {asks}, and nobody has allowed that: althing plugin allow {name}"
+            );
+            return Some((State::NotAllowed, why));
+        }
+        let lacks = self.ground.ward().plan(permissions.network).lacks();
+        (*requires_confinement && !lacks.is_empty()).then(|| {
+            let why = format!("`confinement = \"require\"`, and here {}", lacks.join("; "));
+            (State::NotConfined, why)
+        })
     }
 
     fn begin(&self, name: &str, wish: Wish) -> watch::Sender<Wish> {
@@ -403,8 +517,9 @@ impl Touched {
             let within = path.strip_prefix(folder).ok();
             let first = within.and_then(|within| within.components().next());
             let Some(name) = first.and_then(|first| first.as_os_str().to_str()) else { continue };
-            // `.NAME.disabled` is about NAME; what is in a package is seen by its files.
-            if let Some((name, "disabled")) =
+            // `.NAME.disabled` and `.NAME.rights` are about NAME; what is in a package is seen by its
+            // files.
+            if let Some((name, "disabled" | "rights")) =
                 name.strip_prefix('.').and_then(|name| name.rsplit_once('.'))
             {
                 self.lock().insert(name.to_owned());

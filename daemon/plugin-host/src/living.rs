@@ -6,8 +6,13 @@ use std::time::Duration;
 use acl::AgentId;
 use tokio::time::Instant;
 
+use crate::cgroup::Group;
+use crate::launching::threads_max;
+use crate::looking::Look;
+use crate::package::Package;
+use crate::rights::Permissions;
 use crate::supervision::{Wanted, WantedAgent};
-use crate::usage::Usage;
+use crate::usage::FILES_MAX;
 
 /// How long it may compute too much before it gets a lower priority, and before it is stopped.
 const CPU_SLOWED: Duration = Duration::from_secs(5);
@@ -21,7 +26,7 @@ pub(crate) struct Living {
     pub(crate) ready: Option<Instant>,
     /// When one of its agents was here last.
     pub(crate) heard: Instant,
-    looked: (Instant, Usage),
+    looked: (Instant, Look),
     /// For how long it has computed too much.
     over_cpu: Duration,
     is_slowed: bool,
@@ -34,7 +39,7 @@ impl Living {
             began: now,
             ready: None,
             heard: now,
-            looked: (now, Usage::default()),
+            looked: (now, Look::default()),
             over_cpu: Duration::ZERO,
             is_slowed: false,
         }
@@ -44,41 +49,87 @@ impl Living {
     pub(crate) fn objection(
         &mut self,
         wanted: &Wanted,
-        usage: Usage,
-        group: i32,
+        look: Look,
+        counted: Option<&Group>,
         accepted: &BTreeMap<AgentId, Result<(), String>>,
     ) -> Option<String> {
         let permissions = &wanted.package.manifest.permissions;
+        self.holds_too_much(permissions, &look)
+            .or_else(|| self.computes_too_much(wanted, look, counted))
+            .or_else(|| self.is_not_here(wanted, accepted))
+    }
+
+    fn holds_too_much(&mut self, permissions: &Permissions, look: &Look) -> Option<String> {
+        let usage = &look.usage;
         let mebibytes = |bytes: u64| bytes.div_ceil(1 << 20);
+        let (holds, may) = (mebibytes(usage.memory), mebibytes(permissions.memory));
+        if look.taken.is_some_and(|taken| taken.ended > 0) {
+            return Some(format!("it held more memory than it may: {may} MiB"));
+        }
         if usage.memory > permissions.memory {
-            let (holds, may) = (mebibytes(usage.memory), mebibytes(permissions.memory));
             return Some(format!("it holds {holds} MiB of memory, and may hold {may}"));
         }
         if usage.processes > permissions.processes {
             let (are, may) = (usage.processes, permissions.processes);
             return Some(format!("it is {are} processes, and may be {may}"));
         }
+        let threads_max = threads_max(permissions.processes);
+        if u64::from(usage.threads) > threads_max {
+            let threads = usage.threads;
+            return Some(format!("it has {threads} threads, and may have {threads_max}"));
+        }
+        let kept = look.kept.as_ref()?;
+        let (keeps, may) = (mebibytes(kept.bytes), mebibytes(permissions.disk));
+        if kept.bytes > permissions.disk {
+            let home = look.home.display();
+            return Some(format!("it keeps {keeps} MiB on disk, in {home}, and may keep {may}"));
+        }
+        if kept.files >= FILES_MAX {
+            let home = look.home.display();
+            return Some(format!("it keeps {FILES_MAX} files and more in {home}"));
+        }
+        let process = kept.hides?;
+        Some(format!("its process {process} does not show what it has open"))
+    }
+
+    fn computes_too_much(
+        &mut self,
+        wanted: &Wanted,
+        look: Look,
+        counted: Option<&Group>,
+    ) -> Option<String> {
+        let Package { manifest, .. } = &*wanted.package;
+        let may = manifest.permissions.cpu;
         let now = Instant::now();
-        let (before, last) = std::mem::replace(&mut self.looked, (now, usage));
+        let (before, last) = std::mem::replace(&mut self.looked, (now, look));
+        let look = &self.looked.1;
         let elapsed = now.saturating_duration_since(before);
-        let share =
-            usage.cpu.saturating_sub(last.cpu).as_secs_f64() / elapsed.as_secs_f64().max(1e-3);
-        self.over_cpu = match share > permissions.cpu {
+        let spent = match (look.taken, last.taken) {
+            (Some(now), before) => now.cpu.saturating_sub(before.unwrap_or_default().cpu),
+            (None, _) => look.usage.spent_since(&last.usage),
+        };
+        let share = spent.as_secs_f64() / elapsed.as_secs_f64().max(1e-3);
+        self.over_cpu = match share > may {
             true => self.over_cpu + elapsed,
             false => self.over_cpu.saturating_sub(elapsed),
         };
         if self.over_cpu >= CPU_SLOWED && !self.is_slowed {
             self.is_slowed = true;
-            slow_down(group);
-            tracing::warn!(
-                plugin = wanted.package.manifest.name,
-                "computes too much: it is slowed"
-            );
+            slow_down(look.group);
+            counted.inspect(|group| group.slow_down(may));
+            tracing::warn!(plugin = manifest.name, "computes too much: it is slowed");
         }
-        if self.over_cpu >= CPU_STOPPED {
-            let (took, may) = (share * 100.0, permissions.cpu * 100.0);
-            return Some(format!("it takes {took:.0} % of a core, and may take {may:.0} %"));
-        }
+        (self.over_cpu >= CPU_STOPPED).then(|| {
+            let (took, may) = (share * 100.0, may * 100.0);
+            format!("it takes {took:.0} % of a core, and may take {may:.0} %")
+        })
+    }
+
+    fn is_not_here(
+        &mut self,
+        wanted: &Wanted,
+        accepted: &BTreeMap<AgentId, Result<(), String>>,
+    ) -> Option<String> {
         let within = wanted.package.manifest.ready_within;
         if self.ready.is_none() && self.began.elapsed() >= within {
             let is_missing =
@@ -94,7 +145,7 @@ impl Living {
             return Some(format!("its agents have been silent for {SILENT:?}"));
         }
         if accepted.values().any(Result::is_ok) {
-            self.heard = now;
+            self.heard = Instant::now();
         }
         None
     }

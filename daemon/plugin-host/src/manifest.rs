@@ -12,19 +12,13 @@ use serde::Deserialize;
 use serde_json::Value;
 use toml::Spanned;
 
+use crate::rights::{Permissions, bytes_of, device_objection, read_objection};
+
 /// Longest manifest that is read.
 pub(crate) const MANIFEST_BYTES_MAX: u64 = 256 << 10;
 
-/// What an agent in another language takes: an interpreter, and a Zenoh session.
-const MEMORY_DEFAULT: u64 = 128 << 20;
-/// Nothing runs in less.
-const MEMORY_LEAST: u64 = 1 << 20;
-/// Sockets, pipes and a few devices.
-const FILES_DEFAULT: u64 = 64;
-/// A program and what it calls.
-const PROCESSES_DEFAULT: u32 = 16;
-/// Of one core. Interpreters load for a second; what goes on for longer is not a sensor.
-const CPU_DEFAULT: f64 = 0.5;
+/// Nothing runs in less memory, and nothing is kept in less.
+const BYTES_LEAST: u64 = 1 << 20;
 /// An interpreter on a small board, and its devices.
 const READY_WITHIN_DEFAULT: Duration = Duration::from_secs(20);
 /// The longest that an action may take.
@@ -41,6 +35,8 @@ pub struct Manifest {
     pub about: String,
     /// The program and its arguments; a program with a `/` is a file of the package.
     pub run: Vec<String>,
+    /// Where that stands in the text; empty where an executable for this machine is named.
+    pub run_place: Span,
     /// The file of the action model's template, if the package has one.
     pub model: Option<PathBuf>,
     /// How long it may take until all its agents are here.
@@ -99,25 +95,6 @@ pub enum ConfigShape {
     Table,
 }
 
-/// What a plugin may use, of its machine.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Permissions {
-    /// Whether it may open connections beside the one to its daemon.
-    pub network: bool,
-    /// Devices it may read and write, such as `/dev/i2c-1`.
-    pub devices: Vec<PathBuf>,
-    /// Files and folders it may read beside the system's and its own.
-    pub read: Vec<PathBuf>,
-    /// Bytes it may hold.
-    pub memory: u64,
-    /// How much of one core, from 0.01.
-    pub cpu: f64,
-    /// Files it may have open.
-    pub files: u64,
-    /// Processes it may be.
-    pub processes: u32,
-}
-
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct Raw {
@@ -167,13 +144,14 @@ struct RawPermissions {
     #[serde(default)]
     network: bool,
     #[serde(default)]
-    devices: Vec<PathBuf>,
+    devices: Vec<Spanned<PathBuf>>,
     #[serde(default)]
-    read: Vec<PathBuf>,
+    read: Vec<Spanned<PathBuf>>,
     memory: Option<Spanned<String>>,
     cpu: Option<Spanned<f64>>,
     files: Option<u64>,
     processes: Option<u32>,
+    disk: Option<Spanned<String>>,
 }
 
 impl Manifest {
@@ -267,6 +245,7 @@ impl Reading {
             self.wrong(&raw.version, "a version says something", "write one, such as \"0.1.0\"");
         }
         self.protocol(&raw.protocol);
+        let run_place = raw.run.as_ref().map(|run| span(run.span())).unwrap_or_default();
         let run = self.program(raw.run, &raw.executable, &raw.name);
         let ready_within = raw.ready_within.and_then(|said| self.duration(&said));
         let methods = raw.action.into_iter().filter_map(|(name, action)| {
@@ -283,6 +262,7 @@ impl Reading {
             about: raw.about,
             ready_within: ready_within.unwrap_or(READY_WITHIN_DEFAULT),
             run,
+            run_place,
             model: raw.model,
             config: raw.config,
         }
@@ -386,40 +366,52 @@ impl Reading {
     }
 
     fn permissions(&mut self, raw: RawPermissions) -> Permissions {
-        let memory = raw.memory.map_or(MEMORY_DEFAULT, |said| {
-            bytes_of(said.get_ref()).filter(|bytes| *bytes >= MEMORY_LEAST).unwrap_or_else(|| {
-                let message = format!("memory `{}`", said.get_ref());
-                self.wrong(&said, message, "write at least \"1MiB\", such as \"64MiB\"");
-                MEMORY_DEFAULT
-            })
-        });
-        let cpu = raw.cpu.map_or(CPU_DEFAULT, |said| {
+        let least = Permissions::default();
+        let RawPermissions { network, devices, read, memory, cpu, files, processes, disk } = raw;
+        let cpu = cpu.map_or(least.cpu, |said| {
             let cpu = *said.get_ref();
             if !(0.01..=64.0).contains(&cpu) {
                 self.wrong(&said, format!("cpu {cpu}"), "write a share of one core: 0.01 to 64");
             }
             cpu
         });
-        let RawPermissions { network, devices, read, files, processes, .. } = raw;
         Permissions {
             network,
-            devices,
-            read,
-            memory,
+            devices: self.paths(devices, "devices", device_objection),
+            read: self.paths(read, "read", read_objection),
+            memory: memory.map_or(least.memory, |said| self.bytes(&said, "memory")),
             cpu,
-            files: files.unwrap_or(FILES_DEFAULT).max(16),
-            processes: processes.unwrap_or(PROCESSES_DEFAULT).max(1),
+            files: files.unwrap_or(least.files).max(16),
+            processes: processes.unwrap_or(least.processes).max(1),
+            disk: disk.map_or(least.disk, |said| self.bytes(&said, "disk")),
         }
     }
-}
 
-/// `"64MiB"`, in bytes.
-fn bytes_of(text: &str) -> Option<u64> {
-    let units = [("GiB", 30), ("MiB", 20), ("KiB", 10)];
-    let (number, shift) =
-        units.iter().find_map(|(unit, shift)| Some((text.strip_suffix(unit)?, *shift)))?;
-    let number: u64 = number.trim().parse().ok()?;
-    number.checked_mul(1 << shift)
+    fn bytes(&mut self, said: &Spanned<String>, what: &str) -> u64 {
+        bytes_of(said.get_ref()).filter(|bytes| *bytes >= BYTES_LEAST).unwrap_or_else(|| {
+            let message = format!("{what} `{}`", said.get_ref());
+            self.wrong(said, message, "write at least \"1MiB\", such as \"64MiB\"");
+            BYTES_LEAST
+        })
+    }
+
+    /// Paths that a person could allow.
+    fn paths(
+        &mut self,
+        paths: Vec<Spanned<PathBuf>>,
+        what: &str,
+        objection: impl Fn(&Path) -> Option<String>,
+    ) -> Vec<PathBuf> {
+        for path in &paths {
+            if let Some(why) = objection(path.get_ref()) {
+                let shown = path.get_ref().display();
+                let message = format!("{what} `{shown}` is given to no plugin: {why}");
+                let help = "docs/plugins.md, “Rights”, says what can be given";
+                self.wrong(path, message, help);
+            }
+        }
+        paths.into_iter().map(Spanned::into_inner).collect()
+    }
 }
 
 fn span(place: Range<usize>) -> Span {
@@ -478,6 +470,9 @@ memory = "64MiB"
             ("protocol = \"1\"", "protocol = \"one\"", "no versions"),
             ("run = [\"python3\", \"agent.py\"]", "", "nothing to run"),
             ("run = [\"python3\", \"agent.py\"]", "run = []", "no program"),
+            ("memory = \"64MiB\"", "devices = [\"/\"]", "devices `/` is given to no plugin"),
+            ("memory = \"64MiB\"", "read = [\"/home/anna\"]", "everybody keeps things there"),
+            ("memory = \"64MiB\"", "disk = \"much\"", "disk `much`"),
             ("memory = \"64MiB\"", "memory = \"64\"", "memory `64`"),
             ("timeout = \"2s\"", "timeout = \"soon\"", "`soon` is no duration"),
             ("version = \"0.1.0\"", "version = \"1\"\nready-within = \"2\"", "`2` is no duration"),

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, Read as _};
-use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
@@ -14,6 +14,7 @@ use pddl::{ActionModel, Diagnostic, Span};
 use serde_json::Value;
 
 use crate::manifest::{MANIFEST_BYTES_MAX, Manifest, stays_within};
+use crate::program::{self, Program};
 
 /// The file that makes a folder a package.
 pub const MANIFEST: &str = "plugin.toml";
@@ -33,6 +34,8 @@ pub struct Package {
     pub folder: PathBuf,
     /// What it says of itself.
     pub manifest: Manifest,
+    /// The text of the manifest.
+    text: String,
     /// The text of its action model's template.
     template: Option<String>,
 }
@@ -86,8 +89,9 @@ impl Package {
             })
         });
         let template = template.transpose()?;
-        let package = Package { folder: folder.to_owned(), manifest, template };
-        package.program().map_err(&wrong)?;
+        let text_of_it = text.clone();
+        let package = Package { folder: folder.to_owned(), manifest, text: text_of_it, template };
+        package.has_program().map_err(&wrong)?;
         for agent in &package.manifest.agents {
             if let Some(problem) = package.manifest.problem_with(&agent.config) {
                 return Err(wrong(format!("agent `{}`: {problem}", agent.name)));
@@ -100,34 +104,35 @@ impl Package {
         Ok(package)
     }
 
-    /// The program, and whether it is one of the package's own files.
+    /// Looks whether the program is there and can be executed.
+    ///
+    /// # Errors
+    ///
+    /// If it is not there, or cannot be executed.
+    fn has_program(&self) -> Result<(), String> {
+        program::candidates(&self.folder, self.called(), &program::own_path()).map(drop)
+    }
+
+    /// A mistake that shows only when the program is started, at the place that names it.
+    pub fn fault_of_program(&self, message: String, help: Option<String>) -> Faults {
+        let mistake = Diagnostic::error(self.manifest.run_place, message);
+        let mistake = help.into_iter().fold(mistake, Diagnostic::with_help);
+        let (file, text) = (self.folder.join(MANIFEST), self.text.clone());
+        Faults { file, text, found: vec![mistake] }
+    }
+
+    /// The program as it really is: what a shim, a link or the first line of a script stands for.
     ///
     /// # Errors
     ///
     /// If it is not there, or cannot be run.
-    pub(crate) fn program(&self) -> Result<PathBuf, String> {
-        let program = self.manifest.run.first().map(String::as_str).unwrap_or_default();
-        if program.contains('/') {
-            let is_own = stays_within(Path::new(program));
-            let path = if is_own { self.folder.join(program) } else { PathBuf::from(program) };
-            return match fs::metadata(&path) {
-                Ok(metadata)
-                    if metadata.is_file() && metadata.permissions().mode() & 0o111 != 0 =>
-                {
-                    Ok(path)
-                }
-                Ok(_) => {
-                    Err(format!("`{program}` cannot be executed: chmod +x {}", path.display()))
-                }
-                Err(error) => Err(format!("failed to find the program `{program}`: {error}")),
-            };
-        }
-        let path = std::env::var_os("PATH").unwrap_or_default();
-        let found = std::env::split_paths(&path).map(|folder| folder.join(program));
-        let is_there = |path: &PathBuf| path.is_file();
-        found.into_iter().find(is_there).ok_or_else(|| {
-            format!("there is no `{program}` on this daemon's PATH, with which it runs")
-        })
+    pub(crate) async fn program(&self) -> Result<Program, String> {
+        program::resolve(&self.folder, self.called(), &program::own_path()).await
+    }
+
+    /// What the manifest calls its program.
+    fn called(&self) -> &str {
+        self.manifest.run.first().map(String::as_str).unwrap_or_default()
     }
 
     /// The action model that the package has for an agent, if it has one: text and meaning.

@@ -1,29 +1,45 @@
 //! The process of a plugin: how it begins, how it ends, and that nothing is left of it.
 //!
+//! Its standard input is a socket. Before it becomes the program, the process says over it how it is
+//! confined, and hands over the calls that this daemon is to answer (`mediator`); afterwards nothing is
+//! read from it.
+//!
 //! It runs in a process group of its own, which it cannot leave. A *watch*, a shell that reads from a
 //! pipe whose other end this process alone holds, kills the group when this process ends, however it
 //! ends. The program itself is also killed with the thread that has started it, so that none begins
 //! unwatched.
 
+use std::ffi::OsString;
 use std::io;
+use std::os::fd::{AsFd as _, OwnedFd};
+use std::os::unix::net::UnixStream as Blocking;
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process_group};
-use tokio::io::AsyncWriteExt as _;
+use seccomp_notify::Listener;
+use tokio::io::{AsyncWriteExt as _, Interest};
+use tokio::net::UnixStream;
 use tokio::process::{Child, ChildStdin, Command};
 use tokio::task::JoinHandle;
 
-use crate::confinement::Confinement;
+use crate::confinement::{Confinement, Entered, Means};
 use crate::log::Log;
+use crate::mediator::Mediator;
 
 /// How long a plugin has to end by itself once it is asked to.
 const STOPPING: Duration = Duration::from_secs(2);
 
 /// How long what was printed last may take to be read, once a process has ended.
 const LAST_WORDS: Duration = Duration::from_millis(50);
+
+/// How long a process may take to confine itself, on a small and busy board.
+const ENTERING: Duration = Duration::from_secs(20);
+
+/// Longest word of a process about its confinement.
+const ENTERED_BYTES_MAX: usize = 4 << 10;
 
 /// Waits for the word that all is well, or for the end of whoever was to say it.
 const WATCH: &str = "trap '' HUP INT TERM\nread -r word && exit\nkill -KILL \"-$1\"";
@@ -37,10 +53,14 @@ pub(crate) struct Launch<'l> {
     pub(crate) launcher: &'l Launcher,
     pub(crate) program: &'l Path,
     pub(crate) arguments: &'l [String],
+    /// Variables beside those that every plugin has.
+    pub(crate) environment: &'l [(&'static str, OsString)],
     pub(crate) folder: &'l Path,
     /// A folder of its own.
     pub(crate) data: &'l Path,
     pub(crate) confinement: &'l Confinement,
+    /// Processes that it may be.
+    pub(crate) processes: u32,
     pub(crate) log: &'l Log,
 }
 
@@ -48,7 +68,7 @@ pub(crate) struct Launch<'l> {
 pub(crate) struct Process {
     child: Child,
     group: Group,
-    stdin: Option<ChildStdin>,
+    stdin: Option<UnixStream>,
     /// What takes down what it prints.
     words: Vec<JoinHandle<()>>,
     watch: Option<(Child, ChildStdin)>,
@@ -57,27 +77,78 @@ pub(crate) struct Process {
 /// The number of a process group, killed when it is dropped.
 struct Group(Option<Pid>);
 
+impl Launcher {
+    /// Asks a process of this program what the kernel has to confine plugins with.
+    pub(crate) async fn means(&self, folder: &Path) -> Means {
+        let mut command = Command::new(&self.0);
+        command.arg(crate::LAUNCH).arg(crate::PROBE).arg(folder).kill_on_drop(true);
+        command.stdin(Stdio::null()).stderr(Stdio::null());
+        let said = match tokio::time::timeout(ENTERING, command.output()).await {
+            Ok(Ok(output)) => output.stdout,
+            Ok(Err(error)) => return Means::none(&format!("it cannot be tried out: {error}")),
+            Err(_) => return Means::none("it cannot be tried out in time"),
+        };
+        let unclear = |_| Means::none("a process that tries it out ends before it can say");
+        serde_json::from_slice(&said).unwrap_or_else(unclear)
+    }
+}
+
 impl Process {
-    pub(crate) fn begin(launch: &Launch<'_>) -> io::Result<Process> {
+    /// Starts a process, and waits until it has confined itself or has ended.
+    pub(crate) async fn begin(launch: &Launch<'_>) -> io::Result<Process> {
         let confinement = serde_json::to_string(launch.confinement)?;
+        let (ours, theirs) = Blocking::pair()?;
+        ours.set_nonblocking(true)?;
         let mut command = Command::new(&launch.launcher.0);
         command.arg(crate::LAUNCH).arg(confinement).arg(launch.program).args(launch.arguments);
         command.current_dir(launch.folder).process_group(0).kill_on_drop(true).env_clear();
-        let kept = ["PATH", "LANG", "LC_ALL", "TZ", "ALTHING_LOG"];
+        let kept = ["LANG", "LC_ALL", "TZ", "ALTHING_LOG"];
         let kept = kept.iter().filter_map(|name| Some((name, std::env::var_os(name)?)));
         command.envs(kept).env("HOME", launch.data).env("TMPDIR", launch.data);
         command.env("PYTHONDONTWRITEBYTECODE", "1").env("PYTHONUNBUFFERED", "1");
-        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.envs(launch.environment.iter().map(|(name, value)| (name, value)));
+        command.stdin(OwnedFd::from(theirs)).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn()?;
+        // It holds the other end of the socket, and must not.
+        drop(command);
         let pid = child.id().and_then(|id| Pid::from_raw(i32::try_from(id).ok()?));
         let group = Group(pid);
         let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
         let words = [launch.log.follow(stdout), launch.log.follow(stderr)];
         let words = words.into_iter().flatten().collect();
-        let stdin = child.stdin.take();
-        let mut process = Process { child, group, stdin, words, watch: None };
+        let stdin = UnixStream::from_std(ours)?;
+        let mut process = Process { child, group, stdin: Some(stdin), words, watch: None };
         process.watch = Some(process.watch()?);
+        process.entered(launch).await?;
         Ok(process)
+    }
+
+    /// Hears how it is confined, and begins to answer its calls. One that cannot confine itself says why
+    /// on its standard error, and ends.
+    async fn entered(&self, launch: &Launch<'_>) -> io::Result<()> {
+        let (Some(stdin), Some(group)) = (&self.stdin, self.group.0) else { return Ok(()) };
+        let heard = tokio::time::timeout(ENTERING, hear(stdin)).await;
+        let (said, listener) =
+            heard.map_err(|_| io::Error::other("it was not confined in time"))??;
+        let Some(said) = said else { return Ok(()) };
+        let entered: Entered = serde_json::from_slice(&said)?;
+        tracing::debug!(?entered, plugin = %launch.folder.display(), "is confined");
+        let plan = launch.confinement.plan;
+        if plan.is_mediated && listener.is_none() {
+            return Err(io::Error::other("it has not handed over its calls"));
+        }
+        if let Some(listener) = listener {
+            let mediator = Mediator {
+                group,
+                sockets: launch.confinement.sockets.clone(),
+                network: plan.network,
+                processes: launch.processes,
+            };
+            mediator.start(listener)?;
+        }
+        // Whatever it writes there from now on is heard by nobody.
+        rustix::net::shutdown(stdin.as_fd(), rustix::net::Shutdown::Read)?;
+        Ok(())
     }
 
     fn watch(&self) -> io::Result<(Child, ChildStdin)> {
@@ -158,6 +229,16 @@ impl Drop for Group {
     fn drop(&mut self) {
         self.kill();
     }
+}
+
+/// What a process says before it becomes a program; nothing if it has ended.
+async fn hear(stdin: &UnixStream) -> io::Result<(Option<Vec<u8>>, Option<Listener>)> {
+    let mut buffer = vec![0; ENTERED_BYTES_MAX];
+    let (length, listener) = stdin
+        .async_io(Interest::READABLE, || seccomp_notify::receive(stdin.as_fd(), &mut buffer))
+        .await?;
+    buffer.truncate(length);
+    Ok(((length > 0).then_some(buffer), listener))
 }
 
 /// How a process has ended, for a person.

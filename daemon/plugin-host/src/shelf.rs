@@ -1,18 +1,36 @@
 //! The folder in which a machine's packages are: one folder each, and what people have said of them.
 //!
 //! Everything here is a rename in that folder, so that a daemon which looks at any moment sees the
-//! old or the new. What begins with a dot is no package: `.NAME.disabled`, `.NAME.before` (what was
-//! there before the last upgrade), `.NAME.failed` (an upgrade that was taken back).
+//! old or the new. What begins with a dot is no package: `.NAME.disabled`, `.NAME.rights` (what a person
+//! has allowed it, a line each), `.NAME.before` (what was there before the last upgrade), `.NAME.failed`
+//! (an upgrade that was taken back).
+//!
+//! Whoever can write to the folder decides what runs here. So it and all in it are made for this user
+//! alone, whatever the umask, and a folder that others can write to is refused.
 
-use std::fs;
-use std::io;
+use std::fs::{self, DirBuilder, OpenOptions, Permissions};
+use std::io::{self, Write as _};
+use std::os::unix::fs::{
+    DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _,
+};
 use std::path::{Path, PathBuf};
 
 use crate::manifest::Manifest;
 use crate::package::{Faults, Package};
+use crate::rights::{Right, listed};
 
 /// More packages on one machine are not looked at.
 const PACKAGES_MAX: usize = 256;
+
+/// A folder that only this user enters.
+const FOLDER_MODE: u32 = 0o700;
+/// Bits by which somebody else could write.
+const OTHERS_WRITE: u32 = 0o022;
+/// All bits of a mode.
+const MODE: u32 = 0o7777;
+
+/// Marks a folder whose packages have been allowed what they used before anybody was asked.
+const ASKED: &str = ".rights-are-asked";
 
 /// The folder.
 #[derive(Clone, Debug)]
@@ -35,6 +53,24 @@ pub enum ShelfError {
         name: String,
         /// Where it is not.
         folder: PathBuf,
+    },
+    /// A package asks for more than anybody has allowed.
+    #[error("let `{name}` use {}: nobody has allowed that", listed(asks))]
+    NotAllowed {
+        /// The package.
+        name: String,
+        /// What it asks for.
+        asks: Vec<Right>,
+    },
+    /// Others could put something into the folder.
+    #[error("use {}: {who} can write to it, and could run anything here: {cure}", path.display())]
+    Writable {
+        /// The folder, or what is in it.
+        path: PathBuf,
+        /// Who.
+        who: &'static str,
+        /// The command that mends it.
+        cure: String,
     },
     /// The file system declined.
     #[error("{doing} {}: {source}", path.display())]
@@ -84,26 +120,136 @@ impl Shelf {
         self.known(name)?;
         let mark = self.aside(name, "disabled");
         // Written before it is removed: whoever watches the folder sees that something was said.
-        fs::write(&mark, "").map_err(|source| failed("write", &mark, source))?;
+        write(&mark, "")?;
         if !is_disabled {
             fs::remove_file(&mark).map_err(|source| failed("remove", &mark, source))?;
         }
         Ok(())
     }
 
-    /// Puts a package in, in place of what has its name.
+    /// Makes the folder, if it is not there.
     ///
     /// # Errors
     ///
-    /// If it is not whole, or cannot be copied.
-    pub fn add(&self, from: &Path) -> Result<Manifest, ShelfError> {
+    /// If it cannot be made, or others can write to it.
+    pub fn make(&self) -> Result<(), ShelfError> {
+        let mut folder = DirBuilder::new();
+        let made = folder.recursive(true).mode(FOLDER_MODE).create(&self.folder);
+        made.map_err(|source| failed("make", &self.folder, source))?;
+        self.check_writers()
+    }
+
+    /// Looks whether nobody but this user, and root, decides what is in the folder.
+    ///
+    /// # Errors
+    ///
+    /// If somebody else can write to it, or owns it. A folder that is not there is nobody's.
+    pub fn check_writers(&self) -> Result<(), ShelfError> {
+        others_cannot_write(&self.folder)
+    }
+
+    /// The same of what is in a package.
+    ///
+    /// # Errors
+    ///
+    /// The first file or folder that somebody else can write to.
+    pub(crate) fn check_writers_of(&self, name: &str) -> Result<(), ShelfError> {
+        others_cannot_write(&self.at(name))?;
+        let mut folders = vec![self.at(name)];
+        while let Some(folder) = folders.pop() {
+            for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+                others_cannot_write(&entry.path())?;
+                if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+                    folders.push(entry.path());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// What a person has allowed a package.
+    pub fn allowed(&self, name: &str) -> Vec<Right> {
+        let text = fs::read_to_string(self.aside(name, "rights")).unwrap_or_default();
+        // A line that is none allows nothing.
+        text.lines().filter_map(|line| line.trim().parse().ok()).collect()
+    }
+
+    /// Notes what a person allows a package, beside what was allowed before.
+    ///
+    /// # Errors
+    ///
+    /// If there is none of this name, or the folder cannot be written.
+    pub fn allow(&self, name: &str, rights: &[Right]) -> Result<(), ShelfError> {
+        self.known(name)?;
+        self.note_rights(name, rights)
+    }
+
+    fn note_rights(&self, name: &str, rights: &[Right]) -> Result<(), ShelfError> {
+        let mut all = self.allowed(name);
+        all.retain(|known| !rights.iter().any(|right| right.covers(known)));
+        all.extend(
+            rights
+                .iter()
+                .filter(|right| !all.iter().any(|it| it.covers(right)))
+                .cloned()
+                .collect::<Vec<_>>(),
+        );
+        let text: String = all.iter().map(|right| format!("{right}\n")).collect();
+        let (place, new) = (self.aside(name, "rights"), self.aside(name, "rights-new"));
+        write(&new, &text)?;
+        fs::rename(&new, &place).map_err(|source| failed("write", &place, source))
+    }
+
+    /// Allows packages what they use already: once, when a daemon first looks at a folder in which
+    /// nobody was asked. `has_run` says which have run here.
+    pub(crate) fn keep_rights(&self, has_run: impl Fn(&str) -> bool) -> Result<(), ShelfError> {
+        let mark = self.folder.join(ASKED);
+        if mark.exists() || !self.folder.exists() {
+            return Ok(());
+        }
+        for name in self.names().iter().filter(|name| has_run(name)) {
+            if let Ok(package) = Package::open(&self.at(name)) {
+                let asks = package.manifest.permissions.asks();
+                tracing::info!(plugin = name, rights = listed(&asks), "keeps what it used so far");
+                self.note_rights(name, &asks)?;
+            }
+        }
+        write(&mark, "Packages that ask for more than the least wait until a person allows it.\n")
+    }
+
+    /// What the package that is there may keep when another version takes its place: what was allowed,
+    /// or, before anybody was asked, what it asks for.
+    pub fn kept_rights(&self, name: &str) -> Vec<Right> {
+        let mut kept = self.allowed(name);
+        if !self.folder.join(ASKED).exists()
+            && let Ok(package) = Package::open(&self.at(name))
+        {
+            kept.extend(package.manifest.permissions.asks());
+        }
+        kept
+    }
+
+    /// Puts a package in, in place of what has its name. `allowed` is what a person allows it now.
+    ///
+    /// # Errors
+    ///
+    /// If it is not whole, asks for more than was ever allowed, or cannot be copied.
+    pub fn add(&self, from: &Path, allowed: &[Right]) -> Result<Manifest, ShelfError> {
         let package = Package::open(from).map_err(|faults| ShelfError::Faulty(Box::new(faults)))?;
         let name = package.manifest.name.clone();
-        fs::create_dir_all(&self.folder).map_err(|source| failed("make", &self.folder, source))?;
+        self.make()?;
+        let asks = package.manifest.permissions.asks();
+        let known = [self.kept_rights(&name).as_slice(), allowed].concat();
+        let beyond = package.manifest.permissions.beyond(&known);
+        if !beyond.is_empty() {
+            return Err(ShelfError::NotAllowed { name, asks: beyond });
+        }
         let (new, before) = (self.aside(&name, "new"), self.aside(&name, "before"));
         self.clear(&new)?;
         copy(from, &new)?;
         let place = self.at(&name);
+        // Before it is in place: a daemon that looks meanwhile asks nobody.
+        self.note_rights(&name, &asks)?;
         if place.exists() {
             self.clear(&before)?;
             fs::rename(&place, &before).map_err(|source| failed("put aside", &place, source))?;
@@ -124,7 +270,7 @@ impl Shelf {
         self.clear(&gone)?;
         let place = self.at(name);
         fs::rename(&place, &gone).map_err(|source| failed("remove", &place, source))?;
-        for what in ["removed", "before", "failed", "disabled"] {
+        for what in ["removed", "before", "failed", "disabled", "rights"] {
             self.clear(&self.aside(name, what))?;
         }
         Ok(())
@@ -169,9 +315,33 @@ fn failed(doing: &'static str, path: &Path, source: io::Error) -> ShelfError {
     ShelfError::Io { doing, path: path.to_owned(), source }
 }
 
-/// Copies a folder and what is in it, links as links.
+/// Writes a file that only this user reads, whatever the umask.
+fn write(file: &Path, text: &str) -> Result<(), ShelfError> {
+    let opened = OpenOptions::new().create(true).truncate(true).write(true).mode(0o600).open(file);
+    let written = opened.and_then(|mut file| file.write_all(text.as_bytes()));
+    written.map_err(|source| failed("write", file, source))
+}
+
+fn others_cannot_write(path: &Path) -> Result<(), ShelfError> {
+    let Ok(metadata) = fs::symlink_metadata(path) else { return Ok(()) };
+    // A link has no mode; where it leads is not the package's.
+    if metadata.is_symlink() {
+        return Ok(());
+    }
+    let shown = path.display();
+    let own = rustix::process::geteuid().as_raw();
+    let (who, cure) = match metadata.mode() & OTHERS_WRITE {
+        0 if metadata.uid() == own || metadata.uid() == 0 => return Ok(()),
+        0 => ("another user owns it and", format!("chown -R {own} {shown}")),
+        _ => ("somebody else", format!("chmod -R go-w {shown}")),
+    };
+    Err(ShelfError::Writable { path: path.to_owned(), who, cure })
+}
+
+/// Copies a folder and what is in it, links as links; nobody but this user can write to the copy.
 fn copy(from: &Path, to: &Path) -> Result<(), ShelfError> {
-    fs::create_dir(to).map_err(|source| failed("make", to, source))?;
+    let made = DirBuilder::new().mode(FOLDER_MODE).create(to);
+    made.map_err(|source| failed("make", to, source))?;
     let entries = fs::read_dir(from).map_err(|source| failed("read", from, source))?;
     for entry in entries.flatten() {
         let (path, to) = (entry.path(), to.join(entry.file_name()));
@@ -183,7 +353,9 @@ fn copy(from: &Path, to: &Path) -> Result<(), ShelfError> {
         } else if metadata.is_symlink() {
             fs::read_link(&path).and_then(|target| std::os::unix::fs::symlink(target, &to))
         } else if metadata.is_file() {
-            fs::copy(&path, &to).map(drop)
+            let mode = metadata.mode() & MODE & !OTHERS_WRITE & 0o777;
+            fs::copy(&path, &to)
+                .and_then(|_| fs::set_permissions(&to, Permissions::from_mode(mode)))
         } else {
             Ok(())
         };
@@ -215,9 +387,9 @@ mod tests {
             (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
         let shelf = Shelf { folder: place.path().join("plugins") };
         assert!(shelf.names().is_empty(), "the folder is not there yet");
-        shelf.add(&package(source.path(), "1.0")).expect("added");
+        shelf.add(&package(source.path(), "1.0"), &[]).expect("added");
         assert_eq!((shelf.names(), version(&shelf)), (vec!["lamp".to_owned()], "1.0".to_owned()));
-        shelf.add(&package(source.path(), "2.0")).expect("upgraded");
+        shelf.add(&package(source.path(), "2.0"), &[]).expect("upgraded");
         assert_eq!(version(&shelf), "2.0");
         assert!(shelf.roll_back("lamp").expect("renamed"));
         assert_eq!(version(&shelf), "1.0");
@@ -233,12 +405,82 @@ mod tests {
         assert!(error.to_string().starts_with("find a plugin `lamp` in "), "{error}");
     }
 
+    fn asking(folder: &Path, permissions: &str) -> PathBuf {
+        let path = package(folder, "1.0");
+        let manifest = path.join("plugin.toml");
+        let text = fs::read_to_string(&manifest).expect("a file");
+        fs::write(manifest, format!("{text}[permissions]\n{permissions}\n")).expect("a file");
+        path
+    }
+
+    #[test]
+    fn more_than_the_least_is_allowed_by_a_person_and_kept_until_it_grows() {
+        let source = tempfile::tempdir().expect("a folder");
+        let shelf = Shelf { folder: source.path().join("plugins") };
+        let path = asking(source.path(), "network = true\ndevices = [\"/dev/i2c-1\"]");
+        let error = shelf.add(&path, &[Right::Network]).expect_err("half of it");
+        assert!(error.to_string().contains("devices=/dev/i2c-1: nobody has"), "{error}");
+        assert!(shelf.names().is_empty());
+        let device = Right::Device("/dev/i2c-1".into());
+        shelf.add(&path, &[Right::Network, device.clone()]).expect("all of it");
+        shelf.add(&path, &[]).expect("it asks for no more than before");
+        let path = asking(source.path(), "network = true\nmemory = \"1GiB\"");
+        let error = shelf.add(&path, &[]).expect_err("it has grown");
+        assert!(error.to_string().contains("use memory=1GiB"), "{error}");
+        shelf.allow("lamp", &[Right::Memory(1 << 30)]).expect("written");
+        shelf.add(&path, &[]).expect("it was allowed before");
+        shelf.remove("lamp").expect("removed");
+        assert_eq!(shelf.allowed("lamp"), []);
+    }
+
+    #[test]
+    fn what_has_run_before_anybody_was_asked_keeps_its_rights_and_nothing_else_does() {
+        let place = tempfile::tempdir().expect("a folder");
+        let shelf = Shelf { folder: place.path().to_owned() };
+        asking(place.path(), "network = true");
+        shelf.keep_rights(|_| false).expect("written");
+        assert_eq!(shelf.allowed("lamp"), [], "it was copied by hand");
+        shelf.keep_rights(|_| true).expect("not again");
+        assert_eq!(shelf.allowed("lamp"), []);
+        fs::remove_file(place.path().join(ASKED)).expect("ours");
+        assert_eq!(shelf.kept_rights("lamp"), [Right::Network]);
+        shelf.keep_rights(|name| name == "lamp").expect("written");
+        assert_eq!(shelf.allowed("lamp"), [Right::Network]);
+    }
+
+    /// Modes are set by hand here: the umask is the whole process's.
+    #[test]
+    fn nobody_else_can_write_what_is_made_here_and_where_somebody_can_it_is_refused() {
+        let source = tempfile::tempdir().expect("a folder");
+        let shelf = Shelf { folder: source.path().join("plugins") };
+        let path = package(source.path(), "1.0");
+        fs::write(path.join("agent"), "").expect("a file");
+        let open = |path: &Path| {
+            fs::set_permissions(path, Permissions::from_mode(0o777)).expect("our own");
+        };
+        open(&path);
+        open(&path.join("agent"));
+        shelf.add(&path, &[]).expect("added");
+        let mode = |path: PathBuf| fs::symlink_metadata(path).expect("there").mode() & 0o777;
+        let modes =
+            [shelf.folder.clone(), shelf.at("lamp"), shelf.at("lamp").join("agent")].map(mode);
+        assert_eq!(modes, [0o700, 0o700, 0o755]);
+        assert_eq!(mode(shelf.aside("lamp", "rights")), 0o600);
+        shelf.check_writers_of("lamp").expect("nobody");
+        open(&shelf.at("lamp").join("agent"));
+        let error = shelf.check_writers_of("lamp").expect_err("anybody").to_string();
+        assert!(error.contains("chmod -R go-w ") && error.contains("agent"), "{error}");
+        open(&shelf.folder);
+        let error = shelf.add(&path, &[]).expect_err("anybody").to_string();
+        assert!(error.contains("plugins: somebody else can write to it"), "{error}");
+    }
+
     #[test]
     fn what_is_not_whole_is_not_added() {
         let source = tempfile::tempdir().expect("a folder");
         let shelf = Shelf { folder: source.path().join("plugins") };
         let path = package(source.path(), "");
-        let error = shelf.add(&path).expect_err("no version");
+        let error = shelf.add(&path, &[]).expect_err("no version");
         assert!(error.to_string().contains("plugin.toml:2:11: a version says"), "{error}");
         assert!(shelf.names().is_empty());
     }

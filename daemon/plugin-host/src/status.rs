@@ -3,6 +3,7 @@
 use acl::{AgentId, DaemonId};
 use serde::{Deserialize, Serialize};
 
+use crate::confinement::Means;
 use crate::package::Package;
 
 /// All plugins of one daemon.
@@ -12,12 +13,30 @@ pub struct Plugins {
     pub daemon: DaemonId,
     /// Where its packages are.
     pub folder: String,
+    /// How far they can be confined there.
+    #[serde(default)]
+    pub confinement: Confined,
     /// Each, by name.
     pub plugins: Vec<Status>,
 }
 
+/// How far plugins can be confined where a daemon runs.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Confined {
+    /// What cannot be kept from a plugin without `network`, each in a sentence; empty if nothing is left.
+    pub not_enforced: Vec<String>,
+    /// How what plugins take is limited.
+    pub limits: String,
+    /// Whether plugins run only where they are confined whole.
+    pub is_required: bool,
+    /// What the kernel has for it.
+    pub means: Option<Means>,
+}
+
 /// One plugin.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub struct Status {
     /// Its name.
     pub name: String,
@@ -30,6 +49,15 @@ pub struct Status {
     /// Why, where that is not plain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
+    /// What it was allowed beyond the least, as it is written after `--allow`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub allowed: Vec<String>,
+    /// What of its confinement cannot be enforced here, each in a sentence.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub not_enforced: Vec<String>,
+    /// What a person can do about it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub advice: Option<String>,
     /// Its process.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pid: Option<i32>,
@@ -63,6 +91,10 @@ pub enum State {
     Invalid,
     /// A person has taken it out of use.
     Disabled,
+    /// It asks for what nobody has allowed.
+    NotAllowed,
+    /// It could not be confined whole, and has to be.
+    NotConfined,
     /// Nobody wants an agent of it.
     #[default]
     Unused,
@@ -82,6 +114,8 @@ impl State {
         match self {
             State::Invalid => "invalid",
             State::Disabled => "disabled",
+            State::NotAllowed => "not allowed",
+            State::NotConfined => "not confined",
             State::Unused => "unused",
             State::Starting => "starting",
             State::Running => "running",

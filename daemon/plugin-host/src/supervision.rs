@@ -4,34 +4,30 @@
 //! arrives during a restart wins.
 
 use std::collections::BTreeMap;
-use std::io;
-use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use acl::{AgentId, DaemonId, Deadline, Hello, HelloAgent, SCHEMA_VERSION};
-use pddl::ActionModel;
+use acl::{AgentId, HelloAgent};
 use serde_json::Value;
 use tokio::sync::watch;
 use tokio::time::Instant;
 
 use crate::Ground;
-use crate::confinement::Confinement;
+use crate::advice::advice;
+use crate::cgroup::Group;
 use crate::endpoint::{Endpoint, Purpose};
+use crate::launching::{Start, Started, described, hello};
 use crate::lives::Lives;
 use crate::living::{Living, SILENT};
 use crate::log::Log;
+use crate::looking::Looking;
 use crate::package::Package;
-use crate::process::{Launch, Process, ending};
+use crate::process::{Process, ending};
+use crate::program::Program;
 use crate::status::{State, Status};
-use crate::usage::usage;
 
 /// How often it is seen what a plugin takes.
 const LOOK: Duration = Duration::from_millis(250);
-
-/// Beyond what its processes may hold together, each is stopped by the kernel: libraries and the
-/// stacks of threads that nothing is in count here, and do not there.
-const ADDRESSES: u64 = 1 << 30;
 
 /// What is wanted of a plugin.
 #[derive(Clone, Debug)]
@@ -133,13 +129,21 @@ impl Supervision {
 
     /// Keeps it running until something else is wanted.
     async fn keep_running(&mut self, wanted: &Wanted) {
+        let permissions = &wanted.package.manifest.permissions;
+        let (asks, lacks) =
+            (permissions.asks(), self.ground.ward().plan(permissions.network).lacks());
+        if !lacks.is_empty() {
+            self.log.remark(&format!("not enforced here: {}", lacks.join("; ")));
+        }
         self.status(|status| {
             let former = std::mem::take(status);
             *status = Status { name: former.name, log: former.log, ..Status::default() };
             status.describes(Some(&wanted.package));
             status.state = State::Starting;
+            status.allowed = asks.iter().map(ToString::to_string).collect();
+            status.not_enforced = lacks;
         });
-        let (agents, endpoint) = match self.open(wanted).await {
+        let (program, agents, endpoint) = match self.open(wanted).await {
             Ok(opened) => opened,
             Err(problem) => {
                 self.status(|status| {
@@ -149,7 +153,7 @@ impl Supervision {
                 return;
             }
         };
-        self.lives(wanted, &agents, &endpoint).await;
+        self.lives(wanted, &program, &agents, &endpoint).await;
         endpoint.close().await;
         self.status(|status| {
             (status.pid, status.memory) = (None, None);
@@ -157,7 +161,8 @@ impl Supervision {
         });
     }
 
-    async fn open(&self, wanted: &Wanted) -> Result<(Vec<HelloAgent>, Endpoint), String> {
+    async fn open(&self, wanted: &Wanted) -> Result<(Program, Vec<HelloAgent>, Endpoint), String> {
+        let program = wanted.package.program().await?;
         let (mut told, mut models) = (Vec::new(), BTreeMap::new());
         for agent in &wanted.agents {
             let (hello, model) = described(&wanted.package, agent)?;
@@ -175,13 +180,21 @@ impl Supervision {
             landing: &self.ground.landing,
         };
         let opened = Endpoint::open(purpose).await;
-        opened.map(|endpoint| (told, endpoint)).map_err(|error| format!("failed to {error}"))
+        opened
+            .map(|endpoint| (program, told, endpoint))
+            .map_err(|error| format!("failed to {error}"))
     }
 
-    async fn lives(&mut self, wanted: &Wanted, agents: &[HelloAgent], endpoint: &Endpoint) {
+    async fn lives(
+        &mut self,
+        wanted: &Wanted,
+        program: &Program,
+        agents: &[HelloAgent],
+        endpoint: &Endpoint,
+    ) {
         let mut lives = Lives::default();
         while !self.wishes.has_changed().unwrap_or(true) {
-            let (why, ready) = match self.life(wanted, agents, endpoint).await {
+            let (why, ready) = match self.life(wanted, program, agents, endpoint).await {
                 Over::Unwanted => return,
                 Over::Ended { why, ready } => (why, ready),
             };
@@ -192,9 +205,11 @@ impl Supervision {
             }
             let wait = lives.after(ready, Instant::now());
             tracing::warn!(plugin = self.name, ?wait, "{why}");
+            let advice = advice(&why, &program.file, &wanted.package.folder);
             self.status(|status| {
                 let state = if wait.is_some() { State::Waiting } else { State::GivenUp };
                 (status.state, status.reason, status.pid) = (state, Some(why), None);
+                status.advice = advice;
                 status.restarts += u32::from(wait.is_some());
             });
             let Some(wait) = wait else {
@@ -234,16 +249,36 @@ impl Supervision {
     }
 
     /// One life of the process.
-    async fn life(&mut self, wanted: &Wanted, agents: &[HelloAgent], endpoint: &Endpoint) -> Over {
+    async fn life(
+        &mut self,
+        wanted: &Wanted,
+        program: &Program,
+        agents: &[HelloAgent],
+        endpoint: &Endpoint,
+    ) -> Over {
         self.log.begin();
-        self.status(|status| (status.state, status.reason) = (State::Starting, None));
+        self.status(|status| {
+            (status.state, status.reason, status.advice) = (State::Starting, None, None);
+        });
         let ended = |why: String| Over::Ended { why, ready: None };
-        let mut process = match self.begin(&wanted.package) {
-            Ok(process) => process,
+        let ground = Arc::clone(&self.ground);
+        let Ground { launcher, landing, building, .. } = &*ground;
+        let (package, log) = (&wanted.package, &self.log);
+        let data = ground.data.join(&self.name);
+        let sockets = building.iter().cloned().chain([endpoint.socket.clone()]).collect();
+        let ward = ground.ward();
+        let start = Start { launcher, ward, package, program, sockets, data: &data, log };
+        let begun = tokio::select! {
+            biased;
+            () = landing.stopping.cancelled() => return Over::Unwanted,
+            begun = start.begin() => begun,
+        };
+        let Started { mut process, counted } = match begun {
+            Ok(started) => started,
             Err(problem) => return ended(problem),
         };
         self.status(|status| status.pid = Some(process.id()));
-        let hello = self.hello(agents, endpoint);
+        let hello = hello(package, landing, endpoint, agents, building.as_deref());
         let within = wanted.package.manifest.ready_within;
         let said = tokio::time::timeout(within, process.say(&hello)).await;
         if !matches!(said, Ok(Ok(()))) {
@@ -256,7 +291,10 @@ impl Supervision {
             return ended(why);
         }
         let mut living = Living::new();
-        match self.live(wanted, endpoint, &mut process, &mut living).await {
+        let disk = wanted.package.manifest.permissions.disk;
+        let looking = Looking::new(process.id(), data, disk);
+        let counted = counted.as_ref();
+        match self.live(wanted, endpoint, &mut process, &mut living, looking, counted).await {
             None => {
                 process.stop().await;
                 Over::Unwanted
@@ -275,12 +313,13 @@ impl Supervision {
         endpoint: &Endpoint,
         process: &mut Process,
         living: &mut Living,
+        mut looking: Looking,
+        counted: Option<&Group>,
     ) -> Option<String> {
         let mut accepted = endpoint.accepted.subscribe();
         let mut looks = tokio::time::interval(LOOK);
         looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         let stopping = self.ground.landing.stopping.clone();
-        let group = process.id();
         loop {
             self.see(wanted, &accepted.borrow_and_update(), living);
             tokio::select! {
@@ -296,11 +335,11 @@ impl Supervision {
                     return Some("it says more than is taken, for too long".to_owned());
                 }
                 _ = looks.tick() => {
-                    let (dropped, usage) = (endpoint.meter.dropped(), usage(group));
+                    let (dropped, look) = (endpoint.meter.dropped(), looking.look(counted).await);
                     self.status(|status| {
-                        (status.memory, status.dropped) = (Some(usage.memory), dropped);
+                        (status.memory, status.dropped) = (Some(look.usage.memory), dropped);
                     });
-                    if let Some(why) = living.objection(wanted, usage, group, &accepted.borrow()) {
+                    if let Some(why) = living.objection(wanted, look, counted, &accepted.borrow()) {
                         return Some(why);
                     }
                 }
@@ -353,91 +392,4 @@ impl Supervision {
             status.state = if living.ready.is_some() { State::Running } else { State::Starting };
         });
     }
-
-    fn begin(&self, package: &Package) -> Result<Process, String> {
-        let program = package.program()?;
-        let permissions = &package.manifest.permissions;
-        let data = self.ground.data.join(&self.name);
-        let made = std::fs::create_dir_all(&data);
-        made.map_err(|error| format!("failed to make {}: {error}", data.display()))?;
-        let confinement = Confinement {
-            parent: std::process::id(),
-            memory: permissions.memory.saturating_add(ADDRESSES),
-            files: permissions.files,
-            network: permissions.network,
-            read: readable(package, &program),
-            write: permissions.devices.iter().cloned().chain([data.clone()]).collect(),
-        };
-        let launch = Launch {
-            launcher: &self.ground.launcher,
-            program: &program,
-            arguments: package.manifest.run.get(1..).unwrap_or_default(),
-            folder: &package.folder,
-            data: &data,
-            confinement: &confinement,
-            log: &self.log,
-        };
-        Process::begin(&launch).map_err(|error: io::Error| format!("failed to start it: {error}"))
-    }
-
-    fn hello(&self, agents: &[HelloAgent], endpoint: &Endpoint) -> String {
-        let host = &self.ground.landing.host;
-        let daemon = DaemonId::new(&format!("plugin-{}", self.name));
-        let hello = Hello {
-            protocol: SCHEMA_VERSION,
-            ecosystem: self.ground.landing.switchboard.ecosystem().clone(),
-            daemon: daemon.unwrap_or_else(|_| self.ground.landing.switchboard.daemon().clone()),
-            endpoint: endpoint.locator.clone(),
-            host: endpoint.host.clone(),
-            agents: agents.to_vec(),
-            domain: host.ontology.to_string(),
-            map: host.map.to_string(),
-            mode: host.mode,
-            heartbeat_period: Deadline(host.settings.heartbeat_period),
-            building: self.ground.building.as_ref().map(|path| path.display().to_string()),
-        };
-        serde_json::to_string(&hello).unwrap_or_default()
-    }
-}
-
-/// What a package's program is told of an agent, and its model where the package has one.
-fn described(
-    package: &Package,
-    agent: &WantedAgent,
-) -> Result<(HelloAgent, Option<ActionModel>), String> {
-    let WantedAgent { name, plugin, driver, config } = agent;
-    if let Some(problem) = package.manifest.problem_with(config) {
-        return Err(format!("agent `{name}`: {problem}"));
-    }
-    let described = package.model(name, config)?;
-    let (text, model) = described.unzip();
-    let hello = HelloAgent {
-        name: name.clone(),
-        plugin: plugin.clone(),
-        driver: driver.clone(),
-        config: config.clone(),
-        model: text.unwrap_or_default(),
-        methods: package.manifest.methods.clone(),
-    };
-    Ok((hello, model))
-}
-
-/// What the program needs to see: its package, what its manifest names, and where an interpreter that is
-/// not the system's has its library.
-fn readable(package: &Package, program: &std::path::Path) -> Vec<PathBuf> {
-    let mut readable = vec![package.folder.clone()];
-    readable.extend(package.manifest.permissions.read.iter().cloned());
-    let resolved = program.canonicalize().ok();
-    for program in [Some(program.to_owned()), resolved].into_iter().flatten() {
-        let home = program.parent().filter(|folder| folder.ends_with("bin"));
-        let home = home.and_then(|folder| folder.parent());
-        // Nobody's whole home, and not everything.
-        if let Some(home) =
-            home.filter(|home| home.join("lib").is_dir() && home.components().count() > 2)
-        {
-            readable.push(home.to_owned());
-        }
-        readable.push(program);
-    }
-    readable
 }

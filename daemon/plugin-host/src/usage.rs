@@ -1,56 +1,205 @@
 //! What the processes of a plugin take of the machine, as the kernel says.
+//!
+//! All of a process group count, those that have ended and were not waited for included. Where the
+//! kernel counts nothing for a plugin (`cgroup`), this is all that is known, four times a second.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+/// Files in a plugin's home; more are not counted.
+pub(crate) const FILES_MAX: u64 = 10_000;
+
+/// What `stat` counts blocks in.
+const BLOCK: u64 = 512;
+
 /// Of all processes of a group together.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Usage {
-    /// Bytes of memory that are in use; what processes share counts for each.
+    /// Bytes of memory that are in use, swapped out or spent on tables; what processes share counts
+    /// for each.
     pub(crate) memory: u64,
-    /// Time on a processor so far, of those that live.
-    pub(crate) cpu: Duration,
-    /// How many there are.
+    /// How many there are, ended ones included.
     pub(crate) processes: u32,
+    /// Their threads.
+    pub(crate) threads: u32,
+    /// Time on a processor so far, of each that is there, by its number and when it began.
+    pub(crate) cpu: BTreeMap<(i32, u64), Spent>,
+}
+
+/// Time that one process has spent on a processor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Spent {
+    pub(crate) own: Duration,
+    /// Of children that have ended and were waited for.
+    pub(crate) children: Duration,
+}
+
+/// What a plugin keeps on disk.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Kept {
+    /// Bytes, those of removed files that are still open included.
+    pub(crate) bytes: u64,
+    /// Files and folders, up to [`FILES_MAX`].
+    pub(crate) files: u64,
+    /// A process that does not show what it has open.
+    pub(crate) hides: Option<i32>,
 }
 
 /// What the processes of a group take now.
 pub(crate) fn usage(group: i32) -> Usage {
     let mut usage = Usage::default();
-    let Ok(entries) = fs::read_dir("/proc") else { return usage };
-    for entry in entries.flatten() {
-        let name = entry.file_name();
-        if !name.as_encoded_bytes().first().is_some_and(u8::is_ascii_digit) {
-            continue;
-        }
-        let Ok(stat) = fs::read_to_string(entry.path().join("stat")) else { continue };
-        if let Some(of) = of_group(&stat, group) {
-            usage.memory += of.memory;
-            usage.cpu += of.cpu;
-            usage.processes += 1;
-        }
+    for (process, stat) in processes_of(group) {
+        usage.processes += 1;
+        usage.threads += stat.threads;
+        usage.cpu.insert((process, stat.began), stat.spent);
+        let status = fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
+        usage.memory += memory(&status);
     }
     usage
 }
 
-/// What one process takes by its line of `/proc/PID/stat`, if it is of this group and no corpse.
-fn of_group(stat: &str, group: i32) -> Option<Usage> {
+/// Whether a process, or a thread, is of a group; `None` if there is no such process.
+pub(crate) fn is_of_group(process: i32, group: i32) -> Option<bool> {
+    // `getpgid` of `rustix` does not expect a first process that is of no group.
+    let stat = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
+    Some(of_group(&stat, group).is_some())
+}
+
+/// How many processes a group has.
+pub(crate) fn processes(group: i32) -> u32 {
+    u32::try_from(processes_of(group).count()).unwrap_or(u32::MAX)
+}
+
+impl Usage {
+    /// Time that was spent since `before`: by those that are there, and by those that have ended as far
+    /// as somebody waited for them.
+    pub(crate) fn spent_since(&self, before: &Usage) -> Duration {
+        let all = |usage: &Usage| -> Duration {
+            usage.cpu.values().map(|spent| spent.own + spent.children).sum()
+        };
+        // A child that is waited for passes its time on, so the sum does not shrink. One that nobody
+        // waits for takes it along; then at least what the others have spent counts.
+        let together = all(self).saturating_sub(all(before));
+        let each = self.cpu.iter().map(|(process, spent)| {
+            let known = before.cpu.get(process).copied().unwrap_or_default();
+            spent.own.saturating_sub(known.own)
+        });
+        together.max(each.sum())
+    }
+}
+
+struct Stat {
+    threads: u32,
+    began: u64,
+    spent: Spent,
+}
+
+fn processes_of(group: i32) -> impl Iterator<Item = (i32, Stat)> {
+    let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
+    entries.filter_map(move |entry| {
+        let process = entry.file_name().to_str()?.parse::<i32>().ok()?;
+        let stat = fs::read_to_string(entry.path().join("stat")).ok()?;
+        Some((process, of_group(&stat, group)?))
+    })
+}
+
+/// What one process takes by its line of `/proc/PID/stat`, if it is of this group.
+fn of_group(stat: &str, group: i32) -> Option<Stat> {
     // Its name stands in parentheses, and may have some of its own.
     let (_, rest) = stat.rsplit_once(')')?;
     let fields: Vec<&str> = rest.split_whitespace().collect();
     // Counted from the state, which is the third of all: proc(5).
     let number = |index: usize| fields.get(index)?.parse::<u64>().ok();
-    let is_of_it = fields.get(2)?.parse::<i32>().ok()? == group;
-    if !is_of_it || matches!(*fields.first()?, "Z" | "X") {
+    if fields.get(2)?.parse::<i32>().ok()? != group {
         return None;
     }
-    let ticks = number(11)? + number(12)?;
-    let per_second = rustix::param::clock_ticks_per_second().max(1);
-    Some(Usage {
-        memory: number(21)? * rustix::param::page_size() as u64,
-        cpu: Duration::from_secs_f64(ticks as f64 / per_second as f64),
-        processes: 1,
+    let per_second = rustix::param::clock_ticks_per_second().max(1) as f64;
+    let time = |ticks: u64| Duration::from_secs_f64(ticks as f64 / per_second);
+    Some(Stat {
+        threads: number(17)?.try_into().unwrap_or(u32::MAX),
+        began: number(19)?,
+        spent: Spent {
+            own: time(number(11)? + number(12)?),
+            children: time(number(13)? + number(14)?),
+        },
     })
+}
+
+/// The bytes of memory by a process's `/proc/PID/status`; none of one that has ended.
+fn memory(status: &str) -> u64 {
+    let field = |name: &str| -> u64 {
+        let line = status.lines().find_map(|line| line.strip_prefix(name));
+        let number = line.and_then(|line| line.trim().strip_suffix("kB"));
+        number.and_then(|number| number.trim().parse::<u64>().ok()).unwrap_or(0) << 10
+    };
+    field("VmRSS:") + field("VmSwap:") + field("VmPTE:")
+}
+
+/// What is kept in a plugin's home by its files and by its processes. `file_max` is the longest that
+/// one of its files can be.
+pub(crate) fn kept(home: &Path, group: i32, file_max: u64) -> Kept {
+    let mut kept = Kept::default();
+    let mut folders = vec![home.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+            let Ok(metadata) = fs::symlink_metadata(entry.path()) else { continue };
+            kept.files += 1;
+            kept.bytes += metadata.blocks() * BLOCK;
+            if kept.files >= FILES_MAX {
+                return kept;
+            }
+            if metadata.is_dir() {
+                folders.push(entry.path());
+            }
+        }
+    }
+    removed(home, group, file_max, &mut kept);
+    kept
+}
+
+/// Adds files that were removed and that processes still hold.
+fn removed(home: &Path, group: i32, file_max: u64, kept: &mut Kept) {
+    let is_removed = |path: &Path| {
+        path.starts_with(home) && path.as_os_str().as_encoded_bytes().ends_with(b" (deleted)")
+    };
+    let mut known = BTreeSet::new();
+    for (process, _) in processes_of(group) {
+        let folder = PathBuf::from(format!("/proc/{process}/fd"));
+        let entries = match fs::read_dir(&folder) {
+            Ok(entries) => entries,
+            Err(error) => {
+                if error.kind() == std::io::ErrorKind::PermissionDenied {
+                    kept.hides = Some(process);
+                }
+                continue;
+            }
+        };
+        for entry in entries.flatten() {
+            if fs::read_link(entry.path()).is_ok_and(|path| is_removed(&path))
+                && let Ok(metadata) = fs::metadata(entry.path())
+                && known.insert(metadata.ino())
+            {
+                kept.bytes += metadata.blocks() * BLOCK;
+            }
+        }
+    }
+    for (process, _) in processes_of(group) {
+        let maps = fs::read_to_string(format!("/proc/{process}/maps")).unwrap_or_default();
+        for line in maps.lines() {
+            // How large it is nobody can see any more: it counts as much as it can be.
+            let mut fields = line.split_whitespace();
+            let inode = fields.nth(4).and_then(|inode| inode.parse().ok());
+            let path = fields.collect::<Vec<_>>().join(" ");
+            if let Some(inode) = inode.filter(|_| is_removed(Path::new(&path)))
+                && known.insert(inode)
+            {
+                kept.bytes += file_max;
+            }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -59,30 +208,60 @@ mod tests {
 
     #[test]
     fn a_line_is_read_whatever_a_process_is_called() {
-        let line = "42 (a) b) S 1 7 7 0 -1 0 0 0 0 0 150 50 0 0 20 0 1 0 9 8192 3 184467";
-        let usage = of_group(line, 7).expect("it is of the group");
-        assert_eq!((usage.cpu, usage.processes), (Duration::from_secs(2), 1));
-        assert_eq!(usage.memory, 3 * rustix::param::page_size() as u64);
-        assert_eq!(of_group(line, 8), None);
-        assert_eq!(of_group(&line.replace(" S ", " Z "), 7), None);
-        assert_eq!(of_group("nonsense", 7), None);
+        let line = "42 (a) b) S 1 7 7 0 -1 0 0 0 0 0 150 50 100 300 20 0 3 0 9 8192 3 184467";
+        let stat = of_group(line, 7).expect("it is of the group");
+        let expected = Spent { own: Duration::from_secs(2), children: Duration::from_secs(4) };
+        assert_eq!((stat.spent, stat.threads, stat.began), (expected, 3, 9));
+        assert!(of_group(line, 8).is_none());
+        assert!(of_group(&line.replace(" S ", " Z "), 7).is_some(), "its number is taken");
+        assert!(of_group("nonsense", 7).is_none());
+        let status = "Name:\tx\nVmRSS:\t    2048 kB\nVmPTE:\t  4 kB\nVmSwap:\t 1024 kB\n";
+        assert_eq!(memory(status), (3 << 20) + (4 << 10));
     }
 
     #[test]
-    fn a_real_group_is_seen() {
+    fn time_is_neither_lost_with_a_child_nor_counted_twice() {
+        let usage = |processes: &[(i32, u64, u64)]| Usage {
+            cpu: processes
+                .iter()
+                .map(|(process, own, children)| {
+                    let (own, children) =
+                        (Duration::from_secs(*own), Duration::from_secs(*children));
+                    ((*process, 0), Spent { own, children })
+                })
+                .collect(),
+            ..Usage::default()
+        };
+        let spent = |before: &[_], after: &[_]| usage(after).spent_since(&usage(before)).as_secs();
+        assert_eq!(spent(&[(1, 5, 0), (2, 3, 0)], &[(1, 6, 4)]), 2, "waited for: 1 s more of each");
+        assert_eq!(spent(&[(1, 5, 0), (2, 3, 0)], &[(1, 6, 0), (3, 2, 0)]), 3, "nobody waited");
+        assert_eq!(spent(&[], &[(1, 1, 0)]), 1);
+        assert_eq!(spent(&[(1, 1, 0)], &[]), 0);
+    }
+
+    #[test]
+    fn a_real_group_is_seen_with_what_it_keeps() {
         use std::io::{Read as _, Write as _};
         use std::os::unix::process::CommandExt as _;
         use std::process::{Command, Stdio};
-        let mut child = Command::new("cat");
+        let home = tempfile::tempdir().expect("a folder");
+        let mut child = Command::new("sh");
+        // A file that is removed and still open; then it answers.
+        let script = "exec 3> gone; head -c 65536 /dev/zero >&3; rm gone; head -c 4096 /dev/zero > here; exec cat";
+        let child = child.args(["-c", script]).current_dir(home.path());
         let child = child.stdin(Stdio::piped()).stdout(Stdio::piped()).process_group(0);
         let mut child = child.spawn().expect("it is everywhere");
         // What has answered is loaded: a process that has only begun may hold nothing yet.
         child.stdin.as_mut().expect("piped").write_all(b"!").expect("it listens");
         child.stdout.as_mut().expect("piped").read_exact(&mut [0]).expect("it answers");
-        let used = usage(i32::try_from(child.id()).expect("a number of a process"));
+        let group = i32::try_from(child.id()).expect("a number of a process");
+        let (used, kept) = (usage(group), kept(home.path(), group, 1 << 20));
+        let others = processes(group);
         child.kill().expect("our own child");
         child.wait().expect("our own child");
-        assert_eq!(used.processes, 1);
+        assert_eq!((used.processes, used.threads, others), (1, 1, 1));
         assert!(used.memory > 0);
+        assert!(kept.bytes >= 65_536 + 4_096, "{kept:?}");
+        assert_eq!((kept.files, kept.hides), (1, None));
     }
 }

@@ -33,6 +33,8 @@ pub const USAGE: u8 = 64;
 pub const UNAVAILABLE: u8 = 69;
 /// `EX_IOERR`: a result could not be written.
 pub const OUTPUT: u8 = 74;
+/// `EX_NOPERM`: nobody has allowed what is needed for it.
+pub const NOT_ALLOWED: u8 = 77;
 /// `EX_CONFIG`: the configuration is wrong; a service manager need not try again.
 pub const CONFIG: u8 = 78;
 

@@ -1,18 +1,21 @@
 //! `althing plugin`: programs that bring agents, on this machine and in a running ecosystem.
 
+mod allow;
+mod check;
+
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::Path;
 use std::process::ExitCode;
 
 use agent::Resource;
-use plugin_host::{Faults, Package, Plugins, Shelf, ShelfError, Status};
+use plugin_host::{Confined, Package, Plugins, Shelf, ShelfError, Status};
 use serde_json::json;
-use terminal::report::{Report, Source};
+use terminal::report::Report;
 use terminal::{exit, output};
 
 use crate::cli::{
-    AskArgs, PluginAddArgs, PluginArgs, PluginCheckArgs, PluginCommand, PluginLogsArgs,
-    PluginNameArgs, PluginPlaceArgs,
+    AskArgs, PluginAddArgs, PluginArgs, PluginCommand, PluginLogsArgs, PluginNameArgs,
+    PluginPlaceArgs,
 };
 use crate::commands::client::{self, View};
 use crate::config::{self, Ecosystem, Overrides};
@@ -22,8 +25,9 @@ use crate::{hosting, plugins};
 pub(super) fn run(args: &PluginArgs) -> ExitCode {
     match &args.command {
         PluginCommand::List(args) => client::with_view(args, list),
-        PluginCommand::Check(args) => check(args),
+        PluginCommand::Check(args) => check::run(args),
         PluginCommand::Add(args) => add(args),
+        PluginCommand::Allow(args) => allow::run(args),
         PluginCommand::Remove(args) => change(args, "removed", |shelf, name| shelf.remove(name)),
         PluginCommand::Enable(args) => {
             change(args, "enabled", |shelf, name| shelf.set_disabled(name, false))
@@ -65,24 +69,41 @@ async fn list(view: &View, json: bool) -> ExitCode {
                 "`{daemon}` has none: althing plugin add FOLDER, or put it into {folder}"
             );
         }
+        found.iter().for_each(|plugins| text += &confined(plugins));
         return output::print(text, exit::DONE);
     }
     let _ = writeln!(
         text,
-        "{:<20} {:<10} {:<14} {:<10} AGENTS",
+        "{:<20} {:<10} {:<14} {:<12} AGENTS",
         "PLUGIN", "VERSION", "DAEMON", "STATE"
     );
     for (plugins, status) in all {
         text += &line(plugins, status);
     }
+    text.push('\n');
+    found.iter().for_each(|plugins| text += &confined(plugins));
     output::print(text, exit::DONE)
+}
+
+/// How far a daemon confines its plugins, in a line.
+fn confined(plugins: &Plugins) -> String {
+    let Plugins { daemon, confinement, .. } = plugins;
+    let Confined { not_enforced, limits, .. } = confinement;
+    let said = match not_enforced.as_slice() {
+        // A daemon of another version does not say.
+        [] if limits.is_empty() => return String::new(),
+        [] => format!("`{daemon}` enforces the whole confinement of plugins"),
+        lacks => format!("not enforced on `{daemon}`, of a plugin: {}", lacks.join("; ")),
+    };
+    let taken = "the memory and processor time of plugins are";
+    output::folded(&format!("{said}; {taken} {limits}"), 4) + "\n"
 }
 
 fn line(plugins: &Plugins, status: &Status) -> String {
     let agents: Vec<_> = status.agents.iter().map(acl::AgentId::as_str).collect();
     let state = status.state.as_str();
     let line = format!(
-        "{:<20} {:<10} {:<14} {state:<10} {}",
+        "{:<20} {:<10} {:<14} {state:<12} {}",
         status.name,
         status.version,
         plugins.daemon,
@@ -90,41 +111,13 @@ fn line(plugins: &Plugins, status: &Status) -> String {
     );
     let mut text = output::folded(line.trim_end(), 4);
     text.push('\n');
-    if let Some(reason) = &status.reason {
-        text += &output::folded(&format!("    {reason}"), 4);
+    let lacks = status.not_enforced.join("; ");
+    let lacks = (!lacks.is_empty()).then(|| format!("not enforced here: {lacks}"));
+    for said in [&status.reason, &status.advice, &lacks].into_iter().flatten() {
+        text += &output::folded(&format!("    {said}"), 4);
         text.push('\n');
     }
     text
-}
-
-fn check(args: &PluginCheckArgs) -> ExitCode {
-    let mut report = Report::default();
-    let mut text = String::new();
-    for folder in &args.packages {
-        match Package::open(folder) {
-            Ok(package) => {
-                let manifest = package.manifest;
-                let _ = writeln!(text, "{} {}: nothing is wrong", manifest.name, manifest.version);
-            }
-            Err(faults) => add_faults(faults, &mut report),
-        }
-    }
-    if report.has_errors() {
-        return output::show(&report, args.print.json, "bad-input", exit::BAD_INPUT);
-    }
-    if args.print.json {
-        return output::print_json(&json!({ "status": "ok" }), exit::DONE);
-    }
-    output::print(text, exit::DONE)
-}
-
-fn add_faults(faults: Faults, report: &mut Report) {
-    let Faults { file, text, found } = faults;
-    if text.is_empty() {
-        found.into_iter().for_each(|mistake| report.add_general(mistake));
-    } else {
-        report.add(&Source::new(file.display().to_string(), text), found);
-    }
 }
 
 fn add(args: &PluginAddArgs) -> ExitCode {
@@ -135,26 +128,36 @@ fn add(args: &PluginAddArgs) -> ExitCode {
     };
     // A folder is called by its name wherever one stands.
     let from = args.package.canonicalize().unwrap_or_else(|_| args.package.clone());
-    let was = Package::open(&shelf.at(&from.file_name().unwrap_or_default().to_string_lossy()));
-    match shelf.add(&from) {
-        Ok(manifest) => {
+    let added = Package::open(&from).map_err(|faults| ShelfError::Faulty(Box::new(faults)));
+    let added = added.and_then(|package| {
+        let name = &package.manifest.name;
+        let was = Package::open(&shelf.at(name)).ok().map(|was| was.manifest.version);
+        let beyond = package.manifest.permissions.beyond(&shelf.kept_rights(name));
+        let command = format!("althing plugin add {}", args.package.display());
+        match allow::consent(name, &beyond, &args.rights.allow, &command, json) {
+            Ok(consent) => shelf.add(&from, &consent).map(|manifest| Ok((manifest, was))),
+            Err(code) => Ok(Err(code)),
+        }
+    });
+    match added {
+        Ok(Ok((manifest, was))) => {
             let (name, version) = (&manifest.name, &manifest.version);
             let folder = shelf.at(name).display().to_string();
             if json {
                 let value = json!({ "plugin": name, "version": version, "folder": folder });
                 return output::print_json(&value, exit::DONE);
             }
-            let before = was.map(|was| format!(" in place of {}", was.manifest.version));
-            let before = before.unwrap_or_default();
+            let before = was.map(|was| format!(" in place of {was}")).unwrap_or_default();
             let said = format!("added {name} {version}{before}, in {folder}\n");
             output::print(
                 said + "A daemon that runs here starts it now: althing plugin list\n",
                 exit::DONE,
             )
         }
+        Ok(Err(code)) => code,
         Err(ShelfError::Faulty(faults)) => {
             let mut report = Report::default();
-            add_faults(*faults, &mut report);
+            check::add_faults(*faults, &mut report);
             output::show(&report, json, "bad-input", exit::BAD_INPUT)
         }
         Err(error) => super::wrong(&format!("failed to {error}"), json),
@@ -168,23 +171,27 @@ fn change(
 ) -> ExitCode {
     let json = args.print.json;
     let name = &args.name;
-    let changed = shelf(&args.place).and_then(|shelf| {
-        change(&shelf, name).map_err(|error| match error {
-            ShelfError::Unknown { .. } => {
-                match pddl::nearest(name, shelf.names().iter().map(String::as_str)) {
-                    Some(near) => format!("{error}; did you mean `{near}`?"),
-                    None => error.to_string(),
-                }
-            }
-            error => error.to_string(),
-        })
-    });
+    let changed = shelf(&args.place)
+        .and_then(|shelf| change(&shelf, name).map_err(|error| known_or_near(&shelf, name, error)));
     match changed {
         Ok(()) if json => {
             output::print_json(&json!({ "plugin": name, "status": done }), exit::DONE)
         }
         Ok(()) => output::print(format!("{done} {name}\n"), exit::DONE),
         Err(problem) => super::wrong(&format!("failed to {problem}"), json),
+    }
+}
+
+/// An error about a plugin; of one that is not there, with the name that may be meant.
+fn known_or_near(shelf: &Shelf, name: &str, error: ShelfError) -> String {
+    match error {
+        ShelfError::Unknown { .. } => {
+            match pddl::nearest(name, shelf.names().iter().map(String::as_str)) {
+                Some(near) => format!("{error}; did you mean `{near}`?"),
+                None => error.to_string(),
+            }
+        }
+        error => error.to_string(),
     }
 }
 
@@ -196,18 +203,20 @@ fn shelf(place: &PluginPlaceArgs) -> Result<Shelf, String> {
         Some(asked) => Some(config::resolve_ecosystem(asked)?),
         None => config::find_ecosystem_file(),
     };
-    let said: Option<PathBuf> = match file {
-        Some(file) => {
-            let read = Ecosystem::load(&file, &Overrides::default(), &plugins::known());
-            let ecosystem = read.map_err(|error| {
-                output::show_people(&error.into_report());
-                format!("read {}", file.display())
-            })?;
-            ecosystem.plugins.folder
-        }
+    let said = match file {
+        Some(file) => load(&file)?.plugins.folder,
         None => None,
     };
     Ok(Shelf { folder: hosting::plugins_folder(said.as_deref()) })
+}
+
+/// Reads an ecosystem file; what is wrong with it is shown.
+fn load(file: &Path) -> Result<Ecosystem, String> {
+    let read = Ecosystem::load(file, &Overrides::default(), &plugins::known());
+    read.map_err(|error| {
+        output::show_people(&error.into_report());
+        format!("read {}", file.display())
+    })
 }
 
 fn logs(args: &PluginLogsArgs) -> ExitCode {

@@ -109,6 +109,8 @@ pub(crate) struct PluginSettings {
     pub(crate) folder: Option<PathBuf>,
     /// Whether agents that the file does not name take part.
     pub(crate) admit: Admit,
+    /// Whether plugins run only where nothing of their confinement is missing.
+    pub(crate) requires_confinement: bool,
 }
 
 /// What the simulated building is like besides the map.

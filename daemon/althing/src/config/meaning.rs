@@ -118,7 +118,7 @@ pub(super) fn understand(
 impl Meaning<'_> {
     /// Where plugins come from; a folder is named relative to the file.
     fn plugins(&self, raw: RawPlugins) -> PluginSettings {
-        let RawPlugins { folder, admit } = raw;
+        let RawPlugins { folder, admit, confinement } = raw;
         let beside = |folder: String| self.file.parent().unwrap_or(Path::new("")).join(folder);
         let admit = match admit.as_str() {
             "listed" => Admit::Listed,
@@ -126,7 +126,8 @@ impl Meaning<'_> {
             // The schema lets nothing else through.
             _ => Admit::All,
         };
-        PluginSettings { folder: folder.map(beside), admit }
+        let requires_confinement = confinement == "require";
+        PluginSettings { folder: folder.map(beside), admit, requires_confinement }
     }
 
     /// Where something was written last: the environment wins over the file, as its value does.

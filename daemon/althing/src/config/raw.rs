@@ -160,6 +160,7 @@ pub(super) struct RawPlugins {
     #[serde(default)]
     pub(super) folder: Option<String>,
     pub(super) admit: String,
+    pub(super) confinement: String,
 }
 
 /// `[building]`

@@ -167,6 +167,11 @@ const PLUGINS: &[Key] = &[
         Shape::Choice(&["all", "ask", "listed"]),
         "whether agents not named here take part",
     ),
+    key(
+        "confinement",
+        Shape::Choice(&["available", "require"]),
+        "whether plugins run where the kernel cannot confine them whole",
+    ),
 ];
 
 const BUILDING: &[Key] = &[

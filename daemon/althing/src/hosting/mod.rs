@@ -43,7 +43,7 @@ pub(crate) use folders::{
 };
 pub(crate) use lost_socket::watch_socket;
 pub(crate) use moving::watch_addresses;
-pub(crate) use processes::{Processes, become_plugin};
+pub(crate) use processes::{ITSELF, Processes, become_plugin};
 pub(crate) use rehearsal::{Stage, models};
 pub(crate) use same_files::watch_files;
 pub(crate) use standstill::watch_standstill;

@@ -6,14 +6,16 @@ use std::os::unix::ffi::OsStringExt as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use plugin_host::{Confinement, LAUNCH, Launcher, Setting, Shelf, WantedAgent};
+use plugin_host::{
+    Confinement, LAUNCH, Launcher, PROBE, Setting, Shelf, ShelfError, WantedAgent, probe,
+};
 use terminal::{exit, output};
 
 use super::{Node, plugins_folder};
 use crate::config::{AgentEntry, Ecosystem};
 
 /// This program, as it runs now: also where its file was replaced meanwhile.
-const ITSELF: &str = "/proc/self/exe";
+pub(crate) const ITSELF: &str = "/proc/self/exe";
 
 /// What a daemon hosts plugins with.
 pub(crate) struct Processes<'p> {
@@ -39,10 +41,17 @@ impl Node {
         let Some(landing) = self.landing() else { return Ok(()) };
         let Some(admissions) = landing.host.resources.get() else { return Ok(()) };
         let folder = plugins_folder(ecosystem.plugins.folder.as_deref());
+        let shelf = Shelf { folder };
         // A folder that is there is one into which something can be put.
-        if let Err(error) = std::fs::create_dir_all(&folder) {
-            tracing::info!(folder = %folder.display(), %error, "no folder for plugins");
+        match shelf.make() {
+            Err(error @ ShelfError::Writable { .. }) => {
+                tracing::error!("failed to {error}; no plugin runs until then");
+            }
+            Err(error) => tracing::info!("no folder for plugins: failed to {error}"),
+            Ok(()) => (),
         }
+        let private = [Some(runtime.clone()), Some(state.clone()), Some(shelf.folder.clone())];
+        let keys = ecosystem.security.as_ref().map(|security| security.folder.clone());
         let mut wanted: BTreeMap<String, Vec<WantedAgent>> = BTreeMap::new();
         for entry in agents {
             let Some(package) = entry.package.clone() else { continue };
@@ -52,7 +61,7 @@ impl Node {
         }
         let daemon = self.switchboard().daemon();
         let setting = Setting {
-            shelf: Shelf { folder },
+            shelf,
             landing,
             agents: wanted,
             named: ecosystem.agents.iter().map(|entry| entry.name.clone()).collect(),
@@ -61,19 +70,26 @@ impl Node {
             sockets: runtime.join(format!("{daemon}.plugins")),
             state: state.join("plugins"),
             building,
+            requires_confinement: ecosystem.plugins.requires_confinement,
+            private: private.into_iter().chain([keys]).flatten().collect(),
         };
         plugin_host::host(setting).map_err(|error| format!("host plugins: {error}"))
     }
 }
 
 /// Becomes a plugin, if that is what this process was started for: `become-plugin CONFINEMENT PROGRAM
-/// ARGUMENTS`. For daemons, and not for people; returns only where it cannot.
+/// ARGUMENTS`; or tries out how plugins are confined here: `become-plugin probe FOLDER`. For daemons, and
+/// not for people; returns only where it cannot, or when that was tried out.
 pub(crate) fn become_plugin() -> Option<ExitCode> {
     let mut arguments = std::env::args_os().skip(1);
     if arguments.next().as_deref() != Some(LAUNCH.as_ref()) {
         return None;
     }
     let confinement = arguments.next().map(OsString::into_vec).unwrap_or_default();
+    if confinement == PROBE.as_bytes() {
+        let folder = PathBuf::from(arguments.next().unwrap_or_default());
+        return Some(output::print(probe(&folder), exit::DONE));
+    }
     let problem = match serde_json::from_slice::<Confinement>(&confinement) {
         Ok(confinement) => {
             let program = PathBuf::from(arguments.next().unwrap_or_default());

@@ -4,6 +4,9 @@
 //! No kernel of Debian has a simulated GPIO chip, so this is the least that is real. Inside runs this
 //! same test program, built for that machine, as the only process there is.
 
+#[path = "../../../../tests/support/left_out.rs"]
+mod left_out;
+
 use std::fs::{self, File};
 use std::io::{BufRead, BufReader, Write as _};
 use std::os::unix::net::UnixStream;
@@ -61,14 +64,12 @@ impl Needed {
 }
 
 /// Runs a test of this file inside such a machine; what it has said. `None`, loudly, where something
-/// is missing: then nothing is tested, and `CI` fails.
+/// is missing: then nothing is tested, and `CI=true` fails.
 pub(crate) fn said_by(test: &str) -> Option<Vec<String>> {
     let needed = match Needed::find() {
         Ok(needed) => needed,
         Err(missing) => {
-            assert!(std::env::var_os("CI").is_none(), "{missing}");
-            // Past what libtest swallows of a test that passes.
-            let _ = writeln!(std::io::stderr(), "NOT TESTED: {missing}");
+            left_out::left_out(&missing);
             return None;
         }
     };

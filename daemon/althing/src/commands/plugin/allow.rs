@@ -1,0 +1,98 @@
+//! What a plugin asks for beyond the least, and a person's answer: on a terminal by yes or no, in a
+//! script by `--allow`.
+
+use std::io::{self, BufRead as _, IsTerminal as _, Write as _};
+use std::process::ExitCode;
+
+use plugin_host::{Package, Right, ShelfError, listed};
+use serde_json::json;
+use terminal::{exit, output};
+
+use crate::cli::PluginAllowArgs;
+use crate::commands::wrong;
+
+/// Allows an installed package what it asks for.
+pub(super) fn run(args: &PluginAllowArgs) -> ExitCode {
+    let (json, name) = (args.print.json, &args.name);
+    let failed = |problem: String| wrong(&format!("failed to {problem}"), json);
+    let shelf = match super::shelf(&args.place) {
+        Ok(shelf) => shelf,
+        Err(problem) => return failed(problem),
+    };
+    if !shelf.at(name).is_dir() {
+        let unknown = ShelfError::Unknown { name: name.clone(), folder: shelf.folder.clone() };
+        return failed(super::known_or_near(&shelf, name, unknown));
+    }
+    let package = match Package::open(&shelf.at(name)) {
+        Ok(package) => package,
+        Err(faults) => return failed(format!("read its package: {}", faults.first())),
+    };
+    let beyond = package.manifest.permissions.beyond(&shelf.allowed(name));
+    let command = format!("althing plugin allow {name}");
+    let consent = match consent(name, &beyond, &args.rights.allow, &command, json) {
+        Ok(consent) => consent,
+        Err(code) => return code,
+    };
+    if let Err(error) = shelf.allow(name, &consent) {
+        return failed(error.to_string());
+    }
+    if json {
+        let allowed: Vec<_> = shelf.allowed(name).iter().map(Right::to_string).collect();
+        return output::print_json(&json!({ "plugin": name, "allowed": allowed }), exit::DONE);
+    }
+    match consent.is_empty() {
+        true => output::print(format!("{name} may use all that it asks for already\n"), exit::DONE),
+        false => output::print(format!("allowed {name} {}\n", listed(&consent)), exit::DONE),
+    }
+}
+
+/// What of `beyond` is allowed: all of it, or nothing is done and the exit code says so. `command` is
+/// what a script writes before `--allow`.
+pub(super) fn consent(
+    name: &str,
+    beyond: &[Right],
+    allowed: &[Right],
+    command: &str,
+    json: bool,
+) -> Result<Vec<Right>, ExitCode> {
+    for right in allowed.iter().filter(|right| !beyond.iter().any(|asked| right.covers(asked))) {
+        output::note(&format!("note: `{name}` does not ask for {right}, or may use it already"));
+    }
+    let is_covered = |asked: &&Right| allowed.iter().any(|right| right.covers(asked));
+    let missing: Vec<Right> = beyond.iter().filter(|asked| !is_covered(asked)).cloned().collect();
+    if missing.is_empty() {
+        return Ok(beyond.to_vec());
+    }
+    if json {
+        let asks: Vec<_> = missing.iter().map(Right::to_string).collect();
+        let value = json!({ "status": "not-allowed", "plugin": name, "asks": asks });
+        return Err(output::print_json(&value, exit::NOT_ALLOWED));
+    }
+    let wants: Vec<_> = missing.iter().map(|right| format!("  {}\n", right.meaning())).collect();
+    let wants = wants.concat();
+    if !io::stdin().is_terminal() || !io::stderr().is_terminal() {
+        let words: Vec<_> = missing.iter().map(|right| format!(" --allow {right}")).collect();
+        output::note(&format!(
+            "error: `{name}` asks for the right\n{wants}and nobody is asked here. To allow that: \
+             {command}{}",
+            words.concat()
+        ));
+        return Err(exit::with(exit::NOT_ALLOWED));
+    }
+    if asked(&format!("`{name}` asks for the right\n{wants}Allow that? [y/N] ")) {
+        return Ok(beyond.to_vec());
+    }
+    output::note("nothing was allowed, and nothing is done");
+    Err(exit::with(exit::NOT_ALLOWED))
+}
+
+/// Asks a person at the terminal; anything but a yes is a no.
+fn asked(question: &str) -> bool {
+    let mut stderr = io::stderr().lock();
+    let mut answer = String::new();
+    let heard = write!(stderr, "{question}")
+        .and_then(|()| stderr.flush())
+        .and_then(|()| io::stdin().lock().read_line(&mut answer));
+    let answer = answer.trim();
+    heard.is_ok() && (answer.eq_ignore_ascii_case("y") || answer.eq_ignore_ascii_case("yes"))
+}

@@ -1,0 +1,154 @@
+//! `althing plugin check`: reads a package's files, then starts its program within its confinement, as a
+//! daemon would, and says whether its agents came.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use agent::Host;
+use pddl::Domain;
+use plugin_host::{Failed, Faults, Launcher, Package, Right, Trial, Worked};
+use serde_json::{Value, json};
+use terminal::report::{Report, Source};
+use terminal::{exit, output};
+
+use crate::cli::PluginCheckArgs;
+use crate::commands::{in_runtime, wrong};
+use crate::config::{self, Ecosystem};
+use crate::hosting::ITSELF;
+
+/// What was found of packages so far.
+#[derive(Default)]
+struct Desk {
+    report: Report,
+    /// A line for each package that is right.
+    text: String,
+    json: Vec<Value>,
+}
+
+/// Checks packages, each by itself.
+pub(super) fn run(args: &PluginCheckArgs) -> ExitCode {
+    in_runtime(check(args))
+}
+
+async fn check(args: &PluginCheckArgs) -> ExitCode {
+    let json = args.print.json;
+    let ecosystem = match ecosystem(args) {
+        Ok(ecosystem) => ecosystem,
+        Err(problem) => return wrong(&format!("failed to {problem}"), json),
+    };
+    let mut desk = Desk::default();
+    for folder in &args.packages {
+        // A folder is called by its name wherever one stands, and a plugin sees it by its whole path.
+        let folder = folder.canonicalize().unwrap_or_else(|_| folder.clone());
+        match Package::open(&folder) {
+            Ok(package) if args.files_only => desk.right(&package, None),
+            Ok(package) => {
+                let beyond = package.manifest.permissions.beyond(&args.rights.allow);
+                match beyond.as_slice() {
+                    [] => desk.try_out(package, ecosystem.as_ref()).await,
+                    beyond => desk.not_started(&package, beyond),
+                }
+            }
+            Err(faults) => add_faults(faults, &mut desk.report),
+        }
+    }
+    if desk.report.has_errors() {
+        return output::show(&desk.report, json, "bad-input", exit::BAD_INPUT);
+    }
+    if json {
+        return output::print_json(&json!({ "status": "ok", "packages": desk.json }), exit::DONE);
+    }
+    output::print(desk.text, exit::DONE)
+}
+
+/// The ecosystem whose words a package is told, if there is one.
+fn ecosystem(args: &PluginCheckArgs) -> Result<Option<Ecosystem>, String> {
+    if args.files_only {
+        return Ok(None);
+    }
+    let file = match &args.ecosystem {
+        Some(asked) => Some(config::resolve_ecosystem(asked)?),
+        None => config::find_ecosystem_file(),
+    };
+    file.map(|file| super::load(&file)).transpose()
+}
+
+impl Desk {
+    async fn try_out(&mut self, package: Package, ecosystem: Option<&Ecosystem>) {
+        let host = match ecosystem {
+            Some(ecosystem) => Host::new((*ecosystem.domain).clone(), (*ecosystem.problem).clone()),
+            None => without_ecosystem(&package),
+        };
+        let launcher = Launcher(PathBuf::from(ITSELF));
+        match (Trial { package: package.clone(), launcher, host }).run().await {
+            Ok(worked) => self.right(&package, Some(&worked)),
+            Err(Failed { why, advice }) => {
+                let faults = package.fault_of_program(format!("it does not start: {why}"), advice);
+                add_faults(faults, &mut self.report);
+            }
+        }
+    }
+
+    /// Nothing runs with rights that nobody has allowed.
+    fn not_started(&mut self, package: &Package, beyond: &[Right]) {
+        let words: Vec<_> = beyond.iter().map(|right| format!(" --allow {right}")).collect();
+        let (name, version) = (&package.manifest.name, &package.manifest.version);
+        let asks: Vec<_> = beyond.iter().map(Right::to_string).collect();
+        let value = json!({ "plugin": name, "version": version, "started": false, "asks": asks });
+        self.json.push(value);
+        let said = format!(
+            "{name} {version}: nothing is wrong with its files; it was not started, because it asks \
+             for rights that nobody has allowed; to try it with them: althing plugin check{} {}",
+            words.concat(),
+            package.folder.display()
+        );
+        let _ = writeln!(self.text, "{}", output::folded(&said, 4));
+    }
+
+    fn right(&mut self, package: &Package, worked: Option<&Worked>) {
+        let (name, version) = (&package.manifest.name, &package.manifest.version);
+        let mut value = json!({ "plugin": name, "version": version, "started": worked.is_some() });
+        let said = match worked {
+            None => "nothing is wrong with its files; it was not started".to_owned(),
+            Some(Worked { program, took, agents }) => {
+                value["program"] = json!(program);
+                value["agents"] = json!(agents);
+                let (took, program) = (took.as_secs_f64(), program.display());
+                let ran = format!("it ran within its confinement, as {program}");
+                match agents.is_empty() {
+                    true => format!("nothing is wrong; {ran}; it brings no agent of its own"),
+                    false => format!("nothing is wrong; {ran}, and was ready after {took:.1} s"),
+                }
+            }
+        };
+        let line = output::folded(&format!("{name} {version}: {said}"), 4);
+        let _ = writeln!(self.text, "{line}");
+        self.json.push(value);
+    }
+}
+
+/// Words for a package where there is no ecosystem file: the domain that its model names, with
+/// nothing in it.
+fn without_ecosystem(package: &Package) -> Host {
+    let named = package.manifest.agents.first().and_then(|agent| {
+        let (_, model) = package.model(&agent.name, &agent.config).ok()??;
+        Some(model.domain.to_string())
+    });
+    let name = named.unwrap_or_else(|| "trial".to_owned());
+    let domain: Option<Domain> = pddl::parse_domain(&format!("(define (domain {name}))")).value;
+    let map = format!("(define (problem trial) (:domain {name}) (:init) (:goal (and)))");
+    let map = pddl::parse_problem(&map).value;
+    let (domain, map) = (domain.expect("invariant: it is PDDL"), map.expect("invariant: the same"));
+    Host::new(domain, map)
+}
+
+/// Adds the mistakes in a package to a report.
+pub(super) fn add_faults(faults: Faults, report: &mut Report) {
+    let Faults { file, text, found } = faults;
+    if text.is_empty() {
+        found.into_iter().for_each(|mistake| report.add_general(mistake));
+    } else {
+        report.add(&Source::new(file.display().to_string(), text), found);
+    }
+}

@@ -1,0 +1,205 @@
+//! Control groups (cgroup v2): where the daemon was given a part of their tree (systemd's `Delegate=yes`),
+//! each plugin is a group of its own, whose memory, processes and computing the kernel counts and bounds.
+//!
+//! The kernel lets no group have processes and parts at once, so the daemon itself moves into a part.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Where the tree is mounted.
+const ROOT: &str = "/sys/fs/cgroup";
+/// What is counted.
+const CONTROLLERS: [&str; 3] = ["cpu", "memory", "pids"];
+/// The part that the daemon is in.
+const OWN: &str = "daemon";
+/// How systemd marks a group that it has given away.
+const DELEGATED: [&str; 2] = ["user.delegate", "trusted.delegate"];
+
+/// The part of the tree that this daemon was given.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Tree(PathBuf);
+
+/// The group of one life of a plugin; dropped, it is removed with all that is in it.
+#[derive(Debug)]
+pub(crate) struct Group {
+    folder: PathBuf,
+    /// What a former life in the same group had taken.
+    before: Taken,
+}
+
+/// What a group has taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Taken {
+    /// Bytes that it holds, whatever for.
+    pub(crate) memory: u64,
+    /// Time on a processor, of all processes that were ever in it.
+    pub(crate) cpu: Duration,
+    /// How often a process was ended because the group held more than it may.
+    pub(crate) ended: u64,
+}
+
+impl Tree {
+    /// Finds the part of this process, and divides it.
+    ///
+    /// # Errors
+    ///
+    /// Why it has none; for a person.
+    pub(crate) fn find() -> Result<Tree, String> {
+        let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
+        let own = groups.lines().find_map(|line| line.strip_prefix("0::"));
+        let own = own.ok_or("this machine has no control groups of version 2")?;
+        Tree::at(&Path::new(ROOT).join(own.trim_start_matches('/')))
+    }
+
+    fn at(folder: &Path) -> Result<Tree, String> {
+        let shown = folder.display();
+        let read = |file: &str| fs::read_to_string(folder.join(file)).unwrap_or_default();
+        let known = read("cgroup.controllers");
+        let missing =
+            CONTROLLERS.iter().find(|name| !known.split_whitespace().any(|it| it == **name));
+        if let Some(missing) = missing {
+            return Err(format!("the control group {shown} has no `{missing}`"));
+        }
+        // Root may write anywhere; that is not to say that somebody has given it away.
+        let is_marked = DELEGATED.iter().any(|mark| {
+            let mut value = [0; 8];
+            rustix::fs::getxattr(folder, *mark, &mut value)
+                .is_ok_and(|length| value[..length] == *b"1")
+        });
+        if rustix::process::geteuid().is_root() && !is_marked {
+            return Err(format!(
+                "the control group {shown} was not given to this daemon (Delegate=yes)"
+            ));
+        }
+        let own = std::process::id().to_string();
+        let others = read("cgroup.procs");
+        if others.lines().any(|process| process != own) {
+            return Err(format!("the control group {shown} has other processes than this daemon"));
+        }
+        let divide = || -> io::Result<()> {
+            let part = folder.join(OWN);
+            make(&part)?;
+            fs::write(part.join("cgroup.procs"), &own)?;
+            let enabled = CONTROLLERS.map(|name| format!("+{name}")).join(" ");
+            fs::write(folder.join("cgroup.subtree_control"), enabled)
+        };
+        divide().map_err(|error| {
+            format!(
+                "the control group {shown} was not given to this daemon (Delegate=yes): {error}"
+            )
+        })?;
+        Ok(Tree(folder.to_owned()))
+    }
+
+    /// Makes a group for a plugin.
+    ///
+    /// # Errors
+    ///
+    /// If the kernel refuses.
+    pub(crate) fn group(&self, name: &str, memory: u64, tasks: u64) -> io::Result<Group> {
+        let folder = self.0.join(format!("plugin-{name}"));
+        make(&folder)?;
+        let mut group = Group { folder, before: Taken::default() };
+        group.before = Taken { memory: 0, ..group.taken() };
+        group.write("memory.max", &memory.to_string())?;
+        // Together with memory, what was swapped out would be more than it may hold.
+        match group.write("memory.swap.max", "0") {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => (),
+        }
+        group.write("memory.oom.group", "1")?;
+        group.write("pids.max", &tasks.to_string())?;
+        Ok(group)
+    }
+}
+
+impl Group {
+    /// Where it is; a process joins it by writing to its `cgroup.procs`.
+    pub(crate) fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// What it has taken so far.
+    pub(crate) fn taken(&self) -> Taken {
+        let number = |file: &str, key: &str| -> u64 {
+            let text = fs::read_to_string(self.folder.join(file)).unwrap_or_default();
+            let line = text.lines().find_map(|line| match key {
+                "" => Some(line),
+                key => line.strip_prefix(key),
+            });
+            line.and_then(|value| value.trim().parse().ok()).unwrap_or(0)
+        };
+        Taken {
+            memory: number("memory.current", ""),
+            cpu: Duration::from_micros(number("cpu.stat", "usage_usec "))
+                .saturating_sub(self.before.cpu),
+            ended: number("memory.events", "oom_kill ").saturating_sub(self.before.ended),
+        }
+    }
+
+    /// Lets it compute no more than this share of a processor from now on.
+    pub(crate) fn slow_down(&self, share: f64) {
+        let period: f64 = 100_000.0;
+        let quota = (share * period).max(1_000.0).round();
+        // Without it, it is slowed by its priority.
+        let _ = self.write("cpu.max", &format!("{quota} {period}"));
+    }
+
+    fn write(&self, file: &str, text: &str) -> io::Result<()> {
+        fs::write(self.folder.join(file), text)
+    }
+}
+
+impl Drop for Group {
+    fn drop(&mut self) {
+        // Whatever is still in it, wherever its process group is.
+        let _ = self.write("cgroup.kill", "1");
+        // The kernel lets go of a group when its last process is gone; a next life uses it again.
+        let _ = fs::remove_dir(&self.folder);
+    }
+}
+
+fn make(folder: &Path) -> io::Result<()> {
+    match fs::create_dir(folder) {
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => Err(error),
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tree_that_nobody_gave_away_is_left_alone() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let problem = Tree::at(folder.path()).expect_err("it has no controllers");
+        assert!(problem.contains("has no `cpu`"), "{problem}");
+        let write =
+            |file: &str, text: &str| fs::write(folder.path().join(file), text).expect("a file");
+        write("cgroup.controllers", "cpuset cpu io memory pids");
+        write("cgroup.procs", "1\n2\n");
+        let problem = Tree::at(folder.path()).expect_err("it is another's");
+        assert!(problem.contains("given to this daemon") || problem.contains("other processes"));
+        assert!(!folder.path().join(OWN).exists(), "nothing was made there");
+    }
+
+    #[test]
+    fn what_a_group_has_taken_is_read() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("plugin-x");
+        fs::create_dir(&path).expect("made");
+        let write = |file: &str, text: &str| fs::write(path.join(file), text).expect("a file");
+        write("memory.current", "4096\n");
+        write("cpu.stat", "usage_usec 2500000\nuser_usec 1\n");
+        write("memory.events", "low 0\noom 1\noom_kill 1\n");
+        let before = Taken { memory: 0, cpu: Duration::from_secs(1), ended: 0 };
+        let group = Group { folder: path.clone(), before };
+        let expected = Taken { memory: 4096, cpu: Duration::from_millis(1_500), ended: 1 };
+        assert_eq!(group.taken(), expected);
+        let none = Group { folder: folder.path().join("none"), before };
+        assert_eq!(none.taken(), Taken::default());
+    }
+}

@@ -1,0 +1,344 @@
+//! Which calls a plugin may make of the kernel (seccomp).
+//!
+//! - [`ALLOWED`] is what programs in any language need. Every other call, also one that a later kernel
+//!   brings, fails as on a kernel that does not have it (`ENOSYS`), so that programs do without it.
+//! - [`FORBIDDEN`] calls, and allowed ones with arguments that reach beyond the plugin (another process,
+//!   a namespace, a device node, a socket of another family), fail with “Operation not permitted”.
+//! - Where the kernel has no other means, calls that connect a socket or signal a process wait for the
+//!   daemon's answer (`mediator`).
+
+use std::collections::BTreeMap;
+use std::str::FromStr as _;
+
+use seccompiler::{
+    BackendError, BpfProgram, SeccompAction, SeccompCmpArgLen, SeccompCmpOp, SeccompCondition,
+    SeccompFilter, SeccompRule, TargetArch,
+};
+use syscalls::Sysno;
+
+/// Calls that programs need, whatever language they are written in. Names that this machine's kernel
+/// interface does not have are left out.
+const ALLOWED: &str = "
+    read write readv writev pread64 pwrite64 preadv pwritev preadv2 pwritev2 lseek _llseek
+    sendfile sendfile64 splice tee vmsplice copy_file_range readahead fadvise64 fadvise64_64
+    close close_range dup dup2 dup3 fcntl fcntl64 ioctl flock pipe pipe2 fallocate
+    fsync fdatasync sync_file_range
+    open openat creat access faccessat faccessat2 stat fstat lstat newfstatat statx stat64 fstat64
+    lstat64 fstatat64 readlink readlinkat getdents getdents64 getcwd chdir fchdir umask
+    statfs fstatfs statfs64 fstatfs64
+    mkdir mkdirat rmdir unlink unlinkat rename renameat renameat2 link linkat symlink symlinkat
+    mknod mknodat truncate truncate64 ftruncate ftruncate64
+    chmod fchmod fchmodat chown fchown lchown fchownat chown32 fchown32 lchown32
+    utime utimes futimesat utimensat utimensat_time64
+    getxattr lgetxattr fgetxattr listxattr llistxattr flistxattr
+    setxattr lsetxattr fsetxattr removexattr lremovexattr fremovexattr
+    inotify_init inotify_init1 inotify_add_watch inotify_rm_watch
+    mmap mmap2 munmap mremap mprotect brk madvise mincore msync mlock mlock2 munlock mlockall
+    munlockall membarrier pkey_alloc pkey_free pkey_mprotect memfd_create
+    clone fork vfork execve execveat exit exit_group wait4 waitid waitpid
+    kill tkill tgkill rt_sigqueueinfo rt_tgsigqueueinfo
+    getpid getppid gettid getpgid getpgrp getsid
+    getuid geteuid getgid getegid getresuid getresgid getgroups
+    getuid32 geteuid32 getgid32 getegid32 getresuid32 getresgid32 getgroups32
+    setuid setgid setreuid setregid setresuid setresgid setfsuid setfsgid setgroups
+    setuid32 setgid32 setreuid32 setregid32 setresuid32 setresgid32 setfsuid32 setfsgid32
+    capget capset prctl arch_prctl personality seccomp
+    landlock_create_ruleset landlock_add_rule landlock_restrict_self
+    prlimit64 getrlimit ugetrlimit setrlimit getrusage times sysinfo uname
+    getpriority setpriority ioprio_get ioprio_set getcpu
+    sched_yield sched_getaffinity sched_setaffinity sched_getparam sched_setparam
+    sched_getscheduler sched_setscheduler sched_getattr sched_setattr
+    sched_get_priority_max sched_get_priority_min sched_rr_get_interval
+    sched_rr_get_interval_time64
+    set_tid_address set_robust_list get_robust_list rseq set_thread_area get_thread_area set_tls
+    cacheflush riscv_flush_icache riscv_hwprobe
+    futex futex_time64 futex_waitv futex_wait futex_wake futex_requeue
+    rt_sigaction rt_sigprocmask rt_sigpending rt_sigreturn rt_sigsuspend rt_sigtimedwait
+    rt_sigtimedwait_time64 sigaltstack sigreturn signalfd signalfd4 pause restart_syscall
+    nanosleep clock_nanosleep clock_nanosleep_time64 clock_gettime clock_gettime64 clock_getres
+    clock_getres_time64 gettimeofday time alarm getitimer setitimer
+    timer_create timer_settime timer_gettime timer_getoverrun timer_delete timer_settime64
+    timer_gettime64 timerfd_create timerfd_settime timerfd_gettime timerfd_settime64
+    timerfd_gettime64
+    epoll_create epoll_create1 epoll_ctl epoll_wait epoll_pwait epoll_pwait2 poll ppoll
+    ppoll_time64 select _newselect pselect6 pselect6_time64 eventfd eventfd2
+    socket socketpair connect bind listen accept accept4 getsockname getpeername getsockopt
+    setsockopt sendto send sendmsg sendmmsg recvfrom recv recvmsg recvmmsg recvmmsg_time64 shutdown
+    getrandom";
+
+/// Calls that fail as not permitted, so that a person sees why a program does not go on.
+const FORBIDDEN: &str = "
+    acct add_key bpf chroot clock_adjtime clock_settime delete_module finit_module init_module
+    io_uring_enter io_uring_register io_uring_setup kcmp kexec_load keyctl migrate_pages mount
+    move_pages mq_open msgctl msgget msgrcv msgsnd open_by_handle_at perf_event_open pidfd_getfd
+    pidfd_send_signal pivot_root process_madvise process_mrelease process_vm_readv process_vm_writev
+    ptrace quotactl reboot request_key semctl semget semop semtimedop setns settimeofday shmat shmctl
+    shmdt shmget swapoff swapon umount2 unshare userfaultfd
+    setpgid setsid";
+
+/// Calls that change what is noted of a file, whoever may write it: Landlock has no word for them, so
+/// where no mount keeps files as they are, nobody may make them.
+const METADATA: &str = "
+    chmod fchmod fchmodat chown fchown lchown fchownat chown32 fchown32 lchown32
+    utime utimes futimesat utimensat utimensat_time64
+    setxattr lsetxattr fsetxattr removexattr lremovexattr fremovexattr";
+
+/// Calls that set something of a process, by its number: of itself, if that is 0.
+const ABOUT_PROCESSES: &str =
+    "prlimit64 sched_setaffinity sched_setparam sched_setscheduler sched_setattr";
+
+/// Calls that signal a process, by its number.
+const SIGNALS: &str = "kill tkill tgkill rt_sigqueueinfo rt_tgsigqueueinfo";
+
+/// Namespaces of a `clone`; and the flag by which a child would be the daemon's, who does not know it.
+const CLONE_FLAGS: &[i32] = &[
+    libc::CLONE_NEWNS,
+    libc::CLONE_NEWCGROUP,
+    libc::CLONE_NEWUTS,
+    libc::CLONE_NEWIPC,
+    libc::CLONE_NEWUSER,
+    libc::CLONE_NEWPID,
+    libc::CLONE_NEWNET,
+    libc::CLONE_PARENT,
+];
+
+/// `fcntl`: whom a file's signals go to, and leases, which keep others waiting who open the file.
+const FCNTL: &[i32] = &[F_SETOWN, F_SETOWN_EX, F_SETSIG, libc::F_SETLEASE, libc::F_NOTIFY];
+const F_SETOWN: i32 = 8;
+const F_SETSIG: i32 = 10;
+const F_SETOWN_EX: i32 = 15;
+
+/// `ioctl`: the same of sockets and terminals, and what would be typed into a terminal.
+const IOCTL: &[u64] = &[FIOSETOWN, SIOCSPGRP, TIOCSTI, TIOCLINUX];
+const FIOSETOWN: u64 = 0x8901;
+const SIOCSPGRP: u64 = 0x8902;
+const TIOCSTI: u64 = 0x5412;
+const TIOCLINUX: u64 = 0x541c;
+
+/// `IOPRIO_WHO_PROCESS`.
+const IOPRIO_PROCESS: u64 = 1;
+/// `PERSONALITY` that only asks.
+const ASK_PERSONALITY: u64 = 0xffff_ffff;
+/// `SOCK_TYPE_MASK`: the type of a socket, without its flags.
+const SOCKET_TYPE: u64 = 0xf;
+
+/// What is forbidden, and what is asked about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Choice {
+    /// Sockets of the Internet are allowed.
+    pub(super) network: bool,
+    /// Files are kept as they are by mounts.
+    pub(super) has_own_mounts: bool,
+    /// `truncate` is held against what may be written.
+    pub(super) truncates_own_only: bool,
+    /// Memory that has no name is counted.
+    pub(super) counts_memory: bool,
+}
+
+/// Why calls cannot be forbidden.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CallsError {
+    /// The filter could not be made.
+    #[error("make a filter of calls: {0}")]
+    Compile(#[from] BackendError),
+    /// The kernel did not take it.
+    #[error("forbid calls: {0}")]
+    Install(#[from] seccompiler::Error),
+}
+
+type Rules = BTreeMap<i64, Vec<SeccompRule>>;
+
+/// This machine, if filters are known for it.
+pub(super) fn target() -> Option<TargetArch> {
+    std::env::consts::ARCH.try_into().ok()
+}
+
+/// Allows what is needed and forbids what reaches beyond the plugin, for good.
+pub(super) fn forbid(choice: Choice, target: TargetArch) -> Result<(), CallsError> {
+    let errno = |number: i32| SeccompAction::Errno(number.unsigned_abs());
+    let known = numbers(ALLOWED).map(|call| (call, Vec::new())).collect();
+    let allowed = SeccompFilter::new(known, errno(libc::ENOSYS), SeccompAction::Allow, target)?;
+    let forbidden =
+        SeccompFilter::new(forbidden(choice)?, SeccompAction::Allow, errno(libc::EPERM), target)?;
+    // Of two errors that of the filter counts which came last.
+    for filter in [allowed, forbidden] {
+        let program: BpfProgram = filter.try_into()?;
+        seccompiler::apply_filter(&program)?;
+    }
+    Ok(())
+}
+
+/// The filter of the calls about which the daemon is asked: those that connect and that signal others,
+/// and, if it counts processes, those that begin one.
+pub(super) fn mediated(
+    counts_processes: bool,
+    own: u32,
+    target: TargetArch,
+) -> Result<BpfProgram, CallsError> {
+    let mut rules = Rules::new();
+    rules.extend(numbers("connect").map(|call| (call, Vec::new())));
+    for call in SIGNALS.split_whitespace() {
+        // Programs signal themselves often: runtimes do, and `abort`.
+        add(&mut rules, call, vec![vec![is_not(0, own.into())?]]);
+    }
+    if counts_processes {
+        let thread = libc::CLONE_THREAD.unsigned_abs().into();
+        add(&mut rules, "clone", vec![vec![masked(0, thread, 0)?]]);
+        rules.extend(numbers("fork vfork").map(|call| (call, Vec::new())));
+    }
+    Ok(seccomp_notify::program(rules, target)?)
+}
+
+fn forbidden(choice: Choice) -> Result<Rules, BackendError> {
+    let mut rules: Rules = numbers(FORBIDDEN).map(|call| (call, Vec::new())).collect();
+    if !choice.has_own_mounts {
+        rules.extend(numbers(METADATA).map(|call| (call, Vec::new())));
+    }
+    if !choice.truncates_own_only {
+        rules.extend(numbers("truncate truncate64").map(|call| (call, Vec::new())));
+    }
+    if !choice.counts_memory {
+        rules.extend(numbers("memfd_create").map(|call| (call, Vec::new())));
+    }
+    sockets(&mut rules, choice.network)?;
+    processes(&mut rules)?;
+    files(&mut rules)?;
+    Ok(rules)
+}
+
+/// Sockets of other families, and those of Unix without a connection: these reach any other that is
+/// known by its address.
+fn sockets(rules: &mut Rules, network: bool) -> Result<(), BackendError> {
+    let mut families = vec![libc::AF_UNIX];
+    if network {
+        // Libraries ask the kernel for the machine's addresses over netlink.
+        families.extend([libc::AF_INET, libc::AF_INET6, libc::AF_NETLINK]);
+    }
+    let family = |family: i32| u64::from(family.unsigned_abs());
+    let others =
+        families.iter().map(|known| is_not(0, family(*known))).collect::<Result<_, _>>()?;
+    let mut bad: Vec<Vec<SeccompCondition>> = vec![others];
+    for kind in [libc::SOCK_DGRAM, libc::SOCK_RAW, libc::SOCK_RDM, libc::SOCK_DCCP, 10] {
+        let kind = u64::from(kind.unsigned_abs());
+        bad.push(vec![is(0, family(libc::AF_UNIX))?, masked(1, SOCKET_TYPE, kind)?]);
+    }
+    add(rules, "socketpair", bad.clone());
+    let netlink = u64::from(libc::NETLINK_ROUTE.unsigned_abs());
+    bad.push(vec![is(0, family(libc::AF_NETLINK))?, is_not(2, netlink)?]);
+    add(rules, "socket", bad);
+    Ok(())
+}
+
+/// What concerns other processes, or would take this one out of sight.
+fn processes(rules: &mut Rules) -> Result<(), BackendError> {
+    for call in ABOUT_PROCESSES.split_whitespace() {
+        add(rules, call, vec![vec![is_not(0, 0)?]]);
+    }
+    let itself = libc::PRIO_PROCESS.into();
+    add(rules, "setpriority", vec![vec![is_not(0, itself)?], vec![is_not(1, 0)?]]);
+    add(rules, "ioprio_set", vec![vec![is_not(0, IOPRIO_PROCESS)?], vec![is_not(1, 0)?]]);
+    let flags = CLONE_FLAGS.iter().map(|flag| u64::from(flag.unsigned_abs()));
+    let flags = flags.map(|flag| Ok(vec![masked(0, flag, flag)?]));
+    add(rules, "clone", flags.collect::<Result<_, BackendError>>()?);
+    let option = |option: i32| u64::from(option.unsigned_abs());
+    // Who is not dumpable shows nobody what it holds.
+    let hidden = vec![is(0, option(libc::PR_SET_DUMPABLE))?, is_not(1, 1)?];
+    add(rules, "prctl", vec![hidden, vec![is(0, option(libc::PR_SCHED_CORE))?]]);
+    let others = vec![is_not(0, 0)?, is_not(0, ASK_PERSONALITY)?];
+    add(rules, "personality", vec![others]);
+    Ok(())
+}
+
+fn files(rules: &mut Rules) -> Result<(), BackendError> {
+    let fcntl = FCNTL.iter().map(|command| Ok(vec![is(1, u64::from(command.unsigned_abs()))?]));
+    let fcntl = fcntl.collect::<Result<Vec<_>, BackendError>>()?;
+    add(rules, "fcntl", fcntl.clone());
+    add(rules, "fcntl64", fcntl);
+    let ioctl = IOCTL.iter().map(|command| Ok(vec![is(1, *command)?]));
+    add(rules, "ioctl", ioctl.collect::<Result<_, BackendError>>()?);
+    // A file that is opened to be read is emptied all the same.
+    // So can a file that is opened for neither (the fourth access mode), which asks Landlock for nothing.
+    let mask = (libc::O_ACCMODE | libc::O_TRUNC).unsigned_abs().into();
+    for (call, index) in [("open", 1), ("openat", 2)] {
+        let empties = [libc::O_RDONLY, libc::O_ACCMODE].map(|mode| mode | libc::O_TRUNC);
+        let empties =
+            empties.map(|flags| Ok(vec![masked(index, mask, flags.unsigned_abs().into())?]));
+        add(rules, call, empties.into_iter().collect::<Result<_, BackendError>>()?);
+    }
+    for (call, index) in [("mknod", 1), ("mknodat", 2)] {
+        let kinds = [libc::S_IFCHR, libc::S_IFBLK].map(u64::from);
+        let kinds = kinds.map(|kind| Ok(vec![masked(index, u64::from(libc::S_IFMT), kind)?]));
+        add(rules, call, kinds.into_iter().collect::<Result<_, BackendError>>()?);
+    }
+    Ok(())
+}
+
+/// Adds conditions of which any forbids the call; all calls that are forbidden anyway stay so.
+fn add(rules: &mut Rules, call: &str, any: Vec<Vec<SeccompCondition>>) {
+    let Some(call) = known(call) else { return };
+    let added: Result<Vec<_>, _> = any.into_iter().map(SeccompRule::new).collect();
+    let added = added.expect("invariant: no rule is without a condition");
+    match rules.get_mut(&call) {
+        Some(always) if always.is_empty() => (),
+        Some(rules) => rules.extend(added),
+        None => drop(rules.insert(call, added)),
+    }
+}
+
+fn is(index: u8, value: u64) -> Result<SeccompCondition, BackendError> {
+    SeccompCondition::new(index, SeccompCmpArgLen::Dword, SeccompCmpOp::Eq, value)
+}
+
+fn is_not(index: u8, value: u64) -> Result<SeccompCondition, BackendError> {
+    SeccompCondition::new(index, SeccompCmpArgLen::Dword, SeccompCmpOp::Ne, value)
+}
+
+fn masked(index: u8, mask: u64, value: u64) -> Result<SeccompCondition, BackendError> {
+    SeccompCondition::new(index, SeccompCmpArgLen::Dword, SeccompCmpOp::MaskedEq(mask), value)
+}
+
+/// The numbers of calls, of those that this machine has.
+fn numbers(names: &str) -> impl Iterator<Item = i64> {
+    names.split_whitespace().filter_map(known)
+}
+
+fn known(name: &str) -> Option<i64> {
+    Sysno::from_str(name).ok().map(|call| i64::from(call.id()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_calls_of_some_machine_and_none_is_both_allowed_and_forbidden() {
+        let has = |list: &str, name: &str| list.split_whitespace().any(|known| known == name);
+        let both = FORBIDDEN.split_whitespace().find(|name| has(ALLOWED, name));
+        assert_eq!(both, None);
+        for list in [METADATA, ABOUT_PROCESSES, SIGNALS] {
+            let stray = list.split_whitespace().find(|name| !has(ALLOWED, name));
+            assert_eq!(stray, None, "it is forbidden anyway");
+        }
+        // A misspelt name would be forbidden nowhere.
+        let misspelt = FORBIDDEN.split_whitespace().find(|name| known(name).is_none());
+        assert!(misspelt.is_none() || cfg!(not(target_arch = "x86_64")), "{misspelt:?}");
+    }
+
+    #[test]
+    fn filters_fit_into_the_kernels_bound() {
+        let Some(target) = target() else { return };
+        let choice = Choice {
+            network: false,
+            has_own_mounts: false,
+            truncates_own_only: false,
+            counts_memory: false,
+        };
+        let rules = forbidden(choice).expect("rules");
+        let action = SeccompAction::Errno(1);
+        let filter = SeccompFilter::new(rules, SeccompAction::Allow, action, target);
+        let program: BpfProgram = filter.expect("a filter").try_into().expect("it compiles");
+        assert!(program.len() < 4_096, "{}", program.len());
+        assert!(mediated(true, 7, target).expect("it compiles").len() < 4_096);
+    }
+}

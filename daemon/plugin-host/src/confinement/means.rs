@@ -1,0 +1,238 @@
+//! What this kernel offers to confine plugins with, what is made of it for one plugin, and what is left
+//! that cannot be enforced.
+//!
+//! It is tried out, not guessed from a version: a process of the daemon's own program confines itself
+//! step by step and says how far it came ([`Means::try_out`]).
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::calls::{self, Choice};
+use super::files::{self, Files};
+use super::room::{self, Furniture};
+use super::{PLAIN_DEVICES, SYSTEM};
+
+/// What the kernel has.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Means {
+    /// The version of Landlock; 0 for none.
+    pub landlock: i32,
+    /// Why there are no namespaces for a room of its own; `None` if there are.
+    pub no_namespaces: Option<String>,
+    /// Why calls cannot be forbidden (seccomp); `None` if they can.
+    pub no_calls: Option<String>,
+    /// Why the daemon cannot be asked about calls (seccomp user notification); `None` if it can.
+    pub no_questions: Option<String>,
+    /// Whether plugins run as root, whose processes the kernel does not count.
+    pub is_root: bool,
+}
+
+/// What is done with it for one plugin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Plan {
+    /// It gets a room of its own.
+    pub(crate) has_room: bool,
+    /// The kernel hides files and whom it could signal (Landlock).
+    pub(crate) landlock: i32,
+    /// Calls are forbidden.
+    pub(crate) forbids_calls: bool,
+    /// Calls that connect or signal wait for the daemon's answer.
+    pub(crate) is_mediated: bool,
+    /// So do those that begin a process.
+    pub(crate) counts_processes: bool,
+    /// A control group counts what its processes take together.
+    pub(crate) is_counted: bool,
+    /// It may use the Internet.
+    pub(crate) network: bool,
+    /// The daemon runs as root.
+    pub(crate) is_root: bool,
+}
+
+impl Means {
+    /// Confines this process as plugins are, step by step; what works. For a process of its own, which
+    /// ends afterwards. `folder` is any folder that exists.
+    pub(crate) fn try_out(folder: &Path) -> Means {
+        let why = |error: &dyn std::error::Error| error.to_string();
+        let target = calls::target();
+        let unknown = || format!("filters are not known for {}", std::env::consts::ARCH);
+        let asked = target.ok_or_else(unknown).and_then(|target| {
+            let program = calls::mediated(false, 0, target).map_err(|error| why(&error))?;
+            seccomp_notify::listen(&program).map_err(|error| error.to_string())
+        });
+        let furniture = Furniture {
+            shown: SYSTEM.iter().map(PathBuf::from).collect(),
+            devices: PLAIN_DEVICES.iter().map(PathBuf::from).collect(),
+            sockets: Vec::new(),
+            home: folder.to_owned(),
+            network: false,
+        };
+        let entered = room::enter(&furniture);
+        let landlock = files::restrict(&Files::default()).unwrap_or(0);
+        let choice = Choice {
+            network: false,
+            has_own_mounts: true,
+            truncates_own_only: true,
+            counts_memory: false,
+        };
+        let forbidden = target
+            .ok_or_else(unknown)
+            .and_then(|target| calls::forbid(choice, target).map_err(|error| why(&error)));
+        Means {
+            landlock,
+            no_namespaces: entered.err().map(|error| why(&error)),
+            no_calls: forbidden.err(),
+            no_questions: asked.err(),
+            is_root: rustix::process::geteuid().is_root(),
+        }
+    }
+
+    /// Nothing of which anything is known.
+    pub(crate) fn none(why: &str) -> Means {
+        let why = || Some(why.to_owned());
+        Means {
+            landlock: 0,
+            no_namespaces: why(),
+            no_calls: why(),
+            no_questions: why(),
+            is_root: rustix::process::geteuid().is_root(),
+        }
+    }
+
+    /// What is done for a plugin; `is_counted` if it has a control group.
+    pub(crate) fn plan(&self, network: bool, is_counted: bool) -> Plan {
+        let mut plan = Plan {
+            has_room: self.no_namespaces.is_none(),
+            landlock: self.landlock,
+            forbids_calls: self.no_calls.is_none(),
+            is_mediated: false,
+            counts_processes: false,
+            is_counted,
+            network,
+            is_root: self.is_root,
+        };
+        let can_ask = plan.forbids_calls && self.no_questions.is_none();
+        let is_open = !plan.hides_sockets() || !plan.hides_processes() || !plan.hides_names();
+        plan.counts_processes = can_ask && !plan.bounds_processes();
+        plan.is_mediated = can_ask && (is_open || plan.counts_processes);
+        plan
+    }
+}
+
+impl Plan {
+    /// Whether sockets of others that have a path are out of reach.
+    fn hides_sockets(&self) -> bool {
+        self.has_room || self.landlock >= files::SOCKETS || self.is_mediated
+    }
+
+    /// Whether sockets of others that have a name only (abstract ones) are out of reach.
+    fn hides_names(&self) -> bool {
+        let has_own_network = self.has_room && !self.network;
+        has_own_network || self.landlock >= files::SCOPES || self.is_mediated
+    }
+
+    /// Whether processes of others are out of reach for signals.
+    fn hides_processes(&self) -> bool {
+        self.landlock >= files::SCOPES || self.is_mediated
+    }
+
+    /// Whether the kernel, or the daemon when it is asked, bounds how many processes there are.
+    fn bounds_processes(&self) -> bool {
+        self.is_counted || (self.has_room && !self.is_root) || self.counts_processes
+    }
+
+    /// Whether other files stay as they are.
+    fn keeps_files(&self) -> bool {
+        self.has_room || (self.forbids_calls && self.landlock > 0)
+    }
+
+    pub(super) fn choice(&self) -> Choice {
+        Choice {
+            network: self.network,
+            has_own_mounts: self.has_room,
+            truncates_own_only: self.has_room || self.landlock >= files::TRUNCATES,
+            counts_memory: self.is_counted,
+        }
+    }
+
+    /// What cannot be kept from a plugin here, each in a sentence for a person.
+    pub(crate) fn lacks(&self) -> Vec<String> {
+        let mut lacks = Vec::new();
+        let mut say = |is_lacking: bool, what: &str| {
+            if is_lacking {
+                lacks.push(what.to_owned());
+            }
+        };
+        say(!self.has_room && self.landlock == 0, "it can read what this user can read");
+        say(
+            !self.keeps_files(),
+            "it can change modes, times and lengths of files that it can reach",
+        );
+        say(
+            !self.hides_sockets(),
+            "it can connect to Unix sockets of this user, those of daemons included",
+        );
+        say(!self.hides_names(), "it can connect to abstract Unix sockets");
+        say(!self.hides_processes(), "it can signal other processes of this user");
+        say(!self.bounds_processes(), "its processes are counted four times a second only");
+        say(
+            !self.forbids_calls,
+            "it can make any call of the kernel: on other processes, for memory that is not counted, \
+             for sockets",
+        );
+        lacks
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn means(landlock: i32, namespaces: bool, questions: bool) -> Means {
+        let not = |has: bool| (!has).then(|| "for the test".to_owned());
+        Means {
+            landlock,
+            no_namespaces: not(namespaces),
+            no_calls: None,
+            no_questions: not(questions),
+            is_root: false,
+        }
+    }
+
+    #[test]
+    fn kernels_of_debian_leave_nothing_open_with_namespaces_or_without() {
+        for landlock in [2, 6, 7, 9] {
+            for namespaces in [true, false] {
+                for network in [true, false] {
+                    for is_root in [true, false] {
+                        let means = Means { is_root, ..means(landlock, namespaces, true) };
+                        let lacks = means.plan(network, false).lacks();
+                        assert!(lacks.is_empty(), "{means:?} {network}: {lacks:?}");
+                    }
+                }
+            }
+        }
+        // A room alone is enough where Landlock is not built in.
+        assert!(means(0, true, true).plan(false, false).lacks().is_empty());
+    }
+
+    #[test]
+    fn the_daemon_is_asked_only_where_the_kernel_has_no_means() {
+        assert!(!means(6, true, true).plan(false, false).is_mediated);
+        assert!(!means(9, false, true).plan(true, true).is_mediated);
+        assert!(means(2, true, true).plan(false, false).is_mediated, "signals");
+        assert!(means(7, false, true).plan(false, true).is_mediated, "sockets");
+        assert!(means(9, false, true).plan(false, false).counts_processes);
+    }
+
+    #[test]
+    fn what_is_lacking_is_said() {
+        let without = means(2, false, false).plan(false, false).lacks().join("; ");
+        for expected in ["Unix sockets of this user", "abstract", "signal", "four times a second"] {
+            assert!(without.contains(expected), "{without}");
+        }
+        let nothing = Means::none("no kernel at all").plan(false, false).lacks();
+        assert_eq!(nothing.len(), 7, "{nothing:?}");
+    }
+}

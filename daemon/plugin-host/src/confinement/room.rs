@@ -1,0 +1,365 @@
+//! A room of its own for a plugin's process: namespaces of users, mounts, System V IPC and, without
+//! `network`, of networks (namespaces(7)).
+//!
+//! In the room there is only what the plugin may see. Everything is mounted read-only but for its home,
+//! so that neither contents nor modes, times or attributes of other files change; sockets are those that
+//! it was given; the network has no interface. The user is the same, without capabilities.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::fs;
+use std::io;
+use std::path::{Component, Path, PathBuf};
+
+use nix::sched::{CloneFlags, unshare};
+use rustix::fs::StatVfsMountFlags;
+use rustix::mount::{
+    MountFlags, MountPropagationFlags, UnmountFlags, mount, mount_bind_recursive, mount_change,
+    mount_remount, unmount,
+};
+
+/// Where the rest of the machine is while the room is furnished.
+const OLD: &str = "/old";
+/// The room until it is entered.
+const NEW: &str = "/new";
+
+/// Links in a path that are followed; more are a circle.
+const LINKS_MAX: usize = 64;
+
+/// Links to what each process has open, which shells and interpreters use.
+const OPEN_FILES: [(&str, &str); 4] = [
+    ("/dev/fd", "/proc/self/fd"),
+    ("/dev/stdin", "/proc/self/fd/0"),
+    ("/dev/stdout", "/proc/self/fd/1"),
+    ("/dev/stderr", "/proc/self/fd/2"),
+];
+
+/// What a room has.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Furniture {
+    /// Files and folders that are seen as they are. What is not there is left out.
+    pub(super) shown: Vec<PathBuf>,
+    /// Devices, which can be opened to be written.
+    pub(super) devices: Vec<PathBuf>,
+    /// Sockets that can be connected to.
+    pub(super) sockets: Vec<PathBuf>,
+    /// The folder that can be written to; also `/tmp`.
+    pub(super) home: PathBuf,
+    /// Whether the network is this machine's.
+    pub(super) network: bool,
+}
+
+/// Why a room could not be entered. Completes “failed to …”.
+#[derive(Debug, thiserror::Error)]
+#[error("{doing}: {source}")]
+pub struct RoomError {
+    doing: String,
+    source: io::Error,
+}
+
+/// Where the parts of some paths are, with all links on the way.
+#[derive(Debug, Default, PartialEq)]
+struct Places {
+    /// Links, and what they lead to.
+    links: BTreeMap<PathBuf, PathBuf>,
+    /// Real files and folders.
+    real: BTreeMap<PathBuf, Kind>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    Folder,
+    File,
+}
+
+/// Enters a room, for good. The process must have one thread.
+pub(super) fn enter(furniture: &Furniture) -> Result<(), RoomError> {
+    let Furniture { shown, devices, sockets, home, network } = furniture;
+    let seen = Places::of(shown.iter().chain(devices).chain(sockets));
+    let devices = Places::real_ones(devices);
+    let (uid, gid) = (rustix::process::getuid().as_raw(), rustix::process::getgid().as_raw());
+    let mut namespaces =
+        CloneFlags::CLONE_NEWUSER | CloneFlags::CLONE_NEWNS | CloneFlags::CLONE_NEWIPC;
+    if !network {
+        namespaces |= CloneFlags::CLONE_NEWNET;
+    }
+    unshare(namespaces).map_err(|errno| failed("make namespaces", errno.into()))?;
+    write("/proc/self/setgroups", "deny")?;
+    write("/proc/self/uid_map", &format!("{uid} {uid} 1"))?;
+    write("/proc/self/gid_map", &format!("{gid} {gid} 1"))?;
+    leave(home)?;
+    seen.furnish()?;
+    protect(&devices)?;
+    bind(home, Kind::Folder)?;
+    let old = flags(&inside(home))? & !MountFlags::RDONLY;
+    remount(&inside(home), old | MountFlags::NODEV | MountFlags::NOSUID)?;
+    for (link, target) in OPEN_FILES {
+        link_to(Path::new(link), Path::new(target))?;
+    }
+    if !inside(Path::new("/tmp")).exists() {
+        link_to(Path::new("/tmp"), home)?;
+    }
+    remount(Path::new(NEW), MountFlags::RDONLY | MountFlags::NOSUID | MountFlags::NODEV)?;
+    enter_new()
+}
+
+/// Puts the machine's files aside, below [`OLD`], and makes a place for the new ones, at [`NEW`].
+fn leave(somewhere: &Path) -> Result<(), RoomError> {
+    let private = MountPropagationFlags::PRIVATE | MountPropagationFlags::REC;
+    mount_change("/", private).map_err(|errno| failed("keep mounts to itself", errno.into()))?;
+    // Anything that exists will do; it is out of the way again once it is the root.
+    tmpfs(somewhere)?;
+    let base = |name: &str| somewhere.join(name.trim_start_matches('/'));
+    for name in [OLD, NEW] {
+        make_folder(&base(name))?;
+    }
+    pivot(somewhere, &base(OLD))?;
+    tmpfs(Path::new(NEW))
+}
+
+/// Makes [`NEW`] the root, and lets go of all else.
+fn enter_new() -> Result<(), RoomError> {
+    std::env::set_current_dir(NEW).map_err(|error| failed("enter the room", error))?;
+    pivot(Path::new("."), Path::new("."))?;
+    unmount(".", UnmountFlags::DETACH).map_err(|errno| failed("let go of files", errno.into()))?;
+    std::env::set_current_dir("/").map_err(|error| failed("enter the room", error))
+}
+
+fn pivot(root: &Path, old: &Path) -> Result<(), RoomError> {
+    let pivoted = rustix::process::pivot_root(root, old);
+    pivoted.map_err(|errno| failed("change the root", errno.into()))?;
+    match root == old {
+        true => Ok(()),
+        false => std::env::set_current_dir("/").map_err(|error| failed("change the root", error)),
+    }
+}
+
+fn tmpfs(at: &Path) -> Result<(), RoomError> {
+    let flags = MountFlags::NOSUID | MountFlags::NODEV;
+    // Of names and links only.
+    let mounted = mount("althing", at, "tmpfs", flags, Some(c"mode=0755,size=4m"));
+    mounted.map_err(|errno| failed(&format!("mount a tmpfs at {}", at.display()), errno.into()))
+}
+
+// === impl Places ===
+
+impl Places {
+    /// Follows paths on the machine as it is; those that lead nowhere are left out.
+    fn of<'p>(paths: impl Iterator<Item = &'p PathBuf>) -> Places {
+        let mut places = Places::default();
+        for path in paths {
+            places.follow(path);
+        }
+        let folders = places.real.iter().filter(|(_, kind)| **kind == Kind::Folder);
+        let folders: Vec<PathBuf> = folders.map(|(folder, _)| folder.clone()).collect();
+        // What is in a folder that is shown comes with it.
+        let is_within =
+            |path: &Path| folders.iter().any(|folder| path != folder && path.starts_with(folder));
+        places.real.retain(|path, _| !is_within(path));
+        places.links.retain(|path, _| !is_within(path));
+        places
+    }
+
+    /// Where paths lead, without the links on the way.
+    fn real_ones(paths: &[PathBuf]) -> Vec<PathBuf> {
+        Places::of(paths.iter()).real.into_keys().collect()
+    }
+
+    fn follow(&mut self, path: &Path) {
+        let mut rest: VecDeque<_> = path.components().map(owned).collect();
+        let (mut at, mut links) = (PathBuf::from("/"), Vec::new());
+        while let Some(part) = rest.pop_front() {
+            match part.as_path() {
+                part if part == Path::new("/") => at = PathBuf::from("/"),
+                part if part == Path::new("..") => drop(at.pop()),
+                part => {
+                    let next = at.join(part);
+                    let Ok(metadata) = fs::symlink_metadata(&next) else { return };
+                    if !metadata.is_symlink() {
+                        at = next;
+                        continue;
+                    }
+                    let Ok(target) = fs::read_link(&next) else { return };
+                    for part in target.components().rev().map(owned) {
+                        rest.push_front(part);
+                    }
+                    links.push((next, target));
+                    if links.len() > LINKS_MAX {
+                        return;
+                    }
+                }
+            }
+        }
+        let kind = if at.is_dir() { Kind::Folder } else { Kind::File };
+        self.real.insert(at, kind);
+        self.links.extend(links);
+    }
+
+    /// Makes all of them in the new room.
+    fn furnish(&self) -> Result<(), RoomError> {
+        for (path, kind) in &self.real {
+            bind(path, *kind)?;
+        }
+        for (link, target) in &self.links {
+            link_to(link, target)?;
+        }
+        Ok(())
+    }
+}
+
+fn owned(part: Component<'_>) -> PathBuf {
+    PathBuf::from(part.as_os_str())
+}
+
+/// A path of the machine, while it is aside.
+fn outside(path: &Path) -> PathBuf {
+    Path::new(OLD).join(path.strip_prefix("/").unwrap_or(path))
+}
+
+/// The same path in the room, until it is entered.
+fn inside(path: &Path) -> PathBuf {
+    Path::new(NEW).join(path.strip_prefix("/").unwrap_or(path))
+}
+
+/// Mounts a file or folder where it was, with all that is mounted below it.
+fn bind(path: &Path, kind: Kind) -> Result<(), RoomError> {
+    let (from, to) = (outside(path), inside(path));
+    match kind {
+        Kind::Folder => make_folder(&to)?,
+        Kind::File => {
+            make_folder(to.parent().unwrap_or(Path::new("/")))?;
+            if !to.exists() {
+                fs::File::create(&to).map_err(|error| failed_at("make", &to, error))?;
+            }
+        }
+    }
+    let bound = mount_bind_recursive(&from, &to);
+    bound.map_err(|errno| failed_at("show", path, errno.into()))
+}
+
+fn link_to(link: &Path, target: &Path) -> Result<(), RoomError> {
+    let at = inside(link);
+    make_folder(at.parent().unwrap_or(Path::new("/")))?;
+    match std::os::unix::fs::symlink(target, &at) {
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => {
+            Err(failed_at("link", link, error))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn make_folder(folder: &Path) -> Result<(), RoomError> {
+    fs::create_dir_all(folder).map_err(|error| failed_at("make", folder, error))
+}
+
+/// Lets nothing be written to what was mounted so far, and no device but these be opened.
+fn protect(devices: &[PathBuf]) -> Result<(), RoomError> {
+    let devices: Vec<_> = devices.iter().map(|device| inside(device)).collect();
+    for mounted in mounts()?.iter().filter(|mounted| mounted.as_path() != Path::new(NEW)) {
+        let mut flags = flags(mounted)? | MountFlags::RDONLY | MountFlags::NOSUID;
+        if !devices.iter().any(|device| mounted.starts_with(device)) {
+            flags |= MountFlags::NODEV;
+        }
+        remount(mounted, flags)?;
+    }
+    Ok(())
+}
+
+/// What is mounted in the room.
+fn mounts() -> Result<Vec<PathBuf>, RoomError> {
+    let table = outside(Path::new("/proc/self/mountinfo"));
+    let table = fs::read_to_string(&table).map_err(|error| failed_at("read", &table, error))?;
+    let places = table.lines().filter_map(|line| line.split(' ').nth(4)).map(unescaped);
+    Ok(places.filter(|place| place.starts_with(NEW)).collect())
+}
+
+/// A path of the kernel's tables, in which blanks are written as `\040`.
+fn unescaped(text: &str) -> PathBuf {
+    use std::os::unix::ffi::OsStringExt as _;
+    let (mut bytes, mut rest) = (Vec::new(), text.as_bytes());
+    while let Some((first, after)) = rest.split_first() {
+        let octal = (*first == b'\\').then(|| after.get(..3)).flatten();
+        let octal = octal.and_then(|digits| std::str::from_utf8(digits).ok());
+        match octal.and_then(|digits| u8::from_str_radix(digits, 8).ok()) {
+            Some(byte) => {
+                bytes.push(byte);
+                rest = &after[3..];
+            }
+            None => {
+                bytes.push(*first);
+                rest = after;
+            }
+        }
+    }
+    PathBuf::from(std::ffi::OsString::from_vec(bytes))
+}
+
+/// With what a mount is mounted: the kernel lets nobody take these away who did not set them.
+fn flags(mounted: &Path) -> Result<MountFlags, RoomError> {
+    let known = rustix::fs::statvfs(mounted);
+    let known = known.map_err(|errno| failed_at("look at", mounted, errno.into()))?.f_flag;
+    let mut flags = MountFlags::empty();
+    for (is, means) in [
+        (StatVfsMountFlags::RDONLY, MountFlags::RDONLY),
+        (StatVfsMountFlags::NOSUID, MountFlags::NOSUID),
+        (StatVfsMountFlags::NODEV, MountFlags::NODEV),
+        (StatVfsMountFlags::NOEXEC, MountFlags::NOEXEC),
+        (StatVfsMountFlags::NOATIME, MountFlags::NOATIME),
+        (StatVfsMountFlags::NODIRATIME, MountFlags::NODIRATIME),
+        (StatVfsMountFlags::RELATIME, MountFlags::RELATIME),
+    ] {
+        flags.set(means, known.contains(is));
+    }
+    Ok(flags)
+}
+
+fn remount(mounted: &Path, flags: MountFlags) -> Result<(), RoomError> {
+    let remounted = mount_remount(mounted, flags | MountFlags::BIND, c"");
+    remounted.map_err(|errno| failed_at("protect", mounted, errno.into()))
+}
+
+fn write(file: &str, text: &str) -> Result<(), RoomError> {
+    fs::write(file, text).map_err(|error| failed_at("write", Path::new(file), error))
+}
+
+fn failed(doing: &str, source: io::Error) -> RoomError {
+    RoomError { doing: doing.to_owned(), source }
+}
+
+fn failed_at(doing: &str, path: &Path, source: io::Error) -> RoomError {
+    RoomError { doing: format!("{doing} {}", path.display()), source }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn links_are_kept_and_what_is_in_a_shown_folder_comes_with_it() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let root = folder.path().canonicalize().expect("it is there");
+        let at = |name: &str| root.join(name);
+        fs::create_dir_all(at("versions/3.1/bin")).expect("made");
+        fs::write(at("versions/3.1/bin/python"), "").expect("written");
+        let link = |target: &str, name: &str| std::os::unix::fs::symlink(target, at(name));
+        link("versions", "v").expect("a link");
+        link("3.1", "versions/current").expect("a link");
+        link("round", "round").expect("a link");
+        let paths = ["v/current/bin/python", "v/3.1", "no/such", "round", "v/../v"].map(at);
+        let places = Places::of(paths[..1].iter());
+        assert_eq!(places.real.get(&at("versions/3.1/bin/python")), Some(&Kind::File));
+        let links: Vec<_> = places.links.keys().cloned().collect();
+        assert_eq!(links, [at("v"), at("versions/current")]);
+        let places = Places::of(paths[..4].iter());
+        assert_eq!(places.real, BTreeMap::from([(at("versions/3.1"), Kind::Folder)]));
+        // The folder that all is in takes the links along as well.
+        let places = Places::of(paths.iter());
+        assert_eq!(places.real, BTreeMap::from([(at("versions"), Kind::Folder)]));
+        assert_eq!(places.links, BTreeMap::from([(at("v"), PathBuf::from("versions"))]));
+    }
+
+    #[test]
+    fn blanks_of_the_kernels_tables_are_blanks() {
+        assert_eq!(unescaped("/a\\040b\\134"), Path::new("/a b\\"));
+        assert_eq!(unescaped("/a\\04"), Path::new("/a\\04"));
+    }
+}

@@ -1,0 +1,264 @@
+//! Starts a package's process: what it is told, and within which bounds it runs. Used by the supervision
+//! of a daemon and by the trial of `althing plugin check`.
+
+use std::collections::BTreeSet;
+use std::ffi::OsString;
+use std::fs::DirBuilder;
+use std::os::unix::fs::{DirBuilderExt as _, FileTypeExt as _};
+use std::path::{Path, PathBuf};
+
+use acl::{DaemonId, Deadline, Hello, HelloAgent, SCHEMA_VERSION};
+use agent::Landing;
+use pddl::ActionModel;
+
+use crate::cgroup::{Group, Tree};
+use crate::confinement::{Confinement, Limits, Means, Plan};
+use crate::endpoint::Endpoint;
+use crate::log::Log;
+use crate::package::Package;
+use crate::process::{Launch, Launcher, Process};
+use crate::program::{self, Program};
+use crate::rights::{Permissions, device_objection, read_objection};
+use crate::supervision::WantedAgent;
+
+/// Beyond what its processes may hold together, each is stopped by the kernel: libraries and the
+/// stacks of threads that nothing is in count here, and do not there.
+const ADDRESSES: u64 = 1 << 30;
+
+/// Where programs of the system are, also where the daemon's `PATH` says nothing of them.
+const SYSTEM_PATH: [&str; 3] = ["/usr/local/bin", "/usr/bin", "/bin"];
+
+/// Threads that one process may have beside the first: interpreters and Zenoh have a dozen.
+const THREADS_PER_PROCESS: u64 = 4;
+/// Threads that a plugin may have in any case.
+const THREADS: u64 = 64;
+
+/// What plugins are confined with here.
+#[derive(Clone, Debug)]
+pub(crate) struct Ward {
+    pub(crate) means: Means,
+    /// The part of the tree of control groups that is this daemon's, or why it has none.
+    pub(crate) tree: Result<Tree, String>,
+    /// Folders of which no plugin reads.
+    pub(crate) private: Vec<PathBuf>,
+}
+
+/// A process that is to be started.
+pub(crate) struct Start<'s> {
+    pub(crate) launcher: &'s Launcher,
+    pub(crate) ward: &'s Ward,
+    pub(crate) package: &'s Package,
+    pub(crate) program: &'s Program,
+    /// Sockets that it may connect to.
+    pub(crate) sockets: Vec<PathBuf>,
+    /// A folder of its own; made if it is not there.
+    pub(crate) data: &'s Path,
+    pub(crate) log: &'s Log,
+}
+
+/// A process, with the control group that counts it, if there is one.
+pub(crate) struct Started {
+    pub(crate) process: Process,
+    pub(crate) counted: Option<Group>,
+}
+
+impl Ward {
+    /// Finds out what there is. `folder` is any folder that exists.
+    pub(crate) async fn find(launcher: &Launcher, folder: &Path, private: &[PathBuf]) -> Ward {
+        // First the groups: a process that tries out the rest would be in the daemon's.
+        let tree = Tree::find();
+        Ward { means: launcher.means(folder).await, tree, private: private.to_vec() }
+    }
+
+    /// What is there before anybody has looked.
+    pub(crate) fn unknown() -> Ward {
+        let why = "nobody has looked yet";
+        Ward { means: Means::none(why), tree: Err(why.to_owned()), private: Vec::new() }
+    }
+
+    /// How what plugins take is limited, for a person.
+    pub(crate) fn limits(&self) -> String {
+        match &self.tree {
+            Ok(_) => "limited by the kernel (a control group for each plugin)".to_owned(),
+            Err(why) => format!("measured four times a second, because {why}"),
+        }
+    }
+
+    /// Looks where the paths of a plugin's rights really lead, and whether it may go there.
+    ///
+    /// # Errors
+    ///
+    /// The first that is given to no plugin, and why.
+    fn check_paths(&self, permissions: &Permissions) -> Result<(), String> {
+        for device in &permissions.devices {
+            let Ok(real) = device.canonicalize() else { continue };
+            let kind = std::fs::metadata(&real).map(|metadata| metadata.file_type());
+            let is_device = kind.is_ok_and(|kind| kind.is_char_device() || kind.is_dir());
+            let not_one = || (!is_device).then(|| "it is no character device".to_owned());
+            if let Some(why) = device_objection(&real).or_else(not_one) {
+                let (shown, real) = (device.display(), real.display());
+                return Err(format!("device {shown} ({real}) is given to no plugin: {why}"));
+            }
+        }
+        for path in &permissions.read {
+            let Ok(real) = path.canonicalize() else { continue };
+            let reaches =
+                |private: &PathBuf| private.starts_with(&real) || real.starts_with(private);
+            let is_private = self.private.iter().any(reaches);
+            let private = || is_private.then(|| "daemons keep their own things there".to_owned());
+            if let Some(why) = read_objection(&real).or_else(private) {
+                let (shown, real) = (path.display(), real.display());
+                return Err(format!("read {shown} ({real}) is given to no plugin: {why}"));
+            }
+        }
+        Ok(())
+    }
+
+    /// What is done for a plugin.
+    pub(crate) fn plan(&self, network: bool) -> Plan {
+        self.means.plan(network, self.tree.is_ok())
+    }
+}
+
+/// Threads of all its processes together.
+pub(crate) fn threads_max(processes: u32) -> u64 {
+    THREADS + THREADS_PER_PROCESS * u64::from(processes)
+}
+
+impl Start<'_> {
+    /// Starts it.
+    ///
+    /// # Errors
+    ///
+    /// If that fails; for a person.
+    pub(crate) async fn begin(self) -> Result<Started, String> {
+        let Start { launcher, ward, package, program, sockets, data, log } = self;
+        let permissions = &package.manifest.permissions;
+        ward.check_paths(permissions)?;
+        make_home(data)?;
+        if let Some(remark) = &program.remark {
+            log.remark(remark);
+        }
+        let tasks = threads_max(permissions.processes);
+        let counted = match &ward.tree {
+            Ok(tree) => Some(tree.group(&package.manifest.name, permissions.memory, tasks)),
+            Err(_) => None,
+        };
+        let counted = counted.transpose();
+        let counted =
+            counted.map_err(|error| format!("failed to make a control group: {error}"))?;
+        let mut read = BTreeSet::from([package.folder.clone()]);
+        read.extend(permissions.read.iter().chain(&program.readable).cloned());
+        let path = path(program, &read);
+        let confinement = Confinement {
+            parent: std::process::id(),
+            plan: ward.means.plan(permissions.network, counted.is_some()),
+            limits: Limits {
+                memory: permissions.memory.saturating_add(ADDRESSES),
+                files: permissions.files,
+                file_size: permissions.disk,
+                tasks,
+            },
+            read: read.into_iter().collect(),
+            devices: permissions.devices.clone(),
+            sockets,
+            home: data.to_owned(),
+            cgroup: counted.as_ref().map(|group| group.folder().to_owned()),
+        };
+        let told = package.manifest.run.get(1..).unwrap_or_default();
+        let arguments = [&program.leading, told].concat();
+        let mut environment = program.environment.clone();
+        environment.push(("PATH", path));
+        let launch = Launch {
+            launcher,
+            program: &program.file,
+            arguments: &arguments,
+            environment: &environment,
+            folder: &package.folder,
+            data,
+            confinement: &confinement,
+            processes: permissions.processes,
+            log,
+        };
+        let begun = Process::begin(&launch).await;
+        let process = begun.map_err(|error| format!("failed to start it: {error}"))?;
+        Ok(Started { process, counted })
+    }
+}
+
+/// Makes a plugin's own folder, which nobody else enters.
+fn make_home(data: &Path) -> Result<(), String> {
+    let mut folder = DirBuilder::new();
+    let made = folder.recursive(true).mode(0o700).create(data);
+    made.map_err(|error| format!("failed to make {}: {error}", data.display()))
+}
+
+/// The `PATH` of a plugin: first where its interpreter is, so that what it starts by that name is the
+/// same; then what of the daemon's it can read.
+fn path(program: &Program, read: &BTreeSet<PathBuf>) -> OsString {
+    let own = program.file.parent().map(Path::to_owned);
+    let is_readable = |folder: &PathBuf| {
+        read.iter().any(|root| folder.starts_with(root)) || folder.starts_with("/usr")
+    };
+    let daemons = program::own_path().into_iter().filter(is_readable);
+    let mut folders: Vec<PathBuf> = Vec::new();
+    for folder in own.into_iter().chain(daemons).chain(SYSTEM_PATH.map(PathBuf::from)) {
+        if !folders.contains(&folder) {
+            folders.push(folder);
+        }
+    }
+    // A folder with a `:` in its name cannot be on a path.
+    std::env::join_paths(folders).unwrap_or_else(|_| SYSTEM_PATH.join(":").into())
+}
+
+/// What the program is told in its first line.
+pub(crate) fn hello(
+    package: &Package,
+    landing: &Landing,
+    endpoint: &Endpoint,
+    agents: &[HelloAgent],
+    building: Option<&Path>,
+) -> String {
+    let Landing { host, switchboard, .. } = landing;
+    let daemon = DaemonId::new(&format!("plugin-{}", package.manifest.name));
+    let hello = Hello {
+        protocol: SCHEMA_VERSION,
+        ecosystem: switchboard.ecosystem().clone(),
+        daemon: daemon.unwrap_or_else(|_| switchboard.daemon().clone()),
+        endpoint: endpoint.locator.clone(),
+        host: endpoint.host.clone(),
+        agents: agents.to_vec(),
+        domain: host.ontology.to_string(),
+        map: host.map.to_string(),
+        mode: host.mode,
+        heartbeat_period: Deadline(host.settings.heartbeat_period),
+        building: building.map(|path| path.display().to_string()),
+    };
+    serde_json::to_string(&hello).unwrap_or_default()
+}
+
+/// What a package's program is told of an agent, and its model where the package has one.
+///
+/// # Errors
+///
+/// If its config or its model is wrong; for a person.
+pub(crate) fn described(
+    package: &Package,
+    agent: &WantedAgent,
+) -> Result<(HelloAgent, Option<ActionModel>), String> {
+    let WantedAgent { name, plugin, driver, config } = agent;
+    if let Some(problem) = package.manifest.problem_with(config) {
+        return Err(format!("agent `{name}`: {problem}"));
+    }
+    let described = package.model(name, config)?;
+    let (text, model) = described.unzip();
+    let hello = HelloAgent {
+        name: name.clone(),
+        plugin: plugin.clone(),
+        driver: driver.clone(),
+        config: config.clone(),
+        model: text.unwrap_or_default(),
+        methods: package.manifest.methods.clone(),
+    };
+    Ok((hello, model))
+}

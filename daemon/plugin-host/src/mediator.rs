@@ -1,0 +1,305 @@
+//! Answers the calls of a confined plugin that the kernel alone cannot decide (`confinement::calls`).
+//!
+//! - `connect`: the plugin's own endpoint is connected *for* it, and the connected socket is put in
+//!   place of the one that it has: what it wrote into its memory meanwhile changes nothing. No other
+//!   Unix socket can be reached. With `network`, sockets of the Internet are connected for it, too.
+//! - Signals reach the plugin's own process group and nobody else.
+//! - `fork`: no more processes than the plugin may be.
+//!
+//! One thread per plugin; it ends with the last process that has the filter.
+
+use std::fs::{self, File};
+use std::io;
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, SocketAddrV4, SocketAddrV6};
+use std::os::fd::{AsFd as _, OwnedFd};
+use std::os::unix::ffi::OsStrExt as _;
+use std::os::unix::fs::FileExt as _;
+use std::path::{Path, PathBuf};
+use std::str::FromStr as _;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rustix::io::Errno;
+use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType};
+use rustix::process::{Pid, PidfdFlags, PidfdGetfdFlags};
+use seccomp_notify::{Listener, Notification, Response};
+use syscalls::Sysno;
+
+use crate::usage;
+
+/// Connections to the Internet that a plugin may be waiting for at a time.
+const WAITING_MAX: usize = 64;
+
+/// `sizeof(struct sockaddr_un)`: the longest address that is read.
+const ADDRESS_MAX: u64 = 110;
+
+/// What a plugin may do.
+pub(crate) struct Mediator {
+    /// The process group of the plugin.
+    pub(crate) group: Pid,
+    /// Sockets that it may connect to.
+    pub(crate) sockets: Vec<PathBuf>,
+    /// Whether it may use the Internet.
+    pub(crate) network: bool,
+    /// Processes that it may be.
+    pub(crate) processes: u32,
+}
+
+/// An address, as it stands in the memory of a plugin.
+#[derive(Debug, PartialEq)]
+enum Address {
+    Path(PathBuf),
+    Internet(SocketAddr),
+    /// Takes back what a socket was connected to.
+    Nothing,
+}
+
+impl Mediator {
+    /// Answers calls on a thread of its own.
+    ///
+    /// # Errors
+    ///
+    /// If the thread cannot be started.
+    pub(crate) fn start(self, listener: Listener) -> io::Result<()> {
+        let thread = std::thread::Builder::new().name("plugin-calls".to_owned());
+        thread.spawn(move || self.run(listener)).map(drop)
+    }
+
+    fn run(self, listener: Listener) {
+        let (mediator, listener) = (Arc::new(self), Arc::new(listener));
+        let waiting = Arc::new(AtomicUsize::new(0));
+        loop {
+            match listener.next(None) {
+                Ok(Some(call)) => mediator.answer(&listener, call, &waiting),
+                Ok(None) => return,
+                Err(error) => {
+                    // What waits then fails, as on a kernel without the call.
+                    return tracing::error!(group = ?mediator.group, %error, "is not heard any more");
+                }
+            }
+        }
+    }
+
+    fn answer(
+        self: &Arc<Self>,
+        listener: &Arc<Listener>,
+        call: Notification,
+        waiting: &Arc<AtomicUsize>,
+    ) {
+        let is = |name: &str| {
+            Sysno::from_str(name).is_ok_and(|known| i64::from(known.id()) == call.call)
+        };
+        let response = if is("connect") {
+            match self.address(listener, &call) {
+                Ok(Address::Path(path)) => self.connect(listener, &call, &path),
+                Ok(address) => return self.connect_beyond(listener, call, address, waiting),
+                Err(errno) => Err(errno),
+            }
+        } else if ["fork", "vfork", "clone"].into_iter().any(is) {
+            self.fork()
+        } else {
+            self.signal(call.arguments[0])
+        };
+        respond(listener, call.id, response);
+    }
+
+    /// The address that a call names, read once.
+    fn address(&self, listener: &Listener, call: &Notification) -> Result<Address, Errno> {
+        let [_, pointer, length, ..] = call.arguments;
+        let length = usize::try_from(length.min(ADDRESS_MAX)).map_err(|_| Errno::INVAL)?;
+        let mut bytes = vec![0; length];
+        let memory = File::open(format!("/proc/{}/mem", call.thread)).map_err(|_| Errno::ACCESS)?;
+        memory.read_exact_at(&mut bytes, pointer).map_err(|_| Errno::FAULT)?;
+        if !listener.is_waiting(call.id) {
+            return Err(Errno::INTR);
+        }
+        read(&bytes).ok_or(Errno::ACCESS)
+    }
+
+    /// Connects to a Unix socket in the place of the plugin.
+    fn connect(
+        &self,
+        listener: &Listener,
+        call: &Notification,
+        path: &Path,
+    ) -> Result<Response, Errno> {
+        let descriptor = u32::try_from(call.arguments[0] & 0xffff_ffff).map_err(|_| Errno::BADF)?;
+        if !self.sockets.iter().any(|known| known == path) {
+            tracing::debug!(group = ?self.group, path = %path.display(), "may not be connected to");
+            return Err(Errno::ACCESS);
+        }
+        let theirs = format!("/proc/{}/fd/{descriptor}", call.thread);
+        let is_socket = |link: PathBuf| link.as_os_str().as_bytes().starts_with(b"socket:");
+        if !fs::read_link(theirs).is_ok_and(is_socket) {
+            return Err(Errno::NOTSOCK);
+        }
+        let flags = flags(call.thread, descriptor).ok_or(Errno::BADF)?;
+        let socket = connected(path)?;
+        if flags & libc::O_NONBLOCK.unsigned_abs() == 0 {
+            rustix::io::ioctl_fionbio(&socket, false)?;
+        }
+        let closes = flags & libc::O_CLOEXEC.unsigned_abs() != 0;
+        let put = listener.put_file(call.id, socket.as_fd(), descriptor, closes);
+        put.map_err(|error| Errno::from_io_error(&error).unwrap_or(Errno::IO))?;
+        Ok(Response::Value(0))
+    }
+
+    /// Connects a socket of the Internet in the place of the plugin, on a thread that may wait.
+    fn connect_beyond(
+        self: &Arc<Self>,
+        listener: &Arc<Listener>,
+        call: Notification,
+        address: Address,
+        waiting: &Arc<AtomicUsize>,
+    ) {
+        if !self.network {
+            return respond(listener, call.id, Err(Errno::ACCESS));
+        }
+        if waiting.fetch_add(1, Ordering::Relaxed) >= WAITING_MAX {
+            waiting.fetch_sub(1, Ordering::Relaxed);
+            return respond(listener, call.id, Err(Errno::AGAIN));
+        }
+        let (heard, counted) = (Arc::clone(listener), Arc::clone(waiting));
+        let thread = std::thread::Builder::new().name("plugin-connects".to_owned());
+        let begun = thread.spawn(move || {
+            respond(&heard, call.id, connect_socket(&call, &address));
+            counted.fetch_sub(1, Ordering::Relaxed);
+        });
+        if begun.is_err() {
+            waiting.fetch_sub(1, Ordering::Relaxed);
+            respond(listener, call.id, Err(Errno::AGAIN));
+        }
+    }
+
+    /// A signal is for the plugin's own processes. The number of a process could pass to another one
+    /// between this and the kernel's own look; that of a process which lives does not.
+    fn signal(&self, process: u64) -> Result<Response, Errno> {
+        // A `pid_t` is the lower half of the register.
+        let process = i32::from_ne_bytes(((process & 0xffff_ffff) as u32).to_ne_bytes());
+        let own = self.group.as_raw_nonzero().get();
+        let is_own = match process {
+            0 => true,
+            process if process < 0 => process == -own,
+            process => usage::is_of_group(process, own).ok_or(Errno::SRCH)?,
+        };
+        if is_own { Ok(Response::Continue) } else { Err(Errno::PERM) }
+    }
+
+    fn fork(&self) -> Result<Response, Errno> {
+        let are = usage::processes(self.group.as_raw_nonzero().get());
+        if are < self.processes { Ok(Response::Continue) } else { Err(Errno::AGAIN) }
+    }
+}
+
+fn respond(listener: &Listener, id: u64, response: Result<Response, Errno>) {
+    let response = response.unwrap_or_else(|errno| Response::Error(errno.raw_os_error()));
+    if let Err(error) = listener.respond(id, response) {
+        tracing::debug!(%error, "a call is not answered");
+    }
+}
+
+/// Understands an address of `connect`; `None` for one that nobody may connect to.
+fn read(bytes: &[u8]) -> Option<Address> {
+    let family = u16::from_ne_bytes(bytes.get(..2)?.try_into().ok()?);
+    match i32::from(family) {
+        libc::AF_UNSPEC => Some(Address::Nothing),
+        libc::AF_UNIX => {
+            let name = bytes.get(2..)?;
+            let end = name.iter().position(|byte| *byte == 0).unwrap_or(name.len());
+            // What begins with a zero is a name without a file.
+            let name = name.get(..end).filter(|name| !name.is_empty())?;
+            Some(Address::Path(PathBuf::from(std::ffi::OsStr::from_bytes(name))))
+        }
+        libc::AF_INET => {
+            let port = u16::from_be_bytes(bytes.get(2..4)?.try_into().ok()?);
+            let address: [u8; 4] = bytes.get(4..8)?.try_into().ok()?;
+            Some(Address::Internet(SocketAddrV4::new(Ipv4Addr::from(address), port).into()))
+        }
+        libc::AF_INET6 => {
+            let port = u16::from_be_bytes(bytes.get(2..4)?.try_into().ok()?);
+            let flow = u32::from_be_bytes(bytes.get(4..8)?.try_into().ok()?);
+            let address: [u8; 16] = bytes.get(8..24)?.try_into().ok()?;
+            let scope = u32::from_ne_bytes(bytes.get(24..28)?.try_into().ok()?);
+            let address = SocketAddrV6::new(Ipv6Addr::from(address), port, flow, scope);
+            Some(Address::Internet(address.into()))
+        }
+        _ => None,
+    }
+}
+
+/// A socket that is connected to a path, and does not wait.
+fn connected(path: &Path) -> Result<OwnedFd, Errno> {
+    let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+    let socket = rustix::net::socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
+    rustix::net::connect(&socket, &SocketAddrUnix::new(path)?)?;
+    Ok(socket)
+}
+
+/// The flags of a descriptor of another process.
+fn flags(thread: u32, descriptor: u32) -> Option<u32> {
+    let about = fs::read_to_string(format!("/proc/{thread}/fdinfo/{descriptor}")).ok()?;
+    let flags = about.lines().find_map(|line| line.strip_prefix("flags:"))?;
+    u32::from_str_radix(flags.trim(), 8).ok()
+}
+
+/// Connects a socket of another process, as it is at this moment, to an address that was read before.
+fn connect_socket(call: &Notification, address: &Address) -> Result<Response, Errno> {
+    let process = process_of(call.thread).ok_or(Errno::SRCH)?;
+    let process = rustix::process::pidfd_open(process, PidfdFlags::empty())?;
+    let descriptor = i32::try_from(call.arguments[0] & 0x7fff_ffff).map_err(|_| Errno::BADF)?;
+    let socket = rustix::process::pidfd_getfd(&process, descriptor, PidfdGetfdFlags::empty())?;
+    let family = rustix::net::sockopt::socket_domain(&socket)?;
+    if family != AddressFamily::INET && family != AddressFamily::INET6 {
+        return Err(Errno::ACCESS);
+    }
+    match address {
+        Address::Internet(address) => rustix::net::connect(&socket, address)?,
+        Address::Nothing => rustix::net::connect_unspec(&socket)?,
+        Address::Path(_) => return Err(Errno::INVAL),
+    }
+    Ok(Response::Value(0))
+}
+
+/// The process that a thread is of.
+fn process_of(thread: u32) -> Option<Pid> {
+    let about = fs::read_to_string(format!("/proc/{thread}/status")).ok()?;
+    let process = about.lines().find_map(|line| line.strip_prefix("Tgid:"))?;
+    Pid::from_raw(process.trim().parse().ok()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_read_as_the_kernel_reads_them() {
+        let family = |family: i32| u16::try_from(family).expect("short").to_ne_bytes().to_vec();
+        let unix = |name: &[u8]| [family(libc::AF_UNIX), name.to_vec()].concat();
+        assert_eq!(read(&unix(b"/run/a\0rest")), Some(Address::Path("/run/a".into())));
+        assert_eq!(read(&unix(b"/run/a")), Some(Address::Path("/run/a".into())));
+        assert_eq!(read(&unix(b"\0abstract")), None);
+        assert_eq!(read(&unix(b"")), None);
+        let internet = [family(libc::AF_INET), vec![0x1f, 0x90, 127, 0, 0, 1]].concat();
+        let expected = SocketAddr::from(([127, 0, 0, 1], 8080));
+        assert_eq!(read(&internet), Some(Address::Internet(expected)));
+        assert_eq!(read(&internet[..5]), None);
+        assert_eq!(read(&family(libc::AF_UNSPEC)), Some(Address::Nothing));
+        assert_eq!(read(&family(libc::AF_NETLINK)), None);
+        assert_eq!(read(b"x"), None);
+    }
+
+    #[test]
+    fn signals_stay_in_the_group() {
+        let group = rustix::process::getpgid(None).expect("it has one");
+        let mediator = Mediator { group, sockets: Vec::new(), network: false, processes: 1 };
+        let own = group.as_raw_nonzero().get();
+        let sent = |process: i32| mediator.signal(u64::from(process.cast_unsigned()));
+        for process in [0, -own, std::process::id().cast_signed()] {
+            assert_eq!(sent(process), Ok(Response::Continue), "{process}");
+        }
+        assert_eq!(sent(-1), Err(Errno::PERM));
+        assert_eq!(sent(i32::MIN), Err(Errno::PERM));
+        assert_ne!(sent(1), Ok(Response::Continue));
+        assert_eq!(mediator.fork(), Err(Errno::AGAIN), "this process is one already");
+    }
+}

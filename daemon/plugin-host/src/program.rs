@@ -1,0 +1,555 @@
+//! Finds the program that a package runs, as it really is, before the process is confined.
+//!
+//! What a manifest calls `python3` is often something else: a *shim* of a version manager (pyenv, rbenv,
+//! asdf, mise), which asks the manager and then runs the real interpreter; an interpreter of a virtual
+//! environment; or a script whose first line names an interpreter. Managers and interpreters lie
+//! anywhere, so inside the confinement a shim fails with “Permission denied”. Therefore the daemon
+//! resolves the program first, and the confinement lets it read the real interpreter and what that
+//! interpreter needs.
+//!
+//! Interpreters and managers are asked what they are outside of the confinement. So only those are asked
+//! that the daemon's user has put there: found by a name on the daemon's `PATH`, or below `/usr`. What a
+//! manifest or a script names by its path could be a file of the package or one that the plugin has
+//! written; of that only links and folders are looked at. A virtual environment of a package is not
+//! entered either: code of its packages would run.
+
+use std::collections::BTreeSet;
+use std::ffi::OsString;
+use std::fs::{self, File};
+use std::io::Read as _;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use serde::Deserialize;
+
+/// How long an interpreter or a version manager may take to answer.
+const ANSWER_WITHIN: Duration = Duration::from_secs(20);
+
+/// Longest script that is read: a shim has a dozen lines.
+const SCRIPT_BYTES_MAX: u64 = 64 << 10;
+
+/// Scripts and shims that may stand for one another.
+const STEPS_MAX: u32 = 6;
+
+/// Programs that stand for others by the name they are called by.
+const MULTIPLEXERS: &[&str] = &["mise", "rtx", "asdf", "volta-shim"];
+
+/// Where nobody but the system's administrator puts programs.
+const SYSTEM_FOLDERS: &[&str] = &["/usr", "/bin", "/nix/store"];
+
+/// Virtual environments that a package may bring along.
+const OWN_ENVIRONMENTS: &[&str] = &[".venv", "venv"];
+
+/// Prints what a Python is, and imports nothing from the folder it is started in.
+const ASK_PYTHON: &str = "\
+import sys
+sys.path[:] = [entry for entry in sys.path if entry]
+import json, site
+user = site.getusersitepackages() if site.ENABLE_USER_SITE else ''
+print(json.dumps({'executable': sys.executable or '',
+                  'prefixes': [sys.prefix, sys.base_prefix, sys.exec_prefix, sys.base_exec_prefix],
+                  'path': [str(entry) for entry in sys.path],
+                  'user': user, 'base': site.getuserbase() if user else ''}))";
+
+/// A program that can be run inside the confinement.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Program {
+    /// The file that is executed.
+    pub(crate) file: PathBuf,
+    /// Arguments that come before those of the manifest: a script, and what its first line adds.
+    pub(crate) leading: Vec<String>,
+    /// Files and folders that it needs to read beside the system's.
+    pub(crate) readable: BTreeSet<PathBuf>,
+    /// Variables that it needs.
+    pub(crate) environment: Vec<(&'static str, OsString)>,
+    /// Where it stands for something else, a sentence that says so.
+    pub(crate) remark: Option<String>,
+}
+
+/// What a Python says of itself.
+#[derive(Debug, Deserialize)]
+struct Python {
+    executable: PathBuf,
+    prefixes: Vec<PathBuf>,
+    path: Vec<PathBuf>,
+    /// The packages that its user has installed; empty if they do not count.
+    user: PathBuf,
+    base: PathBuf,
+}
+
+/// A shim: which manager stands behind it, and what it is told.
+#[derive(Debug, PartialEq)]
+struct Shim {
+    manager: String,
+    /// `NAME=VALUE`, as the shim sets them.
+    environment: Vec<String>,
+}
+
+/// A file that may be the program.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Candidate {
+    file: PathBuf,
+    /// The file that may be asked what it is: one that the daemon's user or the system has put there.
+    asked: Option<PathBuf>,
+}
+
+/// Resolves a program of a package in `folder`. A name without `/` is looked for in the package's own
+/// virtual environment and then on `path`; anything else is a file of the package, or absolute.
+///
+/// # Errors
+///
+/// If there is none that can be run; for a person.
+pub(crate) async fn resolve(
+    folder: &Path,
+    name: &str,
+    path: &[PathBuf],
+) -> Result<Program, String> {
+    let candidates = candidates(folder, name, path)?;
+    let mut first = None;
+    for candidate in candidates {
+        match Box::pin(really(&candidate, path, STEPS_MAX)).await {
+            Ok(mut program) => {
+                if program.file != candidate.file && program.leading.is_empty() {
+                    let (shim, real) = (candidate.file.display(), program.file.display());
+                    program.remark = Some(format!("`{name}` is {shim}, which stands for {real}"));
+                }
+                return Ok(program);
+            }
+            // The next of this name on the path may be better.
+            Err(problem) => first = first.or(Some(problem)),
+        }
+    }
+    Err(first.unwrap_or_else(|| format!("there is no `{name}`")))
+}
+
+/// The files that a name may mean, the best one first.
+///
+/// # Errors
+///
+/// If there is none; for a person.
+pub(crate) fn candidates(
+    folder: &Path,
+    name: &str,
+    path: &[PathBuf],
+) -> Result<Vec<Candidate>, String> {
+    if name.contains('/') {
+        let file = folder.join(name);
+        return match fs::metadata(&file) {
+            Ok(_) if is_executable(&file) => Ok(vec![Candidate::named(file)]),
+            Ok(_) => Err(format!("`{name}` cannot be executed: chmod +x {}", file.display())),
+            Err(error) => Err(format!("failed to find the program `{name}`: {error}")),
+        };
+    }
+    let own = OWN_ENVIRONMENTS.iter().map(|own| folder.join(own).join("bin").join(name));
+    let own = own.filter(|file| is_executable(file)).map(Candidate::named);
+    let found: Vec<_> = own.chain(on_path(name, path)).collect();
+    if found.is_empty() {
+        return Err(format!("there is no `{name}` on this daemon's PATH, with which it runs"));
+    }
+    Ok(found)
+}
+
+/// The programs of a name on a path.
+fn on_path(name: &str, path: &[PathBuf]) -> impl Iterator<Item = Candidate> {
+    let files = path.iter().map(move |folder| folder.join(name)).filter(|file| is_executable(file));
+    files.map(Candidate::trusted)
+}
+
+impl Candidate {
+    /// One that the daemon's user has put there.
+    fn trusted(file: PathBuf) -> Candidate {
+        Candidate { asked: Some(file.clone()), file }
+    }
+
+    /// One that a manifest or a script names by its path. Where it is a link to a program of the
+    /// system's, that one may be asked.
+    fn named(file: PathBuf) -> Candidate {
+        let is_system =
+            |file: &PathBuf| SYSTEM_FOLDERS.iter().any(|folder| file.starts_with(folder));
+        let asked = file.canonicalize().ok().filter(is_system);
+        Candidate { file, asked }
+    }
+}
+
+/// The folders of this process's `PATH`.
+pub(crate) fn own_path() -> Vec<PathBuf> {
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    std::env::split_paths(&path).filter(|folder| folder.is_absolute()).collect()
+}
+
+fn is_executable(file: &Path) -> bool {
+    let is_it =
+        |metadata: fs::Metadata| metadata.is_file() && metadata.permissions().mode() & 0o111 != 0;
+    fs::metadata(file).is_ok_and(is_it)
+}
+
+/// What a file that can be executed really runs.
+async fn really(candidate: &Candidate, path: &[PathBuf], steps: u32) -> Result<Program, String> {
+    let Candidate { file, asked } = candidate;
+    let shown = file.display();
+    if steps == 0 {
+        return Err(format!("{shown}: too many scripts stand for one another"));
+    }
+    let script = script(file);
+    if let Some(asked) = asked {
+        if is_python(asked)
+            && let Ok(mut python) = ask_python(asked).await
+        {
+            if asked != file {
+                python.file = file.clone();
+                python.readable.extend(binary(file).readable);
+            }
+            return Ok(python);
+        }
+        let shim = match multiplexer(asked) {
+            Some(manager) => {
+                Some(Shim { manager: manager.display().to_string(), environment: Vec::new() })
+            }
+            None => script.as_deref().and_then(shim),
+        };
+        if let Some(shim) = shim {
+            return Box::pin(behind(&shim, file, path, steps)).await;
+        }
+    }
+    let Some((interpreter, extra)) = script.and_then(|script| interpreter(&script, path)) else {
+        let mut program = binary(file);
+        if let Some(asked) = asked {
+            program.readable.extend(libraries(asked).await);
+        }
+        return Ok(program);
+    };
+    let mut program = Box::pin(really(&interpreter, path, steps - 1))
+        .await
+        .map_err(|problem| format!("{shown} needs an interpreter: {problem}"))?;
+    program.leading.extend(extra);
+    program.leading.push(shown.to_string());
+    program.readable.extend(binary(file).readable);
+    Ok(program)
+}
+
+/// What stands behind a shim, by its manager's word.
+async fn behind(shim: &Shim, file: &Path, path: &[PathBuf], steps: u32) -> Result<Program, String> {
+    let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let mut command = vec!["env".to_owned()];
+    command.extend(shim.environment.iter().cloned());
+    command.extend([shim.manager.clone(), "which".to_owned(), name.clone()]);
+    let shown = file.display();
+    let manager = Path::new(&shim.manager);
+    let manager = manager.file_name().unwrap_or_default().to_string_lossy();
+    let asked = programs::Program::of(command).ok_or("nothing is asked")?;
+    let said = asked.run(ANSWER_WITHIN).await;
+    let said = said.map_err(|error| {
+        format!(
+            "{shown} is a shim of {manager}, and that does not say what it stands for: failed to {error}"
+        )
+    })?;
+    let real = PathBuf::from(said.lines().next().unwrap_or_default().trim());
+    if !is_executable(&real) || real == file {
+        return Err(format!(
+            "{shown} is a shim of {manager}, which says that `{name}` is `{}`",
+            real.display()
+        ));
+    }
+    // A manager of the user's has said so.
+    really(&Candidate::trusted(real), path, steps - 1).await
+}
+
+/// The multiplexer behind a link: what `python3` is where it leads to `mise`.
+fn multiplexer(file: &Path) -> Option<PathBuf> {
+    let real = file.canonicalize().ok()?;
+    let name = real.file_name()?.to_str()?;
+    let is_one = MULTIPLEXERS.contains(&name) && file.file_name() != real.file_name();
+    match name {
+        _ if !is_one => None,
+        "volta-shim" => Some(real.with_file_name("volta")),
+        _ => Some(real),
+    }
+}
+
+/// The text of a script; `None` if the file is something else.
+fn script(file: &Path) -> Option<String> {
+    let mut bytes = Vec::new();
+    let opened = File::open(file).ok()?;
+    opened.take(SCRIPT_BYTES_MAX).read_to_end(&mut bytes).ok()?;
+    bytes.starts_with(b"#!").then(|| String::from_utf8_lossy(&bytes).into_owned())
+}
+
+/// The interpreter in the first line of a script, and its arguments. `env` is looked through: inside the
+/// confinement it might find another.
+fn interpreter(script: &str, path: &[PathBuf]) -> Option<(Candidate, Vec<String>)> {
+    let line = script.lines().next()?.strip_prefix("#!")?.trim();
+    let (interpreter, argument) = match line.split_once(char::is_whitespace) {
+        Some((interpreter, argument)) => (Path::new(interpreter), argument.trim()),
+        None => (Path::new(line), ""),
+    };
+    if interpreter.file_name().is_some_and(|name| name != "env") {
+        // The kernel hands on all that follows as one argument.
+        let argument = (!argument.is_empty()).then(|| argument.to_owned());
+        let interpreter = Candidate::named(interpreter.to_owned());
+        return Some((interpreter, argument.into_iter().collect()));
+    }
+    let split = argument.strip_prefix("-S").unwrap_or(argument);
+    let mut words = split.split_whitespace().map(str::to_owned);
+    let name = words.next().filter(|name| !name.contains('=') && !name.starts_with('-'))?;
+    Some((on_path(&name, path).next()?, words.collect()))
+}
+
+/// What a shim of pyenv, of its relatives, or of asdf says: `exec "…/pyenv" exec "$program" "$@"`.
+fn shim(script: &str) -> Option<Shim> {
+    let unquoted = |word: &str| word.trim_matches(['"', '\'']).to_owned();
+    let mut environment = Vec::new();
+    for line in script.lines().map(str::trim) {
+        let mut words = line.split_whitespace();
+        match (words.next(), words.next(), words.next()) {
+            (Some("export"), Some(set), None) => {
+                let (name, value) = set.split_once('=')?;
+                if !value.contains('$') {
+                    environment.push(format!("{name}={}", unquoted(value)));
+                }
+            }
+            (Some("exec"), Some(manager), Some("exec")) => {
+                let manager = unquoted(manager);
+                return (!manager.contains('$')).then_some(Shim { manager, environment });
+            }
+            _ => (),
+        }
+    }
+    None
+}
+
+fn is_python(file: &Path) -> bool {
+    let name = file.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    name.strip_prefix("python")
+        .is_some_and(|version| version.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.'))
+}
+
+/// A Python says where it and its library are, also through a shim of any kind.
+async fn ask_python(file: &Path) -> Result<Program, String> {
+    // What these name is not handed on to a plugin, so it does not count.
+    let words = ["env", "-u", "PYTHONPATH", "-u", "PYTHONHOME"].map(str::to_owned);
+    let asked = [file.display().to_string(), "-c".to_owned(), ASK_PYTHON.to_owned()];
+    let asked = programs::Program::of(words.into_iter().chain(asked)).ok_or("nothing is asked")?;
+    let said = asked.run(ANSWER_WITHIN).await.map_err(|error| error.to_string())?;
+    let python: Python = serde_json::from_str(said.trim()).map_err(|error| error.to_string())?;
+    // In a virtual environment the name by which it is called says which one.
+    let executable = match is_executable(&python.executable) {
+        true => python.executable.as_path(),
+        false => file,
+    };
+    let mut program = binary(executable);
+    program.readable.extend(libraries(executable).await);
+    for prefix in python.prefixes.iter().chain(&python.path) {
+        keep(prefix, &mut program.readable);
+    }
+    if python.user.is_dir() {
+        // The plugin's home is another folder, so it is told where its user's packages are.
+        program.readable.insert(python.user);
+        program.environment.push(("PYTHONUSERBASE", python.base.into_os_string()));
+    }
+    Ok(program)
+}
+
+/// A program that is no script, with the folder that it was installed into.
+fn binary(file: &Path) -> Program {
+    let mut readable = BTreeSet::from([file.to_owned()]);
+    for file in [Some(file.to_owned()), file.canonicalize().ok()].into_iter().flatten() {
+        let installed = file.parent().filter(|folder| folder.ends_with("bin"));
+        let installed = installed.and_then(Path::parent);
+        if let Some(installed) = installed.filter(|folder| folder.join("lib").is_dir()) {
+            keep(installed, &mut readable);
+        }
+        readable.insert(file);
+    }
+    Program { file: file.to_owned(), readable, ..Program::default() }
+}
+
+/// The shared libraries of a program that lie elsewhere than the system's, by the loader's word.
+async fn libraries(file: &Path) -> Vec<PathBuf> {
+    let command = ["ldd".to_owned(), file.display().to_string()];
+    let Some(asked) = programs::Program::of(command) else { return Vec::new() };
+    // It fails for what is no dynamic program, and where there is no `ldd`.
+    let said = asked.run(ANSWER_WITHIN).await.unwrap_or_default();
+    let files = said.lines().filter_map(|line| {
+        let (_, file) = line.split_once(" => ")?;
+        Some(PathBuf::from(file.split_whitespace().next()?))
+    });
+    let files = files.filter(|file| file.is_absolute() && !file.starts_with("/usr"));
+    let files = files.filter(|file| !file.starts_with("/lib") && !file.starts_with("/lib64"));
+    files.flat_map(|file| [file.canonicalize().ok(), Some(file)]).flatten().collect()
+}
+
+/// Lets a folder be read; of one in which a person keeps other things, only what programs are made of.
+fn keep(folder: &Path, readable: &mut BTreeSet<PathBuf>) {
+    if !folder.is_absolute() || !folder.exists() {
+        return;
+    }
+    let home = std::env::var_os("HOME").map(PathBuf::from);
+    let holds_home = home.is_some_and(|home| home.starts_with(folder));
+    if holds_home || folder.components().count() <= 2 {
+        let parts = ["bin", "lib", "lib64", "pyvenv.cfg"].map(|part| folder.join(part));
+        readable.extend(parts.into_iter().filter(|part| part.exists()));
+    } else {
+        readable.insert(folder.to_owned());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn write(file: &Path, text: &str) {
+        fs::create_dir_all(file.parent().expect("a folder")).expect("made");
+        fs::write(file, text).expect("written");
+        fs::set_permissions(file, fs::Permissions::from_mode(0o755)).expect("our own");
+    }
+
+    /// A version manager as pyenv, rbenv and asdf are: shims that ask it, and versions elsewhere.
+    fn manager(folder: &Path, manager: &str, name: &str, real: &str) -> PathBuf {
+        let root = folder.join("root");
+        write(
+            &root.join("libexec").join(manager),
+            &format!(
+                "#!/bin/sh\n[ \"$MANAGER_ROOT\" = {root} ] || exit 9\n\
+                 case \"$1 $2\" in 'which {name}') echo {real} ;; *) echo \"{manager}: $2: not found\" >&2; exit 127 ;; esac\n",
+                root = root.display()
+            ),
+        );
+        let shim = root.join("shims").join(name);
+        write(
+            &shim,
+            &format!(
+                "#!/usr/bin/env bash\nset -e\nprogram=\"${{0##*/}}\"\nexport MANAGER_ROOT=\"{root}\"\n\
+                 exec \"{root}/libexec/{manager}\" exec \"$program\" \"$@\"\n",
+                root = root.display()
+            ),
+        );
+        shim.parent().expect("shims").to_owned()
+    }
+
+    #[tokio::test]
+    async fn a_shim_is_looked_through_whatever_its_manager() {
+        for (manager_name, name) in [("pyenv", "pythonic"), ("rbenv", "ruby"), ("asdf", "node")] {
+            let folder = tempfile::tempdir().expect("a folder");
+            let real = folder.path().join("versions/3.4/bin").join(name);
+            write(&real, "\x7fELF");
+            fs::create_dir_all(folder.path().join("versions/3.4/lib")).expect("made");
+            let shims = manager(folder.path(), manager_name, name, &real.display().to_string());
+            let program =
+                resolve(folder.path(), name, std::slice::from_ref(&shims)).await.expect(name);
+            assert_eq!(program.file, real);
+            assert!(program.readable.contains(&folder.path().join("versions/3.4")), "{program:?}");
+            assert!(program.remark.is_some_and(|said| said.contains("stands for")), "{name}");
+            // What a script's first line names is looked through as well.
+            let agent = folder.path().join("package/agent");
+            write(&agent, &format!("#!/usr/bin/env -S {name} -u\n"));
+            let package = agent.parent().expect("a folder");
+            let program = resolve(package, "./agent", &[shims]).await.expect(name);
+            assert_eq!(program.file, real);
+            assert_eq!(program.leading[0], "-u");
+            assert!(program.leading[1].ends_with("agent"), "{program:?}");
+        }
+    }
+
+    #[tokio::test]
+    async fn a_shim_that_stands_for_nothing_is_passed_over_or_named() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let shims = manager(folder.path(), "rbenv", "ruby", "/no/such/ruby");
+        let problem = resolve(folder.path(), "ruby", std::slice::from_ref(&shims))
+            .await
+            .expect_err("nothing");
+        assert!(problem.contains("is a shim of rbenv"), "{problem}");
+        let other = folder.path().join("other/ruby");
+        write(&other, "\x7fELF");
+        let path = [shims, folder.path().join("other")];
+        let program = resolve(folder.path(), "ruby", &path).await.expect("the other one");
+        assert_eq!(program.file, other);
+    }
+
+    #[tokio::test]
+    async fn links_to_a_multiplexer_are_looked_through() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let real = folder.path().join("installs/node/20/bin/node");
+        write(&real, "\x7fELF");
+        let mise = folder.path().join("bin/mise");
+        write(
+            &mise,
+            &format!("#!/bin/sh\n[ \"$1 $2\" = 'which node' ] && echo {}\n", real.display()),
+        );
+        let shims = folder.path().join("shims");
+        fs::create_dir(&shims).expect("made");
+        std::os::unix::fs::symlink(&mise, shims.join("node")).expect("a link");
+        let program = resolve(folder.path(), "node", &[shims]).await.expect("node");
+        assert_eq!(program.file, real);
+    }
+
+    #[tokio::test]
+    async fn a_python_says_where_its_library_is() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let said = r#"{"executable": "", "prefixes": ["FOLDER/lib-of-it", "/usr"], "path": [],
+            "user": "FOLDER/user/lib", "base": "FOLDER/user"}"#;
+        let said = said.replace("FOLDER", &folder.path().display().to_string());
+        for part in ["lib-of-it", "user/lib"] {
+            fs::create_dir_all(folder.path().join(part)).expect("made");
+        }
+        let fake =
+            format!("#!/bin/sh\n[ -z \"$PYTHONPATH\" ] || exit 1\ncat <<'SAID'\n{said}\nSAID\n");
+        let installed = folder.path().join("bin");
+        write(&installed.join("python3"), &fake);
+        let path = std::iter::once(installed.clone()).chain(own_path()).collect::<Vec<_>>();
+        let program = resolve(folder.path(), "python3", &path).await.expect("the first");
+        assert_eq!(program.file, installed.join("python3"));
+        assert!(program.readable.contains(&folder.path().join("lib-of-it")), "{program:?}");
+        assert!(program.readable.contains(&folder.path().join("user/lib")), "{program:?}");
+        let base = folder.path().join("user").into_os_string();
+        assert_eq!(program.environment, [("PYTHONUSERBASE", base)]);
+    }
+
+    /// Outside of the confinement nothing of a package runs, whatever it looks like.
+    #[tokio::test]
+    async fn a_package_is_looked_at_and_never_run() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (package, ran) = (folder.path().join("package"), folder.path().join("ran"));
+        let evil = format!(
+            "#!/bin/sh\nexport A=1\ntouch {0}\nexec \"{1}\" exec x\n",
+            ran.display(),
+            package.join("manager").display()
+        );
+        for file in [".venv/bin/python3", "manager", "python3", "bin/mise"] {
+            write(&package.join(file), &evil);
+        }
+        write(&package.join("script"), &format!("#!{}/python3\n", package.display()));
+        std::os::unix::fs::symlink("bin/mise", package.join("node")).expect("a link");
+        for name in ["python3", "./python3", "./script", "./node", "./manager"] {
+            let resolved = resolve(&package, name, &own_path()).await;
+            assert!(!ran.exists(), "`{name}` was run: {resolved:?}");
+        }
+        // A virtual environment of its own is what runs, with the interpreter it is made of.
+        fs::remove_file(package.join(".venv/bin/python3")).expect("ours");
+        std::os::unix::fs::symlink("/bin/sh", package.join(".venv/bin/python3")).expect("a link");
+        let program = resolve(&package, "python3", &own_path()).await.expect("its own");
+        assert_eq!(program.file, package.join(".venv/bin/python3"));
+    }
+
+    #[tokio::test]
+    async fn what_is_not_there_or_cannot_be_run_is_named() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let problem = resolve(folder.path(), "no-such", &own_path()).await.expect_err("none");
+        assert!(problem.contains("there is no `no-such` on this daemon's PATH"), "{problem}");
+        fs::write(folder.path().join("agent"), "#!/bin/sh\n").expect("written");
+        let problem = resolve(folder.path(), "./agent", &[]).await.expect_err("no mode");
+        assert!(problem.contains("chmod +x"), "{problem}");
+        write(&folder.path().join("one"), "#!/no/such/interpreter\n");
+        let program = resolve(folder.path(), "./one", &[]).await.expect("it is tried");
+        assert_eq!(program.file, Path::new("/no/such/interpreter"));
+    }
+
+    #[test]
+    fn a_home_is_not_given_away_because_a_program_lies_in_it() {
+        let mut readable = BTreeSet::new();
+        keep(Path::new("/usr"), &mut readable);
+        assert!(!readable.contains(Path::new("/usr")), "{readable:?}");
+        assert!(readable.contains(Path::new("/usr/lib")), "{readable:?}");
+        assert!(shim("#!/bin/sh\necho exec\n").is_none());
+    }
+}

@@ -1,0 +1,465 @@
+//! What a plugin may use of its machine: what its manifest asks for, what a person has allowed, and
+//! what nobody can allow. No files, no clock.
+//!
+//! Every plugin has the least: [`Permissions::default`]. What a manifest asks for beyond that is a
+//! [`Right`], which counts once a person has allowed it.
+
+use std::fmt;
+use std::path::{Component, Path, PathBuf};
+use std::str::FromStr;
+
+/// What a plugin may use, of its machine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Permissions {
+    /// Whether it may open connections beside the one to its daemon.
+    pub network: bool,
+    /// Devices it may read and write, such as `/dev/i2c-1`.
+    pub devices: Vec<PathBuf>,
+    /// Files and folders it may read beside the system's and its own.
+    pub read: Vec<PathBuf>,
+    /// Bytes it may hold.
+    pub memory: u64,
+    /// How much of one core, from 0.01.
+    pub cpu: f64,
+    /// Files it may have open.
+    pub files: u64,
+    /// Processes it may be.
+    pub processes: u32,
+    /// Bytes it may keep on disk.
+    pub disk: u64,
+}
+
+/// Something that a plugin may use beyond the least.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Right {
+    /// Connections beside the one to its daemon.
+    Network,
+    /// A device.
+    Device(PathBuf),
+    /// A file or folder, to be read.
+    Read(PathBuf),
+    /// Bytes of memory.
+    Memory(u64),
+    /// A share of a core.
+    Cpu(f64),
+    /// Open files.
+    Files(u64),
+    /// Processes.
+    Processes(u32),
+    /// Bytes on disk.
+    Disk(u64),
+}
+
+/// Devices through which a plugin would reach all of the machine, or who sits at it: the memory, disks,
+/// file systems, terminals, what types for people, machines in the machine. A `*` stands for any ending.
+const NO_DEVICES: &[&str] = &[
+    "mem",
+    "kmem",
+    "port",
+    "kmsg",
+    "console",
+    "tty",
+    "tty0",
+    "tty1*",
+    "tty2*",
+    "tty3*",
+    "tty4*",
+    "tty5*",
+    "tty6*",
+    "tty7*",
+    "tty8*",
+    "tty9*",
+    "ptmx",
+    "pts",
+    "vcs*",
+    "shm",
+    "mqueue",
+    "hugepages",
+    "fd",
+    "stdin",
+    "stdout",
+    "stderr",
+    "fuse",
+    "kvm",
+    "net",
+    "vhost*",
+    "loop*",
+    "dm-*",
+    "mapper",
+    "md*",
+    "sd*",
+    "hd*",
+    "vd*",
+    "xvd*",
+    "nvme*",
+    "mmcblk*",
+    "zram*",
+    "ram*",
+    "sr*",
+    "sg*",
+    "nbd*",
+    "bsg",
+    "block",
+    "disk",
+    "char",
+    "mtd*",
+    "uinput",
+    "uhid",
+    "autofs",
+    "btrfs-control",
+    "snapshot",
+    "cpu",
+    "vfio",
+    "udmabuf",
+    "dma_heap",
+    "userfaultfd",
+    "initctl",
+    "log",
+];
+
+/// Folders that hold other people's things, and are nobody's to give away as a whole.
+const NO_FOLDERS: &[&str] =
+    &["/", "/etc", "/home", "/root", "/run", "/srv", "/tmp", "/var", "/var/lib"];
+
+/// Files and folders of which nothing may be read: keys, passwords, what other processes do.
+const SECRET: &[&str] = &[
+    "/boot",
+    "/dev",
+    "/proc",
+    "/etc/althing",
+    "/etc/gshadow",
+    "/etc/passwd-",
+    "/etc/security",
+    "/etc/shadow",
+    "/etc/ssh",
+    "/etc/ssl/private",
+    "/etc/sudoers",
+    "/etc/sudoers.d",
+    "/run/althing",
+    "/run/credentials",
+    "/run/secrets",
+    "/run/user",
+    "/var/lib/althing",
+    "/var/log",
+];
+
+/// Folders in people's homes that hold keys.
+const SECRET_NAMES: &[&str] =
+    &[".aws", ".config", ".gnupg", ".kube", ".netrc", ".password-store", ".ssh"];
+
+impl Default for Permissions {
+    /// The least, which every plugin has.
+    fn default() -> Permissions {
+        Permissions {
+            network: false,
+            devices: Vec::new(),
+            read: Vec::new(),
+            // What an agent in another language takes: an interpreter, and a Zenoh session.
+            memory: 128 << 20,
+            // Interpreters load for a second; what goes on for longer is not a sensor.
+            cpu: 0.5,
+            // Sockets, pipes and a few devices.
+            files: 64,
+            // A program and what it calls.
+            processes: 16,
+            // Settings, and a day of what it has measured.
+            disk: 256 << 20,
+        }
+    }
+}
+
+impl Permissions {
+    /// What is asked for beyond the least.
+    pub fn asks(&self) -> Vec<Right> {
+        let least = Permissions::default();
+        let mut asks = Vec::new();
+        asks.extend(self.network.then_some(Right::Network));
+        asks.extend(self.devices.iter().cloned().map(Right::Device));
+        asks.extend(self.read.iter().cloned().map(Right::Read));
+        asks.extend((self.memory > least.memory).then_some(Right::Memory(self.memory)));
+        asks.extend((self.cpu > least.cpu).then_some(Right::Cpu(self.cpu)));
+        asks.extend((self.files > least.files).then_some(Right::Files(self.files)));
+        asks.extend((self.processes > least.processes).then_some(Right::Processes(self.processes)));
+        asks.extend((self.disk > least.disk).then_some(Right::Disk(self.disk)));
+        asks
+    }
+
+    /// What is asked for and not allowed.
+    pub fn beyond(&self, allowed: &[Right]) -> Vec<Right> {
+        let is_allowed = |asked: &Right| allowed.iter().any(|allowed| allowed.covers(asked));
+        self.asks().into_iter().filter(|asked| !is_allowed(asked)).collect()
+    }
+}
+
+impl Right {
+    /// Whether somebody who has this has the other as well.
+    pub fn covers(&self, other: &Right) -> bool {
+        match (self, other) {
+            (Right::Memory(may), Right::Memory(asks)) | (Right::Disk(may), Right::Disk(asks)) => {
+                may >= asks
+            }
+            (Right::Files(may), Right::Files(asks)) => may >= asks,
+            (Right::Cpu(may), Right::Cpu(asks)) => may >= asks,
+            (Right::Processes(may), Right::Processes(asks)) => may >= asks,
+            (one, other) => one == other,
+        }
+    }
+
+    /// What it means, for a person who is to allow it.
+    pub fn meaning(&self) -> String {
+        match self {
+            Right::Network => "to connect to the Internet and to this network".to_owned(),
+            Right::Device(path) => format!("to read and write the device {}", path.display()),
+            Right::Read(path) => format!("to read {}", path.display()),
+            Right::Memory(bytes) => format!("to hold {} of memory", bytes_text(*bytes)),
+            Right::Cpu(share) => format!("to compute {:.0} % of a core", share * 100.0),
+            Right::Files(files) => format!("to have {files} files open"),
+            Right::Processes(processes) => format!("to be {processes} processes"),
+            Right::Disk(bytes) => format!("to keep {} on disk", bytes_text(*bytes)),
+        }
+    }
+}
+
+/// As it is written after `--allow`: the key of the manifest, and its value.
+impl fmt::Display for Right {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Right::Network => f.write_str("network"),
+            Right::Device(path) => write!(f, "devices={}", path.display()),
+            Right::Read(path) => write!(f, "read={}", path.display()),
+            Right::Memory(bytes) => write!(f, "memory={}", bytes_text(*bytes)),
+            Right::Cpu(share) => write!(f, "cpu={share}"),
+            Right::Files(files) => write!(f, "files={files}"),
+            Right::Processes(processes) => write!(f, "processes={processes}"),
+            Right::Disk(bytes) => write!(f, "disk={}", bytes_text(*bytes)),
+        }
+    }
+}
+
+impl FromStr for Right {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Right, String> {
+        let known = "network, devices=PATH, read=PATH, memory=SIZE, cpu=SHARE, files=N, processes=N, disk=SIZE";
+        let (key, value) = text.split_once('=').unwrap_or((text, ""));
+        let bytes =
+            || bytes_of(value).ok_or_else(|| format!("`{text}`: write a size such as 256MiB"));
+        let number = || value.parse().map_err(|_| format!("`{text}`: write a number"));
+        match (key.trim(), value) {
+            ("network", "") => Ok(Right::Network),
+            ("devices", path) if !path.is_empty() => Ok(Right::Device(PathBuf::from(path))),
+            ("read", path) if !path.is_empty() => Ok(Right::Read(PathBuf::from(path))),
+            ("memory", _) => Ok(Right::Memory(bytes()?)),
+            ("disk", _) => Ok(Right::Disk(bytes()?)),
+            ("cpu", _) => {
+                Ok(Right::Cpu(value.parse().map_err(|_| format!("`{text}`: write a share"))?))
+            }
+            ("files", _) => Ok(Right::Files(number()?)),
+            ("processes", _) => {
+                let number: u64 = number()?;
+                Ok(Right::Processes(u32::try_from(number).unwrap_or(u32::MAX)))
+            }
+            _ => Err(format!("`{text}` is no right; there are {known}")),
+        }
+    }
+}
+
+/// Rights as a list for a person.
+pub fn listed(rights: &[Right]) -> String {
+    rights.iter().map(Right::to_string).collect::<Vec<_>>().join(" ")
+}
+
+/// Why a device cannot be given to a plugin, whoever allows it; by its path alone.
+pub(crate) fn device_objection(path: &Path) -> Option<String> {
+    if let Some(objection) = path_objection(path) {
+        return Some(objection);
+    }
+    let Ok(below) = path.strip_prefix("/dev") else {
+        return Some("it is not below /dev".to_owned());
+    };
+    let Some(first) = below.components().next() else {
+        return Some("these are all devices: name those that it needs".to_owned());
+    };
+    let first = first.as_os_str().to_string_lossy();
+    let is_it = |known: &&&str| match known.strip_suffix('*') {
+        Some(beginning) => first.starts_with(beginning),
+        None => first == ***known,
+    };
+    NO_DEVICES
+        .iter()
+        .find(is_it)
+        .map(|_| "through it the whole machine, or who sits at it, could be reached".to_owned())
+}
+
+/// Why a file or folder cannot be shown to a plugin, whoever allows it; by its path alone.
+pub(crate) fn read_objection(path: &Path) -> Option<String> {
+    if let Some(objection) = path_objection(path) {
+        return Some(objection);
+    }
+    let is_whole = NO_FOLDERS.iter().any(|folder| path == Path::new(folder));
+    let is_home = path.parent() == Some(Path::new("/home"));
+    if is_whole || is_home {
+        return Some("everybody keeps things there: name what it needs of it".to_owned());
+    }
+    let holds_keys = |part: Component<'_>| {
+        SECRET_NAMES.iter().any(|name| part.as_os_str() == std::ffi::OsStr::new(name))
+    };
+    let is_secret = SECRET.iter().any(|secret| path.starts_with(secret));
+    (is_secret || path.components().any(holds_keys))
+        .then(|| "secrets of this machine are there".to_owned())
+}
+
+fn path_objection(path: &Path) -> Option<String> {
+    if !path.is_absolute() {
+        return Some("write a path from / on".to_owned());
+    }
+    let is_printed = path.to_str().is_some_and(|text| !text.contains(char::is_control));
+    if !is_printed {
+        return Some("nobody could read it".to_owned());
+    }
+    let is_plain = |part| matches!(part, Component::Normal(_) | Component::RootDir);
+    (!path.components().all(is_plain))
+        .then(|| "it leads elsewhere: write it without `..`".to_owned())
+}
+
+/// `"64MiB"`, in bytes.
+pub(crate) fn bytes_of(text: &str) -> Option<u64> {
+    let units = [("GiB", 30), ("MiB", 20), ("KiB", 10)];
+    let (number, shift) =
+        units.iter().find_map(|(unit, shift)| Some((text.strip_suffix(unit)?, *shift)))?;
+    let number: u64 = number.trim().parse().ok()?;
+    number.checked_mul(1 << shift)
+}
+
+/// Bytes as they are written in a manifest, in the largest unit that is exact.
+pub(crate) fn bytes_text(bytes: u64) -> String {
+    let units = [("GiB", 30), ("MiB", 20)];
+    let whole = units.into_iter().find(|(_, shift)| bytes > 0 && bytes.is_multiple_of(1 << shift));
+    match whole {
+        Some((unit, shift)) => format!("{}{unit}", bytes >> shift),
+        None => format!("{}KiB", bytes.div_ceil(1 << 10)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rights_are_written_as_they_are_read() {
+        for text in [
+            "network",
+            "devices=/dev/i2c-1",
+            "read=/sys",
+            "memory=512MiB",
+            "cpu=1.5",
+            "files=256",
+            "processes=32",
+            "disk=2GiB",
+        ] {
+            let right: Right = text.parse().expect(text);
+            assert_eq!(right.to_string(), text);
+        }
+        for (text, expected) in [
+            ("devices", "is no right"),
+            ("network=yes", "is no right"),
+            ("memory=64", "write a size"),
+            ("files=many", "write a number"),
+            ("everything", "there are network, devices=PATH"),
+        ] {
+            let problem = text.parse::<Right>().expect_err(text);
+            assert!(problem.contains(expected), "{problem}");
+        }
+    }
+
+    #[test]
+    fn what_is_asked_for_beyond_the_least_is_a_right() {
+        let least = Permissions::default();
+        assert_eq!(least.asks(), []);
+        let asked = Permissions {
+            network: true,
+            devices: vec!["/dev/i2c-1".into()],
+            memory: least.memory / 2,
+            cpu: 2.0,
+            ..least
+        };
+        assert_eq!(listed(&asked.asks()), "network devices=/dev/i2c-1 cpu=2");
+        let allowed = [Right::Network, Right::Cpu(4.0), Right::Device("/dev/i2c-2".into())];
+        assert_eq!(listed(&asked.beyond(&allowed)), "devices=/dev/i2c-1");
+    }
+
+    #[test]
+    fn what_is_everybodys_is_nobodys_to_give() {
+        for path in [
+            "/",
+            "/dev",
+            "/dev/mem",
+            "/dev/sda1",
+            "/dev/nvme0n1",
+            "/dev/tty1",
+            "/dev/pts/0",
+            "/dev/net/tun",
+            "/dev/uinput",
+            "/dev/../etc",
+            "/dev/i2c-1\x1b[2K",
+            "/etc/shadow",
+            "i2c-1",
+            "/sys/class/gpio",
+            "/home/anna",
+        ] {
+            assert!(device_objection(Path::new(path)).is_some(), "{path}");
+        }
+        for path in [
+            "/dev/i2c-1",
+            "/dev/ttyUSB0",
+            "/dev/ttyACM0",
+            "/dev/serial/by-id/x",
+            "/dev/gpiochip0",
+            "/dev/video0",
+            "/dev/input/event3",
+            "/dev/bus/usb",
+            "/dev/snd",
+        ] {
+            assert_eq!(device_objection(Path::new(path)), None, "{path}");
+        }
+        for path in [
+            "/",
+            "/home",
+            "/home/anna",
+            "/root",
+            "/etc",
+            "/etc/shadow",
+            "/etc/althing/keys",
+            "/proc/1/environ",
+            "/dev/i2c-1",
+            "/home/anna/.ssh/id",
+            "/home/anna/.config/althing/keys",
+            "/var",
+            "/run/user/1000",
+            "data",
+            "/opt/../etc/shadow",
+        ] {
+            assert!(read_objection(Path::new(path)).is_some(), "{path}");
+        }
+        for path in [
+            "/sys",
+            "/opt/maps",
+            "/home/anna/building",
+            "/etc/thermometers.conf",
+            "/run/udev",
+            "/srv/maps",
+            "/var/lib/weather",
+        ] {
+            assert_eq!(read_objection(Path::new(path)), None, "{path}");
+        }
+    }
+
+    #[test]
+    fn sizes_are_said_as_they_are_written() {
+        for (bytes, text) in [(1 << 30, "1GiB"), (96 << 20, "96MiB"), (1_536, "2KiB"), (0, "0KiB")]
+        {
+            assert_eq!(bytes_text(bytes), text);
+        }
+        assert_eq!(bytes_of("96MiB"), Some(96 << 20));
+    }
+}

@@ -1,0 +1,464 @@
+//! Attacks of a confined plugin on a real daemon: on its sockets, on the owner's files, on other
+//! processes, on what the kernel counts. Each way to confine is tried by itself: a kernel that has all
+//! of them, one without namespaces, one without Landlock, and the calls that the shipped unit lets
+//! through.
+//!
+//! What the kernel of this machine lacks is left out, loudly; the same attacks succeed without a
+//! confinement, or they would prove nothing.
+
+mod support;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::os::linux::net::SocketAddrExt as _;
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
+use std::os::unix::net::{SocketAddr, UnixDatagram, UnixListener};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command};
+use std::str::FromStr as _;
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use support::left_out::left_out;
+use support::{Office, lab};
+use syscalls::Sysno;
+
+const PATIENCE: Duration = Duration::from_secs(120);
+const ATTACKS: &str = include_str!("confinement/attacks.py");
+const FILTERED: &str = include_str!("confinement/filtered.py");
+const KEY: &str = "nobody else's";
+
+/// What a plugin with `network` may do as well.
+const ONLINE: [&str; 4] = [
+    "connects-over-tcp",
+    "opens-a-socket-of-udp",
+    "opens-a-socket-of-tcp",
+    "opens-a-socket-of-netlink",
+];
+/// What a plugin may do in any case.
+const RIGHTS: [&str; 5] =
+    ["writes-at-home", "reads-its-package", "signals-its-child", "signals-itself", "pairs-sockets"];
+
+/// Whom the attacks are aimed at.
+struct Targets {
+    process: Decoy,
+    named: UnixListener,
+    name: String,
+    _datagram: UnixDatagram,
+    tcp: std::net::TcpListener,
+    key: PathBuf,
+    before: String,
+}
+
+/// A process of this test, ended with it.
+struct Decoy(Child);
+
+impl Drop for Decoy {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Targets {
+    fn new(folder: &Path) -> Targets {
+        let key = folder.join("key.pem");
+        fs::write(&key, KEY).expect("a file");
+        fs::set_permissions(&key, fs::Permissions::from_mode(0o600)).expect("our own");
+        let process = Decoy(Command::new("sleep").arg("3600").spawn().expect("it is everywhere"));
+        let name = format!("althing-test-{}", process.0.id());
+        let address = SocketAddr::from_abstract_name(&name).expect("a name");
+        let named = UnixListener::bind_addr(&address).expect("a socket");
+        named.set_nonblocking(true).expect("a socket");
+        let datagram = UnixDatagram::bind(folder.join("datagram.sock")).expect("a socket");
+        let tcp = std::net::TcpListener::bind("127.0.0.1:0").expect("a socket");
+        tcp.set_nonblocking(true).expect("a socket");
+        let before = limits(&process);
+        Targets { process, named, name, _datagram: datagram, tcp, key, before }
+    }
+
+    /// Says where they are, beside the attacks.
+    fn describe(&self, folder: &Path, sockets: &[PathBuf]) {
+        let outside = self.key.parent().expect("a folder");
+        let inside = folder.join("inside");
+        fs::write(&inside, KEY).expect("a file");
+        let port = self.tcp.local_addr().expect("it has one").port();
+        let targets = json!({
+            "sockets": sockets, "name": self.name, "datagram": outside.join("datagram.sock"),
+            "victim": self.key, "inside": inside, "folder": outside, "port": port,
+            "process": self.process.0.id(),
+        });
+        fs::write(folder.join("targets.json"), targets.to_string()).expect("a file");
+        fs::write(folder.join("attacks.py"), ATTACKS).expect("a file");
+    }
+
+    /// Looks at the truth: nothing was changed, and nobody came.
+    fn are_as_they_were(&mut self, inside: &Path, is_online: bool) {
+        for file in [&self.key, &inside.to_owned()] {
+            assert_eq!(fs::read_to_string(file).expect("it is there"), KEY, "{}", file.display());
+            let metadata = fs::metadata(file).expect("it is there");
+            assert!(metadata.mtime() > 0, "{}", file.display());
+            assert_ne!(metadata.mode() & 0o777, 0o666, "{}", file.display());
+        }
+        assert!(!self.key.with_file_name("left").exists());
+        assert!(self.process.0.try_wait().expect("our child").is_none(), "it lives");
+        assert_eq!(limits(&self.process), self.before);
+        assert!(self.named.accept().is_err(), "nobody has come");
+        assert_eq!(self.tcp.accept().is_ok(), is_online);
+    }
+}
+
+/// The limits of a process and where it may run, as the kernel says.
+fn limits(decoy: &Decoy) -> String {
+    let read = |file: &str| fs::read_to_string(format!("/proc/{}/{file}", decoy.0.id()));
+    let status = read("status").expect("it lives");
+    let cpus = status.lines().find(|line| line.starts_with("Cpus_allowed_list")).unwrap_or("");
+    format!("{}{cpus}", read("limits").expect("it lives"))
+}
+
+/// Whether there is a Python; the attacks need no library.
+fn has_python() -> bool {
+    let found = Command::new("python3").arg("--version").output();
+    let is_there = found.is_ok_and(|output| output.status.success());
+    if !is_there {
+        left_out("there is no python3");
+    }
+    is_there
+}
+
+/// The sockets on which daemons are met.
+fn sockets_of_daemons(folder: &Path) -> Vec<PathBuf> {
+    let mut sockets = Vec::new();
+    for entry in fs::read_dir(folder).expect("a folder").flatten() {
+        use std::os::unix::fs::FileTypeExt as _;
+        let (path, kind) = (entry.path(), entry.file_type().expect("a type"));
+        if kind.is_socket() {
+            sockets.push(path);
+        } else if kind.is_dir() && path.extension().is_none_or(|end| end != "plugins") {
+            sockets.extend(sockets_of_daemons(&path));
+        }
+    }
+    sockets
+}
+
+/// An office in which `command` makes the command of the daemon: from a program and its arguments.
+fn office(more: &str, command: impl FnOnce(&Office, &[&str]) -> Command) -> Office {
+    let office = Office::new();
+    let file = office.write("lab.toml", &(lab("decentralized") + more));
+    let shown = file.display().to_string();
+    let mut office = office.with_file(file);
+    let daemon = [env!("CARGO_BIN_EXE_althing"), "up", &shown, "--daemon", "daemon"];
+    let command = command(&office, &daemon);
+    office.begin_as("daemon", command);
+    office
+}
+
+fn plainly(office: &Office, daemon: &[&str]) -> Command {
+    let mut command = office.program(daemon[0]);
+    command.args(&daemon[1..]);
+    command
+}
+
+/// All daemons of this office say where they stand; what the one says of itself.
+fn listed(office: &Office) -> Value {
+    office.ask_json(&["plugin", "list"])["daemons"][0].clone()
+}
+
+fn await_listed(office: &Office, is_so: impl Fn(&Value) -> bool) -> Value {
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        let listed = listed(office);
+        if is_so(&listed) {
+            return listed;
+        }
+        assert!(Instant::now() < deadline, "it is not so: {listed}");
+    }
+}
+
+/// The package that attacks, outside of the folder of plugins.
+fn package(office: &Office, targets: &Targets, network: bool) -> PathBuf {
+    let folder = office.folder().join("made").join("attacker");
+    fs::create_dir_all(&folder).expect("a folder");
+    targets.describe(&folder, &sockets_of_daemons(&office.runtime_folder()));
+    let text = format!(
+        "name = \"attacker\"\nversion = \"1\"\nprotocol = \"1\"\nrun = [\"python3\", \"attacks.py\"]\n\
+         ready-within = \"60s\"\n\n[[agent]]\nname = \"agent-of-attacker\"\n\n[permissions]\n\
+         network = {network}\n"
+    );
+    fs::write(folder.join("plugin.toml"), text).expect("a file");
+    folder
+}
+
+/// Puts the attacker in, waits until it has tried all, and looks at what it could do.
+fn attack(office: &Office, network: bool) {
+    let mut targets = Targets::new(office.folder());
+    let folder = package(office, &targets, network);
+    let inside = office.plugins_folder().join("attacker/inside");
+    let text = fs::read_to_string(folder.join("targets.json")).expect("a file");
+    let from = folder.join("inside").display().to_string();
+    let text = text.replace(&from, &inside.display().to_string());
+    fs::write(folder.join("targets.json"), text).expect("a file");
+    let shown = folder.display().to_string();
+    let allowed: &[&str] = if network { &["--allow", "network"] } else { &[] };
+    let (code, said) = office.ask(&[&["plugin", "add", &shown], allowed].concat());
+    assert_eq!(code, Some(0), "{said}");
+    await_listed(office, |listed| {
+        listed["plugins"].to_string().contains("it ended by itself with exit code 7")
+    });
+    let (code, said) = office.ask(&["plugin", "logs", "attacker", "-n", "1000"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("all was tried"), "{said}");
+    let succeeded: BTreeSet<_> =
+        said.lines().filter_map(|line| Some(line.split_once("succeeded ")?.1)).collect();
+    let may = RIGHTS.into_iter().chain(ONLINE.into_iter().filter(|_| network)).collect();
+    assert_eq!(succeeded, may, "{said}");
+    targets.are_as_they_were(&inside, network);
+    // The daemon is as well as before.
+    let (code, said) = office.ask(&["agents"]);
+    assert!(code == Some(0) && said.contains("plan-executor"), "{said}");
+}
+
+/// Attacks with the right to the network and without.
+fn attack_both_ways(command: impl Fn(&Office, &[&str]) -> Command) {
+    for network in [false, true] {
+        attack(&office("", &command), network);
+    }
+}
+
+/// The calls that a filter answers with an error, by their names.
+fn errors(calls: &[(&str, i32)]) -> Vec<(i32, i32)> {
+    let number = |name: &str| Sysno::from_str(name).ok().map(|call| call.id());
+    calls.iter().filter_map(|(name, error)| Some((number(name)?, *error))).collect()
+}
+
+/// How the kernel calls this machine in filters (`AUDIT_ARCH_…`).
+fn machine() -> Option<u32> {
+    BTreeMap::from([("x86_64", 0xc000_003e), ("aarch64", 0xc000_00b7)])
+        .get(std::env::consts::ARCH)
+        .copied()
+}
+
+fn filtered(office: &Office, rules: &Value, daemon: &[&str]) -> Command {
+    let mut command = office.program("python3");
+    command.args(["-c", FILTERED, &rules.to_string()]).args(daemon);
+    command
+}
+
+#[test]
+fn without_a_confinement_the_attacks_succeed() {
+    if !has_python() {
+        return;
+    }
+    let office = office("", plainly);
+    let targets = Targets::new(office.folder());
+    let folder = package(&office, &targets, false);
+    let mut command = office.program("python3");
+    command.arg(folder.join("attacks.py")).env("HOME", office.folder());
+    let output = support::finish(&mut command);
+    let said = support::stdout(&output);
+    assert_eq!(output.status.code(), Some(7), "{said}{}", support::stderr(&output));
+    for attack in [
+        "overhears-a-daemon",
+        "connects-by-a-link",
+        "connects-to-a-name",
+        "sends-a-datagram",
+        "reads-a-key",
+        "writes-a-key",
+        "truncates-a-key",
+        "empties-a-key-by-reading",
+        "empties-a-key-by-neither",
+        "changes-the-mode-of-a-key",
+        "changes-the-times-of-a-key",
+        "links-a-key",
+        "removes-a-key",
+        "leaves-a-file",
+        "signals",
+        "signals-by-a-file",
+        "limits-a-process",
+        "moves-a-process",
+        "slows-a-process",
+        "reads-the-environment-of-a-process",
+        "leaves-its-group",
+        "opens-a-socket-of-udp",
+        "holds-memory-without-a-name",
+        "shares-memory",
+        "connects-over-tcp",
+    ] {
+        assert!(said.lines().any(|line| line == format!("succeeded {attack}")), "{said}");
+    }
+    assert!(targets.named.accept().is_ok(), "it came");
+}
+
+#[test]
+fn a_plugin_reaches_nothing_with_all_that_this_kernel_has() {
+    if !has_python() {
+        return;
+    }
+    for network in [false, true] {
+        let office = office("", plainly);
+        let listed = await_listed(&office, |listed| {
+            listed["confinement"]["means"]["landlock"].as_i64() > Some(0)
+        });
+        assert_eq!(listed["confinement"]["not-enforced"], json!([]), "{listed}");
+        attack(&office, network);
+    }
+}
+
+#[test]
+fn a_plugin_reaches_nothing_where_there_are_no_namespaces() {
+    if !has_python() {
+        return;
+    }
+    let none = "echo 0 > /proc/sys/user/max_user_namespaces && exec \"$@\"";
+    let without = ["--user", "--map-root-user", "sh", "-c", none, "sh"];
+    let tried = Command::new("unshare").args(without).arg("true").output();
+    if !tried.is_ok_and(|output| output.status.success()) {
+        return left_out("namespaces of users cannot be made here, so none can be forbidden");
+    }
+    let command = |office: &Office, daemon: &[&str]| {
+        let mut command = office.program("unshare");
+        command.args(without).args(daemon);
+        command
+    };
+    let office = office("", command);
+    let listed =
+        await_listed(&office, |listed| listed["confinement"]["means"]["no-namespaces"].is_string());
+    assert_eq!(listed["confinement"]["not-enforced"], json!([]), "{listed}");
+    attack_both_ways(command);
+}
+
+#[test]
+fn a_plugin_reaches_nothing_where_there_is_no_landlock() {
+    if !has_python() {
+        return;
+    }
+    let Some(machine) = machine() else { return left_out("this machine is of an unknown kind") };
+    let calls = ["landlock_create_ruleset", "landlock_add_rule", "landlock_restrict_self"];
+    let rules =
+        json!({ "machine": machine, "errors": errors(&calls.map(|call| (call, no_call()))) });
+    attack_both_ways(|office, daemon| filtered(office, &rules, daemon));
+}
+
+/// `ENOSYS`: the kernel has no such call.
+fn no_call() -> i32 {
+    rustix::io::Errno::NOSYS.raw_os_error()
+}
+
+/// The calls that the shipped unit lets through, as this machine's systemd understands it.
+fn calls_of_the_unit() -> Option<BTreeSet<i32>> {
+    let output = Command::new("systemd-analyze").arg("syscall-filter").output().ok()?;
+    let text = String::from_utf8(output.stdout).ok().filter(|_| output.status.success())?;
+    let mut groups: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    let mut group = "";
+    for line in text.lines().filter(|line| !line.trim_start().starts_with('#')) {
+        if line.starts_with('@') {
+            group = line.trim();
+        } else if !line.trim().is_empty() {
+            groups.entry(group).or_default().push(line.trim());
+        }
+    }
+    fn expanded<'t>(groups: &BTreeMap<&'t str, Vec<&'t str>>, name: &'t str) -> BTreeSet<&'t str> {
+        match groups.get(name) {
+            Some(names) => names.iter().flat_map(|name| expanded(groups, name)).collect(),
+            None => BTreeSet::from([name]),
+        }
+    }
+    let mut allowed = BTreeSet::new();
+    for line in unit().lines().filter_map(|line| line.strip_prefix("SystemCallFilter=")) {
+        for name in line.trim_start_matches('~').split_whitespace() {
+            for call in expanded(&groups, name) {
+                match line.starts_with('~') {
+                    true => allowed.remove(call),
+                    false => allowed.insert(call.to_owned()),
+                };
+            }
+        }
+    }
+    // Of what systemd itself needs to begin a program, nothing can be forbidden.
+    allowed.extend(expanded(&groups, "@default").iter().map(|call| (*call).to_owned()));
+    Some(
+        allowed
+            .iter()
+            .filter_map(|name| Sysno::from_str(name).ok())
+            .map(|call| call.id())
+            .collect(),
+    )
+}
+
+fn unit() -> String {
+    let unit = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/systemd/althing.service");
+    fs::read_to_string(unit).expect("the unit is in deploy/systemd")
+}
+
+#[test]
+fn a_plugin_starts_and_reaches_nothing_with_the_calls_of_the_shipped_unit() {
+    if !has_python() {
+        return;
+    }
+    let Some(machine) = machine() else { return left_out("this machine is of an unknown kind") };
+    let Some(allowed) = calls_of_the_unit() else {
+        return left_out("there is no systemd-analyze, which knows the groups of calls");
+    };
+    assert!(unit().contains("\nRestrictNamespaces=yes\n"), "the filter below forbids them");
+    let denied = rustix::io::Errno::PERM.raw_os_error();
+    let errors = errors(&[("unshare", denied), ("setns", denied), ("clone3", no_call())]);
+    let rules =
+        json!({ "machine": machine, "errors": errors, "allowed": allowed, "other": denied });
+    let is_root = rustix::process::geteuid().is_root();
+    attack_both_ways(|office, daemon| {
+        let mut command = filtered(office, &rules, daemon);
+        if is_root {
+            // The unit's daemon has no capabilities.
+            let mut bare = office.program("setpriv");
+            bare.args(["--bounding-set=-all", "--inh-caps=-all", "--no-new-privs", "python3"]);
+            bare.args(command.get_args());
+            command = bare;
+        }
+        command
+    });
+}
+
+#[test]
+fn where_confinement_is_required_and_lacks_something_no_plugin_runs() {
+    if !has_python() {
+        return;
+    }
+    let Some(machine) = machine() else { return left_out("this machine is of an unknown kind") };
+    // Neither namespaces nor Landlock.
+    let denied = rustix::io::Errno::PERM.raw_os_error();
+    let calls = [
+        ("unshare", denied),
+        ("landlock_create_ruleset", denied),
+        ("landlock_restrict_self", denied),
+    ];
+    let rules = json!({ "machine": machine, "errors": errors(&calls) });
+    let made = |office: &Office| {
+        let targets = Targets::new(office.folder());
+        let folder = package(office, &targets, false).display().to_string();
+        let (code, said) = office.ask(&["plugin", "add", &folder]);
+        assert_eq!(code, Some(0), "{said}");
+    };
+    let required = office("[plugins]\nconfinement = \"require\"\n", |office, daemon| {
+        filtered(office, &rules, daemon)
+    });
+    made(&required);
+    let listed = await_listed(&required, |listed| listed["plugins"][0]["state"] == "not-confined");
+    let reason = listed["plugins"][0]["reason"].as_str().unwrap_or_default();
+    assert!(reason.contains("it can read what this user can read"), "{reason}");
+    let (code, said) = required.ask(&["plugin", "list"]);
+    assert_eq!(code, Some(0), "{said}");
+    let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(said.contains("not confined"), "{said}");
+    assert!(said.contains("not enforced on `daemon`, of a plugin: it can read"), "{said}");
+    drop(required);
+    // Where it is not required, it runs, and what is not enforced is said.
+    let available = office("", |office, daemon| filtered(office, &rules, daemon));
+    made(&available);
+    let listed = await_listed(&available, |listed| {
+        listed["plugins"].to_string().contains("it ended by itself with exit code 7")
+    });
+    let lacks = listed["plugins"][0]["not-enforced"].to_string();
+    assert!(lacks.contains("it can read what this user can read"), "{listed}");
+    let (_, said) = available.ask(&["plugin", "logs", "attacker", "-n", "1000"]);
+    assert!(said.contains("not enforced here: it can read"), "{said}");
+}
