@@ -160,7 +160,7 @@ impl Other {
         ctx.answer(
             &Engagement::of(&message),
             Performative::Inform,
-            &Inform::Answer(PersonsAnswer { text }),
+            &Inform::Answer(PersonsAnswer::plain(text)),
         );
     }
 }
