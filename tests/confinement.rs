@@ -160,18 +160,31 @@ fn plainly(office: &Office, daemon: &[&str]) -> Command {
 }
 
 /// All daemons of this office say where they stand; what the one says of itself.
-fn listed(office: &Office) -> Value {
+fn list(office: &Office) -> Value {
     office.ask_json(&["plugin", "list"])["daemons"][0].clone()
 }
 
 fn await_listed(office: &Office, is_so: impl Fn(&Value) -> bool) -> Value {
     let deadline = Instant::now() + PATIENCE;
     loop {
-        let listed = listed(office);
+        let listed = list(office);
         if is_so(&listed) {
             return listed;
         }
         assert!(Instant::now() < deadline, "it is not so: {listed}");
+    }
+}
+
+/// Waits until a plugin, or its host about it, has said something; all of its log then. What stands in a
+/// log stays there; the reason of a state is gone with the next.
+fn await_logged(office: &Office, name: &str, text: &str) -> String {
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        let (code, said) = office.ask(&["plugin", "logs", name, "-n", "1000"]);
+        if code == Some(0) && said.contains(text) {
+            return said;
+        }
+        assert!(Instant::now() < deadline, "`{name}` has not said `{text}`: {said}");
     }
 }
 
@@ -202,12 +215,7 @@ fn attack(office: &Office, network: bool) {
     let allowed: &[&str] = if network { &["--allow", "network"] } else { &[] };
     let (code, said) = office.ask(&[&["plugin", "add", &shown], allowed].concat());
     assert_eq!(code, Some(0), "{said}");
-    await_listed(office, |listed| {
-        listed["plugins"].to_string().contains("it ended by itself with exit code 7")
-    });
-    let (code, said) = office.ask(&["plugin", "logs", "attacker", "-n", "1000"]);
-    assert_eq!(code, Some(0), "{said}");
-    assert!(said.contains("all was tried"), "{said}");
+    let said = await_logged(office, "attacker", "all was tried");
     let succeeded: BTreeSet<_> =
         said.lines().filter_map(|line| Some(line.split_once("succeeded ")?.1)).collect();
     let may = RIGHTS.into_iter().chain(ONLINE.into_iter().filter(|_| network)).collect();
@@ -454,11 +462,78 @@ fn where_confinement_is_required_and_lacks_something_no_plugin_runs() {
     // Where it is not required, it runs, and what is not enforced is said.
     let available = office("", |office, daemon| filtered(office, &rules, daemon));
     made(&available);
-    let listed = await_listed(&available, |listed| {
-        listed["plugins"].to_string().contains("it ended by itself with exit code 7")
-    });
+    let said = await_logged(&available, "attacker", "all was tried");
+    assert!(said.contains("not enforced here: it can read"), "{said}");
+    let listed = list(&available);
     let lacks = listed["plugins"][0]["not-enforced"].to_string();
     assert!(lacks.contains("it can read what this user can read"), "{listed}");
-    let (_, said) = available.ask(&["plugin", "logs", "attacker", "-n", "1000"]);
-    assert!(said.contains("not enforced here: it can read"), "{said}");
+}
+
+/// A control group that was given away, with all in it; removed at the end.
+struct Delegated(PathBuf);
+
+impl Delegated {
+    /// Makes one, as a service manager does; why not, where that cannot be.
+    fn new() -> Result<Delegated, String> {
+        let root = Path::new("/sys/fs/cgroup");
+        let known = fs::read_to_string(root.join("cgroup.controllers")).unwrap_or_default();
+        let has = |name: &str| known.split_whitespace().any(|known| known == name);
+        if !["cpu", "memory", "pids"].into_iter().all(has) {
+            return Err("this machine has no control groups of version 2 with controllers".into());
+        }
+        fs::write(root.join("cgroup.subtree_control"), "+cpu +memory +pids")
+            .map_err(|error| format!("control groups cannot be made here: {error}"))?;
+        let folder = root.join(format!("althing-test-{}", std::process::id()));
+        fs::create_dir(&folder).map_err(|error| error.to_string())?;
+        let given = "import os, sys; os.setxattr(sys.argv[1], 'trusted.delegate', b'1')";
+        let given = Command::new("python3").args(["-c", given]).arg(&folder).status();
+        let is_given = given.is_ok_and(|status| status.success());
+        let group = Delegated(folder);
+        is_given.then_some(group).ok_or_else(|| "a control group cannot be given away here".into())
+    }
+}
+
+impl Drop for Delegated {
+    fn drop(&mut self) {
+        let _ = fs::write(self.0.join("cgroup.kill"), "1");
+        for entry in fs::read_dir(&self.0).into_iter().flatten().flatten() {
+            let _ = fs::remove_dir(entry.path());
+        }
+        let _ = fs::remove_dir(&self.0);
+    }
+}
+
+#[test]
+fn memory_without_a_name_counts_in_a_control_group() {
+    use std::io::Write as _;
+    let group = match Delegated::new() {
+        Ok(group) => group,
+        // No package brings what the machine's kernel has mounted otherwise, so CI does not demand it.
+        Err(why) => {
+            let _ = writeln!(std::io::stderr(), "\nNOT TESTED: limits of control groups: {why}\n");
+            return;
+        }
+    };
+    let joins = format!("echo $$ > {}/cgroup.procs && exec \"$@\"", group.0.display());
+    let office = office("", |office, daemon| {
+        let mut command = office.program("sh");
+        command.args(["-c", &joins, "sh"]).args(daemon);
+        command
+    });
+    let folder = office.folder().join("made/hidden");
+    fs::create_dir_all(&folder).expect("a folder");
+    let hides = "import os, time\nfile = os.memfd_create('hidden')\n\
+                 for _ in range(300): os.write(file, bytes(1 << 20))\n\
+                 print('it holds more than it may')\ntime.sleep(600)\n";
+    fs::write(folder.join("hides.py"), hides).expect("a file");
+    let text = "name = \"hidden\"\nversion = \"1\"\nprotocol = \"1\"\nrun = [\"python3\", \"hides.py\"]\n\
+                ready-within = \"60s\"\n\n[[agent]]\nname = \"agent-of-hidden\"\n";
+    fs::write(folder.join("plugin.toml"), text).expect("a file");
+    let (code, said) = office.ask(&["plugin", "add", &folder.display().to_string()]);
+    assert_eq!(code, Some(0), "{said}");
+    let said = await_logged(&office, "hidden", "it held more memory than it may: 128 MiB");
+    assert!(!said.contains("it holds more than it may"), "{said}");
+    let listed = list(&office);
+    let limits = listed["confinement"]["limits"].as_str().unwrap_or_default();
+    assert!(limits.contains("limited by the kernel"), "{listed}");
 }

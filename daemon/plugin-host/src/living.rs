@@ -64,7 +64,7 @@ impl Living {
         let mebibytes = |bytes: u64| bytes.div_ceil(1 << 20);
         let (holds, may) = (mebibytes(usage.memory), mebibytes(permissions.memory));
         if look.taken.is_some_and(|taken| taken.ended > 0) {
-            return Some(format!("it held more memory than it may: {may} MiB"));
+            return Some(held_too_much(permissions));
         }
         if usage.memory > permissions.memory {
             return Some(format!("it holds {holds} MiB of memory, and may hold {may}"));
@@ -149,6 +149,11 @@ impl Living {
         }
         None
     }
+}
+
+/// Why a plugin was ended by the kernel that counts its memory.
+pub(crate) fn held_too_much(permissions: &Permissions) -> String {
+    format!("it held more memory than it may: {} MiB", permissions.memory.div_ceil(1 << 20))
 }
 
 /// Gives way to everybody else.

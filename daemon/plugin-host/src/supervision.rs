@@ -18,7 +18,7 @@ use crate::cgroup::Group;
 use crate::endpoint::{Endpoint, Purpose};
 use crate::launching::{Start, Started, described, hello};
 use crate::lives::Lives;
-use crate::living::{Living, SILENT};
+use crate::living::{Living, SILENT, held_too_much};
 use crate::log::Log;
 use crate::looking::Looking;
 use crate::package::Package;
@@ -301,6 +301,10 @@ impl Supervision {
             }
             Some(why) => {
                 process.end().await;
+                // The kernel ends what holds too much, and says only that it was killed.
+                let is_full = counted.is_some_and(|group| group.taken().ended > 0);
+                let permissions = &wanted.package.manifest.permissions;
+                let why = if is_full { held_too_much(permissions) } else { why };
                 Over::Ended { why, ready: living.ready }
             }
         }
