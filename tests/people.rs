@@ -368,7 +368,7 @@ fn lab_with(office: &Office, agents: &str) -> String {
 }
 
 #[test]
-fn a_file_is_read_anew_and_what_needs_a_restart_is_named() {
+fn a_file_is_read_anew_and_a_room_is_added_while_a_daemon_runs() {
     let mut office = Office::new();
     let goals = "[goals]\nwarm = \"(known-temperature office1)\"\n\n";
     let first = lab_with(&office, &(goals.to_owned() + &thermometer("thermometer-a", "office1")));
@@ -377,28 +377,23 @@ fn a_file_is_read_anew_and_what_needs_a_restart_is_named() {
     let mut command = office.command(&["up", &file.display().to_string()]);
     command.stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = Ends(command.spawn().expect("the binary is built"));
-    let said = lines(&mut child.0);
-    assert!(said.recv_timeout(PATIENCE).expect("it begins").contains("is ready"));
+    let told_ready = lines(&mut child.0);
+    assert!(told_ready.recv_timeout(PATIENCE).expect("it begins").contains("is ready"));
     let notes = notes(child.0.stderr.take().expect("a pipe"));
     let hangup = || {
         let pid = child.0.id().to_string();
         assert!(Command::new("kill").args(["-HUP", &pid]).status().expect("kill").success());
     };
 
-    // One agent has left, one is new, a goal is another, and the map has a room more.
+    // One agent has left, one is new, and a goal is another.
     let goals = "[goals]\nwarm = \"(known-temperature office2)\"\n\n";
     office.write(
         "lab.toml",
         &lab_with(&office, &(goals.to_owned() + &thermometer("thermometer-b", "office2"))),
     );
-    let map = office.folder().join("map.pddl");
-    let text = std::fs::read_to_string(&map).expect("it is there");
-    let more = text.replacen("(:objects", "(:objects attic - room", 1);
-    assert_ne!(more, text, "the map has objects");
-    office.write("map.pddl", &more);
     hangup();
-    let told = await_note(&notes, "read at a restart only");
-    for part in ["new: `thermometer-b`", "left: `thermometer-a`", "`warm`", "the map (rooms"] {
+    let told = await_note(&notes, "have left: `thermometer-a`");
+    for part in ["new: `thermometer-b`", "`warm`"] {
         assert!(told.contains(part), "{part}: {told}");
     }
     let agents = office.ask(&["agents"]).1;
@@ -414,6 +409,20 @@ fn a_file_is_read_anew_and_what_needs_a_restart_is_named() {
     office.write("lab.toml", &first);
     let agents = office.ask(&["agents"]).1;
     assert!(agents.contains("thermometer-b"), "{agents}");
+
+    // The map has a room more, with a thermometer.
+    let map = office.folder().join("map.pddl");
+    let text = std::fs::read_to_string(&map).expect("it is there");
+    let more = text.replacen("(:objects", "(:objects attic - room", 1);
+    assert_ne!(more, text, "the map has objects");
+    office.write("map.pddl", &more);
+    office.write("lab.toml", &lab_with(&office, &thermometer("thermometer-c", "attic")));
+    hangup();
+    await_note(&notes, "begins anew: the map (rooms, doors, ways)");
+    assert!(told_ready.recv_timeout(PATIENCE).expect("it begins again").contains("is ready"));
+    let (code, said) = office.ask(&["goal", "(known-temperature attic)"]);
+    assert_eq!(code, Some(0), "the attic is known: {said}");
+    assert!(child.0.try_wait().expect("it is ours").is_none(), "it is the same process");
 }
 
 /// The lines of a stream, as they come.

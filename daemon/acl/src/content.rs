@@ -212,7 +212,17 @@ pub struct GoalStatus {
     /// Plans made for it so far.
     pub rounds: u32,
     /// What has happened, oldest first; bounded.
-    pub history: Vec<String>,
+    pub history: Vec<HistoryEntry>,
+}
+
+/// Something that happened to a goal.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HistoryEntry {
+    /// When: milliseconds since 1970-01-01 UTC, by the clock of the machine that pursued the goal then.
+    pub at_ms: u64,
+    /// What, for a person.
+    pub text: String,
 }
 
 /// An agent's actions, each with the method that carries it out.

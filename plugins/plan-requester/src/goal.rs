@@ -1,10 +1,10 @@
 //! One goal: what is wanted, where it stands, and what has happened.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use acl::content::{
-    Achieve, Execute, GoalStatus, Keep, Offers, Partition, Reason, Report, Version,
+    Achieve, Execute, GoalStatus, HistoryEntry, Keep, Offers, Partition, Reason, Report, Version,
 };
 use acl::{AgentId, ConversationId, Incarnation, ReplyToken};
 use agent::{Engagement, TimerId, Work};
@@ -80,7 +80,7 @@ pub(crate) struct Goal {
     /// What the last round of planning saw.
     pub(crate) seen: Option<Seen>,
     avoided: BTreeMap<(AgentId, String), Avoidance>,
-    history: Vec<String>,
+    history: Vec<HistoryEntry>,
 }
 
 /// What is held against an agent's action.
@@ -219,12 +219,12 @@ impl Goal {
     }
 
     /// What has happened, oldest first.
-    pub(crate) fn history(&self) -> &[String] {
+    pub(crate) fn history(&self) -> &[HistoryEntry] {
         &self.history
     }
 
     /// What happened before another took it over.
-    pub(crate) fn recall_history(&mut self, history: Vec<String>) {
+    pub(crate) fn recall_history(&mut self, history: Vec<HistoryEntry>) {
         self.history = history;
         self.history.truncate(HISTORY_LINES_MAX);
     }
@@ -241,11 +241,14 @@ impl Goal {
         }
     }
 
-    pub(crate) fn note(&mut self, line: impl Into<String>) {
+    /// Something happened at this time of the machine's clock.
+    pub(crate) fn note(&mut self, at: SystemTime, text: impl Into<String>) {
         if self.history.len() == HISTORY_LINES_MAX {
             self.history.remove(0);
         }
-        self.history.push(line.into());
+        let at = at.duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        let at_ms = u64::try_from(at.as_millis()).unwrap_or(u64::MAX);
+        self.history.push(HistoryEntry { at_ms, text: text.into() });
     }
 
     /// An action failed: it is not asked for again for a while, which doubles.

@@ -209,7 +209,7 @@ impl PlanRequester {
             Ok(condition) => {
                 self.take_place(&message, &asked, ctx);
                 let mut goal = Goal::new(engagement, message.incarnation, asked, condition);
-                goal.note("asked for");
+                goal.note(ctx.switchboard().machine().wall_clock(), "asked for");
                 let id = goal.conversation().clone();
                 tracing::info!(conversation = %id, goal = goal.text, "a goal");
                 self.goals.insert(id.clone(), goal);
@@ -281,7 +281,7 @@ impl PlanRequester {
 
     fn cancel(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
-        goal.note("cancelled");
+        goal.note(ctx.switchboard().machine().wall_clock(), "cancelled");
         match &goal.phase {
             Phase::Executing(token) => {
                 let token = token.clone();
@@ -490,7 +490,8 @@ impl PlanRequester {
     fn tell(&mut self, id: &ConversationId, report: Report, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         tracing::info!(conversation = %id, outcome = %report.outcome, detail = report.detail, "goal");
-        goal.note(format!("{}: {}", report.outcome, report.detail));
+        let now = ctx.switchboard().machine().wall_clock();
+        goal.note(now, format!("{}: {}", report.outcome, report.detail));
         let told = ctx.try_answer(&goal.engagement, Performative::Confirm, &report);
         if !report.outcome.is_final() {
             if let Err(why) = told {

@@ -11,7 +11,9 @@
 
 use std::collections::BTreeMap;
 
-use acl::content::{Achieve, Execute, Outcome, Partition, Record, Report, Version, value};
+use acl::content::{
+    Achieve, Execute, HistoryEntry, Outcome, Partition, Record, Report, Version, value,
+};
 use acl::{ConversationId, Incarnation, Performative};
 use agent::keeping::{self, Keeper, Keeps, Kept};
 use agent::{Context, Engagement, Resident};
@@ -37,7 +39,9 @@ struct GoalRecord {
     /// The plan that runs, if one does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     running: Option<Running>,
-    history: Vec<String>,
+    /// What has happened, oldest first. Records of older versions do not have it.
+    #[serde(default)]
+    happened: Vec<HistoryEntry>,
     /// Whether it is being given up: who asked for that was told that it is.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     cancelled: bool,
@@ -356,7 +360,8 @@ impl PlanRequester {
         plan: Option<Execute>,
         ctx: &mut Context<Self>,
     ) {
-        let GoalRecord { engagement, life, asked, rounds, failures, running, history, .. } = record;
+        let GoalRecord { engagement, life, asked, rounds, failures, running, happened, .. } =
+            record;
         let id = engagement.conversation.clone();
         let condition = match pddl::parse_condition(&asked.goal).into_result() {
             Ok(condition) => condition,
@@ -366,7 +371,7 @@ impl PlanRequester {
         let mut goal = Goal::new(engagement, life, asked, condition);
         (goal.rounds, goal.failures, goal.version) = (rounds, failures, version);
         goal.taken_over = Some(ctx.now());
-        goal.recall_history(history);
+        goal.recall_history(happened);
         let running = running.filter(|running| {
             let is_it = |plan: &Execute| plan.term == running.term && plan.round == running.round;
             plan.as_ref().is_some_and(is_it)
@@ -540,7 +545,7 @@ fn record_of(goal: &Goal) -> GoalRecord {
         rounds: goal.rounds,
         failures: goal.failures,
         running,
-        history: goal.history().to_vec(),
+        happened: goal.history().to_vec(),
         cancelled: matches!(goal.phase, Phase::Cancelling(_)),
         ended: None,
     }

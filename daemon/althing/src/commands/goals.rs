@@ -4,8 +4,9 @@ use std::fmt::Write as _;
 use std::process::ExitCode;
 
 use acl::AgentId;
-use acl::content::{GoalStatus, Keep};
+use acl::content::{GoalStatus, HistoryEntry, Keep};
 use agent::Resource;
+use jiff::{Timestamp, Zoned};
 use serde_json::json;
 use terminal::{exit, output, visible};
 
@@ -28,12 +29,12 @@ pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
     match goals {
         Some(Ok(goals)) if json => output::print_json(&json!({ "goals": goals }), exit::DONE),
         Some(Ok(goals)) if goals.is_empty() => output::print("nobody wants anything\n", exit::DONE),
-        Some(Ok(goals)) => output::print(paragraphs(&goals), exit::DONE),
+        Some(Ok(goals)) => output::print(paragraphs(&goals, &Zoned::now()), exit::DONE),
         _ => client::unavailable("hear from a Plan Requester: none is here", json),
     }
 }
 
-fn paragraphs(goals: &[GoalStatus]) -> String {
+fn paragraphs(goals: &[GoalStatus], now: &Zoned) -> String {
     let mut text = String::new();
     for GoalStatus { conversation, goal, keep, priority, phase, rounds, history } in goals {
         let keep = match keep {
@@ -49,9 +50,38 @@ fn paragraphs(goals: &[GoalStatus]) -> String {
         if older > 0 {
             let _ = writeln!(text, "    … {older} earlier");
         }
-        for line in history.iter().skip(older) {
-            let _ = writeln!(text, "    {}", visible::line(line));
+        for HistoryEntry { at_ms, text: line } in history.iter().skip(older) {
+            let at = clock_time(*at_ms, now);
+            let _ = writeln!(text, "    {at}  {}", visible::line(line));
         }
     }
     text
+}
+
+/// The time of day in the time zone of `now`, with the date where it is another day.
+fn clock_time(unix_ms: u64, now: &Zoned) -> String {
+    let known = i64::try_from(unix_ms).ok().and_then(|ms| Timestamp::from_millisecond(ms).ok());
+    let Some(at) = known.map(|at| at.to_zoned(now.time_zone().clone())) else {
+        return "?".to_owned();
+    };
+    let format = if at.date() == now.date() { "%H:%M:%S" } else { "%Y-%m-%d %H:%M:%S" };
+    at.strftime(format).to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use jiff::tz::TimeZone;
+
+    use super::*;
+
+    #[test]
+    fn times_of_today_have_no_date() {
+        let at = |text: &str| text.parse::<Timestamp>().expect("a time");
+        let now = at("2026-11-26T01:30:00Z").to_zoned(TimeZone::fixed(jiff::tz::offset(2)));
+        let shown = |text: &str| clock_time(at(text).as_millisecond() as u64, &now);
+        assert_eq!(shown("2026-11-26T01:02:03Z"), "03:02:03");
+        assert_eq!(shown("2026-11-25T22:00:00Z"), "00:00:00");
+        assert_eq!(shown("2026-11-25T21:59:59Z"), "2026-11-25 23:59:59");
+        assert_eq!(clock_time(u64::MAX, &now), "?");
+    }
 }

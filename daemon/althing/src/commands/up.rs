@@ -27,7 +27,7 @@ use crate::plugins;
 use crate::prompt::{self, Guest};
 use crate::review::{self, Scope};
 use crate::service_manager::{self, Watchdog};
-use reload::Reload;
+use reload::{Next, Reload};
 
 /// How a daemon of this machine is called again when its link is lost: four times a second for as
 /// long as it does not answer, because looking for a socket costs nothing, and a process that was
@@ -279,6 +279,7 @@ async fn up(
             hosting::watch_addresses();
         }
     }
+    let mut begins_anew = false;
     if manner.has_prompt {
         match prompt(ecosystem, &node, manner.goals).await {
             Ok(guest) => {
@@ -287,40 +288,47 @@ async fn up(
             Err(problem) => output::note(&format!("error: failed to {problem}")),
         }
     } else {
-        serve(&mut node, &ecosystem, manner, reload, interrupted).await;
+        begins_anew = serve(&mut node, &ecosystem, manner, reload, interrupted).await;
     }
-    service_manager::stopping();
+    if !begins_anew {
+        service_manager::stopping();
+    }
     drop(watch);
-    if drain(node, abroad).await {
-        return exit::with(exit::DONE);
+    if !drain(node, abroad).await {
+        output::note("warning: some agents did not finish in time; they were ended");
     }
-    output::note("warning: some agents did not finish in time; they were ended");
+    if begins_anew {
+        hosting::begin_anew();
+        return exit::with(exit::UNAVAILABLE);
+    }
     exit::with(exit::DONE)
 }
 
-/// Runs the daemon until it is told to stop.
+/// Runs the daemon until it is told to stop, or has to begin anew; says whether it has to.
 async fn serve(
     node: &mut Node,
     ecosystem: &Ecosystem,
     manner: Manner,
     mut reload: Reload,
     interrupted: impl Future<Output = i32>,
-) {
+) -> bool {
     let mut watchdog = Watchdog::from_environment();
     let mut stdin_ended = manner.until_stdin_ends.then(watch_stdin);
     let mut terminal = ask(ecosystem, node, manner.goals).await;
     tokio::pin!(interrupted);
     loop {
         tokio::select! {
-            _ = &mut interrupted => break,
-            () = ended(&mut stdin_ended) => break,
+            _ = &mut interrupted => return false,
+            () = ended(&mut stdin_ended) => return false,
             () = watchdog.due() => watchdog.lives(),
             () = reload::asked_for(&mut reload.hangups) => {
                 // The terminal that it was started in has been closed.
                 if reload.had_terminal && !std::io::stdin().is_terminal() {
-                    break;
+                    return false;
                 }
-                reload.again(node).await;
+                if reload.again(node).await == Next::BeginsAnew {
+                    return true;
+                }
             }
             heard = hear(&mut terminal) => {
                 hearing::print(&heard, false);

@@ -7,7 +7,7 @@ use std::os::unix::ffi::OsStringExt as _;
 use nix::unistd::execv;
 
 /// Begins anew; returns if that fails.
-pub(super) fn begin_anew() {
+pub(crate) fn begin_anew() {
     give_up_sockets();
     // An argument came from a string of C's, and so it has no zero within.
     let arguments: Vec<_> =

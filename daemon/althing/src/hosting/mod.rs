@@ -34,6 +34,7 @@ use tokio_util::task::TaskTracker;
 use crate::config::{AgentEntry, Ecosystem};
 use crate::plugins;
 
+pub(crate) use anew::begin_anew;
 pub(crate) use building::{refurnish, simulate};
 pub(crate) use credentials::{GuestKeys, announce_end, forget_keys, secure, tell_keys};
 pub(crate) use entrance::{Stay, enter};

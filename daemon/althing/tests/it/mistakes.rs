@@ -193,7 +193,7 @@ fn the_map() {
     map("(= (distance passage class-a) 4)", minus, ERROR, 8, &words);
     let far = "(= (distance passage class-a) 4000)";
     map("(= (distance passage class-a) 4)", far, ERROR, 8, &["`passage` and `class-a`", "1000 m"]);
-    map("class-a class-b", "class-a, class-b", ERROR, 4, &["a name cannot hold `,`"]);
+    map("class-a class-b", "class-a, class-b", ERROR, 4, &["separate names by spaces"]);
     map(":domain smart-office", ":domain school", WARNING, 2, &["called `smart-office`"]);
 }
 

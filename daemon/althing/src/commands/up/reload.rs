@@ -1,8 +1,8 @@
-//! SIGHUP: the ecosystem file is read anew, and what can change while a daemon runs does.
+//! SIGHUP: the ecosystem file is read anew, and what is in it now counts.
 //!
 //! Agents that are built in come, go and begin anew; named goals are read by each command anew. All
-//! else is fixed when a daemon starts: a change of it is named, and needs a restart. A file with a
-//! mistake changes nothing.
+//! else, such as the map, is fixed when a daemon starts: a change of it is named, and the daemon gives
+//! up its commitments and begins anew under its process id. A file with a mistake changes nothing.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -35,6 +35,13 @@ pub(super) struct Reload {
     pub(super) had_terminal: bool,
 }
 
+/// What a daemon does after SIGHUP.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Next {
+    GoesOn,
+    BeginsAnew,
+}
+
 /// What differs between the agents of two readings of a file.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Difference {
@@ -61,23 +68,32 @@ pub(super) async fn asked_for(hangups: &mut Option<Signal>) {
 }
 
 impl Reload {
-    /// Reads the file and changes what can be changed; says what it did and what needs a restart.
-    pub(super) async fn again(&mut self, node: &mut Node) {
+    /// Reads the file and changes what can be changed; says what it did, and for what the daemon has to
+    /// begin anew.
+    pub(super) async fn again(&mut self, node: &mut Node) -> Next {
         let file = self.file.display().to_string();
         // What is wrong is shown with its place.
         let Ok((ecosystem, place)) = read(&self.file, &self.overrides, self.asked.as_deref())
         else {
             output::note(&format!("SIGHUP: {file} has mistakes; nothing is changed"));
-            return;
+            return Next::GoesOn;
         };
         if place.daemon != self.place.daemon {
             output::note(&format!(
                 "SIGHUP: by {file} this is daemon `{}` and no longer `{}`; restart it",
                 place.daemon, self.place.daemon
             ));
-            return;
+            return Next::GoesOn;
         }
         let fixed = fixed(&self.ecosystem, &ecosystem, &self.goals);
+        if !fixed.is_empty() {
+            output::note(&format!(
+                "SIGHUP: {file} is read anew\n  changed, and read when a daemon begins, so that \
+                 this one begins anew: {}",
+                fixed.join(", ")
+            ));
+            return Next::BeginsAnew;
+        }
         let (old, new) = (built_in(&self.place.agents), built_in(&place.agents));
         let difference = Difference::between(&old, &new);
         let mut said = vec![format!("SIGHUP: {file} is read anew")];
@@ -108,18 +124,13 @@ impl Reload {
             }
         }
         difference.tell(&mut said);
-        if !fixed.is_empty() {
-            said.push(format!("changed, and read at a restart only: {}", fixed.join(", ")));
-        }
         if said.len() == 1 {
             said.push("nothing that concerns this daemon has changed".to_owned());
         }
         output::note(&said.join("\n  "));
         self.place.agents = kept;
-        // Of what is fixed, the daemon goes on with what it has, and says so again next time.
-        let mut goes_on = (*self.ecosystem).clone();
-        goes_on.goals = ecosystem.goals;
-        self.ecosystem = Arc::new(goes_on);
+        self.ecosystem = Arc::new(ecosystem);
+        Next::GoesOn
     }
 }
 
