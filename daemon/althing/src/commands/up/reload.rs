@@ -203,6 +203,8 @@ fn fixed(old: &Ecosystem, new: &Ecosystem, asked: &[String]) -> Vec<String> {
     let wish = |of: &Ecosystem, goal: &String| debug(&of.wish(goal).ok());
     let goals: Vec<_> =
         asked.iter().filter(|goal| wish(old, goal) != wish(new, goal)).cloned().collect();
+    // They follow from who has which agent, and hold where daemons have keys.
+    let is_secured = new.security.is_some();
     let parts = [
         ("the ecosystem's name", old.name != new.name),
         ("the domain file", old.domain.to_string() != new.domain.to_string()),
@@ -211,7 +213,7 @@ fn fixed(old: &Ecosystem, new: &Ecosystem, asked: &[String]) -> Vec<String> {
         ("`[settings]`", old.settings != new.settings),
         ("`[zenoh]`", old.zenoh != new.zenoh),
         ("`[security]`", debug(&old.security) != debug(&new.security)),
-        ("rights", old.rights != new.rights),
+        ("rights", is_secured && old.rights != new.rights),
         ("`[plugins]`", debug(&old.plugins) != debug(&new.plugins)),
         ("agents of packages", packages(old) != packages(new)),
         ("the list of Journals", journals(old) != journals(new)),
