@@ -31,7 +31,7 @@ const PRINTS_ITSELF: &[(&str, &str)] = &[
     ("daemon/althing/src/prompt/input.rs", "asks whether there is a terminal"),
     ("daemon/althing/src/interruption.rs", "waits for a reader to go away"),
     ("daemon/althing-plan/src/telling.rs", "asks whether there is a terminal"),
-    ("daemon/plugin-host/src/confinement.rs", "in the process of a plugin, whose stderr is a file"),
+    ("daemon/althing/src/commands/plugin/allow.rs", "asks whether there is a terminal"),
 ];
 
 /// The lines of `code` where something is printed, or a stream is named that it could be printed to.

@@ -6,7 +6,7 @@
 //! - The one place through which all that is printed for people goes is [`crate::output`]; it asks this
 //!   module.
 //! - An end of line is left in a text of several lines ([`text`]), and shown in a text that is to be a
-//!   part of one ([`line`]): with one, a stranger's text would go on as our own.
+//!   part of one ([`line()`]): with one, a stranger's text would go on as our own.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;

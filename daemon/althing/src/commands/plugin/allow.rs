@@ -1,7 +1,7 @@
 //! What a plugin asks for beyond the least, and a person's answer: on a terminal by yes or no, in a
 //! script by `--allow`.
 
-use std::io::{self, BufRead as _, IsTerminal as _, Write as _};
+use std::io::{self, BufRead as _, IsTerminal as _};
 use std::process::ExitCode;
 
 use plugin_host::{Package, Right, ShelfError, listed};
@@ -79,7 +79,7 @@ pub(super) fn consent(
         ));
         return Err(exit::with(exit::NOT_ALLOWED));
     }
-    if asked(&format!("`{name}` asks for the right\n{wants}Allow that? [y/N] ")) {
+    if asked(&format!("`{name}` asks for the right\n{wants}Allow that? [y/N]")) {
         return Ok(beyond.to_vec());
     }
     output::note("nothing was allowed, and nothing is done");
@@ -88,11 +88,9 @@ pub(super) fn consent(
 
 /// Asks a person at the terminal; anything but a yes is a no.
 fn asked(question: &str) -> bool {
-    let mut stderr = io::stderr().lock();
+    output::note(question);
     let mut answer = String::new();
-    let heard = write!(stderr, "{question}")
-        .and_then(|()| stderr.flush())
-        .and_then(|()| io::stdin().lock().read_line(&mut answer));
+    let heard = io::stdin().lock().read_line(&mut answer);
     let answer = answer.trim();
     heard.is_ok() && (answer.eq_ignore_ascii_case("y") || answer.eq_ignore_ascii_case("yes"))
 }
