@@ -571,7 +571,7 @@ fn a_manifest_that_lies_and_a_package_that_is_not_whole_say_so() {
         ),
         ("newer", "invalid", "plugin.toml:4:12: the plugin speaks version 7 of the protocol"),
         ("misconfigured", "invalid", "config has no key `place`"),
-        ("template", "invalid", "undefined value"),
+        ("template", "invalid", "`agents` is not known here"),
         ("nothing", "invalid", "failed to find the program `./agent`"),
     ] {
         let status = await_status(&office, name, |status| {

@@ -33,6 +33,7 @@ mod rights;
 mod shelf;
 mod status;
 mod supervision;
+mod template;
 mod trial;
 mod usage;
 

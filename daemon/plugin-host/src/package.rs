@@ -9,20 +9,18 @@ use std::time::SystemTime;
 
 use acl::AgentId;
 use acl::content::Methods;
-use minijinja::{Environment, UndefinedBehavior};
 use pddl::{ActionModel, Diagnostic, Span};
 use serde_json::Value;
 
 use crate::manifest::{MANIFEST_BYTES_MAX, Manifest, stays_within};
 use crate::program::{self, Program};
+use crate::template;
 
 /// The file that makes a folder a package.
 pub const MANIFEST: &str = "plugin.toml";
 
 /// Longest template of an action model.
 const MODEL_BYTES_MAX: u64 = 1 << 20;
-/// What a template may cost: a model of a thousand actions is far below.
-const TEMPLATE_FUEL: u64 = 1_000_000;
 
 /// More files are not looked at for changes: a package with its libraries has hundreds.
 const FILES_MAX: usize = 10_000;
@@ -89,6 +87,12 @@ impl Package {
             })
         });
         let template = template.transpose()?;
+        if let (Some(text), Some(path)) = (&template, &manifest.model) {
+            let found = template::mistakes(text, &manifest.config);
+            if !found.is_empty() {
+                return Err(Faults { file: folder.join(path), text: text.clone(), found });
+            }
+        }
         let text_of_it = text.clone();
         let package = Package { folder: folder.to_owned(), manifest, text: text_of_it, template };
         package.has_program().map_err(&wrong)?;
@@ -149,13 +153,7 @@ impl Package {
             return Ok(None);
         };
         let name = path.display().to_string();
-        let mut environment = Environment::new();
-        // A key that is not there is a mistake, and no empty text.
-        environment.set_undefined_behavior(UndefinedBehavior::Strict);
-        environment.set_fuel(Some(TEMPLATE_FUEL));
-        let values = minijinja::context! { agent => agent.as_str(), config => minijinja::value::Serde(config) };
-        let rendered = environment.render_named_str(&name, template, values);
-        let text = rendered.map_err(|error| format!("the template of a model, {error}"))?;
+        let text = template::filled_in(template, &name, (agent, config))?;
         let model = pddl::parse_action_model(&text).into_result().map_err(|found| {
             let first = found.first().map(|mistake| mistake.located(&text)).unwrap_or_default();
             format!("the model in `{name}`, filled in for `{agent}`: {first}")

@@ -1,0 +1,137 @@
+//! The template of an action model: what it may name, and what it becomes for an agent.
+
+use std::collections::BTreeMap;
+
+use acl::AgentId;
+use minijinja::{Environment, Template, UndefinedBehavior};
+use pddl::{Diagnostic, Span};
+use serde_json::Value;
+
+use crate::manifest::ConfigKey;
+
+/// What a template may cost: a model of a thousand actions is far below.
+const FUEL: u64 = 1_000_000;
+
+fn environment() -> Environment<'static> {
+    let mut environment = Environment::new();
+    // A key that is not there is a mistake, and no empty text.
+    environment.set_undefined_behavior(UndefinedBehavior::Strict);
+    environment.set_fuel(Some(FUEL));
+    environment
+}
+
+/// The model of an agent with this config.
+///
+/// # Errors
+///
+/// If the template is wrong, or names what the config does not say; for a person.
+pub(crate) fn filled_in(
+    template: &str,
+    name: &str,
+    (agent, config): (&AgentId, &Value),
+) -> Result<String, String> {
+    let values =
+        minijinja::context! { agent => agent.as_str(), config => minijinja::value::Serde(config) };
+    let rendered = environment().render_named_str(name, template, values);
+    rendered.map_err(|error| format!("the template of a model, {error}"))
+}
+
+/// What is wrong with a template whatever an agent's config says: it cannot be read, or names what
+/// no agent of the package has.
+pub(crate) fn mistakes(template: &str, keys: &BTreeMap<String, ConfigKey>) -> Vec<Diagnostic> {
+    let environment = environment();
+    let parsed = match environment.template_from_str(template) {
+        Ok(parsed) => parsed,
+        Err(error) => {
+            let message = format!("the template cannot be read: {error}");
+            return vec![Diagnostic::error(line(template, error.line()), message)];
+        }
+    };
+    let mut mistakes: Vec<_> = unknown(&environment, &parsed)
+        .into_iter()
+        .filter_map(|path| mistake(template, keys, &path))
+        .collect();
+    mistakes.sort_by_key(|mistake| mistake.span.start);
+    mistakes
+}
+
+/// The line of this number, from one.
+fn line(template: &str, number: Option<usize>) -> Span {
+    let index = number.unwrap_or(1).saturating_sub(1);
+    let start = template.split_inclusive('\n').take(index).map(str::len).sum::<usize>();
+    let length = template[start..].lines().next().unwrap_or_default().len();
+    Span::new(start, start + length)
+}
+
+/// What the template names and does not set itself, such as `config.location`.
+fn unknown(environment: &Environment<'_>, template: &Template<'_, '_>) -> Vec<String> {
+    let functions: Vec<&str> = environment.globals().map(|(name, _)| name).collect();
+    let mut names: Vec<_> = template.undeclared_variables(true).into_iter().collect();
+    names.retain(|name| !functions.contains(&name.as_str()));
+    names
+}
+
+fn mistake(template: &str, keys: &BTreeMap<String, ConfigKey>, path: &str) -> Option<Diagnostic> {
+    let (root, rest) = path.split_once('.').map_or((path, None), |(root, rest)| (root, Some(rest)));
+    let key = rest.map(|rest| rest.split('.').next().unwrap_or(rest));
+    // A hyphen subtracts: `config.mounted-on` is `config.mounted` less `on`.
+    let hyphenated = keys.keys().find(|name| match (root, key) {
+        ("config", Some(key)) => name.starts_with(&format!("{key}-")),
+        _ => name.split('-').skip(1).any(|part| part == root),
+    });
+    let message = match (root, key) {
+        ("agent", _) | ("config", None) => return None,
+        ("config", Some(key)) if keys.contains_key(key) => return None,
+        // Said once, of its first half.
+        (root, _) if root != "config" && hyphenated.is_some() => return None,
+        ("config", Some(key)) => format!("the manifest has no [config.{key}]"),
+        _ => format!("`{root}` is not known here; known are `agent` and `config`"),
+    };
+    let start = template.find(path).or_else(|| template.find(root)).unwrap_or_default();
+    let mistake = Diagnostic::error(Span::new(start, start + path.len()), message);
+    Some(match hyphenated {
+        Some(name) => mistake.with_help(format!(
+            "a hyphen subtracts in a template: write {{{{ config[\"{name}\"] }}}}"
+        )),
+        None => mistake,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn told(template: &str, keys: &[&str]) -> Vec<String> {
+        let text = |key: &&str| {
+            let key = ((*key).to_owned(), "type = \"text\"\nabout = \"x\"");
+            (key.0, toml::from_str(key.1).expect("a key"))
+        };
+        let mistakes = mistakes(template, &keys.iter().map(text).collect());
+        let shown = |mistake: Diagnostic| {
+            let at = template.get(mistake.span.range()).unwrap_or_default();
+            format!("`{at}`: {}; {}", mistake.message, mistake.help.unwrap_or_default())
+        };
+        mistakes.into_iter().map(shown).collect()
+    }
+
+    #[test]
+    fn what_no_agent_has_is_told_at_its_place() {
+        let right = "{{ agent }} {{ config.room }} {{ config[\"mounted-on\"] }}
+            {% for i in range(2) %}{{ i }}{% endfor %}";
+        assert_eq!(told(right, &["room", "mounted-on"]), Vec::<String>::new());
+        assert_eq!(
+            told("(on {{ agent }} {{ config.mounted-on }})", &["mounted-on"]),
+            ["`config.mounted`: the manifest has no [config.mounted]; a hyphen subtracts in a \
+              template: write {{ config[\"mounted-on\"] }}"]
+        );
+        assert_eq!(
+            told("{{ agents }}", &[]),
+            ["`agents`: `agents` is not known here; known are `agent` and `config`; "]
+        );
+        assert_eq!(
+            told("{{ config.rom }}", &["room"]),
+            ["`config.rom`: the manifest has no [config.rom]; "]
+        );
+        assert!(told("{{ agent ", &[])[0].contains("cannot be read"));
+    }
+}
