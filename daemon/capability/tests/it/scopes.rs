@@ -3,7 +3,7 @@
 use capability::text_of;
 use expect_test::expect;
 
-use crate::office::{Office, id, ir_sensor, office_of, thermometer, turtlebot};
+use crate::office::{Office, id, ir_sensor, model, office_of, thermometer, turtlebot};
 
 /// The office as `turtlebot-1` sees it; it can carry `ir-1`, and another robot is about.
 fn local() -> Office {
@@ -52,6 +52,23 @@ fn what_is_carried_is_known_whole() {
     let other = Office { eyes: Some([id("turtlebot-2")].into()), ..office };
     assert_eq!(other.actions(), "move");
     assert_eq!(other.known("offers-move"), "(offers-move turtlebot-2)");
+}
+
+/// What carries a thing is said in the words of its own model.
+#[test]
+fn what_is_carried_is_found_whatever_says_so() {
+    let arm = model(
+        "arm-1",
+        "(:types arm item - object) (:objects arm-1 - arm)
+         (:predicates (arm-on ?a - arm ?b - mobile-base) (holding ?a - arm ?i - item))
+         (:init (arm-on arm-1 turtlebot-1))
+         (:action pick :agent ?a - arm :parameters (?i - item ?b - mobile-base)
+           :precondition (arm-on ?a ?b) :effect (holding ?a ?i))",
+    );
+    let office = local().with([arm]);
+    let carried = |base| office.maintainer.with_carried(&id(base));
+    assert_eq!(carried("turtlebot-1"), [id("arm-1"), id("ir-1"), id("turtlebot-1")].into());
+    assert_eq!(carried("turtlebot-2"), [id("turtlebot-2")].into());
 }
 
 #[test]
