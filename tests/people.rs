@@ -623,3 +623,20 @@ fn a_daemon_that_is_told_to_call_itself_does_not() {
     let log = stderr(&output);
     assert!(!log.contains("SELF") && !log.contains("ERROR"), "{log}");
 }
+
+// === the simulated building ===
+
+#[test]
+fn the_building_outlives_the_daemon_that_serves_it() {
+    let mut office = Office::new();
+    // The first one serves it.
+    office.up(&["office2-pi", "reasoning", "turtlebot-laptop"], &[]);
+    office.await_devices(3);
+    let (code, said) = office.ask(&["goal", "(at turtlebot-1 office1)"]);
+    assert_eq!(code, Some(0), "{said}");
+    office.kill("office2-pi");
+    // It stands where it was, and drives on from there.
+    let (code, said) = office.ask(&["goal", "(at turtlebot-1 office2)"]);
+    assert_eq!(code, Some(0), "{said}");
+    office.await_fact("(at turtlebot-1 office2)", true);
+}

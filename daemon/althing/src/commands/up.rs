@@ -20,7 +20,7 @@ use crate::cli::UpArgs;
 use crate::commands::client::{self, View};
 use crate::commands::{READY, hearing};
 use crate::config::{self, AgentEntry, Ecosystem, InterfaceEntry, Overrides, Reading};
-use crate::hosting::{self, GuestKeys, Node, Part, Processes, Stay, Wire, socket_in};
+use crate::hosting::{self, GuestKeys, Node, Part, Processes, Stay, Succession, Wire, socket_in};
 use crate::interfacing::{self, Other};
 use crate::interruption;
 use crate::plugins;
@@ -471,11 +471,20 @@ struct Simulated {
     own: Option<Building>,
     /// Lends it to others for as long as the daemon lives.
     _server: Option<Server>,
+    /// Lends it to others when whoever does so now is gone.
+    _succession: Option<Succession>,
 }
 
 impl Simulated {
     fn ours(building: Building, server: Option<Server>) -> Simulated {
-        Simulated { handle: Some(building.handle()), own: Some(building), _server: server }
+        let handle = Some(building.handle());
+        Simulated { handle, own: Some(building), _server: server, _succession: None }
+    }
+
+    /// Another process's, until that is gone.
+    fn theirs(ecosystem: &Ecosystem, socket: &Path, building: BuildingHandle) -> Simulated {
+        let succession = hosting::succeed(ecosystem.clone(), socket.to_owned(), building.clone());
+        Simulated { handle: Some(building), _succession: Some(succession), ..Simulated::default() }
     }
 }
 
@@ -495,7 +504,7 @@ async fn simulated(
     if let Some(socket) = socket
         && let Ok(building) = BuildingHandle::connect(socket).await
     {
-        return Ok(Simulated { handle: Some(building), ..Simulated::default() });
+        return Ok(Simulated::theirs(ecosystem, socket, building));
     }
     let building = hosting::simulate(ecosystem).map_err(|error| error.to_string())?;
     let Some(socket) = socket else {
@@ -506,8 +515,8 @@ async fn simulated(
         // Another daemon that started with us was faster.
         Err(ServeError::InUse { .. }) => {
             let theirs = BuildingHandle::connect(socket).await;
-            let handle = Some(theirs.map_err(|error| error.to_string())?);
-            Ok(Simulated { handle, ..Simulated::default() })
+            let theirs = theirs.map_err(|error| error.to_string())?;
+            Ok(Simulated::theirs(ecosystem, socket, theirs))
         }
         Err(error) => Err(error.to_string()),
     }

@@ -14,6 +14,7 @@ mod processes;
 mod rehearsal;
 mod same_files;
 mod standstill;
+mod succession;
 mod supervisor;
 mod unreliable;
 
@@ -48,6 +49,7 @@ pub(crate) use processes::{ITSELF, Processes, become_plugin};
 pub(crate) use rehearsal::{Stage, models};
 pub(crate) use same_files::watch_files;
 pub(crate) use standstill::watch_standstill;
+pub(crate) use succession::{Succession, succeed};
 use supervisor::Supervised;
 pub(crate) use unreliable::Mishaps;
 

@@ -21,6 +21,7 @@ mod mistakes;
 mod presenting;
 mod robots;
 mod strangers;
+mod succeeding;
 mod taking_over;
 mod watching;
 

@@ -1,0 +1,38 @@
+//! The simulated building goes on when the process that served it is gone.
+
+use std::collections::BTreeMap;
+
+use building::BuildingHandle;
+
+use super::*;
+use crate::hosting::succession::{look, serve};
+
+const ROBOT: &str = r#"{ start = "corridor", dock = "corridor", battery = { range = 900.0 } }"#;
+
+/// The robot stands where it was seen, with the charge that was left, and the successor is the same
+/// building for all who come.
+#[tokio::test]
+async fn a_building_is_served_on_with_its_robots_where_they_were() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let entries = entry("turtlebot-1", "turtlebot", ROBOT) + "[building]\ntime-scale = 0.001\n";
+    let ecosystem = ecosystem(&folder, &entries, Mode::Decentralized);
+    let socket = folder.path().join("building");
+    let first = simulate(&ecosystem).expect("a building");
+    let server = ::building::serve(first.handle(), &socket).await.expect("it is served");
+    let used = BuildingHandle::connect(&socket).await.expect("it is served");
+    used.navigate("turtlebot-1", "office1").await.expect("it drives");
+    let charge = used.charge_of("turtlebot-1").await.expect("it is there").expect("a battery");
+    assert!(charge < 900.0, "it drove: {charge}");
+
+    let mut seen = BTreeMap::new();
+    assert!(look(&ecosystem, &used, &mut seen).await);
+    let early = serve(&ecosystem, &seen, &socket).await;
+    assert!(early.expect("it can be looked at").is_none(), "it is served already");
+    drop(server);
+    assert!(!look(&ecosystem, &used, &mut seen).await);
+
+    let _served = serve(&ecosystem, &seen, &socket).await.expect("it can be").expect("it is free");
+    assert_eq!(used.place_of("turtlebot-1").await.expect("it is there"), "office1");
+    let left = used.charge_of("turtlebot-1").await.expect("it is there").expect("a battery");
+    assert!((left - charge).abs() < 1e-6, "{left} of {charge}");
+}
