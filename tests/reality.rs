@@ -218,6 +218,8 @@ fn sensors(folder: &Path, agents: &str) {
          [permissions]\nread = [\"/sys\"]\n{agents}"
     );
     fs::write(package.join("plugin.toml"), text).expect("a file");
+    // What `althing plugin allow sensors` notes.
+    fs::write(folder.join(".sensors.rights"), "read=/sys\n").expect("a file");
     fs::rename(&package, folder.join("sensors")).expect("the same file system");
 }
 
