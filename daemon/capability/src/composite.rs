@@ -7,10 +7,7 @@ use std::sync::{Arc, OnceLock};
 
 use acl::AgentId;
 use pddl::knowledge::Knowledge;
-use pddl::{
-    ActionSchema, Atom, Domain, Effect, Expression, InitElement, Name, ObjectDeclaration, Span,
-    Term,
-};
+use pddl::{ActionSchema, Atom, Domain, Effect, InitElement, Name, ObjectDeclaration, Span, Term};
 
 use crate::canonical::Key;
 use crate::digest::text_digest;
@@ -121,9 +118,13 @@ impl Composite {
     /// The functions that costs of actions are made of.
     pub(crate) fn costs(&self) -> &BTreeSet<Name> {
         self.costs.get_or_init(|| {
-            let mut found = BTreeSet::new();
-            self.domain.actions.iter().for_each(|action| costs_of(&action.effect, &mut found));
-            found
+            let effects = self.domain.actions.iter().flat_map(|action| action.effect.parts());
+            let added = effects.filter_map(|part| match part {
+                Effect::Assign(assign) if assign.fluent.function == TOTAL_COST => Some(assign),
+                _ => None,
+            });
+            let fluents = added.flat_map(|assign| assign.value.fluents());
+            fluents.map(|fluent| fluent.function.clone()).collect()
         })
     }
 
@@ -145,34 +146,6 @@ impl Composite {
             && self.objects == other.objects
             && self.offers == other.offers
             && self.qualified == other.qualified
-    }
-}
-
-/// Adds the functions of what an effect adds to the total cost.
-fn costs_of(effect: &Effect, found: &mut BTreeSet<Name>) {
-    match effect {
-        Effect::And(parts) => parts.iter().for_each(|part| costs_of(part, found)),
-        Effect::Forall(_, inner) | Effect::When(_, inner) => costs_of(inner, found),
-        Effect::Assign(assign) if assign.fluent.function == TOTAL_COST => {
-            functions_of(&assign.value, found);
-        }
-        Effect::Assign(_) | Effect::Add(_) | Effect::Delete(_) => (),
-    }
-}
-
-fn functions_of(expression: &Expression, found: &mut BTreeSet<Name>) {
-    match expression {
-        Expression::Fluent(fluent) => {
-            found.insert(fluent.function.clone());
-        }
-        Expression::Negate(inner) => functions_of(inner, found),
-        Expression::Apply(_, operands) => {
-            operands.iter().for_each(|operand| functions_of(operand, found));
-        }
-        Expression::Number(_)
-        | Expression::Duration(_)
-        | Expression::ContinuousTime(_)
-        | Expression::TotalTime(_) => (),
     }
 }
 

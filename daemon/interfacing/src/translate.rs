@@ -294,9 +294,8 @@ impl<'t> Translator<'t> {
 
     /// Whether a condition speaks of the agent's own secrets and of nothing else.
     fn is_secret(&self, condition: &Condition) -> bool {
-        let mut symbols = Vec::new();
-        symbols_of(condition, &mut symbols);
-        !symbols.is_empty() && symbols.iter().all(|name| self.private.contains(*name))
+        let mut symbols = condition.symbols().peekable();
+        symbols.peek().is_some() && symbols.all(|name| self.private.contains(name))
     }
 
     // === effects ===
@@ -388,42 +387,6 @@ fn conjuncts(condition: &Condition) -> Vec<&Condition> {
     match condition {
         Condition::And(parts) => parts.iter().flat_map(conjuncts).collect(),
         other => vec![other],
-    }
-}
-
-/// The predicates and functions that a condition speaks of.
-fn symbols_of<'c>(condition: &'c Condition, symbols: &mut Vec<&'c Name>) {
-    match condition {
-        Condition::Atom(atom) => symbols.push(&atom.predicate),
-        Condition::Equal(..) => (),
-        Condition::Compare(compare) => {
-            functions_of(&compare.left, symbols);
-            functions_of(&compare.right, symbols);
-        }
-        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
-            symbols_of(inner, symbols);
-        }
-        Condition::And(parts) | Condition::Or(parts) => {
-            parts.iter().for_each(|part| symbols_of(part, symbols));
-        }
-        Condition::Imply(left, right) => {
-            symbols_of(left, symbols);
-            symbols_of(right, symbols);
-        }
-    }
-}
-
-fn functions_of<'c>(expression: &'c Expression, symbols: &mut Vec<&'c Name>) {
-    match expression {
-        Expression::Fluent(fluent) => symbols.push(&fluent.function),
-        Expression::Negate(inner) => functions_of(inner, symbols),
-        Expression::Apply(_, operands) => {
-            operands.iter().for_each(|operand| functions_of(operand, symbols));
-        }
-        Expression::Number(_)
-        | Expression::Duration(_)
-        | Expression::ContinuousTime(_)
-        | Expression::TotalTime(_) => (),
     }
 }
 

@@ -21,7 +21,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::tree::{
     ActionSchema, Assign, Assignment, Atom, Compare, Comparison, Condition, Derived, Domain,
-    Effect, Expression, FluentTerm, Name, PredicateDeclaration, Privacy, Span, Term, Typed,
+    Effect, FluentTerm, Name, PredicateDeclaration, Privacy, Span, Term, Typed,
 };
 
 /// The auxiliary predicates of one symbol.
@@ -91,8 +91,8 @@ impl Knowledge {
             .map(|atom| &atom.predicate)
             .collect();
         let derived: BTreeSet<&Name> = domain.derived.iter().map(|it| &it.predicate).collect();
-        let mut compared = BTreeSet::new();
-        domain.derived.iter().for_each(|it| functions_of(&it.condition, &mut compared));
+        let fluents = domain.derived.iter().flat_map(|axiom| axiom.condition.fluents());
+        let compared: BTreeSet<Name> = fluents.map(|fluent| fluent.function.clone()).collect();
         let mut words = Words::of(domain);
         let mut symbols = BTreeMap::new();
         for name in domain.predicates.iter().map(|it| &it.name) {
@@ -264,18 +264,11 @@ impl Knowledge {
     /// Whether a condition speaks of something that may be unknown, or compares: the negation of a
     /// comparison with a function that has no value would hold.
     fn touches(&self, condition: &Condition) -> bool {
-        match condition {
+        condition.parts().any(|part| match part {
             Condition::Atom(atom) => self.symbols.contains_key(&atom.predicate),
-            Condition::Equal(..) => false,
             Condition::Compare(_) => true,
-            Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
-                self.touches(inner)
-            }
-            Condition::And(parts) | Condition::Or(parts) => {
-                parts.iter().any(|part| self.touches(part))
-            }
-            Condition::Imply(left, right) => self.touches(left) || self.touches(right),
-        }
+            _ => false,
+        })
     }
 
     /// A condition, or its negation where `positive` is false.
@@ -423,9 +416,12 @@ impl Knowledge {
     /// The functions of a comparison that may have no value: each with what says that it has one,
     /// and the word for having observed it.
     fn tracked(&self, compare: &Compare) -> Vec<(FluentTerm, Atom, Option<Name>)> {
-        let mut fluents = Vec::new();
-        fluents_of(&compare.left, &mut fluents);
-        fluents_of(&compare.right, &mut fluents);
+        let mut fluents: Vec<&FluentTerm> = Vec::new();
+        for fluent in compare.left.fluents().chain(compare.right.fluents()) {
+            if !fluents.contains(&fluent) {
+                fluents.push(fluent);
+            }
+        }
         let tracked = fluents.into_iter().filter_map(|fluent| {
             let Some(Auxiliary::Function { defined, found }) = self.symbols.get(&fluent.function)
             else {
@@ -533,77 +529,20 @@ fn dependent(
     symbols: &BTreeMap<Name, Auxiliary>,
     left: Vec<Name>,
 ) -> BTreeSet<Name> {
-    let uses: Vec<(&Name, BTreeSet<Name>)> = { domain.derived.iter() }
-        .map(|axiom| {
-            let mut used = BTreeSet::new();
-            predicates_of(&axiom.condition, &mut used);
-            functions_of(&axiom.condition, &mut used);
-            (&axiom.predicate, used)
-        })
+    let uses: Vec<(&Name, BTreeSet<&Name>)> = { domain.derived.iter() }
+        .map(|axiom| (&axiom.predicate, axiom.condition.symbols().collect()))
         .collect();
     let mut found: BTreeSet<Name> = left.into_iter().collect();
     loop {
         let before = found.len();
         for (head, used) in &uses {
-            if used.iter().any(|name| symbols.contains_key(name) || found.contains(name)) {
+            if used.iter().any(|name| symbols.contains_key(*name) || found.contains(*name)) {
                 found.insert((*head).clone());
             }
         }
         if found.len() == before {
             return found;
         }
-    }
-}
-
-fn predicates_of(condition: &Condition, found: &mut BTreeSet<Name>) {
-    match condition {
-        Condition::Atom(atom) => {
-            found.insert(atom.predicate.clone());
-        }
-        Condition::Equal(..) | Condition::Compare(_) => (),
-        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
-            predicates_of(inner, found);
-        }
-        Condition::And(parts) | Condition::Or(parts) => {
-            parts.iter().for_each(|part| predicates_of(part, found));
-        }
-        Condition::Imply(left, right) => {
-            predicates_of(left, found);
-            predicates_of(right, found);
-        }
-    }
-}
-
-fn functions_of(condition: &Condition, found: &mut BTreeSet<Name>) {
-    match condition {
-        Condition::Compare(compare) => {
-            let mut fluents = Vec::new();
-            fluents_of(&compare.left, &mut fluents);
-            fluents_of(&compare.right, &mut fluents);
-            found.extend(fluents.into_iter().map(|fluent| fluent.function.clone()));
-        }
-        Condition::Atom(_) | Condition::Equal(..) => (),
-        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
-            functions_of(inner, found);
-        }
-        Condition::And(parts) | Condition::Or(parts) => {
-            parts.iter().for_each(|part| functions_of(part, found));
-        }
-        Condition::Imply(left, right) => {
-            functions_of(left, found);
-            functions_of(right, found);
-        }
-    }
-}
-
-fn fluents_of<'e>(expression: &'e Expression, found: &mut Vec<&'e FluentTerm>) {
-    match expression {
-        Expression::Fluent(fluent) if !found.contains(&fluent) => found.push(fluent),
-        Expression::Negate(inner) => fluents_of(inner, found),
-        Expression::Apply(_, operands) => {
-            operands.iter().for_each(|operand| fluents_of(operand, found));
-        }
-        _ => (),
     }
 }
 

@@ -33,6 +33,7 @@ mod balance;
 mod grammar;
 mod lexer;
 mod nearest;
+mod parts;
 mod printer;
 mod sexpr;
 

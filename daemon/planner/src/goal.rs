@@ -178,18 +178,11 @@ fn fold(world: &World, condition: Condition) -> Condition {
 
 /// Whether no action changes anything that a condition speaks of.
 fn is_static(model: &Model, condition: &Condition) -> bool {
-    match condition {
+    condition.parts().all(|part| match part {
         Condition::Atom(atom) => model.is_static(&atom.predicate),
-        Condition::Equal(..) => true,
         Condition::Compare(_) => false,
-        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
-            is_static(model, inner)
-        }
-        Condition::And(parts) | Condition::Or(parts) => {
-            parts.iter().all(|part| is_static(model, part))
-        }
-        Condition::Imply(left, right) => is_static(model, left) && is_static(model, right),
-    }
+        _ => true,
+    })
 }
 
 fn truth(is_true: bool) -> Condition {

@@ -188,19 +188,19 @@ struct Relevant<'k> {
 impl<'k> Relevant<'k> {
     fn to(known: &'k Known, goal: &'k Condition) -> Relevant<'k> {
         let mut symbols = BTreeSet::new();
-        symbols_of(goal, &mut symbols);
+        symbols.extend(goal.symbols());
         let mut actions = BTreeSet::new();
         loop {
             let before = (symbols.len(), actions.len());
             for axiom in &known.domain.derived {
                 if symbols.contains(&axiom.predicate) {
-                    symbols_of(&axiom.condition, &mut symbols);
+                    symbols.extend(axiom.condition.symbols());
                 }
             }
             for action in &known.domain.actions {
                 if !actions.contains(&action.name) && touches(&action.effect, &symbols) {
                     actions.insert(&action.name);
-                    symbols_of(&action.precondition, &mut symbols);
+                    symbols.extend(action.precondition.symbols());
                 }
             }
             if (symbols.len(), actions.len()) == before {
@@ -220,34 +220,11 @@ impl<'k> Relevant<'k> {
 
 /// Whether an effect changes one of these.
 fn touches(effect: &Effect, symbols: &BTreeSet<&Name>) -> bool {
-    match effect {
-        Effect::And(parts) => parts.iter().any(|part| touches(part, symbols)),
+    effect.parts().any(|part| match part {
         Effect::Add(atom) | Effect::Delete(atom) => symbols.contains(&atom.predicate),
         Effect::Assign(assign) => symbols.contains(&assign.fluent.function),
-        Effect::Forall(_, inner) | Effect::When(_, inner) => touches(inner, symbols),
-    }
-}
-
-fn symbols_of<'c>(condition: &'c Condition, found: &mut BTreeSet<&'c Name>) {
-    match condition {
-        Condition::Atom(atom) => {
-            found.insert(&atom.predicate);
-        }
-        Condition::Equal(..) => (),
-        Condition::Compare(_) => {
-            found.extend(crate::known::functions_of(condition));
-        }
-        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
-            symbols_of(inner, found);
-        }
-        Condition::And(parts) | Condition::Or(parts) => {
-            parts.iter().for_each(|part| symbols_of(part, found));
-        }
-        Condition::Imply(left, right) => {
-            symbols_of(left, found);
-            symbols_of(right, found);
-        }
-    }
+        Effect::And(_) | Effect::Forall(..) | Effect::When(..) => false,
+    })
 }
 
 /// What a schema takes and does, apart from its name and from who offers it.

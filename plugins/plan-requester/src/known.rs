@@ -9,8 +9,7 @@ use acl::AgentId;
 use acl::content::{self, Offers, Snapshot};
 use pddl::knowledge::Knowledge;
 use pddl::{
-    ActionModel, Condition, Domain, Effect, Expression, FluentTerm, InitElement, Name, Plan,
-    PlanStep, Problem,
+    ActionModel, Condition, Domain, Effect, FluentTerm, InitElement, Name, Plan, PlanStep, Problem,
 };
 use planner::explain::{self, Explanation, Guard};
 use planner::goal::conjuncts;
@@ -206,10 +205,17 @@ impl Known {
             return Some(format!("{standing}, and nobody here can find out"));
         }
         let world = self.world().ok()?;
-        let mut fluents = Vec::new();
-        fluents_of(condition, &mut fluents);
+        let mut fluents: Vec<&FluentTerm> = Vec::new();
+        for fluent in condition.fluents() {
+            if !fluents.contains(&fluent) {
+                fluents.push(fluent);
+            }
+        }
         let is_changed = |fluent: &&&FluentTerm| {
-            self.domain.actions.iter().any(|action| assigns(&action.effect, &fluent.function))
+            let mut effects = self.domain.actions.iter().flat_map(|action| action.effect.parts());
+            effects.any(
+                |part| matches!(part, Effect::Assign(it) if it.fluent.function == fluent.function),
+            )
         };
         if fluents.is_empty() || fluents.iter().any(|fluent| is_changed(&fluent)) {
             return None;
@@ -368,53 +374,6 @@ pub(crate) fn outside(step: &PlanStep, offers: &Offers) -> PlanStep {
     let named = { offered }.find(|(_, offer)| step.action == *offer.inside.as_str());
     let action = named.map_or(step.action.as_str(), |(outside, _)| outside.as_str());
     PlanStep { action: action.into(), ..step.clone() }
-}
-
-/// The functions of the comparisons in a condition.
-pub(crate) fn functions_of(condition: &Condition) -> impl Iterator<Item = &Name> {
-    let mut fluents = Vec::new();
-    fluents_of(condition, &mut fluents);
-    fluents.into_iter().map(|fluent| &fluent.function)
-}
-
-/// The functions that a condition compares, each once.
-fn fluents_of<'c>(condition: &'c Condition, found: &mut Vec<&'c FluentTerm>) {
-    match condition {
-        Condition::Compare(compare) => {
-            [&compare.left, &compare.right].into_iter().for_each(|side| fluents_in(side, found));
-        }
-        Condition::Atom(_) | Condition::Equal(..) => (),
-        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
-            fluents_of(inner, found);
-        }
-        Condition::And(parts) | Condition::Or(parts) => {
-            parts.iter().for_each(|part| fluents_of(part, found));
-        }
-        Condition::Imply(left, right) => {
-            fluents_of(left, found);
-            fluents_of(right, found);
-        }
-    }
-}
-
-fn fluents_in<'c>(expression: &'c Expression, found: &mut Vec<&'c FluentTerm>) {
-    match expression {
-        Expression::Fluent(fluent) if !found.contains(&fluent) => found.push(fluent),
-        Expression::Negate(inner) => fluents_in(inner, found),
-        Expression::Apply(_, operands) => {
-            operands.iter().for_each(|operand| fluents_in(operand, found));
-        }
-        _ => (),
-    }
-}
-
-fn assigns(effect: &Effect, function: &Name) -> bool {
-    match effect {
-        Effect::And(parts) => parts.iter().any(|part| assigns(part, function)),
-        Effect::Forall(_, inner) | Effect::When(_, inner) => assigns(inner, function),
-        Effect::Assign(assign) => assign.fluent.function == *function,
-        Effect::Add(_) | Effect::Delete(_) => false,
-    }
 }
 
 /// What looking for a reason may take.

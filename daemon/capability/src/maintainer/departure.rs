@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 
 use acl::AgentId;
-use pddl::{Atom, Condition, Derived, Effect, Name, Term};
+use pddl::{Atom, Derived, Name, Term};
 
 use super::Maintainer;
 use crate::belief::{Claim, Source};
@@ -74,7 +74,7 @@ impl Maintainer {
         let (mut found, mut made) = (BTreeSet::new(), BTreeSet::new());
         for schema in schemas() {
             let into = if schema.observe.is_empty() { &mut made } else { &mut found };
-            added(&schema.effect, into);
+            into.extend(schema.effect.added().map(|atom| &atom.predicate));
         }
         &found - &made
     }
@@ -82,16 +82,12 @@ impl Maintainer {
 
 /// Whether an axiom derives from facts that this agent answers for.
 fn rests_on(axiom: &Derived, member: &Member) -> bool {
-    let mut atoms = Vec::new();
-    atoms_of(&axiom.condition, &mut atoms);
-    atoms.into_iter().any(|atom| member.speaks_of(Space::Predicate, &atom.predicate))
+    axiom.condition.atoms().any(|atom| member.speaks_of(Space::Predicate, &atom.predicate))
 }
 
 /// The facts that an axiom may derive from this one, where it determines them.
 fn heads(axiom: &Derived, fact: &FactKey) -> Vec<FactKey> {
-    let mut atoms = Vec::new();
-    atoms_of(&axiom.condition, &mut atoms);
-    let same = atoms.into_iter().filter(|atom| fact.is_of(Space::Predicate, &atom.predicate));
+    let same = axiom.condition.atoms().filter(|atom| fact.is_of(Space::Predicate, &atom.predicate));
     same.filter_map(|atom| head(axiom, atom, fact)).collect()
 }
 
@@ -106,32 +102,4 @@ fn head(axiom: &Derived, atom: &Atom, fact: &FactKey) -> Option<FactKey> {
     let arguments: Option<Vec<Term>> =
         axiom.parameters.iter().map(|parameter| bound(&parameter.name)).collect();
     FactKey::of_predicate(&axiom.predicate, &arguments?)
-}
-
-fn atoms_of<'c>(condition: &'c Condition, found: &mut Vec<&'c Atom>) {
-    match condition {
-        Condition::Atom(atom) => found.push(atom),
-        Condition::Equal(..) | Condition::Compare(_) => (),
-        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
-            atoms_of(inner, found);
-        }
-        Condition::And(parts) | Condition::Or(parts) => {
-            parts.iter().for_each(|part| atoms_of(part, found));
-        }
-        Condition::Imply(left, right) => {
-            atoms_of(left, found);
-            atoms_of(right, found);
-        }
-    }
-}
-
-fn added<'e>(effect: &'e Effect, found: &mut BTreeSet<&'e Name>) {
-    match effect {
-        Effect::Add(atom) => {
-            found.insert(&atom.predicate);
-        }
-        Effect::And(parts) => parts.iter().for_each(|part| added(part, found)),
-        Effect::Forall(_, inner) | Effect::When(_, inner) => added(inner, found),
-        Effect::Delete(_) | Effect::Assign(_) => (),
-    }
 }

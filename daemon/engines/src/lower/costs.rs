@@ -181,7 +181,7 @@ impl Facts {
         if nesting.forall {
             return refuse("a change under `forall`");
         }
-        if walk::fluents(&assign.value).iter().any(|it| self.changed.contains(&it.function)) {
+        if assign.value.fluents().any(|it| self.changed.contains(&it.function)) {
             return refuse("a state-dependent change");
         }
         numbers.costs.push((sign * weight, assign.value.clone()));
@@ -197,7 +197,7 @@ impl Facts {
         numbers: &mut Numbers,
     ) -> Result<(), Unsupported> {
         let mut needs = Vec::new();
-        walk::fluents(&assign.value).into_iter().for_each(|it| self.need(it, &mut needs));
+        assign.value.fluents().for_each(|it| self.need(it, &mut needs));
         if assign.assignment != Assignment::Assign {
             self.need(&assign.fluent, &mut needs);
         }
@@ -226,7 +226,7 @@ impl Facts {
         costs: &[(f64, Expression)],
     ) -> Result<Table, Unsupported> {
         let mut fluents: Vec<&FluentTerm> =
-            costs.iter().flat_map(|(_, value)| walk::fluents(value)).collect();
+            costs.iter().flat_map(|(_, value)| value.fluents()).collect();
         // What binds most comes first, so that the rest is only looked up.
         fluents.sort_by_key(|fluent| std::cmp::Reverse(fluent.arguments.len()));
         let mut variables: Vec<Name> = Vec::new();
@@ -248,13 +248,11 @@ impl Facts {
     fn declare_needs(&self, domain: &mut Domain, problem: &mut Problem) {
         let mut needed = BTreeMap::new();
         for action in &domain.actions {
-            walk::conditions(&action.precondition, &mut |part| {
-                if let Condition::Atom(atom) = part
-                    && let Some(function) = atom.predicate.as_str().strip_prefix(HAS)
-                {
+            for atom in action.precondition.atoms() {
+                if let Some(function) = atom.predicate.as_str().strip_prefix(HAS) {
                     needed.insert(Name::new(function), atom.arguments.len());
                 }
-            });
+            }
         }
         for (function, arity) in &needed {
             domain.predicates.push(PredicateDeclaration {
@@ -298,14 +296,11 @@ fn require(action: &mut ActionSchema, needs: &[FluentTerm]) {
 }
 
 fn divides(expression: &Expression) -> bool {
-    let mut found = false;
-    walk::expressions(expression, &mut |part| {
-        if let Expression::Apply(Operator::Divide, operands) = part {
-            let is_safe = |by: &Expression| matches!(by, Expression::Number(by) if by.0 != 0.0);
-            found |= !operands.iter().skip(1).all(is_safe);
-        }
-    });
-    found
+    let is_safe = |by: &Expression| matches!(by, Expression::Number(by) if by.0 != 0.0);
+    expression.parts().any(|part| match part {
+        Expression::Apply(Operator::Divide, operands) => !operands.iter().skip(1).all(is_safe),
+        _ => false,
+    })
 }
 
 /// The metric as a weighted sum of functions without arguments.

@@ -154,8 +154,7 @@ impl Names {
         let parameters = scope.declare(&action.parameters);
         let precondition = scope.condition(&action.precondition);
         let effect = flat(scope.effect(&action.effect));
-        let mut changes = false;
-        walk::effects(&effect, &mut |part| changes |= is_change(part));
+        let changes = effect.parts().any(is_change);
         let (agent, observe, span) = (None, Vec::new(), action.span);
         let lowered = ActionSchema { name, agent, parameters, precondition, effect, observe, span };
         changes.then_some(lowered)

@@ -82,7 +82,8 @@ fn degree(expression: &Expression, changed: &BTreeSet<&Name>) -> u8 {
 /// `total-cost` starts at 0, also where nobody said so or declared it.
 fn start_total_cost(domain: &mut Domain, problem: &mut Problem) {
     let is_used = walk::assigns(domain).iter().any(|it| it.fluent.function == TOTAL_COST);
-    let metric = problem.metric.as_ref().map(|metric| walk::fluents(&metric.expression));
+    let metric =
+        problem.metric.as_ref().map(|metric| metric.expression.fluents().collect::<Vec<_>>());
     let is_counted =
         metric.is_some_and(|fluents| fluents.iter().any(|it| it.function == TOTAL_COST));
     if !is_used && !is_counted {

@@ -18,12 +18,11 @@ pub(super) fn refuse(
 ) -> Result<(), Unsupported> {
     planner::refuse_nonclassical(domain, problem)?;
     if let Some(metric) = &problem.metric {
-        let mut time = None;
-        walk::expressions(&metric.expression, &mut |part| match part {
+        let time = metric.expression.parts().find_map(|part| match part {
             Expression::TotalTime(span)
             | Expression::Duration(span)
-            | Expression::ContinuousTime(span) => time = time.or(Some(*span)),
-            _ => (),
+            | Expression::ContinuousTime(span) => Some(*span),
+            _ => None,
         });
         if let Some(span) = time {
             return Err(unsupported("`total-time` in a metric", span, Text::Problem));

@@ -94,7 +94,7 @@ impl Supposed {
             let action = self.domain.actions.iter().find(|action| action.name == *name);
             action.is_some_and(|action| {
                 let mut added = BTreeSet::new();
-                adds_of(&action.effect, &mut added);
+                added.extend(action.effect.added().map(|atom| atom.predicate.clone()));
                 atoms.iter().any(|atom| added.contains(&atom.predicate))
             })
         };
@@ -206,7 +206,8 @@ impl Supposed {
     /// whose robot has left.
     fn link(&mut self, acting: &[(ActionSchema, Guard)], guards: &BTreeMap<Name, Guard>) {
         let mut changed = BTreeSet::new();
-        acting.iter().for_each(|(action, _)| adds_of(&action.effect, &mut changed));
+        let added = acting.iter().flat_map(|(action, _)| action.effect.added());
+        changed.extend(added.map(|atom| atom.predicate.clone()));
         changed.extend(self.domain.derived.iter().map(|derived| derived.predicate.clone()));
         changed.extend(guards.values().map(|guard| guard.predicate.clone()));
         let mut linked = BTreeSet::new();
@@ -377,28 +378,9 @@ fn positive(condition: &Condition, scope: &mut Vec<Typed>, visit: &mut dyn FnMut
     }
 }
 
-fn adds_of(effect: &Effect, added: &mut BTreeSet<Name>) {
-    match effect {
-        Effect::Add(atom) => {
-            added.insert(atom.predicate.clone());
-        }
-        Effect::And(parts) => parts.iter().for_each(|part| adds_of(part, added)),
-        Effect::Forall(_, inner) | Effect::When(_, inner) => adds_of(inner, added),
-        Effect::Delete(_) | Effect::Assign(_) => (),
-    }
-}
-
 /// Whether a condition speaks of numbers.
 pub(super) fn counts(condition: &Condition) -> bool {
-    match condition {
-        Condition::Compare(_) => true,
-        Condition::Atom(_) | Condition::Equal(..) => false,
-        Condition::And(parts) | Condition::Or(parts) => parts.iter().any(counts),
-        Condition::Imply(left, right) => counts(left) || counts(right),
-        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
-            counts(inner)
-        }
-    }
+    condition.parts().any(|part| matches!(part, Condition::Compare(_)))
 }
 
 /// The condition where comparisons come out as it wants them.

@@ -165,19 +165,7 @@ fn is_total_cost(fluent: &FluentTerm) -> bool {
 }
 
 fn reads_numbers(expression: &Expression, bindings: &Bindings, found: &mut Footprint) {
-    match expression {
-        Expression::Fluent(fluent) => {
-            found.fluents_read.insert(cell(fluent, bindings));
-        }
-        Expression::Negate(inner) => reads_numbers(inner, bindings, found),
-        Expression::Apply(_, operands) => {
-            operands.iter().for_each(|operand| reads_numbers(operand, bindings, found));
-        }
-        Expression::Number(_)
-        | Expression::Duration(_)
-        | Expression::ContinuousTime(_)
-        | Expression::TotalTime(_) => (),
-    }
+    found.fluents_read.extend(expression.fluents().map(|fluent| cell(fluent, bindings)));
 }
 
 /// The predicates and functions that a derived predicate may follow from, itself among them.
@@ -187,39 +175,13 @@ fn sources(axioms: &[Derived], derived: &Name) -> (Vec<Name>, Vec<Name>) {
     while let Some(predicate) = predicates.get(next).cloned() {
         next += 1;
         for axiom in axioms.iter().filter(|axiom| axiom.predicate == predicate) {
-            mentioned(
-                &axiom.condition,
-                &mut |name| {
-                    if !predicates.contains(name) {
-                        predicates.push(name.clone());
-                    }
-                },
-                &mut functions,
-            );
+            for used in axiom.condition.atoms().map(|atom| &atom.predicate) {
+                if !predicates.contains(used) {
+                    predicates.push(used.clone());
+                }
+            }
+            functions.extend(axiom.condition.fluents().map(|fluent| fluent.function.clone()));
         }
     }
     (predicates, functions)
-}
-
-fn mentioned(condition: &Condition, found: &mut dyn FnMut(&Name), functions: &mut Vec<Name>) {
-    match condition {
-        Condition::Atom(atom) => found(&atom.predicate),
-        Condition::Equal(..) => (),
-        Condition::Compare(compare) => {
-            let mut all = Footprint::default();
-            reads_numbers(&compare.left, &Bindings::default(), &mut all);
-            reads_numbers(&compare.right, &Bindings::default(), &mut all);
-            functions.extend(all.fluents_read.into_iter().map(|(function, _)| function));
-        }
-        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
-            mentioned(inner, found, functions);
-        }
-        Condition::And(parts) | Condition::Or(parts) => {
-            parts.iter().for_each(|part| mentioned(part, found, functions));
-        }
-        Condition::Imply(left, right) => {
-            mentioned(left, found, functions);
-            mentioned(right, found, functions);
-        }
-    }
 }

@@ -7,8 +7,7 @@
 use std::sync::{Arc, OnceLock};
 
 use pddl::{
-    ActionSchema, Condition, Derived, Diagnostic, Domain, Effect, Metric, Name, Problem, Term,
-    TypeExpr, Types,
+    ActionSchema, Derived, Diagnostic, Domain, Effect, Metric, Name, Problem, Term, TypeExpr, Types,
 };
 use rustc_hash::FxHashMap;
 
@@ -111,7 +110,7 @@ impl Model {
         let mut at = 0;
         while at < below.len() {
             for axiom in of(below[at]) {
-                for used in predicates_of(&axiom.condition) {
+                for used in axiom.condition.atoms().map(|atom| &atom.predicate) {
                     if used == predicate {
                         return Vec::new();
                     }
@@ -127,7 +126,11 @@ impl Model {
 
     /// Whether no action and no axiom makes facts of a predicate true or false.
     pub(crate) fn is_static(&self, predicate: &Name) -> bool {
-        let changes = |action: &ActionSchema| changes(&action.effect, predicate);
+        let is_change = |part: &Effect| match part {
+            Effect::Add(atom) | Effect::Delete(atom) => atom.predicate == *predicate,
+            _ => false,
+        };
+        let changes = |action: &ActionSchema| action.effect.parts().any(is_change);
         !self.derived.iter().any(|axiom| axiom.predicate == *predicate)
             && !self.actions.iter().any(changes)
     }
@@ -165,31 +168,6 @@ impl Model {
             if let Term::Object(name) = term {
                 self.objects.insert(name);
             }
-        }
-    }
-}
-
-fn changes(effect: &Effect, predicate: &Name) -> bool {
-    match effect {
-        Effect::And(parts) => parts.iter().any(|part| changes(part, predicate)),
-        Effect::When(_, inner) | Effect::Forall(_, inner) => changes(inner, predicate),
-        Effect::Add(atom) | Effect::Delete(atom) => atom.predicate == *predicate,
-        Effect::Assign(_) => false,
-    }
-}
-
-fn predicates_of(condition: &Condition) -> Vec<&Name> {
-    match condition {
-        Condition::Atom(atom) => vec![&atom.predicate],
-        Condition::Equal(..) | Condition::Compare(_) => Vec::new(),
-        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
-            predicates_of(inner)
-        }
-        Condition::And(parts) | Condition::Or(parts) => {
-            parts.iter().flat_map(predicates_of).collect()
-        }
-        Condition::Imply(left, right) => {
-            [left, right].into_iter().flat_map(|part| predicates_of(part)).collect()
         }
     }
 }

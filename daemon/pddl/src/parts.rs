@@ -1,0 +1,125 @@
+//! The parts of a tree, for those that look and do not change: conditions, effects and expressions, the
+//! outermost part first, then what is in it from left to right.
+
+use std::iter;
+
+use crate::tree::{Atom, Condition, Effect, Expression, FluentTerm, Name};
+
+impl Condition {
+    /// The condition and everything in it.
+    pub fn parts(&self) -> impl Iterator<Item = &Condition> {
+        let mut open = vec![self];
+        iter::from_fn(move || {
+            let part = open.pop()?;
+            match part {
+                Condition::Atom(_) | Condition::Equal(..) | Condition::Compare(_) => (),
+                Condition::And(parts) | Condition::Or(parts) => open.extend(parts.iter().rev()),
+                Condition::Imply(left, right) => open.extend([&**right, &**left]),
+                Condition::Not(inner)
+                | Condition::Exists(_, inner)
+                | Condition::Forall(_, inner) => open.push(inner),
+            }
+            Some(part)
+        })
+    }
+
+    /// The atoms in it.
+    pub fn atoms(&self) -> impl Iterator<Item = &Atom> {
+        self.parts().filter_map(|part| match part {
+            Condition::Atom(atom) => Some(atom),
+            _ => None,
+        })
+    }
+
+    /// The predicates and functions that it speaks of.
+    pub fn symbols(&self) -> impl Iterator<Item = &Name> {
+        self.parts().flat_map(|part| match part {
+            Condition::Atom(atom) => vec![&atom.predicate],
+            Condition::Compare(compare) => {
+                let fluents = compare.left.fluents().chain(compare.right.fluents());
+                fluents.map(|fluent| &fluent.function).collect()
+            }
+            _ => Vec::new(),
+        })
+    }
+
+    /// The fluents that it compares.
+    pub fn fluents(&self) -> impl Iterator<Item = &FluentTerm> {
+        self.parts().flat_map(|part| match part {
+            Condition::Compare(compare) => {
+                compare.left.fluents().chain(compare.right.fluents()).collect()
+            }
+            _ => Vec::new(),
+        })
+    }
+}
+
+impl Effect {
+    /// The effect and everything in it, without the conditions of conditional effects.
+    pub fn parts(&self) -> impl Iterator<Item = &Effect> {
+        let mut open = vec![self];
+        iter::from_fn(move || {
+            let part = open.pop()?;
+            match part {
+                Effect::Add(_) | Effect::Delete(_) | Effect::Assign(_) => (),
+                Effect::And(parts) => open.extend(parts.iter().rev()),
+                Effect::When(_, inner) | Effect::Forall(_, inner) => open.push(inner),
+            }
+            Some(part)
+        })
+    }
+
+    /// The atoms that it adds, conditionally or not.
+    pub fn added(&self) -> impl Iterator<Item = &Atom> {
+        self.parts().filter_map(|part| match part {
+            Effect::Add(atom) => Some(atom),
+            _ => None,
+        })
+    }
+}
+
+impl Expression {
+    /// The expression and everything in it.
+    pub fn parts(&self) -> impl Iterator<Item = &Expression> {
+        let mut open = vec![self];
+        iter::from_fn(move || {
+            let part = open.pop()?;
+            match part {
+                Expression::Negate(inner) => open.push(inner),
+                Expression::Apply(_, operands) => open.extend(operands.iter().rev()),
+                Expression::Number(_)
+                | Expression::Fluent(_)
+                | Expression::Duration(_)
+                | Expression::ContinuousTime(_)
+                | Expression::TotalTime(_) => (),
+            }
+            Some(part)
+        })
+    }
+
+    /// The fluents in it.
+    pub fn fluents(&self) -> impl Iterator<Item = &FluentTerm> {
+        self.parts().filter_map(|part| match part {
+            Expression::Fluent(fluent) => Some(fluent),
+            _ => None,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn parts_come_outermost_first_and_from_left_to_right() {
+        let text =
+            "(and (p) (not (q a)) (imply (r) (exists (?x - t) (s ?x))) (< (+ (f) (- (g b))) (h)))";
+        let condition = crate::parse_condition(text).into_result().expect("a condition");
+        let atoms: Vec<_> = condition.atoms().map(ToString::to_string).collect();
+        assert_eq!(atoms, ["(p)", "(q a)", "(r)", "(s ?x)"]);
+        let fluents: Vec<_> = condition.fluents().map(ToString::to_string).collect();
+        assert_eq!(fluents, ["(f)", "(g b)", "(h)"]);
+        let symbols: Vec<_> = condition.symbols().map(ToString::to_string).collect();
+        assert_eq!(symbols, ["p", "q", "r", "s", "f", "g", "h"]);
+        assert_eq!(condition.parts().count(), 9);
+        assert_eq!(condition.parts().next(), Some(&condition));
+    }
+}
