@@ -3,13 +3,15 @@
 //! The first screen is written by hand, for a stranger with a terminal of 80 × 24; a test keeps it
 //! in step with the commands below.
 
+pub(crate) mod cert;
+pub(crate) mod plugin;
+
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use althing_plan::arguments::PlanArgs;
 use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand, ValueEnum};
-use plugin_host::Right;
 use terminal::arguments::{PrintArgs, seconds};
 use terminal::exit;
 
@@ -111,14 +113,14 @@ pub(crate) enum Command {
     /// Show how full agents' mailboxes are, and what has overflowed
     Mailbox(MailboxArgs),
     /// Make keys and certificates for daemons, show them, take them back
-    #[command(after_help = CERT_HELP)]
-    Cert(CertArgs),
+    #[command(after_help = cert::HELP)]
+    Cert(cert::CertArgs),
     /// Show which sensors the kernel of this machine knows, and how to bring them in
     #[command(after_help = SENSORS_HELP)]
     Sensors(SensorsArgs),
     /// Add programs that bring agents, see how they are, take them away
-    #[command(after_help = PLUGIN_HELP)]
-    Plugin(PluginArgs),
+    #[command(after_help = plugin::HELP)]
+    Plugin(plugin::PluginArgs),
     /// Send one message as it is written, and print the answers
     #[command(after_help = SEND_HELP)]
     Send(SendArgs),
@@ -143,23 +145,6 @@ Pi, `modprobe` and `new_device` elsewhere. Names and places stay as they are whe
 sensors are plugged in in another order.
 
   althing sensors --toml >> office.toml    then say in which room each stands";
-
-const PLUGIN_HELP: &str = "\
-A plugin is a folder with a plugin.toml and a program in any language. Put into
-the folder of plugins while the daemon runs, its agents take part at once; what
-crashes is started again, and given up in the end; what takes too much is stopped.
-docs/plugins.md says how to write one.
-
-A plugin has the least rights; what its manifest asks for beyond them a person
-allows when it is added, or a script by `--allow`. A package that was copied by
-hand waits for it.
-
-Examples: althing plugin check ./thermometer      starts it once
-          althing plugin add ./thermometer
-          althing plugin allow thermometer        where it was copied by hand
-          althing plugin list
-          althing plugin logs thermometer
-          althing plugin enable thermometer       begins anew what was given up";
 
 const VALIDATE_HELP: &str = "\
 Exit codes: 0 the plan works, 1 it does not, 33 bad input, 34 unsupported feature
@@ -231,17 +216,6 @@ chosen. Sender, ids and version are the keyboard's.
 
 Example: {\"receiver\": \"keyboard\", \"performative\": \"query-ref\",
           \"content\": {\"text\": \"May I enter?\"}, \"reply_by\": 30000}";
-
-const CERT_HELP: &str = "\
-An ecosystem whose file has a [security] table is secured: links between machines
-are TLS both ways, and every message is signed by the daemon that says it. The
-authority's key stays where it was made; a daemon needs three files of the folder:
-authority.pem, NAME.pem and NAME.key.
-
-Examples: althing cert authority althing.toml
-          althing cert daemon office-pi --host 192.168.1.7
-          althing cert show
-          althing cert revoke office-pi";
 
 const COMPLETIONS_HELP: &str = "\
 Examples: source <(althing completions bash)          in ~/.bashrc
@@ -442,98 +416,6 @@ pub(crate) struct SendArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// `althing cert`
-#[derive(Debug, Args)]
-pub(crate) struct CertArgs {
-    /// What to do.
-    #[command(subcommand)]
-    pub(crate) command: CertCommand,
-}
-
-/// What can be done with certificates.
-#[derive(Debug, Subcommand)]
-pub(crate) enum CertCommand {
-    /// Make the authority of an ecosystem: whoever it gives a certificate belongs to it
-    Authority(CertAuthorityArgs),
-    /// Make keys and certificates for daemons, and for people's machines that have none
-    Daemon(CertDaemonArgs),
-    /// Show what there is, and how long it is good
-    Show(CertShowArgs),
-    /// Take back all certificates of a daemon; running daemons hear of it within seconds
-    Revoke(CertRevokeArgs),
-}
-
-/// `althing cert authority`
-#[derive(Debug, Args)]
-pub(crate) struct CertAuthorityArgs {
-    /// The ecosystem: its file, or its name [default: ./althing.toml]
-    #[arg(value_name = "ECOSYSTEM|FILE")]
-    pub(crate) ecosystem: Option<String>,
-    /// How long it lasts
-    #[arg(long, value_name = "DAYS", default_value_t = credentials::AUTHORITY_DAYS, value_parser = days())]
-    pub(crate) days: u32,
-    /// Where keys are [default: what the file says, or keys/NAME in the configuration folder]
-    #[arg(long, value_name = "FOLDER")]
-    pub(crate) folder: Option<PathBuf>,
-    #[command(flatten)]
-    pub(crate) print: PrintArgs,
-}
-
-/// `althing cert daemon`
-#[derive(Debug, Args)]
-pub(crate) struct CertDaemonArgs {
-    /// Daemons, by their names in the ecosystem's file
-    #[arg(required = true, value_name = "NAME")]
-    pub(crate) names: Vec<String>,
-    /// Where it is reached besides NAME and NAME.local: a host name or an IP address; repeatable
-    #[arg(long = "host", value_name = "HOST")]
-    pub(crate) hosts: Vec<String>,
-    /// How long it lasts
-    #[arg(long, value_name = "DAYS", default_value_t = credentials::DAEMON_DAYS, value_parser = days())]
-    pub(crate) days: u32,
-    #[command(flatten)]
-    pub(crate) place: CertPlaceArgs,
-    #[command(flatten)]
-    pub(crate) print: PrintArgs,
-}
-
-/// `althing cert show`
-#[derive(Debug, Args)]
-pub(crate) struct CertShowArgs {
-    #[command(flatten)]
-    pub(crate) place: CertPlaceArgs,
-    #[command(flatten)]
-    pub(crate) print: PrintArgs,
-}
-
-/// `althing cert revoke`
-#[derive(Debug, Args)]
-pub(crate) struct CertRevokeArgs {
-    /// Whose
-    #[arg(value_name = "NAME")]
-    pub(crate) name: String,
-    #[command(flatten)]
-    pub(crate) place: CertPlaceArgs,
-    #[command(flatten)]
-    pub(crate) print: PrintArgs,
-}
-
-/// Where certificates are.
-#[derive(Debug, Args)]
-pub(crate) struct CertPlaceArgs {
-    /// Of which ecosystem: its file, or its name [default: ./althing.toml]
-    #[arg(long, value_name = "FILE|NAME")]
-    pub(crate) ecosystem: Option<String>,
-    /// Where keys are [default: what the file says, or keys/NAME in the configuration folder]
-    #[arg(long, value_name = "FOLDER")]
-    pub(crate) folder: Option<PathBuf>,
-}
-
-/// A hundred years at most: dates beyond fit no certificate.
-fn days() -> clap::builder::RangedI64ValueParser<u32> {
-    clap::value_parser!(u32).range(1..=36_500)
-}
-
 /// `althing completions`
 #[derive(Debug, Args)]
 pub(crate) struct CompletionsArgs {
@@ -571,128 +453,6 @@ pub(crate) struct AgentsArgs {
     pub(crate) discovered: bool,
     #[command(flatten)]
     pub(crate) ask: AskArgs,
-}
-
-/// `althing plugin`
-#[derive(Debug, Args)]
-pub(crate) struct PluginArgs {
-    /// What to do.
-    #[command(subcommand)]
-    pub(crate) command: PluginCommand,
-}
-
-/// What can be done with plugins.
-#[derive(Debug, Subcommand)]
-pub(crate) enum PluginCommand {
-    /// Show the plugins of a running ecosystem, how they are, and why
-    List(AskArgs),
-    /// Show what is wrong with a package before it is added, and try whether it starts
-    Check(PluginCheckArgs),
-    /// Put a package into this machine's folder of plugins, or a newer one in its place
-    Add(PluginAddArgs),
-    /// Allow a plugin what it asks for beyond the least
-    Allow(PluginAllowArgs),
-    /// Take a plugin away
-    Remove(PluginNameArgs),
-    /// Take a plugin into use again; begins anew what was given up
-    Enable(PluginNameArgs),
-    /// Take a plugin out of use
-    Disable(PluginNameArgs),
-    /// Show what a plugin has printed
-    Logs(PluginLogsArgs),
-}
-
-/// `althing plugin check`
-#[derive(Debug, Args)]
-pub(crate) struct PluginCheckArgs {
-    /// Folders with a plugin.toml
-    #[arg(required = true, value_name = "FOLDER")]
-    pub(crate) packages: Vec<PathBuf>,
-    /// Look at the files only, and start nothing
-    #[arg(long)]
-    pub(crate) files_only: bool,
-    /// The ecosystem whose words and map it is told [default: ./althing.toml, or this user's]
-    #[arg(long, value_name = "FILE|NAME")]
-    pub(crate) ecosystem: Option<String>,
-    #[command(flatten)]
-    pub(crate) rights: PluginRightsArgs,
-    #[command(flatten)]
-    pub(crate) print: PrintArgs,
-}
-
-/// `althing plugin add`
-#[derive(Debug, Args)]
-pub(crate) struct PluginAddArgs {
-    /// A folder with a plugin.toml
-    #[arg(value_name = "FOLDER")]
-    pub(crate) package: PathBuf,
-    #[command(flatten)]
-    pub(crate) rights: PluginRightsArgs,
-    #[command(flatten)]
-    pub(crate) place: PluginPlaceArgs,
-    #[command(flatten)]
-    pub(crate) print: PrintArgs,
-}
-
-/// `althing plugin allow`
-#[derive(Debug, Args)]
-pub(crate) struct PluginAllowArgs {
-    /// Which
-    #[arg(value_name = "NAME")]
-    pub(crate) name: String,
-    #[command(flatten)]
-    pub(crate) rights: PluginRightsArgs,
-    #[command(flatten)]
-    pub(crate) place: PluginPlaceArgs,
-    #[command(flatten)]
-    pub(crate) print: PrintArgs,
-}
-
-/// What a plugin is allowed beyond the least.
-#[derive(Debug, Args)]
-pub(crate) struct PluginRightsArgs {
-    /// Allow this, and ask nobody: network, devices=PATH, read=PATH, memory=SIZE, cpu=SHARE, files=N,
-    /// processes=N, disk=SIZE
-    #[arg(long, value_name = "RIGHT", value_delimiter = ',')]
-    pub(crate) allow: Vec<Right>,
-}
-
-/// `althing plugin remove`, `enable` and `disable`
-#[derive(Debug, Args)]
-pub(crate) struct PluginNameArgs {
-    /// Which
-    #[arg(value_name = "NAME")]
-    pub(crate) name: String,
-    #[command(flatten)]
-    pub(crate) place: PluginPlaceArgs,
-    #[command(flatten)]
-    pub(crate) print: PrintArgs,
-}
-
-/// `althing plugin logs`
-#[derive(Debug, Args)]
-pub(crate) struct PluginLogsArgs {
-    /// Which
-    #[arg(value_name = "NAME")]
-    pub(crate) name: String,
-    /// How many lines, the last ones
-    #[arg(long, short = 'n', value_name = "N", default_value_t = 40)]
-    pub(crate) lines: usize,
-    #[command(flatten)]
-    pub(crate) reach: ReachArgs,
-    #[command(flatten)]
-    pub(crate) print: PrintArgs,
-}
-
-/// Where a machine's plugins are.
-#[derive(Debug, Args)]
-pub(crate) struct PluginPlaceArgs {
-    /// The ecosystem whose file says where [default: ./althing.toml, or this user's folder]
-    #[arg(long, value_name = "FILE|NAME")]
-    pub(crate) ecosystem: Option<String>,
-    /// The folder itself
-    #[arg(long, value_name = "FOLDER", conflicts_with = "ecosystem")]
-    pub(crate) folder: Option<PathBuf>,
 }
 
 /// `althing watch`

@@ -12,7 +12,7 @@ use terminal::output::Color;
 use terminal::styled::Styled;
 use terminal::{exit, output};
 
-use crate::cli::{
+use crate::cli::cert::{
     CertArgs, CertAuthorityArgs, CertCommand, CertDaemonArgs, CertPlaceArgs, CertRevokeArgs,
     CertShowArgs,
 };

@@ -13,9 +13,9 @@ use serde_json::json;
 use terminal::report::Report;
 use terminal::{exit, output};
 
-use crate::cli::{
-    AskArgs, PluginAddArgs, PluginArgs, PluginCommand, PluginLogsArgs, PluginNameArgs,
-    PluginPlaceArgs,
+use crate::cli::AskArgs;
+use crate::cli::plugin::{
+    PluginAddArgs, PluginArgs, PluginCommand, PluginLogsArgs, PluginNameArgs, PluginPlaceArgs,
 };
 use crate::commands::client::{self, View};
 use crate::config::{self, Ecosystem, Overrides};

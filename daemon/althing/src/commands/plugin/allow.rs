@@ -8,7 +8,7 @@ use plugin_host::{Package, Right, ShelfError, listed};
 use serde_json::json;
 use terminal::{exit, output};
 
-use crate::cli::PluginAllowArgs;
+use crate::cli::plugin::PluginAllowArgs;
 use crate::commands::wrong;
 
 /// Allows an installed package what it asks for.

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use terminal::report::{Report, Source};
 use terminal::{exit, output};
 
-use crate::cli::PluginCheckArgs;
+use crate::cli::plugin::PluginCheckArgs;
 use crate::commands::{in_runtime, wrong};
 use crate::config::{self, Ecosystem};
 use crate::hosting::ITSELF;

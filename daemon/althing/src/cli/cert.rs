@@ -1,0 +1,109 @@
+//! The arguments of `althing cert`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+use terminal::arguments::PrintArgs;
+
+pub(super) const HELP: &str = "\
+An ecosystem whose file has a [security] table is secured: links between machines
+are TLS both ways, and every message is signed by the daemon that says it. The
+authority's key stays where it was made; a daemon needs three files of the folder:
+authority.pem, NAME.pem and NAME.key.
+
+Examples: althing cert authority althing.toml
+          althing cert daemon office-pi --host 192.168.1.7
+          althing cert show
+          althing cert revoke office-pi";
+
+/// `althing cert`
+#[derive(Debug, Args)]
+pub(crate) struct CertArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub(crate) command: CertCommand,
+}
+
+/// What can be done with certificates.
+#[derive(Debug, Subcommand)]
+pub(crate) enum CertCommand {
+    /// Make the authority of an ecosystem: whoever it gives a certificate belongs to it
+    Authority(CertAuthorityArgs),
+    /// Make keys and certificates for daemons, and for people's machines that have none
+    Daemon(CertDaemonArgs),
+    /// Show what there is, and how long it is good
+    Show(CertShowArgs),
+    /// Take back all certificates of a daemon; running daemons hear of it within seconds
+    Revoke(CertRevokeArgs),
+}
+
+/// `althing cert authority`
+#[derive(Debug, Args)]
+pub(crate) struct CertAuthorityArgs {
+    /// The ecosystem: its file, or its name [default: ./althing.toml]
+    #[arg(value_name = "ECOSYSTEM|FILE")]
+    pub(crate) ecosystem: Option<String>,
+    /// How long it lasts
+    #[arg(long, value_name = "DAYS", default_value_t = credentials::AUTHORITY_DAYS, value_parser = days())]
+    pub(crate) days: u32,
+    /// Where keys are [default: what the file says, or keys/NAME in the configuration folder]
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) folder: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// `althing cert daemon`
+#[derive(Debug, Args)]
+pub(crate) struct CertDaemonArgs {
+    /// Daemons, by their names in the ecosystem's file
+    #[arg(required = true, value_name = "NAME")]
+    pub(crate) names: Vec<String>,
+    /// Where it is reached besides NAME and NAME.local: a host name or an IP address; repeatable
+    #[arg(long = "host", value_name = "HOST")]
+    pub(crate) hosts: Vec<String>,
+    /// How long it lasts
+    #[arg(long, value_name = "DAYS", default_value_t = credentials::DAEMON_DAYS, value_parser = days())]
+    pub(crate) days: u32,
+    #[command(flatten)]
+    pub(crate) place: CertPlaceArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// `althing cert show`
+#[derive(Debug, Args)]
+pub(crate) struct CertShowArgs {
+    #[command(flatten)]
+    pub(crate) place: CertPlaceArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// `althing cert revoke`
+#[derive(Debug, Args)]
+pub(crate) struct CertRevokeArgs {
+    /// Whose
+    #[arg(value_name = "NAME")]
+    pub(crate) name: String,
+    #[command(flatten)]
+    pub(crate) place: CertPlaceArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// Where certificates are.
+#[derive(Debug, Args)]
+pub(crate) struct CertPlaceArgs {
+    /// Of which ecosystem: its file, or its name [default: ./althing.toml]
+    #[arg(long, value_name = "FILE|NAME")]
+    pub(crate) ecosystem: Option<String>,
+    /// Where keys are [default: what the file says, or keys/NAME in the configuration folder]
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) folder: Option<PathBuf>,
+}
+
+/// A hundred years at most: dates beyond fit no certificate.
+fn days() -> clap::builder::RangedI64ValueParser<u32> {
+    clap::value_parser!(u32).range(1..=36_500)
+}
