@@ -4,7 +4,7 @@
 //! they say is heard in `session`. A client can make the server neither wait,
 //! grow nor panic. Fate's operations are not offered.
 
-use std::fs::{self, Permissions};
+use std::fs::{self, File, Permissions, TryLockError};
 use std::io;
 use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
@@ -27,6 +27,10 @@ const CLIENTS_MAX: usize = 64;
 /// trying again at once would only burn the processor.
 const ACCEPT_REST: Duration = Duration::from_millis(100);
 
+/// How long another process may take to put its socket in place, and how often it is looked.
+const TURN_MAX: Duration = Duration::from_secs(2);
+const TURN_REST: Duration = Duration::from_millis(5);
+
 /// A building that is being served. Dropping it ends all connections, calls off
 /// what is under way, and removes the socket.
 #[derive(Debug)]
@@ -45,9 +49,11 @@ pub async fn serve(
     socket_path: impl AsRef<Path>,
 ) -> Result<Server, ServeError> {
     let path = socket_path.as_ref().to_owned();
-    refuse_occupied(&path).await?;
     let failed = |source| ServeError::Io { path: path.clone(), source };
+    let turn = turn(folder_of(&path)).await.map_err(failed)?;
+    refuse_occupied(&path).await?;
     let listener = bind_private(&path).map_err(failed)?;
+    drop(turn);
     let metadata = fs::symlink_metadata(&path).map_err(failed)?;
     let span = tracing::info_span!("building", socket = %path.display());
     let accepting = tokio::spawn(accept(building, listener).instrument(span)).abort_handle();
@@ -65,22 +71,49 @@ impl Drop for Server {
     }
 }
 
+/// The folder of a socket.
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Locks the folder until it is dropped: of two processes that find a dead server's socket at one time,
+/// the second finds the first one's.
+async fn turn(folder: &Path) -> io::Result<File> {
+    let folder = File::open(folder)?;
+    let locked = async {
+        loop {
+            match folder.try_lock() {
+                Ok(()) => return Ok(()),
+                Err(TryLockError::WouldBlock) => tokio::time::sleep(TURN_REST).await,
+                Err(TryLockError::Error(error)) => return Err(error),
+            }
+        }
+    };
+    let locked = tokio::time::timeout(TURN_MAX, locked).await;
+    locked.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into())).map(|()| folder)
+}
+
 async fn refuse_occupied(path: &Path) -> Result<(), ServeError> {
     let Ok(metadata) = fs::symlink_metadata(path) else { return Ok(()) };
     if !metadata.file_type().is_socket() {
         return Err(ServeError::NotASocket { path: path.to_owned() });
     }
     match UnixStream::connect(path).await {
-        Ok(_) => Err(ServeError::InUse { path: path.to_owned() }),
-        Err(_) => Ok(()),
+        // Nobody listens: what a dead server left behind.
+        Err(err)
+            if matches!(err.kind(), io::ErrorKind::ConnectionRefused | io::ErrorKind::NotFound) =>
+        {
+            Ok(())
+        }
+        // A server that stands still takes no more connections at some time, and is one all the same.
+        Ok(_) | Err(_) => Err(ServeError::InUse { path: path.to_owned() }),
     }
 }
 
 /// Binds in a folder that only this user can enter, and moves the socket to its
 /// place when its mode is set: there is no moment when others could connect.
 fn bind_private(path: &Path) -> io::Result<UnixListener> {
-    let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty());
-    let nest = create_nest(parent.unwrap_or(Path::new(".")))?;
+    let nest = create_nest(folder_of(path))?;
     let bound = fs::set_permissions(&nest, Permissions::from_mode(0o700)).and_then(|()| {
         let listener = UnixListener::bind(nest.join("s"))?;
         fs::set_permissions(nest.join("s"), Permissions::from_mode(0o600))?;

@@ -1,7 +1,6 @@
 //! How a command reaches a running ecosystem: as a Zenoh client of one of its daemons.
 
 use std::future::Future;
-use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -92,7 +91,7 @@ impl Target {
         let mut alive = Vec::new();
         if endpoints.is_empty() {
             let folder = hosting::runtime_folder(&name).map_err(|error| error.to_string())?;
-            let is_alive = |path: &PathBuf| UnixStream::connect(path).is_ok();
+            let is_alive = |path: &PathBuf| doors::is_listening(path);
             alive.extend(super::up::sockets(&folder).into_iter().filter(is_alive));
             let endpoint = |path: &PathBuf| format!("unixsock-stream/{}", path.display());
             endpoints.extend(alive.iter().map(endpoint));
@@ -243,7 +242,7 @@ fn only_running() -> Result<EcosystemId, String> {
         .filter(|name| {
             let folder = hosting::runtime_folder(name);
             let sockets = folder.map(|folder| super::up::sockets(&folder)).unwrap_or_default();
-            sockets.iter().any(|path| UnixStream::connect(path).is_ok())
+            sockets.iter().any(|path| doors::is_listening(path))
         })
         .collect();
     match (running.pop(), running.is_empty()) {

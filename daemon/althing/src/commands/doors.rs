@@ -3,53 +3,118 @@
 //! A stopped process (SIGSTOP, a debugger, a frozen container) still accepts connections, because the
 //! kernel does that for it, and then says nothing. Zenoh waits ten seconds for each of them.
 
-use std::os::unix::net::UnixStream;
 use std::path::Path;
 
+use rustix::io::Errno;
+use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType, sockopt};
+use rustix::process::Pid;
 use terminal::output;
 
 /// How Zenoh names a socket of this machine.
 const SOCKET: &str = "unixsock-stream/";
 
+/// What listens at a socket.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Listener {
+    /// This process; none where it is in another namespace of processes.
+    Process(Option<Pid>),
+    /// A process that takes no connection: so many wait already that the kernel keeps no more for it.
+    Full,
+}
+
 /// The same endpoints, those of processes that run first; says which stand still.
 pub(super) fn awake_first(endpoints: &[String]) -> Vec<String> {
     let (mut awake, mut stopped) = (Vec::new(), Vec::new());
     for endpoint in endpoints {
-        match stopped_at(endpoint) {
-            Some(process) => stopped.push((endpoint.clone(), process)),
+        let why = match listener(endpoint) {
+            Some(Listener::Full) => Some("it takes no connection".to_owned()),
+            Some(Listener::Process(Some(process))) if is_stopped(process) => {
+                Some(format!("process {process} is stopped; `kill -CONT {process}` lets it go on"))
+            }
+            _ => None,
+        };
+        match why {
+            Some(why) => stopped.push((endpoint.clone(), why)),
             None => awake.push(endpoint.clone()),
         }
     }
-    for (endpoint, process) in &stopped {
+    for (endpoint, why) in &stopped {
         let instead = match awake.first() {
             Some(other) => format!("this command joins by {other}"),
             None => "there is no other here, so this command waits for it".to_owned(),
         };
-        output::note(&format!(
-            "the daemon at {endpoint} stands still (process {process} is stopped; `kill -CONT \
-             {process}` lets it go on); {instead}"
-        ));
+        output::note(&format!("the daemon at {endpoint} stands still ({why}); {instead}"));
     }
     awake.extend(stopped.into_iter().map(|(endpoint, _)| endpoint));
     awake
 }
 
-/// The stopped process behind an endpoint of this machine, if it is one.
-pub(super) fn stopped_at(endpoint: &str) -> Option<i32> {
-    let path = endpoint.strip_prefix(SOCKET)?;
-    let process = server_of(Path::new(path.split(['#', '?']).next()?))?;
-    let about = std::fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
-    // The name before it is in parentheses, and may hold any character.
-    let state = about.rsplit_once(')')?.1.trim_start().chars().next()?;
-    matches!(state, 'T' | 't').then_some(process)
+/// The process behind an endpoint of this machine.
+pub(super) fn process_at(endpoint: &str) -> Option<Pid> {
+    match listener(endpoint)? {
+        Listener::Process(process) => process,
+        Listener::Full => None,
+    }
 }
 
-/// The process that listens at a socket.
-fn server_of(path: &Path) -> Option<i32> {
-    // Asking Tokio's stream needs its runtime, in which every command runs.
-    tokio::runtime::Handle::try_current().ok()?;
-    let stream = UnixStream::connect(path).ok()?;
-    stream.set_nonblocking(true).ok()?;
-    let stream = tokio::net::UnixStream::from_std(stream).ok()?;
-    stream.peer_cred().ok()?.pid()
+/// Whether a process is stopped (SIGSTOP, or by a debugger).
+pub(super) fn is_stopped(process: Pid) -> bool {
+    let about = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
+    // The name before it is in parentheses, and may hold any character.
+    let state = about.rsplit_once(')').and_then(|(_, rest)| rest.trim_start().chars().next());
+    matches!(state, Some('T' | 't'))
+}
+
+/// Whether a process listens at a socket.
+pub(super) fn is_listening(path: &Path) -> bool {
+    knock(path).is_some()
+}
+
+fn listener(endpoint: &str) -> Option<Listener> {
+    let path = endpoint.strip_prefix(SOCKET)?;
+    knock(Path::new(path.split(['#', '?']).next()?))
+}
+
+/// Connects without waiting: a stopped process would let a command wait for ever.
+fn knock(path: &Path) -> Option<Listener> {
+    let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
+    let socket = net::socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None).ok()?;
+    match net::connect(&socket, &SocketAddrUnix::new(path).ok()?) {
+        Ok(()) => {
+            let process = sockopt::socket_peercred(&socket).ok().map(|peer| peer.pid);
+            Some(Listener::Process(process))
+        }
+        Err(Errno::AGAIN) => Some(Listener::Full),
+        Err(_) => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::net::UnixListener;
+
+    use super::*;
+
+    #[test]
+    fn a_process_that_takes_no_more_connections_keeps_nobody_waiting() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.sock");
+        assert_eq!(knock(&path), None);
+        let listener = UnixListener::bind(&path).expect("a socket");
+        net::listen(&listener, 0).expect("a short queue");
+        let own = rustix::process::getpid();
+        assert_eq!(knock(&path), Some(Listener::Process(Some(own))));
+        let _waiting: Vec<_> = (0..8).map_while(|_| is_free(&path)).collect();
+        assert_eq!(knock(&path), Some(Listener::Full));
+        assert!(is_listening(&path) && !is_stopped(own));
+    }
+
+    /// A connection that stays open, as long as there is room.
+    fn is_free(path: &Path) -> Option<std::os::fd::OwnedFd> {
+        let flags = SocketFlags::NONBLOCK;
+        let socket = net::socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None);
+        let socket = socket.expect("a socket");
+        let address = SocketAddrUnix::new(path).expect("a path");
+        net::connect(&socket, &address).is_ok().then_some(socket)
+    }
 }

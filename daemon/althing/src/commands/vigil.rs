@@ -4,6 +4,7 @@
 use std::time::Duration;
 
 use acl::AgentId;
+use rustix::process::Pid;
 use tokio::time::{Interval, MissedTickBehavior, interval};
 
 use crate::commands::client::View;
@@ -16,8 +17,8 @@ const PERIOD: Duration = Duration::from_millis(500);
 pub(super) struct Vigil {
     view: View,
     leader: AgentId,
-    /// By which daemon of this machine the command hears.
-    door: Option<String>,
+    /// The daemon of this machine by which the command hears: its endpoint and process.
+    door: Option<(String, Pid)>,
     ticks: Interval,
     /// For how many looks nobody has led.
     leaderless: u32,
@@ -27,10 +28,13 @@ pub(super) struct Vigil {
 impl Vigil {
     /// Begins; `leader` is the agent that decides on the goal.
     pub(super) fn begin(view: &View, leader: AgentId) -> Vigil {
-        let door = view.endpoints.iter().find(|endpoint| doors::stopped_at(endpoint).is_none());
+        let door = view.endpoints.iter().find_map(|endpoint| {
+            let process = doors::process_at(endpoint)?;
+            (!doors::is_stopped(process)).then(|| (endpoint.clone(), process))
+        });
         let mut ticks = interval(PERIOD);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let (view, door) = (view.clone(), door.cloned());
+        let view = view.clone();
         Vigil { view, leader, door, ticks, leaderless: 0, is_door_told: false }
     }
 
@@ -45,12 +49,11 @@ impl Vigil {
     }
 
     fn of_door(&mut self) -> Option<String> {
-        let door = self.door.as_ref()?;
-        let stopped = doors::stopped_at(door);
-        let is_news = stopped.is_some() && !self.is_door_told;
-        self.is_door_told = stopped.is_some();
+        let (door, process) = self.door.as_ref()?;
+        let is_stopped = doors::is_stopped(*process);
+        let is_news = is_stopped && !self.is_door_told;
+        self.is_door_told = is_stopped;
         is_news.then(|| {
-            let process = stopped.unwrap_or_default();
             format!(
                 "the daemon at {door} stands still (process {process} is stopped), and this \
                  command hears by it: it hears nothing until it is linked to another daemon, \

@@ -97,6 +97,26 @@ async fn a_living_server_and_a_file_are_left_alone_and_a_dead_socket_is_replaced
     assert_eq!(std::fs::read(&file).unwrap(), b"mine");
 }
 
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn of_many_that_replace_a_dead_server_one_serves() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("building.sock");
+    for _ in 0..20 {
+        let _ = std::fs::remove_file(&path);
+        drop(std::os::unix::net::UnixListener::bind(&path).unwrap());
+        let rivals = (0..8).map(|_| tokio::spawn(serve(office().handle(), path.clone())));
+        let rivals: Vec<_> = rivals.collect();
+        let mut servers = Vec::new();
+        for rival in rivals {
+            match rival.await.unwrap() {
+                Ok(server) => servers.push(server),
+                Err(error) => assert!(matches!(error, ServeError::InUse { .. }), "{error}"),
+            }
+        }
+        assert_eq!(servers.len(), 1);
+    }
+}
+
 #[tokio::test]
 async fn a_trip_is_called_off_when_its_future_is_dropped() {
     let served = served().await;
