@@ -5,7 +5,7 @@
 //! pointer.
 #![expect(unsafe_code, reason = "no crate wraps these calls")]
 
-use std::ffi::c_long;
+use std::ffi::{c_long, c_ulong};
 use std::io;
 use std::mem;
 use std::os::fd::{AsRawFd as _, BorrowedFd, FromRawFd as _, OwnedFd};
@@ -34,7 +34,7 @@ pub fn listen(program: &BpfProgram) -> io::Result<Listener> {
     }
 }
 
-fn install(program: &BpfProgram, flags: libc::c_ulong) -> io::Result<Listener> {
+fn install(program: &BpfProgram, flags: c_ulong) -> io::Result<Listener> {
     let length = u16::try_from(program.len());
     let length = length.map_err(|_| io::Error::from(io::ErrorKind::InvalidInput))?;
     let filter: Vec<libc::sock_filter> = program.iter().map(instruction).collect();
@@ -44,7 +44,7 @@ fn install(program: &BpfProgram, flags: libc::c_ulong) -> io::Result<Listener> {
     let result = unsafe {
         libc::syscall(
             libc::SYS_seccomp,
-            c_long::from(libc::SECCOMP_SET_MODE_FILTER),
+            c_ulong::from(libc::SECCOMP_SET_MODE_FILTER),
             flags,
             &raw const program,
         )

@@ -1,11 +1,11 @@
 //! Whether the system lets this process have as many open files as a daemon needs: connections count
 //! as files, and a daemon that has none left accepts nobody and writes nothing.
 
-use nix::sys::resource::{Resource, getrlimit};
+use nix::sys::resource::{Resource, getrlimit, rlim_t};
 
 /// What a daemon of a building needs: some forty for itself, two for each connection of a daemon or a
 /// command, several for each plugin that is a process.
-const NEEDED: u64 = 512;
+const NEEDED: rlim_t = 512;
 
 /// Says it in the log where this process may have too few files open at a time.
 pub(crate) fn warn_of_few_file_handles() {
@@ -17,7 +17,7 @@ pub(crate) fn warn_of_few_file_handles() {
 }
 
 /// What is to be said of a limit that may be raised to `most`.
-fn warning(limit: u64, most: u64) -> Option<String> {
+fn warning(limit: rlim_t, most: rlim_t) -> Option<String> {
     if limit >= NEEDED {
         return None;
     }
