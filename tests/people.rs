@@ -509,6 +509,44 @@ fn a_stopped_bystander_keeps_no_command_waiting() {
     assert!(took < Duration::from_secs(9), "Zenoh alone waits ten seconds: {took:?}");
 }
 
+/// Stops the daemon that a goal's command hears by when its plan is told; asserts that all is told once.
+#[track_caller]
+fn misses_no_line(time_scale: &str) {
+    let mut office = Office::new();
+    for daemon in ["reasoning", "turtlebot-laptop", "conf-room-pi"] {
+        let mut up = office.command(&["up", &file(), "--daemon", daemon]);
+        up.env("ALTHING_BUILDING__TIME_SCALE", time_scale);
+        office.begin_as(daemon, up);
+    }
+    office.await_fact("(at turtlebot-1 corridor)", true);
+    let goal = "(and (known-temperature office1) (known-temperature office2))";
+    let mut command = office.command(&["goal", goal, "--ecosystem", &file()]);
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = Ends(command.spawn().expect("the binary is built"));
+    let said = notes(child.0.stdout.take().expect("a pipe"));
+    let noted = notes(child.0.stderr.take().expect("a pipe"));
+    let mut all = await_note(&said, "a plan of 5 steps");
+    office.signal("conf-room-pi", "STOP");
+    await_note(&noted, "conf-room-pi.sock stands still (process ");
+    all += &await_note(&said, "the goal holds");
+    office.signal("conf-room-pi", "CONT");
+    assert_eq!(child.within(PATIENCE), Some(0), "{all}");
+    for line in ["arrived at office1", "20.5 °C at office1", "arrived at office2", "°C at office2"]
+    {
+        assert_eq!(all.matches(line).count(), 1, "{line}: {all}");
+    }
+}
+
+#[test]
+fn a_goal_that_goes_on_while_its_command_hears_nothing_misses_no_line() {
+    misses_no_line("0.6");
+}
+
+#[test]
+fn a_goal_that_ends_while_its_command_hears_nothing_misses_no_line() {
+    misses_no_line("0.05");
+}
+
 #[test]
 fn who_waits_for_a_goal_hears_that_nobody_leads() {
     let mut office = Office::new();

@@ -221,6 +221,9 @@ pub struct GoalStatus {
 pub struct HistoryEntry {
     /// When: milliseconds since 1970-01-01 UTC, by the clock of the machine that pursued the goal then.
     pub at_ms: u64,
+    /// What its asker was told with it; none of what was not told.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub outcome: Option<Outcome>,
     /// What, for a person.
     pub text: String,
 }
@@ -490,6 +493,10 @@ pub struct Report {
     /// Why the agent of that action declined it, where it did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub declined: Option<Reason>,
+    /// What was said of a goal before, with an end that is told once more: its asker was cut off, and
+    /// may have missed it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub history: Vec<HistoryEntry>,
 }
 
 /// How an action, a plan or a goal stands.
@@ -662,6 +669,7 @@ impl Report {
             cost: None,
             observations: String::new(),
             declined: None,
+            history: Vec::new(),
         }
     }
 }

@@ -44,6 +44,11 @@ const BATCHES_MAX: u32 = 16;
 /// dropped at once: a link that stands still costs a Tokio worker this wait once, not per message.
 const WAIT_BEFORE_DROP_US: u32 = 50_000;
 
+/// How long a link may take to open: Zenoh's own bound, and that of a guest. Its command waits for it
+/// where the daemon that it heard by stands still, before it tries the next.
+const OPEN_MS: u32 = 10_000;
+const CLIENT_OPEN_MS: u32 = 5_000;
+
 /// First and longest pause between attempts to connect. Daemons of one building start together,
 /// so the first attempt often comes before the other listens.
 const RECONNECT_FIRST_MS: u32 = 250;
@@ -304,6 +309,10 @@ impl Config {
             Mode::Router => "router",
             Mode::Client => "client",
         };
+        let open_timeout_ms = match self.mode {
+            Mode::Router => OPEN_MS,
+            Mode::Client => CLIENT_OPEN_MS,
+        };
         json!({
             "mode": mode,
             // Left out, a router would listen in plain text on every interface.
@@ -326,7 +335,7 @@ impl Config {
             // Zenoh refuses stamps of clocks that run ahead; boards without a battery do.
             "timestamping": { "enabled": false },
             "adminspace": { "permissions": { "read": true, "write": false } },
-            "transport": { "link": {
+            "transport": { "unicast": { "open_timeout": open_timeout_ms }, "link": {
                 "tx": {
                     "lease": u64::try_from(self.lease.as_millis()).unwrap_or(u64::MAX),
                     "keep_alive": KEEP_ALIVES,

@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, SystemTime};
 
 use acl::content::{
-    Achieve, Execute, GoalStatus, HistoryEntry, Keep, Offers, Partition, Reason, Report, Version,
+    Achieve, Execute, GoalStatus, HistoryEntry, Keep, Offers, Outcome, Partition, Reason, Report,
+    Version,
 };
 use acl::{AgentId, ConversationId, Incarnation, ReplyToken};
 use agent::{Engagement, TimerId, Work};
@@ -242,13 +243,18 @@ impl Goal {
     }
 
     /// Something happened at this time of the machine's clock.
-    pub(crate) fn note(&mut self, at: SystemTime, text: impl Into<String>) {
+    pub(crate) fn note(
+        &mut self,
+        at: SystemTime,
+        outcome: Option<Outcome>,
+        text: impl Into<String>,
+    ) {
         if self.history.len() == HISTORY_LINES_MAX {
             self.history.remove(0);
         }
         let at = at.duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let at_ms = u64::try_from(at.as_millis()).unwrap_or(u64::MAX);
-        self.history.push(HistoryEntry { at_ms, text: text.into() });
+        self.history.push(HistoryEntry { at_ms, outcome, text: text.into() });
     }
 
     /// An action failed: it is not asked for again for a while, which doubles.

@@ -209,7 +209,7 @@ impl PlanRequester {
             Ok(condition) => {
                 self.take_place(&message, &asked, ctx);
                 let mut goal = Goal::new(engagement, message.incarnation, asked, condition);
-                goal.note(ctx.switchboard().machine().wall_clock(), "asked for");
+                goal.note(ctx.switchboard().machine().wall_clock(), None, "asked for");
                 let id = goal.conversation().clone();
                 tracing::info!(conversation = %id, goal = goal.text, "a goal");
                 self.goals.insert(id.clone(), goal);
@@ -281,7 +281,7 @@ impl PlanRequester {
 
     fn cancel(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
-        goal.note(ctx.switchboard().machine().wall_clock(), "cancelled");
+        goal.note(ctx.switchboard().machine().wall_clock(), None, "cancelled");
         match &goal.phase {
             Phase::Executing(token) => {
                 let token = token.clone();
@@ -491,7 +491,7 @@ impl PlanRequester {
         let Some(goal) = self.goals.get_mut(id) else { return };
         tracing::info!(conversation = %id, outcome = %report.outcome, detail = report.detail, "goal");
         let now = ctx.switchboard().machine().wall_clock();
-        goal.note(now, format!("{}: {}", report.outcome, report.detail));
+        goal.note(now, Some(report.outcome), report.detail.as_str());
         let told = ctx.try_answer(&goal.engagement, Performative::Confirm, &report);
         if !report.outcome.is_final() {
             if let Err(why) = told {
@@ -538,7 +538,8 @@ impl PlanRequester {
             if matches!(goal.phase, Phase::Verifying(_)) {
                 self.release(id);
             }
-            self.ended.told(goal.engagement.clone(), report.clone());
+            let history = goal.history().to_vec();
+            self.ended.told(goal.engagement.clone(), Report { history, ..report.clone() });
             self.keep_end(&goal, report, ctx);
             if let Some(timer) = goal.timer {
                 ctx.forget(timer);

@@ -22,16 +22,20 @@ pub(super) fn run(args: &AskArgs) -> ExitCode {
 }
 
 pub(crate) async fn print(view: &View, json: bool) -> ExitCode {
+    match ask(view).await {
+        Some(goals) if json => output::print_json(&json!({ "goals": goals }), exit::DONE),
+        Some(goals) if goals.is_empty() => output::print("nobody wants anything\n", exit::DONE),
+        Some(goals) => output::print(paragraphs(&goals, &Zoned::now()), exit::DONE),
+        None => client::unavailable("hear from a Plan Requester: none is here", json),
+    }
+}
+
+/// The goals, as the leading Plan Requester says; none where none answers.
+pub(super) async fn ask(view: &View) -> Option<Vec<GoalStatus>> {
     let requester = AgentId::new("plan-requester").ok();
     view.directory(requester.as_ref()).await;
     let answers = view.ask(Resource::Goals, requester).await;
-    let goals = answers.first().map(|bytes| serde_json::from_slice::<Vec<GoalStatus>>(bytes));
-    match goals {
-        Some(Ok(goals)) if json => output::print_json(&json!({ "goals": goals }), exit::DONE),
-        Some(Ok(goals)) if goals.is_empty() => output::print("nobody wants anything\n", exit::DONE),
-        Some(Ok(goals)) => output::print(paragraphs(&goals, &Zoned::now()), exit::DONE),
-        _ => client::unavailable("hear from a Plan Requester: none is here", json),
-    }
+    serde_json::from_slice(answers.first()?).ok()
 }
 
 fn paragraphs(goals: &[GoalStatus], now: &Zoned) -> String {
@@ -50,9 +54,10 @@ fn paragraphs(goals: &[GoalStatus], now: &Zoned) -> String {
         if older > 0 {
             let _ = writeln!(text, "    … {older} earlier");
         }
-        for HistoryEntry { at_ms, text: line } in history.iter().skip(older) {
+        for HistoryEntry { at_ms, outcome, text: line } in history.iter().skip(older) {
             let at = clock_time(*at_ms, now);
-            let _ = writeln!(text, "    {at}  {}", visible::line(line));
+            let outcome = outcome.map(|outcome| format!("{outcome}: ")).unwrap_or_default();
+            let _ = writeln!(text, "    {at}  {outcome}{}", visible::line(line));
         }
     }
     text

@@ -23,6 +23,7 @@ mod send;
 mod sensors;
 pub(crate) mod set;
 pub(crate) mod state;
+mod told;
 mod up;
 mod validate;
 mod vigil;

@@ -1,17 +1,19 @@
 //! Saying one thing to a running ecosystem through a keyboard of one's own, and following what
 //! comes of it. Serves `goal`, `act`, `set`, `mode`, `answer` and `send`.
 
+use std::mem;
 use std::process::ExitCode;
 
-use acl::content::{Outcome, Report};
+use acl::content::{HistoryEntry, Outcome, Report};
 use acl::{AgentId, ConversationId};
 use keyboard::{Heard, Keyboard, Said, Terminal};
 use terminal::{exit, output};
 use tokio::signal;
 
 use crate::commands::client::{self, Link};
-use crate::commands::hearing;
-use crate::commands::vigil::Vigil;
+use crate::commands::told::Told;
+use crate::commands::vigil::{News, Vigil};
+use crate::commands::{goals, hearing};
 use crate::interruption;
 
 /// The number of the signal of Ctrl-C.
@@ -53,12 +55,20 @@ pub(super) async fn say(link: &Link, said: Said, manner: Manner<'_>) -> ExitCode
     let mut about: Option<ConversationId> = None;
     let mut interrupt = manner.interrupt;
     let mut holds = false;
+    let mut told = Told::default();
     let reader_gone = interruption::reader_gone();
     tokio::pin!(reader_gone);
     loop {
         let heard = tokio::select! {
             news = news(&mut vigil) => {
-                output::note(&news);
+                match (news, &about) {
+                    (News::Line(line), _) => output::note(&line),
+                    (News::HearsAgain, Some(about)) => {
+                        let history = history(link, about).await;
+                        print_missed(&mut told, about, history, json);
+                    }
+                    (News::HearsAgain, None) => (),
+                }
                 continue;
             }
             heard = terminal.hear.recv() => heard,
@@ -80,12 +90,17 @@ pub(super) async fn say(link: &Link, said: Said, manner: Manner<'_>) -> ExitCode
                 return exit::with(exit::DONE);
             }
         };
-        let Some(heard) = heard else {
+        let Some(mut heard) = heard else {
             return client::unavailable("hear: the keyboard has ended", json);
         };
         about = about.or_else(|| heard.conversation().cloned());
-        if let Heard::Report(..) = heard {
+        if let Heard::Report(about, report) = &mut heard {
+            print_missed(&mut told, about, mem::take(&mut report.history), json);
+            let is_news = told.note(report);
             holds = heard.is_success();
+            if !is_news {
+                continue;
+            }
         }
         let printed = hearing::print(&heard, json);
         if printed != exit::with(exit::DONE) || output::is_reader_gone() {
@@ -140,10 +155,24 @@ fn vigil(link: &Link, manner: &Manner<'_>) -> Option<Vigil> {
     Some(Vigil::begin(&link.view, leader))
 }
 
-async fn news(vigil: &mut Option<Vigil>) -> String {
+async fn news(vigil: &mut Option<Vigil>) -> News {
     match vigil {
         Some(vigil) => vigil.news().await,
         None => std::future::pending().await,
+    }
+}
+
+/// What its Plan Requester remembers of a goal that it pursues.
+async fn history(link: &Link, about: &ConversationId) -> Vec<HistoryEntry> {
+    let goals = goals::ask(&link.view).await.unwrap_or_default();
+    let goal = goals.into_iter().find(|goal| goal.conversation == *about);
+    goal.map(|goal| goal.history).unwrap_or_default()
+}
+
+/// Prints what was said of a goal and not heard.
+fn print_missed(told: &mut Told, about: &ConversationId, history: Vec<HistoryEntry>, json: bool) {
+    for report in told.missed(history) {
+        hearing::print(&Heard::Report(about.clone(), report), json);
     }
 }
 

@@ -1,5 +1,6 @@
 //! What a person who waits for a goal is told besides the goal's own news: that nobody leads, and that
-//! the daemon through which the command hears stands still.
+//! the daemon through which the command hears stands still. When the command is linked to another
+//! daemon, what was said of the goal meanwhile is asked for.
 
 use std::time::Duration;
 
@@ -23,6 +24,16 @@ pub(super) struct Vigil {
     /// For how many looks nobody has led.
     leaderless: u32,
     is_door_told: bool,
+    /// Whether the link has been lost, and no other is known yet.
+    is_cut_off: bool,
+}
+
+/// What there is to tell.
+pub(super) enum News {
+    /// A line for a person.
+    Line(String),
+    /// The command was cut off, and hears again: it may have missed something.
+    HearsAgain,
 }
 
 impl Vigil {
@@ -35,17 +46,29 @@ impl Vigil {
         let mut ticks = interval(PERIOD);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let view = view.clone();
-        Vigil { view, leader, door, ticks, leaderless: 0, is_door_told: false }
+        Vigil { view, leader, door, ticks, leaderless: 0, is_door_told: false, is_cut_off: false }
     }
 
     /// Waits for something to tell.
-    pub(super) async fn news(&mut self) -> String {
+    pub(super) async fn news(&mut self) -> News {
         loop {
             self.ticks.tick().await;
-            if let Some(news) = self.of_door().or_else(|| self.of_leader()) {
-                return news;
+            if self.hears_again() {
+                return News::HearsAgain;
+            }
+            if let Some(line) = self.of_door().or_else(|| self.of_leader()) {
+                return News::Line(line);
             }
         }
+    }
+
+    /// Whether the leader is seen again after a time without a link.
+    fn hears_again(&mut self) -> bool {
+        let directory = self.view.switchboard.directory();
+        self.is_cut_off |= directory.iter().next().is_none();
+        let hears_again = self.is_cut_off && directory.find(&self.leader).is_some();
+        self.is_cut_off &= !hears_again;
+        hears_again
     }
 
     fn of_door(&mut self) -> Option<String> {
@@ -56,9 +79,8 @@ impl Vigil {
         is_news.then(|| {
             format!(
                 "the daemon at {door} stands still (process {process} is stopped), and this \
-                 command hears by it: it hears nothing until it is linked to another daemon, \
-                 which takes up to twenty seconds, and may miss what is said meanwhile; \
-                 `althing goals` tells how the goal stands"
+                 command hears by it: within twenty seconds it is linked to another daemon, if \
+                 there is one, and tells what was said of the goal meanwhile"
             )
         })
     }

@@ -1,0 +1,116 @@
+//! What a command has printed of a goal, so that it prints nothing twice and leaves nothing out of what
+//! was said while it was cut off.
+
+use std::collections::VecDeque;
+
+use acl::content::{HistoryEntry, Outcome, Report};
+
+/// As many lines as a Plan Requester remembers of a goal.
+const LINES_MAX: usize = 64;
+
+type Line = (Outcome, String);
+
+/// The last lines that were printed of one goal.
+#[derive(Debug, Default)]
+pub(super) struct Told {
+    lines: VecDeque<Line>,
+    /// Those that were taken from the goal's history: they may still be under way as messages.
+    from_history: Vec<Line>,
+}
+
+impl Told {
+    /// Notes a report; whether it is to be printed.
+    pub(super) fn note(&mut self, report: &Report) -> bool {
+        let line = (report.outcome, report.detail.clone());
+        if let Some(index) = self.from_history.iter().position(|other| *other == line) {
+            self.from_history.remove(index);
+            return false;
+        }
+        // Messages keep their order: what the history told before this one is through.
+        self.from_history.clear();
+        self.push(line);
+        true
+    }
+
+    /// Those lines of a goal's history that have not been printed; they count as printed now. Its end
+    /// is not among them: it comes as a message, until it is heard.
+    pub(super) fn missed(&mut self, history: Vec<HistoryEntry>) -> Vec<Report> {
+        let mut printed: Vec<_> = self.lines.iter().cloned().collect();
+        let mut missed = Vec::new();
+        for HistoryEntry { outcome, text, .. } in history {
+            let Some(outcome) = outcome.filter(|outcome| !outcome.is_final()) else { continue };
+            let line = (outcome, text);
+            if let Some(index) = printed.iter().position(|other| *other == line) {
+                printed.remove(index);
+                continue;
+            }
+            missed.push(Report::new(outcome, line.1.clone()));
+            self.from_history.push(line.clone());
+            self.push(line);
+        }
+        missed
+    }
+
+    fn push(&mut self, line: Line) {
+        if self.lines.len() == LINES_MAX {
+            self.lines.pop_front();
+        }
+        self.lines.push_back(line);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn progress(text: &str) -> Report {
+        Report::new(Outcome::Progress, text)
+    }
+
+    fn history(lines: &[&str]) -> Vec<HistoryEntry> {
+        let entry = |text: &&str| HistoryEntry {
+            at_ms: 0,
+            outcome: Some(Outcome::Progress),
+            text: (*text).to_owned(),
+        };
+        lines.iter().map(entry).collect()
+    }
+
+    fn texts(reports: &[Report]) -> Vec<&str> {
+        reports.iter().map(|report| report.detail.as_str()).collect()
+    }
+
+    #[test]
+    fn only_what_was_not_heard_was_missed() {
+        let mut told = Told::default();
+        assert!(told.note(&progress("a plan")) && told.note(&progress("arrived")));
+        let all = history(&["a plan", "arrived", "measured", "arrived"]);
+        assert_eq!(texts(&told.missed(all.clone())), ["measured", "arrived"]);
+        assert!(told.missed(all).is_empty(), "they are told now");
+    }
+
+    #[test]
+    fn what_the_history_told_is_not_told_again_by_a_late_message() {
+        let mut told = Told::default();
+        told.missed(history(&["arrived", "measured"]));
+        assert!(!told.note(&progress("measured")));
+        assert!(told.note(&progress("back")));
+        assert!(told.note(&progress("arrived")), "it arrives once more");
+    }
+
+    #[test]
+    fn the_end_of_a_goal_is_told_by_its_message_alone() {
+        let mut told = Told::default();
+        let end = Report::new(Outcome::Done, "the goal holds");
+        let (outcome, text) = (Some(end.outcome), end.detail.clone());
+        assert!(told.missed(vec![HistoryEntry { at_ms: 0, outcome, text }]).is_empty());
+        assert!(told.note(&end));
+    }
+
+    #[test]
+    fn what_was_never_told_to_an_asker_is_not_missed() {
+        let mut told = Told::default();
+        let text = "asked for".to_owned();
+        assert!(told.missed(vec![HistoryEntry { at_ms: 0, outcome: None, text }]).is_empty());
+    }
+}
