@@ -87,6 +87,34 @@ fn a_room_of_which_a_dead_daemon_had_a_lamp_is_neither_lit_nor_dark() {
 }
 
 #[test]
+fn a_lamp_is_switched_off_among_many_that_know_nothing_of_it() {
+    for mode in ["decentralized", "centralized"] {
+        let office = Office::new();
+        let folder = office.folder().display().to_string();
+        let thermometer = |number: usize| {
+            format!(
+                "\n[[agent]]\nname = \"t-{number}\"\nplugin = \"temperature-sensor\"\n\
+                 config = {{ location = \"office1\" }}\n"
+            )
+        };
+        let thermometers: String = (1..=8).map(thermometer).collect();
+        let lamp = lamp("lamp-a", "daemon").replace("daemon = \"daemon\"\n", "");
+        let lamp = lamp.replace("FOLDER", &folder);
+        let file = office.write("lab.toml", &(lab(mode) + &lamp + &thermometers));
+        office.write("lamp-a", "on\n");
+        let folder = office.folder().to_owned();
+        let mut office = office.with_file(file);
+        office.up(&["daemon"], &[]);
+        office.await_devices(9);
+        office.await_fact("(lit office1)", true);
+        let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
+        assert_eq!(code, Some(0), "{mode}: {said}");
+        let state = fs::read_to_string(folder.join("lamp-a")).expect("it was written");
+        assert_eq!(state.trim(), "off", "{mode}");
+    }
+}
+
+#[test]
 fn a_number_is_measured_before_it_is_judged() {
     for mode in ["decentralized", "centralized"] {
         let office = Office::new();

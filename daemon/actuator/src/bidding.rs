@@ -128,6 +128,10 @@ fn propose(
             return None;
         }
     };
+    // The caller knows that it does not hold yet: whoever thinks that it does knows too little of it.
+    if plan.steps.is_empty() {
+        return None;
+    }
     // Under the names the agents know: the caller composes another domain than ours.
     let outside =
         Plan { steps: plan.steps.iter().map(|step| snapshot.outside(step)).collect(), cost: None };

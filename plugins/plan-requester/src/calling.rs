@@ -47,6 +47,49 @@ pub(crate) struct Call {
 }
 
 impl Call {
+    /// The cheapest set of proposals whose plan reaches the goal, with that plan and its cost; or why
+    /// none of the sets that were tried does.
+    fn cheapest_valid(
+        &mut self,
+        wanted: &Condition,
+    ) -> Result<(Selection, Plan, f64), Vec<String>> {
+        let problems = match self.first_valid(wanted) {
+            Ok(valid) => return Ok(valid),
+            Err(problems) => problems,
+        };
+        // Those that do not even reach alone what they are for may have kept others from being tried.
+        if !self.drop_unsound() {
+            return Err(problems);
+        }
+        self.first_valid(wanted).map_err(|more| problems.into_iter().chain(more).collect())
+    }
+
+    fn first_valid(&self, wanted: &Condition) -> Result<(Selection, Plan, f64), Vec<String>> {
+        let mut problems = Vec::new();
+        for selection in selections(&self.conjuncts, &self.bids) {
+            let plans: Vec<&str> =
+                selection.chosen.iter().map(|(_, proposal)| proposal.plan.as_str()).collect();
+            let combined = self.known.combine(&plans).and_then(|plan| {
+                let cost = self.known.validate(&plan, wanted)?;
+                Ok((plan, cost))
+            });
+            match combined {
+                Ok((plan, cost)) => return Ok((selection, plan, cost)),
+                Err(problem) => problems.push(problem),
+            }
+        }
+        Err(problems)
+    }
+
+    /// Drops the proposals that do not reach alone what they are for; whether there were any.
+    fn drop_unsound(&mut self) -> bool {
+        let count = |bids: &Bids| bids.values().map(Vec::len).sum::<usize>();
+        let before = count(&self.bids);
+        let known = &self.known;
+        self.bids.values_mut().for_each(|bids| bids.retain(|proposal| known.is_sound(proposal)));
+        count(&self.bids) < before
+    }
+
     /// Tells every bidder that it was not chosen, and stops listening.
     pub(crate) fn reject_all(self, why: &str, ctx: &mut Context<PlanRequester>) {
         self.settle(None, why, ctx);
@@ -280,22 +323,15 @@ impl PlanRequester {
     fn choose(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         let phase = std::mem::replace(&mut goal.phase, Phase::Queued);
-        let Phase::Calling(call) = phase else { return };
+        let Phase::Calling(mut call) = phase else { return };
         let known = Arc::clone(&call.known);
         let Some(wanted) = self.wanted(id, &known) else { return };
-        let mut problems = Vec::new();
-        for selection in selections(&call.conjuncts, &call.bids) {
-            let plans: Vec<&str> =
-                selection.chosen.iter().map(|(_, proposal)| proposal.plan.as_str()).collect();
-            let combined = known.combine(&plans).and_then(|plan| {
-                let cost = known.validate(&plan, &wanted)?;
-                Ok((plan, cost))
-            });
-            match combined {
-                Ok((plan, cost)) => return self.chosen(id, *call, &selection, (&plan, cost), ctx),
-                Err(problem) => problems.push(problem),
+        let problems = match call.cheapest_valid(&wanted) {
+            Ok((selection, plan, cost)) => {
+                return self.chosen(id, *call, &selection, (&plan, cost), ctx);
             }
-        }
+            Err(problems) => problems,
+        };
         let missing = uncovered(&call.conjuncts, &call.bids);
         let open = call.open.clone();
         let Some(goal) = self.goals.get(id).map(|goal| goal.condition.clone()) else { return };

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::OnceLock;
 
 use acl::AgentId;
-use acl::content::{self, Offers, Snapshot};
+use acl::content::{self, Offers, Proposal, Snapshot};
 use pddl::knowledge::Knowledge;
 use pddl::{
     ActionModel, Condition, Domain, Effect, FluentTerm, InitElement, Name, Plan, PlanStep, Problem,
@@ -321,9 +321,19 @@ impl Known {
         cost_from(self.world()?, &plan.steps, &goal).map_err(fault)
     }
 
-    /// Whether nothing is held against any step of a plan of an agent's own, and all are offered.
+    /// Whether a plan of an agent's own has steps, nothing is held against any of them, and all are
+    /// offered.
     pub(crate) fn admits(&self, plan: &str) -> bool {
-        self.combine(&[plan]).is_ok()
+        self.combine(&[plan]).is_ok_and(|plan| !plan.steps.is_empty())
+    }
+
+    /// Whether an agent's plan alone reaches all that it is proposed for.
+    pub(crate) fn is_sound(&self, proposal: &Proposal) -> bool {
+        let read = |text: &String| pddl::parse_condition(text).into_result().ok();
+        let covered: Option<Vec<_>> = proposal.covers.iter().map(read).collect();
+        let plan = self.combine(&[&proposal.plan]);
+        let (Some(covered), Ok(plan)) = (covered, plan) else { return false };
+        self.validate(&plan, &Condition::And(covered)).is_ok()
     }
 
     fn inside(&self, step: PlanStep) -> Result<PlanStep, String> {
