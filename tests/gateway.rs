@@ -113,6 +113,24 @@ fn devices_appear_are_planned_with_go_and_come_back() {
 }
 
 #[test]
+fn a_broker_that_is_not_reached_is_told_until_it_is() {
+    let Some(mut broker) = Broker::start() else { return };
+    broker.kill();
+    let office = office("decentralized", &broker, "");
+    let told = await_discovered(&office, "zigbee", |one| one["problem"].is_string());
+    let problem = told["problem"].as_str().expect("it is a text");
+    assert!(
+        problem.starts_with(&format!("the broker {} is not reached: ", broker.name())),
+        "{told}"
+    );
+    broker.restart();
+    tell(&broker, &[thermometer("office1/thermo", "0x1", "°C")]);
+    office.await_devices(1);
+    let all = office.ask_json(&["agents", "--discovered"]).to_string();
+    assert!(!all.contains("is not reached"), "{all}");
+}
+
+#[test]
 fn lamps_relays_and_locks_are_switched_and_believed_by_what_they_say() {
     let Some(broker) = Broker::start() else { return };
     let broker = Arc::new(broker);

@@ -70,6 +70,11 @@ pub trait Brings: Agent {
     /// All that it knows of now.
     fn found(&self) -> Vec<Finding<Self::Part>>;
 
+    /// Why it finds nothing at present, if so.
+    fn trouble(&self) -> Option<String> {
+        None
+    }
+
     /// Builds an agent; opens nothing.
     ///
     /// # Errors
@@ -123,7 +128,13 @@ pub fn settle_soon<A: Brings>(agent: &mut A, ctx: &mut Context<A>) {
 
 fn settle<A: Brings>(agent: &mut A, ctx: &mut Context<A>) {
     let (by, found) = (ctx.id().to_string(), agent.found());
-    let Census { wanted, discovered, applicants } = Census::of(agent.bringing(), &by, found);
+    let trouble = agent.trouble();
+    let Census { wanted, mut discovered, applicants } = Census::of(agent.bringing(), &by, found);
+    if let Some(problem) = trouble {
+        let (agent, by) = (ctx.id().clone(), by.clone());
+        let problem = Some(problem);
+        discovered.push(Discovered { agent, by, joined: true, problem, toml: String::new() });
+    }
     let bringing = agent.bringing();
     bringing.here.retain(|agent, (part, _)| wanted.get(agent) == Some(part));
     bringing.admissions.present(&by, applicants);

@@ -219,6 +219,20 @@ impl Connection {
         said.map_err(|_| "say it: too much waits to be said to the broker".to_owned())
     }
 
+    /// Says why there is no connection, once for each reason.
+    fn note_trouble(&self, broker: &Broker, problem: String) {
+        self.trouble.send_if_modified(|trouble| {
+            let (is_news, was_connected) = (trouble.as_ref() != Some(&problem), trouble.is_none());
+            if is_news && was_connected {
+                tracing::warn!(%broker, problem, "lost the broker; it is called again");
+            } else if is_news {
+                tracing::warn!(%broker, problem, "the broker is not reached; it is called again");
+            }
+            *trouble = Some(problem);
+            is_news
+        });
+    }
+
     fn subscribe(&self, filters: impl IntoIterator<Item = String>) {
         lock(&self.asked).left.extend(filters);
         self.hand_over();
@@ -378,11 +392,8 @@ async fn run(connection: Weak<Connection>, mut events: EventLoop, broker: Broker
             Ok(Event::Outgoing(Outgoing::Subscribe(number))) => served.sent(number),
             Ok(_) => (),
             Err(problem) => {
-                let was_connected = served.trouble.send_replace(Some(problem.clone()));
+                served.note_trouble(&broker, problem);
                 served.lost(&mut events.pending);
-                if was_connected.is_none() {
-                    tracing::warn!(%broker, problem, "lost the broker; it is called again");
-                }
                 drop(served);
                 let failed_at_once = since.take().is_some_and(|since| since.elapsed() < LASTS);
                 pause = if failed_at_once { (pause * 2).min(CALL_AGAIN_MAX) } else { CALL_AGAIN };

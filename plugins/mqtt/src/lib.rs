@@ -45,6 +45,7 @@ use agent::{
 use mqtt_link::{Broker, Connection, Inbox};
 use serde::Deserialize;
 use serde_json::Value;
+use tokio::sync::watch;
 
 use class::Classes;
 use device::MqttDevice;
@@ -150,6 +151,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         shelly: shelly::Discovery::default(),
         hearing: BTreeMap::new(),
         birth: None,
+        following: None,
     }))
 }
 
@@ -171,6 +173,8 @@ struct Gateway {
     hearing: BTreeMap<usize, Work>,
     /// What tells devices, with each connection, that they are to describe themselves.
     birth: Option<Work>,
+    /// What follows whether the broker is reached.
+    following: Option<Work>,
 }
 
 impl Agent for Gateway {
@@ -195,6 +199,7 @@ impl Agent for Gateway {
         for (number, filter) in filters.iter().enumerate() {
             self.hear(number, connection.listen_to_all(filter), ctx);
         }
+        self.follow(connection.trouble(), ctx);
         self.connection = Some(connection);
         bringing::begin(self, ctx);
     }
@@ -211,6 +216,11 @@ impl Brings for Gateway {
         self.census()
     }
 
+    fn trouble(&self) -> Option<String> {
+        let problem = self.connection.as_ref()?.trouble().borrow().clone()?;
+        Some(format!("the broker {} is not reached: {problem}", self.broker))
+    }
+
     fn build(&self, agent: &AgentId, part: &Part) -> Result<Box<dyn Launch>, BuildError> {
         let (id, host) = (agent.clone(), Arc::clone(&self.blueprint.host));
         let connection = self.connection.as_ref().expect("there is one since it was activated");
@@ -222,6 +232,17 @@ impl Brings for Gateway {
 }
 
 impl Gateway {
+    /// Has people told when the broker is lost, and when it is back.
+    fn follow(&mut self, mut trouble: watch::Receiver<Option<String>>, ctx: &mut Context<Self>) {
+        let next = async move { trouble.changed().await.is_ok().then_some(trouble) };
+        let work = ctx.run(next, |gateway: &mut Self, trouble, ctx| {
+            let Some(trouble) = trouble else { return };
+            bringing::settle_soon(gateway, ctx);
+            gateway.follow(trouble, ctx);
+        });
+        self.following = Some(work);
+    }
+
     fn hear(&mut self, number: usize, inbox: Inbox, ctx: &mut Context<Self>) {
         let next = async move { (inbox.take(WORDS_MAX).await, inbox) };
         let work = ctx.run(next, move |gateway: &mut Self, (heard, inbox), ctx| {
