@@ -418,7 +418,7 @@ fn a_file_is_read_anew_and_a_room_is_added_while_a_daemon_runs() {
     office.write("map.pddl", &more);
     office.write("lab.toml", &lab_with(&office, &thermometer("thermometer-c", "attic")));
     hangup();
-    await_note(&notes, "begins anew: the map (rooms, doors, ways)");
+    await_note(&notes, "read at the start only: the map (rooms, doors, ways)");
     assert!(told_ready.recv_timeout(PATIENCE).expect("it begins again").contains("is ready"));
     let (code, said) = office.ask(&["goal", "(known-temperature attic)"]);
     assert_eq!(code, Some(0), "the attic is known: {said}");
@@ -477,8 +477,8 @@ fn machines_with_different_maps_tell_of_each_other() {
     let text = std::fs::read_to_string(&map).expect("it is there");
     office.write("map.pddl", &text.replacen("(:objects", "(:objects attic - room", 1));
     let (_b, _said_b, notes_b) = up("b");
-    let at_a = await_note(&notes_a, "the map of daemon `b` is another one");
-    let at_b = await_note(&notes_b, "the map of daemon `a` is another one");
+    let at_a = await_note(&notes_a, "daemon `b` has read another map (");
+    let at_b = await_note(&notes_b, "daemon `a` has read another map (");
     let digests = |told: &str| -> Vec<String> {
         let line = told.lines().last().expect("a line");
         let hex = |word: &&str| word.len() == 12 && word.chars().all(|c| c.is_ascii_hexdigit());

@@ -372,7 +372,7 @@ fn who_misbehaves_is_ended_with_a_reason_and_leaves_nothing() {
         ("garbage", "while :; do head -c 4096 /dev/urandom; done", "", "was not here within 2s"),
         ("hangs", "exec sleep 600", "", "`agent-of-hangs` was not here within 2s"),
         ("stubborn", "trap '' TERM; while :; do sleep 1; done", "", "was not here within 2s"),
-        ("forks", forks, "", "it is 18 processes, and may be 16|fork"),
+        ("forks", forks, "", "it has 18 processes, and may have 16|fork"),
         ("greedy", "exec tail /dev/zero", memory, "MiB of memory, and may hold 48"),
         ("hoards", hoards, disk, " MiB on disk, in "),
         ("fills", "exec head -c 2000000 /dev/zero > $HOME/all", disk, "ended by signal 25"),
@@ -498,7 +498,7 @@ fn who_floods_is_slowed_and_then_stopped_and_nobody_else_suffers() {
     await_status(&office, "floods", |status| status["dropped"].as_u64() > Some(0));
     let (code, said) = office.ask(&["goal", "(known-temperature office2)"]);
     assert_eq!(code, Some(0), "{said}");
-    let why = "it says more than is taken, for too long";
+    let why = "it sent more messages than are taken, for too long";
     let is_stopped = |status: &Value| {
         let reason = status["reason"].as_str().unwrap_or_default();
         reason.contains(why) && status["restarts"].as_u64() >= Some(1)

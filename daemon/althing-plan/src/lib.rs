@@ -347,7 +347,8 @@ fn words(reason: StopReason) -> String {
 fn unproven(reason: StopReason) -> String {
     let why = match reason {
         StopReason::Exhausted => {
-            "what steps cost depends on more than the step, or is finer than a millionth".to_owned()
+            "the cost of a step depends on the state, or has more than six decimal places"
+                .to_owned()
         }
         limit => words(limit),
     };

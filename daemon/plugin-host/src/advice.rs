@@ -22,9 +22,9 @@ pub(crate) fn advice(why: &str, program: &Path, package: &Path) -> Option<String
     let advice = if says("error while loading shared libraries") {
         "it needs a library that its confinement hides: name the folder in [permissions] read"
     } else if says("exit code 126") || says("Permission denied") {
-        "its confinement hides or forbids something that it uses; where its program only stands for \
-         another, write that one in `run`; files that it reads are named in [permissions] read, devices \
-         in devices"
+        "its confinement hides or forbids something that it uses; if its program is a shim or a \
+         wrapper, name the real program in `run`; name files that it reads in [permissions] read, and \
+         devices in devices"
     } else if says("exit code 127") {
         "it runs a program that is not here, or that its confinement hides: name the folder in \
          [permissions] read"

@@ -97,7 +97,7 @@ impl Ward {
             let not_one = || (!is_device).then(|| "it is no character device".to_owned());
             if let Some(why) = device_objection(&real).or_else(not_one) {
                 let (shown, real) = (device.display(), real.display());
-                return Err(format!("device {shown} ({real}) is given to no plugin: {why}"));
+                return Err(format!("no plugin may use the device {shown} ({real}): {why}"));
             }
         }
         for path in &permissions.read {
@@ -105,10 +105,10 @@ impl Ward {
             let reaches =
                 |private: &PathBuf| private.starts_with(&real) || real.starts_with(private);
             let is_private = self.private.iter().any(reaches);
-            let private = || is_private.then(|| "daemons keep their own things there".to_owned());
+            let private = || is_private.then(|| "Althing keeps its own files there".to_owned());
             if let Some(why) = read_objection(&real).or_else(private) {
                 let (shown, real) = (path.display(), real.display());
-                return Err(format!("read {shown} ({real}) is given to no plugin: {why}"));
+                return Err(format!("no plugin may read {shown} ({real}): {why}"));
             }
         }
         Ok(())

@@ -281,7 +281,7 @@ impl Keeper {
             }
             false => tracing::warn!(
                 limits = found.limits(),
-                "not enforced here, of a plugin: {}",
+                "plugins are not fully confined on this machine; of a plugin: {}",
                 lacks.join("; ")
             ),
         }

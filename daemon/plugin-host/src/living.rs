@@ -71,7 +71,7 @@ impl Living {
         }
         if usage.processes > permissions.processes {
             let (are, may) = (usage.processes, permissions.processes);
-            return Some(format!("it is {are} processes, and may be {may}"));
+            return Some(format!("it has {are} processes, and may have {may}"));
         }
         let threads_max = threads_max(permissions.processes);
         if u64::from(usage.threads) > threads_max {
@@ -89,7 +89,9 @@ impl Living {
             return Some(format!("it keeps {FILES_MAX} files and more in {home}"));
         }
         let process = kept.hides?;
-        Some(format!("its process {process} does not show what it has open"))
+        Some(format!(
+            "the open files of its process {process} cannot be read, nor what it keeps on disk by them"
+        ))
     }
 
     fn computes_too_much(

@@ -471,7 +471,7 @@ memory = "64MiB"
             ("run = [\"python3\", \"agent.py\"]", "", "nothing to run"),
             ("run = [\"python3\", \"agent.py\"]", "run = []", "no program"),
             ("memory = \"64MiB\"", "devices = [\"/\"]", "devices `/` is given to no plugin"),
-            ("memory = \"64MiB\"", "read = [\"/home/anna\"]", "everybody keeps things there"),
+            ("memory = \"64MiB\"", "read = [\"/home/anna\"]", "this folder is shared by many"),
             ("memory = \"64MiB\"", "disk = \"much\"", "disk `much`"),
             ("memory = \"64MiB\"", "memory = \"64\"", "memory `64`"),
             ("timeout = \"2s\"", "timeout = \"soon\"", "`soon` is no duration"),

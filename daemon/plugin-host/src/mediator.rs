@@ -74,7 +74,7 @@ impl Mediator {
                 Ok(None) => return,
                 Err(error) => {
                     // What waits then fails, as on a kernel without the call.
-                    return tracing::error!(group = ?mediator.group, %error, "is not heard any more");
+                    return tracing::error!(group = ?mediator.group, %error, "the system calls of a plugin are not heard any more: those that wait for an answer fail");
                 }
             }
         }

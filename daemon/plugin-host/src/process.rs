@@ -135,7 +135,9 @@ impl Process {
         tracing::debug!(?entered, plugin = %launch.folder.display(), "is confined");
         let plan = launch.confinement.plan;
         if plan.is_mediated && listener.is_none() {
-            return Err(io::Error::other("it has not handed over its calls"));
+            return Err(io::Error::other(
+                "it has not passed on the seccomp listener by which the daemon answers its system calls",
+            ));
         }
         if let Some(listener) = listener {
             let mediator = Mediator {

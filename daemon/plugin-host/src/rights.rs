@@ -214,7 +214,7 @@ impl Right {
             Right::Memory(bytes) => format!("to hold {} of memory", bytes_text(*bytes)),
             Right::Cpu(share) => format!("to compute {:.0} % of a core", share * 100.0),
             Right::Files(files) => format!("to have {files} files open"),
-            Right::Processes(processes) => format!("to be {processes} processes"),
+            Right::Processes(processes) => format!("to run {processes} processes at a time"),
             Right::Disk(bytes) => format!("to keep {} on disk", bytes_text(*bytes)),
         }
     }
@@ -288,7 +288,7 @@ pub(crate) fn device_objection(path: &Path) -> Option<String> {
     NO_DEVICES
         .iter()
         .find(is_it)
-        .map(|_| "through it the whole machine, or who sits at it, could be reached".to_owned())
+        .map(|_| "it gives access to the whole machine, or to its screen and keyboard".to_owned())
 }
 
 /// Why a file or folder cannot be shown to a plugin, whoever allows it; by its path alone.
@@ -299,7 +299,10 @@ pub(crate) fn read_objection(path: &Path) -> Option<String> {
     let is_whole = NO_FOLDERS.iter().any(|folder| path == Path::new(folder));
     let is_home = path.parent() == Some(Path::new("/home"));
     if is_whole || is_home {
-        return Some("everybody keeps things there: name what it needs of it".to_owned());
+        return Some(
+            "this folder is shared by many: name the file or folder in it that the plugin needs"
+                .to_owned(),
+        );
     }
     let holds_keys = |part: Component<'_>| {
         SECRET_NAMES.iter().any(|name| part.as_os_str() == std::ffi::OsStr::new(name))
@@ -315,7 +318,7 @@ fn path_objection(path: &Path) -> Option<String> {
     }
     let is_printed = path.to_str().is_some_and(|text| !text.contains(char::is_control));
     if !is_printed {
-        return Some("nobody could read it".to_owned());
+        return Some("it has control characters, or is not UTF-8".to_owned());
     }
     let is_plain = |part| matches!(part, Component::Normal(_) | Component::RootDir);
     (!path.components().all(is_plain))

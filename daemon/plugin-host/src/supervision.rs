@@ -285,7 +285,7 @@ impl Supervision {
             // Whoever has ended is not spoken to: how it ended says more.
             let why = match tokio::time::timeout(LOOK, process.ended()).await {
                 Ok(status) => self.with_last_words(ending(status)),
-                Err(_) => "it does not read what it is told".to_owned(),
+                Err(_) => "it does not read its standard input".to_owned(),
             };
             process.end().await;
             return ended(why);
@@ -336,7 +336,7 @@ impl Supervision {
                 status = process.ended() => return Some(self.with_last_words(ending(status))),
                 _ = accepted.changed() => (),
                 () = endpoint.meter.flooded.notified() => {
-                    return Some("it says more than is taken, for too long".to_owned());
+                    return Some("it sent more messages than are taken, for too long".to_owned());
                 }
                 _ = looks.tick() => {
                     let (dropped, look) = (endpoint.meter.dropped(), looking.look(counted).await);

@@ -244,8 +244,8 @@ impl PlanRequester {
                     format!("{GOALS_MAX} goals are pursued already; ask again when some have ended")
                 }
                 _ => format!(
-                    "{} goals are pursued already, and how {untold} ended could not be told yet; ask \
-                     again later",
+                    "{} goals are pursued already, and the askers of {untold} more could not be told yet \
+                     how they ended; ask again later",
                     self.goals.len()
                 ),
             };

@@ -79,8 +79,8 @@ impl Vigil {
         is_news.then(|| {
             format!(
                 "the daemon at {door} stands still (process {process} is stopped), and this \
-                 command hears by it: within twenty seconds it is linked to another daemon, if \
-                 there is one, and tells what was said of the goal meanwhile"
+                 command is connected to it: within twenty seconds it connects to another \
+                 daemon, if there is one, and tells what was said of the goal meanwhile"
             )
         })
     }

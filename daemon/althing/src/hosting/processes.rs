@@ -45,7 +45,7 @@ impl Node {
         // A folder that is there is one into which something can be put.
         match shelf.make() {
             Err(error @ ShelfError::Writable { .. }) => {
-                tracing::error!("failed to {error}; no plugin runs until then");
+                tracing::error!("failed to {error}; no plugin runs until this is mended");
             }
             Err(error) => tracing::info!("no folder for plugins: failed to {error}"),
             Ok(()) => (),

@@ -93,9 +93,9 @@ fn differences(own: &Files, other: &Files) -> Vec<String> {
     let differing = parts.into_iter().filter(|(_, own, other)| own != other);
     let said = differing.map(|(what, ours, theirs)| {
         format!(
-            "the {what} of daemon `{}` is another one ({theirs}) than that of daemon `{}` here \
-             ({ours}): its agents decline what is planned by this one; give both machines the \
-             same file and start them anew",
+            "daemon `{}` has read another {what} ({theirs}) than daemon `{}` here ({ours}): its \
+             agents decline what is planned by this one; put the same file on both machines and \
+             reload both (SIGHUP)",
             other.daemon, own.daemon
         )
     });

@@ -59,8 +59,9 @@ pub(crate) fn succeed(
             match serve(&ecosystem, &seen, &socket).await {
                 Ok(Some(_served)) => {
                     tracing::warn!(
-                        "nobody served the simulated building any more: this daemon does, with its \
-                         robots where they were seen last, and all else as the ecosystem file says"
+                        "the daemon that served the simulated building is gone: this one serves it now, \
+                         with its robots where they were seen last, and all else as the ecosystem \
+                         file says"
                     );
                     std::future::pending().await
                 }

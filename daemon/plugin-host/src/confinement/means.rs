@@ -175,11 +175,14 @@ impl Plan {
         );
         say(!self.hides_names(), "it can connect to abstract Unix sockets");
         say(!self.hides_processes(), "it can signal other processes of this user");
-        say(!self.bounds_processes(), "its processes are counted four times a second only");
+        say(
+            !self.bounds_processes(),
+            "the number of its processes is checked four times a second only",
+        );
         say(
             !self.forbids_calls,
-            "it can make any call of the kernel: on other processes, for memory that is not counted, \
-             for sockets",
+            "it can make any system call: act on other processes, hold memory that is not counted, \
+             open any socket",
         );
         lacks
     }

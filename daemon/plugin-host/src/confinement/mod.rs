@@ -129,7 +129,7 @@ pub enum ConfinementError {
     Landlock(#[from] landlock::RulesetError),
     /// The kernel has less than it had when the daemon started.
     #[error(
-        "hide the file system from it: Landlock {is} is in force, and {was} was when the daemon began"
+        "hide the file system from it: the kernel has version {is} of Landlock, and had {was} when the daemon started"
     )]
     Weaker {
         /// The version in force.
@@ -197,7 +197,8 @@ impl Confinement {
     }
 
     fn end_with_parent(&self) -> Result<(), ConfinementError> {
-        let failed = |errno: rustix::io::Errno| limit("its life", errno.into());
+        let failed =
+            |errno: rustix::io::Errno| limit("its life to that of the daemon", errno.into());
         rustix::process::set_parent_process_death_signal(Some(Signal::KILL)).map_err(failed)?;
         let parent = rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get());
         // It may have ended before it could be asked to take this one along.

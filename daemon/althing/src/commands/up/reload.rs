@@ -88,8 +88,8 @@ impl Reload {
         let fixed = fixed(&self.ecosystem, &ecosystem, &self.goals);
         if !fixed.is_empty() {
             output::note(&format!(
-                "SIGHUP: {file} is read anew\n  changed, and read when a daemon begins, so that \
-                 this one begins anew: {}",
+                "SIGHUP: {file} is read anew\n  this daemon restarts itself, for what has changed \
+                 is read at the start only: {}",
                 fixed.join(", ")
             ));
             return Next::BeginsAnew;
