@@ -4,6 +4,7 @@ use std::os::fd::AsFd as _;
 use std::os::unix::fs::FileTypeExt as _;
 
 use rustix::event::{PollFd, PollFlags, poll};
+use rustix::io::Errno;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::oneshot;
 
@@ -37,7 +38,8 @@ pub(crate) fn reader_gone() -> impl Future<Output = ()> {
         std::thread::spawn(move || {
             let stdout = std::io::stdout();
             let mut watched = [PollFd::from_borrowed_fd(stdout.as_fd(), PollFlags::empty())];
-            while poll(&mut watched, None).is_ok() {
+            // A signal interrupts the wait, and no more.
+            while matches!(poll(&mut watched, None), Ok(_) | Err(Errno::INTR)) {
                 if watched[0].revents().intersects(PollFlags::ERR | PollFlags::HUP) {
                     let _ = tell.send(());
                     return;

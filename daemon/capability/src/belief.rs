@@ -191,6 +191,7 @@ impl Owners {
 
     /// What these claims of a fact come to, if it can be known here.
     fn judge(&self, fact: &FactKey, composite: &Composite, now: Moment) -> Option<Holding> {
+        let fits = |value: Value| composite.misfit(fact, value).is_none();
         let known = { self.iter() }
             .filter(|(owner, _)| composite.secrets.sees(owner, fact))
             .map(|(_, stamped)| stamped)
@@ -202,12 +203,11 @@ impl Owners {
                 .max_by_key(|Holding { value, until }| {
                     (*value == Value::True, until.unwrap_or(Moment(u64::MAX)))
                 }),
-            Space::Function => newest(known)
+            // What cannot be does not hide what another says.
+            Space::Function => newest(known.filter(|it| fits(it.claim.value)))
                 .map(|Stamped { claim, .. }| Holding { value: claim.value, until: claim.until }),
         };
-        let fits =
-            |holding: &Holding| composite.vocabulary.fact_misfit(fact, holding.value).is_none();
-        holding.filter(fits)
+        holding.filter(|holding| fits(holding.value))
     }
 }
 

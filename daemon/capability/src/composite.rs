@@ -11,7 +11,7 @@ use pddl::{ActionSchema, Atom, Domain, Effect, InitElement, Name, ObjectDeclarat
 
 use crate::canonical::Key;
 use crate::digest::text_digest;
-use crate::fact::{FactKey, Owner};
+use crate::fact::{FactKey, Owner, Value};
 use crate::vocabulary::Vocabulary;
 
 /// What plans are measured by where nothing else is said.
@@ -113,6 +113,18 @@ impl Composite {
     pub(crate) fn derives(&self, fact: &InitElement) -> bool {
         let (InitElement::Atom(atom) | InitElement::Unknown(atom)) = fact else { return false };
         self.vocabulary.predicates.get(&atom.predicate).is_some_and(|signature| signature.derived)
+    }
+
+    /// Why a claim of a fact means nothing here, for a person; `None` if it does.
+    pub(crate) fn misfit(&self, fact: &FactKey, value: Value) -> Option<String> {
+        let is_below = matches!(value, Value::Number(number) if number.0 < 0.0);
+        if is_below && self.costs().contains(fact.symbol()) {
+            return Some(format!(
+                "actions cost `{}`, and nothing costs less than 0",
+                fact.symbol()
+            ));
+        }
+        self.vocabulary.fact_misfit(fact, value)
     }
 
     /// The functions that costs of actions are made of.

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 use std::fmt::Debug;
-use std::net::{IpAddr, SocketAddr, ToSocketAddrs as _, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs as _, UdpSocket};
 use std::time::Duration;
 
 use serde_json::Value;
@@ -116,9 +116,19 @@ fn resolved(host: &str, port: u16) -> Vec<IpAddr> {
     addresses.map(|address| address.ip().to_canonical()).collect()
 }
 
-/// The kernel lets one bind to the addresses of this machine and to no others.
+/// To an address of this machine the kernel sends from that address. (Binding to it would prove nothing
+/// where `net.ipv4.ip_nonlocal_bind` is set.) Nothing is sent.
 fn is_of_this_machine(address: IpAddr) -> bool {
-    UdpSocket::bind(SocketAddr::new(address, 0)).is_ok()
+    let any: IpAddr = match address {
+        IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+        IpAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+    };
+    let own = || {
+        let socket = UdpSocket::bind(SocketAddr::new(any, 0))?;
+        socket.connect(SocketAddr::new(address, 9))?;
+        socket.local_addr()
+    };
+    address.is_loopback() || own().is_ok_and(|own| own.ip() == address)
 }
 
 #[cfg(test)]

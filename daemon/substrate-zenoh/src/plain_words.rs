@@ -52,7 +52,11 @@ where
     let is_told =
         |about: &Metadata<'_>| is_error_of_zenoh(about) && about.target() != "zenoh::api::session";
     // Not within a line of the log, which may be within Zenoh's locks.
-    let tell = |sentence: String| drop(thread::spawn(move || tracing::warn!("{sentence}")));
+    // Where the machine has no thread left, this is the least that is lost.
+    let tell = |sentence: String| {
+        let said = thread::Builder::new().spawn(move || tracing::warn!("{sentence}"));
+        drop(said);
+    };
     Telling { told: Mutex::default(), tell }
         .with_filter(filter_fn(is_told).with_max_level_hint(LevelFilter::ERROR))
 }

@@ -128,7 +128,7 @@ fn watch(
         if started.elapsed() >= time {
             cancel.set();
         }
-        if started.elapsed() >= time + grace {
+        if started.elapsed() >= time.saturating_add(grace) {
             return Some(StopReason::Cancelled);
         }
     }

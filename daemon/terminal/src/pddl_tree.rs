@@ -234,12 +234,15 @@ impl Domains {
             let mut files: Vec<PathBuf> = self.domain_files(&folder).to_vec();
             files.sort_by_cached_key(|path| (fitness(path, problem), path.clone()));
             for file in files {
+                let fitness = fitness(&file, problem);
+                // It says that it belongs to another problem.
+                if fitness == OF_ANOTHER {
+                    continue;
+                }
                 let Some(text) = self.text(&file) else { continue };
                 let is_named = text.domain.as_ref().is_some_and(|domain| domain.name == *name);
-                match fitness(&file, problem) {
+                match fitness {
                     0 => return Some((file, text)),
-                    // It says that it belongs to another problem.
-                    OF_ANOTHER => (),
                     _ if is_named => return Some((file, text)),
                     // Of another name, and yet the only one there: collections have such.
                     _ => drop(found.get_or_insert((file, text))),

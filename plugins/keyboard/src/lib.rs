@@ -394,8 +394,15 @@ impl Keyboard {
         ctx: &mut Context<Self>,
     ) -> ReplyToken {
         let (conversation, to) = (opening.conversation.clone(), opening.to.clone());
-        ctx.open(opening, patience, move |keyboard: &mut Self, answer, ctx| {
-            keyboard.answered(&conversation, to.as_ref(), answer, ctx);
+        let is_cancel = opening.performative == Performative::Cancel;
+        ctx.open(opening, patience, move |keyboard: &mut Self, answer, ctx| match answer {
+            // The goal goes on, and is not asked for again because it cannot be given up.
+            Answer::Undelivered(why) if is_cancel => {
+                let who = to.as_ref().map_or("everyone", AgentId::as_str);
+                let why = format!("`{who}` could not be reached to give it up: {why}");
+                keyboard.pass(Heard::Unanswered(conversation.clone(), why));
+            }
+            answer => keyboard.answered(&conversation, to.as_ref(), answer, ctx),
         })
     }
 

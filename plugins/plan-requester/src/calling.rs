@@ -326,13 +326,13 @@ impl PlanRequester {
         let Phase::Calling(mut call) = phase else { return };
         let known = Arc::clone(&call.known);
         let Some(wanted) = self.wanted(id, &known) else { return };
+        let missing = uncovered(&call.conjuncts, &call.bids);
         let problems = match call.cheapest_valid(&wanted) {
             Ok((selection, plan, cost)) => {
                 return self.chosen(id, *call, &selection, (&plan, cost), ctx);
             }
             Err(problems) => problems,
         };
-        let missing = uncovered(&call.conjuncts, &call.bids);
         let open = call.open.clone();
         let Some(goal) = self.goals.get(id).map(|goal| goal.condition.clone()) else { return };
         call.reject_all("no set of proposals covers the goal", ctx);

@@ -90,6 +90,11 @@ impl Ended {
         self.untold.push_back((engagement, report));
     }
 
+    /// Forgets all but the ends that could not be told: nobody else knows that they are to be.
+    pub(crate) fn forget_but_untold(&mut self) {
+        *self = Ended { untold: std::mem::take(&mut self.untold), ..Ended::default() };
+    }
+
     /// The oldest end that could not be told.
     pub(crate) fn take_untold(&mut self) -> Option<(Engagement, Report)> {
         self.untold.pop_front()

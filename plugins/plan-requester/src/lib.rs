@@ -506,6 +506,14 @@ impl PlanRequester {
         }
     }
 
+    /// Tells an asker the end of its goal, now or when there is room for it.
+    fn tell_or_later(&mut self, to: &Engagement, report: Report, ctx: &mut Context<Self>) {
+        if ctx.try_answer(to, Performative::Confirm, &report).is_err() {
+            self.ended.not_told(to.clone(), report);
+            self.tell_untold_soon(ctx);
+        }
+    }
+
     /// Tells, in a while, the ends that could not be told before.
     fn tell_untold_soon(&mut self, ctx: &mut Context<Self>) {
         if self.telling.is_none() {

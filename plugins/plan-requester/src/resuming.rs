@@ -20,7 +20,6 @@ use agent::{Context, Engagement, Resident};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::ended::Ended;
 use crate::goal::{Goal, Phase};
 use crate::{PlanRequester, SETTLING};
 
@@ -163,7 +162,7 @@ impl PlanRequester {
     /// An asker is here, or here again: it may have missed how its goals ended.
     pub(crate) fn tell_ends(&mut self, asker: &Resident, ctx: &mut Context<Self>) {
         for (engagement, report) in self.ended.of_asker(asker) {
-            ctx.answer(&engagement, Performative::Confirm, &report);
+            self.tell_or_later(&engagement, report, ctx);
         }
         let holds = self.goals.values().filter(|goal| {
             goal.engagement.initiator == asker.agent && matches!(goal.phase, Phase::Holding)
@@ -348,7 +347,7 @@ impl PlanRequester {
         let GoalRecord { engagement, life, .. } = record;
         self.ended.told(engagement.clone(), report.clone());
         if ctx.find(&engagement.initiator).is_some_and(|asker| asker.incarnation == *life) {
-            ctx.answer(engagement, Performative::Confirm, report);
+            self.tell_or_later(engagement, report.clone(), ctx);
         }
     }
 
@@ -438,7 +437,7 @@ impl PlanRequester {
             records.extend(self.records_of(&id));
             self.let_go(&id, ctx);
         }
-        self.ended = Ended::default();
+        self.ended.forget_but_untold();
         self.comparing = None;
         self.hand_over(records, 0, ctx);
     }

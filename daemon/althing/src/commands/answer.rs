@@ -74,14 +74,19 @@ fn text(question: &OpenQuestion, words: &[String]) -> Result<String, String> {
     }
     let failed = |error: io::Error| format!("the answer could not be read: {error}");
     if !io::stdin().is_terminal() {
-        let mut line = String::new();
-        let most = io::stdin().lock().take(ANSWER_BYTES_MAX).read_line(&mut line);
-        if most.map_err(failed)? == 0 {
+        let mut line = Vec::new();
+        let read = io::stdin().lock().take(ANSWER_BYTES_MAX + 1).read_until(b'\n', &mut line);
+        let bytes = read.map_err(failed)?;
+        if bytes == 0 {
             return Err("standard input ended before there was an answer".to_owned());
         }
+        if bytes as u64 > ANSWER_BYTES_MAX {
+            return Err(format!("an answer may have {ANSWER_BYTES_MAX} bytes, and this is longer"));
+        }
+        let line = String::from_utf8(line).map_err(|_| "the answer is no UTF-8".to_owned())?;
         return Ok(line.trim_end_matches(['\r', '\n']).to_owned());
     }
-    output::note(&question.text);
+    output::note(&visible::line(&question.text));
     match &question.seal_to {
         Some(_) => rpassword::prompt_password("answer (not shown): ").map_err(failed),
         None => {

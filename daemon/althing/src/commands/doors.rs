@@ -5,8 +5,10 @@
 
 use std::path::Path;
 
+use nix::sys::socket::getsockopt;
+use nix::sys::socket::sockopt::PeerCredentials;
 use rustix::io::Errno;
-use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType, sockopt};
+use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType};
 use rustix::process::Pid;
 use terminal::output;
 
@@ -81,8 +83,9 @@ fn knock(path: &Path) -> Option<Listener> {
     let socket = net::socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None).ok()?;
     match net::connect(&socket, &SocketAddrUnix::new(path).ok()?) {
         Ok(()) => {
-            let process = sockopt::socket_peercred(&socket).ok().map(|peer| peer.pid);
-            Some(Listener::Process(process))
+            // Nobody's where it is in another namespace of processes: then the kernel says 0.
+            let peer = getsockopt(&socket, PeerCredentials).ok();
+            Some(Listener::Process(peer.and_then(|peer| Pid::from_raw(peer.pid()))))
         }
         Err(Errno::AGAIN) => Some(Listener::Full),
         Err(_) => None,

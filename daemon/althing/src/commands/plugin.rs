@@ -11,7 +11,7 @@ use agent::Resource;
 use plugin_host::{Confined, Package, Plugins, Shelf, ShelfError, Status};
 use serde_json::json;
 use terminal::report::Report;
-use terminal::{exit, output};
+use terminal::{exit, output, visible};
 
 use crate::cli::AskArgs;
 use crate::cli::plugin::{
@@ -114,7 +114,7 @@ fn line(plugins: &Plugins, status: &Status) -> String {
     let lacks = status.not_enforced.join("; ");
     let lacks = (!lacks.is_empty()).then(|| format!("not enforced here: {lacks}"));
     for said in [&status.reason, &status.advice, &lacks].into_iter().flatten() {
-        text += &output::folded(&format!("    {said}"), 4);
+        text += &output::folded(&format!("    {}", visible::line(said)), 4);
         text.push('\n');
     }
     text

@@ -7,9 +7,8 @@
 use std::fs::{File, OpenOptions, TryLockError};
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::Path;
-use std::sync::mpsc;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use terminal::output;
 
@@ -18,6 +17,9 @@ const AT_ONCE: usize = 4;
 
 /// After how long a person is told that the command waits.
 const TOLD_AFTER: Duration = Duration::from_secs(3);
+
+/// How often a command that waits tries whether its turn has come.
+const TRIED_EVERY: Duration = Duration::from_millis(25);
 
 /// How long a command waits for its turn. Joining takes a tenth of a second: hundreds come first.
 const WITHIN: Duration = Duration::from_secs(120);
@@ -44,29 +46,25 @@ fn wait_within(folder: &Path, within: Duration) -> Result<Turn, String> {
             Err(TryLockError::Error(_)) => return Ok(Turn(None)),
         }
     }
-    // Those that wait are spread; the system wakes one when its turn has come.
-    let queue = usize::try_from(std::process::id()).unwrap_or_default() % AT_ONCE;
-    let file = files.swap_remove(queue);
-    let (tell, locked) = mpsc::channel();
-    thread::spawn(move || {
-        let turn = file.lock().map(|()| Turn(Some(file)));
-        // Who has waited too long does not hear it, and the turn is over at once.
-        let _ = tell.send(turn.unwrap_or(Turn(None)));
-    });
-    let told_after = TOLD_AFTER.min(within);
-    if let Ok(turn) = locked.recv_timeout(told_after) {
-        return Ok(turn);
+    let began = Instant::now();
+    let mut is_told = false;
+    while began.elapsed() < within {
+        // Any of them: one that is held by a stopped command holds up nobody. The system wakes who
+        // waits for one lock only, so all are tried now and then.
+        thread::sleep(TRIED_EVERY);
+        if let Some(free) = files.iter().position(|file| file.try_lock().is_ok()) {
+            return Ok(Turn(Some(files.swap_remove(free))));
+        }
+        if !is_told && began.elapsed() >= TOLD_AFTER {
+            is_told = true;
+            output::note("many commands are joining just now; this one waits for its turn");
+        }
     }
-    if told_after < within {
-        output::note("many commands are joining just now; this one waits for its turn");
-    }
-    locked.recv_timeout(within - told_after).map_err(|_| {
-        format!(
-            "join the ecosystem: the daemon is busy, other commands have been joining for {} \
-             seconds; try again later",
-            within.as_secs()
-        )
-    })
+    Err(format!(
+        "join the ecosystem: the daemon is busy, other commands have been joining for {} \
+         seconds; try again later",
+        within.as_secs()
+    ))
 }
 
 impl Drop for Turn {

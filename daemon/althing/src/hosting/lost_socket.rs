@@ -2,7 +2,10 @@
 //! and no daemon that comes later. Zenoh does not listen anew while a session lives, so the daemon
 //! begins anew, under its process id: that makes the folder and the socket again.
 
-use std::path::PathBuf;
+use std::fs::DirBuilder;
+use std::io::ErrorKind;
+use std::os::unix::fs::DirBuilderExt as _;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use tokio::task::AbortHandle;
@@ -24,7 +27,15 @@ pub(crate) fn watch_socket(socket: PathBuf) -> SocketWatch {
         let mut was_missing = false;
         loop {
             sleep(PERIOD).await;
-            let is_missing = std::fs::symlink_metadata(&socket).is_err();
+            let found = std::fs::symlink_metadata(&socket);
+            let is_missing = found.is_err_and(|error| error.kind() == ErrorKind::NotFound);
+            if is_missing && was_missing && !can_be_made(&socket) {
+                return tracing::error!(
+                    socket = %socket.display(),
+                    "somebody deleted this daemon's socket, by which commands reach it, and its \
+                     folder cannot be made again: no command reaches it until it is restarted"
+                );
+            }
             if is_missing && was_missing {
                 tracing::warn!(
                     socket = %socket.display(),
@@ -37,6 +48,13 @@ pub(crate) fn watch_socket(socket: PathBuf) -> SocketWatch {
         }
     });
     SocketWatch(watch.abort_handle())
+}
+
+/// Whether the folder of a socket is there, or can be made: what begins anew without it would end.
+fn can_be_made(socket: &Path) -> bool {
+    let folder = socket.parent().unwrap_or(socket);
+    let made = DirBuilder::new().recursive(true).mode(0o700).create(folder);
+    made.is_ok() && rustix::fs::access(folder, rustix::fs::Access::WRITE_OK).is_ok()
 }
 
 impl Drop for SocketWatch {

@@ -4,7 +4,7 @@
 //! map declines what the others plan, and nothing they say tells why. Each daemon therefore says what
 //! it has read, as digests, and asks each daemon that comes.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 use std::sync::Arc;
 use std::time::Duration;
@@ -23,6 +23,9 @@ const SETTLING: Duration = Duration::from_secs(1);
 
 /// How long an answer is waited for.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(5);
+
+/// How often a daemon is asked that does not answer: it is seen before it can.
+const ASKED_MAX: u32 = 5;
 
 /// Of a digest, the characters that a person compares.
 const DIGEST_CHARS: usize = 12;
@@ -50,21 +53,30 @@ pub(crate) fn watch_files(node: &Node, ecosystem: &Ecosystem) {
 
 async fn watch(switchboard: Arc<Switchboard>, own: Files) {
     let (mut directory, mut changes) = switchboard.presence_changes();
-    let mut asked: BTreeSet<DaemonId> = [own.daemon.clone()].into();
+    // How often each was asked that is here.
+    let mut asked: BTreeMap<DaemonId, u32> = BTreeMap::new();
     let mut told: BTreeSet<Files> = BTreeSet::new();
     loop {
-        let here: BTreeSet<DaemonId> = directory.daemons().cloned().collect();
+        // Commands have read nothing that others plan by.
+        let here =
+            directory.daemons().filter(|daemon| !daemon.is_guest() && **daemon != own.daemon);
+        let here: BTreeSet<DaemonId> = here.cloned().collect();
         // One that comes back may have read another file.
-        asked.retain(|daemon| *daemon == own.daemon || here.contains(daemon));
-        if !here.is_subset(&asked) {
+        asked.retain(|daemon, _| here.contains(daemon));
+        told.retain(|known| here.contains(&known.daemon));
+        let is_known = |daemon: &&DaemonId| asked.get(*daemon).is_some_and(|it| *it >= ASKED_MAX);
+        let newcomers: BTreeSet<_> = here.iter().filter(|it| !is_known(it)).cloned().collect();
+        if !newcomers.is_empty() {
             tokio::time::sleep(SETTLING).await;
-            let ask = Ask { daemon: None, resource: Resource::Files, agent: None };
-            let answers = switchboard.ask(ask, ANSWERED_WITHIN).await;
-            for answer in &answers {
-                let Ok(other) = serde_json::from_slice::<Files>(answer) else { continue };
+            for daemon in &newcomers {
+                *asked.entry(daemon.clone()).or_default() += 1;
+            }
+            for other in ask(&switchboard, &newcomers).await {
+                asked.insert(other.daemon.clone(), ASKED_MAX);
                 tell(&own, &other, &mut told);
             }
-            asked.extend(here);
+            directory = switchboard.directory();
+            continue;
         }
         match changes.recv().await {
             Ok(_) | Err(RecvError::Lagged(_)) => directory = switchboard.directory(),
@@ -73,11 +85,18 @@ async fn watch(switchboard: Arc<Switchboard>, own: Files) {
     }
 }
 
+/// What these daemons have read, as far as they answer: one by its name, several all at once.
+async fn ask(switchboard: &Switchboard, newcomers: &BTreeSet<DaemonId>) -> Vec<Files> {
+    let daemon = newcomers.first().filter(|_| newcomers.len() == 1).cloned();
+    let ask = Ask { daemon, resource: Resource::Files, agent: None };
+    let answers = switchboard.ask(ask, ANSWERED_WITHIN).await;
+    let read = |answer: &bytes::Bytes| serde_json::from_slice::<Files>(answer).ok();
+    // Of others nobody asked.
+    answers.iter().filter_map(read).filter(|files| newcomers.contains(&files.daemon)).collect()
+}
+
 /// Tells what two daemons have read differently, once.
 fn tell(own: &Files, other: &Files, told: &mut BTreeSet<Files>) {
-    if other.daemon == own.daemon {
-        return;
-    }
     told.retain(|known| known.daemon != other.daemon || known == other);
     let differences = differences(own, other);
     if !differences.is_empty() && told.insert(other.clone()) {

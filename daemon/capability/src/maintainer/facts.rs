@@ -216,10 +216,16 @@ impl Maintainer {
             (owner, said)
         };
         let said: Vec<_> = here.map(said).collect();
-        if said.iter().any(|(_, said)| *said == value) {
+        let agrees = |(_, said): &(Owner, Option<Value>)| *said == value;
+        // One that says a fact is so is enough; that it is not so, nobody may deny.
+        let is_fine = match value {
+            Some(_) => said.iter().any(agrees),
+            None => said.iter().all(agrees),
+        };
+        if is_fine {
             return None;
         }
-        let (owner, said) = said.into_iter().next()?;
+        let (owner, said) = said.into_iter().find(|said| !agrees(said))?;
         let about = said.map(|said| key.element(said)).or_else(|| self.about(key, &owner));
         let (fact, says) = (fact.to_string(), about.map(|about| about.to_string()));
         Some(Declined::Owned { fact, owner: owner.to_string(), says })

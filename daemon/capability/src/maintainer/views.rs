@@ -251,7 +251,7 @@ impl Maintainer {
                 let value = self.beliefs.value_of(fact, &composite, now).unwrap_or(first.value);
                 Some(Provenance {
                     fact: fact.element(value),
-                    left_out: composite.vocabulary.fact_misfit(fact, value),
+                    left_out: composite.misfit(fact, value),
                     claims: { claims.into_iter() }
                         .map(|claim| self.claimed_by(fact, claim, now))
                         .collect(),
@@ -263,8 +263,8 @@ impl Maintainer {
     /// Why a fact does not hold here although it is claimed, for a person; `None` if it can hold.
     pub fn misfit(&self, fact: &InitElement) -> Option<String> {
         match Statement::of(fact) {
-            Statement::Is(key, value) => self.composed().vocabulary.fact_misfit(&key, value),
-            Statement::Not(key) => self.composed().vocabulary.fact_misfit(&key, Value::True),
+            Statement::Is(key, value) => self.composed().misfit(&key, value),
+            Statement::Not(key) => self.composed().misfit(&key, Value::True),
             Statement::Unusable => {
                 Some("a fact has objects only, and speaks of no other time".to_owned())
             }

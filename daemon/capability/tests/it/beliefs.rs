@@ -193,6 +193,29 @@ fn a_cost_below_zero_is_refused() {
 }
 
 #[test]
+fn a_cost_below_zero_is_believed_of_nobody() {
+    let mut office = robots();
+    office.beat("turtlebot-1", (1, 1), "(= (distance corridor office2) -5)", "").expect("a beat");
+    assert_eq!(office.known("distance"), "(= (distance corridor office2) 6)", "the map's word");
+    let misfit = office.maintainer.misfit(&facts("(= (distance corridor office2) -5)")[0]);
+    assert_eq!(misfit.as_deref(), Some("actions cost `distance`, and nothing costs less than 0"));
+    office.beat("turtlebot-1", (1, 2), "(= (distance corridor office2) 5)", "").expect("a beat");
+    assert_eq!(office.known("distance"), "(= (distance corridor office2) 5)");
+}
+
+#[test]
+fn what_one_says_is_so_is_not_taken_back_because_another_is_silent() {
+    let mut office = office().with([thermometer("t-1"), thermometer("t-2")]);
+    let known = "(known-temperature office2)";
+    // Both have spoken of it, and so both answer for it.
+    office.beat("t-2", (1, 1), known, "").expect("a heartbeat");
+    office.beat("t-2", (1, 2), "", "").expect("a heartbeat");
+    office.beat("t-1", (1, 1), known, "").expect("a heartbeat");
+    office.set("keyboard", &format!("(not {known})")).expect_err("`t-1` says that it is so");
+    assert_eq!(office.known("known-temperature"), known);
+}
+
+#[test]
 fn of_a_number_the_newest_claim_is_believed() {
     let mut office = robots();
     let meters = |number: u32| format!("(= (distance corridor office2) {number})");

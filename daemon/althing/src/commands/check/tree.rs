@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use terminal::deadline::Deadline;
 use terminal::pddl_tree::{self, Counts, Outcome, ReadFile, Tree};
 use terminal::report::Report;
-use terminal::{exit, output};
+use terminal::{exit, output, visible};
 
 use crate::cli::CheckArgs;
 
@@ -87,7 +87,8 @@ fn files(text: &mut String, tree: &Tree, title: &str, why: &dyn Fn(&ReadFile) ->
         if std::mem::replace(&mut is_first, false) {
             let _ = writeln!(text, "\n{title}");
         }
-        let _ = writeln!(text, "  {}: {why}", file.path.display());
+        let path = file.path.display().to_string();
+        let _ = writeln!(text, "  {}: {why}", visible::line(&path));
     }
 }
 

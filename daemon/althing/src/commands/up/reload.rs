@@ -95,7 +95,7 @@ impl Reload {
             return Next::BeginsAnew;
         }
         let (old, new) = (built_in(&self.place.agents), built_in(&place.agents));
-        let difference = Difference::between(&old, &new);
+        let mut difference = Difference::between(&old, &new);
         let mut said = vec![format!("SIGHUP: {file} is read anew")];
         let goals = changed_goals(&self.ecosystem, &ecosystem);
         if !goals.is_empty() {
@@ -118,6 +118,8 @@ impl Reload {
                 Ok(()) => kept.push((*entry).clone()),
                 Err(error) => {
                     said.push(format!("`{}` is not begun: failed to {error}", entry.name));
+                    difference.come.remove(&entry.name);
+                    difference.changed.remove(&entry.name);
                     let again = before.filter(|entry| node.plug_in((**entry).clone()).is_ok());
                     kept.extend(again.map(|entry| (*entry).clone()));
                 }
