@@ -36,6 +36,7 @@ mod supervision;
 mod template;
 mod trial;
 mod usage;
+mod wording;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::DirBuilder;

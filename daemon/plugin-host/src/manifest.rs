@@ -13,6 +13,7 @@ use serde_json::Value;
 use toml::Spanned;
 
 use crate::rights::{Permissions, bytes_of, device_objection, read_objection};
+use crate::wording::worded;
 
 /// Longest manifest that is read.
 pub(crate) const MANIFEST_BYTES_MAX: u64 = 256 << 10;
@@ -162,9 +163,7 @@ impl Manifest {
     /// All that is wrong with it, each with its place.
     pub fn read(text: &str) -> Result<Manifest, Vec<Diagnostic>> {
         let raw: Raw = toml::from_str(text).map_err(|error| {
-            let place = error.span().unwrap_or_default();
-            let help = "docs/plugins.md says what a plugin.toml has";
-            vec![Diagnostic::error(span(place), error.message().to_owned()).with_help(help)]
+            vec![worded(text, error.message(), error.span().unwrap_or_default())]
         })?;
         let mut reading = Reading { found: Vec::new() };
         let manifest = reading.manifest(raw);
@@ -477,8 +476,8 @@ memory = "64MiB"
             ("timeout = \"2s\"", "timeout = \"soon\"", "`soon` is no duration"),
             ("version = \"0.1.0\"", "version = \"1\"\nready-within = \"2\"", "`2` is no duration"),
             ("name = \"thermometer\"", "name = \"Thermo meter\"", "Thermo meter"),
-            ("version = \"0.1.0\"", "versoin = \"0.1.0\"", "unknown field `versoin`"),
-            ("type = \"text\"", "type = \"words\"", "unknown variant `words`"),
+            ("version = \"0.1.0\"", "versoin = \"0.1.0\"", "unknown key `versoin`"),
+            ("type = \"text\"", "type = \"words\"", "\"words\" is not known here"),
         ] {
             let text = WHOLE.replacen(was, is, 1);
             let found = Manifest::read(&text).expect_err(expected);
