@@ -88,10 +88,8 @@ impl Living {
             let home = look.home.display();
             return Some(format!("it keeps {FILES_MAX} files and more in {home}"));
         }
-        let process = kept.hides?;
-        Some(format!(
-            "the open files of its process {process} cannot be read, nor what it keeps on disk by them"
-        ))
+        let hides = kept.hides.as_ref()?;
+        Some(format!("it is not known what it keeps on disk: {hides}"))
     }
 
     fn computes_too_much(

@@ -237,7 +237,8 @@ fn connected(path: &Path) -> Result<OwnedFd, Errno> {
 
 /// The flags of a descriptor of another process.
 fn flags(thread: u32, descriptor: u32) -> Option<u32> {
-    let about = fs::read_to_string(format!("/proc/{thread}/fdinfo/{descriptor}")).ok()?;
+    // Of some files it is as long as the process likes.
+    let about = usage::read_text(Path::new(&format!("/proc/{thread}/fdinfo/{descriptor}"))).ok()?;
     let flags = about.lines().find_map(|line| line.strip_prefix("flags:"))?;
     u32::from_str_radix(flags.trim(), 8).ok()
 }
