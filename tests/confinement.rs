@@ -280,6 +280,7 @@ fn without_a_confinement_the_attacks_succeed() {
         "links-a-key",
         "removes-a-key",
         "leaves-a-file",
+        "watches-a-key",
         "signals",
         "signals-by-a-file",
         "limits-a-process",
