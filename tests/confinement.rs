@@ -290,6 +290,7 @@ fn without_a_confinement_the_attacks_succeed() {
         "leaves-its-group",
         "opens-a-socket-of-udp",
         "holds-memory-without-a-name",
+        "holds-memory-that-it-shares",
         "shares-memory",
         "connects-over-tcp",
     ] {

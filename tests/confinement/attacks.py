@@ -6,6 +6,7 @@ import ctypes
 import errno
 import fcntl
 import json
+import mmap
 import os
 import resource
 import signal
@@ -177,6 +178,7 @@ ATTACKS = {
     "opens-a-socket-of-tcp": lambda: socket.socket(socket.AF_INET6, socket.SOCK_STREAM).close(),
     "opens-a-socket-of-netlink": lambda: socket.socket(socket.AF_NETLINK, socket.SOCK_RAW).close(),
     "holds-memory-without-a-name": lambda: os.close(os.memfd_create("hidden")),
+    "holds-memory-that-it-shares": lambda: mmap.mmap(-1, mmap.PAGESIZE).close(),
     "shares-memory": shared_memory,
     "makes-a-device": device,
 }

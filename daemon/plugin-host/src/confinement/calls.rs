@@ -229,6 +229,12 @@ fn forbidden(choice: Choice) -> Result<Rules, BackendError> {
     }
     if !choice.counts_memory {
         rules.extend(numbers("memfd_create").map(|call| (call, Vec::new())));
+        // Pages that are shared and of no file are no data of the process, and when it gives them back
+        // they stay in memory, and are not in its resident set any more.
+        let shared = (libc::MAP_SHARED | libc::MAP_ANONYMOUS).unsigned_abs().into();
+        for call in ["mmap", "mmap2"] {
+            add(&mut rules, call, vec![vec![masked(3, shared, shared)?]]);
+        }
     }
     sockets(&mut rules, choice.network)?;
     processes(&mut rules)?;
@@ -383,6 +389,24 @@ mod tests {
         let program: BpfProgram = filter.expect("a filter").try_into().expect("it compiles");
         assert!(program.len() < 4_096, "{}", program.len());
         assert!(mediated(true, 7, target).expect("it compiles").len() < 4_096);
+    }
+
+    #[test]
+    fn memory_that_is_shared_is_forbidden_only_where_it_is_not_counted() {
+        for counts_memory in [true, false] {
+            let choice = Choice {
+                network: false,
+                has_own_mounts: true,
+                truncates_own_only: true,
+                counts_memory,
+            };
+            let rules = forbidden(choice).expect("rules");
+            let call = known("mmap").expect("every machine has it");
+            // With conditions: programs map files, and memory of their own.
+            let is_conditional = rules.get(&call).is_some_and(|rules| !rules.is_empty());
+            assert_eq!(is_conditional, !counts_memory);
+            assert_eq!(rules.contains_key(&call), !counts_memory);
+        }
     }
 
     #[test]
