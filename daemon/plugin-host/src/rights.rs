@@ -145,10 +145,12 @@ const SECRET: &[&str] = &[
     "/etc/sudoers",
     "/etc/sudoers.d",
     "/run/althing",
+    "/run/private",
     "/run/credentials",
     "/run/secrets",
     "/run/user",
     "/var/lib/althing",
+    "/var/lib/private",
     "/var/log",
 ];
 
@@ -457,6 +459,8 @@ mod tests {
             "/home/anna/.config/althing/keys",
             "/var",
             "/run/user/1000",
+            "/run/private/althing/plugins",
+            "/var/lib/private/weather",
             "data",
             "/opt/../etc/shadow",
         ] {
