@@ -62,11 +62,11 @@ impl Living {
     fn holds_too_much(&mut self, permissions: &Permissions, look: &Look) -> Option<String> {
         let usage = &look.usage;
         let mebibytes = |bytes: u64| bytes.div_ceil(1 << 20);
-        let (holds, may) = (mebibytes(usage.memory), mebibytes(permissions.memory));
+        let (holds, may) = (mebibytes(look.memory()), mebibytes(permissions.memory));
         if look.taken.is_some_and(|taken| taken.ended > 0) {
             return Some(held_too_much(permissions));
         }
-        if usage.memory > permissions.memory {
+        if look.memory() > permissions.memory {
             return Some(format!("it holds {holds} MiB of memory, and may hold {may}"));
         }
         if usage.processes > permissions.processes {
