@@ -280,6 +280,7 @@ fn without_a_confinement_the_attacks_succeed() {
         "links-a-key",
         "removes-a-key",
         "leaves-a-file",
+        "watches-a-key",
         "signals",
         "signals-by-a-file",
         "limits-a-process",
@@ -289,6 +290,7 @@ fn without_a_confinement_the_attacks_succeed() {
         "leaves-its-group",
         "opens-a-socket-of-udp",
         "holds-memory-without-a-name",
+        "holds-memory-that-it-shares",
         "shares-memory",
         "connects-over-tcp",
     ] {
@@ -452,7 +454,7 @@ fn where_confinement_is_required_and_lacks_something_no_plugin_runs() {
     made(&required);
     let listed = await_listed(&required, |listed| listed["plugins"][0]["state"] == "not-confined");
     let reason = listed["plugins"][0]["reason"].as_str().unwrap_or_default();
-    assert!(reason.contains("it can read what this user can read"), "{reason}");
+    assert!(reason.contains("it can read, change and remove all files of this user"), "{reason}");
     let (code, said) = required.ask(&["plugin", "list"]);
     assert_eq!(code, Some(0), "{said}");
     let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -466,7 +468,7 @@ fn where_confinement_is_required_and_lacks_something_no_plugin_runs() {
     assert!(said.contains("not enforced here: it can read"), "{said}");
     let listed = list(&available);
     let lacks = listed["plugins"][0]["not-enforced"].to_string();
-    assert!(lacks.contains("it can read what this user can read"), "{listed}");
+    assert!(lacks.contains("it can read, change and remove all files of this user"), "{listed}");
 }
 
 /// A control group that was given away, with all in it; removed at the end.

@@ -6,6 +6,7 @@ import ctypes
 import errno
 import fcntl
 import json
+import mmap
 import os
 import resource
 import signal
@@ -17,6 +18,7 @@ TARGETS = json.load(open(os.path.join(HERE, "targets.json")))
 LIBC = ctypes.CDLL(None, use_errno=True)
 # Calls with the same number on every machine.
 PIDFD_SEND_SIGNAL, IO_URING_SETUP, PIDFD_OPEN, PIDFD_GETFD, PROCESS_MADVISE = 424, 425, 434, 438, 440
+FS_IOC_GETFLAGS, FS_IOC_SETFLAGS, NO_DUMP, IN_ALL_EVENTS = 0x80086601, 0x40086602, 0x40, 0xFFF
 CLONE_NEWUSER, CLONE_NEWNET, PTRACE_ATTACH, PTRACE_DETACH = 0x10000000, 0x40000000, 16, 17
 VICTIM, INSIDE, PROCESS = TARGETS["victim"], TARGETS["inside"], TARGETS["process"]
 
@@ -98,6 +100,26 @@ def shared_memory():
     LIBC.shmctl(identifier, 0, None)
 
 
+def set_flags(path):
+    """Sets a flag of a file that is open to be read only."""
+    file = os.open(path, os.O_RDONLY)
+    try:
+        flags = bytearray(8)
+        fcntl.ioctl(file, FS_IOC_GETFLAGS, flags)
+        flags[0] |= NO_DUMP
+        fcntl.ioctl(file, FS_IOC_SETFLAGS, flags)
+    finally:
+        os.close(file)
+
+
+def watch(path):
+    queue = call(LIBC.inotify_init())
+    try:
+        call(LIBC.inotify_add_watch(queue, path.encode(), IN_ALL_EVENTS))
+    finally:
+        os.close(queue)
+
+
 def device():
     path = os.path.join(os.environ.get("HOME", "/tmp"), "disk")
     os.mknod(path, 0o600 | 0o060000, os.makedev(7, 0))
@@ -133,6 +155,9 @@ ATTACKS = {
     "changes-the-mode-of-its-package": lambda: os.chmod(INSIDE, 0o666),
     "changes-the-times-of-its-package": lambda: os.utime(INSIDE, (0, 0)),
     "attributes-of-its-package": lambda: os.setxattr(INSIDE, "user.forged", b"1"),
+    "flags-of-its-package": lambda: set_flags(INSIDE),
+    "watches-a-key": lambda: watch(VICTIM),
+    "attributes-of-a-key": lambda: os.listxattr(VICTIM),
     "leaves-a-file": lambda: write_new(os.path.join(TARGETS["folder"], "left")),
     "leaves-shared-memory": lambda: write_new("/dev/shm/althing-attack"),
     "signals": lambda: os.kill(PROCESS, signal.SIGCONT),
@@ -153,6 +178,7 @@ ATTACKS = {
     "opens-a-socket-of-tcp": lambda: socket.socket(socket.AF_INET6, socket.SOCK_STREAM).close(),
     "opens-a-socket-of-netlink": lambda: socket.socket(socket.AF_NETLINK, socket.SOCK_RAW).close(),
     "holds-memory-without-a-name": lambda: os.close(os.memfd_create("hidden")),
+    "holds-memory-that-it-shares": lambda: mmap.mmap(-1, mmap.PAGESIZE).close(),
     "shares-memory": shared_memory,
     "makes-a-device": device,
 }

@@ -19,7 +19,11 @@ pub(crate) fn advice(why: &str, program: &Path, package: &Path) -> Option<String
         ));
     }
     let says = |words: &str| why.contains(words);
-    let advice = if says("error while loading shared libraries") {
+    // Before “Permission denied”: here the daemon is denied something, and not the plugin.
+    let advice = if says("it is not known what it keeps on disk") {
+        "its daemon counts what it keeps: let the folders in its home be readable for its own user, \
+         and their paths shorter than 4096 bytes"
+    } else if says("error while loading shared libraries") {
         "it needs a library that its confinement hides: name the folder in [permissions] read"
     } else if says("exit code 126") || says("Permission denied") {
         "its confinement hides or forbids something that it uses; if its program is a shim or a \
@@ -66,6 +70,10 @@ mod tests {
                 "install `numpy`",
             ),
             ("it ended by itself with exit code 126: Permission denied", "write that one in `run`"),
+            (
+                "it is not known what it keeps on disk: its folder /d cannot be read: Permission denied",
+                "readable for its own user",
+            ),
             ("error while loading shared libraries: libx.so: cannot open", "a library"),
             ("`a` was not here within 20s", "the first line on its standard input"),
             ("PermissionError: [Errno 1] Operation not permitted", "network = true"),

@@ -14,6 +14,8 @@ const ROOT: &str = "/sys/fs/cgroup";
 const CONTROLLERS: [&str; 3] = ["cpu", "memory", "pids"];
 /// The part that the daemon is in.
 const OWN: &str = "daemon";
+/// Microseconds within which a group's share of a processor is counted: the kernel's own choice.
+const PERIOD: u32 = 100_000;
 /// How systemd marks a group that it has given away.
 const DELEGATED: [&str; 2] = ["user.delegate", "trusted.delegate"];
 
@@ -111,6 +113,8 @@ impl Tree {
         }
         group.write("memory.oom.group", "1")?;
         group.write("pids.max", &tasks.to_string())?;
+        // A former life in the same group may have been slowed.
+        group.write("cpu.max", &format!("max {PERIOD}"))?;
         Ok(group)
     }
 }
@@ -141,10 +145,9 @@ impl Group {
 
     /// Lets it compute no more than this share of a processor from now on.
     pub(crate) fn slow_down(&self, share: f64) {
-        let period: f64 = 100_000.0;
-        let quota = (share * period).max(1_000.0).round();
+        let quota = (share * f64::from(PERIOD)).max(1_000.0).round();
         // Without it, it is slowed by its priority.
-        let _ = self.write("cpu.max", &format!("{quota} {period}"));
+        let _ = self.write("cpu.max", &format!("{quota} {PERIOD}"));
     }
 
     fn write(&self, file: &str, text: &str) -> io::Result<()> {
@@ -201,5 +204,17 @@ mod tests {
         assert_eq!(group.taken(), expected);
         let none = Group { folder: folder.path().join("none"), before };
         assert_eq!(none.taken(), Taken::default());
+    }
+    #[test]
+    fn a_group_that_is_used_again_is_not_slow_any_more() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let tree = Tree(folder.path().to_owned());
+        let share = || fs::read_to_string(folder.path().join("plugin-x/cpu.max")).expect("a file");
+        let group = tree.group("x", 1 << 20, 8).expect("files can be written there");
+        group.slow_down(0.5);
+        assert_eq!(share(), "50000 100000");
+        drop(group);
+        let _again = tree.group("x", 1 << 20, 8).expect("files can be written there");
+        assert_eq!(share(), "max 100000");
     }
 }

@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 use acl::{AgentId, DaemonId, EcosystemId, HostName};
 use agent::{Landing, Launch as _, Observer, Settings, Sight, Switchboard};
 use pddl::ActionModel;
+use serde_json::{Value, json};
 use substrate::{Answer, Delivery, Inbound, Presence, Question, Rejected, Substrate};
 use substrate_zenoh::OpenError;
 use tokio::sync::{Notify, mpsc};
@@ -38,6 +39,13 @@ const MESSAGES_PER_AGENT: u32 = 20;
 
 /// Seconds in a row in which a plugin says too much before it is stopped.
 const FLOOD_SECONDS: u32 = 5;
+
+/// Connections of one process of a plugin at a time: a session, and one that has ended and is not missed
+/// yet. Those of a plugin of one process, in any case.
+const SESSIONS_PER_PROCESS: u32 = 4;
+const SESSIONS_MIN: u32 = 8;
+/// Connections that are being opened at a time.
+const OPENING_MAX: u32 = 8;
 
 /// How long the agents of a plugin may take to leave.
 const LEAVING: Duration = Duration::from_secs(3);
@@ -77,6 +85,7 @@ impl Endpoint {
         let locator = format!("unixsock-stream/{}", socket.display());
         let mut config = substrate_zenoh::Config::new(ecosystem.clone(), daemon.clone());
         config.listen = vec![locator.clone()];
+        config.zenoh = wire(package.manifest.permissions.processes);
         let inbound: Arc<dyn Inbound> = Arc::<Meter>::clone(&meter);
         let substrate: Arc<dyn Substrate> = config.open(inbound).await?;
         switchboard.connect(Arc::clone(&substrate));
@@ -119,6 +128,16 @@ impl Endpoint {
         }
         self.substrate.close().await;
     }
+}
+
+/// Zenoh's settings of the endpoint of a plugin that may have so many processes: what it opens costs the
+/// memory of its host.
+fn wire(processes: u32) -> Value {
+    let sessions = processes.saturating_mul(SESSIONS_PER_PROCESS).max(SESSIONS_MIN);
+    json!({ "transport": { "unicast": {
+        "max_sessions": sessions,
+        "accept_pending": OPENING_MAX,
+    } } })
 }
 
 fn plain(name: &str) -> AgentId {
@@ -262,5 +281,20 @@ impl Inbound for Meter {
 
     fn admits(&self, answer: &Answer<'_>) -> bool {
         self.inner.admits(answer)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sessions_are_bounded_by_what_processes_need() {
+        for (processes, sessions) in [(1, 8), (2, 8), (16, 64), (u32::MAX, u32::MAX)] {
+            let wire = wire(processes);
+            assert_eq!(wire["transport"]["unicast"]["max_sessions"], sessions);
+            let ecosystem = EcosystemId::new("test").expect("a name");
+            assert_eq!(substrate_zenoh::problems(&ecosystem, &wire, false), [], "Zenoh reads it");
+        }
     }
 }

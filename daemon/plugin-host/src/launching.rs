@@ -106,7 +106,13 @@ impl Ward {
                 |private: &PathBuf| private.starts_with(&real) || real.starts_with(private);
             let is_private = self.private.iter().any(reaches);
             let private = || is_private.then(|| "Althing keeps its own files there".to_owned());
-            if let Some(why) = read_objection(&real).or_else(private) {
+            let kind = std::fs::metadata(&real).map(|metadata| metadata.file_type());
+            let is_socket = kind.is_ok_and(|kind| kind.is_socket());
+            let socket = || {
+                let why = "it is a socket: a plugin connects to that of its own daemon alone";
+                is_socket.then(|| why.to_owned())
+            };
+            if let Some(why) = read_objection(&real).or_else(private).or_else(socket) {
                 let (shown, real) = (path.display(), real.display());
                 return Err(format!("no plugin may read {shown} ({real}): {why}"));
             }
@@ -261,4 +267,30 @@ pub(crate) fn described(
         methods: package.manifest.methods.clone(),
     };
     Ok((hello, model))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_read_is_neither_private_nor_a_socket() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let at = |name: &str| folder.path().join(name);
+        let _socket = std::os::unix::net::UnixListener::bind(at("socket")).expect("a socket");
+        std::fs::write(at("file"), "").expect("a file");
+        std::fs::create_dir(at("private")).expect("a folder");
+        std::os::unix::fs::symlink(at("socket"), at("link")).expect("a link");
+        let private = at("private").canonicalize().expect("it is there");
+        let ward = Ward { private: vec![private], ..Ward::unknown() };
+        let objection = |name: &str| {
+            let asked = Permissions { read: vec![at(name)], ..Permissions::default() };
+            ward.check_paths(&asked).err().unwrap_or_default()
+        };
+        assert_eq!(objection("file"), "");
+        assert!(objection("private").contains("Althing keeps its own files there"));
+        for name in ["socket", "link"] {
+            assert!(objection(name).contains("it is a socket"), "{name}");
+        }
+    }
 }

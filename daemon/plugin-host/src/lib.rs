@@ -172,6 +172,12 @@ pub fn host(setting: Setting) -> std::io::Result<()> {
     for folder in [&sockets, &state] {
         DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
     }
+    // A service manager may have put a link there: what is held against the paths of open files and of
+    // rights is the place itself.
+    let (sockets, state) = (sockets.canonicalize()?, state.canonicalize()?);
+    // What is not there yet, links lead to nowhere.
+    let real = |folder: PathBuf| folder.canonicalize().unwrap_or(folder);
+    let private = private.into_iter().map(real).collect();
     let ground = Arc::new(Ground {
         shelf,
         landing,

@@ -62,11 +62,11 @@ impl Living {
     fn holds_too_much(&mut self, permissions: &Permissions, look: &Look) -> Option<String> {
         let usage = &look.usage;
         let mebibytes = |bytes: u64| bytes.div_ceil(1 << 20);
-        let (holds, may) = (mebibytes(usage.memory), mebibytes(permissions.memory));
+        let (holds, may) = (mebibytes(look.memory()), mebibytes(permissions.memory));
         if look.taken.is_some_and(|taken| taken.ended > 0) {
             return Some(held_too_much(permissions));
         }
-        if usage.memory > permissions.memory {
+        if look.memory() > permissions.memory {
             return Some(format!("it holds {holds} MiB of memory, and may hold {may}"));
         }
         if usage.processes > permissions.processes {
@@ -88,10 +88,8 @@ impl Living {
             let home = look.home.display();
             return Some(format!("it keeps {FILES_MAX} files and more in {home}"));
         }
-        let process = kept.hides?;
-        Some(format!(
-            "the open files of its process {process} cannot be read, nor what it keeps on disk by them"
-        ))
+        let hides = kept.hides.as_ref()?;
+        Some(format!("it is not known what it keeps on disk: {hides}"))
     }
 
     fn computes_too_much(

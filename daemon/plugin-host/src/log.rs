@@ -123,15 +123,14 @@ impl Inner {
 
     fn try_write(&mut self, line: &str) -> io::Result<()> {
         if self.file.is_none() {
-            let mut options = OpenOptions::new();
-            let file = options.create(true).append(true).mode(0o600).open(&self.path)?;
+            let file = open(&self.path)?;
             self.bytes = file.metadata()?.len();
             self.file = Some(file);
         }
         if self.bytes > FILE_BYTES_MAX {
             self.file = None;
             std::fs::rename(&self.path, before(&self.path))?;
-            self.file = Some(OpenOptions::new().create(true).append(true).open(&self.path)?);
+            self.file = Some(open(&self.path)?);
             self.bytes = 0;
         }
         if let Some(file) = &mut self.file {
@@ -140,6 +139,11 @@ impl Inner {
         }
         Ok(())
     }
+}
+
+/// Opens a log; a new one is for this user alone.
+fn open(path: &Path) -> io::Result<File> {
+    OpenOptions::new().create(true).append(true).mode(0o600).open(path)
 }
 
 /// What was written before the file was full.
@@ -167,5 +171,18 @@ mod tests {
         let longest = std::fs::read_to_string(&path).expect("written");
         let longest = longest.lines().map(str::len).max().unwrap_or(0);
         assert!(longest as u64 <= LINE_BYTES_MAX, "{longest}");
+    }
+    #[test]
+    fn logs_are_for_this_user_alone() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("lamp.log");
+        let log = Log::new("lamp", path.clone());
+        log.lock().write(&"x".repeat(1 << 20));
+        log.lock().write("more");
+        for path in [before(&path), path] {
+            let mode = std::fs::metadata(&path).expect("it is there").permissions().mode();
+            assert_eq!(mode & 0o077, 0, "{}", path.display());
+        }
     }
 }

@@ -27,6 +27,14 @@ pub(crate) struct Look {
     pub(crate) kept: Option<Kept>,
 }
 
+impl Look {
+    /// Bytes of memory that it holds: as its control group counts them, which knows what processes share
+    /// and what is in none of them, or as far as its processes say.
+    pub(crate) fn memory(&self) -> u64 {
+        self.taken.map_or(self.usage.memory, |taken| taken.memory)
+    }
+}
+
 /// Looks at one life of a plugin.
 pub(crate) struct Looking {
     group: i32,
@@ -56,5 +64,20 @@ impl Looking {
             self.next_kept = Instant::now() + KEPT_EVERY.max(took * KEPT_SHARE);
         }
         Look { taken: counted.map(Group::taken), ..look }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_count_of_a_control_group_decides() {
+        // Two processes that share what they hold.
+        let usage = Usage { memory: 200, ..Usage::default() };
+        let look = Look { usage, ..Look::default() };
+        assert_eq!(look.memory(), 200);
+        let taken = Some(Taken { memory: 110, ..Taken::default() });
+        assert_eq!(Look { taken, ..look }.memory(), 110);
     }
 }

@@ -162,7 +162,7 @@ impl Mediator {
         let (heard, counted) = (Arc::clone(listener), Arc::clone(waiting));
         let thread = std::thread::Builder::new().name("plugin-connects".to_owned());
         let begun = thread.spawn(move || {
-            respond(&heard, call.id, connect_socket(&call, &address));
+            respond(&heard, call.id, connect_socket(&heard, &call, &address));
             counted.fetch_sub(1, Ordering::Relaxed);
         });
         if begun.is_err() {
@@ -237,17 +237,26 @@ fn connected(path: &Path) -> Result<OwnedFd, Errno> {
 
 /// The flags of a descriptor of another process.
 fn flags(thread: u32, descriptor: u32) -> Option<u32> {
-    let about = fs::read_to_string(format!("/proc/{thread}/fdinfo/{descriptor}")).ok()?;
+    // Of some files it is as long as the process likes.
+    let about = usage::read_text(Path::new(&format!("/proc/{thread}/fdinfo/{descriptor}"))).ok()?;
     let flags = about.lines().find_map(|line| line.strip_prefix("flags:"))?;
     u32::from_str_radix(flags.trim(), 8).ok()
 }
 
 /// Connects a socket of another process, as it is at this moment, to an address that was read before.
-fn connect_socket(call: &Notification, address: &Address) -> Result<Response, Errno> {
+fn connect_socket(
+    listener: &Listener,
+    call: &Notification,
+    address: &Address,
+) -> Result<Response, Errno> {
     let process = process_of(call.thread).ok_or(Errno::SRCH)?;
     let process = rustix::process::pidfd_open(process, PidfdFlags::empty())?;
     let descriptor = i32::try_from(call.arguments[0] & 0x7fff_ffff).map_err(|_| Errno::BADF)?;
     let socket = rustix::process::pidfd_getfd(&process, descriptor, PidfdGetfdFlags::empty())?;
+    // If its process has ended meanwhile, the number may be another's, and the socket, too.
+    if !listener.is_waiting(call.id) {
+        return Err(Errno::INTR);
+    }
     let family = rustix::net::sockopt::socket_domain(&socket)?;
     if family != AddressFamily::INET && family != AddressFamily::INET6 {
         return Err(Errno::ACCESS);

@@ -341,7 +341,7 @@ impl Supervision {
                 _ = looks.tick() => {
                     let (dropped, look) = (endpoint.meter.dropped(), looking.look(counted).await);
                     self.status(|status| {
-                        (status.memory, status.dropped) = (Some(look.usage.memory), dropped);
+                        (status.memory, status.dropped) = (Some(look.memory()), dropped);
                     });
                     if let Some(why) = living.objection(wanted, look, counted, &accepted.borrow()) {
                         return Some(why);

@@ -4,7 +4,8 @@
 //! kernel counts nothing for a plugin (`cgroup`), this is all that is known, four times a second.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
+use std::fs::{self, File};
+use std::io::{self, Read as _};
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -14,6 +15,10 @@ pub(crate) const FILES_MAX: u64 = 10_000;
 
 /// What `stat` counts blocks in.
 const BLOCK: u64 = 512;
+
+/// The longest text of `/proc` about a process that is read. A process chooses how long some of them
+/// are; a program with thousands of libraries and threads has a tenth of this.
+const TEXT_BYTES_MAX: u64 = 4 << 20;
 
 /// Of all processes of a group together.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -44,8 +49,15 @@ pub(crate) struct Kept {
     pub(crate) bytes: u64,
     /// Files and folders, up to [`FILES_MAX`].
     pub(crate) files: u64,
-    /// A process that does not show what it has open.
-    pub(crate) hides: Option<i32>,
+    /// What cannot be read, so that not all is counted, and why; for a person.
+    pub(crate) hides: Option<String>,
+}
+
+impl Kept {
+    /// Notes that something cannot be read; the first is enough.
+    fn hide(&mut self, what: impl FnOnce() -> String, error: &io::Error) {
+        self.hides.get_or_insert_with(|| format!("{} cannot be read: {error}", what()));
+    }
 }
 
 /// What the processes of a group take now.
@@ -138,26 +150,65 @@ fn memory(status: &str) -> u64 {
     field("VmRSS:") + field("VmSwap:") + field("VmPTE:")
 }
 
+/// A text of `/proc`, if it is not too long.
+pub(crate) fn read_text(path: &Path) -> io::Result<String> {
+    let mut text = Vec::new();
+    let length = File::open(path)?.take(TEXT_BYTES_MAX + 1).read_to_end(&mut text)?;
+    if length as u64 > TEXT_BYTES_MAX {
+        let mebibytes = TEXT_BYTES_MAX >> 20;
+        return Err(io::Error::other(format!("it is longer than {mebibytes} MiB")));
+    }
+    // Paths of files are any bytes.
+    Ok(String::from_utf8_lossy(&text).into_owned())
+}
+
 /// What is kept in a plugin's home by its files and by its processes. `file_max` is the longest that
 /// one of its files can be.
 pub(crate) fn kept(home: &Path, group: i32, file_max: u64) -> Kept {
     let mut kept = Kept::default();
     let mut folders = vec![home.to_owned()];
     while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-            let Ok(metadata) = fs::symlink_metadata(entry.path()) else { continue };
-            kept.files += 1;
-            kept.bytes += metadata.blocks() * BLOCK;
-            if kept.files >= FILES_MAX {
-                return kept;
-            }
-            if metadata.is_dir() {
-                folders.push(entry.path());
-            }
+        if let Err(error) = count_folder(&folder, &mut kept, &mut folders)
+            && error.kind() != io::ErrorKind::NotFound
+        {
+            kept.hide(|| format!("its folder {}", shortened(&folder)), &error);
+        }
+        if kept.files >= FILES_MAX {
+            return kept;
         }
     }
     removed(home, group, file_max, &mut kept);
     kept
+}
+
+/// Counts what is in one folder, and adds the folders in it to `folders`.
+fn count_folder(folder: &Path, kept: &mut Kept, folders: &mut Vec<PathBuf>) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let metadata = match entry.metadata() {
+            // It was removed meanwhile.
+            Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
+            metadata => metadata?,
+        };
+        kept.files += 1;
+        kept.bytes += metadata.blocks() * BLOCK;
+        if kept.files >= FILES_MAX {
+            return Ok(());
+        }
+        if metadata.is_dir() {
+            folders.push(entry.path());
+        }
+    }
+    Ok(())
+}
+
+/// A path as it fits into a reason: a plugin chooses how long those in its home are.
+fn shortened(path: &Path) -> String {
+    let shown = path.display().to_string();
+    match shown.char_indices().nth(200) {
+        Some((end, _)) => format!("{}…", &shown[..end]),
+        None => shown,
+    }
 }
 
 /// Adds files that were removed and that processes still hold.
@@ -167,27 +218,21 @@ fn removed(home: &Path, group: i32, file_max: u64, kept: &mut Kept) {
     };
     let mut known = BTreeSet::new();
     for (process, _) in processes_of(group) {
-        let folder = PathBuf::from(format!("/proc/{process}/fd"));
-        let entries = match fs::read_dir(&folder) {
-            Ok(entries) => entries,
-            Err(error) => {
-                if error.kind() == std::io::ErrorKind::PermissionDenied {
-                    kept.hides = Some(process);
-                }
-                continue;
-            }
-        };
-        for entry in entries.flatten() {
-            if fs::read_link(entry.path()).is_ok_and(|path| is_removed(&path))
-                && let Ok(metadata) = fs::metadata(entry.path())
-                && known.insert(metadata.ino())
-            {
-                kept.bytes += metadata.blocks() * BLOCK;
-            }
+        if let Err(error) = count_open(process, &is_removed, &mut known, kept)
+            && !has_ended(process)
+        {
+            kept.hide(|| format!("the list of open files of its process {process}"), &error);
         }
     }
     for (process, _) in processes_of(group) {
-        let maps = fs::read_to_string(format!("/proc/{process}/maps")).unwrap_or_default();
+        let maps = match read_text(Path::new(&format!("/proc/{process}/maps"))) {
+            Ok(maps) => maps,
+            Err(_) if has_ended(process) => continue,
+            Err(error) => {
+                kept.hide(|| format!("the list of mapped files of its process {process}"), &error);
+                continue;
+            }
+        };
         for line in maps.lines() {
             // How large it is nobody can see any more: it counts as much as it can be.
             let mut fields = line.split_whitespace();
@@ -200,6 +245,48 @@ fn removed(home: &Path, group: i32, file_max: u64, kept: &mut Kept) {
             }
         }
     }
+}
+
+/// Adds the removed files that one process has open, except those that are `known`.
+fn count_open(
+    process: i32,
+    is_removed: &impl Fn(&Path) -> bool,
+    known: &mut BTreeSet<u64>,
+    kept: &mut Kept,
+) -> io::Result<()> {
+    for entry in fs::read_dir(format!("/proc/{process}/fd"))? {
+        let path = entry?.path();
+        let open = fs::read_link(&path).and_then(|link| match is_removed(&link) {
+            true => fs::metadata(&path).map(Some),
+            false => Ok(None),
+        });
+        match open {
+            Ok(Some(metadata)) if known.insert(metadata.ino()) => {
+                kept.bytes += metadata.blocks() * BLOCK;
+            }
+            Ok(_) => (),
+            // It was closed meanwhile.
+            Err(error) if error.kind() == io::ErrorKind::NotFound => (),
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
+}
+
+/// Whether a process holds nothing any more. Of one that has ended the kernel says that it may not be
+/// looked at, as of one that hides.
+fn has_ended(process: i32) -> bool {
+    fs::read_to_string(format!("/proc/{process}/stat")).map_or(true, |stat| is_ended(&stat))
+}
+
+/// Whether a line of `/proc/PID/stat` is of a process of which only the number is left. While other
+/// threads live, it holds files although its first thread has ended.
+fn is_ended(stat: &str) -> bool {
+    let Some((_, rest)) = stat.rsplit_once(')') else { return false };
+    let fields: Vec<&str> = rest.split_whitespace().collect();
+    let has_ended = matches!(fields.first(), Some(&("Z" | "X")));
+    let threads = fields.get(17).and_then(|threads| threads.parse::<u64>().ok());
+    has_ended && threads.is_some_and(|threads| threads <= 1)
 }
 
 #[cfg(test)]
@@ -215,6 +302,9 @@ mod tests {
         assert!(of_group(line, 8).is_none());
         assert!(of_group(&line.replace(" S ", " Z "), 7).is_some(), "its number is taken");
         assert!(of_group("nonsense", 7).is_none());
+        assert!(!is_ended(line), "it lives");
+        assert!(!is_ended(&line.replace(" S ", " Z ")), "two of its threads live");
+        assert!(is_ended(&line.replace(" S ", " Z ").replace(" 3 0 9 ", " 1 0 9 ")));
         let status = "Name:\tx\nVmRSS:\t    2048 kB\nVmPTE:\t  4 kB\nVmSwap:\t 1024 kB\n";
         assert_eq!(memory(status), (3 << 20) + (4 << 10));
     }
@@ -263,5 +353,39 @@ mod tests {
         assert!(used.memory > 0);
         assert!(kept.bytes >= 65_536 + 4_096, "{kept:?}");
         assert_eq!((kept.files, kept.hides), (1, None));
+    }
+    #[test]
+    fn a_folder_that_cannot_be_read_is_said() {
+        use rustix::fs::{Mode, OFlags, mkdirat, openat};
+        let home = tempfile::tempdir().expect("a folder");
+        assert_eq!(kept(home.path(), i32::MAX, 1).hides, None);
+        // Folder in folder, until the path of the last is longer than the kernel takes. Permissions
+        // would not keep root out.
+        let name = "x".repeat(250);
+        let flags = OFlags::RDONLY | OFlags::DIRECTORY | OFlags::CLOEXEC;
+        let mut folder = rustix::fs::open(home.path(), flags, Mode::empty()).expect("a folder");
+        for _ in 0..20 {
+            mkdirat(&folder, &name, Mode::RWXU).expect("a folder");
+            folder = openat(&folder, &name, flags, Mode::empty()).expect("a folder");
+        }
+        let kept = kept(home.path(), i32::MAX, 1);
+        let hides = kept.hides.expect("not all of it can be read");
+        assert!(hides.contains("cannot be read: ") && hides.len() < 500, "{hides}");
+        let gone = super::kept(&home.path().join("gone"), i32::MAX, 1);
+        assert_eq!(gone, Kept::default(), "nothing is kept in what is not there");
+    }
+
+    #[test]
+    fn a_text_that_is_too_long_is_not_read() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("text");
+        let file = File::create(&path).expect("a file");
+        file.set_len(TEXT_BYTES_MAX).expect("a length");
+        assert_eq!(read_text(&path).expect("short enough").len() as u64, TEXT_BYTES_MAX);
+        file.set_len(TEXT_BYTES_MAX + 1).expect("a length");
+        assert!(read_text(&path).expect_err("too long").to_string().contains("4 MiB"));
+        assert_eq!(read_text(&path.join("no")).ok(), None);
+        fs::write(&path, b"/home/\xff (deleted)").expect("a file");
+        assert!(read_text(&path).expect("any bytes").ends_with(" (deleted)"));
     }
 }

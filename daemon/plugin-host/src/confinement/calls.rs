@@ -83,6 +83,14 @@ const METADATA: &str = "
     utime utimes futimesat utimensat utimensat_time64
     setxattr lsetxattr fsetxattr removexattr lremovexattr fremovexattr";
 
+/// A watch on a path tells when a file is opened, read or written, and Landlock does not control it. So it
+/// is forbidden where no mount keeps other files out of sight.
+const WATCHES: &str = "inotify_add_watch";
+
+/// Calls that read the attributes of a file by its path, hidden or not. Where no mount keeps files out
+/// of sight they fail as on a file system that keeps none, and programs do without.
+const ATTRIBUTES: &str = "getxattr lgetxattr listxattr llistxattr";
+
 /// Calls that set something of a process, by its number: of itself, if that is 0.
 const ABOUT_PROCESSES: &str =
     "prlimit64 sched_setaffinity sched_setparam sched_setscheduler sched_setattr";
@@ -114,6 +122,19 @@ const FIOSETOWN: u64 = 0x8901;
 const SIOCSPGRP: u64 = 0x8902;
 const TIOCSTI: u64 = 0x5412;
 const TIOCLINUX: u64 = 0x541c;
+
+/// Types of an `ioctl` that reads and sets what a file system notes of an open file, or acts on all of
+/// it: flags such as “immutable”, encryption, quotas, freezing, snapshots. Only a mount keeps files from
+/// them. Programs that ask for flags go on without. What they ask of sockets, pipes and terminals is of
+/// other types ('T', 0x89), and so is what the drivers of devices have.
+const IOCTL_OF_FILES: &[u8] = b"fXv";
+/// The same of Btrfs, of which all file systems have `FICLONE` and `FICLONERANGE`: they copy into a file
+/// that may be written, and programs do not expect that they are not permitted.
+const IOCTL_OF_BTRFS: u8 = 0x94;
+const FICLONE: u64 = 0x4004_9409;
+const FICLONERANGE: u64 = 0x4020_940d;
+/// Where the type stands in the number of a request (`_IOC_TYPESHIFT`).
+const IOCTL_TYPE_SHIFT: u32 = 8;
 
 /// `IOPRIO_WHO_PROCESS`.
 const IOPRIO_PROCESS: u64 = 1;
@@ -161,8 +182,14 @@ pub(super) fn forbid(choice: Choice, target: TargetArch) -> Result<(), CallsErro
     let allowed = SeccompFilter::new(known, errno(libc::ENOSYS), SeccompAction::Allow, target)?;
     let forbidden =
         SeccompFilter::new(forbidden(choice)?, SeccompAction::Allow, errno(libc::EPERM), target)?;
+    let mut filters = vec![allowed, forbidden];
+    if !choice.has_own_mounts {
+        let rules = numbers(ATTRIBUTES).map(|call| (call, Vec::new())).collect();
+        let none = errno(libc::ENOTSUP);
+        filters.push(SeccompFilter::new(rules, SeccompAction::Allow, none, target)?);
+    }
     // Of two errors that of the filter counts which came last.
-    for filter in [allowed, forbidden] {
+    for filter in filters {
         let program: BpfProgram = filter.try_into()?;
         seccompiler::apply_filter(&program)?;
     }
@@ -194,12 +221,20 @@ fn forbidden(choice: Choice) -> Result<Rules, BackendError> {
     let mut rules: Rules = numbers(FORBIDDEN).map(|call| (call, Vec::new())).collect();
     if !choice.has_own_mounts {
         rules.extend(numbers(METADATA).map(|call| (call, Vec::new())));
+        rules.extend(numbers(WATCHES).map(|call| (call, Vec::new())));
+        add(&mut rules, "ioctl", requests_of_files()?);
     }
     if !choice.truncates_own_only {
         rules.extend(numbers("truncate truncate64").map(|call| (call, Vec::new())));
     }
     if !choice.counts_memory {
         rules.extend(numbers("memfd_create").map(|call| (call, Vec::new())));
+        // Pages that are shared and of no file are no data of the process, and when it gives them back
+        // they stay in memory, and are not in its resident set any more.
+        let shared = (libc::MAP_SHARED | libc::MAP_ANONYMOUS).unsigned_abs().into();
+        for call in ["mmap", "mmap2"] {
+            add(&mut rules, call, vec![vec![masked(3, shared, shared)?]]);
+        }
     }
     sockets(&mut rules, choice.network)?;
     processes(&mut rules)?;
@@ -274,6 +309,20 @@ fn files(rules: &mut Rules) -> Result<(), BackendError> {
     Ok(())
 }
 
+/// Conditions of an `ioctl` that reads or sets what a file system notes of a file.
+fn requests_of_files() -> Result<Vec<Vec<SeccompCondition>>, BackendError> {
+    let is_of = |kind: u8| {
+        let mask = u64::from(u8::MAX) << IOCTL_TYPE_SHIFT;
+        masked(1, mask, u64::from(kind) << IOCTL_TYPE_SHIFT)
+    };
+    let mut any = Vec::new();
+    for kind in IOCTL_OF_FILES {
+        any.push(vec![is_of(*kind)?]);
+    }
+    any.push(vec![is_of(IOCTL_OF_BTRFS)?, is_not(1, FICLONE)?, is_not(1, FICLONERANGE)?]);
+    Ok(any)
+}
+
 /// Adds conditions of which any forbids the call; all calls that are forbidden anyway stay so.
 fn add(rules: &mut Rules, call: &str, any: Vec<Vec<SeccompCondition>>) {
     let Some(call) = known(call) else { return };
@@ -316,7 +365,7 @@ mod tests {
         let has = |list: &str, name: &str| list.split_whitespace().any(|known| known == name);
         let both = FORBIDDEN.split_whitespace().find(|name| has(ALLOWED, name));
         assert_eq!(both, None);
-        for list in [METADATA, ABOUT_PROCESSES, SIGNALS] {
+        for list in [METADATA, WATCHES, ATTRIBUTES, ABOUT_PROCESSES, SIGNALS] {
             let stray = list.split_whitespace().find(|name| !has(ALLOWED, name));
             assert_eq!(stray, None, "it is forbidden anyway");
         }
@@ -340,5 +389,53 @@ mod tests {
         let program: BpfProgram = filter.expect("a filter").try_into().expect("it compiles");
         assert!(program.len() < 4_096, "{}", program.len());
         assert!(mediated(true, 7, target).expect("it compiles").len() < 4_096);
+    }
+
+    #[test]
+    fn memory_that_is_shared_is_forbidden_only_where_it_is_not_counted() {
+        for counts_memory in [true, false] {
+            let choice = Choice {
+                network: false,
+                has_own_mounts: true,
+                truncates_own_only: true,
+                counts_memory,
+            };
+            let rules = forbidden(choice).expect("rules");
+            let call = known("mmap").expect("every machine has it");
+            // With conditions: programs map files, and memory of their own.
+            let is_conditional = rules.get(&call).is_some_and(|rules| !rules.is_empty());
+            assert_eq!(is_conditional, !counts_memory);
+            assert_eq!(rules.contains_key(&call), !counts_memory);
+        }
+    }
+
+    #[test]
+    fn hidden_files_are_not_asked_about_where_there_are_no_mounts() {
+        use rustix::fs::inotify::{CreateFlags, WatchFlags, add_watch, init};
+        use rustix::io::Errno;
+        let Some(target) = target() else { return };
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().to_owned();
+        // A filter holds for the thread that has installed it, and ends with it.
+        let confined = std::thread::spawn(move || {
+            rustix::thread::set_no_new_privs(true).expect("the kernel lets everybody");
+            let choice = Choice {
+                network: false,
+                has_own_mounts: false,
+                truncates_own_only: true,
+                counts_memory: true,
+            };
+            forbid(choice, target).expect("filters");
+            let file = std::fs::File::open(&path).expect("a folder");
+            let watch = init(CreateFlags::CLOEXEC).expect("nothing is watched yet");
+            (
+                add_watch(&watch, &path, WatchFlags::ALL_EVENTS).err(),
+                rustix::fs::listxattr(&path, &mut [0_u8; 64]).err(),
+                rustix::fs::ioctl_getflags(&file).err(),
+                rustix::fs::ioctl_ficlone(&file, &file).err() != Some(Errno::PERM),
+            )
+        });
+        let expected = (Some(Errno::PERM), Some(Errno::NOTSUP), Some(Errno::PERM), true);
+        assert_eq!(confined.join().expect("it ends"), expected);
     }
 }

@@ -164,9 +164,10 @@ impl Plan {
                 lacks.push(what.to_owned());
             }
         };
-        say(!self.has_room && self.landlock == 0, "it can read what this user can read");
+        let hides_files = self.has_room || self.landlock > 0;
+        say(!hides_files, "it can read, change and remove all files of this user");
         say(
-            !self.keeps_files(),
+            hides_files && !self.keeps_files(),
             "it can change modes, times and lengths of files that it can reach",
         );
         say(
@@ -236,6 +237,13 @@ mod tests {
             assert!(without.contains(expected), "{without}");
         }
         let nothing = Means::none("no kernel at all").plan(false, false).lacks();
-        assert_eq!(nothing.len(), 7, "{nothing:?}");
+        assert_eq!(nothing.len(), 6, "{nothing:?}");
+        let files = |means: Means| means.plan(false, false).lacks()[0].clone();
+        let all = "it can read, change and remove all files of this user";
+        assert_eq!(files(Means::none("no kernel at all")), all);
+        assert_eq!(files(means(0, false, true)), all);
+        let unfiltered =
+            Means { no_calls: Some("for the test".to_owned()), ..means(7, false, true) };
+        assert!(files(unfiltered).contains("modes, times and lengths"));
     }
 }

@@ -6,7 +6,7 @@
 //!   manifest names; it neither signals nor meets others beyond its own (Landlock).
 //! - `calls`: it may make the calls that programs need, and of these none that reaches beyond it
 //!   (seccomp). What the kernel cannot decide, the daemon is asked (`mediator`).
-//! - Memory, open files, file sizes, processes, no core dumps (`setrlimit`), and no capabilities. What
+//! - Memory, open files, file sizes, processes, priority, no core dumps (`setrlimit`), and no capabilities. What
 //!   all its processes take together a control group counts (`cgroup`), or its host looks at (`usage`).
 //! - It is killed with the thread that has started it.
 //!
@@ -22,7 +22,7 @@ use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use rustix::process::{Resource, Rlimit, Signal, setrlimit};
+use rustix::process::{Resource, Rlimit, Signal, getrlimit, setrlimit};
 use rustix::thread::{CapabilitySet, CapabilitySets};
 use serde::{Deserialize, Serialize};
 
@@ -217,8 +217,10 @@ impl Confinement {
         set("memory", Resource::Data, memory)?;
         set("open files", Resource::Nofile, files)?;
         set("the size of files", Resource::Fsize, file_size)?;
-        set("core dumps", Resource::Core, 0)?;
+        set("core dumps", Resource::Core, core_limit())?;
         set("message queues", Resource::Msgqueue, 0)?;
+        set("real-time priority", Resource::Rtprio, 0)?;
+        set("priority", Resource::Nice, 0)?;
         // Outside of a namespace of users, all processes of this user would count.
         if self.plan.has_room {
             set("processes", Resource::Nproc, tasks)?;
@@ -245,6 +247,13 @@ impl Confinement {
         let sent = seccomp_notify::send(std::io::stdin().as_fd(), &told, listener.as_ref());
         sent.map_err(ConfinementError::Told)
     }
+}
+
+/// The longest core dump, in bytes. At 0 the kernel writes no file, but still hands the dump to a program
+/// that collects dumps (a `core_pattern` that begins with `|`); at 1 it does neither. A hard limit of 0 is
+/// kept, because raising it takes a capability.
+fn core_limit() -> u64 {
+    getrlimit(Resource::Core).maximum.map_or(1, |most| most.min(1))
 }
 
 /// Gives up all capabilities, also those that a program of root would have again.
