@@ -267,7 +267,7 @@ fn an_upgrade_takes_over_and_one_that_does_not_work_is_taken_back() {
     fs::write(next.join("plugin.toml"), "name = \"thermometer\"\n").expect("a file");
     let (code, said) = office.ask(&["plugin", "add", &package]);
     assert_eq!(code, Some(33), "what is not whole is not added: {said}");
-    assert!(said.contains("missing field `version`"), "{said}");
+    assert!(said.contains("`version` is missing"), "{said}");
 }
 
 /// A package whose program is a shell's.

@@ -69,7 +69,10 @@ mod tests {
                 "it ended by itself with exit code 1: No module named 'numpy.core'",
                 "install `numpy`",
             ),
-            ("it ended by itself with exit code 126: Permission denied", "write that one in `run`"),
+            (
+                "it ended by itself with exit code 126: Permission denied",
+                "name the real program in `run`",
+            ),
             (
                 "it is not known what it keeps on disk: its folder /d cannot be read: Permission denied",
                 "readable for its own user",

@@ -143,7 +143,7 @@ mod tests {
         assert!(differences(&own, &same).is_empty());
         let said = differences(&own, &older);
         assert_eq!(said.len(), 1, "the domain is the same: {said:?}");
-        for part in ["map of daemon `c`", "daemon `a` here", &own.map, &older.map] {
+        for part in ["daemon `c` has read another map", "daemon `a` here", &own.map, &older.map] {
             assert!(said[0].contains(part), "{part}: {said:?}");
         }
         assert_ne!(own.map, older.map);
