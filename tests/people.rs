@@ -140,21 +140,24 @@ fn who_leaves_a_goal_hears_how_to_follow_it_and_how_to_give_it_up() {
 fn a_script_for_the_prompt_is_done_at_once() {
     let mut office = Office::new();
     office.up_alone(&[]);
-    let run = |input: &str| {
+    let run = |input: &[u8]| {
         let mut command = office.command(&["keyboard", "--ecosystem", &file()]);
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let began = Instant::now();
         let mut child = command.spawn().expect("the binary is built");
-        child.stdin.take().expect("a pipe").write_all(input.as_bytes()).expect("it reads");
+        child.stdin.take().expect("a pipe").write_all(input).expect("it reads");
         let output = child.wait_with_output().expect("our child");
         (output.status.code(), began.elapsed(), stdout(&output) + &stderr(&output))
     };
     // The first of a few: the machine may be busy with other tests.
-    let quickest = (0..5).map(|_| run("quit\n")).min_by_key(|(_, took, _)| *took).expect("runs");
+    let quickest = (0..5).map(|_| run(b"quit\n")).min_by_key(|(_, took, _)| *took).expect("runs");
     assert_eq!(quickest.0, Some(0), "{}", quickest.2);
     assert!(quickest.1 < Duration::from_millis(1_500), "{:?}", quickest.1);
-    let (code, _, said) = run("agnets\nquit\n");
+    let (code, _, said) = run(b"agnets\nquit\n");
     assert_eq!(code, Some(1), "of a script it counts: {said}");
+    let (code, _, said) = run(b"\xff\xfe\nagents\nquit\n");
+    assert_eq!(code, Some(1), "a line that is no text counts, too: {said}");
+    assert!(said.contains("turtlebot-1"), "the next line is read: {said}");
 }
 
 // === a terminal ===

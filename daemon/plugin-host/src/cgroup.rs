@@ -205,6 +205,7 @@ mod tests {
         let none = Group { folder: folder.path().join("none"), before };
         assert_eq!(none.taken(), Taken::default());
     }
+
     #[test]
     fn a_group_that_is_used_again_is_not_slow_any_more() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -172,6 +172,7 @@ mod tests {
         let longest = longest.lines().map(str::len).max().unwrap_or(0);
         assert!(longest as u64 <= LINE_BYTES_MAX, "{longest}");
     }
+
     #[test]
     fn logs_are_for_this_user_alone() {
         use std::os::unix::fs::PermissionsExt as _;

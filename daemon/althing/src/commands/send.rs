@@ -37,10 +37,27 @@ struct Written {
     protocol: Option<Protocol>,
     conversation_id: Option<ConversationId>,
     reply_by: Option<Deadline>,
-    /// What the keyboard says itself, or nobody knows.
+    /// What the keyboard says itself ([`SAID_BY_KEYBOARD`]), or nobody knows.
     #[serde(flatten)]
     rest: Map<String, Value>,
 }
+
+/// The keys of a message that are written.
+const WRITTEN: &[&str] =
+    &["performative", "receiver", "content", "protocol", "conversation_id", "reply_by"];
+
+/// Those that the keyboard says itself, whatever is written.
+const SAID_BY_KEYBOARD: &[&str] = &[
+    "version",
+    "id",
+    "sender",
+    "incarnation",
+    "language",
+    "ontology",
+    "reply_with",
+    "in_reply_to",
+    "via",
+];
 
 /// One name, or a list of them.
 #[derive(Deserialize)]
@@ -114,9 +131,17 @@ fn draft(text: &str) -> Result<Draft, String> {
         .map_err(|error| format!("this is no message: {error}; see althing help send"))?;
     let Written { performative, receiver, content, protocol, conversation_id, reply_by, rest } =
         written;
+    if let Some(key) = rest.keys().find(|key| !SAID_BY_KEYBOARD.contains(&key.as_str())) {
+        let known = WRITTEN.iter().chain(SAID_BY_KEYBOARD).copied();
+        let near = pddl::nearest(key, known).map(|near| format!("; did you mean `{near}`?"));
+        return Err(format!("a message has no key `{key}`{}", near.unwrap_or_default()));
+    }
     let left_out: Vec<_> = rest.keys().map(String::as_str).collect();
     if !left_out.is_empty() {
-        output::note(&format!("left to the keyboard, or unknown: {}", left_out.join(", ")));
+        output::note(&format!(
+            "left to the keyboard, which says it itself: {}",
+            left_out.join(", ")
+        ));
     }
     let to = match receiver {
         Receivers::One(one) => Some(one),
@@ -192,6 +217,10 @@ mod tests {
     #[test]
     fn a_mistake_is_told_before_anything_is_sent() {
         check_mistake("{", "no message");
+        check_mistake(
+            r#"{"performative": "query-ref", "reciever": "a", "content": {"text": "?"}}"#,
+            "no key `reciever`; did you mean `receiver`?",
+        );
         check_mistake(r#"{"performative": "shout"}"#, "shout");
         check_mistake(r#"{"performative": "confirm"}"#, "request, query-ref");
         check_mistake(r#"{"performative": "request", "content": {"act": "fly"}}"#, "fly");

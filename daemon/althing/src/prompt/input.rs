@@ -2,7 +2,7 @@
 //! come. On a thread of its own, because nothing can wake a read.
 
 use std::borrow::Cow;
-use std::io::IsTerminal as _;
+use std::io::{BufRead as _, IsTerminal as _};
 use std::path::PathBuf;
 use std::sync::{Arc, PoisonError, RwLock, mpsc};
 use std::thread::JoinHandle;
@@ -102,11 +102,19 @@ impl Input {
 }
 
 fn read_lines(wanted: &mpsc::Receiver<()>, tell: &channel::Sender<Typed>) {
-    let mut lines = std::io::stdin().lines();
+    let mut lines = std::io::stdin().lock().split(b'\n');
     while wanted.recv().is_ok() {
         let typed = match lines.next() {
-            Some(Ok(line)) => Typed::Line(line),
-            Some(Err(_)) | None => Typed::End,
+            // What is no UTF-8 is no verb either, and is answered as such; the next line is read.
+            Some(Ok(line)) => {
+                let line = String::from_utf8_lossy(&line);
+                Typed::Line(line.trim_end_matches('\r').to_owned())
+            }
+            Some(Err(error)) => {
+                output::note(&format!("standard input cannot be read any more: {error}"));
+                Typed::End
+            }
+            None => Typed::End,
         };
         let has_ended = matches!(typed, Typed::End);
         if tell.blocking_send(typed).is_err() || has_ended {
