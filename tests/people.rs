@@ -568,6 +568,24 @@ fn who_waits_for_a_goal_hears_that_nobody_leads() {
     await_note(&notes, "`plan-requester` leads again, at daemon `reasoning`");
 }
 
+#[test]
+fn who_waits_for_a_goal_hears_that_no_daemon_is_reached() {
+    let mut office = Office::new();
+    office.up(&["office2-pi", "reasoning"], &[]);
+    let goal = ["goal", "(known-temperature office2)", "--maintain", "--ecosystem", &file()];
+    let mut command = office.command(&goal);
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = Ends(command.spawn().expect("the binary is built"));
+    let said = lines(&mut child.0);
+    await_note(&said, "holds");
+    let notes = notes(child.0.stderr.take().expect("a pipe"));
+    office.kill("reasoning");
+    office.kill("office2-pi");
+    await_note(&notes, "no daemon of the ecosystem is reached any more");
+    office.up(&["reasoning", "office2-pi"], &[]);
+    await_note(&notes, "a daemon of the ecosystem is reached again");
+}
+
 // === files that are nobody else's ===
 
 #[test]

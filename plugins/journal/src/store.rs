@@ -21,6 +21,10 @@ const FORMAT_KEY: &str = "format";
 /// What the store says of a file that a newer version of it wrote.
 const FOREIGN_FORMAT: &str = "file format version";
 
+/// What a database keeps in memory of its file. Records are in memory already, and it alone would take a
+/// gigabyte.
+const CACHE_BYTES: usize = 4 << 20;
+
 /// Records in memory that outlive their Journal: stands in for a disk where a whole building lives
 /// in one process.
 #[derive(Debug, Default)]
@@ -174,8 +178,7 @@ impl Filed {
         let mut open = self.database.lock().unwrap_or_else(PoisonError::into_inner);
         let database = match open.take() {
             Some(database) => database,
-            None => Database::create(&self.path)
-                .map_err(|error| StoreError::Write(error.to_string()))?,
+            None => opened(&self.path).map_err(|error| StoreError::Write(error.to_string()))?,
         };
         write(&database, records, gone).map_err(|error| StoreError::Write(error.to_string()))?;
         *open = Some(database);
@@ -237,6 +240,11 @@ fn begin(path: &Path) -> Result<(Store, Vec<Record>), StoreError> {
     })
 }
 
+/// Opens a database, or makes one.
+fn opened(path: &Path) -> Result<Database, DatabaseError> {
+    Database::builder().set_cache_size(CACHE_BYTES).create(path)
+}
+
 /// Where a broken file goes, over none that is there already.
 fn free_name_beside(path: &Path) -> PathBuf {
     let name = |number: u32| path.with_extension(format!("broken-{number}"));
@@ -244,7 +252,7 @@ fn free_name_beside(path: &Path) -> PathBuf {
 }
 
 fn read(path: &Path) -> Result<(Store, Vec<Record>), Trouble> {
-    let database = Database::create(path).map_err(|error| match error {
+    let database = opened(path).map_err(|error| match error {
         DatabaseError::DatabaseAlreadyOpen => Trouble::InUse,
         DatabaseError::Storage(StorageError::Io(error)) if is_of_the_file(error.kind()) => {
             Trouble::Broken(error.to_string())

@@ -14,6 +14,9 @@ use crate::commands::doors;
 /// How often it is looked. What is gone for two looks is told: a standby takes over within less.
 const PERIOD: Duration = Duration::from_millis(500);
 
+/// For how many looks no daemon is reached before that is told: some links are back within a second.
+const UNREACHED_LOOKS: u32 = 6;
+
 /// Looks while a goal is waited for.
 pub(super) struct Vigil {
     view: View,
@@ -24,6 +27,8 @@ pub(super) struct Vigil {
     /// For how many looks nobody has led.
     leaderless: u32,
     is_door_told: bool,
+    /// For how many looks no daemon has been reached.
+    unreached: u32,
     /// Whether the link has been lost, and no other is known yet.
     is_cut_off: bool,
 }
@@ -46,7 +51,16 @@ impl Vigil {
         let mut ticks = interval(PERIOD);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let view = view.clone();
-        Vigil { view, leader, door, ticks, leaderless: 0, is_door_told: false, is_cut_off: false }
+        Vigil {
+            view,
+            leader,
+            door,
+            ticks,
+            leaderless: 0,
+            is_door_told: false,
+            unreached: 0,
+            is_cut_off: false,
+        }
     }
 
     /// Waits for something to tell.
@@ -56,7 +70,9 @@ impl Vigil {
             if self.hears_again() {
                 return News::HearsAgain;
             }
-            if let Some(line) = self.of_door().or_else(|| self.of_leader()) {
+            if let Some(line) =
+                self.of_door().or_else(|| self.of_link()).or_else(|| self.of_leader())
+            {
                 return News::Line(line);
             }
         }
@@ -82,6 +98,21 @@ impl Vigil {
                  command is connected to it: within twenty seconds it connects to another \
                  daemon, if there is one, and tells what was said of the goal meanwhile"
             )
+        })
+    }
+
+    /// Whether any daemon is reached. A door that stands still has been told already.
+    fn of_link(&mut self) -> Option<String> {
+        if self.view.switchboard.directory().iter().next().is_some() {
+            let was_told = self.unreached >= UNREACHED_LOOKS && !self.is_door_told;
+            self.unreached = 0;
+            return was_told.then(|| "a daemon of the ecosystem is reached again".to_owned());
+        }
+        self.unreached = self.unreached.saturating_add(1);
+        (self.unreached == UNREACHED_LOOKS && !self.is_door_told).then(|| {
+            "no daemon of the ecosystem is reached any more; this command waits until one is, and \
+             then tells how the goal stands; Ctrl-C ends it"
+                .to_owned()
         })
     }
 
