@@ -303,6 +303,7 @@ pub(super) fn with_view(
 /// Says that something could not be reached.
 pub(crate) fn unavailable(problem: &str, json: bool) -> ExitCode {
     if json {
+        let problem = format!("failed to {problem}");
         let value = serde_json::json!({ "status": "unavailable", "problem": problem });
         return output::print_json(&value, exit::UNAVAILABLE);
     }

@@ -24,8 +24,8 @@ pub(crate) fn lines(heard: &Heard) -> Vec<Styled> {
     match heard {
         Heard::Asked(id) => vec![line(Color::Dim, "asked", id.as_str())],
         Heard::Report(_, report) => of_report(report),
-        Heard::Refused(_, refusal) => vec![line(Color::Red, "refused", &refusal.detail)],
-        Heard::Unanswered(_, why) => vec![line(Color::Red, "nobody", why)],
+        Heard::Refused(_, refusal) => block(Color::Red, "refused", &refusal.detail),
+        Heard::Unanswered(_, why) => block(Color::Red, "nobody", why),
         Heard::Answered(message) => vec![of_message(message)],
         Heard::Question(open) => {
             let OpenQuestion { question, from, text, left, .. } = open;
@@ -45,13 +45,22 @@ fn line(color: Color, word: &str, rest: &str) -> Styled {
     Styled::painted(color, &format!("{word:<8}")).and(" ").and(rest)
 }
 
+/// A text of several lines; those after the first stand below it, so that none looks like one of ours.
+fn block(color: Color, word: &str, text: &str) -> Vec<Styled> {
+    let mut parts = text.lines();
+    let first = line(color, word, parts.next().unwrap_or_default());
+    std::iter::once(first)
+        .chain(parts.map(|part| Styled::line(&format!("         {part}"))))
+        .collect()
+}
+
 fn of_report(report: &Report) -> Vec<Styled> {
     let color = match report.outcome {
         Outcome::Progress => Color::Plain,
         Outcome::Holds | Outcome::Done => Color::Green,
         Outcome::Failed | Outcome::Cancelled => Color::Red,
     };
-    let mut lines = vec![line(color, &report.outcome.to_string(), &report.detail)];
+    let mut lines = block(color, &report.outcome.to_string(), &report.detail);
     let steps = report.plan.iter().flat_map(|plan| plan.lines());
     lines.extend(
         steps
