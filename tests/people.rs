@@ -550,18 +550,24 @@ fn a_goal_that_ends_while_its_command_hears_nothing_misses_no_line() {
     misses_no_line("0.05");
 }
 
-#[test]
-fn who_waits_for_a_goal_hears_that_nobody_leads() {
-    let mut office = Office::new();
-    office.up(&["office2-pi", "reasoning"], &[]);
+/// A command that keeps up a goal which holds and is on the disk of its Journal: with what it prints, and
+/// its notes.
+fn kept_goal(office: &Office) -> (Ends, mpsc::Receiver<String>, mpsc::Receiver<String>) {
     let goal = ["goal", "(known-temperature office2)", "--maintain", "--ecosystem", &file()];
     let mut command = office.command(&goal);
     command.stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = Ends(command.spawn().expect("the binary is built"));
     let said = lines(&mut child.0);
-    // Accepted, and kept on the disk of the daemon that is killed.
     await_note(&said, "holds");
     let notes = notes(child.0.stderr.take().expect("a pipe"));
+    (child, said, notes)
+}
+
+#[test]
+fn who_waits_for_a_goal_hears_that_nobody_leads() {
+    let mut office = Office::new();
+    office.up(&["office2-pi", "reasoning"], &[]);
+    let (_goal, _said, notes) = kept_goal(&office);
     office.kill("reasoning");
     await_note(&notes, "nobody leads: no daemon that is seen hosts `plan-requester`");
     office.up(&["reasoning"], &[]);
@@ -572,13 +578,7 @@ fn who_waits_for_a_goal_hears_that_nobody_leads() {
 fn who_waits_for_a_goal_hears_that_no_daemon_is_reached() {
     let mut office = Office::new();
     office.up(&["office2-pi", "reasoning"], &[]);
-    let goal = ["goal", "(known-temperature office2)", "--maintain", "--ecosystem", &file()];
-    let mut command = office.command(&goal);
-    command.stdout(Stdio::piped()).stderr(Stdio::piped());
-    let mut child = Ends(command.spawn().expect("the binary is built"));
-    let said = lines(&mut child.0);
-    await_note(&said, "holds");
-    let notes = notes(child.0.stderr.take().expect("a pipe"));
+    let (_goal, _said, notes) = kept_goal(&office);
     office.kill("reasoning");
     office.kill("office2-pi");
     await_note(&notes, "no daemon of the ecosystem is reached any more");

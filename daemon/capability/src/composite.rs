@@ -117,8 +117,7 @@ impl Composite {
 
     /// Why a claim of a fact means nothing here, for a person; `None` if it does.
     pub(crate) fn misfit(&self, fact: &FactKey, value: Value) -> Option<String> {
-        let is_below = matches!(value, Value::Number(number) if number.0 < 0.0);
-        if is_below && self.costs().contains(fact.symbol()) {
+        if self.is_negative_cost(fact, value) {
             return Some(format!(
                 "actions cost `{}`, and nothing costs less than 0",
                 fact.symbol()
@@ -127,8 +126,14 @@ impl Composite {
         self.vocabulary.fact_misfit(fact, value)
     }
 
+    /// Whether plans would cost less than nothing by a claim.
+    pub(crate) fn is_negative_cost(&self, fact: &FactKey, value: Value) -> bool {
+        matches!(value, Value::Number(number) if number.0 < 0.0)
+            && self.costs().contains(fact.symbol())
+    }
+
     /// The functions that costs of actions are made of.
-    pub(crate) fn costs(&self) -> &BTreeSet<Name> {
+    fn costs(&self) -> &BTreeSet<Name> {
         self.costs.get_or_init(|| {
             let effects = self.domain.actions.iter().flat_map(|action| action.effect.parts());
             let added = effects.filter_map(|part| match part {

@@ -1,16 +1,17 @@
 //! What is wrong with the form of a `plugin.toml`, in the words of its author.
 //!
-//! Serde speaks of Rust: “invalid type: map, expected a sequence”. Here that becomes “`agent` must be a
-//! list”, and what to write.
+//! “invalid type: map, expected a sequence” becomes “`agent` must be a list in [ ], and is a table”, and
+//! what to write.
 
 use std::ops::Range;
 
 use pddl::{Diagnostic, Span, nearest};
+use terminal::form::{self, Mistake};
 
 /// Where the rest stands.
 const DOCS: &str = "docs/plugins.md says what a plugin.toml has";
 
-/// What could stand at the keys that are needed.
+/// What could stand at keys.
 const EXAMPLES: &[(&str, &str)] = &[
     ("name", "name = \"thermometer\""),
     ("version", "version = \"0.1.0\""),
@@ -18,6 +19,10 @@ const EXAMPLES: &[(&str, &str)] = &[
     ("method", "method = \"read\""),
     ("timeout", "timeout = \"2s\""),
     ("type", "type = \"text\""),
+    ("network", "network = true"),
+    ("cpu", "cpu = 0.5"),
+    ("files", "files = 128"),
+    ("processes", "processes = 4"),
 ];
 
 /// Keys that are lists of tables.
@@ -25,80 +30,47 @@ const LISTS_OF_TABLES: &[&str] = &["agent"];
 
 /// Words what the reader of the file says of the bytes at `place`.
 pub(crate) fn worded(text: &str, said: &str, place: Range<usize>) -> Diagnostic {
-    let said = said.trim();
+    let offset = |place| u32::try_from(place).unwrap_or(u32::MAX);
     let span = Span { start: offset(place.start), end: offset(place.end) };
-    let (message, help) = if let Some(rest) = said.strip_prefix("unknown field ") {
-        unknown_key(&quoted(rest))
-    } else if let Some(rest) = said.strip_prefix("missing field ") {
-        missing_key(&quoted(rest))
-    } else if let Some(rest) = said.strip_prefix("unknown variant ") {
-        unknown_word(&quoted(rest))
-    } else if let Some((_, wanted)) =
-        said.strip_prefix("invalid ").and_then(|rest| rest.rsplit_once(", expected "))
-    {
-        wrong_kind(key_at(text, place.start), wanted)
-    } else {
-        (said.to_owned(), DOCS.to_owned())
+    let (message, help) = match Mistake::of(said) {
+        Some(Mistake::UnknownKey { key, known }) => {
+            (format!("unknown key `{key}`"), in_place_of(key, &known))
+        }
+        Some(Mistake::MissingKey(key)) => (format!("`{key}` is missing"), write(key)),
+        Some(Mistake::UnknownWord { word, known }) => (
+            format!("\"{word}\" is not known here"),
+            format!("write \"{}\"", known.join("\" or \"")),
+        ),
+        Some(Mistake::Kind { got, wanted }) => {
+            let key = key_at(text, place.start);
+            let (wanted, got) = (form::kind(wanted), form::got(got));
+            let help = match &*wanted {
+                "a list in [ ]" if LISTS_OF_TABLES.contains(&key) => format!("write [[{key}]]"),
+                "a list in [ ]" => format!("write {key} = [\"…\"]"),
+                _ => write(key),
+            };
+            (format!("`{key}` must be {wanted}, and is {got}"), help)
+        }
+        Some(Mistake::NoForm) | None => (said.trim().to_owned(), DOCS.to_owned()),
     };
     Diagnostic::error(span, message).with_help(help)
 }
 
-fn offset(place: usize) -> u32 {
-    u32::try_from(place).unwrap_or(u32::MAX)
-}
-
-/// What stands in backquotes.
-fn quoted(text: &str) -> Vec<&str> {
-    text.split('`').skip(1).step_by(2).collect()
-}
-
-fn unknown_key(names: &[&str]) -> (String, String) {
-    let (key, known) = names.split_first().map_or(("", &[][..]), |(key, known)| (*key, known));
-    let help = match (key, nearest(key, known.iter().copied())) {
-        ("plugin" | "package", _) => {
+/// What to do about a key that nobody reads.
+fn in_place_of(key: &str, known: &[&str]) -> String {
+    match nearest(key, known.iter().copied()) {
+        _ if ["plugin", "package"].contains(&key) => {
             "`name`, `version` and `run` stand at the top of the file, under no table".to_owned()
         }
-        (_, Some(meant)) => format!("did you mean `{meant}`?"),
-        _ => format!("known are {}", known.join(", ")),
-    };
-    (format!("unknown key `{key}`"), help)
+        Some(meant) => format!("did you mean `{meant}`?"),
+        None => format!("known are {}", known.join(", ")),
+    }
 }
 
-fn missing_key(names: &[&str]) -> (String, String) {
-    let key = names.first().copied().unwrap_or_default();
+/// What could stand at a key.
+fn write(key: &str) -> String {
     let example = EXAMPLES.iter().find(|(name, _)| *name == key);
-    let help = example.map_or_else(|| DOCS.to_owned(), |(_, example)| format!("write {example}"));
-    (format!("`{key}` is missing"), help)
-}
-
-fn unknown_word(names: &[&str]) -> (String, String) {
-    let (word, known) = names.split_first().map_or(("", &[][..]), |(word, known)| (*word, known));
-    let known: Vec<_> = known.iter().map(|known| format!("\"{known}\"")).collect();
-    (format!("\"{word}\" is not known here"), format!("write {}", known.join(" or ")))
-}
-
-/// Of serde's names of types, those that a file can have.
-fn wrong_kind(key: &str, wanted: &str) -> (String, String) {
-    let is_table_wanted = wanted.contains("map") || wanted.contains("struct");
-    let kind = match wanted {
-        wanted if wanted.contains("bool") => "true or false, without quotes",
-        wanted if wanted.contains("sequence") => "a list",
-        wanted if wanted.contains("string") => "a text in quotes",
-        "f32" | "f64" => "a number",
-        _ if is_table_wanted => "a table",
-        _ => "a whole number that is not negative",
-    };
-    let help = match kind {
-        "a list" if LISTS_OF_TABLES.contains(&key) => format!("write [[{key}]]"),
-        "a list" => format!("write {key} = [\"…\"]"),
-        "a text in quotes" => EXAMPLES.iter().find(|(name, _)| *name == key).map_or_else(
-            || format!("write {key} = \"…\""),
-            |(_, example)| format!("write {example}"),
-        ),
-        "a table" => format!("write [{key}], and its keys below"),
-        _ => DOCS.to_owned(),
-    };
-    (format!("`{key}` must be {kind}"), help)
+    example.map_or_else(|| DOCS.to_owned(), |(_, example)| format!("write {example}"))
 }
 
 /// The key whose value, or whose table, stands at a place.
@@ -128,14 +100,15 @@ mod tests {
         let head = "name = \"a\"\nversion = \"1\"\nprotocol = \"1\"\nrun = [\"a\"]\n";
         for (text, expected) in [
             ("[plugin]\nname = \"a\"", "unknown key `plugin`: `name`, `version` and `run` stand"),
-            ("name = \"a\"\nversion = 1", "`version` must be a text in quotes: write version = \""),
+            ("name = \"a\"\nversion = 1", "must be a text in quotes, and is 1: write version = \""),
             ("name = \"a\"\nversion = \"1\"", "`protocol` is missing: write protocol = \"1\""),
-            (&format!("{head}[agent]\nname = \"x\""), "`agent` must be a list: write [[agent]]"),
+            (&format!("{head}[agent]\nname = \"x\""), "`agent` must be a list in [ ], and is a"),
+            (&format!("{head}[agent]\nname = \"x\""), "table: write [[agent]]"),
             (&format!("{head}[[agents]]"), "unknown key `agents`: did you mean `agent`?"),
-            (&format!("{head}[permissions]\nnetwork = \"yes\""), "must be true or false"),
+            (&format!("{head}[permissions]\nnetwork = \"yes\""), "must be true or false, and is"),
             (&format!("{head}[permissions]\nfiles = -1"), "`files` must be a whole number"),
             (&format!("{head}[permissions]\ncpu = \"half\""), "`cpu` must be a number"),
-            (&format!("{head}[permissions]\ndevices = \"/dev/a\""), "`devices` must be a list"),
+            (&format!("{head}[permissions]\ndevices = \"/dev/a\""), "write devices = [\"…\"]"),
             (&format!("{head}[config]\nroom = \"text\""), "`room` must be a table"),
         ] {
             let said = said(text);

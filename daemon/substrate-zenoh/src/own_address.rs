@@ -3,9 +3,10 @@
 
 use std::collections::BTreeSet;
 use std::fmt::Debug;
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs as _, UdpSocket};
+use std::net::{IpAddr, ToSocketAddrs as _};
 use std::time::Duration;
 
+use nix::ifaddrs::{InterfaceAddress, getifaddrs};
 use serde_json::Value;
 use tracing::field::{Field, Visit};
 use tracing::{Event, Metadata};
@@ -116,19 +117,20 @@ fn resolved(host: &str, port: u16) -> Vec<IpAddr> {
     addresses.map(|address| address.ip().to_canonical()).collect()
 }
 
-/// To an address of this machine the kernel sends from that address. (Binding to it would prove nothing
-/// where `net.ipv4.ip_nonlocal_bind` is set.) Nothing is sent.
+/// Whether an interface has this address. (Binding to it would prove nothing where
+/// `net.ipv4.ip_nonlocal_bind` is set.)
 fn is_of_this_machine(address: IpAddr) -> bool {
-    let any: IpAddr = match address {
-        IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
-        IpAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+    let has_it = |interface: InterfaceAddress| {
+        let of = interface.address?;
+        let own: IpAddr = match (of.as_sockaddr_in(), of.as_sockaddr_in6()) {
+            (Some(v4), _) => v4.ip().into(),
+            (None, v6) => v6?.ip().into(),
+        };
+        Some(own == address)
     };
-    let own = || {
-        let socket = UdpSocket::bind(SocketAddr::new(any, 0))?;
-        socket.connect(SocketAddr::new(address, 9))?;
-        socket.local_addr()
-    };
-    address.is_loopback() || own().is_ok_and(|own| own.ip() == address)
+    // All of 127.0.0.0/8 is this machine's, and only one of them is an interface's.
+    address.is_loopback()
+        || getifaddrs().is_ok_and(|mut all| all.any(|it| has_it(it) == Some(true)))
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use conversation::{PROTOCOLS, Phase, Role};
 use keyboard::{Draft, Said};
 use serde::Deserialize;
 use serde_json::{Map, Value};
+use terminal::form::{self, Mistake};
 use terminal::report::Source;
 use terminal::{exit, output};
 
@@ -127,8 +128,9 @@ fn text(file: &Path) -> Result<String, String> {
 /// Reads a message and checks it: its performative must open an exchange of its protocol, and its
 /// content must have the shape that goes with them.
 fn draft(text: &str) -> Result<Draft, String> {
-    let written: Written = serde_json::from_str(text)
-        .map_err(|error| format!("this is no message: {error}; see althing help send"))?;
+    let written: Written = serde_json::from_str(text).map_err(|error| {
+        format!("this is no message: {}; see althing help send", worded(&error))
+    })?;
     let Written { performative, receiver, content, protocol, conversation_id, reply_by, rest } =
         written;
     if let Some(key) = rest.keys().find(|key| !SAID_BY_KEYBOARD.contains(&key.as_str())) {
@@ -164,9 +166,35 @@ fn draft(text: &str) -> Result<Draft, String> {
     Ok(Draft { to, performative, protocol, conversation: conversation_id, content, patience })
 }
 
+/// What cannot be read of a message, in the words of who wrote it.
+fn worded(error: &serde_json::Error) -> String {
+    let said = error.to_string();
+    let near = |word: &str, known: &[&str]| match pddl::nearest(word, known.iter().copied()) {
+        Some(near) => format!("; did you mean `{near}`?"),
+        None => format!("; known are {}", known.join(", ")),
+    };
+    match Mistake::of(&said) {
+        Some(Mistake::UnknownKey { key, known }) => {
+            format!("there is no key `{key}`{}", near(key, &known))
+        }
+        Some(Mistake::UnknownWord { word, known }) => {
+            format!("`{word}` is not known there{}", near(word, &known))
+        }
+        Some(Mistake::MissingKey(key)) => format!("`{key}` is missing"),
+        Some(Mistake::Kind { got, wanted }) => {
+            let (wanted, got) = (form::kind(wanted), form::got(got));
+            format!("there must be {wanted} where {got} is (line {})", error.line())
+        }
+        Some(Mistake::NoForm) => "`receiver` is a name in quotes, or a list of one".to_owned(),
+        None if error.is_eof() => "it ends too early".to_owned(),
+        None => said,
+    }
+}
+
 /// The protocol that goes with a message, once its content can be read.
 fn shape(performative: Performative, content: &Value) -> Result<Protocol, String> {
-    let wrong = |error: serde_json::Error| format!("the content of a `{performative}`: {error}");
+    let wrong =
+        |error: serde_json::Error| format!("the content of a `{performative}`: {}", worded(&error));
     match performative {
         Performative::Request => Ok(match Request::deserialize(content).map_err(wrong)? {
             Request::Achieve(_) => Protocol::Goal,
@@ -217,6 +245,10 @@ mod tests {
     #[test]
     fn a_mistake_is_told_before_anything_is_sent() {
         check_mistake("{", "no message");
+        check_mistake("", "it ends too early");
+        check_mistake("[]", "`performative` is missing");
+        check_mistake(r#"{"performative": "request", "receiver": 5}"#, "`receiver` is a name");
+        check_mistake(r#"{"performative": "requst"}"#, "did you mean `request`?");
         check_mistake(
             r#"{"performative": "query-ref", "reciever": "a", "content": {"text": "?"}}"#,
             "no key `reciever`; did you mean `receiver`?",

@@ -61,13 +61,9 @@ pub(super) async fn say(link: &Link, said: Said, manner: Manner<'_>) -> ExitCode
     loop {
         let heard = tokio::select! {
             news = news(&mut vigil) => {
-                match (news, &about) {
-                    (News::Line(line), _) => output::note(&line),
-                    (News::HearsAgain, Some(about)) => {
-                        let history = history(link, about).await;
-                        print_missed(&mut told, about, history, json);
-                    }
-                    (News::HearsAgain, None) => (),
+                match news {
+                    News::Line(line) => output::note(&line),
+                    News::HearsAgain => catch_up(link, about.as_ref(), &mut told, json).await,
                 }
                 continue;
             }
@@ -162,11 +158,13 @@ async fn news(vigil: &mut Option<Vigil>) -> News {
     }
 }
 
-/// What its Plan Requester remembers of a goal that it pursues.
-async fn history(link: &Link, about: &ConversationId) -> Vec<HistoryEntry> {
+/// Prints what was said of a goal meanwhile, as far as its Plan Requester remembers.
+async fn catch_up(link: &Link, about: Option<&ConversationId>, told: &mut Told, json: bool) {
+    let Some(about) = about else { return };
     let goals = goals::ask(&link.view).await.unwrap_or_default();
-    let goal = goals.into_iter().find(|goal| goal.conversation == *about);
-    goal.map(|goal| goal.history).unwrap_or_default()
+    if let Some(goal) = goals.into_iter().find(|goal| goal.conversation == *about) {
+        print_missed(told, about, goal.history, json);
+    }
 }
 
 /// Prints what was said of a goal and not heard.

@@ -5,6 +5,7 @@
 
 use pddl::nearest;
 use serde_json::Value;
+use terminal::form;
 
 /// Of many keys, as many as are listed.
 const LISTED_MAX: usize = 6;
@@ -58,26 +59,19 @@ pub(super) fn worded(
     value: Option<&Value>,
     example: impl Fn(&str) -> Option<String>,
 ) -> Worded {
-    if let Some(rest) = said.strip_prefix("unknown field `") {
-        return unknown_key(rest, path);
-    }
-    if let Some(key) = said.strip_prefix("missing field `").and_then(|rest| rest.split('`').next())
-    {
-        return missing_key(key, path, example);
-    }
-    if let Some(rest) = said.strip_prefix("unknown variant `")
-        && let Some((word, rest)) = rest.split_once('`')
-    {
-        return unknown_word(word, &quoted(rest), path);
-    }
-    let invalid = ["invalid type: ", "invalid value: ", "invalid length "];
-    if let Some(rest) = invalid.iter().find_map(|prefix| said.strip_prefix(prefix))
-        && let Some((got, wanted)) = rest.rsplit_once(", expected ")
-    {
-        return wrong_kind(got, wanted, path, value, example);
-    }
-    if said.starts_with("data did not match any variant") {
-        return of_no_form(path, example);
+    match form::Mistake::of(said) {
+        Some(form::Mistake::UnknownKey { key, known }) => {
+            return unknown_key(key, &owned(&known), path);
+        }
+        Some(form::Mistake::MissingKey(key)) => return missing_key(key, path, example),
+        Some(form::Mistake::UnknownWord { word, known }) => {
+            return unknown_word(word, &owned(&known), path);
+        }
+        Some(form::Mistake::Kind { got, wanted }) => {
+            return wrong_kind(got, wanted, path, value, example);
+        }
+        Some(form::Mistake::NoForm) => return of_no_form(path, example),
+        None => (),
     }
     if let Some((key, text)) = duration_error(said, path, value) {
         let message = format!("`{key}` must be a duration, and is \"{text}\"");
@@ -96,16 +90,18 @@ pub(super) fn worded(
     Worded { kind: Mistake::Other, message: said.to_owned(), help: None }
 }
 
-fn unknown_key(rest: &str, path: &str) -> Worded {
-    let (key, known) = rest.split_once('`').unwrap_or((rest, ""));
-    let known = quoted(known);
-    let meant = meant(key, &known);
+fn owned(words: &[&str]) -> Vec<String> {
+    words.iter().map(|word| (*word).to_owned()).collect()
+}
+
+fn unknown_key(key: &str, known: &[String], path: &str) -> Worded {
+    let meant = meant(key, known);
     // The path may end with the key itself, or with the table that it stands in.
     let whole = if ends_with(path, key) { path.to_owned() } else { join(path, key) };
     let help = match (&meant, known.len()) {
         (Some(meant), _) => format!("did you mean `{meant}`?"),
         (None, 0) => "it takes no keys: leave it out".to_owned(),
-        (None, _) => beside(key).unwrap_or_else(|| listed(&known)),
+        (None, _) => beside(key).unwrap_or_else(|| listed(known)),
     };
     Worded {
         kind: Mistake::UnknownKey(key.to_owned(), meant),
@@ -155,8 +151,8 @@ fn wrong_kind(
     value: Option<&Value>,
     example: impl Fn(&str) -> Option<String>,
 ) -> Worded {
-    let wanted_words = kind(wanted);
-    let got_words = self::got(got);
+    let wanted_words = form::kind(wanted);
+    let got_words = form::got(got);
     let is_itself = value.is_none_or(|value| is_of(got, value));
     let subject = match (path, is_itself) {
         ("", _) => "`config`".to_owned(),
@@ -201,11 +197,6 @@ fn duration_error(said: &str, path: &str, value: Option<&Value>) -> Option<(Stri
     told.iter().any(|words| said.contains(words)).then_some(())?;
     let text = value?.as_str()?;
     Some((path.to_owned(), text.to_owned()))
-}
-
-/// The words in backquotes.
-fn quoted(text: &str) -> Vec<String> {
-    text.split('`').skip(1).step_by(2).map(str::to_owned).collect()
 }
 
 /// The known word that was probably meant.
@@ -257,41 +248,6 @@ fn join(path: &str, key: &str) -> String {
 
 fn ends_with(path: &str, key: &str) -> bool {
     path.rsplit('.').next() == Some(key)
-}
-
-/// The kind of value that a type of Rust's is for an author.
-fn kind(wanted: &str) -> String {
-    let whole = |from: i128, to: i128| format!("a whole number from {from} to {to}");
-    match wanted {
-        "f32" | "f64" => "a number".to_owned(),
-        "u8" => whole(0, u8::MAX.into()),
-        "u16" => whole(0, u16::MAX.into()),
-        "u32" | "u64" | "usize" => "a whole number, 0 or more".to_owned(),
-        "i8" | "i16" | "i32" | "i64" | "isize" => "a whole number".to_owned(),
-        "a boolean" => "true or false".to_owned(),
-        "a string" | "path string" | "a borrowed string" => "a text in quotes".to_owned(),
-        "a sequence" => "a list in [ ]".to_owned(),
-        "a map" | "string or map" => "a table in { }".to_owned(),
-        wanted if wanted.starts_with("struct ") => "a table in { }".to_owned(),
-        wanted if wanted.starts_with("enum ") => "one of its words in quotes".to_owned(),
-        wanted => wanted.to_owned(),
-    }
-}
-
-/// A value that serde describes, for an author.
-fn got(said: &str) -> String {
-    let within = |prefix: &str| said.strip_prefix(prefix).map(|rest| rest.trim_matches('`'));
-    match said {
-        "sequence" => "a list".to_owned(),
-        "map" => "a table".to_owned(),
-        "null" | "unit value" => "empty".to_owned(),
-        said => None
-            .or_else(|| said.strip_prefix("string ").map(|text| format!("the text {text}")))
-            .or_else(|| within("integer ").map(str::to_owned))
-            .or_else(|| within("floating point ").map(str::to_owned))
-            .or_else(|| within("boolean ").map(str::to_owned))
-            .unwrap_or_else(|| said.to_owned()),
-    }
 }
 
 /// Whether what serde describes is this very value, and not something within it.

@@ -188,10 +188,7 @@ impl Maintainer {
             if let Some(declined) = self.contradicted(owner, fact, &key, value) {
                 return Err(declined);
             }
-            if let Some(Value::Number(number)) = value
-                && number.0 < 0.0
-                && self.composed().costs().contains(key.symbol())
-            {
+            if value.is_some_and(|value| self.composed().is_negative_cost(&key, value)) {
                 let function = key.symbol().to_string();
                 return Err(Declined::NegativeCost { fact: fact.to_string(), function });
             }
@@ -217,12 +214,8 @@ impl Maintainer {
         };
         let said: Vec<_> = here.map(said).collect();
         let agrees = |(_, said): &(Owner, Option<Value>)| *said == value;
-        // One that says a fact is so is enough; that it is not so, nobody may deny.
-        let is_fine = match value {
-            Some(_) => said.iter().any(agrees),
-            None => said.iter().all(agrees),
-        };
-        if is_fine {
+        // That a fact is so one of them confirms; that it is not, all of them must.
+        if value.is_some() && said.iter().any(agrees) {
             return None;
         }
         let (owner, said) = said.into_iter().find(|said| !agrees(said))?;

@@ -1,0 +1,134 @@
+//! Mistakes of form: what serde says of a text that it cannot read, taken apart for whoever words it for
+//! the author. Serde speaks of Rust: “invalid type: map, expected a sequence”.
+
+use std::borrow::Cow;
+
+/// What is wrong with the form of a text.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Mistake<'a> {
+    /// A key that nobody reads, and those that are read there.
+    UnknownKey {
+        /// The key.
+        key: &'a str,
+        /// The others.
+        known: Vec<&'a str>,
+    },
+    /// A key that is needed.
+    MissingKey(&'a str),
+    /// A word that is none of those that may stand there.
+    UnknownWord {
+        /// The word.
+        word: &'a str,
+        /// The others.
+        known: Vec<&'a str>,
+    },
+    /// A value of another kind: as serde names what is there, and the type that it wants.
+    Kind {
+        /// For [`got`].
+        got: &'a str,
+        /// For [`kind`].
+        wanted: &'a str,
+    },
+    /// A value that has none of the forms that it may have.
+    NoForm,
+}
+
+impl<'a> Mistake<'a> {
+    /// Takes apart what serde, or a format's reader by serde, says; `None` if it says anything else.
+    pub fn of(said: &'a str) -> Option<Mistake<'a>> {
+        let said = without_place(said.trim());
+        if let Some(rest) = said.strip_prefix("unknown field ") {
+            let (key, known) = first_and_rest(rest)?;
+            return Some(Mistake::UnknownKey { key, known });
+        }
+        if let Some(rest) = said.strip_prefix("missing field ") {
+            return Some(Mistake::MissingKey(first_and_rest(rest)?.0));
+        }
+        if let Some(rest) = said.strip_prefix("unknown variant ") {
+            let (word, known) = first_and_rest(rest)?;
+            return Some(Mistake::UnknownWord { word, known });
+        }
+        if said.starts_with("data did not match any variant") {
+            return Some(Mistake::NoForm);
+        }
+        let invalid = ["invalid type: ", "invalid value: ", "invalid length "];
+        let rest = invalid.iter().find_map(|prefix| said.strip_prefix(prefix))?;
+        let (got, wanted) = rest.rsplit_once(", expected ")?;
+        Some(Mistake::Kind { got, wanted })
+    }
+}
+
+/// Without the place that `serde_json` adds.
+fn without_place(said: &str) -> &str {
+    match said.rsplit_once(" at line ") {
+        Some((before, place)) if place.contains(" column ") => before,
+        _ => said,
+    }
+}
+
+/// Of words in backquotes the first, and the others.
+fn first_and_rest(text: &str) -> Option<(&str, Vec<&str>)> {
+    let mut quoted = text.split('`').skip(1).step_by(2);
+    Some((quoted.next()?, quoted.collect()))
+}
+
+/// The kind of value that a type of Rust's is for an author.
+pub fn kind(wanted: &str) -> Cow<'_, str> {
+    let whole = |to: u32| Cow::from(format!("a whole number from 0 to {to}"));
+    match wanted {
+        "f32" | "f64" => "a number".into(),
+        "u8" => whole(u8::MAX.into()),
+        "u16" => whole(u16::MAX.into()),
+        "u32" | "u64" | "usize" => "a whole number, 0 or more".into(),
+        "i8" | "i16" | "i32" | "i64" | "isize" => "a whole number".into(),
+        "a boolean" => "true or false".into(),
+        "a string" | "path string" | "a borrowed string" => "a text in quotes".into(),
+        "a sequence" => "a list in [ ]".into(),
+        "a map" | "string or map" => "a table in { }".into(),
+        wanted if wanted.starts_with("struct ") => "a table in { }".into(),
+        wanted if wanted.starts_with("internally tagged enum ") => "a table in { }".into(),
+        wanted if wanted.starts_with("enum ") => "one of its words in quotes".into(),
+        wanted => wanted.into(),
+    }
+}
+
+/// A value that serde describes, for an author.
+pub fn got(said: &str) -> String {
+    let within = |prefix: &str| said.strip_prefix(prefix).map(|rest| rest.trim_matches('`'));
+    match said {
+        "sequence" => "a list".to_owned(),
+        "map" => "a table".to_owned(),
+        "null" | "unit value" => "empty".to_owned(),
+        said => None
+            .or_else(|| said.strip_prefix("string ").map(|text| format!("the text {text}")))
+            .or_else(|| within("integer ").map(str::to_owned))
+            .or_else(|| within("floating point ").map(str::to_owned))
+            .or_else(|| within("boolean ").map(str::to_owned))
+            .unwrap_or_else(|| said.to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_serde_says_is_taken_apart() {
+        let key = Mistake::UnknownKey { key: "rooom", known: vec!["room", "name"] };
+        let word = Mistake::UnknownWord { word: "requst", known: vec!["request", "cancel"] };
+        let list = Mistake::Kind { got: "map", wanted: "a sequence" };
+        for (said, expected) in [
+            ("unknown field `rooom`, expected `room` or `name`", Some(key)),
+            ("missing field `name`\n", Some(Mistake::MissingKey("name"))),
+            (
+                "unknown variant `requst`, expected `request` or `cancel` at line 1 column 26",
+                Some(word),
+            ),
+            ("invalid type: map, expected a sequence at line 2 column 0", Some(list)),
+            ("data did not match any variant of untagged enum A", Some(Mistake::NoForm)),
+            ("`soon` is no duration", None),
+        ] {
+            assert_eq!(Mistake::of(said), expected, "{said}");
+        }
+    }
+}
