@@ -221,7 +221,7 @@ pub struct GoalStatus {
 pub struct HistoryEntry {
     /// When: milliseconds since 1970-01-01 UTC, by the clock of the machine that pursued the goal then.
     pub at_ms: u64,
-    /// What its asker was told with it; none of what was not told.
+    /// The outcome that the asker was sent with this entry; `None` if it was not sent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub outcome: Option<Outcome>,
     /// What, for a person.
@@ -493,8 +493,7 @@ pub struct Report {
     /// Why the agent of that action declined it, where it did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub declined: Option<Reason>,
-    /// What was said of a goal before, with an end that is told once more: its asker was cut off, and
-    /// may have missed it.
+    /// The earlier reports of a goal, sent with an end that is repeated to an asker that was disconnected.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub history: Vec<HistoryEntry>,
 }

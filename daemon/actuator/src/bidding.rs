@@ -128,7 +128,8 @@ fn propose(
             return None;
         }
     };
-    // The caller knows that it does not hold yet: whoever thinks that it does knows too little of it.
+    // The requester calls only for conjuncts that do not hold. An empty plan means that this agent's
+    // local state lacks the facts by which they do not.
     if plan.steps.is_empty() {
         return None;
     }

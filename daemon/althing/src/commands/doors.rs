@@ -83,7 +83,7 @@ fn knock(path: &Path) -> Option<Listener> {
     let socket = net::socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None).ok()?;
     match net::connect(&socket, &SocketAddrUnix::new(path).ok()?) {
         Ok(()) => {
-            // Nobody's where it is in another namespace of processes: then the kernel says 0.
+            // The kernel reports process 0 for a peer in another PID namespace.
             let peer = getsockopt(&socket, PeerCredentials).ok();
             Some(Listener::Process(peer.and_then(|peer| Pid::from_raw(peer.pid()))))
         }

@@ -1,5 +1,5 @@
-//! What a command has printed of a goal, so that it prints nothing twice and leaves nothing out of what
-//! was said while it was cut off.
+//! The reports of a goal that a command has printed. After a disconnection it prints from the goal's
+//! history what is missing, and no line twice.
 
 use std::collections::VecDeque;
 

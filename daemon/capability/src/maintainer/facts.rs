@@ -214,7 +214,7 @@ impl Maintainer {
         };
         let said: Vec<_> = here.map(said).collect();
         let agrees = |(_, said): &(Owner, Option<Value>)| *said == value;
-        // That a fact is so one of them confirms; that it is not, all of them must.
+        // One owner is enough to confirm a fact; to deny it, all owners must agree.
         if value.is_some() && said.iter().any(agrees) {
             return None;
         }
