@@ -145,7 +145,7 @@ pub enum OpenError {
         source: zenoh::Error,
     },
     /// Zenoh could not open.
-    #[error("open a Zenoh session{}", places(listen, connect))]
+    #[error("{}", unopened(listen, connect))]
     Session {
         /// Where it was to listen.
         listen: Vec<String>,
@@ -177,6 +177,7 @@ pub(crate) struct Settings {
     /// The lease, whoever has said it.
     pub(crate) lease: Duration,
     pub(crate) security: Option<Security>,
+    pub(crate) mode: Mode,
 }
 
 // === impl Settings ===
@@ -300,7 +301,17 @@ impl Config {
         let lease = lease(&merged).unwrap_or(self.lease);
         let security = self.security.clone();
         let connect_as_written = merged["connect"]["endpoints"].clone();
-        Ok(Settings { zenoh, connect_as_written, listen, connect, scouts_at, lease, security })
+        let mode = self.mode;
+        Ok(Settings {
+            zenoh,
+            connect_as_written,
+            listen,
+            connect,
+            scouts_at,
+            lease,
+            security,
+            mode,
+        })
     }
 
     /// What is different from Zenoh's defaults, and why.
@@ -541,12 +552,18 @@ fn scouts(settings: &Value) -> bool {
     settings["scouting"]["multicast"]["enabled"] == json!(true)
 }
 
-fn places(listen: &[String], connect: &[String]) -> String {
+/// Who only calls others has not been answered; who listens, too, may have failed at either.
+fn unopened(listen: &[String], connect: &[String]) -> String {
+    if let ([], [_, ..]) = (listen, connect) {
+        let places = connect.join("`, `");
+        return format!("reach a daemon at `{places}`: nobody answers there, or refuses to talk");
+    }
     let place = |what: &str, endpoints: &[String]| match endpoints {
         [] => String::new(),
         some => format!(" {what} `{}`", some.join("`, `")),
     };
-    place("listening on", listen) + &place("connecting to", connect)
+    let (listening, connecting) = (place("listening on", listen), place("connecting to", connect));
+    format!("open a Zenoh session{listening}{connecting}")
 }
 
 #[cfg(test)]

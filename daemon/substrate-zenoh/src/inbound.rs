@@ -44,7 +44,8 @@ pub(crate) fn declare(
     let (keys, inbound, security) = (keys.clone(), Arc::clone(inbound), security.cloned());
     let ear = Ear { keys, inbound, security };
     let keys = &ear.keys;
-    let heard = [keys.inbox(), keys.every_broadcast(telling), keys.every_model(telling)];
+    let mut heard = vec![keys.inbox(), keys.every_broadcast(telling)];
+    heard.extend(keys.every_model(telling));
     let origins: &[Locality] = match &ear.security {
         None => &[Locality::Any],
         Some(_) => &[Locality::SessionLocal, Locality::Remote],

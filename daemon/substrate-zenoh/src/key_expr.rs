@@ -23,13 +23,24 @@ pub(crate) struct Keys {
     /// `althing/{ecosystem}`.
     root: String,
     daemon: DaemonId,
+    /// Whether this end only comes and goes, as that of a command does.
+    is_guest: bool,
 }
 
 // === building ===
 
 impl Keys {
     pub(crate) fn new(ecosystem: &EcosystemId, daemon: DaemonId) -> Keys {
-        Keys { root: format!("althing/{ecosystem}"), daemon }
+        Keys { root: format!("althing/{ecosystem}"), daemon, is_guest: false }
+    }
+
+    /// Listens under other key expressions than daemons do, to the same.
+    ///
+    /// Zenoh 1.10.2 keeps what it knows of a closed link as long as another link declares a key
+    /// expression of the same text, which for daemons is for ever; a command each minute would fill the
+    /// memory of a board.
+    pub(crate) fn of_guest(self) -> Keys {
+        Keys { is_guest: true, ..self }
     }
 
     /// This daemon.
@@ -96,20 +107,23 @@ impl Keys {
 
     /// Everything sent to all. When it is told again, in other words: see `declarations`.
     pub(crate) fn every_broadcast(&self, telling: u64) -> KeyExpr<'static> {
-        self.all_under("all", telling)
+        match (self.is_guest, telling.is_multiple_of(2)) {
+            (false, true) => self.under(&["all", "**"]),
+            (false, false) => self.under(&["all", "*", "**"]),
+            (true, true) => self.under(&["all", "*", "*"]),
+            (true, false) => self.under(&["all", "*", "*", "**"]),
+        }
     }
 
-    /// Everybody's action models and heartbeats.
-    pub(crate) fn every_model(&self, telling: u64) -> KeyExpr<'static> {
-        self.all_under("model", telling)
-    }
-
-    /// Two ways to say the same of keys that have a chunk more.
-    fn all_under(&self, first: &str, telling: u64) -> KeyExpr<'static> {
-        if telling.is_multiple_of(2) {
-            self.under(&[first, "**"])
-        } else {
-            self.under(&[first, "*", "**"])
+    /// Everybody's action models and heartbeats, one by one and together.
+    pub(crate) fn every_model(&self, telling: u64) -> Vec<KeyExpr<'static>> {
+        match (self.is_guest, telling.is_multiple_of(2)) {
+            (false, true) => vec![self.under(&["model", "**"])],
+            (false, false) => vec![self.under(&["model", "*", "**"])],
+            (true, true) => vec![self.under(&["model", "*"]), self.under(&["model", "*", "*"])],
+            (true, false) => {
+                vec![self.under(&["model", "*"]), self.under(&["model", "*", "*", "**"])]
+            }
         }
     }
 
@@ -130,7 +144,11 @@ impl Keys {
 
     /// Everybody's sessions.
     pub(crate) fn every_session(&self) -> KeyExpr<'static> {
-        self.under(&["session", "**"])
+        if self.is_guest {
+            self.under(&["session", "*", "*", "*"])
+        } else {
+            self.under(&["session", "**"])
+        }
     }
 
     /// The probe of everybody.
@@ -140,7 +158,11 @@ impl Keys {
 
     /// Everybody's presence.
     pub(crate) fn everyone_alive(&self) -> KeyExpr<'static> {
-        self.under(&["alive", "**"])
+        if self.is_guest {
+            self.under(&["alive", "*", "*", "*", "**"])
+        } else {
+            self.under(&["alive", "**"])
+        }
     }
 
     /// Everything this daemon can be asked for, but its models.
@@ -323,6 +345,43 @@ mod tests {
         ];
         for (key_expr, expected) in rows {
             assert_eq!(key_expr.as_str(), format!("althing/office/{expected}"));
+        }
+    }
+
+    /// What a guest listens to is what a daemon listens to, and never by the same text.
+    #[test]
+    fn guests_hear_the_same_under_other_key_expressions() {
+        let (daemons, guests) = (keys(), keys().of_guest());
+        let robot = agent("robot");
+        let heard = |keys: &Keys| {
+            let mut heard = vec![keys.every_session(), keys.everyone_alive()];
+            for telling in [0, 1] {
+                heard.push(keys.every_broadcast(telling));
+                heard.extend(keys.every_model(telling));
+            }
+            heard
+        };
+        for of_guest in heard(&guests) {
+            assert!(!heard(&daemons).contains(&of_guest), "{of_guest}");
+        }
+        let said = [
+            daemons.to_all(&robot, Performative::Cfp),
+            daemons.model(&robot),
+            daemons.models_together(),
+            daemons.own_session("a1", 3),
+            daemons.alive(&robot, Incarnation(7), 0),
+            daemons.alive(&robot, Incarnation(7), 2),
+        ];
+        for keys in [&daemons, &guests] {
+            for telling in [0, 1] {
+                let subscribed = [vec![keys.every_broadcast(telling)], keys.every_model(telling)];
+                let mut subscribed = subscribed.concat();
+                subscribed.extend([keys.every_session(), keys.everyone_alive()]);
+                for key in &said {
+                    let times = subscribed.iter().filter(|each| each.intersects(key)).count();
+                    assert_eq!(times, 1, "{key}, {telling}");
+                }
+            }
         }
     }
 

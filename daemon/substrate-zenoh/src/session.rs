@@ -12,7 +12,7 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Session, Wait};
 
-use crate::config::{MESSAGE_BYTES_MAX, MESSAGE_PRIORITY, OpenError, Settings, not_opened};
+use crate::config::{MESSAGE_BYTES_MAX, MESSAGE_PRIORITY, Mode, OpenError, Settings, not_opened};
 use crate::declarations::Declarations;
 use crate::key_expr::Keys;
 use crate::presence::{self, Watch};
@@ -64,7 +64,7 @@ impl ZenohSubstrate {
         settings: Settings,
         inbound: Arc<dyn Inbound>,
     ) -> Result<Arc<ZenohSubstrate>, OpenError> {
-        let Settings { zenoh, listen, connect, scouts_at, lease, security, .. } = settings;
+        let Settings { zenoh, listen, connect, scouts_at, lease, security, mode, .. } = settings;
         let too_long = too_long::listen(security.as_ref(), &inbound);
         let admission = security.as_ref().map(|each| revocations::admission(each, &inbound));
         let opened = match scouts_at {
@@ -74,6 +74,7 @@ impl ZenohSubstrate {
         let session = opened.map_err(|source| not_opened(listen, connect, source))?;
         let session = Arc::new(session);
         let keys = Keys::new(ecosystem, daemon);
+        let keys = if mode == Mode::Client { keys.of_guest() } else { keys };
         let told = Told::declare(&session, &keys, &inbound)?;
         let declarations =
             Declarations::declare(&session, &keys, &inbound, security.as_ref(), &told)?;
