@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use acl::content::Request;
+use acl::content::{ChangeState, Request};
 use acl::{AgentId, DaemonId};
 
 /// What the ecosystem's file allows.
@@ -142,6 +142,12 @@ impl Rights {
             | Request::Execute(_)
             | Request::CallOff(_)
             | Request::Act(_) => self.may_ask_for_goals(agent),
+            // Who carries a plan out tells what an action had for effects, in the name of who acted.
+            Request::ChangeState(ChangeState { owner: Some(owner), .. })
+                if owner != agent && !self.may_reason(agent) =>
+            {
+                Err(format!("`{agent}` may not change things in the name of `{owner}`"))
+            }
             Request::ChangeState(_)
             | Request::SetMode(_)
             | Request::ChangeMetric(_)
@@ -228,7 +234,7 @@ impl Default for Askers {
 
 #[cfg(test)]
 mod tests {
-    use acl::content::{Achieve, AnswerQuestion, ChangeState, Keep, Observation, PersonsAnswer};
+    use acl::content::{Achieve, AnswerQuestion, Keep, Observation, PersonsAnswer};
 
     use super::*;
 
@@ -325,6 +331,13 @@ mod tests {
         }
         let open = Rights { goals: Askers::All, changes: Askers::All, ..rights() };
         assert!(open.may_ask(&agent("robot"), &change).is_ok());
+        let of_robot = ChangeState { owner: Some(agent("robot")), ..ChangeState::default() };
+        let of_robot = Request::ChangeState(of_robot);
+        for (who, may) in
+            [("robot", true), ("requester", true), ("camera", false), ("person", false)]
+        {
+            assert_eq!(open.may_ask(&agent(who), &of_robot).is_ok(), may, "{who}");
+        }
     }
 
     #[test]

@@ -52,7 +52,22 @@ impl Tree {
         let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
         let own = groups.lines().find_map(|line| line.strip_prefix("0::"));
         let own = own.ok_or("this machine has no control groups of version 2")?;
-        Tree::at(&Path::new(ROOT).join(own.trim_start_matches('/')))
+        let folder = Path::new(ROOT).join(own.trim_start_matches('/'));
+        Tree::divided(&folder).map_or_else(|| Tree::at(&folder), Ok)
+    }
+
+    /// The tree of which this is the daemon's own part, as it was divided before it began anew.
+    fn divided(part: &Path) -> Option<Tree> {
+        let folder = part.parent().filter(|_| part.file_name().is_some_and(|name| name == OWN))?;
+        let read = |file: &str| fs::read_to_string(folder.join(file)).unwrap_or_default();
+        let enabled = read("cgroup.subtree_control");
+        let is_divided =
+            CONTROLLERS.iter().all(|name| enabled.split_whitespace().any(|it| it == *name));
+        // One that another has divided has parts that are not this daemon's to make.
+        let is_given = !rustix::process::geteuid().is_root() || is_marked(folder);
+        let is_writable = rustix::fs::access(folder, rustix::fs::Access::WRITE_OK).is_ok();
+        (is_divided && is_given && is_writable && read("cgroup.procs").trim().is_empty())
+            .then(|| Tree(folder.to_owned()))
     }
 
     fn at(folder: &Path) -> Result<Tree, String> {
@@ -64,13 +79,7 @@ impl Tree {
         if let Some(missing) = missing {
             return Err(format!("the control group {shown} has no `{missing}`"));
         }
-        // Root may write anywhere; that is not to say that somebody has given it away.
-        let is_marked = DELEGATED.iter().any(|mark| {
-            let mut value = [0; 8];
-            rustix::fs::getxattr(folder, *mark, &mut value)
-                .is_ok_and(|length| value[..length] == *b"1")
-        });
-        if rustix::process::geteuid().is_root() && !is_marked {
+        if rustix::process::geteuid().is_root() && !is_marked(folder) {
             return Err(format!(
                 "the control group {shown} was not given to this daemon (Delegate=yes)"
             ));
@@ -164,6 +173,14 @@ impl Drop for Group {
     }
 }
 
+/// Whether systemd has given a group away. Root may write anywhere; that says nothing.
+fn is_marked(folder: &Path) -> bool {
+    DELEGATED.iter().any(|mark| {
+        let mut value = [0; 8];
+        rustix::fs::getxattr(folder, *mark, &mut value).is_ok_and(|length| value[..length] == *b"1")
+    })
+}
+
 fn make(folder: &Path) -> io::Result<()> {
     match fs::create_dir(folder) {
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => Err(error),
@@ -187,6 +204,24 @@ mod tests {
         let problem = Tree::at(folder.path()).expect_err("it is another's");
         assert!(problem.contains("given to this daemon") || problem.contains("other processes"));
         assert!(!folder.path().join(OWN).exists(), "nothing was made there");
+    }
+
+    #[test]
+    fn a_tree_is_divided_once() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let part = folder.path().join(OWN);
+        fs::create_dir(&part).expect("made");
+        let write =
+            |file: &str, text: &str| fs::write(folder.path().join(file), text).expect("a file");
+        write("cgroup.procs", "");
+        assert_eq!(Tree::divided(&part), None, "nobody has divided it");
+        write("cgroup.subtree_control", "cpu memory pids\n");
+        assert_eq!(Tree::divided(folder.path()), None, "it is no part");
+        let is_root = rustix::process::geteuid().is_root();
+        let expected = (!is_root).then(|| Tree(folder.path().to_owned()));
+        assert_eq!(Tree::divided(&part), expected, "as root only what systemd has marked");
+        write("cgroup.procs", "1\n");
+        assert_eq!(Tree::divided(&part), None, "others are in it");
     }
 
     #[test]

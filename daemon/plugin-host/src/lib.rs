@@ -474,10 +474,8 @@ impl Keeper {
             return Some((State::NotAllowed, why));
         }
         let lacks = self.ground.ward().plan(permissions.network).lacks();
-        (*requires_confinement && !lacks.is_empty()).then(|| {
-            let why = format!("`confinement = \"require\"`, and here {}", lacks.join("; "));
-            (State::NotConfined, why)
-        })
+        let why = trial::not_confined(*requires_confinement, &lacks);
+        why.map(|why| (State::NotConfined, why))
     }
 
     fn begin(&self, name: &str, wish: Wish) -> watch::Sender<Wish> {

@@ -11,6 +11,7 @@ use acl::AgentId;
 use acl::content::Methods;
 use pddl::{ActionModel, Diagnostic, Span};
 use serde_json::Value;
+use terminal::report::reason;
 
 use crate::manifest::{MANIFEST_BYTES_MAX, Manifest, stays_within};
 use crate::program::{self, Program};
@@ -61,7 +62,7 @@ impl Package {
     pub fn open(folder: &Path) -> Result<Package, Faults> {
         let file = folder.join(MANIFEST);
         let text = read(&file, MANIFEST_BYTES_MAX).map_err(|error| {
-            about(folder, format!("failed to read {}: {error}", file.display()))
+            about(folder, format!("failed to read `{}`: {}", file.display(), reason(&error)))
         })?;
         let manifest = Manifest::read(&text).map_err(|found| {
             let (file, text) = (file.clone(), text.clone());
@@ -83,7 +84,7 @@ impl Package {
                 return Err(wrong(format!("model `{}` is not in the package", path.display())));
             }
             read(&folder.join(path), MODEL_BYTES_MAX).map_err(|error| {
-                wrong(format!("failed to read the model `{}`: {error}", path.display()))
+                wrong(format!("failed to read the model `{}`: {}", path.display(), reason(&error)))
             })
         });
         let template = template.transpose()?;

@@ -38,6 +38,9 @@ const LAST_WORDS: Duration = Duration::from_millis(50);
 /// How long a process may take to confine itself, on a small and busy board.
 const ENTERING: Duration = Duration::from_secs(20);
 
+/// How often a process is started to try out how plugins can be confined.
+const PROBES_MAX: u32 = 3;
+
 /// Longest word of a process about its confinement.
 const ENTERED_BYTES_MAX: usize = 4 << 10;
 
@@ -78,18 +81,31 @@ pub(crate) struct Process {
 struct Group(Option<Pid>);
 
 impl Launcher {
-    /// Asks a process of this program what the kernel has to confine plugins with.
+    /// Asks a process of this program what the kernel has to confine plugins with. On a machine that is
+    /// too busy to answer it is asked again: without an answer nothing is enforced.
     pub(crate) async fn means(&self, folder: &Path) -> Means {
+        let mut why = String::new();
+        for _ in 0..PROBES_MAX {
+            match self.probe(folder).await {
+                Ok(means) => return means,
+                Err(error) => why = error,
+            }
+            tracing::warn!("failed to find out how plugins can be confined: {why}");
+        }
+        Means::none(&why)
+    }
+
+    async fn probe(&self, folder: &Path) -> Result<Means, String> {
         let mut command = Command::new(&self.0);
         command.arg(crate::LAUNCH).arg(crate::PROBE).arg(folder).kill_on_drop(true);
         command.stdin(Stdio::null()).stderr(Stdio::null());
         let said = match tokio::time::timeout(ENTERING, command.output()).await {
             Ok(Ok(output)) => output.stdout,
-            Ok(Err(error)) => return Means::none(&format!("it cannot be tried out: {error}")),
-            Err(_) => return Means::none("it cannot be tried out in time"),
+            Ok(Err(error)) => return Err(format!("it cannot be tried out: {error}")),
+            Err(_) => return Err(format!("it is not tried out within {ENTERING:?}")),
         };
-        let unclear = |_| Means::none("a process that tries it out ends before it can say");
-        serde_json::from_slice(&said).unwrap_or_else(unclear)
+        serde_json::from_slice(&said)
+            .map_err(|_| "a process that tries it out ends before it can say".to_owned())
     }
 }
 

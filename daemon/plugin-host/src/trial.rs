@@ -38,6 +38,8 @@ pub struct Trial {
     pub launcher: Launcher,
     /// The words and the map that it is told.
     pub host: Host,
+    /// Whether it runs only where nothing of its confinement is missing.
+    pub requires_confinement: bool,
 }
 
 /// A trial that went well.
@@ -49,6 +51,8 @@ pub struct Worked {
     pub took: Duration,
     /// Its agents.
     pub agents: Vec<AgentId>,
+    /// What could not be kept from it here, each in a sentence.
+    pub not_enforced: Vec<String>,
 }
 
 /// A trial that did not.
@@ -73,6 +77,7 @@ struct Stage {
     _network: Network,
     folder: Folder,
     log: Log,
+    requires_confinement: bool,
 }
 
 impl Trial {
@@ -83,7 +88,7 @@ impl Trial {
     /// If it does not start, ends by itself, or is not ready in time.
     pub async fn run(self) -> Result<Worked, Failed> {
         let without = |why: String| Failed { why, advice: None };
-        let Trial { package, launcher, host } = self;
+        let Trial { package, launcher, host, requires_confinement } = self;
         let program = package.program().await.map_err(without)?;
         let folder = Folder::new().map_err(|error| without(format!("failed to begin: {error}")))?;
         let log = Log::new(&package.manifest.name, folder.0.join("log"));
@@ -96,7 +101,16 @@ impl Trial {
         let wanted = wanted.collect();
         let network = Network::new();
         let (package, landing) = (Arc::new(package), landing(host, &network));
-        let stage = Stage { package, program, wanted, landing, _network: network, folder, log };
+        let stage = Stage {
+            package,
+            program,
+            wanted,
+            landing,
+            _network: network,
+            folder,
+            log,
+            requires_confinement,
+        };
         let outcome = stage.play(&launcher).await;
         stage.landing.stopping.cancel();
         outcome.map_err(|why| {
@@ -128,6 +142,10 @@ impl Stage {
         let endpoint = opened.map_err(|error| format!("failed to {error}"))?;
         let data = self.folder.0.join("home");
         let ward = Ward::find(launcher, &self.folder.0, &[]).await;
+        let not_enforced = ward.plan(package.manifest.permissions.network).lacks();
+        if let Some(why) = not_confined(self.requires_confinement, &not_enforced) {
+            return Err(why);
+        }
         let sockets = vec![endpoint.socket.clone()];
         let start = Start { launcher, ward: &ward, package, program, sockets, data: &data, log };
         let Started { mut process, counted: _counted } = start.begin().await?;
@@ -142,7 +160,7 @@ impl Stage {
         process.stop().await;
         endpoint.close().await;
         let agents = outcome?;
-        Ok(Worked { program: program.file.clone(), took, agents })
+        Ok(Worked { program: program.file.clone(), took, agents, not_enforced })
     }
 
     /// Waits until all that it is to bring is here.
@@ -192,6 +210,12 @@ impl Stage {
             None => why,
         }
     }
+}
+
+/// Why a plugin does not run that may only run fully confined, if it may and is not.
+pub(crate) fn not_confined(is_required: bool, lacks: &[String]) -> Option<String> {
+    (is_required && !lacks.is_empty())
+        .then(|| format!("`confinement = \"require\"`, and here {}", lacks.join("; ")))
 }
 
 /// A daemon of an ecosystem that has no other.

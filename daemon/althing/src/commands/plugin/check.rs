@@ -2,6 +2,7 @@
 //! daemon would, and says whether its agents came.
 
 use std::fmt::Write as _;
+use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -81,7 +82,14 @@ impl Desk {
             None => without_ecosystem(&package),
         };
         let launcher = Launcher(PathBuf::from(ITSELF));
-        match (Trial { package: package.clone(), launcher, host }).run().await {
+        let requires_confinement =
+            ecosystem.is_some_and(|ecosystem| ecosystem.plugins.requires_confinement);
+        let (name, within) = (&package.manifest.name, package.manifest.ready_within);
+        if std::io::stderr().is_terminal() {
+            output::note(&format!("starting {name}, which has {within:?} to be ready"));
+        }
+        let trial = Trial { package: package.clone(), launcher, host, requires_confinement };
+        match trial.run().await {
             Ok(worked) => self.right(&package, Some(&worked)),
             Err(Failed { why, advice }) => {
                 let faults = package.fault_of_program(format!("it does not start: {why}"), advice);
@@ -111,7 +119,7 @@ impl Desk {
         let mut value = json!({ "plugin": name, "version": version, "started": worked.is_some() });
         let said = match worked {
             None => "nothing is wrong with its files; it was not started".to_owned(),
-            Some(Worked { program, took, agents }) => {
+            Some(Worked { program, took, agents, not_enforced: _ }) => {
                 value["program"] = json!(program);
                 value["agents"] = json!(agents);
                 let (took, program) = (took.as_secs_f64(), program.display());
@@ -124,6 +132,14 @@ impl Desk {
         };
         let line = output::folded(&format!("{name} {version}: {said}"), 4);
         let _ = writeln!(self.text, "{line}");
+        let lacks = worked.map(|worked| worked.not_enforced.as_slice()).unwrap_or_default();
+        if worked.is_some() {
+            value["not-enforced"] = json!(lacks);
+        }
+        if !lacks.is_empty() {
+            let said = format!("    not enforced here: {}", lacks.join("; "));
+            let _ = writeln!(self.text, "{}", output::folded(&said, 4));
+        }
         self.json.push(value);
     }
 }
