@@ -7,20 +7,20 @@ use clap::{Args, ValueEnum};
 use terminal::arguments::{PrintArgs, seconds};
 
 const HELP: &str = "\
-The plan goes to stdout in the format of the planning competitions, a summary to
-stderr.
+The plan goes to stdout in the format of the planning competitions, a summary
+to stderr.
 
 Exit codes: 0 plan found, 10 proven unsolvable before search, 11 proven
 unsolvable, 12 search ended without plan or proof, 22 out of memory, 23 out of
 time, 32 an engine broke down, 33 bad input, 34 unsupported feature, 69 the
-engine is not installed, 74 the plan could not be written. With --optimal, a plan
-that is not proven to be the cheapest: 1 out of memory, 2 out of time, 4 its costs
-allow no proof
+engine is not installed, 74 the plan could not be written. With --optimal, a
+plan that is not proven to be the cheapest: 1 out of memory, 2 out of time,
+4 its costs allow no proof
 
-Other engines are programs of their own. Fast Downward is found on PATH or, after
-`pip install up-fast-downward`, in a Python on PATH; Metric-FF on PATH. The
-variables ALTHING_FAST_DOWNWARD and ALTHING_METRIC_FF name another program. Their
-memory limit is one for each of their processes.";
+Other engines are programs of their own. Fast Downward is found on PATH or,
+after `pip install up-fast-downward`, in a Python on PATH; Metric-FF on PATH.
+The variables ALTHING_FAST_DOWNWARD and ALTHING_METRIC_FF name another program.
+Their memory limit is one for each of their processes.";
 
 /// What is told below the options, to whoever calls us by `name`.
 pub fn help(name: &str) -> String {

@@ -25,7 +25,7 @@ use serde_json::{Value, json};
 use terminal::deadline::{Deadline, Give, Limits};
 use terminal::pddl_files::{self, Task};
 use terminal::render::{number, plural};
-use terminal::report::{Report, reason as reason_of};
+use terminal::report::{Report, reason_of_writing};
 use terminal::{exit, output};
 
 use crate::arguments::{Engine, PlanArgs};
@@ -142,7 +142,7 @@ fn giving(args: &PlanArgs, started: Instant) -> Give {
         let written =
             file.as_ref().zip(best.as_deref()).map(|(file, plan)| files::write(file, plan));
         if let Some(Err(err)) = written {
-            output::note(&format!("error: failed to write the plan: {}", reason_of(&err)));
+            output::note(&format!("error: failed to write the plan: {}", reason_of_writing(&err)));
             return exit::OUTPUT;
         }
         if json {
@@ -278,7 +278,7 @@ fn show(
 fn write_plan(args: &PlanArgs, text: Option<&str>, report: &mut Report) -> Option<ExitCode> {
     let (file, text) = (args.plan.as_ref()?, text?);
     let err = files::write(file, text).err()?;
-    report.add_failure(format_args!("write `{}`: {}", file.display(), reason_of(&err)));
+    report.add_failure(format_args!("write `{}`: {}", file.display(), reason_of_writing(&err)));
     Some(output::show(report, args.print.json, "not-written", exit::OUTPUT))
 }
 

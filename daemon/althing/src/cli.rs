@@ -140,14 +140,14 @@ pub(crate) enum Command {
 
 const SENSORS_HELP: &str = "\
 Looks at Industrial I/O, hardware monitoring and 1-wire below /sys; needs no
-rights. A sensor that is not listed has no driver: `dtoverlay=...` on a Raspberry
-Pi, `modprobe` and `new_device` elsewhere. Names and places stay as they are when
-sensors are plugged in in another order.
+rights. A sensor that is not listed has no driver: `dtoverlay=...` on a
+Raspberry Pi, `modprobe` and `new_device` elsewhere. Names and places stay as
+they are when sensors are plugged in in another order.
 
   althing sensors --toml >> office.toml    then say in which room each stands";
 
 const VALIDATE_HELP: &str = "\
-Exit codes: 0 the plan works, 1 it does not, 33 bad input, 34 unsupported feature
+Exit codes: 0 the plan works, 1 it does not, 33 bad input, 34 unsupported
 
 Example: althing validate domain.pddl problem.pddl plan.txt";
 
@@ -185,8 +185,8 @@ const ANSWER_HELP: &str = "\
 Examples: althing answer               lists the open questions
           althing answer 1 yes         where one keyboard alone has a question 1
           althing answer hall/1 yes    question 1 of the keyboard `hall`
-          althing answer 1             asks for the answer, and does not show a secret
-          althing answer 1 < pin       takes the first line of a file as the answer";
+          althing answer 1             asks for the answer, a secret unseen
+          althing answer 1 < pin       takes the first line of a file";
 
 const WATCH_HELP: &str = "\
 Examples: althing watch
@@ -663,6 +663,22 @@ mod tests {
         }
         assert!(FIRST_SCREEN.lines().count() <= 24);
         for line in FIRST_SCREEN.lines() {
+            assert!(line.chars().count() <= 80, "{line}");
+        }
+    }
+
+    /// What is written below the options has lines of its own; a line that is wider than the
+    /// terminal would be broken a second time.
+    #[test]
+    fn what_is_written_below_the_options_fits_a_terminal() {
+        fn all(command: &clap::Command, seen: &mut Vec<String>) {
+            seen.extend(command.get_after_help().map(ToString::to_string));
+            command.get_subcommands().for_each(|below| all(below, seen));
+        }
+        let mut seen = Vec::new();
+        all(&Cli::command(), &mut seen);
+        assert!(seen.len() > 10, "{seen:?}");
+        for line in seen.iter().flat_map(|help| help.lines()) {
             assert!(line.chars().count() <= 80, "{line}");
         }
     }

@@ -5,7 +5,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use pddl::{ActionModel, Diagnostic, Domain, Parsed, Problem};
+use pddl::{ActionModel, Diagnostic, Domain, Parsed, Problem, Span};
 
 use crate::report::{Report, Source};
 
@@ -37,7 +37,18 @@ pub struct DomainText {
 pub fn read_task(domain: &Path, problem: &Path) -> Result<Task, Report> {
     let mut report = Report::default();
     let domain = read(domain, &mut report).map(|source| domain_of(source, &mut report));
-    let problem = read(problem, &mut report).map(|source| {
+    let problem = read(problem, &mut report);
+    if let (Some(domain), Some(problem)) = (&domain, &problem)
+        && are_swapped(domain, problem)
+    {
+        let mut report = Report::default();
+        let (first, second) = (&domain.source.name, &problem.name);
+        let message =
+            format!("`{first}` holds a problem, and `{second}` a domain: name the domain first");
+        report.add_general(Diagnostic::error(Span::default(), message));
+        return Err(report);
+    }
+    let problem = problem.map(|source| {
         let problem = problem_of(&source, domain.as_ref(), &mut report);
         (source, problem)
     });
@@ -50,6 +61,13 @@ pub fn read_task(domain: &Path, problem: &Path) -> Result<Task, Report> {
         }
         _ => Err(report.refused()),
     }
+}
+
+/// Whether the first text is a problem and the second a domain.
+fn are_swapped(domain: &DomainText, problem: &Source) -> bool {
+    domain.domain.is_none()
+        && pddl::parse_problem(&domain.source.text).value.is_some()
+        && pddl::parse_domain(&problem.text).value.is_some()
 }
 
 /// Reads a file, or reports that it cannot be read.

@@ -68,6 +68,9 @@ impl Source {
         if let Some(text) = utf16(&bytes) {
             return Ok(Source::new(name, text));
         }
+        if is_binary(&bytes) {
+            return Err("it is no text".to_owned());
+        }
         let text = match String::from_utf8(bytes) {
             Ok(text) => text,
             Err(err) => pddl::text_from_bytes(err.as_bytes()).into_owned(),
@@ -125,6 +128,15 @@ fn utf16(bytes: &[u8]) -> Option<String> {
     Some(char::decode_utf16(units).map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER)).collect())
 }
 
+/// Whether the first bytes of a file are those of a program, a picture, an archive. Of random bytes
+/// every ninth is a control character that no text has; a text with a stray one is read, and the
+/// mistake shown at its place.
+fn is_binary(bytes: &[u8]) -> bool {
+    let head = &bytes[..bytes.len().min(8 << 10)];
+    let controls = head.iter().filter(|byte| matches!(byte, 0..=8 | 14..=31 | 127)).count();
+    controls > 1 && controls * 50 > head.len()
+}
+
 fn read_bytes(path: &Path) -> Result<Vec<u8>, String> {
     if path.is_dir() {
         return Err("it is a folder; name a file in it".to_owned());
@@ -145,6 +157,17 @@ pub fn reason(err: &std::io::Error) -> String {
     match err.kind() {
         std::io::ErrorKind::NotFound => "there is no such file".to_owned(),
         std::io::ErrorKind::PermissionDenied => "you may not read it".to_owned(),
+        _ => err.to_string(),
+    }
+}
+
+/// Why a file could not be written, in words.
+pub fn reason_of_writing(err: &std::io::Error) -> String {
+    match err.kind() {
+        std::io::ErrorKind::NotFound => "there is no such folder".to_owned(),
+        std::io::ErrorKind::PermissionDenied => "you may not write there".to_owned(),
+        std::io::ErrorKind::IsADirectory => "it is a folder".to_owned(),
+        std::io::ErrorKind::StorageFull => "the disk is full".to_owned(),
         _ => err.to_string(),
     }
 }

@@ -6,10 +6,13 @@ use clap::{Args, Subcommand};
 use terminal::arguments::PrintArgs;
 
 pub(super) const HELP: &str = "\
-An ecosystem whose file has a [security] table is secured: links between machines
-are TLS both ways, and every message is signed by the daemon that says it. The
-authority's key stays where it was made; a daemon needs three files of the folder:
-authority.pem, NAME.pem and NAME.key.
+An ecosystem whose file has a [security] table is secured: links between
+machines are TLS both ways, and every message is signed by the daemon that says
+it. The authority's key stays where it was made; a daemon needs three files of
+the folder: authority.pem, NAME.pem and NAME.key.
+
+`daemon`, `show` and `revoke` speak of ./althing.toml unless --ecosystem names
+another file.
 
 Examples: althing cert authority althing.toml
           althing cert daemon office-pi --host 192.168.1.7

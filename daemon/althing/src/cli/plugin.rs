@@ -11,8 +11,8 @@ use super::{AskArgs, ReachArgs};
 pub(super) const HELP: &str = "\
 A plugin is a folder with a plugin.toml and a program in any language. Put into
 the folder of plugins while the daemon runs, its agents take part at once; what
-crashes is started again, and given up in the end; what takes too much is stopped.
-docs/plugins.md says how to write one.
+crashes is started again, and given up in the end; what takes too much is
+stopped. docs/plugins.md says how to write one.
 
 A plugin has the least rights; what its manifest asks for beyond them a person
 allows when it is added, or a script by `--allow`. A package that was copied by

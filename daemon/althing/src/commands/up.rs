@@ -18,7 +18,7 @@ use tokio::sync::oneshot;
 
 use crate::cli::UpArgs;
 use crate::commands::client::{self, View};
-use crate::commands::{READY, hearing};
+use crate::commands::{READY, goal, hearing};
 use crate::config::{self, AgentEntry, Ecosystem, InterfaceEntry, Overrides, Reading};
 use crate::hosting::{self, GuestKeys, Node, Part, Processes, Stay, Succession, Wire, socket_in};
 use crate::interfacing::{self, Other};
@@ -50,7 +50,8 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
         Ok(read) => read,
         Err(exit) => return exit,
     };
-    let goals: Result<Vec<_>, _> = args.goals.iter().map(|goal| ecosystem.wish(goal)).collect();
+    let wished = |goal: &String| ecosystem.wish(goal).and_then(goal::readable);
+    let goals: Result<Vec<_>, _> = args.goals.iter().map(wished).collect();
     let goals = match goals {
         Ok(goals) => goals,
         Err(problem) => {

@@ -1,6 +1,7 @@
 //! A line at the prompt as a verb with its words: those of the command line, with the same
 //! arguments. A line that begins with `(` is a goal.
 
+use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::cli::{ActionArgs, FactArgs, ModeArg, ReplyArgs, WatchWords, WhoseArgs, WishArgs};
@@ -97,8 +98,24 @@ pub(super) fn read(line: &str) -> Result<Option<Verb>, String> {
     if words.first().is_some_and(|first| first.starts_with('(')) {
         words.insert(0, "goal".to_owned());
     }
+    let verb = words.first().cloned().unwrap_or_default();
     let read = Line::try_parse_from(words);
-    read.map(|line| Some(line.verb)).map_err(|error| error.render().to_string())
+    read.map(|line| Some(line.verb)).map_err(|error| problem(&error, &verb))
+}
+
+/// What is wrong with a line, without what clap says of a whole command line.
+fn problem(error: &clap::Error, verb: &str) -> String {
+    if error.kind() == ErrorKind::InvalidSubcommand {
+        let names = names();
+        return match pddl::nearest(verb, names.iter().map(String::as_str)) {
+            Some(near) => format!("error: there is no verb `{verb}`; did you mean `{near}`?"),
+            None => format!("error: there is no verb `{verb}`; `help` lists what there is"),
+        };
+    }
+    let rendered = error.render().to_string();
+    let said = rendered.split("\n\nUsage:").next().unwrap_or(&rendered).trim_end();
+    let said = said.trim_end_matches("For more information, try '--help'.").trim_end();
+    format!("{said}\n`help {verb}` says how it is written")
 }
 
 /// Words are parted by blanks, but not within parentheses, nor within quotes.
@@ -175,8 +192,20 @@ mod tests {
 
     #[test]
     fn a_slip_is_answered_with_the_likely_verb() {
-        let problem = read("agnets").expect_err("no such verb");
-        assert!(problem.contains("agents"), "{problem}");
+        let problem = |line| read(line).expect_err("it cannot be read");
+        assert_eq!(problem("agnets"), "error: there is no verb `agnets`; did you mean `agents`?");
+        assert_eq!(problem("foo"), "error: there is no verb `foo`; `help` lists what there is");
+        let expected = expect_test::expect![[r#"
+            error: unexpected argument 'office1' found
+            `help goal` says how it is written"#]];
+        expected.assert_eq(&problem("goal known-temperature office1"));
+        let expected = expect_test::expect![[r#"
+            error: invalid value 'centralised' for '<MODE>'
+              [possible values: centralized, decentralized]
+
+              tip: a similar value exists: 'centralized'
+            `help mode` says how it is written"#]];
+        expected.assert_eq(&problem("mode centralised"));
     }
 
     #[test]

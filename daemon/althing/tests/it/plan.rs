@@ -166,6 +166,35 @@ fn a_missing_file_is_bad_input() {
 }
 
 #[test]
+fn files_in_the_wrong_order_are_told_as_that() {
+    Sandbox::lamp().check("plan evening.pddl domain.pddl", 33).shows(
+        expect![""],
+        expect![[r#"
+            error: `evening.pddl` holds a problem, and `domain.pddl` a domain: name the
+                   domain first
+
+            1 error
+        "#]],
+    );
+}
+
+#[test]
+fn what_is_no_text_is_refused_as_a_whole() {
+    let sandbox = Sandbox::lamp();
+    let program: Vec<u8> =
+        (0..20_000_u32).map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+    sandbox.write("evening.pddl", &program);
+    sandbox.check(TASK, 33).shows(
+        expect![""],
+        expect![[r#"
+        error: failed to read `evening.pddl`: it is no text
+
+        1 error
+    "#]],
+    );
+}
+
+#[test]
 fn a_file_that_is_not_utf_8_is_read() {
     let sandbox = Sandbox::lamp();
     sandbox.write("evening.pddl", &[b"; Th\xe9r\xe8se\n".as_slice(), EVENING.as_bytes()].concat());

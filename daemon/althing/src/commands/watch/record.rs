@@ -65,7 +65,7 @@ pub(crate) struct Recording {
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum RecordingError {
     /// The file cannot be read.
-    #[error("read {}: {source}", path.display())]
+    #[error("read `{}`: {}", path.display(), terminal::report::reason(source))]
     Io {
         /// The file.
         path: PathBuf,
@@ -74,13 +74,13 @@ pub(crate) enum RecordingError {
         source: io::Error,
     },
     /// It is no recording.
-    #[error("read {}: its first line is not that of a recording; `althing watch --record` makes one", path.display())]
+    #[error("read `{}`: its first line is not that of a recording; `althing watch --record` makes one", path.display())]
     NoRecording {
         /// The file.
         path: PathBuf,
     },
     /// It is a newer one.
-    #[error("read {}: it is of version {version}, and only {VERSION} is known here", path.display())]
+    #[error("read `{}`: it is of version {version}, and only {VERSION} is known here", path.display())]
     Version {
         /// The file.
         path: PathBuf,
@@ -115,7 +115,7 @@ pub(super) fn run(
     let mut recorder = match opened {
         Ok(recorder) => recorder,
         Err(error) => {
-            output::note(&format!("error: failed to write {}: {error}", file.display()));
+            output::note(&not_written(file, &error));
             return exit::with(exit::OUTPUT);
         }
     };
@@ -129,11 +129,16 @@ pub(super) fn run(
             Ok(()) => exit::with(exit::DONE),
             Err(Failure::Unreachable(problem)) => client::unavailable(&problem, false),
             Err(Failure::Write(error)) => {
-                output::note(&format!("error: failed to write {}: {error}", file.display()));
+                output::note(&not_written(file, &error));
                 exit::with(exit::OUTPUT)
             }
         }
     })
+}
+
+fn not_written(file: &Path, error: &io::Error) -> String {
+    let why = terminal::report::reason_of_writing(error);
+    format!("error: failed to write `{}`: {why}", file.display())
 }
 
 enum Failure {
