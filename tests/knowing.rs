@@ -86,6 +86,33 @@ fn a_room_of_which_a_dead_daemon_had_a_lamp_is_neither_lit_nor_dark() {
     }
 }
 
+/// Nothing derives the light of a room whose only lamp has left; what the lamp last said of it is not
+/// known any more, and so neither is that the room is dark.
+#[test]
+fn a_room_whose_only_lamp_has_left_is_neither_lit_nor_dark() {
+    for mode in ["decentralized", "centralized"] {
+        let office = Office::new();
+        let folder = office.folder().display().to_string();
+        let elsewhere = lamp("lamp-a", "reasoning").replace("office1", "conf-room");
+        let lamps = elsewhere + &lamp("lamp-b", "wall-pi");
+        let text = reasoning_apart(mode) + &lamps.replace("FOLDER", &folder);
+        let file = office.write("lab.toml", &text);
+        office.write("lamp-a", "on\n");
+        office.write("lamp-b", "on\n");
+        let mut office = office.with_file(file);
+        office.up(&["reasoning", "wall-pi"], &[]);
+        office.await_devices(2);
+        office.await_fact("(lit office1)", true);
+        office.kill("wall-pi");
+        office.await_fact("(unknown (lit office1))", true);
+        for goal in ["(not (lit office1))", "(and (not (lit conf-room)) (not (lit office1)))"] {
+            let (code, said) = office.ask(&["goal", goal]);
+            assert_eq!(code, Some(1), "{mode}: the lamp burns: {said}");
+            assert!(said.contains("nobody knows whether"), "{mode}: {said}");
+        }
+    }
+}
+
 #[test]
 fn a_lamp_is_switched_off_among_many_that_know_nothing_of_it() {
     for mode in ["decentralized", "centralized"] {

@@ -5,12 +5,15 @@
 mod left_out;
 
 use std::io::{BufRead as _, BufReader};
-use std::net::{Ipv4Addr, TcpListener};
+use std::net::{Ipv4Addr, SocketAddrV4, TcpListener};
+use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
 use std::time::Duration;
 
+use rustix::net::sockopt::set_socket_reuseaddr;
+use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, socket_with};
 use tempfile::TempDir;
 
 const PROGRAM: &str = "/usr/sbin/mosquitto";
@@ -29,6 +32,8 @@ pub(crate) struct Broker {
     port: u16,
     child: Child,
     folder: TempDir,
+    /// While it is dead: its port, which another test's broker would be given otherwise.
+    held: Option<OwnedFd>,
 }
 
 /// A process of a device; it ends with the test.
@@ -55,7 +60,7 @@ impl Broker {
                 Some((port, Broker::begin(&folder)?))
             })
             .expect("a port that nobody takes");
-        Some(Broker { port, child, folder })
+        Some(Broker { port, child, folder, held: None })
     }
 
     /// Its process, once it listens; `None` if it cannot and has ended.
@@ -92,9 +97,11 @@ impl Broker {
     pub(crate) fn kill(&mut self) {
         self.child.kill().expect("our own child");
         self.child.wait().expect("our own child");
+        self.held = Some(hold(self.port));
     }
 
     pub(crate) fn restart(&mut self) {
+        self.held = None;
         self.child = Broker::begin(&self.folder).expect("its port is still free");
     }
 
@@ -176,4 +183,17 @@ impl Drop for Subscriber {
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
+}
+
+/// A port that nobody listens at and nobody else is given.
+fn hold(port: u16) -> OwnedFd {
+    // Not for the daemons that are started meanwhile.
+    let flags = SocketFlags::CLOEXEC;
+    let socket = socket_with(AddressFamily::INET, SocketType::STREAM, flags, None);
+    let socket = socket.expect("a socket");
+    // What remains of the broker's connections does not keep the port; only its next life gets it.
+    set_socket_reuseaddr(&socket, true).expect("a socket");
+    bind(&socket, &SocketAddrV4::new(Ipv4Addr::LOCALHOST, port)).expect("the broker's port");
+    set_socket_reuseaddr(&socket, false).expect("a socket");
+    socket
 }

@@ -19,8 +19,18 @@ use crate::validate::model::Model;
 /// lamp in a room is on is one part for each lamp in it, so that each agent can do its own. Of a state
 /// of the problem only its objects matter, and what no action changes.
 pub fn conjuncts(world: &World, goal: &Condition) -> Vec<Condition> {
+    conjuncts_but(world, goal, &|_| false)
+}
+
+/// The same, but what axioms derive stays one part where `stays` says so of the fact: where more is
+/// known of it than its axioms say.
+pub fn conjuncts_but(
+    world: &World,
+    goal: &Condition,
+    stays: &dyn Fn(&Atom) -> bool,
+) -> Vec<Condition> {
     let mut parts = Vec::new();
-    split(world, goal, true, &mut Bindings::default(), &mut parts);
+    split((world, stays), goal, true, &mut Bindings::default(), &mut parts);
     let mut seen = std::collections::HashSet::new();
     parts.retain(|part| seen.insert(part.clone()));
     parts
@@ -65,9 +75,12 @@ fn is_unreachable(
     Ok(evaluator.evaluate(&initial).is_none())
 }
 
+/// A state, and which derived facts stay one part.
+type Within<'w> = (&'w World, &'w dyn Fn(&Atom) -> bool);
+
 /// Adds the conjuncts of a condition, or of its negation where `positive` is false.
 fn split(
-    world: &World,
+    (world, stays): Within<'_>,
     condition: &Condition,
     positive: bool,
     bindings: &mut Bindings,
@@ -75,22 +88,22 @@ fn split(
 ) {
     match (condition, positive) {
         (Condition::And(all), true) | (Condition::Or(all), false) => {
-            all.iter().for_each(|part| split(world, part, positive, bindings, parts));
+            all.iter().for_each(|part| split((world, stays), part, positive, bindings, parts));
         }
         (Condition::Or(all), true) if all.len() == 1 => {
-            split(world, &all[0], true, bindings, parts);
+            split((world, stays), &all[0], true, bindings, parts);
         }
-        (Condition::Not(inner), _) => split(world, inner, !positive, bindings, parts),
+        (Condition::Not(inner), _) => split((world, stays), inner, !positive, bindings, parts),
         (Condition::Imply(left, right), false) => {
-            split(world, left, true, bindings, parts);
-            split(world, right, false, bindings, parts);
+            split((world, stays), left, true, bindings, parts);
+            split((world, stays), right, false, bindings, parts);
         }
         (Condition::Forall(variables, inner), true)
         | (Condition::Exists(variables, inner), false) => {
-            expand(world, variables, inner, positive, bindings, parts);
+            expand((world, stays), variables, inner, positive, bindings, parts);
         }
         (Condition::Atom(atom), _)
-            if let Some(derived) = derive(world, atom, positive, bindings) =>
+            if let Some(derived) = derive((world, stays), atom, positive, bindings) =>
         {
             parts.extend(derived);
         }
@@ -101,7 +114,7 @@ fn split(
 
 /// Adds the conjuncts of every instance.
 fn expand(
-    world: &World,
+    (world, stays): Within<'_>,
     variables: &[pddl::Typed],
     inner: &Condition,
     positive: bool,
@@ -109,22 +122,25 @@ fn expand(
     parts: &mut Vec<Condition>,
 ) {
     let Some((first, rest)) = variables.split_first() else {
-        return split(world, inner, positive, bindings, parts);
+        return split((world, stays), inner, positive, bindings, parts);
     };
     for object in world.model().members(&first.ty) {
         bindings.bind(&first.name, object);
-        expand(world, rest, inner, positive, bindings, parts);
+        expand((world, stays), rest, inner, positive, bindings, parts);
         bindings.unbind();
     }
 }
 
 /// The parts of what derives a fact, or of what rules it out; `None` if the fact is one part itself.
 fn derive(
-    world: &World,
+    (world, stays): Within<'_>,
     atom: &Atom,
     positive: bool,
     bindings: &Bindings,
 ) -> Option<Vec<Condition>> {
+    if stays(&bindings.atom(atom)) {
+        return None;
+    }
     let model: &Model = world.model();
     let definitions = model.definitions(&atom.predicate);
     let splits = |axiom: &Derived| {
@@ -143,7 +159,7 @@ fn derive(
         for (parameter, object) in axiom.parameters.iter().zip(&arguments) {
             inner.bind(&parameter.name, object.clone());
         }
-        split(world, &axiom.condition, positive, &mut inner, &mut parts);
+        split((world, stays), &axiom.condition, positive, &mut inner, &mut parts);
     }
     let open = parts.into_iter().map(|part| fold(world, part)).filter(|part| !part.is_always());
     let open: Vec<Condition> = open.collect();

@@ -12,7 +12,7 @@ use pddl::{
     ActionModel, Condition, Domain, Effect, FluentTerm, InitElement, Name, Plan, PlanStep, Problem,
 };
 use planner::explain::{self, Explanation, Guard};
-use planner::goal::conjuncts;
+use planner::goal::conjuncts_but;
 use planner::order::interference;
 use planner::validate::{Fault, World, cost_from};
 use planner::{Budget, Cancel, Options, StopReason};
@@ -161,7 +161,13 @@ impl Known {
 
     /// The same of a state.
     fn conjuncts(&self, world: &World, goal: &Condition) -> Vec<Condition> {
-        conjuncts(world, goal).iter().map(|part| self.knowledge.plain(part)).collect()
+        // A device that has left may have said of a room what no device derives there now.
+        let is_unknown = |atom: &pddl::Atom| {
+            let unknown = self.knowledge.unknown(atom);
+            unknown.is_some_and(|unknown| world.holds(&Condition::Atom(unknown)))
+        };
+        let parts = conjuncts_but(world, goal, &is_unknown);
+        parts.iter().map(|part| self.knowledge.plain(part)).collect()
     }
 
     fn holds_in(&self, world: &World, condition: &Condition) -> bool {

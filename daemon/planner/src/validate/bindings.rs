@@ -51,13 +51,16 @@ impl Bindings {
         FluentTerm { arguments: self.terms(&fluent.arguments), ..fluent.clone() }
     }
 
+    /// The atom with objects in place of the variables that are bound.
+    pub(crate) fn atom(&self, atom: &Atom) -> Atom {
+        Atom { arguments: self.terms(&atom.arguments), ..atom.clone() }
+    }
+
     /// The condition with objects in place of the variables that are bound.
     pub(crate) fn substitute(&self, condition: &Condition) -> Condition {
         let all = |parts: &[Condition]| parts.iter().map(|part| self.substitute(part)).collect();
         match condition {
-            Condition::Atom(atom) => {
-                Condition::Atom(Atom { arguments: self.terms(&atom.arguments), ..atom.clone() })
-            }
+            Condition::Atom(atom) => Condition::Atom(self.atom(atom)),
             Condition::Equal(left, right, span) => {
                 Condition::Equal(self.term(left), self.term(right), *span)
             }

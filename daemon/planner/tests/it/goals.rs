@@ -2,7 +2,7 @@
 
 use expect_test::{Expect, expect};
 use pddl::Condition;
-use planner::goal::{conjuncts, unreachable};
+use planner::goal::{conjuncts, conjuncts_but, unreachable};
 use planner::validate::World;
 use planner::{Cancel, Options, Replanner};
 
@@ -68,6 +68,12 @@ fn what_is_derived_is_taken_apart_where_all_of_it_must_be() {
         let parts: Vec<String> = parts.iter().map(ToString::to_string).collect();
         assert_eq!(parts.join(" "), expected, "{goal}");
     }
+    let goal = "(and (not (lit lab)) (not (lit hall)))";
+    let goal = pddl::parse_condition(goal).into_result().expect("a goal");
+    let is_of_hall = |atom: &pddl::Atom| atom.to_string() == "(lit hall)";
+    let parts = conjuncts_but(&world, &goal, &is_of_hall);
+    let parts: Vec<String> = parts.iter().map(ToString::to_string).collect();
+    assert_eq!(parts, ["(not (lit lab))", "(not (lit hall))"], "one is known by more than axioms");
 }
 
 #[test]
