@@ -156,6 +156,10 @@ pub(crate) fn explain(
     let obstacles = explaining::obstacles(&explanation, &known.avoided);
     match (plain.is_empty(), obstacles) {
         (true, Some(obstacles)) => Some(obstacles),
+        // With it there may be a plan: what is in the way is not how the steps interfere.
+        (true, None) if !known.avoided.is_empty() => {
+            Some(format!("there is no other way{}", explaining::held(&known.avoided)))
+        }
         (true, None) => Some(otherwise(&explanation)),
         (false, obstacles) => Some(explaining::listed_all(plain.into_iter().chain(obstacles))),
     }
