@@ -186,18 +186,30 @@ fn features_of(
     let label = expose.property.clone().unwrap_or_default();
     match expose.kind.as_str() {
         "numeric" | "binary" if expose.access & SAYS != 0 => {
+            let (mut yes, mut no) =
+                (plain(&expose.value_on, "true"), plain(&expose.value_off, "false"));
+            if is_closed(&expose.name, &yes) {
+                std::mem::swap(&mut yes, &mut no);
+            }
             let feature = Feature {
                 unit: expose.unit.clone().unwrap_or_default(),
-                yes: vec![plain(&expose.value_on, "true")],
-                no: vec![plain(&expose.value_off, "false")],
+                yes: vec![yes],
+                no: vec![no],
                 ..Feature::named(&expose.name, &label)
             };
             features.push(heard(expose, topic, feature));
         }
         "switch" | "light" | "lock" => {
             let is_state = |part: &&Expose| part.name == "state" && part.access & SET != 0;
-            if let Some(part) = expose.features.iter().find(is_state) {
+            let Some(part) = expose.features.iter().find(is_state) else { return };
+            let property = part.property.as_deref().unwrap_or_default();
+            if property == "state" || property.starts_with("state_") {
                 features.extend(switched(&expose.kind, part, topic));
+            } else {
+                let kind = &expose.kind;
+                unused.push(Unused::as_usual(format!(
+                    "its {kind} `{property}` is a setting of the device"
+                )));
             }
         }
         "climate" => {
@@ -214,6 +226,18 @@ fn features_of(
         }
         kind if UNUSED.iter().any(|(unused, _)| *unused == kind) => unused.push(because(kind)),
         _ => (),
+    }
+}
+
+/// Whether a word of a door, a window or a contact says that it is closed. Of these, yes is open.
+fn is_closed(name: &str, word: &str) -> bool {
+    let word = word.to_ascii_lowercase();
+    match name {
+        "contact" => matches!(word.as_str(), "close" | "closed" | "shut" | "true"),
+        "door" | "garage_door" | "opening" | "window" => {
+            matches!(word.as_str(), "close" | "closed" | "shut")
+        }
+        _ => false,
     }
 }
 
