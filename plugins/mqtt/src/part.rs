@@ -64,6 +64,15 @@ impl Parts {
                     switched.push(known)
                 }
                 Some(Kind::Switch { .. }) | None => (),
+                // All contacts of a device, and all that notices motion, speak together.
+                Some(Kind::YesOrNo { .. }) => {
+                    let is_same = |other: &Known| {
+                        other.name == known.name && other.feature.states == known.feature.states
+                    };
+                    if !measured.iter().any(is_same) {
+                        measured.push(known);
+                    }
+                }
                 // Of two thermometers in one device the first speaks for it.
                 Some(_) => match measured.iter().find(|other| other.name == known.name) {
                     Some(other) if other.feature.rank == known.feature.rank => {
@@ -96,6 +105,18 @@ impl Parts {
         let problem = problem(unused, parts.is_empty());
         Parts { parts, problem }
     }
+}
+
+/// Whether a feature is the first of its class in a part: it stands for all of them.
+pub(crate) fn leads(features: &[Known], number: usize) -> bool {
+    together(features, number).next() == Some(number)
+}
+
+/// The features of a part that speak together with one.
+pub(crate) fn together(features: &[Known], number: usize) -> impl Iterator<Item = usize> {
+    let name = features.get(number).map(|known| &known.name);
+    let all = features.iter().enumerate();
+    all.filter(move |(_, other)| Some(&other.name) == name).map(|(number, _)| number)
 }
 
 /// A feature whose class has words here; or why it is not used.
@@ -165,7 +186,8 @@ impl Part {
         let stands = if is_switch { "installed" } else { "located" };
         words.has_type(kind, if is_switch { "" } else { "sensor" });
         let mut actions = String::new();
-        for (number, known) in self.features.iter().enumerate() {
+        let all = self.features.iter().enumerate();
+        for (number, known) in all.filter(|(number, _)| leads(&self.features, *number)) {
             let before = actions.len();
             known.describe(kind, stands, &mut words, &mut actions);
             if !offers(number) {
@@ -199,7 +221,8 @@ impl Part {
         let is_switch = |known: &Known| matches!(known.class.kind(), Some(Kind::Switch { .. }));
         let stands = if features.iter().any(is_switch) { "installed" } else { "located" };
         let mut place = format!("({stands} {agent} {room})");
-        for known in features {
+        let leading = features.iter().enumerate().filter(|(number, _)| leads(features, *number));
+        for (_, known) in leading {
             if let Some(Kind::YesOrNo { yes, own: Some((_, at)), .. }) = known.class.kind()
                 && is_derived(ontology, yes)
             {
