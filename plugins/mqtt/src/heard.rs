@@ -67,6 +67,8 @@ struct Listened {
 enum What {
     State(usize),
     Voice(usize),
+    /// Nothing of it is read: it tells the connections apart for what says nothing itself.
+    Connection,
 }
 
 /// What was taken in.
@@ -123,6 +125,9 @@ impl Hearing {
             for (voice, said) in feature.availability.voices.iter().enumerate() {
                 listen(&said.source.topic, What::Voice(voice));
             }
+            if let (true, Some(command)) = (feature.states.is_empty(), &feature.command) {
+                listen(&command.on.topic, What::Connection);
+            }
             heard.push(Heard::of(&feature.availability));
         }
         let taken = Taken { counts: vec![0; topics.len()], features: heard };
@@ -167,7 +172,11 @@ impl Hearing {
                     return Standing::NotKnown(Some("it has said nothing for too long".to_owned()));
                 }
                 if is_switch && *session != self.session(feature) {
-                    let reason = "it has said nothing since the broker was away".to_owned();
+                    let reason = match known.feature.states.is_empty() {
+                        true => "it says nothing, and the broker was away since it was told",
+                        false => "it has said nothing since the broker was away",
+                    };
+                    let reason = reason.to_owned();
                     return Standing::NotKnown(Some(reason));
                 }
                 let is_over = known.feature.off_delay.is_some_and(|delay| age >= delay);
@@ -224,7 +233,8 @@ impl Hearing {
     /// The connection that a feature's states are listened to by.
     fn session(&self, feature: usize) -> u64 {
         let of_state = self.topics.iter().find(|listened| {
-            listened.feature == feature && matches!(listened.what, What::State(_))
+            listened.feature == feature
+                && matches!(listened.what, What::State(_) | What::Connection)
         });
         of_state.map_or(0, |listened| listened.said.borrow().session)
     }
@@ -232,10 +242,10 @@ impl Hearing {
     /// Whether everything has said something.
     pub(crate) fn is_told(&self) -> bool {
         let taken = self.take_in();
-        taken
-            .features
-            .iter()
-            .all(|heard| heard.word.is_some() && heard.voices.iter().all(Option::is_some))
+        taken.features.iter().zip(self.features.iter()).all(|(heard, known)| {
+            (heard.word.is_some() || known.feature.states.is_empty())
+                && heard.voices.iter().all(Option::is_some)
+        })
     }
 
     /// Believes what it was told to be, as it says nothing itself.
@@ -284,6 +294,7 @@ impl Hearing {
                         heard.word = Some((said, word.at, word.session));
                     }
                 }
+                What::Connection => (),
                 What::Voice(number) => {
                     let voice = &known.feature.availability.voices[*number];
                     // Home Assistant takes a text as it is where its template fails.

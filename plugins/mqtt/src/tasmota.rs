@@ -76,11 +76,14 @@ struct Config<'c> {
     said: &'c Value,
     /// Its own topic.
     own: &'c str,
+    /// The address of its network card.
+    address: &'c str,
 }
 
 impl<'c> Config<'c> {
-    fn of(said: &'c Value) -> Option<Config<'c>> {
-        Some(Config { said, own: said["t"].as_str()? })
+    fn of(said: &'c Value, address: &'c str) -> Option<Config<'c>> {
+        let address = said["mac"].as_str().unwrap_or(address);
+        Some(Config { said, own: said["t"].as_str()?, address })
     }
 
     fn text(&self, key: &str) -> Option<&'c str> {
@@ -92,7 +95,11 @@ impl<'c> Config<'c> {
         let usual = ["cmnd", "stat", "tele"][prefix];
         let prefix = self.said["tp"][prefix].as_str().unwrap_or(usual);
         let full = self.text("ft").unwrap_or("%prefix%/%topic%/");
-        full.replace("%prefix%", prefix).replace("%topic%", self.own) + what
+        let digits: String = self.address.chars().filter(char::is_ascii_hexdigit).collect();
+        let id = digits.get(digits.len().saturating_sub(6)..).unwrap_or_default();
+        let full = full.replace("%prefix%", prefix).replace("%topic%", self.own);
+        let full = full.replace("%hostname%", self.text("hn").unwrap_or_default());
+        full.replace("%id%", &id.to_ascii_uppercase()) + what
     }
 
     fn word(&self, index: usize, otherwise: &str) -> String {
@@ -151,7 +158,7 @@ impl<'c> Config<'c> {
 }
 
 fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described> {
-    let config = Config::of(config)?;
+    let config = Config::of(config, address)?;
     let relays = config.relays();
     let is_alone = relays.iter().filter(|kind| **kind != 0).count() <= 1;
     let of = |(index, kind): (usize, &u64)| config.relay(index, *kind, is_alone);

@@ -175,6 +175,12 @@ fn switched(
     source: Option<Source>,
 ) -> Result<Feature, String> {
     let [on, off] = payloads;
+    for (payload, _) in payloads {
+        // So Home Assistant is told that there is no such command.
+        if config.0.get(payload).is_some_and(serde_json::Value::is_null) {
+            return Err(format!("its `{payload}` is null: it takes no such command"));
+        }
+    }
     let command = Command {
         on: config.telegram("command_topic", Some("command_template"), on)?,
         off: config.telegram("command_topic", Some("command_template"), off)?,
@@ -215,10 +221,18 @@ fn basic_light(config: &Config, label: &str) -> Result<Feature, String> {
     if config.text("on_command_type") == Some("brightness") {
         // It is switched on by how bright it is to be, and by nothing else.
         let full = config.payload("brightness_scale", "255");
+        let number: f64 = full
+            .trim()
+            .parse()
+            .map_err(|_| format!("its `brightness_scale` `{full}` is no number"))?;
+        #[allow(clippy::cast_possible_truncation, reason = "a brightness is a whole number")]
+        let full = number.round() as i64;
         let topic = config.telegram("brightness_command_topic", None, ("", ""))?.topic;
         let text = match config.has("brightness_command_template") {
-            true => config.rendered("brightness_command_template", &[("value", &full)], &[])?,
-            false => full,
+            true => {
+                config.rendered("brightness_command_template", &[("value", full.into())], &[])?
+            }
+            false => full.to_string(),
         };
         if let Some(command) = &mut light.command {
             command.on = Telegram { topic, text };
@@ -249,8 +263,8 @@ fn template_light(config: &Config, label: &str) -> Result<Feature, String> {
         true => config.source("state_topic", "state_template", Reading::Whole)?,
         false => None,
     };
-    let on = config.rendered("command_on_template", &[("state", "on")], OF_LIGHTS)?;
-    let off = config.rendered("command_off_template", &[("state", "off")], OF_LIGHTS)?;
+    let on = config.rendered("command_on_template", &[("state", "on".into())], OF_LIGHTS)?;
+    let off = config.rendered("command_off_template", &[("state", "off".into())], OF_LIGHTS)?;
     Ok(Feature {
         states: state.into_iter().collect(),
         yes: vec!["on".to_owned()],
@@ -328,7 +342,8 @@ fn on_off(component: &str, config: &Config, label: &str) -> Result<Feature, Stri
     }
     if config.has("command_off_template") {
         let off = config.payload_in_python("payload_off", "OFF");
-        command.off.text = config.rendered("command_off_template", &[("value", &off)], &[])?;
+        command.off.text =
+            config.rendered("command_off_template", &[("value", off.into())], &[])?;
     }
     Ok(siren)
 }
