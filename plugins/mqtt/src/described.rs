@@ -29,6 +29,9 @@ pub(crate) struct Unused {
     pub(crate) is_usual: bool,
 }
 
+/// The rank of what is about something else than the room, such as a chip or a boiler.
+pub(crate) const NOT_OF_THE_ROOM: u8 = 3;
+
 /// Something that a device measures or switches.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Feature {

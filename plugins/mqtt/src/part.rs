@@ -8,7 +8,7 @@ use actuator::is_derived;
 use pddl::Domain;
 
 use crate::class::{Class, Classes, Kind, conversion};
-use crate::described::{Described, Feature, Unused};
+use crate::described::{Described, Feature, NOT_OF_THE_ROOM, Unused};
 use crate::naming::name_of;
 
 /// Reasons that are told of one device.
@@ -75,6 +75,12 @@ impl Parts {
                     if !measured.iter().any(is_same) {
                         measured.push(known);
                     }
+                }
+                Some(_) if known.feature.rank >= NOT_OF_THE_ROOM => {
+                    let (name, label) = (&known.name, &known.feature.label);
+                    unused.push(Unused::as_usual(format!(
+                        "its {name} `{label}` is not that of the room, as its name says"
+                    )));
                 }
                 // Of two thermometers in one device the first speaks for it.
                 Some(_) => match measured.iter().find(|other| other.name == known.name) {

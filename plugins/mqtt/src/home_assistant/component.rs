@@ -4,7 +4,7 @@
 use serde_json::json;
 
 use super::config::Config;
-use crate::described::{Command, Feature, Reading, Source, Telegram, Unused};
+use crate::described::{Command, Feature, NOT_OF_THE_ROOM, Reading, Source, Telegram, Unused};
 
 /// Components of which nothing can be used, and why.
 const UNUSED: &[(&str, &str)] = &[
@@ -116,12 +116,27 @@ pub(crate) fn features(
     Ok(found)
 }
 
-/// How much a name says that it is about something else than the room's air.
+/// Words of these that an identifier may have beside what it is about: it is of an ESP, or of a board.
+const OF_IDENTIFIERS: &[&str] = &["board", "device", "esp", "esp32", "external", "internal"];
+
+/// How much a name, or an identifier where there is no name, says that it is about something else than
+/// the room's air.
 fn rank(label: &str, name: Option<&str>) -> u8 {
-    let text = format!("{label} {}", name.unwrap_or_default());
-    let text = crate::naming::slug(&text, " ");
-    let is_other = text.split(' ').any(|word| NOT_THE_ROOM.contains(&word));
-    if is_other { 2 } else { 0 }
+    let words = |text: &str| -> Vec<String> {
+        let text = crate::naming::slug(text, " ");
+        let others = text.split(' ').filter(|word| NOT_THE_ROOM.contains(word));
+        others.map(str::to_owned).collect()
+    };
+    let of_label = words(label);
+    let says_so = match name {
+        Some(name) => !words(name).is_empty(),
+        None => of_label.iter().any(|word| !OF_IDENTIFIERS.contains(&word.as_str())),
+    };
+    match (says_so, of_label.is_empty()) {
+        (true, _) => NOT_OF_THE_ROOM,
+        (false, false) => 2,
+        (false, true) => 0,
+    }
 }
 
 fn sensor(config: &Config, label: &str) -> Result<Feature, String> {
