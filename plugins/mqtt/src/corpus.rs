@@ -103,8 +103,10 @@ fn of_feature(agent: &str, known: &Known, said: &[[String; 2]]) -> Vec<String> {
     }));
     let feature = &known.feature;
     if let Some(command) = &feature.command {
-        lines.push(format!("{agent} on: {} {}", command.on.topic, command.on.text));
-        lines.push(format!("{agent} off: {} {}", command.off.topic, command.off.text));
+        for (what, told) in [("on", &command.on), ("off", &command.off)] {
+            let kept = if told.is_kept { " (kept)" } else { "" };
+            lines.push(format!("{agent} {what}: {} {}{kept}", told.topic, told.text));
+        }
     }
     lines.extend(feature.ask.iter().map(|ask| format!("{agent} asks: {} {}", ask.topic, ask.text)));
     if let Some(expires) = feature.expires {

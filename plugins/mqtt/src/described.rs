@@ -84,6 +84,8 @@ pub(crate) enum Reading {
 pub(crate) struct Telegram {
     pub(crate) topic: String,
     pub(crate) text: String,
+    /// Whether the broker is to keep it.
+    pub(crate) is_kept: bool,
 }
 
 /// How something is switched.
@@ -153,7 +155,7 @@ impl Unused {
 
 impl Telegram {
     pub(crate) fn new(topic: impl Into<String>, text: impl Into<String>) -> Telegram {
-        Telegram { topic: topic.into(), text: text.into() }
+        Telegram { topic: topic.into(), text: text.into(), is_kept: false }
     }
 }
 

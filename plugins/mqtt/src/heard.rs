@@ -257,7 +257,11 @@ impl Hearing {
     }
 
     pub(crate) fn say(&self, telegram: &Telegram) -> Result<(), String> {
-        self.connection.say(&telegram.topic, &telegram.text)
+        let Telegram { topic, text, is_kept } = telegram;
+        match is_kept {
+            true => self.connection.say_and_keep(topic, text),
+            false => self.connection.say(topic, text),
+        }
     }
 
     /// Asks for a feature and those that speak together with it, if they have said nothing that holds.

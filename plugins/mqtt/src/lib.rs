@@ -200,7 +200,11 @@ impl Agent for Gateway {
             self.birth = Some(ctx.run(birth, |_: &mut Self, (), _| ()));
         }
         for (number, filter) in filters.iter().enumerate() {
-            self.hear(number, connection.listen_to_all(filter), ctx);
+            let inbox = match filter.ends_with(shelly::EVENTS) {
+                true => connection.listen_to_events(filter),
+                false => connection.listen_to_all(filter),
+            };
+            self.hear(number, inbox, ctx);
         }
         self.follow(connection.trouble(), ctx);
         self.connection = Some(connection);

@@ -66,7 +66,13 @@ impl Parts {
                         None => switched.push(known),
                     }
                 }
-                Some(Kind::Switch { .. }) | None => (),
+                Some(Kind::Switch { .. }) => {
+                    let (name, label) = (&known.name, &known.feature.label);
+                    unused.push(Unused::because(format!(
+                        "its {name} `{label}` only says how it is: it cannot be switched by this device"
+                    )));
+                }
+                None => (),
                 // All contacts of a device, and all that notices motion, speak together.
                 Some(Kind::YesOrNo { .. }) => {
                     let is_same = |other: &Known| {

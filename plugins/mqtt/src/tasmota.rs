@@ -113,9 +113,11 @@ impl<'c> Config<'c> {
     }
 
     fn relay(&self, index: usize, kind: u64, is_alone: bool) -> Option<Feature> {
+        // Its option 30 says that all its relays switch lamps.
+        let is_lamp = self.said["so"]["30"].as_u64() == Some(1);
         let class = match kind {
-            1 => "switch",
-            2 => "light",
+            1 if !is_lamp => "switch",
+            1 | 2 => "light",
             _ => return None,
         };
         let power = if is_alone { "POWER".to_owned() } else { format!("POWER{}", index + 1) };
@@ -158,7 +160,20 @@ impl<'c> Config<'c> {
 }
 
 fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described> {
-    let config = Config::of(config, address)?;
+    let said = config;
+    let Some(config) = Config::of(config, address) else {
+        // What only its sensors are known of is described soon.
+        let name = said["dn"].as_str().filter(|name| !name.is_empty()).unwrap_or(address);
+        let no_topic = Unused::because("its description does not say its topic (`t`)");
+        return (!said.is_null()).then(|| Described {
+            name: name.to_owned(),
+            id: address.to_owned(),
+            also: Vec::new(),
+            area: None,
+            features: Vec::new(),
+            unused: vec![no_topic],
+        });
+    };
     let relays = config.relays();
     let is_alone = relays.iter().filter(|kind| **kind != 0).count() <= 1;
     let of = |(index, kind): (usize, &u64)| config.relay(index, *kind, is_alone);

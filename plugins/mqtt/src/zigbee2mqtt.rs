@@ -13,6 +13,8 @@ use crate::described::{
 struct Device {
     ieee_address: String,
     friendly_name: String,
+    #[serde(default, rename = "type")]
+    kind: String,
     #[serde(default)]
     disabled: bool,
     definition: Option<Definition>,
@@ -80,7 +82,8 @@ impl Bridge {
         self.problem = None;
         let mut devices = BTreeMap::new();
         for device in told {
-            let address = device.get("ieee_address").and_then(Value::as_str).map(str::to_owned);
+            let text = |key: &str| device.get(key).and_then(Value::as_str).map(str::to_owned);
+            let (address, name) = (text("ieee_address"), text("friendly_name"));
             match serde_json::from_value::<Device>(device) {
                 Ok(device) if device.disabled => (),
                 Ok(device) => {
@@ -89,11 +92,12 @@ impl Bridge {
                 }
                 // One that is not understood keeps no other away, and stays as it was.
                 Err(error) => {
-                    let known = address.and_then(|address| self.devices.remove_entry(&address));
-                    let Some((address, mut device)) = known else {
+                    let Some(address) = address else {
                         tracing::warn!("ignored a device of Zigbee2MQTT: {error}");
                         continue;
                     };
+                    let known = self.devices.remove(&address);
+                    let mut device = known.unwrap_or_else(|| unread(&address, name));
                     let reason = format!("its last description cannot be read: {error}");
                     if !device.unused.iter().any(|unused| unused.reason == reason) {
                         device.unused.push(Unused::because(reason));
@@ -118,11 +122,30 @@ impl Bridge {
     }
 }
 
+/// A device of which nothing can be read but its address, and perhaps its name.
+fn unread(address: &str, name: Option<String>) -> Described {
+    Described {
+        name: name.unwrap_or_else(|| address.to_owned()),
+        id: address.to_owned(),
+        also: Vec::new(),
+        area: None,
+        features: Vec::new(),
+        unused: Vec::new(),
+    }
+}
+
 fn described(base: &str, device: Device) -> Option<Described> {
-    let Device { ieee_address, friendly_name, definition, .. } = device;
+    let Device { ieee_address, friendly_name, kind, definition, .. } = device;
+    if kind == "Coordinator" {
+        return None;
+    }
     let topic = format!("{base}/{friendly_name}");
-    let exposes = definition?.exposes;
     let (mut features, mut unused) = (Vec::new(), Vec::new());
+    let exposes = definition.map(|definition| definition.exposes).unwrap_or_else(|| {
+        let reason = "Zigbee2MQTT does not know what it is: it has no `definition`";
+        unused.push(Unused::because(reason));
+        Vec::new()
+    });
     for expose in &exposes {
         features_of(expose, &topic, &mut features, &mut unused);
     }

@@ -112,6 +112,9 @@ pub(crate) fn features(
     let mut found = found.map_err(because)?;
     for feature in &mut found {
         feature.availability = availability.clone();
+        if let (Some(true), Some(command)) = (config.is("retain"), &mut feature.command) {
+            (command.on.is_kept, command.off.is_kept) = (true, true);
+        }
     }
     Ok(found)
 }
@@ -250,7 +253,7 @@ fn basic_light(config: &Config, label: &str) -> Result<Feature, String> {
             false => full.to_string(),
         };
         if let Some(command) = &mut light.command {
-            command.on = Telegram { topic, text };
+            command.on = Telegram::new(topic, text);
         }
     }
     Ok(light)
