@@ -101,25 +101,31 @@ impl Parts {
                 },
             }
         }
-        let mut parts = Vec::new();
-        if !measured.is_empty() {
-            parts.push((String::new(), measured));
-        }
-        let is_alone = parts.is_empty() && switched.len() == 1;
-        for known in switched {
-            let suffix = match is_alone {
-                true => String::new(),
-                false => format!("-{}", name_of(&known.feature.label)),
-            };
-            // Two of one label are told apart by their number.
-            let is_taken = |suffix: &String| parts.iter().any(|(taken, _)| taken == suffix);
-            let numbered = (2..).map(|number| format!("{suffix}-{number}"));
-            let suffix = std::iter::once(suffix.clone()).chain(numbered).find(|one| !is_taken(one));
-            parts.push((suffix.unwrap_or_default(), vec![known]));
-        }
+        let parts = assembled(measured, switched);
         let problem = problem(unused, parts.is_empty());
         Parts { parts, problem }
     }
+}
+
+/// The agents of a device: one for all that it measures, one for each thing that it switches.
+fn assembled(measured: Vec<Known>, switched: Vec<Known>) -> Vec<(String, Vec<Known>)> {
+    let mut parts = Vec::new();
+    if !measured.is_empty() {
+        parts.push((String::new(), measured));
+    }
+    let is_alone = parts.is_empty() && switched.len() == 1;
+    for known in switched {
+        let suffix = match is_alone {
+            true => String::new(),
+            false => format!("-{}", name_of(&known.feature.label)),
+        };
+        // Two of one label are told apart by their number.
+        let is_taken = |suffix: &String| parts.iter().any(|(taken, _)| taken == suffix);
+        let numbered = (2..).map(|number| format!("{suffix}-{number}"));
+        let suffix = std::iter::once(suffix.clone()).chain(numbered).find(|one| !is_taken(one));
+        parts.push((suffix.unwrap_or_default(), vec![known]));
+    }
+    parts
 }
 
 /// Why what a feature says cannot be told from what it is told, if that is so.
