@@ -54,11 +54,27 @@ pub fn model_of(text: &str) -> ActionModel {
 
 /// Facts that a device knows until it says otherwise, from their text.
 ///
-/// # Panics
-///
-/// If the text is not facts: the device is wrong.
+/// A text that is not facts gives none: a device may have measured what PDDL cannot say, such as a
+/// number without end, and goes on with what it measures next. The log says so.
 pub fn facts_of(text: &str) -> Vec<OwnFact> {
     let parsed = pddl::parse_init_elements(text);
-    assert!(parsed.is_ok(), "a device's own facts: {:?}\n{text}", parsed.diagnostics);
+    if !parsed.is_ok() {
+        tracing::error!("dropped facts that cannot be read: {:?}: {text}", parsed.diagnostics);
+        return Vec::new();
+    }
     parsed.value.into_iter().flatten().map(OwnFact::from).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn facts_that_cannot_be_said_are_none_and_no_panic() {
+        assert_eq!(facts_of("(known-temperature r) (= (temperature r) 21.5)").len(), 2);
+        for number in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
+            let text = format!("(known-temperature r) (= (temperature r) {number})");
+            assert_eq!(facts_of(&text).len(), 0, "{number}");
+        }
+    }
 }

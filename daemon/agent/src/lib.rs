@@ -62,7 +62,9 @@ pub use knowledge::knowledge;
 pub use landing::Landing;
 pub use machine::{Lost, Machine, Simulated};
 pub use observing::{Observer, Sight, Sighted};
-pub use plugin::{Blueprint, BuildError, Host, PluginEntry, Rehearsal, Resources, StateFolder};
+pub use plugin::{
+    Blueprint, BuildError, Host, Named, PluginEntry, Rehearsal, Resources, StateFolder,
+};
 pub use rights::{AgentRights, Allowed, Askers, Rights};
 pub use settings::Settings;
 pub use substrate::{Ask, Presence, Resident, Resource};

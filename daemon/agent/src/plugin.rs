@@ -1,7 +1,7 @@
 //! What a plugin crate offers to a daemon, and what it is given to build an agent from.
 
 use std::any::{Any, TypeId};
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -63,6 +63,11 @@ pub struct Host {
 /// Among the resources of a host: where the daemon keeps what its agents must not forget.
 #[derive(Clone, Debug)]
 pub struct StateFolder(pub PathBuf);
+
+/// Among the resources of a host: the names of all agents that the ecosystem's file names, also of those
+/// of other daemons. What appears by itself takes none of them.
+#[derive(Clone, Debug, Default)]
+pub struct Named(pub BTreeSet<String>);
 
 /// Among the resources of a host: an agent is built only to see whether it can be, perhaps on
 /// another machine than its own. What is outside the entry is neither read nor missed.

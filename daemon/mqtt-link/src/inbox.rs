@@ -1,7 +1,7 @@
 //! What was said under the topics of one filter, until it is taken.
 //!
 //! Of each topic the last text waits: a device that says the same thing a thousand times takes one
-//! place, and nothing is lost while the reader is busy.
+//! place, and nothing is lost while the reader is busy. Of events the last few wait.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -19,23 +19,34 @@ const BYTES_MAX: usize = 1 << 28;
 /// The receiving half; what comes in after it is dropped is not kept.
 pub struct Inbox(pub(crate) Arc<Waiting>);
 
-#[derive(Debug, Default)]
+/// Texts of one topic of events that wait at once.
+const EVENTS_MAX: usize = 32;
+
+#[derive(Debug)]
 pub(crate) struct Waiting {
     texts: Mutex<Texts>,
     news: Notify,
+    /// How many texts of one topic wait.
+    of_each: usize,
+}
+
+impl Default for Waiting {
+    fn default() -> Waiting {
+        Waiting { texts: Mutex::default(), news: Notify::new(), of_each: 1 }
+    }
 }
 
 #[derive(Debug, Default)]
 struct Texts {
     order: VecDeque<String>,
-    by_topic: HashMap<String, String>,
+    by_topic: HashMap<String, VecDeque<String>>,
     bytes: usize,
     /// Whether something was left out since the last text was taken.
     is_over: bool,
 }
 
 impl Inbox {
-    /// Takes up to `at_most` texts, each with its topic, once there is any; the longest waiting first.
+    /// Takes the texts of up to `at_most` topics, each with its topic, once there is any; the longest waiting first.
     pub async fn take(&self, at_most: usize) -> Vec<Told> {
         loop {
             let news = self.0.news.notified();
@@ -49,16 +60,29 @@ impl Inbox {
 }
 
 impl Waiting {
+    /// One in which the last few texts of each topic wait.
+    pub(crate) fn of_events() -> Waiting {
+        Waiting { of_each: EVENTS_MAX, ..Waiting::default() }
+    }
+
     /// Puts a text in; returns whether it is the first that does not fit.
     pub(crate) fn put(&self, topic: &str, text: &str) -> bool {
         let mut texts = self.texts();
-        let before = texts.by_topic.get(topic).map(String::len);
-        let bytes = texts.bytes - before.unwrap_or(0) + text.len();
-        if bytes > BYTES_MAX || (before.is_none() && texts.order.len() >= TOPICS_MAX) {
+        let before = texts.by_topic.get(topic);
+        let is_new = before.is_none();
+        let over = before.filter(|before| before.len() >= self.of_each).and_then(VecDeque::front);
+        let is_full = over.is_some();
+        let bytes = texts.bytes - over.map_or(0, String::len) + text.len();
+        if bytes > BYTES_MAX || (is_new && texts.order.len() >= TOPICS_MAX) {
             return !std::mem::replace(&mut texts.is_over, true);
         }
         texts.bytes = bytes;
-        if texts.by_topic.insert(topic.to_owned(), text.to_owned()).is_none() {
+        let waiting = texts.by_topic.entry(topic.to_owned()).or_default();
+        if is_full {
+            waiting.pop_front();
+        }
+        waiting.push_back(text.to_owned());
+        if is_new {
             texts.order.push_back(topic.to_owned());
         }
         drop(texts);
@@ -73,9 +97,10 @@ impl Waiting {
         texts.is_over &= count == 0;
         let mut taken = Vec::with_capacity(count);
         for topic in topics {
-            let text = texts.by_topic.remove(&topic).unwrap_or_default();
-            texts.bytes -= text.len();
-            taken.push((topic, text));
+            for text in texts.by_topic.remove(&topic).unwrap_or_default() {
+                texts.bytes -= text.len();
+                taken.push((topic.clone(), text));
+            }
         }
         taken
     }
@@ -99,6 +124,21 @@ mod tests {
         assert_eq!(inbox.take(2).await, [told("a", "2"), told("b", "1")]);
         assert!(!inbox.0.put("a", "3"));
         assert_eq!(inbox.take(9).await, [told("c", "1"), told("a", "3")]);
+    }
+
+    #[tokio::test]
+    async fn the_last_few_events_of_each_topic_wait() {
+        let inbox = Inbox(Arc::new(Waiting::of_events()));
+        for number in 0..4 {
+            assert!(!inbox.0.put("a", &number.to_string()));
+        }
+        let texts = |taken: Vec<Told>| taken.into_iter().map(|(_, text)| text).collect::<Vec<_>>();
+        assert_eq!(texts(inbox.take(9).await), ["0", "1", "2", "3"]);
+        for number in 0..EVENTS_MAX + 2 {
+            assert!(!inbox.0.put("a", &number.to_string()));
+        }
+        let taken = texts(inbox.take(9).await);
+        assert_eq!((taken.len(), taken[0].as_str()), (EVENTS_MAX, "2"));
     }
 
     #[test]

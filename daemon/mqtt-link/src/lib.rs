@@ -192,7 +192,17 @@ impl Connection {
 
     /// The last text under each topic that fits a filter, with its topic: what is retained first.
     pub fn listen_to_all(&self, filter: &str) -> Inbox {
-        let waiting = Arc::default();
+        self.listen_with(filter, Waiting::default())
+    }
+
+    /// What is said under each topic that fits a filter, with its topic: of each the last texts, as many
+    /// as may come at once where each says another thing.
+    pub fn listen_to_events(&self, filter: &str) -> Inbox {
+        self.listen_with(filter, Waiting::of_events())
+    }
+
+    fn listen_with(&self, filter: &str, waiting: Waiting) -> Inbox {
+        let waiting = Arc::new(waiting);
         lock(&self.inboxes).push((filter.to_owned(), Arc::downgrade(&waiting)));
         match filter_problem(filter) {
             Some(problem) => tracing::warn!("failed to listen: {problem}"),
@@ -208,6 +218,19 @@ impl Connection {
     ///
     /// If it was not handed over, and will not be.
     pub fn say(&self, topic: &str, text: &str) -> Result<(), String> {
+        self.publish(topic, text, false)
+    }
+
+    /// Says something that the broker keeps for those that come later.
+    ///
+    /// # Errors
+    ///
+    /// If it was not handed over, and will not be.
+    pub fn say_and_keep(&self, topic: &str, text: &str) -> Result<(), String> {
+        self.publish(topic, text, true)
+    }
+
+    fn publish(&self, topic: &str, text: &str, is_kept: bool) -> Result<(), String> {
         // What is handed over now would be sent whenever the broker is back.
         if let Some(trouble) = &*self.trouble.borrow() {
             return Err(format!("reach the broker: {trouble}"));
@@ -215,7 +238,7 @@ impl Connection {
         if let Some(problem) = topic_problem(topic) {
             return Err(format!("say it: {problem}"));
         }
-        let said = self.client.try_publish(topic, QoS::AtLeastOnce, false, text.as_bytes());
+        let said = self.client.try_publish(topic, QoS::AtLeastOnce, is_kept, text.as_bytes());
         said.map_err(|_| "say it: too much waits to be said to the broker".to_owned())
     }
 

@@ -1,9 +1,11 @@
 //! Of the devices that are told of: what agents they are, and where.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::PoisonError;
 
 use acl::AgentId;
 use agent::bringing::{Finding, NOWHERE};
+use agent::{Blueprint, Named};
 
 use crate::Gateway;
 use crate::described::Described;
@@ -26,13 +28,29 @@ impl Gateway {
         devices.extend(self.tasmota.devices());
         devices.extend(self.shelly.devices());
         devices.retain(|device| !is_listed(&self.config.ignore, device));
-        let names = names(&devices);
+        let mut given = self.given.lock().unwrap_or_else(PoisonError::into_inner);
+        let names = given.names(&devices, |name| self.is_taken(name));
+        let mut counts = BTreeMap::<String, usize>::new();
+        for device in &devices {
+            *counts.entry(name_of(&device.name)).or_default() += 1;
+        }
+        let is_alone = |device: &Described| counts.get(&name_of(&device.name)) == Some(&1);
         let found = devices.iter().zip(names);
-        found.flat_map(|(device, name)| self.agents_of(device, &name)).collect()
+        found.flat_map(|(device, name)| self.agents_of(device, &name, is_alone(device))).collect()
+    }
+
+    /// Whether a name is that of a room, of another thing of the map or of an agent of the file.
+    fn is_taken(&self, name: &str) -> bool {
+        let Blueprint { id, host, .. } = &self.blueprint;
+        let named = host.resources.get::<Named>();
+        id.as_str() == name
+            || host.places().any(|place| place == name)
+            || host.ontology.constants.iter().any(|constant| constant.name == name)
+            || named.is_some_and(|named| named.0.contains(name))
     }
 
     /// The agents that a device is; one without anything, if nothing of it can be used.
-    fn agents_of(&self, device: &Described, name: &str) -> Vec<Finding<Part>> {
+    fn agents_of(&self, device: &Described, name: &str, is_alone: bool) -> Vec<Finding<Part>> {
         let Parts { parts, problem } = Parts::of(device, &self.classes);
         let room = self.room(device);
         let finding = |agent: AgentId, part: Result<Part, String>| Finding {
@@ -41,7 +59,7 @@ impl Gateway {
             room: room.clone().ok(),
             part,
             problem: problem.clone(),
-            toml: self.lines(device, name),
+            toml: self.lines(device, is_alone),
         };
         if parts.is_empty() {
             let useless = || Err(problem.clone().unwrap_or_default());
@@ -49,7 +67,8 @@ impl Gateway {
             return agent.map(|agent| finding(agent, useless())).into_iter().collect();
         }
         let found = parts.into_iter().filter_map(|(suffix, features)| {
-            let agent = AgentId::new(&format!("{name}{suffix}")).ok()?;
+            let agent = agent_name(name, &suffix, |name| !suffix.is_empty() && self.is_taken(name));
+            let agent = AgentId::new(&agent).ok()?;
             let part = room.clone().map(|room| self.part(agent.clone(), room, features));
             Some(finding(agent, part))
         });
@@ -81,10 +100,9 @@ impl Gateway {
     }
 
     /// The lines that would let it take part.
-    fn lines(&self, device: &Described, name: &str) -> String {
+    fn lines(&self, device: &Described, is_alone: bool) -> String {
         let (gateway, id) = (&self.blueprint.id, &device.id);
         // A name that several have would be about all of them.
-        let is_alone = name == name_of(&device.name);
         let called = toml::Value::from(if is_alone { device.name.as_str() } else { id });
         let room = toml::Value::from(self.room(device).unwrap_or_default());
         let id = toml::Value::from(id.as_str());
@@ -99,8 +117,51 @@ fn is_listed(list: &[String], device: &Described) -> bool {
     list.iter().any(|pattern| is_it(pattern, device))
 }
 
-/// What each device is called: what people call it, and its identifier where others are called so.
-pub(crate) fn names(devices: &[Described]) -> Vec<String> {
+/// Names that were given to devices, by their identifiers: they stay with them as long as they are told
+/// of, whatever others are called and whoever renames them.
+#[derive(Debug, Default)]
+pub(crate) struct Given(BTreeMap<String, String>);
+
+impl Given {
+    /// What each device is called: what people call it, and its identifier where others are called so
+    /// or the name is taken by something else.
+    pub(crate) fn names(
+        &mut self,
+        devices: &[Described],
+        is_taken: impl Fn(&str) -> bool,
+    ) -> Vec<String> {
+        let mut names: Vec<Option<String>> =
+            devices.iter().map(|device| self.0.get(&device.id).cloned()).collect();
+        let mut used: BTreeSet<String> = names.iter().flatten().cloned().collect();
+        // What was known by another of its identifiers before.
+        for (device, name) in devices.iter().zip(&mut names).filter(|(_, name)| name.is_none()) {
+            let known = device.also.iter().find_map(|key| self.0.get(key)).cloned();
+            *name = known.filter(|known| used.insert(known.clone()));
+        }
+        let new = devices.iter().zip(&names).filter(|(_, name)| name.is_none());
+        let new: Vec<&Described> = new.map(|(device, _)| device).collect();
+        let is_free = |name: &str| !used.contains(name) && !is_taken(name);
+        let mut fresh = fresh(&new, is_free).into_iter();
+        let names = names.into_iter().map(|name| name.or_else(|| fresh.next()).unwrap_or_default());
+        let names: Vec<String> = names.collect();
+        self.0.clear();
+        for (device, name) in devices.iter().zip(&names) {
+            // One that nobody has named yet may be named once.
+            let plain = name_of(&device.name);
+            let mut keys = [&device.id].into_iter().chain(&device.also);
+            if !keys.clone().any(|key| name_of(key) == plain) {
+                keys.next().map(|id| self.0.insert(id.clone(), name.clone()));
+                for key in keys {
+                    self.0.entry(key.clone()).or_insert_with(|| name.clone());
+                }
+            }
+        }
+        names
+    }
+}
+
+/// The names of devices that have none yet.
+fn fresh(devices: &[&Described], is_free: impl Fn(&str) -> bool) -> Vec<String> {
     let count = |names: &[String]| {
         let mut counts = BTreeMap::<String, usize>::new();
         for name in names {
@@ -108,25 +169,49 @@ pub(crate) fn names(devices: &[Described]) -> Vec<String> {
         }
         counts
     };
-    let plain: Vec<_> = devices.iter().map(|device| name_of(&device.name)).collect();
-    let counts = count(&plain);
     let with = |device: &Described, name: &String, chars: usize| {
         let id = slug(&device.id, "");
         let id = &id[id.len().saturating_sub(chars)..];
         name_of(&format!("{} {id}", &name[..name.len().min(40 - chars.min(24))]))
     };
-    let short = devices.iter().zip(&plain).map(|(device, name)| match counts[name] {
-        1 => name.clone(),
-        _ => with(device, name, IDENTIFIER_CHARS),
-    });
-    let short: Vec<_> = short.collect();
-    let counts = count(&short);
-    let long = devices.iter().zip(plain.iter().zip(&short));
-    let long = long.map(|(device, (name, short))| match counts[short] {
-        1 => short.clone(),
-        _ => with(device, name, 24),
-    });
-    long.collect()
+    let plain: Vec<_> = devices.iter().map(|device| name_of(&device.name)).collect();
+    let mut names = plain.clone();
+    for chars in [IDENTIFIER_CHARS, 24] {
+        let counts = count(&names);
+        for (name, (device, plain)) in names.iter_mut().zip(devices.iter().zip(&plain)) {
+            if counts[name] > 1 || !is_free(name) {
+                *name = with(device, plain, chars);
+            }
+        }
+    }
+    // Identifiers that end in the same letters are told apart by numbers.
+    let mut used = BTreeSet::new();
+    for name in &mut names {
+        let numbered = (2..).map(|number| format!("{name}-{number}"));
+        let mut all = std::iter::once(name.clone()).chain(numbered);
+        let free = all.find(|name| is_free(name) && !used.contains(name));
+        *name = free.unwrap_or_default();
+        used.insert(name.clone());
+    }
+    names
+}
+
+/// The name of one agent of a device: shortened, with what tells it from others, where it is too long
+/// or taken.
+fn agent_name(name: &str, suffix: &str, is_taken: impl Fn(&str) -> bool) -> String {
+    const PART_CHARS: usize = 26;
+    let whole = format!("{name}{suffix}");
+    if AgentId::new(&whole).is_ok() && !is_taken(&whole) {
+        return whole;
+    }
+    // FNV-1a: the same for the same name, today and after an update.
+    let hash = whole
+        .bytes()
+        .fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
+    let short = |text: &str| text[..text.len().min(PART_CHARS)].trim_matches('-').to_owned();
+    let suffix = short(suffix);
+    let between = if suffix.is_empty() { "" } else { "-" };
+    format!("{}{between}{suffix}-{hash:08x}", short(name))
 }
 
 /// Whether a pattern is about a device: its name as it is or as agents have it, or an identifier.
@@ -162,7 +247,7 @@ mod tests {
             device("Same", "2-000000"),
         ];
         assert_eq!(
-            names(&devices),
+            Given::default().names(&devices, |_| false),
             [
                 "thermometer-a2b3c4",
                 "thermometer-a2ffff",
@@ -175,8 +260,46 @@ mod tests {
         );
         let long = "a very long name of a device that goes on and on and on and on";
         let devices = [device(long, "0x0000000000000001"), device(long, "0x0000000000000002")];
-        let names = names(&devices);
+        let names = Given::default().names(&devices, |_| false);
         assert_ne!(names[0], names[1]);
         assert!(names.iter().all(|name| AgentId::new(name).is_ok()));
+    }
+
+    #[test]
+    fn a_name_stays_with_its_device_and_takes_none_of_others() {
+        let mut given = Given::default();
+        let is_taken = |name: &str| matches!(name, "office1" | "keyboard");
+        let lamp = || device("Lamp", "0xa1");
+        assert_eq!(given.names(&[lamp()], is_taken), ["lamp"]);
+        // Another comes that is called so, before it in the list.
+        let two = [device("Lamp", "0x000b2"), lamp()];
+        assert_eq!(given.names(&two, is_taken), ["lamp-x000b2", "lamp"]);
+        // A third is renamed so.
+        let three = [device("Desk", "0xc3"), device("Lamp", "0x000b2"), lamp()];
+        assert_eq!(given.names(&three, is_taken), ["desk", "lamp-x000b2", "lamp"]);
+        let three = [device("Lamp", "0xc3"), device("Lamp", "0x000b2"), lamp()];
+        assert_eq!(given.names(&three, is_taken), ["desk", "lamp-x000b2", "lamp"]);
+        // What nobody has named is named once.
+        assert_eq!(given.names(&[device("0xd4", "0xd4")], is_taken), ["device-0xd4"]);
+        assert_eq!(given.names(&[device("Fan", "0xd4")], is_taken), ["fan"]);
+        // Rooms and agents keep their names.
+        let taken = [device("Office1", "0xe5"), device("keyboard", "0xf6")];
+        assert_eq!(given.names(&taken, is_taken), ["office1-0xe5", "keyboard-0xf6"]);
+        // One that is known by another identifier now.
+        let mut moved = device("Office1", "first");
+        moved.also = vec!["0xe5".to_owned()];
+        assert_eq!(given.names(&[moved], is_taken), ["office1-0xe5"]);
+    }
+
+    #[test]
+    fn names_that_are_too_long_are_shortened_and_stay_apart() {
+        let name = "x".repeat(48);
+        let left = agent_name(&name, &format!("-{}-left", "y".repeat(40)), |_| false);
+        let right = agent_name(&name, &format!("-{}-right", "y".repeat(40)), |_| false);
+        assert_ne!(left, right);
+        assert_eq!(left, agent_name(&name, &format!("-{}-left", "y".repeat(40)), |_| false));
+        assert!([left, right].iter().all(|name| AgentId::new(name).is_ok()));
+        assert_eq!(agent_name("lamp", "-left", |_| false), "lamp-left");
+        assert_ne!(agent_name("lamp", "-left", |name| name == "lamp-left"), "lamp-left");
     }
 }

@@ -176,14 +176,23 @@ fn plain(unit: &str) -> String {
 
 /// Whether a value can be, in its unit: chips say numbers of their own for “no value”.
 pub(crate) fn is_possible(value: f64, unit: &str) -> bool {
-    if !value.is_finite() {
+    // What is larger is exact to no thousandth any more, and no quantity of a room.
+    const LARGEST: f64 = 1e12;
+    if !value.is_finite() || value.abs() > LARGEST {
         return false;
     }
     match plain(unit).as_str() {
-        // -127 and -128 are what thermometers say that were not reached.
-        "c" => value > -127.0,
-        "f" => value > -196.0,
-        "k" | "lx" | "ppm" | "ppb" | "lm" => value >= 0.0,
+        // -127 and -128 are what thermometers say that were not reached, 999 and 327.67 those without a
+        // probe; no room is as hot as 200 °C.
+        "c" => value > -127.0 && value <= 200.0,
+        "f" => value > -196.0 && value <= 392.0,
+        "k" => (0.0..=474.0).contains(&value),
+        // A million parts of a million are all of it.
+        "ppm" => (0.0..=1e6).contains(&value),
+        "ppb" => (0.0..=1e9).contains(&value),
+        // The sun makes a little more than a hundred thousand.
+        "lx" => (0.0..=1e6).contains(&value),
+        "lm" => value >= 0.0,
         // Chips measure a little above a hundred; 255 and 655.35 are no values.
         "%" => (0.0..=110.0).contains(&value),
         _ => true,
@@ -226,6 +235,17 @@ mod tests {
             (-127.0, "°C", false),
             (-327.68, "°C", false),
             (f64::NAN, "°C", false),
+            (1e305, "°C", false),
+            (f64::INFINITY, "hPa", false),
+            (-1e305, "hPa", false),
+            (1e13, "W", false),
+            (1e9, "lx", false),
+            (120_000.0, "lx", true),
+            (2e6, "ppm", false),
+            (999.0, "°C", false),
+            (327.67, "°C", false),
+            (95.0, "°C", true),
+            (700.0, "°F", false),
             (100.4, "%", true),
             (655.35, "%", false),
             (-1.0, "ppm", false),

@@ -3,7 +3,7 @@
 
 use serde::Deserialize;
 
-use crate::census::names;
+use crate::census::Given;
 use crate::class::Classes;
 use crate::described::Described;
 use crate::device::{Value, Word};
@@ -41,7 +41,7 @@ fn outcome(said: &[[String; 2]]) -> Vec<String> {
     let classes = Classes::with(&serde_json::Value::Null).expect("built in");
     let devices = devices(said);
     let mut lines = Vec::new();
-    for (device, name) in devices.iter().zip(names(&devices)) {
+    for (device, name) in devices.iter().zip(Given::default().names(&devices, |_| false)) {
         let Parts { parts, problem } = Parts::of(device, &classes);
         for (suffix, features) in &parts {
             let agent = format!("{name}{suffix}");
@@ -103,8 +103,10 @@ fn of_feature(agent: &str, known: &Known, said: &[[String; 2]]) -> Vec<String> {
     }));
     let feature = &known.feature;
     if let Some(command) = &feature.command {
-        lines.push(format!("{agent} on: {} {}", command.on.topic, command.on.text));
-        lines.push(format!("{agent} off: {} {}", command.off.topic, command.off.text));
+        for (what, told) in [("on", &command.on), ("off", &command.off)] {
+            let kept = if told.is_kept { " (kept)" } else { "" };
+            lines.push(format!("{agent} {what}: {} {}{kept}", told.topic, told.text));
+        }
     }
     lines.extend(feature.ask.iter().map(|ask| format!("{agent} asks: {} {}", ask.topic, ask.text)));
     if let Some(expires) = feature.expires {

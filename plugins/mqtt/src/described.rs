@@ -29,6 +29,9 @@ pub(crate) struct Unused {
     pub(crate) is_usual: bool,
 }
 
+/// The rank of what is about something else than the room, such as a chip or a boiler.
+pub(crate) const NOT_OF_THE_ROOM: u8 = 3;
+
 /// Something that a device measures or switches.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Feature {
@@ -81,6 +84,8 @@ pub(crate) enum Reading {
 pub(crate) struct Telegram {
     pub(crate) topic: String,
     pub(crate) text: String,
+    /// Whether the broker is to keep it.
+    pub(crate) is_kept: bool,
 }
 
 /// How something is switched.
@@ -150,7 +155,7 @@ impl Unused {
 
 impl Telegram {
     pub(crate) fn new(topic: impl Into<String>, text: impl Into<String>) -> Telegram {
-        Telegram { topic: topic.into(), text: text.into() }
+        Telegram { topic: topic.into(), text: text.into(), is_kept: false }
     }
 }
 

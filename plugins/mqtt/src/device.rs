@@ -18,7 +18,7 @@ use tokio::time::Instant;
 
 use crate::class::{Kind, is_possible};
 use crate::heard::{Hearing, Standing};
-use crate::part::{Known, Part};
+use crate::part::{Known, Part, leads};
 use crate::reading::Found;
 
 /// How long a method may take.
@@ -68,9 +68,9 @@ impl MqttDevice {
         MqttDevice { part, ontology, hearing }
     }
 
-    /// What is known of a feature now: of a switch that it is on, that it is off, or neither.
-    fn standing(&self, feature: usize) -> Standing {
-        self.hearing.standing(feature, Instant::now())
+    /// The features that stand for all of their class.
+    fn leading(&self) -> impl Iterator<Item = usize> {
+        (0..self.part.features.len()).filter(|feature| leads(&self.part.features, *feature))
     }
 
     fn known(&self, feature: usize) -> Vec<OwnFact> {
@@ -78,12 +78,14 @@ impl MqttDevice {
         let (agent, room) = (self.part.agent.as_str(), self.part.room.as_str());
         let term = known.term(agent, room, &self.ontology);
         let unknown = || facts_of(&known.unknown(&term, room));
-        let (value, at) = match self.standing(feature) {
+        let (standing, speaker) = self.hearing.standing_by(feature, Instant::now());
+        let (value, at) = match standing {
             Standing::Is(value, at) => (value, at),
             Standing::NotKnown(_) | Standing::Away(_) => return unknown(),
         };
         let is_switch = matches!(known.class.kind(), Some(Kind::Switch { .. }));
-        let validity = [self.part.valid_for.filter(|_| !is_switch), known.feature.expires];
+        let expires = self.part.features.get(speaker).and_then(|known| known.feature.expires);
+        let validity = [self.part.valid_for.filter(|_| !is_switch), expires];
         let validity = validity.into_iter().flatten().min();
         let left = validity.map(|valid_for| valid_for.saturating_sub(at.elapsed()));
         if left.is_some_and(|left| left.is_zero()) {
@@ -200,7 +202,7 @@ impl Device for MqttDevice {
         let now = Instant::now();
         let offers = |feature: usize| self.hearing.away(feature, now).is_none();
         let model = model_of(&self.part.model(&self.ontology, offers));
-        let methods = self.part.features.iter().flat_map(Known::methods);
+        let methods = self.leading().flat_map(|feature| self.part.features[feature].methods());
         let methods = methods.map(|(action, method)| {
             (action, Method { method, arguments: BTreeMap::new(), timeout: Deadline(METHOD) })
         });
@@ -209,8 +211,7 @@ impl Device for MqttDevice {
 
     fn facts(&self) -> Vec<OwnFact> {
         let stands = facts_of(&self.part.place(&self.ontology));
-        let known = 0..self.part.features.len();
-        stands.into_iter().chain(known.flat_map(|feature| self.known(feature))).collect()
+        stands.into_iter().chain(self.leading().flat_map(|feature| self.known(feature))).collect()
     }
 
     fn look(&self) -> Option<BoxFuture<()>> {

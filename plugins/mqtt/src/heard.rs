@@ -19,7 +19,7 @@ use tokio::time::Instant;
 use crate::class::Kind;
 use crate::described::{Availability, AvailabilityMode, Telegram};
 use crate::device::{Value, Word};
-use crate::part::Known;
+use crate::part::{self, Known};
 
 /// How long after a device has come it is asked for what it has not said; so much more is drawn by
 /// lot, so that hundreds of devices are not asked at once.
@@ -67,6 +67,8 @@ struct Listened {
 enum What {
     State(usize),
     Voice(usize),
+    /// Nothing of it is read: it tells the connections apart for what says nothing itself.
+    Connection,
 }
 
 /// What was taken in.
@@ -123,6 +125,9 @@ impl Hearing {
             for (voice, said) in feature.availability.voices.iter().enumerate() {
                 listen(&said.source.topic, What::Voice(voice));
             }
+            if let (true, Some(command)) = (feature.states.is_empty(), &feature.command) {
+                listen(&command.on.topic, What::Connection);
+            }
             heard.push(Heard::of(&feature.availability));
         }
         let taken = Taken { counts: vec![0; topics.len()], features: heard };
@@ -135,9 +140,21 @@ impl Hearing {
         }
     }
 
-    /// What is known of a feature.
+    /// What is known of a feature, and of those that speak together with it.
     pub(crate) fn standing(&self, feature: usize, now: Instant) -> Standing {
-        if let Some(problem) = self.away(feature, now) {
+        self.standing_by(feature, now).0
+    }
+
+    /// What is known of a feature and of those that speak together with it, and which of them says so.
+    pub(crate) fn standing_by(&self, feature: usize, now: Instant) -> (Standing, usize) {
+        let all = part::together(&self.features, feature);
+        let all: Vec<_> = all.map(|feature| (self.own_standing(feature, now), feature)).collect();
+        let is_inverted = self.features.get(feature).is_some_and(|known| known.class.inverted);
+        together(all, Value::Yes(!is_inverted)).unwrap_or((Standing::NotKnown(None), feature))
+    }
+
+    fn own_standing(&self, feature: usize, now: Instant) -> Standing {
+        if let Some(problem) = self.own_away(feature) {
             return Standing::Away(problem);
         }
         let taken = self.take_in();
@@ -155,20 +172,34 @@ impl Hearing {
                     return Standing::NotKnown(Some("it has said nothing for too long".to_owned()));
                 }
                 if is_switch && *session != self.session(feature) {
-                    let reason = "it has said nothing since the broker was away".to_owned();
+                    let reason = match known.feature.states.is_empty() {
+                        true => "it says nothing, and the broker was away since it was told",
+                        false => "it has said nothing since the broker was away",
+                    };
+                    let reason = reason.to_owned();
                     return Standing::NotKnown(Some(reason));
                 }
                 let is_over = known.feature.off_delay.is_some_and(|delay| age >= delay);
+                // What it says with its yes is over; of a contact that is that it is open.
+                let yes = Value::Yes(!known.class.inverted);
                 match value {
-                    Value::Yes(true) if is_over => Standing::Is(Value::Yes(false), *at),
+                    value if is_over && *value == yes => {
+                        Standing::Is(Value::Yes(known.class.inverted), *at)
+                    }
                     value => Standing::Is(*value, *at),
                 }
             }
         }
     }
 
-    /// Why a feature cannot be used now, if it cannot.
+    /// Why a feature cannot be used now, nor any that speaks together with it.
     pub(crate) fn away(&self, feature: usize, _now: Instant) -> Option<String> {
+        let all = part::together(&self.features, feature);
+        let all: Option<Vec<_>> = all.map(|feature| self.own_away(feature)).collect();
+        all?.into_iter().next()
+    }
+
+    fn own_away(&self, feature: usize) -> Option<String> {
         if let Some(trouble) = &*self.trouble.borrow() {
             return Some(format!("reach the broker: {trouble}"));
         }
@@ -202,7 +233,8 @@ impl Hearing {
     /// The connection that a feature's states are listened to by.
     fn session(&self, feature: usize) -> u64 {
         let of_state = self.topics.iter().find(|listened| {
-            listened.feature == feature && matches!(listened.what, What::State(_))
+            listened.feature == feature
+                && matches!(listened.what, What::State(_) | What::Connection)
         });
         of_state.map_or(0, |listened| listened.said.borrow().session)
     }
@@ -210,10 +242,10 @@ impl Hearing {
     /// Whether everything has said something.
     pub(crate) fn is_told(&self) -> bool {
         let taken = self.take_in();
-        taken
-            .features
-            .iter()
-            .all(|heard| heard.word.is_some() && heard.voices.iter().all(Option::is_some))
+        taken.features.iter().zip(self.features.iter()).all(|(heard, known)| {
+            (heard.word.is_some() || known.feature.states.is_empty())
+                && heard.voices.iter().all(Option::is_some)
+        })
     }
 
     /// Believes what it was told to be, as it says nothing itself.
@@ -225,16 +257,22 @@ impl Hearing {
     }
 
     pub(crate) fn say(&self, telegram: &Telegram) -> Result<(), String> {
-        self.connection.say(&telegram.topic, &telegram.text)
+        let Telegram { topic, text, is_kept } = telegram;
+        match is_kept {
+            true => self.connection.say_and_keep(topic, text),
+            false => self.connection.say(topic, text),
+        }
     }
 
-    /// Asks for a feature, if it has said nothing that holds.
+    /// Asks for a feature and those that speak together with it, if they have said nothing that holds.
     pub(crate) fn ask(&self, feature: usize) {
-        let ask = self.features.get(feature).and_then(|known| known.feature.ask.as_ref());
-        if let Some(ask) = ask
-            && matches!(self.standing(feature, Instant::now()), Standing::NotKnown(_))
-        {
-            let _ = self.say(ask);
+        for feature in part::together(&self.features, feature) {
+            let ask = self.features.get(feature).and_then(|known| known.feature.ask.as_ref());
+            if let Some(ask) = ask
+                && matches!(self.own_standing(feature, Instant::now()), Standing::NotKnown(_))
+            {
+                let _ = self.say(ask);
+            }
         }
     }
 
@@ -260,6 +298,7 @@ impl Hearing {
                         heard.word = Some((said, word.at, word.session));
                     }
                 }
+                What::Connection => (),
                 What::Voice(number) => {
                     let voice = &known.feature.availability.voices[*number];
                     // Home Assistant takes a text as it is where its template fails.
@@ -340,7 +379,7 @@ impl Hearing {
         let known = &self.features[feature];
         known.feature.ask.is_some()
             && self.asks(feature).1 <= ASK_AGAIN.len()
-            && matches!(self.standing(feature, Instant::now()), Standing::NotKnown(_))
+            && matches!(self.own_standing(feature, Instant::now()), Standing::NotKnown(_))
     }
 
     /// How often it was asked in this connection, and when it is next.
@@ -379,6 +418,35 @@ impl Hearing {
     }
 }
 
+/// What several features of one device say together, and which of them: one that says `loud` (motion, or
+/// that it is open) is enough; the contrary takes all of them.
+fn together(all: Vec<(Standing, usize)>, loud: Value) -> Option<(Standing, usize)> {
+    let since = |standing: &Standing| match standing {
+        Standing::Is(value, at) => Some((*value, *at)),
+        _ => None,
+    };
+    let is_loud = |(standing, _): &&(Standing, usize)| matches!(standing, Standing::Is(value, _) if *value == loud);
+    if let Some(loudest) =
+        all.iter().filter(is_loud).max_by_key(|(one, _)| since(one).map(|(_, at)| at))
+    {
+        return Some(loudest.clone());
+    }
+    let unknown = all.iter().find(|(one, _)| matches!(one, Standing::NotKnown(_)));
+    if let Some(unknown) = unknown {
+        return Some(unknown.clone());
+    }
+    let away = |(one, _): &&(Standing, usize)| matches!(one, Standing::Away(_));
+    match all.iter().find(away) {
+        Some(gone) if all.iter().all(|one| away(&one)) => Some(gone.clone()),
+        Some((_, feature)) => {
+            let reason = "another of its kind in the same device is away".to_owned();
+            Some((Standing::NotKnown(Some(reason)), *feature))
+        }
+        // It holds for as long as the oldest of them holds.
+        None => all.into_iter().min_by_key(|(one, _)| since(one).map(|(_, at)| at)),
+    }
+}
+
 fn first_pause() -> Duration {
     ASK_AFTER + Duration::from_millis(fastrand::u64(..ASK_SPREAD_MS))
 }
@@ -387,6 +455,30 @@ fn first_pause() -> Duration {
 mod tests {
     use super::*;
     use crate::described::{Source, Voice};
+
+    #[test]
+    fn several_contacts_of_one_device_speak_together() {
+        let now = Instant::now();
+        let (open, shut) =
+            (Standing::Is(Value::Yes(false), now), Standing::Is(Value::Yes(true), now));
+        let (unknown, away) = (Standing::NotKnown(None), Standing::Away("gone".to_owned()));
+        let loud = Value::Yes(false);
+        for (all, expected) in [
+            (vec![&shut], Some((shut.clone(), 0))),
+            (vec![&shut, &shut], Some((shut.clone(), 0))),
+            (vec![&shut, &open], Some((open.clone(), 1))),
+            (vec![&open, &unknown], Some((open.clone(), 0))),
+            (vec![&away, &open], Some((open.clone(), 1))),
+            (vec![&shut, &unknown], Some((unknown.clone(), 1))),
+            (vec![&away, &away], Some((away.clone(), 0))),
+            (vec![], None),
+        ] {
+            let numbered = all.iter().enumerate().map(|(number, one)| ((*one).clone(), number));
+            assert_eq!(together(numbered.collect(), loud), expected, "{all:?}");
+        }
+        let one_is_away = together(vec![(shut, 0), (away, 1)], loud);
+        assert!(matches!(one_is_away, Some((Standing::NotKnown(Some(_)), 1))), "{one_is_away:?}");
+    }
 
     #[test]
     fn several_topics_of_availability_mean_what_their_mode_says() {

@@ -32,7 +32,7 @@ mod zigbee2mqtt;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use acl::AgentId;
@@ -149,6 +149,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn Launch>, BuildError> {
         home_assistant: home_assistant::Discovery::default(),
         tasmota: tasmota::Discovery::default(),
         shelly: shelly::Discovery::default(),
+        given: Mutex::default(),
         hearing: BTreeMap::new(),
         birth: None,
         following: None,
@@ -169,6 +170,8 @@ struct Gateway {
     tasmota: tasmota::Discovery,
     shelly: shelly::Discovery,
     bringing: Bringing<Part>,
+    /// What devices are called.
+    given: Mutex<census::Given>,
     /// What is listened to: each filter of topics, by its number.
     hearing: BTreeMap<usize, Work>,
     /// What tells devices, with each connection, that they are to describe themselves.
@@ -197,7 +200,11 @@ impl Agent for Gateway {
             self.birth = Some(ctx.run(birth, |_: &mut Self, (), _| ()));
         }
         for (number, filter) in filters.iter().enumerate() {
-            self.hear(number, connection.listen_to_all(filter), ctx);
+            let inbox = match filter.ends_with(shelly::EVENTS) {
+                true => connection.listen_to_events(filter),
+                false => connection.listen_to_all(filter),
+            };
+            self.hear(number, inbox, ctx);
         }
         self.follow(connection.trouble(), ctx);
         self.connection = Some(connection);

@@ -8,7 +8,7 @@ use actuator::is_derived;
 use pddl::Domain;
 
 use crate::class::{Class, Classes, Kind, conversion};
-use crate::described::{Described, Feature, Unused};
+use crate::described::{Described, Feature, NOT_OF_THE_ROOM, Unused};
 use crate::naming::name_of;
 
 /// Reasons that are told of one device.
@@ -61,9 +61,33 @@ impl Parts {
             };
             match known.class.kind() {
                 Some(Kind::Switch { .. }) if known.feature.command.is_some() => {
-                    switched.push(known)
+                    match hears_itself(&known.feature) {
+                        Some(reason) => unused.push(Unused::because(reason)),
+                        None => switched.push(known),
+                    }
                 }
-                Some(Kind::Switch { .. }) | None => (),
+                Some(Kind::Switch { .. }) => {
+                    let (name, label) = (&known.name, &known.feature.label);
+                    unused.push(Unused::because(format!(
+                        "its {name} `{label}` only says how it is: it cannot be switched by this device"
+                    )));
+                }
+                None => (),
+                // All contacts of a device, and all that notices motion, speak together.
+                Some(Kind::YesOrNo { .. }) => {
+                    let is_same = |other: &Known| {
+                        other.name == known.name && other.feature.states == known.feature.states
+                    };
+                    if !measured.iter().any(is_same) {
+                        measured.push(known);
+                    }
+                }
+                Some(_) if known.feature.rank >= NOT_OF_THE_ROOM => {
+                    let (name, label) = (&known.name, &known.feature.label);
+                    unused.push(Unused::as_usual(format!(
+                        "its {name} `{label}` is not that of the room, as its name says"
+                    )));
+                }
                 // Of two thermometers in one device the first speaks for it.
                 Some(_) => match measured.iter().find(|other| other.name == known.name) {
                     Some(other) if other.feature.rank == known.feature.rank => {
@@ -77,25 +101,70 @@ impl Parts {
                 },
             }
         }
-        let mut parts = Vec::new();
-        if !measured.is_empty() {
-            parts.push((String::new(), measured));
-        }
-        let is_alone = parts.is_empty() && switched.len() == 1;
-        for known in switched {
-            let suffix = match is_alone {
-                true => String::new(),
-                false => format!("-{}", name_of(&known.feature.label)),
-            };
-            // Two of one label are told apart by their number.
-            let is_taken = |suffix: &String| parts.iter().any(|(taken, _)| taken == suffix);
-            let numbered = (2..).map(|number| format!("{suffix}-{number}"));
-            let suffix = std::iter::once(suffix.clone()).chain(numbered).find(|one| !is_taken(one));
-            parts.push((suffix.unwrap_or_default(), vec![known]));
-        }
+        let parts = assembled(measured, switched);
         let problem = problem(unused, parts.is_empty());
         Parts { parts, problem }
     }
+}
+
+/// The agents of a device: one for all that it measures, one for each thing that it switches.
+fn assembled(measured: Vec<Known>, switched: Vec<Known>) -> Vec<(String, Vec<Known>)> {
+    let mut parts = Vec::new();
+    if !measured.is_empty() {
+        parts.push((String::new(), measured));
+    }
+    let is_alone = parts.is_empty() && switched.len() == 1;
+    for known in switched {
+        let suffix = match is_alone {
+            true => String::new(),
+            false => format!("-{}", name_of(&known.feature.label)),
+        };
+        // Two of one label are told apart by their number.
+        let is_taken = |suffix: &String| parts.iter().any(|(taken, _)| taken == suffix);
+        let numbered = (2..).map(|number| format!("{suffix}-{number}"));
+        let suffix = std::iter::once(suffix.clone()).chain(numbered).find(|one| !is_taken(one));
+        parts.push((suffix.unwrap_or_default(), vec![known]));
+    }
+    parts
+}
+
+/// Why what a feature says cannot be told from what it is told, if that is so.
+fn hears_itself(feature: &Feature) -> Option<String> {
+    let command = feature.command.as_ref()?;
+    let told = [command.on.topic.as_str(), command.off.topic.as_str()];
+    let is_heard = |told: &&str| feature.states.iter().any(|said| fits(&said.topic, told));
+    let topic = told.into_iter().find(is_heard)?;
+    let label = &feature.label;
+    Some(format!(
+        "its `{label}` says under `{topic}` how it is, and is told there what to be: the command \
+         would be heard as if it were done; give it a state topic of its own"
+    ))
+}
+
+/// Whether a topic fits a filter of topics.
+fn fits(filter: &str, topic: &str) -> bool {
+    let mut levels = topic.split('/');
+    for wanted in filter.split('/') {
+        match (wanted, levels.next()) {
+            ("#", _) => return true,
+            ("+", Some(_)) => (),
+            (wanted, Some(level)) if wanted == level => (),
+            _ => return false,
+        }
+    }
+    levels.next().is_none()
+}
+
+/// Whether a feature is the first of its class in a part: it stands for all of them.
+pub(crate) fn leads(features: &[Known], number: usize) -> bool {
+    together(features, number).next() == Some(number)
+}
+
+/// The features of a part that speak together with one.
+pub(crate) fn together(features: &[Known], number: usize) -> impl Iterator<Item = usize> {
+    let name = features.get(number).map(|known| &known.name);
+    let all = features.iter().enumerate();
+    all.filter(move |(_, other)| Some(&other.name) == name).map(|(number, _)| number)
 }
 
 /// A feature whose class has words here; or why it is not used.
@@ -165,7 +234,8 @@ impl Part {
         let stands = if is_switch { "installed" } else { "located" };
         words.has_type(kind, if is_switch { "" } else { "sensor" });
         let mut actions = String::new();
-        for (number, known) in self.features.iter().enumerate() {
+        let all = self.features.iter().enumerate();
+        for (number, known) in all.filter(|(number, _)| leads(&self.features, *number)) {
             let before = actions.len();
             known.describe(kind, stands, &mut words, &mut actions);
             if !offers(number) {
@@ -199,7 +269,8 @@ impl Part {
         let is_switch = |known: &Known| matches!(known.class.kind(), Some(Kind::Switch { .. }));
         let stands = if features.iter().any(is_switch) { "installed" } else { "located" };
         let mut place = format!("({stands} {agent} {room})");
-        for known in features {
+        let leading = features.iter().enumerate().filter(|(number, _)| leads(features, *number));
+        for (_, known) in leading {
             if let Some(Kind::YesOrNo { yes, own: Some((_, at)), .. }) = known.class.kind()
                 && is_derived(ontology, yes)
             {

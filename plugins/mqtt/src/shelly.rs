@@ -14,6 +14,9 @@ use crate::described::{
 /// How the names of devices begin, as they come from the factory.
 const BEGINNING: &str = "shelly";
 
+/// Where each text is about another part of the device.
+pub(crate) const EVENTS: &str = "/events/rpc";
+
 /// Devices that are remembered.
 const DEVICES_MAX: usize = 4_096;
 
@@ -34,7 +37,7 @@ pub(crate) fn filters() -> [String; 5] {
         "shellies/+/+/+".to_owned(),
         "+/online".to_owned(),
         "+/status/+".to_owned(),
-        "+/events/rpc".to_owned(),
+        format!("+{EVENTS}"),
     ]
 }
 

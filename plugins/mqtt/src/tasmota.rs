@@ -76,11 +76,14 @@ struct Config<'c> {
     said: &'c Value,
     /// Its own topic.
     own: &'c str,
+    /// The address of its network card.
+    address: &'c str,
 }
 
 impl<'c> Config<'c> {
-    fn of(said: &'c Value) -> Option<Config<'c>> {
-        Some(Config { said, own: said["t"].as_str()? })
+    fn of(said: &'c Value, address: &'c str) -> Option<Config<'c>> {
+        let address = said["mac"].as_str().unwrap_or(address);
+        Some(Config { said, own: said["t"].as_str()?, address })
     }
 
     fn text(&self, key: &str) -> Option<&'c str> {
@@ -92,7 +95,11 @@ impl<'c> Config<'c> {
         let usual = ["cmnd", "stat", "tele"][prefix];
         let prefix = self.said["tp"][prefix].as_str().unwrap_or(usual);
         let full = self.text("ft").unwrap_or("%prefix%/%topic%/");
-        full.replace("%prefix%", prefix).replace("%topic%", self.own) + what
+        let digits: String = self.address.chars().filter(char::is_ascii_hexdigit).collect();
+        let id = digits.get(digits.len().saturating_sub(6)..).unwrap_or_default();
+        let full = full.replace("%prefix%", prefix).replace("%topic%", self.own);
+        let full = full.replace("%hostname%", self.text("hn").unwrap_or_default());
+        full.replace("%id%", &id.to_ascii_uppercase()) + what
     }
 
     fn word(&self, index: usize, otherwise: &str) -> String {
@@ -106,9 +113,11 @@ impl<'c> Config<'c> {
     }
 
     fn relay(&self, index: usize, kind: u64, is_alone: bool) -> Option<Feature> {
+        // Its option 30 says that all its relays switch lamps.
+        let is_lamp = self.said["so"]["30"].as_u64() == Some(1);
         let class = match kind {
-            1 => "switch",
-            2 => "light",
+            1 if !is_lamp => "switch",
+            1 | 2 => "light",
             _ => return None,
         };
         let power = if is_alone { "POWER".to_owned() } else { format!("POWER{}", index + 1) };
@@ -151,7 +160,20 @@ impl<'c> Config<'c> {
 }
 
 fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described> {
-    let config = Config::of(config)?;
+    let said = config;
+    let Some(config) = Config::of(config, address) else {
+        // What only its sensors are known of is described soon.
+        let name = said["dn"].as_str().filter(|name| !name.is_empty()).unwrap_or(address);
+        let no_topic = Unused::because("its description does not say its topic (`t`)");
+        return (!said.is_null()).then(|| Described {
+            name: name.to_owned(),
+            id: address.to_owned(),
+            also: Vec::new(),
+            area: None,
+            features: Vec::new(),
+            unused: vec![no_topic],
+        });
+    };
     let relays = config.relays();
     let is_alone = relays.iter().filter(|kind| **kind != 0).count() <= 1;
     let of = |(index, kind): (usize, &u64)| config.relay(index, *kind, is_alone);

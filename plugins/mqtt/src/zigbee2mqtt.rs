@@ -13,6 +13,8 @@ use crate::described::{
 struct Device {
     ieee_address: String,
     friendly_name: String,
+    #[serde(default, rename = "type")]
+    kind: String,
     #[serde(default)]
     disabled: bool,
     definition: Option<Definition>,
@@ -80,7 +82,8 @@ impl Bridge {
         self.problem = None;
         let mut devices = BTreeMap::new();
         for device in told {
-            let address = device.get("ieee_address").and_then(Value::as_str).map(str::to_owned);
+            let text = |key: &str| device.get(key).and_then(Value::as_str).map(str::to_owned);
+            let (address, name) = (text("ieee_address"), text("friendly_name"));
             match serde_json::from_value::<Device>(device) {
                 Ok(device) if device.disabled => (),
                 Ok(device) => {
@@ -89,11 +92,12 @@ impl Bridge {
                 }
                 // One that is not understood keeps no other away, and stays as it was.
                 Err(error) => {
-                    let known = address.and_then(|address| self.devices.remove_entry(&address));
-                    let Some((address, mut device)) = known else {
+                    let Some(address) = address else {
                         tracing::warn!("ignored a device of Zigbee2MQTT: {error}");
                         continue;
                     };
+                    let known = self.devices.remove(&address);
+                    let mut device = known.unwrap_or_else(|| unread(&address, name));
                     let reason = format!("its last description cannot be read: {error}");
                     if !device.unused.iter().any(|unused| unused.reason == reason) {
                         device.unused.push(Unused::because(reason));
@@ -118,11 +122,30 @@ impl Bridge {
     }
 }
 
+/// A device of which nothing can be read but its address, and perhaps its name.
+fn unread(address: &str, name: Option<String>) -> Described {
+    Described {
+        name: name.unwrap_or_else(|| address.to_owned()),
+        id: address.to_owned(),
+        also: Vec::new(),
+        area: None,
+        features: Vec::new(),
+        unused: Vec::new(),
+    }
+}
+
 fn described(base: &str, device: Device) -> Option<Described> {
-    let Device { ieee_address, friendly_name, definition, .. } = device;
+    let Device { ieee_address, friendly_name, kind, definition, .. } = device;
+    if kind == "Coordinator" {
+        return None;
+    }
     let topic = format!("{base}/{friendly_name}");
-    let exposes = definition?.exposes;
     let (mut features, mut unused) = (Vec::new(), Vec::new());
+    let exposes = definition.map(|definition| definition.exposes).unwrap_or_else(|| {
+        let reason = "Zigbee2MQTT does not know what it is: it has no `definition`";
+        unused.push(Unused::because(reason));
+        Vec::new()
+    });
     for expose in &exposes {
         features_of(expose, &topic, &mut features, &mut unused);
     }
@@ -186,18 +209,30 @@ fn features_of(
     let label = expose.property.clone().unwrap_or_default();
     match expose.kind.as_str() {
         "numeric" | "binary" if expose.access & SAYS != 0 => {
+            let (mut yes, mut no) =
+                (plain(&expose.value_on, "true"), plain(&expose.value_off, "false"));
+            if is_closed(&expose.name, &yes) {
+                std::mem::swap(&mut yes, &mut no);
+            }
             let feature = Feature {
                 unit: expose.unit.clone().unwrap_or_default(),
-                yes: vec![plain(&expose.value_on, "true")],
-                no: vec![plain(&expose.value_off, "false")],
+                yes: vec![yes],
+                no: vec![no],
                 ..Feature::named(&expose.name, &label)
             };
             features.push(heard(expose, topic, feature));
         }
         "switch" | "light" | "lock" => {
             let is_state = |part: &&Expose| part.name == "state" && part.access & SET != 0;
-            if let Some(part) = expose.features.iter().find(is_state) {
+            let Some(part) = expose.features.iter().find(is_state) else { return };
+            let property = part.property.as_deref().unwrap_or_default();
+            if property == "state" || property.starts_with("state_") {
                 features.extend(switched(&expose.kind, part, topic));
+            } else {
+                let kind = &expose.kind;
+                unused.push(Unused::as_usual(format!(
+                    "its {kind} `{property}` is a setting of the device"
+                )));
             }
         }
         "climate" => {
@@ -214,6 +249,18 @@ fn features_of(
         }
         kind if UNUSED.iter().any(|(unused, _)| *unused == kind) => unused.push(because(kind)),
         _ => (),
+    }
+}
+
+/// Whether a word of a door, a window or a contact says that it is closed. Of these, yes is open.
+fn is_closed(name: &str, word: &str) -> bool {
+    let word = word.to_ascii_lowercase();
+    match name {
+        "contact" => matches!(word.as_str(), "close" | "closed" | "shut" | "true"),
+        "door" | "garage_door" | "opening" | "window" => {
+            matches!(word.as_str(), "close" | "closed" | "shut")
+        }
+        _ => false,
     }
 }
 

@@ -24,8 +24,8 @@ use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{
-    Admissions, Admit, Host, Landing, Machine, Mode, Resources, Rights, Settings, StateFolder,
-    Switchboard,
+    Admissions, Admit, Host, Landing, Machine, Mode, Named, Resources, Rights, Settings,
+    StateFolder, Switchboard,
 };
 use substrate::Substrate;
 use substrate::memory::Network;
@@ -161,6 +161,8 @@ impl Node {
         building.into_iter().for_each(|building| resources.insert(building));
         let admit = ecosystem.plugins.admit;
         resources.insert(Admissions::new(admit));
+        let named = ecosystem.agents.iter().map(|entry| entry.name.to_string());
+        resources.insert(Named(named.collect()));
         state.into_iter().for_each(|folder| resources.insert(StateFolder(folder)));
         let host = Arc::new(Host {
             ontology: Arc::clone(&ecosystem.domain),

@@ -4,7 +4,7 @@
 use serde_json::json;
 
 use super::config::Config;
-use crate::described::{Command, Feature, Reading, Source, Telegram, Unused};
+use crate::described::{Command, Feature, NOT_OF_THE_ROOM, Reading, Source, Telegram, Unused};
 
 /// Components of which nothing can be used, and why.
 const UNUSED: &[(&str, &str)] = &[
@@ -112,16 +112,34 @@ pub(crate) fn features(
     let mut found = found.map_err(because)?;
     for feature in &mut found {
         feature.availability = availability.clone();
+        if let (Some(true), Some(command)) = (config.is("retain"), &mut feature.command) {
+            (command.on.is_kept, command.off.is_kept) = (true, true);
+        }
     }
     Ok(found)
 }
 
-/// How much a name says that it is about something else than the room's air.
+/// Words of these that an identifier may have beside what it is about: it is of an ESP, or of a board.
+const OF_IDENTIFIERS: &[&str] = &["board", "device", "esp", "esp32", "external", "internal"];
+
+/// How much a name, or an identifier where there is no name, says that it is about something else than
+/// the room's air.
 fn rank(label: &str, name: Option<&str>) -> u8 {
-    let text = format!("{label} {}", name.unwrap_or_default());
-    let text = crate::naming::slug(&text, " ");
-    let is_other = text.split(' ').any(|word| NOT_THE_ROOM.contains(&word));
-    if is_other { 2 } else { 0 }
+    let words = |text: &str| -> Vec<String> {
+        let text = crate::naming::slug(text, " ");
+        let others = text.split(' ').filter(|word| NOT_THE_ROOM.contains(word));
+        others.map(str::to_owned).collect()
+    };
+    let of_label = words(label);
+    let says_so = match name {
+        Some(name) => !words(name).is_empty(),
+        None => of_label.iter().any(|word| !OF_IDENTIFIERS.contains(&word.as_str())),
+    };
+    match (says_so, of_label.is_empty()) {
+        (true, _) => NOT_OF_THE_ROOM,
+        (false, false) => 2,
+        (false, true) => 0,
+    }
 }
 
 fn sensor(config: &Config, label: &str) -> Result<Feature, String> {
@@ -175,6 +193,12 @@ fn switched(
     source: Option<Source>,
 ) -> Result<Feature, String> {
     let [on, off] = payloads;
+    for (payload, _) in payloads {
+        // So Home Assistant is told that there is no such command.
+        if config.0.get(payload).is_some_and(serde_json::Value::is_null) {
+            return Err(format!("its `{payload}` is null: it takes no such command"));
+        }
+    }
     let command = Command {
         on: config.telegram("command_topic", Some("command_template"), on)?,
         off: config.telegram("command_topic", Some("command_template"), off)?,
@@ -215,13 +239,21 @@ fn basic_light(config: &Config, label: &str) -> Result<Feature, String> {
     if config.text("on_command_type") == Some("brightness") {
         // It is switched on by how bright it is to be, and by nothing else.
         let full = config.payload("brightness_scale", "255");
+        let number: f64 = full
+            .trim()
+            .parse()
+            .map_err(|_| format!("its `brightness_scale` `{full}` is no number"))?;
+        #[allow(clippy::cast_possible_truncation, reason = "a brightness is a whole number")]
+        let full = number.round() as i64;
         let topic = config.telegram("brightness_command_topic", None, ("", ""))?.topic;
         let text = match config.has("brightness_command_template") {
-            true => config.rendered("brightness_command_template", &[("value", &full)], &[])?,
-            false => full,
+            true => {
+                config.rendered("brightness_command_template", &[("value", full.into())], &[])?
+            }
+            false => full.to_string(),
         };
         if let Some(command) = &mut light.command {
-            command.on = Telegram { topic, text };
+            command.on = Telegram::new(topic, text);
         }
     }
     Ok(light)
@@ -249,8 +281,8 @@ fn template_light(config: &Config, label: &str) -> Result<Feature, String> {
         true => config.source("state_topic", "state_template", Reading::Whole)?,
         false => None,
     };
-    let on = config.rendered("command_on_template", &[("state", "on")], OF_LIGHTS)?;
-    let off = config.rendered("command_off_template", &[("state", "off")], OF_LIGHTS)?;
+    let on = config.rendered("command_on_template", &[("state", "on".into())], OF_LIGHTS)?;
+    let off = config.rendered("command_off_template", &[("state", "off".into())], OF_LIGHTS)?;
     Ok(Feature {
         states: state.into_iter().collect(),
         yes: vec!["on".to_owned()],
@@ -328,7 +360,8 @@ fn on_off(component: &str, config: &Config, label: &str) -> Result<Feature, Stri
     }
     if config.has("command_off_template") {
         let off = config.payload_in_python("payload_off", "OFF");
-        command.off.text = config.rendered("command_off_template", &[("value", &off)], &[])?;
+        command.off.text =
+            config.rendered("command_off_template", &[("value", off.into())], &[])?;
     }
     Ok(siren)
 }

@@ -91,6 +91,10 @@ impl Config {
         let shared: Map<_, _> = SHARED.iter().filter_map(shared).collect();
         let of = |(name, component): (&String, &Value)| {
             let own = Config::of(component.as_object()?.clone()).0;
+            // One of which nothing but its platform is said is taken away.
+            if own.keys().all(|key| key == "platform") && !own.is_empty() {
+                return None;
+            }
             let mut all = shared.clone();
             // What it says of its availability is all of it.
             if own.keys().any(|key| matches!(key.as_str(), "availability" | "availability_topic")) {
@@ -239,7 +243,7 @@ impl Config {
             return Ok(Telegram::new(to, self.payload(key, otherwise)));
         };
         let value = self.payload_in_python(key, otherwise);
-        let text = self.rendered(by, &[("value", &value)], &[])?;
+        let text = self.rendered(by, &[("value", value.into())], &[])?;
         Ok(Telegram::new(to, text))
     }
 
@@ -252,7 +256,7 @@ impl Config {
     pub(crate) fn rendered(
         &self,
         key: &str,
-        given: &[(&str, &str)],
+        given: &[(&str, minijinja::Value)],
         missing: &[&str],
     ) -> Result<String, String> {
         let names: Vec<_> =
@@ -260,8 +264,7 @@ impl Config {
         let Some(template) = template(&self.0, key, &names)? else {
             return Err(format!("it has no `{key}`"));
         };
-        let values: Vec<_> = given.iter().map(|(name, value)| (*name, (*value).into())).collect();
-        let text = template.render(&values).map_err(|unrendered| unrendered.0)?;
+        let text = template.render(given).map_err(|unrendered| unrendered.0)?;
         if text.is_empty() { Err(format!("its `{key}` gives no text")) } else { Ok(text) }
     }
 

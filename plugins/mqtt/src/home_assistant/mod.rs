@@ -69,7 +69,7 @@ impl Discovery {
                 return Err(problem);
             }
         };
-        let object = topic.rsplit('/').nth(1).unwrap_or(component);
+        let object = object_of(topic, prefix, component);
         known.problem = None;
         known.entities = match component {
             "device" => whole(&config, object),
@@ -92,12 +92,20 @@ impl Discovery {
             }
             // Of a device that was never understood, its topic is all that is known.
             if let Some(trouble) = trouble.filter(|_| text.entities.is_empty()) {
-                let object = topic.rsplit('/').nth(1).unwrap_or(topic);
+                let object = topic.trim_end_matches("/config");
+                let object = object.splitn(3, '/').last().unwrap_or(object);
                 groups.add(&unread(object), Some(trouble));
             }
         }
         groups.devices()
     }
+}
+
+/// What a topic says of the entity: `NODE/OBJECT` or `OBJECT`.
+fn object_of<'t>(topic: &'t str, prefix: &str, component: &str) -> &'t str {
+    let rest = topic.strip_prefix(prefix).and_then(|rest| rest.strip_prefix('/'));
+    let rest = rest.and_then(|rest| rest.strip_prefix(component)?.strip_prefix('/'));
+    rest.and_then(|rest| rest.strip_suffix("/config")).unwrap_or(topic)
 }
 
 fn unread(object: &str) -> Entity {
@@ -186,7 +194,8 @@ impl Groups {
 /// A whole device in one text.
 fn whole(config: &Config, object: &str) -> Vec<Entity> {
     let components = config.components();
-    if components.is_empty() {
+    let is_said = config.0.get("components").and_then(Value::as_object);
+    if is_said.is_none_or(Map::is_empty) {
         let nothing = Unused::because("its description has no components".to_owned());
         return vec![Entity { unused: Some(nothing), ..about(config, object) }];
     }
@@ -217,7 +226,8 @@ fn entity(component: &str, config: Config, object: &str) -> Entity {
 /// What a text says of its device.
 fn about(config: &Config, object: &str) -> Entity {
     let device = config.0.get("device").and_then(Value::as_object);
-    let own = config.text("unique_id").or_else(|| config.text("object_id")).unwrap_or(object);
+    // An `object_id` may be that of other nodes, too.
+    let own = config.text("unique_id").unwrap_or(object);
     let mut keys = device.map(identifiers).unwrap_or_default();
     if keys.is_empty() {
         keys.push(own.to_owned());

@@ -11,7 +11,9 @@ use minijinja::value::{Kwargs, Object, Tuple, ValueKind};
 use minijinja::{Environment, Error, State, Value};
 
 use super::filters::{self, printed};
-use super::numbers::{self, Operator, TEXT_BYTES_MAX, calculated, missing, wrong};
+use super::numbers::{
+    self, Operator, TEXT_BYTES_MAX, WEIGHT_OF_STEP, calculated, missing, weight, wrong,
+};
 
 /// What one rendering may take.
 pub(super) const STEPS_MAX: u64 = 50_000;
@@ -160,6 +162,7 @@ impl<'e> Evaluation<'e> {
             ValueKind::String => letters(&iterated).map(Value::from).collect(),
             _ => iterated.try_iter()?.collect(),
         };
+        self.costs(items.len())?;
         let mut chosen = Vec::new();
         for item in items {
             self.step()?;
@@ -208,6 +211,9 @@ impl<'e> Evaluation<'e> {
                 let Some(space) = space.downcast_object_ref::<Namespace>() else {
                     return Err(wrong("only a namespace's attributes can be set"));
                 };
+                if has_namespace(&value) {
+                    return Err(wrong("a namespace cannot be in a namespace"));
+                }
                 let mut attributes = space.0.lock().unwrap_or_else(PoisonError::into_inner);
                 attributes.insert(of.name.to_owned(), value);
                 return Ok(());
@@ -223,9 +229,26 @@ impl<'e> Evaluation<'e> {
         parts.iter().zip(values).try_for_each(|(part, value)| self.sets(part, value))
     }
 
-    /// What an expression is.
+    /// What an expression is. What it makes is weighed, so that nothing nests or grows without end.
     fn value(&mut self, expression: &Expr<'_>) -> Result<Value, Error> {
         self.step()?;
+        let value = self.made(expression)?;
+        let is_made = !matches!(expression, Expr::Const(_) | Expr::Var(_) | Expr::GetAttr(_));
+        let is_plain =
+            matches!(value.kind(), ValueKind::None | ValueKind::Bool | ValueKind::Number);
+        if is_made && !is_plain && !value.is_undefined() {
+            self.costs(weight(&value)?)?;
+        }
+        Ok(value)
+    }
+
+    /// Takes so much of what one rendering may take.
+    fn costs(&self, weight: usize) -> Result<(), Error> {
+        let steps = u64::try_from(weight / WEIGHT_OF_STEP).unwrap_or(u64::MAX);
+        self.state.consume_fuel(steps)
+    }
+
+    fn made(&mut self, expression: &Expr<'_>) -> Result<Value, Error> {
         match expression {
             Expr::Const(constant) => Ok(constant.value.clone()),
             Expr::Var(variable) => Ok(self.variable(variable.id)),
@@ -377,7 +400,7 @@ impl<'e> Evaluation<'e> {
 
     /// One of Home Assistant's filters, or of Jinja's.
     fn applied(&mut self, name: &str, arguments: &[Value]) -> Result<Value, Error> {
-        match filters::applied(name, arguments) {
+        match filters::applied(&self.state, name, arguments) {
             Some(own) => own,
             None if GO_THROUGH.contains(&name) && arguments.first().is_some_and(is_single) => {
                 Err(wrong(format!("`{name}` wants several, and gets one")))
@@ -399,7 +422,7 @@ impl<'e> Evaluation<'e> {
         };
         match (compares, arguments) {
             (Some(op), [one, other]) => self.holds(&op, one, other),
-            _ => match filters::tested(name, arguments) {
+            _ => match filters::tested(&self.state, name, arguments) {
                 Some(own) => own,
                 None => self.state.perform_test(name, arguments),
             },
@@ -418,6 +441,10 @@ impl<'e> Evaluation<'e> {
                 if whole.is_undefined() {
                     return Err(missing());
                 }
+                if of.name == "format" {
+                    let values: Vec<_> = [&whole].into_iter().chain(&arguments).cloned().collect();
+                    filters::formattable(&values, '{')?;
+                }
                 whole.call_method(&mut self.state, of.name, &arguments)
             }
             _ => Err(wrong("this cannot be called")),
@@ -431,6 +458,9 @@ impl<'e> Evaluation<'e> {
                 for argument in arguments {
                     for key in argument.try_iter()? {
                         let value = argument.get_item(&key)?;
+                        if has_namespace(&value) {
+                            return Err(wrong("a namespace cannot be in a namespace"));
+                        }
                         attributes.insert(key.to_string(), value);
                     }
                 }
@@ -457,10 +487,16 @@ impl<'e> Evaluation<'e> {
             match argument {
                 CallArg::Pos(value) => positional.push(self.value(value)?),
                 CallArg::Kwarg(name, value) => named.push(((*name).to_owned(), self.value(value)?)),
-                CallArg::PosSplat(values) => positional.extend(self.value(values)?.try_iter()?),
+                CallArg::PosSplat(values) => {
+                    for value in self.value(values)?.try_iter()? {
+                        self.step()?;
+                        positional.push(value);
+                    }
+                }
                 CallArg::KwargSplat(values) => {
                     let values = self.value(values)?;
                     for key in values.try_iter()? {
+                        self.step()?;
                         named.push((key.to_string(), values.get_item(&key)?));
                     }
                 }
@@ -521,6 +557,22 @@ fn taken(
         at = at.saturating_add(step);
     }
     Ok(taken)
+}
+
+/// Whether a value is a namespace or has one in it: it could be in itself then. What is in a variable
+/// was weighed, so that this ends.
+fn has_namespace(value: &Value) -> bool {
+    if value.downcast_object_ref::<Namespace>().is_some() {
+        return true;
+    }
+    let parts = || value.try_iter().into_iter().flatten();
+    match value.kind() {
+        ValueKind::Seq | ValueKind::Iterable => parts().any(|part| has_namespace(&part)),
+        ValueKind::Map => {
+            parts().any(|key| value.get_item(&key).is_ok_and(|part| has_namespace(&part)))
+        }
+        _ => false,
+    }
 }
 
 /// Whether a value has no parts.

@@ -1,10 +1,10 @@
 //! Home Assistant's own filters and tests, and those of Jinja that it gives another meaning.
 
 use minijinja::value::{Kwargs, Rest, Tuple, ValueKind, from_args};
-use minijinja::{Environment, Error, Value};
+use minijinja::{Environment, Error, State, Value};
 use regex::{Regex, RegexBuilder};
 
-use super::numbers::{Number, TEXT_BYTES_MAX, missing, wrong};
+use super::numbers::{Number, TEXT_BYTES_MAX, WEIGHT_OF_STEP, missing, weight, wrong};
 use crate::naming::slug;
 
 /// How large a regular expression may become.
@@ -75,22 +75,58 @@ pub(super) const TESTS: &[(&str, Test)] = &[
 
 pub(super) fn register(environment: &mut Environment<'_>) {
     for (name, filter) in FILTERS {
-        environment.add_filter(*name, move |values: Rest<Value>| filter(&Given::of(&values)?));
+        environment.add_filter(*name, move |state: &State<'_, '_>, values: Rest<Value>| {
+            pay(state, name, &values)?;
+            filter(&Given::of(&values)?)
+        });
     }
+    // Jinja's own, which does not look at how long its values are.
+    let jinja = Value::from_function(minijinja::filters::format);
+    environment.add_filter("format", move |state: &mut State<'_, '_>, values: Rest<Value>| {
+        formattable(&values, '%')?;
+        jinja.call(state, &values)
+    });
     for (name, test) in TESTS {
-        environment.add_test(*name, move |values: Rest<Value>| test(&Given::of(&values)?));
+        environment.add_test(*name, move |state: &State<'_, '_>, values: Rest<Value>| {
+            pay(state, name, &values)?;
+            test(&Given::of(&values)?)
+        });
     }
 }
 
+/// Takes what a filter or a test costs: it goes through its texts, and a regular expression is made
+/// each time.
+fn pay(state: &State<'_, '_>, name: &str, arguments: &[Value]) -> Result<(), Error> {
+    const EXPRESSION: usize = 50;
+    let bytes: usize = arguments.iter().filter_map(|one| one.as_str()).map(str::len).sum();
+    let is_expression = name.starts_with("regex_") || matches!(name, "match" | "search");
+    let steps = bytes / WEIGHT_OF_STEP + if is_expression { EXPRESSION } else { 0 };
+    state.consume_fuel(u64::try_from(steps).unwrap_or(u64::MAX))
+}
+
 /// What a filter of this file makes of its arguments; `None` if it is none of them.
-pub(super) fn applied(name: &str, arguments: &[Value]) -> Option<Result<Value, Error>> {
+pub(super) fn applied(
+    state: &State<'_, '_>,
+    name: &str,
+    arguments: &[Value],
+) -> Option<Result<Value, Error>> {
     let (_, filter) = FILTERS.iter().find(|(known, _)| *known == name)?;
+    if let Err(error) = pay(state, name, arguments) {
+        return Some(Err(error));
+    }
     Some(Given::of(arguments).and_then(|given| filter(&given)))
 }
 
 /// What a test of this file says; `None` if it is none of them.
-pub(super) fn tested(name: &str, arguments: &[Value]) -> Option<Result<bool, Error>> {
+pub(super) fn tested(
+    state: &State<'_, '_>,
+    name: &str,
+    arguments: &[Value],
+) -> Option<Result<bool, Error>> {
     let (_, test) = TESTS.iter().find(|(known, _)| *known == name)?;
+    if let Err(error) = pay(state, name, arguments) {
+        return Some(Err(error));
+    }
     Some(Given::of(arguments).and_then(|given| test(&given)))
 }
 
@@ -397,7 +433,10 @@ fn slugify(given: &Given<'_>) -> Result<Value, Error> {
     if given.value().is_undefined() {
         return Err(missing());
     }
-    Ok(Value::from(slug(&given.value().to_string(), &separator)))
+    let slug = slug(&given.value().to_string(), " ");
+    let gaps = slug.matches(' ').count();
+    within(slug.len().saturating_add(gaps.saturating_mul(separator.len())))?;
+    Ok(Value::from(slug.replace(' ', &separator)))
 }
 
 fn is_in(given: &Given<'_>) -> Result<bool, Error> {
@@ -442,11 +481,43 @@ fn matches_at(given: &Given<'_>, start: bool) -> Result<bool, Error> {
 fn regex_replace(given: &Given<'_>) -> Result<Value, Error> {
     let (text, expression) = (printed(given.value()), expression(given, 3)?);
     let by = given.argument(2, "replace").map(|by| by.to_string()).unwrap_or_default();
-    let replaced = expression.replace_all(&text, reference(&by).as_str()).into_owned();
-    if replaced.len() > TEXT_BYTES_MAX {
-        return Err(wrong("the text becomes too long"));
+    let by = reference(&by);
+    let groups = by.matches('$').count();
+    let (mut made, mut from) = (String::new(), 0);
+    for captures in expression.captures_iter(&text) {
+        let Some(whole) = captures.get(0) else { continue };
+        let longest = captures.iter().flatten().map(|group| group.len()).max().unwrap_or(0);
+        let more = by.len().saturating_add(groups.saturating_mul(longest));
+        within(made.len().saturating_add(more).saturating_add(whole.start() - from))?;
+        made.push_str(&text[from..whole.start()]);
+        captures.expand(&by, &mut made);
+        from = whole.end();
     }
-    Ok(Value::from(replaced))
+    within(made.len() + text.len() - from)?;
+    made.push_str(&text[from..]);
+    Ok(Value::from(made))
+}
+
+/// Says before values are put into a text whether that may become so long: each place for a value
+/// (after `%` or `{`) may take all of them, and be as wide as it says.
+pub(super) fn formattable(values: &[Value], place: char) -> Result<(), Error> {
+    let Some((Some(text), rest)) = values.split_first().map(|(text, rest)| (text.as_str(), rest))
+    else {
+        return Ok(());
+    };
+    let mut longest = 0;
+    for value in rest {
+        longest += weight(value)?;
+    }
+    let filled = text.matches(place).count().saturating_mul(longest);
+    let widths = text.split(|c: char| !c.is_ascii_digit()).filter(|digits| !digits.is_empty());
+    let widths = widths.map(|digits| digits.parse().unwrap_or(usize::MAX));
+    within(widths.fold(text.len().saturating_add(filled), usize::saturating_add))
+}
+
+/// Says before a text is made whether it may be so long.
+fn within(bytes: usize) -> Result<(), Error> {
+    if bytes > TEXT_BYTES_MAX { Err(wrong("the text becomes too long")) } else { Ok(()) }
 }
 
 /// What Python writes `\1` and `\g<name>`, as the crate `regex` does.
@@ -481,27 +552,30 @@ fn reference(text: &str) -> String {
 }
 
 /// All that fits: of one group the group, of several all of them.
-fn found(text: &str, expression: &Regex) -> Vec<Value> {
-    let group = |captures: &regex::Captures<'_>, index: usize| {
-        Value::from(captures.get(index).map_or("", |found| found.as_str()))
-    };
-    let one = |captures: regex::Captures<'_>| match captures.len() {
-        1 => group(&captures, 0),
-        2 => group(&captures, 1),
-        count => {
-            let groups: Vec<Value> = (1..count).map(|index| group(&captures, index)).collect();
-            Tuple::from(groups).into()
-        }
-    };
-    expression.captures_iter(text).map(one).collect()
+fn found(text: &str, expression: &Regex) -> Result<Vec<Value>, Error> {
+    let (mut all, mut bytes) = (Vec::new(), 0_usize);
+    for captures in expression.captures_iter(text) {
+        let group = |index: usize| captures.get(index).map_or("", |found| found.as_str());
+        let one: Value = match captures.len() {
+            1 | 2 => group(captures.len() - 1).into(),
+            count => {
+                Tuple::from((1..count).map(|index| group(index).into()).collect::<Vec<_>>()).into()
+            }
+        };
+        let more: usize = (0..captures.len()).map(|index| group(index).len() + 1).sum();
+        bytes = bytes.saturating_add(more);
+        within(bytes)?;
+        all.push(one);
+    }
+    Ok(all)
 }
 
 fn regex_findall(given: &Given<'_>) -> Result<Value, Error> {
-    Ok(Value::from(found(&printed(given.value()), &expression(given, 2)?)))
+    found(&printed(given.value()), &expression(given, 2)?).map(Value::from)
 }
 
 fn regex_findall_index(given: &Given<'_>) -> Result<Value, Error> {
-    let all = found(&printed(given.value()), &expression(given, 3)?);
+    let all = found(&printed(given.value()), &expression(given, 3)?)?;
     let index = given.argument(2, "index").map_or(Ok(0), i64::try_from)?;
     let count = i64::try_from(all.len()).unwrap_or(i64::MAX);
     let index = usize::try_from(if index < 0 { index + count } else { index });

@@ -78,8 +78,13 @@ impl Template {
             let text = Evaluation::of(&environment, variables).text(&tree)?;
             Ok(text.trim().to_owned())
         };
-        rendered()
-            .map_err(|error| Unrendered(format!("the template `{}`: {error}", shortened(&self.0))))
+        rendered().map_err(|error| {
+            Unrendered(format!(
+                "the template `{}`: {}",
+                shortened(&self.0),
+                shortened(&error.to_string())
+            ))
+        })
     }
 }
 
@@ -206,5 +211,66 @@ mod tests {
         let wide = format!("{{{{ {}1 }}}}", "1 + ".repeat(60));
         let wide = Template::new(&wide, &[]).expect("it is no such nest");
         assert_eq!(wide.of_word("x").expect("a sum"), "61");
+    }
+
+    #[test]
+    fn what_nests_or_grows_without_end_is_an_error_and_not_the_end_of_the_daemon() {
+        let again = |body: &str| {
+            format!(
+                "{{% set ns = namespace(x=[], y='') %}}{{% for i in range(7000) %}}{body}\
+                 {{% endfor %}}{{{{ ns.x }}}}"
+            )
+        };
+        for template in [
+            again("{% set ns.x = [ns.x] %}"),
+            again("{% set ns.x = (ns.x,) %}"),
+            again("{% set ns.x = {'x': ns.x} %}"),
+            again("{% set ns.x = dict(x=ns.x) %}"),
+            again("{% set ns.x = ns.x | batch(1) | list %}"),
+            again("{% set ns.x = [ns.x] | slice(1) | list %}"),
+            again("{% set ns.x = [ns.x, ns.x] %}"),
+            again("{% set ns.x = ns.x + [ns.x, 1] %}"),
+            again("{% set ns.x = ns %}"),
+            again("{% set ns.x = [ns] %}"),
+            again("{% set ns.x = namespace(x=ns) %}"),
+            again("{% set ns.x = {'x': ns.x}.items() | list %}"),
+            again("{% set ns.y = ns.y ~ 'xxxxxxxxxxxxxxxxxxxx' ~ ns.y %}"),
+            again("{% set ns.x = max(*range(99999), *range(99999), *range(99999)) %}"),
+            "{{ ('x' * 1000000) | regex_replace('x', 'y' * 100000) }}".to_owned(),
+            "{{ ('x' * 1000000) | regex_replace('', 'y' * 100000) }}".to_owned(),
+            "{{ ('x' * 1000000) | regex_replace('(.*)', '\\\\1' * 100000) }}".to_owned(),
+            "{{ ('x' * 1000000) | regex_findall('()' * 900) }}".to_owned(),
+            "{{ ('x' * 1000000) | regex_findall('(' * 10 + '.*' + ')' * 10) }}".to_owned(),
+            "{{ ('x' * 1000000) | replace('x', 'y' * 100000) }}".to_owned(),
+            "{{ ('x' * 1000000).replace('x', 'y' * 100000) }}".to_owned(),
+            "{{ ('x' * 1000000) | replace('', 'y' * 100000) }}".to_owned(),
+            "{{ range(90000) | join('y' * 1000000) }}".to_owned(),
+            "{{ ('y' * 1000000).join(range(90000)) }}".to_owned(),
+            "{{ ('x ' * 500000) | slugify('y' * 1000000) }}".to_owned(),
+            "{{ [1] | batch(1000000000, 'x') | list }}".to_owned(),
+            "{{ [1] | slice(1000000000, 'x') | list }}".to_owned(),
+            "{{ '{:>999999999}'.format('x') }}".to_owned(),
+            "{{ '{:>{}}'.format('x', 999999999) }}".to_owned(),
+            "{{ ('{0}' * 100000).format('x' * 1000000) }}".to_owned(),
+            "{{ ('%(x)s' * 100000) % {'x': 'y' * 1000000} }}".to_owned(),
+            "{{ ['%(x)s' * 100000] | map('format', x='y' * 1000000) | list }}".to_owned(),
+            "{{ '%*d' % (999999999, 3) }}".to_owned(),
+            "{{ range(90000) | map('replace', '', 'y' * 1000000) | list }}".to_owned(),
+            "{{ range(90000) | map('regex_replace', '^', 'y' * 1000000) | list }}".to_owned(),
+            "{{ ['%s' * 300000] * 300000 }}".to_owned(),
+        ] {
+            let template = Template::new(&template, &["value", "value_json"]).expect(&template);
+            let began = std::time::Instant::now();
+            assert!(template.of_word("{}").is_err(), "{template:?}");
+            assert!(began.elapsed().as_secs() < 60, "{template:?}");
+        }
+        // What is as large as a word of a device may be is read.
+        let nest = format!("{}7{}", "[".repeat(120), "]".repeat(120));
+        let template = Template::new("{{ [value_json] }}", &["value_json"]).expect("it is right");
+        assert_eq!(template.of_word(&nest).expect("it is no nest"), format!("[{nest}]"));
+        let template = "{% set ns = namespace(x=[]) %}{% for i in range(500) %}\
+                        {% set ns.x = ns.x + [i] %}{% endfor %}{{ ns.x | sum }}";
+        let template = Template::new(template, &[]).expect("it is right");
+        assert_eq!(template.of_word("x").expect("a sum"), "124750");
     }
 }

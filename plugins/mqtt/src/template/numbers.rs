@@ -8,6 +8,44 @@ use minijinja::{Error, ErrorKind, Value};
 /// The longest text that is made by repeating or joining.
 pub(super) const TEXT_BYTES_MAX: usize = 1 << 20;
 
+/// How deep a value may nest: it is printed, compared and dropped by recursion. JSON nests 128 deep.
+const DEPTH_MAX: usize = 200;
+
+/// What a part of a value weighs, beside its text.
+const WEIGHT_OF_PART: usize = 8;
+
+/// So many bytes or parts cost as much as one step.
+pub(super) const WEIGHT_OF_STEP: usize = 64;
+
+/// How much a value weighs: its parts, and the bytes of its texts, each time that it has them.
+///
+/// # Errors
+///
+/// If it nests too deeply or is too large. It is looked at no further then.
+pub(super) fn weight(value: &Value) -> Result<usize, Error> {
+    let mut left = TEXT_BYTES_MAX;
+    weigh(value, 0, &mut left)?;
+    Ok(TEXT_BYTES_MAX - left)
+}
+
+fn weigh(value: &Value, depth: usize, left: &mut usize) -> Result<(), Error> {
+    if depth > DEPTH_MAX {
+        return Err(wrong("a value nests too deeply"));
+    }
+    let own = value.as_str().map_or(0, str::len) + if depth == 0 { 0 } else { WEIGHT_OF_PART };
+    *left = left.checked_sub(own).ok_or_else(|| wrong("a value becomes too large"))?;
+    match value.kind() {
+        ValueKind::Seq | ValueKind::Iterable => {
+            value.try_iter()?.try_for_each(|part| weigh(&part, depth + 1, left))
+        }
+        ValueKind::Map => value.try_iter()?.try_for_each(|key| {
+            weigh(&key, depth + 1, left)?;
+            weigh(&value.get_item(&key)?, depth + 1, left)
+        }),
+        _ => Ok(()),
+    }
+}
+
 /// A number as Python has them.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Number {
