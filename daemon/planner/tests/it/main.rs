@@ -8,6 +8,7 @@ mod goals;
 mod numbers;
 mod oddities;
 mod office;
+mod optimality;
 mod ordering;
 mod replanning;
 mod simulation;
