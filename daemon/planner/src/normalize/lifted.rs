@@ -62,8 +62,8 @@ pub(crate) enum Formula {
         left: LiftedTerm,
         right: LiftedTerm,
     },
+    /// It holds where both sides have a value.
     Compare {
-        positive: bool,
         comparison: Comparison,
         sides: Box<(LiftedExpression, LiftedExpression)>,
     },
