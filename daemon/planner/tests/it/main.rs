@@ -10,6 +10,7 @@ mod oddities;
 mod office;
 mod optimality;
 mod ordering;
+mod plain;
 mod replanning;
 mod simulation;
 mod simulator;
