@@ -256,6 +256,12 @@ impl From<Unsupported> for PlanError {
 // === impl Unsupported ===
 
 impl Unsupported {
+    /// Whether its name is a plural, so that a sentence about it says `are`.
+    pub fn is_plural(&self) -> bool {
+        let is_one = self.feature.starts_with("a ") || self.feature.starts_with("an ");
+        self.feature.ends_with('s') && !is_one
+    }
+
     pub(crate) fn in_domain(feature: impl Into<String>, span: Span) -> Unsupported {
         Unsupported { feature: feature.into(), span, text: Text::Domain }
     }

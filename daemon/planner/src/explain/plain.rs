@@ -7,8 +7,8 @@
 //! - Bounded: so many parts, so many links of a chain; what is left out is counted.
 
 use pddl::{
-    Assignment, Atom, Condition, Domain, Effect, Expression, FluentTerm, InitElement, Name,
-    Problem, Term, TypeExpr, Typed, Types,
+    Atom, Condition, Domain, Effect, FluentTerm, InitElement, Name, Problem, Term, TypeExpr, Typed,
+    Types,
 };
 
 use super::suppose::counts;
@@ -156,17 +156,18 @@ impl Why<'_> {
 
     /// That a condition compares something that has no value and gets none, if so.
     fn undefined(&self, condition: &Condition) -> Option<String> {
-        let Condition::Compare(compare) = condition else { return None };
-        let mut fluents = Vec::new();
-        fluents_of(&compare.left, &mut fluents);
-        fluents_of(&compare.right, &mut fluents);
-        let missing = fluents.into_iter().find(|fluent| {
-            let is_told = |element: &InitElement| matches!(element, InitElement::Assign(other, _) if other == *fluent);
+        let is_missing = |fluent: &&FluentTerm| {
+            let is_told = |element: &InitElement| match element {
+                InitElement::Assign(other, _) => other == *fluent,
+                _ => false,
+            };
+            let is_total_cost = fluent.function == "total-cost";
             let mut actions = self.domain.actions.iter();
-            fluent.function != "total-cost"
-                && !self.problem.init.iter().any(is_told)
-                && !actions.any(|action| assigns(&action.effect, &fluent.function))
-        })?;
+            let gets_one = actions.any(|action| action.effect.assigns(&fluent.function));
+            !is_total_cost && !gets_one && !self.problem.init.iter().any(is_told)
+        };
+        let Condition::Compare(_) = condition else { return None };
+        let missing = condition.fluents().find(is_missing)?;
         Some(format!("`{missing}` has no value, and no action assigns it one"))
     }
 
@@ -477,29 +478,5 @@ fn reckons(effect: &Effect) -> bool {
         Effect::Assign(assign) => assign.fluent.function != "total-cost",
         Effect::When(condition, inner) => counts(condition) || reckons(inner),
         Effect::Forall(_, inner) => reckons(inner),
-    }
-}
-
-/// Whether an effect sets a function, whatever value it had.
-fn assigns(effect: &Effect, function: &Name) -> bool {
-    match effect {
-        Effect::And(parts) => parts.iter().any(|part| assigns(part, function)),
-        Effect::Add(_) | Effect::Delete(_) => false,
-        Effect::Assign(assign) => {
-            assign.assignment == Assignment::Assign && assign.fluent.function == *function
-        }
-        Effect::When(_, inner) | Effect::Forall(_, inner) => assigns(inner, function),
-    }
-}
-
-fn fluents_of<'e>(expression: &'e Expression, found: &mut Vec<&'e FluentTerm>) {
-    match expression {
-        Expression::Fluent(fluent) => found.push(fluent),
-        Expression::Negate(inner) => fluents_of(inner, found),
-        Expression::Apply(_, operands) => operands.iter().for_each(|one| fluents_of(one, found)),
-        Expression::Number(_)
-        | Expression::Duration(_)
-        | Expression::ContinuousTime(_)
-        | Expression::TotalTime(_) => (),
     }
 }

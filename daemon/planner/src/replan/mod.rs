@@ -407,7 +407,8 @@ impl<'c> Call<'c> {
         self.statistics.proven_optimal &= !resumes;
         let world = self.judge.world.take();
         let effort = self.options.effort;
-        let outcome = self.judge.outcome(reason, effort, self.statistics, task.unprovable, warnings);
+        let outcome =
+            self.judge.outcome(reason, effort, self.statistics, task.unprovable, warnings);
         let replanned = outcome.map(|outcome| {
             let steps = outcome.plan.as_ref().map_or(&[][..], |plan| &plan.steps);
             let pairs = steps.iter().rev().zip(rest.iter().rev());

@@ -52,7 +52,8 @@ const COINS: &str = "(:predicates (home) (taken ?c)) (:functions (score) (worth 
 #[test]
 fn steps_beside_the_goal_that_improve_the_metric_allow_no_proof() {
     let start = "(:objects c1 c2) (:init (= (score) 0) (= (worth c1) 10) (= (worth c2) 10))";
-    for metric in ["maximize (score)", "minimize (- 10 (score))", "minimize (- (total-time) (score))"]
+    for metric in
+        ["maximize (score)", "minimize (- 10 (score))", "minimize (- (total-time) (score))"]
     {
         let text = format!("{start} (:goal (home)) (:metric {metric})");
         unproven(COINS, &text, Unprovable::Pays);
@@ -85,8 +86,10 @@ fn a_step_that_pays_and_never_applies_does_not_matter() {
 #[test]
 fn a_goal_that_holds_at_once_may_be_left_for_a_better_metric() {
     let text = |metric: &str| {
-        format!("(:objects c) (:init (home) (= (score) 0) (= (worth c) 1)) (:goal (home))
-            (:metric {metric})")
+        format!(
+            "(:objects c) (:init (home) (= (score) 0) (= (worth c) 1)) (:goal (home))
+            (:metric {metric})"
+        )
     };
     unproven(COINS, &text("maximize (score)"), Unprovable::Pays);
     unproven(COINS, &text("minimize (- (total-time))"), Unprovable::Pays);
@@ -100,7 +103,8 @@ const PAY: &str = "(:predicates (h) (k)) (:functions (total-cost) (load))
 
 #[test]
 fn the_reason_is_the_true_one() {
-    let text = "(:init (= (total-cost) 0) (= (load) 1)) (:goal (h)) (:metric minimize (total-cost))";
+    let text =
+        "(:init (= (total-cost) 0) (= (load) 1)) (:goal (h)) (:metric minimize (total-cost))";
     let with = |cost: &str| PAY.replace("COST", cost);
     proven(&with("5"), text, 5.0);
     proven(&with("0.000001"), text, 0.000_001);
