@@ -417,7 +417,8 @@ fn show_error(args: &PlanArgs, task: &Task, err: &PlanError) -> ExitCode {
                 Text::Domain => &task.domain_source,
                 Text::Problem => &task.problem_source,
             };
-            let message = format!("{} is not supported yet", unsupported.feature);
+            let verb = if unsupported.is_plural() { "are" } else { "is" };
+            let message = format!("{} {verb} not supported yet", unsupported.feature);
             report.add(source, [Diagnostic::error(unsupported.span, message)]);
             "unsupported"
         }
