@@ -48,7 +48,7 @@ pub struct PlanArgs {
     pub time_limit: Option<Duration>,
     /// Stop before the planner's tables take more than this [default: 2048, or half of
     /// what is available]
-    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "MIB", value_parser = mebibytes)]
     pub memory_limit: Option<u32>,
     /// Search on so many threads, 1 or 2; the same number finds the same plan
     #[arg(
@@ -76,6 +76,12 @@ pub struct PlanArgs {
     /// How the outcome is printed.
     #[command(flatten)]
     pub print: PrintArgs,
+}
+
+/// A limit of memory.
+fn mebibytes(text: &str) -> Result<u32, String> {
+    let limit = text.parse().ok().filter(|limit| *limit > 0);
+    limit.ok_or_else(|| "a whole number of MiB, 1 or more, such as 512".to_owned())
 }
 
 /// The names of the planner's ways to search.

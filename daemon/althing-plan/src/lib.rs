@@ -19,7 +19,7 @@ use pddl::{Diagnostic, Plan};
 use planner::explain::{Unsolvability, why_unsolvable};
 use planner::{
     Budget, CONFIGURATIONS, Cancel, Effort, News, Options, Outcome, PlanError, Statistics,
-    StopReason, Text, configuration,
+    StopReason, Text, Unprovable, configuration,
 };
 use serde_json::{Value, json};
 use terminal::deadline::{Deadline, Give, Limits};
@@ -152,7 +152,7 @@ fn giving(args: &PlanArgs, started: Instant) -> Give {
             let value = json!({
                 "status": if best.is_some() { "plan-found" } else { status(reason) },
                 "reason": words(reason),
-                "unproven": (is_optimal && best.is_some()).then(|| unproven(reason)),
+                "unproven": (is_optimal && best.is_some()).then(|| unproven(reason, None)),
                 "plan": steps,
                 "seconds": started.elapsed().as_secs_f64(),
             });
@@ -259,7 +259,7 @@ fn show(
             value["explanation"] = json_explanation(explanation);
         }
         if let Some(reason) = outcome.unproven {
-            value["unproven"] = unproven(reason).into();
+            value["unproven"] = unproven(reason, outcome.unprovable).into();
         }
         return output::print_json(&value, code);
     }
@@ -306,7 +306,7 @@ fn summary(outcome: &Outcome, unit_cost: bool, elapsed: Duration) -> String {
     let first = match &outcome.plan {
         Some(plan) => {
             let found = found(plan, unit_cost, outcome.statistics.proven_optimal);
-            let unproven = outcome.unproven.map(unproven);
+            let unproven = outcome.unproven.map(|reason| unproven(reason, outcome.unprovable));
             found + &unproven.map(|why| format!("; {why}")).unwrap_or_default()
         }
         None => format!("no plan: {}", words(outcome.stop_reason)),
@@ -344,13 +344,10 @@ fn words(reason: StopReason) -> String {
 }
 
 /// Why a plan is not proven to be the cheapest, where that was asked for.
-fn unproven(reason: StopReason) -> String {
-    let why = match reason {
-        StopReason::Exhausted => {
-            "the cost of a step depends on the state, or has more than six decimal places"
-                .to_owned()
-        }
-        limit => words(limit),
+fn unproven(reason: StopReason, unprovable: Option<Unprovable>) -> String {
+    let why = match (reason, unprovable) {
+        (StopReason::Exhausted, Some(costs)) => costs.to_string(),
+        (limit, _) => words(limit),
     };
     format!("not proven to be the cheapest: {why}")
 }
@@ -420,7 +417,8 @@ fn show_error(args: &PlanArgs, task: &Task, err: &PlanError) -> ExitCode {
                 Text::Domain => &task.domain_source,
                 Text::Problem => &task.problem_source,
             };
-            let message = format!("{} is not supported yet", unsupported.feature);
+            let verb = if unsupported.is_plural() { "are" } else { "is" };
+            let message = format!("{} {verb} not supported yet", unsupported.feature);
             report.add(source, [Diagnostic::error(unsupported.span, message)]);
             "unsupported"
         }

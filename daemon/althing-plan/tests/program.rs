@@ -292,3 +292,63 @@ fn a_plan_can_be_written_to_a_stream() {
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     assert!(stdout(&output).starts_with("(switch)\n"), "{}", stdout(&output));
 }
+
+#[test]
+fn a_problem_without_a_goal_is_refused_and_one_that_asks_for_nothing_is_not() {
+    let domain = "(define (domain d) (:predicates (p)) (:action a :effect (p)))";
+    let without = plan(domain, "(define (problem aimless) (:domain d) (:init))", &[]);
+    assert_eq!(without.status.code(), Some(33), "{}", stderr(&without));
+    let told = stderr(&without);
+    assert!(
+        told.contains("problem `aimless` has no `:goal`") && told.contains("problem.pddl:1"),
+        "{told}"
+    );
+    let nothing = plan(domain, "(define (problem p) (:domain d) (:init) (:goal (and)))", &[]);
+    assert_eq!(nothing.status.code(), Some(0), "{}", stderr(&nothing));
+}
+
+#[test]
+fn the_reason_why_nothing_is_proven_is_the_true_one() {
+    let task = |metric: &str| {
+        format!(
+            "(define (problem trip) (:domain loaded) (:init (= (load) 2) (= (spent) 0))
+               (:goal (there)) (:metric {metric}))"
+        )
+    };
+    for (domain, metric, reason) in [
+        (LOADED.to_owned(), "minimize (spent)", "the cost of a step depends on the state"),
+        (
+            LOADED.replace("(spent) (load)", "(spent) 3"),
+            "maximize (load)",
+            "some step improves the metric",
+        ),
+        (LOADED.replace("(spent) (load)", "(spent) 1e19"), "minimize (spent)", "too large"),
+    ] {
+        let output = plan(&domain, &task(metric), &["--optimal"]);
+        let told = stderr(&output);
+        assert_eq!(output.status.code(), Some(4), "{told}");
+        assert!(told.contains("not proven to be the cheapest: "), "{told}");
+        assert!(told.split_whitespace().collect::<Vec<_>>().join(" ").contains(reason), "{told}");
+    }
+}
+
+#[test]
+fn what_is_said_is_in_order() {
+    let durative = "(define (domain d) (:predicates (p)) (:durative-action a :parameters ()
+        :duration (= ?duration 1) :condition (and) :effect (at end (p))))";
+    let problem = "(define (problem p) (:domain d) (:init) (:goal (p)))";
+    let output = plan(durative, problem, &[]);
+    assert_eq!(output.status.code(), Some(34));
+    assert!(stderr(&output).contains("durative actions are not supported"), "{}", stderr(&output));
+    let output = plan(durative, problem, &["--memory-limit", "1.5"]);
+    assert!(stderr(&output).contains("a whole number of MiB"), "{}", stderr(&output));
+    let deep = "(and ".repeat(200) + "(p)" + &")".repeat(200);
+    let output = plan(
+        &format!(
+            "(define (domain d) (:predicates (p)) (:action a :precondition {deep} :effect (p)))"
+        ),
+        problem,
+        &[],
+    );
+    assert_eq!(output.status.code(), Some(34), "{}", stderr(&output));
+}

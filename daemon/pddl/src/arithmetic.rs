@@ -74,6 +74,27 @@ impl Comparison {
             Comparison::Greater => left > right,
         }
     }
+
+    /// The comparisons of the same two numbers of which exactly one holds where this one does not; none
+    /// of them does where one of the two is no number, so that what is undefined satisfies neither a
+    /// comparison nor its negation.
+    ///
+    /// ```
+    /// use pddl::Comparison;
+    /// assert_eq!(Comparison::Greater.negated(), [Comparison::LessOrEqual]);
+    /// assert_eq!(Comparison::Equal.negated(), [Comparison::Less, Comparison::Greater]);
+    /// assert!(!Comparison::Greater.holds(f64::NAN, 0.0));
+    /// assert!(!Comparison::LessOrEqual.holds(f64::NAN, 0.0));
+    /// ```
+    pub fn negated(self) -> &'static [Comparison] {
+        match self {
+            Comparison::Less => &[Comparison::GreaterOrEqual],
+            Comparison::LessOrEqual => &[Comparison::Greater],
+            Comparison::Equal => &[Comparison::Less, Comparison::Greater],
+            Comparison::GreaterOrEqual => &[Comparison::Less],
+            Comparison::Greater => &[Comparison::LessOrEqual],
+        }
+    }
 }
 
 fn sum(left: f64, right: f64) -> f64 {

@@ -329,7 +329,7 @@ impl<'t, 'd> Builder<'t, 'd> {
 
 /// What stands at `place` would need one level more than there may be.
 pub(crate) fn too_deep(place: Span) -> Diagnostic {
-    let message = format!("parentheses are nested more than {NESTING_MAX} deep");
-    Diagnostic::error(place, message)
+    let message = format!("parentheses nested more than {NESTING_MAX} deep are not supported");
+    Diagnostic::unsupported(place, message)
         .with_help("split the condition, for example with a derived predicate")
 }

@@ -20,8 +20,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::tree::{
-    ActionSchema, Assign, Assignment, Atom, Compare, Comparison, Condition, Derived, Domain,
-    Effect, FluentTerm, Name, PredicateDeclaration, Privacy, Span, Term, Typed,
+    ActionSchema, Assign, Assignment, Atom, Compare, Condition, Derived, Domain, Effect,
+    FluentTerm, Name, PredicateDeclaration, Privacy, Span, Term, Typed,
 };
 
 /// The auxiliary predicates of one symbol.
@@ -352,15 +352,9 @@ impl Knowledge {
     fn compare(&self, compare: &Compare, positive: bool, mode: Mode) -> Condition {
         let with =
             |comparison| Condition::Compare(Box::new(Compare { comparison, ..compare.clone() }));
-        let plain = match (compare.comparison, positive) {
-            (comparison, true) => with(comparison),
-            (Comparison::Less, false) => with(Comparison::GreaterOrEqual),
-            (Comparison::LessOrEqual, false) => with(Comparison::Greater),
-            (Comparison::GreaterOrEqual, false) => with(Comparison::Less),
-            (Comparison::Greater, false) => with(Comparison::LessOrEqual),
-            (Comparison::Equal, false) => {
-                Condition::Or(vec![with(Comparison::Less), with(Comparison::Greater)])
-            }
+        let plain = match positive {
+            true => with(compare.comparison),
+            false => one_or(compare.comparison.negated().iter().copied().map(with).collect()),
         };
         let assumed = match mode {
             Mode::Sure => self.assumed(compare),

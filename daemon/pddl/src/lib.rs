@@ -36,16 +36,18 @@ mod nearest;
 mod parts;
 mod printer;
 mod sexpr;
+mod times;
 
 pub use check::{
-    check_action_model, check_condition, check_domain, check_init_elements, check_map, check_plan,
-    check_problem,
+    check_action_model, check_condition, check_domain, check_init_elements, check_map,
+    check_metric_values, check_plan, check_problem,
 };
 pub use diagnostic::{Diagnostic, Note, Parsed, Severity, line_column};
 pub use nearest::nearest;
 pub use parse::{
     parse_action_model, parse_condition, parse_document, parse_domain, parse_init_element,
-    parse_init_elements, parse_metric, parse_plan, parse_problem, parse_step, text_from_bytes,
+    parse_init_elements, parse_metric, parse_plan, parse_problem, parse_step, states_goal,
+    text_from_bytes,
 };
 pub use sexpr::NESTING_MAX;
 pub use tree::*;

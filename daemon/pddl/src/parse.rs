@@ -6,7 +6,7 @@
 
 use crate::diagnostic::{Parsed, Problems};
 use crate::grammar::{self, Reader};
-use crate::sexpr::{Forest, Items};
+use crate::sexpr::{Forest, Items, Node};
 use crate::tree::{
     ActionModel, Condition, Document, Domain, InitElement, Metric, Plan, PlanStep, Problem,
 };
@@ -42,6 +42,20 @@ pub fn parse_problem(text: &str) -> Parsed<Problem> {
             Document::Domain(_) | Document::ActionModel(_) => None,
         }
     })
+}
+
+/// Whether the text of a problem has a `:goal`, be it one that asks for nothing.
+///
+/// ```
+/// let problem = "(define (problem p) (:domain d) (:goal (and)))";
+/// assert!(pddl::states_goal(problem));
+/// assert!(!pddl::states_goal(&problem.replace("(:goal (and))", "")));
+/// ```
+pub fn states_goal(text: &str) -> bool {
+    let forest = Forest::read(text, &mut Problems::default());
+    let is_goal =
+        |node: Node<'_>| node.head().is_some_and(|head| head.eq_ignore_ascii_case(":goal"));
+    forest.roots().any(|root| root.list().is_some_and(|mut items| items.any(is_goal)))
 }
 
 /// Parses `(define (agent NAME) …)`.

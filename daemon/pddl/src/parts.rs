@@ -3,7 +3,7 @@
 
 use std::iter;
 
-use crate::tree::{Atom, Condition, Effect, Expression, FluentTerm, Name};
+use crate::tree::{Assignment, Atom, Condition, Effect, Expression, FluentTerm, Name};
 
 impl Condition {
     /// The condition and everything in it.
@@ -74,6 +74,16 @@ impl Effect {
         self.parts().filter_map(|part| match part {
             Effect::Add(atom) => Some(atom),
             _ => None,
+        })
+    }
+
+    /// Whether it gives a function a value, for some arguments, whatever value that had before.
+    pub fn assigns(&self, function: &Name) -> bool {
+        self.parts().any(|part| match part {
+            Effect::Assign(assign) => {
+                assign.assignment == Assignment::Assign && assign.fluent.function == *function
+            }
+            _ => false,
         })
     }
 }

@@ -73,7 +73,9 @@ pub use extent::{Extent, Ground, Groups, Prepared, prepare};
 pub use heuristic::{HEURISTICS, Heuristic};
 pub use limits::{Budget, Cancel, Effort, Options};
 pub use normalize::refuse_nonclassical;
-pub use outcome::{News, Outcome, PlanError, Statistics, StopReason, Text, Unsupported};
+pub use outcome::{
+    News, Outcome, PlanError, Statistics, StopReason, Text, Unprovable, Unsupported,
+};
 pub use plan::{plan, plan_and_tell};
 pub use replan::{Course, Grounding, Replanned, Replanner};
 pub use validate::{Fault, FaultReason, Place, Verdict, World, rest_reaches, validate};

@@ -18,6 +18,9 @@ pub struct Outcome {
     /// Why the plan is not proven to be the cheapest, where [`crate::Effort::Optimal`] asked for that:
     /// a limit, or [`StopReason::Exhausted`] where the costs allow no proof.
     pub unproven: Option<StopReason>,
+    /// What of the costs allows no proof that a plan is the cheapest; set wherever that is why
+    /// [`Outcome::unproven`] is [`StopReason::Exhausted`].
+    pub unprovable: Option<Unprovable>,
     /// What it took.
     pub statistics: Statistics,
     /// What the author of the domain or problem may not have meant.
@@ -75,6 +78,22 @@ pub enum StopReason {
     },
     /// The caller set [`crate::Cancel`].
     Cancelled,
+}
+
+/// What of a task's costs allows no proof that a plan is the cheapest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Unprovable {
+    /// The metric is more than a weighted sum.
+    NoSum,
+    /// What some step costs depends on the state.
+    Varies,
+    /// Some step costs less than nothing, so that a plan with more steps may be cheaper.
+    Pays,
+    /// Some cost has more than six decimal places.
+    TooFine,
+    /// Costs are too large to be added without rounding.
+    TooLarge,
 }
 
 /// What a call took. Counts, not times: they repeat exactly.
@@ -186,6 +205,20 @@ impl fmt::Display for StopReason {
     }
 }
 
+impl fmt::Display for Unprovable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Unprovable::NoSum => "the metric is not a weighted sum",
+            Unprovable::Varies => "the cost of a step depends on the state",
+            Unprovable::Pays => {
+                "some step improves the metric, so that a plan with more steps may be better"
+            }
+            Unprovable::TooFine => "the cost of a step has more than six decimal places",
+            Unprovable::TooLarge => "the costs are too large to be added without rounding",
+        })
+    }
+}
+
 // === impl PlanError ===
 
 impl PlanError {
@@ -223,6 +256,12 @@ impl From<Unsupported> for PlanError {
 // === impl Unsupported ===
 
 impl Unsupported {
+    /// Whether its name is a plural, so that a sentence about it says `are`.
+    pub fn is_plural(&self) -> bool {
+        let is_one = self.feature.starts_with("a ") || self.feature.starts_with("an ");
+        self.feature.ends_with('s') && !is_one
+    }
+
     pub(crate) fn in_domain(feature: impl Into<String>, span: Span) -> Unsupported {
         Unsupported { feature: feature.into(), span, text: Text::Domain }
     }

@@ -9,7 +9,7 @@ use crate::ground::{Grounded, ground};
 use crate::limits::{Budget, Cancel, Effort, Options};
 use crate::normalize::lifted::Lifted;
 use crate::normalize::{Piecewise, is_wide, normalize, split_wide};
-use crate::outcome::{News, Outcome, PlanError, Statistics, StopReason, Unsupported};
+use crate::outcome::{News, Outcome, PlanError, Statistics, StopReason, Unprovable, Unsupported};
 use crate::search::Told;
 use crate::solve::Solver;
 use crate::validate::{Place, World, cost_from};
@@ -66,7 +66,7 @@ pub fn plan_and_tell(
             judge.hear(plan, &mut |plan| tell(News::Plan(plan)));
         }
     });
-    judge.outcome(reason, options.effort, statistics, grounded.warnings)
+    judge.outcome(reason, options.effort, statistics, task.unprovable, grounded.warnings)
 }
 
 /// Grounds a task; one that has wide actions and takes too much, with these applied piece by piece.
@@ -171,6 +171,7 @@ impl<'j> Judge<'j> {
         reason: StopReason,
         effort: Effort,
         statistics: Statistics,
+        unprovable: Option<Unprovable>,
         warnings: Vec<Diagnostic>,
     ) -> Result<Outcome, PlanError> {
         match (self.best, self.defect) {
@@ -182,7 +183,11 @@ impl<'j> Judge<'j> {
                     StopReason::GoalReached => StopReason::Exhausted,
                     limit => limit,
                 });
-                Ok(Outcome { plan: Some(plan), stop_reason, unproven, statistics, warnings })
+                // Costs that are exact one by one, and prove nothing, are so in sum.
+                let is_in_vain = unproven == Some(StopReason::Exhausted);
+                let unprovable = unprovable.or(is_in_vain.then_some(Unprovable::TooLarge));
+                let plan = Some(plan);
+                Ok(Outcome { plan, stop_reason, unproven, unprovable, statistics, warnings })
             }
             (None, None) => Ok(without_plan(reason, statistics, warnings)),
         }
@@ -220,7 +225,7 @@ fn without_plan(
     warnings: Vec<Diagnostic>,
 ) -> Outcome {
     debug_assert_ne!(stop_reason, StopReason::GoalReached, "a goal is reached by a plan");
-    Outcome { plan: None, stop_reason, unproven: None, statistics, warnings }
+    Outcome { plan: None, stop_reason, unproven: None, unprovable: None, statistics, warnings }
 }
 
 /// What a validated plan costs.

@@ -94,6 +94,11 @@ impl<'t> Solver<'t> {
         }
     }
 
+    /// Whether the cheapest plan of the task is the cheapest plan of the texts.
+    fn is_provable(&self) -> bool {
+        self.task.unprovable.is_none()
+    }
+
     /// The quick ladder, if the configuration has it.
     fn climb(&mut self) -> Climbed {
         if !matches!(self.options.configuration.method, Method::Lists { climb: true, .. }) {
@@ -134,9 +139,9 @@ impl<'t> Solver<'t> {
             return StopReason::GoalReached;
         }
         let first = improve::eliminate(self.task, first, self.cancel);
-        // Where costs are not exact, what seems to be cheaper may be dearer: whoever knows the truth
-        // hears of both.
-        let is_told = self.options.effort == Effort::Anytime || !self.task.costs_exact;
+        // Where costs are not exact, what seems to be cheaper may be dearer: the validator, which
+        // knows the true costs, hears of both.
+        let is_told = self.options.effort == Effort::Anytime || !self.is_provable();
         if is_told {
             tell(Told::Found(&first));
         }
@@ -185,10 +190,12 @@ impl<'t> Solver<'t> {
         self.statistics.expansions = search.expansions();
         match result {
             Ok(plan) => {
-                self.statistics.proven_optimal = self.task.costs_exact;
+                self.statistics.proven_optimal = self.is_provable();
                 Ok(plan)
             }
-            // Without a bound, nothing was left out but dead ends of an admissible heuristic.
+            // What weighs too much to be counted was left out.
+            Err(StopReason::Exhausted) if search.has_overflowed() => Err(StopReason::Exhausted),
+            // Without a bound, nothing else was left out but dead ends of an admissible heuristic.
             Err(StopReason::Exhausted) => Err(StopReason::Unsolvable { before_search: false }),
             Err(reason) => Err(reason),
         }
@@ -221,7 +228,7 @@ impl<'t> Solver<'t> {
         let result = run(&mut search, budget, self.cancel, tell);
         self.statistics.optimal_expansions = search.expansions();
         // Rounded costs prove nothing about the true ones.
-        let is_exact = self.task.costs_exact && bound < u64::MAX;
+        let is_exact = self.is_provable() && bound < u64::MAX;
         match result {
             Ok(better) => {
                 self.statistics.proven_optimal = is_exact;
@@ -286,7 +293,7 @@ impl<'t> Solver<'t> {
                 Err(StopReason::ExpansionLimit { .. }) if makes_room => (),
                 Err(StopReason::Exhausted) => {
                     // Where all steps cost the same, the cheapest plan is the shortest.
-                    self.statistics.proven_optimal = self.task.costs_equal && self.task.costs_exact;
+                    self.statistics.proven_optimal = self.task.costs_equal && self.is_provable();
                     return StopReason::GoalReached;
                 }
                 Err(reason) => return reason,

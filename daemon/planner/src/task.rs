@@ -7,6 +7,8 @@ pub(crate) use crate::operators::{Changes, ConditionalEffect, Operator, Operator
 
 use pddl::{Comparison, Name, Number, Operator as Arithmetic, Plan, PlanStep};
 
+use crate::outcome::Unprovable;
+
 /// Index of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct ObjectId(u32);
@@ -87,8 +89,9 @@ pub(crate) struct Task {
     pub(crate) values: Vec<f64>,
     /// One of [`Operator::cost`] in units of the metric.
     pub(crate) cost_unit: f64,
-    /// Whether every cost is a whole multiple of the unit.
-    pub(crate) costs_exact: bool,
+    /// Why the costs prove no plan the cheapest, if so; otherwise every cost is a whole multiple of
+    /// the unit, and no step of the texts costs less than nothing.
+    pub(crate) unprovable: Option<Unprovable>,
     /// Whether all operators cost the same, and something.
     pub(crate) costs_equal: bool,
     pub(crate) schema_names: Vec<Name>,
@@ -262,7 +265,7 @@ impl Task {
             initial: self.initial.clone(),
             values: self.values.clone(),
             cost_unit: self.cost_unit,
-            costs_exact: self.costs_exact,
+            unprovable: self.unprovable,
             costs_equal: self.costs_equal,
             schema_names: self.schema_names.clone(),
             object_names: self.object_names.clone(),

@@ -182,9 +182,14 @@ pub fn show_people(report: &Report) {
     note(&render::summary(report));
 }
 
+/// Whether somebody sees notes as they are written: how far a long job is, say.
+pub fn notes_reach_a_terminal() -> bool {
+    io::stderr().is_terminal()
+}
+
 /// Whether stderr may have colors.
 pub fn stderr_is_colored() -> bool {
-    io::stderr().is_terminal() && colors_are_welcome()
+    notes_reach_a_terminal() && colors_are_welcome()
 }
 
 /// Whether stdout may have colors.

@@ -94,13 +94,25 @@ pub fn domain_of(source: Arc<Source>, report: &mut Report) -> DomainText {
     DomainText { source, domain, damaged }
 }
 
-/// The problem in a text; checked against its domain where that is known.
+/// The problem in a text, which must have a goal; checked against its domain where that is known.
 pub fn problem_of(
     source: &Arc<Source>,
     domain: Option<&DomainText>,
     report: &mut Report,
 ) -> Option<Problem> {
-    problem_by(source, domain, report, pddl::check_problem)
+    let problem = problem_by(source, domain, report, pddl::check_problem);
+    if let Some(problem) = problem.as_ref().filter(|problem| problem.goal.is_always())
+        && !pddl::states_goal(&source.text)
+    {
+        let message = format!("problem `{}` has no `:goal`", problem.name);
+        let help = "say what is to be true at the end; `(:goal (and))` asks for nothing";
+        let missing = Diagnostic::error(problem.name.span(), message);
+        report.add(source, [missing.with_rule("(:goal CONDITION)").with_help(help)]);
+    }
+    if let (Some(problem), Some(DomainText { domain: Some(domain), .. })) = (&problem, domain) {
+        report.add(source, pddl::check_metric_values(domain, problem));
+    }
+    problem
 }
 
 /// The map of a building in a text: as a problem, and every fact must mean something.

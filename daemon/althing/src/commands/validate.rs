@@ -63,7 +63,10 @@ fn judge(args: &ValidateArgs) -> Judged {
     let task = pddl_files::read_task(&args.domain, &args.problem);
     let plan = read_plan(&args.plan);
     let (task, source, plan) = match (task, plan) {
-        (Ok(task), Ok((source, plan))) => (task, source, plan),
+        (Ok(mut task), Ok((source, plan, warnings))) => {
+            task.report.extend(warnings);
+            (task, source, plan)
+        }
         (task, plan) => {
             let mut report = task.err().unwrap_or_default();
             report.extend(plan.err().unwrap_or_default());
@@ -84,16 +87,19 @@ fn judge(args: &ValidateArgs) -> Judged {
     }
 }
 
-fn read_plan(path: &Path) -> Result<(Arc<Source>, Plan), Report> {
+fn read_plan(path: &Path) -> Result<(Arc<Source>, Plan, Report), Report> {
     let mut report = Report::default();
     let source = pddl_files::read(path, &mut report);
     let plan = source.as_ref().and_then(|source| {
         let Parsed { value, diagnostics } = pddl::parse_plan(&source.text);
         report.add(source, diagnostics);
-        value
+        value.map(|mut plan| {
+            report.add(source, plan.sort_by_time());
+            plan
+        })
     });
     match (source, plan) {
-        (Some(source), Some(plan)) if !report.has_errors() => Ok((source, plan)),
+        (Some(source), Some(plan)) if !report.has_errors() => Ok((source, plan, report)),
         _ => Err(report),
     }
 }

@@ -25,7 +25,7 @@ impl<'t> Checker<'_, 't> {
                 self.condition(conclusion);
             }
             Condition::Exists(variables, inner) | Condition::Forall(variables, inner) => {
-                self.parameters(variables);
+                self.quantified(variables);
                 self.with_scope(variables, |checker| checker.condition(inner));
             }
         }

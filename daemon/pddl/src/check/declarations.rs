@@ -250,6 +250,12 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
+    /// The variables of a quantifier. Of two that have one name, the second is meant by it.
+    pub(super) fn quantified(&mut self, variables: &'t [Typed]) {
+        self.parameters_once(variables, Severity::Warning);
+        self.types_in_place(variables);
+    }
+
     fn parameters_once(&mut self, parameters: &'t [Typed], severity: Severity) {
         let mut firsts: HashMap<&str, &Name> = HashMap::default();
         for Typed { name, .. } in parameters {
@@ -263,9 +269,13 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// The variables of an action, a quantifier, or a declaration.
+    /// The variables of an action, an axiom, or a declaration.
     pub(super) fn parameters(&mut self, parameters: &'t [Typed]) {
         self.parameters_once(parameters, Severity::Error);
+        self.types_in_place(parameters);
+    }
+
+    fn types_in_place(&mut self, parameters: &'t [Typed]) {
         match self.foreign_types {
             Some(_) => self.types_of(parameters),
             None => self.types_of_variables(parameters),

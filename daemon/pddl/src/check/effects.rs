@@ -47,7 +47,7 @@ impl<'t> Checker<'_, 't> {
 
     fn timed_conditions(&mut self, conditions: &'t [TimedCondition]) {
         for timed in conditions {
-            self.parameters(&timed.forall);
+            self.quantified(&timed.forall);
             self.with_scope(&timed.forall, |checker| checker.condition(&timed.condition));
         }
     }
@@ -57,7 +57,7 @@ impl<'t> Checker<'_, 't> {
             TimedEffect::And(parts) => parts.iter().for_each(|part| self.timed_effect(part)),
             TimedEffect::At(_, effect) => self.effect(effect),
             TimedEffect::Forall(variables, inner) => {
-                self.parameters(variables);
+                self.quantified(variables);
                 self.with_scope(variables, |checker| checker.timed_effect(inner));
             }
             TimedEffect::When(conditions, inner) => {
@@ -74,7 +74,7 @@ impl<'t> Checker<'_, 't> {
             Effect::Add(atom) | Effect::Delete(atom) => self.changed_atom(atom),
             Effect::Assign(assign) => self.assign(assign),
             Effect::Forall(variables, inner) => {
-                self.parameters(variables);
+                self.quantified(variables);
                 self.with_scope(variables, |checker| checker.effect(inner));
             }
             Effect::When(condition, inner) => {

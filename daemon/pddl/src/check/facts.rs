@@ -137,17 +137,15 @@ impl<'t> Checker<'_, 't> {
         let spare =
             Diagnostic::warning(name.span(), format!("the domain has no predicate `{name}`"));
         self.report(match near {
-            Some(near) => {
-                spare.with_help(format!("did you mean `{near}`? As it is, the fact is never read"))
-            }
-            None => spare.with_help("the fact is never read"),
+            Some(near) => spare.with_suggestion(Some(near)),
+            None => spare.with_help("declare it in `:predicates`, or leave the fact out"),
         });
     }
 
     fn report_spare(&mut self, fluent: &'t FluentTerm) {
         let message = format!("the domain has no function `{}`", fluent.function);
         let spare = Diagnostic::warning(fluent.function.span(), message);
-        self.report(spare.with_help("the value is never read"));
+        self.report(spare.with_help("declare it in `:functions`, or leave the value out"));
     }
 
     fn fact(&mut self, atom: &'t Atom) {

@@ -27,7 +27,7 @@ use std::fmt;
 
 use crate::diagnostic::{Diagnostic, Problems};
 use crate::nearest::nearest;
-use crate::tree::{ActionModel, Condition, Domain, InitElement, Plan, Problem, Typed};
+use crate::tree::{ActionModel, Condition, Domain, FluentTerm, InitElement, Plan, Problem, Typed};
 use symbols::Symbols;
 
 /// Checks a domain by itself.
@@ -63,6 +63,30 @@ pub fn check_action_model(ontology: &Domain, model: &ActionModel) -> Vec<Diagnos
     let mut checker = Checker::new(&symbols);
     checker.model(ontology, model);
     checker.problems.into_sorted()
+}
+
+/// Checks that `:init` or an action gives a value to all that the metric of a problem reads. In a running
+/// ecosystem it may come later, so that [`check_problem`] does not ask for it.
+pub fn check_metric_values(domain: &Domain, problem: &Problem) -> Vec<Diagnostic> {
+    let Some(metric) = &problem.metric else { return Vec::new() };
+    if !domain.durative_actions.is_empty() {
+        return Vec::new();
+    }
+    let is_missing = |fluent: &&FluentTerm| {
+        let is_total_cost = fluent.function == "total-cost" && fluent.arguments.is_empty();
+        let is_told = |element: &InitElement| matches!(element, InitElement::Assign(other, _) if other == *fluent);
+        !is_total_cost
+            && domain.functions.iter().any(|declared| declared.name == fluent.function)
+            && !domain.actions.iter().any(|action| action.effect.assigns(&fluent.function))
+            && !problem.init.iter().any(is_told)
+    };
+    let missing = metric.expression.fluents().filter(is_missing);
+    let mistakes = missing.map(|fluent| {
+        let message = format!("the metric reads `{fluent}`, which has no value");
+        let help = format!("give it one in `:init`: `(= {fluent} NUMBER)`");
+        Diagnostic::error(fluent.span, message).with_help(help)
+    });
+    mistakes.collect()
 }
 
 /// Checks a condition that stands alone, such as a goal from a user.

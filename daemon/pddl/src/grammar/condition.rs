@@ -42,7 +42,10 @@ pub(crate) fn condition<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<C
         "<=" => compare(reader, Comparison::LessOrEqual, items, node.span()),
         ">=" => compare(reader, Comparison::GreaterOrEqual, items, node.span()),
         ">" => compare(reader, Comparison::Greater, items, node.span()),
-        "preference" => preference(reader, node, items),
+        // A predicate may be called so: a preference has a condition.
+        "preference" if items.into_iter().any(|item| item.list().is_some()) => {
+            preference(reader, node, items)
+        }
         "always" | "sometime" | "within" | "at-most-once" | "sometime-after"
         | "sometime-before" | "always-within" | "hold-during" | "hold-after"
             if items.into_iter().any(|item| item.list().is_some()) =>

@@ -34,6 +34,10 @@ pub(super) fn effect<'f>(reader: &mut Reader<'f>, node: Node<'f>) -> Option<Effe
             let (variables, node) = forall(reader, items)?;
             Some(Effect::Forall(variables, Box::new(effect(reader, node)?)))
         }
+        "oneof" | "probabilistic" if items.into_iter().any(|item| item.list().is_some()) => {
+            let what = format!("effects that are not certain (`{}`)", keyword.as_str());
+            condition::unsupported(reader, node, &what)
+        }
         "or" => misplaced(reader, node, "an effect must be certain", "`or` is for conditions"),
         "imply" => misplaced(reader, node, "`imply` belongs to conditions", "write `when`"),
         "exists" => misplaced(reader, node, "`exists` belongs to conditions", "write `forall`"),

@@ -249,11 +249,17 @@ fn checked_name<'f>(
         diagnostic.help = Some(match stranger.is_whitespace() {
             true => format!("U+{code:04X} looks like a space, but is none in PDDL"),
             false if stranger == ',' => "separate names by spaces, not by commas".to_owned(),
-            false => format!("a name cannot hold `{}`", stranger.escape_default()),
+            false if is_visible(stranger) => format!("a name cannot hold `{stranger}`"),
+            false => format!("a name cannot hold U+{code:04X}, which cannot be seen"),
         });
     }
     reader.report(diagnostic);
     None
+}
+
+/// Whether a character that no name holds can be seen in a message.
+fn is_visible(c: char) -> bool {
+    !c.is_control() && c != '\u{feff}'
 }
 
 /// What no name holds, however lenient: the marks of other languages, and what cannot be seen.

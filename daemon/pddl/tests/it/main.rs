@@ -6,6 +6,7 @@ mod mistakes;
 
 mod meaning;
 
+mod kinds;
 mod layout;
 
 mod generate;

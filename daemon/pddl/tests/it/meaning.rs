@@ -345,9 +345,9 @@ fn problems_are_lenient_with_repetition_and_spare_values() {
     check_problem(
         "(:init (= (fuel dock) 3) (= (distanc dock dock) 3))",
         expect![[r#"
-        1:49: warning: the domain has no function `fuel`; the value is never read at `fuel`
-        1:67: error: unknown function `distanc`; did you mean `distance`? [(distance ?a ?b - location)] at `distanc`
-    "#]],
+            1:49: warning: the domain has no function `fuel`; declare it in `:functions`, or leave the value out at `fuel`
+            1:67: error: unknown function `distanc`; did you mean `distance`? [(distance ?a ?b - location)] at `distanc`
+        "#]],
     );
     check_problem(
         "(:init (= (distance dock dock) 1) (= (distance DOCK dock) 2))",

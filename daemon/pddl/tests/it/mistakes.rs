@@ -424,7 +424,7 @@ fn names_hold_no_strange_characters() {
         expect![[r#"
             1:17: error: expected a name, found `d e`; U+00A0 looks like a space, but is none in PDDL [NAME = a letter or digit, then letters, digits, `-` and `_`]
               at `d e`
-            1:36: error: expected a name, found `"p"`; a name cannot hold `\"` [NAME = a letter or digit, then letters, digits, `-` and `_`]
+            1:36: error: expected a name, found `"p"`; a name cannot hold `"` [NAME = a letter or digit, then letters, digits, `-` and `_`]
               at `"p"`
             1:42: error: expected a name, found `:q` [NAME = a letter or digit, then letters, digits, `-` and `_`]
               at `:q`

@@ -6,8 +6,12 @@
 //! - Where every part can be reached alone, each is planned for alone, with little work.
 //! - Bounded: so many parts, so many links of a chain; what is left out is counted.
 
-use pddl::{Atom, Condition, Domain, Effect, Name, Problem, Term, TypeExpr, Typed, Types};
+use pddl::{
+    Atom, Condition, Domain, Effect, FluentTerm, InitElement, Name, Problem, Term, TypeExpr, Typed,
+    Types,
+};
 
+use super::suppose::counts;
 use crate::goal::{conjuncts, unreachable};
 use crate::limits::{Budget, Cancel, Options};
 use crate::outcome::{PlanError, StopReason};
@@ -40,7 +44,7 @@ pub struct Unsolvability {
     /// How many more there are.
     pub more: usize,
     /// What is said where each part can be reached alone.
-    pub together: Option<&'static str>,
+    pub together: Option<String>,
 }
 
 /// Explains why a problem has no plan, as far as a bounded look shows it.
@@ -88,6 +92,10 @@ struct Achiever {
     is_axiom: bool,
     /// What it asks for, in parts, over the objects of the fact; what is free is quantified.
     needs: Vec<Condition>,
+    /// All of that at once, of the same objects.
+    whole: Condition,
+    /// A parameter for which there is no object.
+    vacant: Option<Typed>,
 }
 
 /// A variable that stands for the same as another, or for an object.
@@ -103,26 +111,64 @@ impl Why<'_> {
     /// Plans for each part alone.
     fn alone(&self, parts: &[Condition], found: &mut Unsolvability) -> Result<(), PlanError> {
         let is_one = parts.len() == 1;
+        let mut all_reached = parts.len() < PARTS_MAX;
         for part in parts.iter().filter(|_| !is_one) {
             let alone = Problem { goal: part.clone(), metric: None, ..self.problem.clone() };
             let outcome = crate::plan(self.domain, &alone, &self.options, self.cancel)?;
+            all_reached &= outcome.plan.is_some();
             if !matches!(outcome.stop_reason, StopReason::Unsolvable { .. }) {
                 continue;
             }
             if found.parts.len() < TOLD_MAX {
-                let reason = "the steps towards it undo what it needs";
-                found.parts.push((part.clone(), reason.to_owned()));
+                found.parts.push((part.clone(), self.in_the_way(part)));
             } else {
                 found.more += 1;
             }
         }
         if found.parts.is_empty() {
-            found.together = Some(match is_one {
-                true => "the steps towards it undo what it needs",
-                false => "each part of the goal can be reached, but not all of them together",
+            found.together = Some(match parts {
+                [part] => self.in_the_way(part),
+                _ if all_reached => {
+                    "each part of the goal can be reached, but not all of them together".to_owned()
+                }
+                _ => "no sequence of steps reaches all parts of the goal".to_owned(),
             });
         }
         Ok(())
+    }
+
+    /// What is known of a part that no sequence of steps reaches, though the relaxation does: where no
+    /// number plays a part, it can only be that steps undo something.
+    fn in_the_way(&self, part: &Condition) -> String {
+        if let Some(undefined) = self.undefined(part) {
+            return undefined;
+        }
+        let conditions = self.domain.actions.iter().map(|action| &action.precondition);
+        let axioms = self.domain.derived.iter().map(|derived| &derived.condition);
+        let mut effects = self.domain.actions.iter().map(|action| &action.effect);
+        let has_numbers =
+            conditions.chain(axioms).chain([part]).any(counts) || effects.any(reckons);
+        match has_numbers {
+            true => "it is proven that no sequence of steps reaches it".to_owned(),
+            false => "the steps towards it undo what it needs".to_owned(),
+        }
+    }
+
+    /// That a condition compares something that has no value and gets none, if so.
+    fn undefined(&self, condition: &Condition) -> Option<String> {
+        let is_missing = |fluent: &&FluentTerm| {
+            let is_told = |element: &InitElement| match element {
+                InitElement::Assign(other, _) => other == *fluent,
+                _ => false,
+            };
+            let is_total_cost = fluent.function == "total-cost";
+            let mut actions = self.domain.actions.iter();
+            let gets_one = actions.any(|action| action.effect.assigns(&fluent.function));
+            !is_total_cost && !gets_one && !self.problem.init.iter().any(is_told)
+        };
+        let Condition::Compare(_) = condition else { return None };
+        let missing = condition.fluents().find(is_missing)?;
+        Some(format!("`{missing}` has no value, and no action assigns it one"))
     }
 
     /// The way from a condition down to what nothing makes true, as a clause.
@@ -134,7 +180,8 @@ impl Why<'_> {
             seen.push(at.clone());
             let subject = if links.is_empty() { "it".to_owned() } else { quoted(&at) };
             let Some(atom) = wanted(&at) else {
-                links.push(format!("nothing makes {subject} true"));
+                let undefined = self.undefined(&at);
+                links.push(undefined.unwrap_or_else(|| format!("nothing makes {subject} true")));
                 break;
             };
             let achievers = self.achievers(atom);
@@ -173,7 +220,10 @@ impl Why<'_> {
     ) -> Result<(String, Option<Condition>), PlanError> {
         let (mut words, mut next) = (Vec::new(), None);
         for achiever in achievers.iter().take(ACHIEVERS_MAX) {
-            let blocked = self.unreachable(&achiever.needs)?;
+            let mut blocked = self.unreachable(&achiever.needs)?;
+            if achiever.vacant.is_some() {
+                blocked.clear();
+            }
             let name = &achiever.name;
             let verb = if achiever.is_axiom { "derives" } else { "makes" };
             let what = match achiever.is_axiom {
@@ -189,7 +239,7 @@ impl Why<'_> {
                 _ => ", which never hold",
             };
             words.push(match listed.is_empty() {
-                true => format!("{what}, but its conditions never hold together"),
+                true => format!("{what}, but {}", self.why_not(achiever)?),
                 false => format!("{what}, but needs {}{never}", listed.join(" and ")),
             });
             if next.is_none() {
@@ -204,6 +254,30 @@ impl Why<'_> {
         Ok((words.join(", and "), next))
     }
 
+    /// Why an achiever never applies although each of its conditions can be reached.
+    fn why_not(&self, achiever: &Achiever) -> Result<String, PlanError> {
+        if let Some(Typed { name, ty }) = &achiever.vacant {
+            return Ok(format!("there is no object of type `{ty}` for its `?{name}`"));
+        }
+        let whole = std::slice::from_ref(&achiever.whole);
+        Ok(match self.unreachable(whole)?.is_empty() {
+            true => "it can never be applied".to_owned(),
+            false => "its conditions never hold together".to_owned(),
+        })
+    }
+
+    /// The first parameter that is not bound and that no object can be.
+    fn vacant(&self, bindings: &Bindings, parameters: &[&Typed]) -> Option<Typed> {
+        let free =
+            parameters.iter().filter(|one| !bindings.iter().any(|(name, _)| *name == one.name));
+        let declared = || self.problem.objects.iter().map(|declaration| &declaration.object);
+        let is_empty = |one: &&&Typed| {
+            let mut all = self.domain.constants.iter().chain(declared());
+            !all.any(|object| self.types.accepts(&one.ty, &object.ty))
+        };
+        { free }.find(is_empty).map(|one| (**one).clone())
+    }
+
     /// Every action and axiom with an effect that can be this atom.
     fn achievers(&self, atom: &Atom) -> Vec<Achiever> {
         let mut achievers: Vec<Achiever> = Vec::new();
@@ -216,9 +290,11 @@ impl Why<'_> {
                 let bindings = self.unify(&effect.arguments, &atom.arguments, &parameters);
                 let Some(bindings) = bindings else { return };
                 let all = std::iter::once(&action.precondition).chain(conditions.iter().copied());
+                let whole = whole(all.clone(), &bindings, &parameters);
                 let needs = self.needs(all, &bindings, &parameters);
+                let vacant = self.vacant(&bindings, &parameters);
                 let name = action.name.clone();
-                achievers.push(Achiever { name, is_axiom: false, needs });
+                achievers.push(Achiever { name, is_axiom: false, needs, whole, vacant });
             });
         }
         for axiom in self.domain.derived.iter().filter(|one| one.predicate == atom.predicate) {
@@ -226,9 +302,12 @@ impl Why<'_> {
             let terms: Vec<Term> =
                 parameters.iter().map(|one| Term::Variable(one.name.clone())).collect();
             if let Some(bindings) = self.unify(&terms, &atom.arguments, &parameters) {
-                let needs = self.needs(std::iter::once(&axiom.condition), &bindings, &parameters);
+                let body = std::iter::once(&axiom.condition);
+                let whole = whole(body.clone(), &bindings, &parameters);
+                let needs = self.needs(body, &bindings, &parameters);
+                let vacant = self.vacant(&bindings, &parameters);
                 let name = axiom.predicate.clone();
-                achievers.push(Achiever { name, is_axiom: true, needs });
+                achievers.push(Achiever { name, is_axiom: true, needs, whole, vacant });
             }
         }
         achievers
@@ -308,7 +387,7 @@ impl std::fmt::Display for Unsolvability {
         if self.more > 0 {
             write!(f, "\n{} more parts of the goal cannot be reached", self.more)?;
         }
-        self.together.map_or(Ok(()), |together| f.write_str(together))
+        self.together.as_ref().map_or(Ok(()), |together| f.write_str(together))
     }
 }
 
@@ -374,4 +453,30 @@ fn mentions(condition: &Condition, variable: &Name) -> bool {
     let mut names = crate::validate::bindings::Bindings::default();
     names.bind(variable, Name::new(""));
     names.substitute(condition) != *condition
+}
+
+/// All that conditions ask of the objects that are bound and of others together.
+fn whole<'c>(
+    conditions: impl Iterator<Item = &'c Condition>,
+    bindings: &Bindings,
+    parameters: &[&Typed],
+) -> Condition {
+    let all = conditions.map(|condition| substituted(condition, bindings)).collect();
+    let is_free = |one: &&&Typed| !bindings.iter().any(|(name, _)| *name == one.name);
+    let free: Vec<Typed> = parameters.iter().filter(is_free).map(|one| (*one).clone()).collect();
+    match free.is_empty() {
+        true => Condition::And(all),
+        false => Condition::Exists(free, Box::new(Condition::And(all))),
+    }
+}
+
+/// Whether an effect changes numbers other than the cost, or asks for some.
+fn reckons(effect: &Effect) -> bool {
+    match effect {
+        Effect::And(parts) => parts.iter().any(reckons),
+        Effect::Add(_) | Effect::Delete(_) => false,
+        Effect::Assign(assign) => assign.fluent.function != "total-cost",
+        Effect::When(condition, inner) => counts(condition) || reckons(inner),
+        Effect::Forall(_, inner) => reckons(inner),
+    }
 }

@@ -29,6 +29,9 @@ pub(super) struct Raw {
     /// `None` where the goal cannot hold.
     pub(super) goal: Option<Vec<Literal>>,
     pub(super) layout: Layout,
+    /// Whether some operator that is not among these, as it cannot serve the goal, costs less than
+    /// nothing.
+    pub(super) pays: bool,
     pub(super) warnings: Vec<Diagnostic>,
 }
 
@@ -239,6 +242,6 @@ impl Drawn {
         auxiliaries.axioms.extend(axioms);
         auxiliaries.tidy();
         let (axioms, comparisons) = (auxiliaries.axioms, comparisons.all);
-        Raw { operators, axioms, comparisons, goal, layout, warnings }
+        Raw { operators, axioms, comparisons, goal, layout, pays: false, warnings }
     }
 }

@@ -5,10 +5,18 @@ use super::drawn::{Layout, Raw};
 use super::relation::Relation;
 use super::values::Values;
 use super::work::Work;
+use crate::heuristic::STEPS_PER_COST;
 use crate::normalize::lifted::Lifted;
 use crate::operators::{Operators, Renumbering};
-use crate::outcome::StopReason;
+use crate::outcome::{StopReason, Unprovable};
 use crate::task::{Axiom, Changes, FactId, Literal, Operator, Task};
+
+/// The largest cost that is counted as it is: searches multiply costs to count steps beside them, and
+/// add them up.
+const COST_MAX: f64 = (u64::MAX / STEPS_PER_COST / 2) as f64;
+
+/// What the largest cost becomes where some are larger than that: a million such steps can be added.
+const COST_ROUNDED_MAX: f64 = COST_MAX / 1e6;
 
 /// Where a task starts, over raw facts.
 pub(super) struct Start {
@@ -73,11 +81,18 @@ pub(super) fn finish(
         }
     }
     task.axioms.sort_by_key(|axiom| axiom.stratum);
+    // What does not serve the goal may serve the metric all the same.
+    let pays = raw.pays || facts.pays(&raw.operators);
     raw.operators.renumber(&numbering);
     task.operators = raw.operators;
     set_costs(&mut task, lifted.costs.weights.is_none());
+    if pays {
+        task.unprovable = Some(Unprovable::Pays);
+    }
     if lifted.costs.varies {
-        (task.costs_exact, task.costs_equal) = (false, false);
+        task.costs_equal = false;
+        let is_sum = lifted.costs.is_sum;
+        task.unprovable = Some(if is_sum { Unprovable::Varies } else { Unprovable::NoSum });
     }
     Ok(Some(task))
 }
@@ -86,7 +101,6 @@ pub(super) fn finish(
 /// the bits of numbers.
 fn set_costs(task: &mut Task, is_unit: bool) {
     task.cost_unit = 1.0;
-    task.costs_exact = true;
     let all = task.operators.costs_mut();
     if is_unit {
         all.fill(1);
@@ -99,14 +113,14 @@ fn set_costs(task: &mut Task, is_unit: bool) {
     let fits = |scale: &&f64| all.iter().all(|cost| is_whole(f64::from_bits(*cost) * **scale));
     let scale = scales.iter().find(fits).copied();
     // Where some steps pay, all are taken to cost so much more that none does: what pays most is then
-    // preferred, and no plan is called the cheapest.
+    // preferred. No plan is called the cheapest.
     let lowest = all.iter().map(|cost| f64::from_bits(*cost)).fold(0.0, f64::min);
     let has_negative = lowest < 0.0;
     if has_negative {
         all.iter_mut().for_each(|cost| *cost = (f64::from_bits(*cost) - lowest).to_bits());
     }
-    task.costs_exact = scale.is_some() && !has_negative;
-    let scale = scale.unwrap_or(1e6);
+    let (scale, unprovable) = countable(scale, all);
+    task.unprovable = unprovable;
     task.cost_unit = 1.0 / scale;
     for cost in all.iter_mut() {
         // The conversion saturates.
@@ -114,6 +128,18 @@ fn set_costs(task: &mut Task, is_unit: bool) {
     }
     let first = all.first().copied().unwrap_or(1);
     task.costs_equal = first > 0 && !has_negative && all.iter().all(|cost| *cost == first);
+}
+
+/// The scale under which costs become whole numbers, and why that is not without loss, if so: `exact`
+/// is a scale under which all are whole numbers.
+fn countable(exact: Option<f64>, costs: &[u64]) -> (f64, Option<Unprovable>) {
+    let largest = costs.iter().map(|cost| f64::from_bits(*cost)).fold(0.0, f64::max);
+    let scale = exact.unwrap_or(1e6);
+    if largest * scale > COST_MAX {
+        let scale = if largest.is_finite() { COST_ROUNDED_MAX / largest } else { 1.0 };
+        return (scale, Some(Unprovable::TooLarge));
+    }
+    (scale, exact.is_none().then_some(Unprovable::TooFine))
 }
 
 /// What is known of every raw fact, by its dense index: rows of relations, comparisons, auxiliaries.
@@ -195,6 +221,12 @@ impl<'l> Facts<'l> {
 
     fn never_applies(&self, operator: Operator<'_>) -> bool {
         operator.preconditions.iter().any(|literal| self.is_impossible(*literal))
+    }
+
+    /// Whether some operator that may apply costs less than nothing.
+    fn pays(&self, operators: &Operators) -> bool {
+        let mut paying = operators.iter().filter(|one| f64::from_bits(one.cost) < 0.0);
+        paying.any(|operator| !self.never_applies(operator))
     }
 
     /// Whether a literal holds in no state.

@@ -24,7 +24,6 @@ pub(super) enum Filter {
     NotInitially(LiftedAtom),
     /// A comparison of static functions.
     Compare {
-        positive: bool,
         comparison: pddl::Comparison,
         sides: Box<(LiftedExpression, LiftedExpression)>,
     },
@@ -258,12 +257,10 @@ impl Filter {
                 let row = relation.find_terms(&atom.arguments, binding);
                 row.is_none_or(|row| row >= relation.initial)
             }
-            Filter::Compare { positive, comparison, sides } => {
+            Filter::Compare { comparison, sides } => {
                 let left = values.fixed(&sides.0, binding);
                 let right = values.fixed(&sides.1, binding);
-                let holds =
-                    left.zip(right).is_some_and(|(left, right)| comparison.holds(left, right));
-                holds == *positive
+                left.zip(right).is_some_and(|(left, right)| comparison.holds(left, right))
             }
         }
     }

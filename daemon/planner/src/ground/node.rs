@@ -22,27 +22,12 @@ use crate::task::{FactId, GroundComparison, GroundExpression, Literal, ObjectId}
 #[derive(Debug)]
 pub(super) enum Node {
     Constant(bool),
-    Literal {
-        positive: bool,
-        atom: LiftedAtom,
-    },
-    Equal {
-        positive: bool,
-        left: LiftedTerm,
-        right: LiftedTerm,
-    },
-    Compare {
-        positive: bool,
-        comparison: Comparison,
-        sides: Box<(LiftedExpression, LiftedExpression)>,
-    },
+    Literal { positive: bool, atom: LiftedAtom },
+    Equal { positive: bool, left: LiftedTerm, right: LiftedTerm },
+    Compare { comparison: Comparison, sides: Box<(LiftedExpression, LiftedExpression)> },
     And(Vec<Node>),
     Or(Vec<Node>),
-    Quantified {
-        existential: bool,
-        plan: JoinPlan,
-        inner: Box<Node>,
-    },
+    Quantified { existential: bool, plan: JoinPlan, inner: Box<Node> },
 }
 
 /// What grounding a condition reads and grows.
@@ -95,8 +80,8 @@ impl Node {
             Formula::Equal { positive, left, right } => {
                 Node::Equal { positive: *positive, left: *left, right: *right }
             }
-            Formula::Compare { positive, comparison, sides } => {
-                Node::Compare { positive: *positive, comparison: *comparison, sides: sides.clone() }
+            Formula::Compare { comparison, sides } => {
+                Node::Compare { comparison: *comparison, sides: sides.clone() }
             }
             Formula::And(parts) => Node::And(Node::all(catalog, frame, parts, bound)),
             Formula::Or(parts) => Node::Or(Node::all(catalog, frame, parts, bound)),
@@ -208,10 +193,7 @@ impl Grounder<'_> {
             Node::Equal { positive, left, right } => {
                 truth_value((left.object(binding) == right.object(binding)) == *positive)
             }
-            Node::Compare { positive, comparison, sides } => {
-                let tree = self.compare(*comparison, sides, binding);
-                if *positive { tree } else { tree.negated() }
-            }
+            Node::Compare { comparison, sides } => self.compare(*comparison, sides, binding),
             Node::And(parts) => {
                 let mut trees = Vec::with_capacity(parts.len());
                 for part in parts {

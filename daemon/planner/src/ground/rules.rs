@@ -90,14 +90,14 @@ pub(super) fn relax(lifted: &Lifted, formula: &Formula) -> Vec<Conjunct> {
         Formula::Equal { positive, left, right } => {
             vec![Conjunct::of(Filter::Equal { positive: *positive, left: *left, right: *right })]
         }
-        Formula::Compare { positive, comparison, sides } => {
+        Formula::Compare { comparison, sides } => {
             let mut varies = false;
             formula.functions(&mut |one| varies |= lifted.functions[one].is_numeric_fluent());
             if varies {
                 return vec![Conjunct::default()];
             }
-            let (positive, comparison, sides) = (*positive, *comparison, sides.clone());
-            vec![Conjunct::of(Filter::Compare { positive, comparison, sides })]
+            let (comparison, sides) = (*comparison, sides.clone());
+            vec![Conjunct::of(Filter::Compare { comparison, sides })]
         }
         Formula::And(parts) => relax_all(lifted, parts),
         Formula::Or(parts) => {

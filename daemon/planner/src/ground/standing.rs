@@ -257,6 +257,7 @@ impl Standing {
             comparisons: self.drawn.comparisons.all.clone(),
             goal: Some(goal),
             layout,
+            pays: self.pays(&possible),
             warnings: Vec::new(),
         };
         let never = possible.facts.iter().map(|can| !can).collect();
@@ -319,6 +320,12 @@ impl Standing {
         let wanted = sources.wanted(layout, goal, &possible.operators);
         self.sources = Some(sources);
         chosen(operators, wanted.into_iter())
+    }
+
+    /// Whether some possible operator costs less than nothing, wanted or not.
+    fn pays(&self, possible: &Possible) -> bool {
+        let mut all = self.drawn.operators.iter().zip(&possible.operators);
+        all.any(|(operator, can)| *can && f64::from_bits(operator.cost) < 0.0)
     }
 
     /// Grounds a goal over the objects that are there.

@@ -17,7 +17,7 @@ pub(crate) use landmark_cut::LandmarkCut;
 pub(crate) use landmarks::LandmarkCount;
 pub(crate) use max::Max;
 pub(crate) use novelty::{NOT_NOVEL, Novelty};
-pub(crate) use relaxation::Weights;
+pub(crate) use relaxation::{STEPS_PER_COST, Weights};
 
 use crate::state::{State, StateId, Way};
 use crate::task::{OperatorId, Task};

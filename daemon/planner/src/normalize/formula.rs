@@ -1,6 +1,6 @@
 //! Conditions and expressions: from the tree to negation normal form over numbered symbols.
 
-use pddl::{Condition, Diagnostic, Expression, FluentTerm, Name, Term, Typed};
+use pddl::{Comparison, Condition, Diagnostic, Expression, FluentTerm, Name, Term, Typed};
 
 use super::lifted::{
     Formula, LiftedAtom, LiftedExpression, LiftedFluent, LiftedTerm, Slot, TypeIndex,
@@ -48,11 +48,9 @@ impl<'s> Scope<'s> {
             Condition::Compare(compare) => {
                 let left = self.expression(&compare.left);
                 match (left, self.expression(&compare.right)) {
-                    (Some(left), Some(right)) => Formula::Compare {
-                        positive,
-                        comparison: compare.comparison,
-                        sides: Box::new((left, right)),
-                    },
+                    (Some(left), Some(right)) => {
+                        comparison(compare.comparison, positive, left, right)
+                    }
                     _ => Formula::Constant(false),
                 }
             }
@@ -163,5 +161,26 @@ impl<'s> Scope<'s> {
                 found.map(|(_, slot)| LiftedTerm::Variable(*slot))
             }
         }
+    }
+}
+
+/// A comparison or its negation, as comparisons: none of them holds of a number that is not defined.
+fn comparison(
+    comparison: Comparison,
+    positive: bool,
+    left: LiftedExpression,
+    right: LiftedExpression,
+) -> Formula {
+    let sides = Box::new((left, right));
+    if positive {
+        return Formula::Compare { comparison, sides };
+    }
+    let other = |comparison: &Comparison| Formula::Compare {
+        comparison: *comparison,
+        sides: sides.clone(),
+    };
+    match comparison.negated() {
+        [one] => other(one),
+        several => Formula::Or(several.iter().map(other).collect()),
     }
 }

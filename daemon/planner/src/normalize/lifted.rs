@@ -62,8 +62,8 @@ pub(crate) enum Formula {
         left: LiftedTerm,
         right: LiftedTerm,
     },
+    /// It holds where both sides have a value.
     Compare {
-        positive: bool,
         comparison: Comparison,
         sides: Box<(LiftedExpression, LiftedExpression)>,
     },
@@ -155,7 +155,7 @@ pub(crate) struct FunctionUse {
 }
 
 /// What makes a plan cheap.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(crate) struct Costs {
     /// `None`: every step costs one. Otherwise how much one unit of a ground fluent costs.
     pub(crate) weights: Option<Vec<(FunctionIndex, Vec<ObjectId>, f64)>>,
@@ -164,6 +164,8 @@ pub(crate) struct Costs {
     pub(crate) per_step: f64,
     /// Whether some step may cost more or less than in the initial state.
     pub(crate) varies: bool,
+    /// Whether the metric is a weighted sum at all.
+    pub(crate) is_sum: bool,
 }
 
 /// A whole task before grounding.
@@ -179,6 +181,14 @@ pub(crate) struct Lifted {
     pub(crate) init: Vec<(PredicateIndex, Vec<ObjectId>)>,
     pub(crate) values: Vec<(FunctionIndex, Vec<ObjectId>, f64)>,
     pub(crate) costs: Costs,
+}
+
+// === impl Costs ===
+
+impl Default for Costs {
+    fn default() -> Costs {
+        Costs { weights: None, per_step: 0.0, varies: false, is_sum: true }
+    }
 }
 
 // === impl TypeSet ===

@@ -29,7 +29,7 @@ pub(super) fn costs(
     linear.add(&metric.expression, sign)?;
     if !linear.is_linear {
         // How much a step counts is not known: all count the same.
-        return Ok(Costs { weights: Some(Vec::new()), per_step: 1.0, varies: true });
+        return Ok(Costs { weights: Some(Vec::new()), per_step: 1.0, varies: true, is_sum: false });
     }
     let (mut weights, per_step) = (Vec::new(), linear.per_step);
     for (fluent, weight) in linear.weights {
@@ -42,7 +42,7 @@ pub(super) fn costs(
         let objects: Vec<ObjectId> = objects.collect();
         weights.push((fluent.function, objects, weight));
     }
-    Ok(Costs { weights: Some(weights), per_step, varies: false })
+    Ok(Costs { weights: Some(weights), per_step, varies: false, is_sum: true })
 }
 
 /// Notes whether what a step costs depends on more than the step: where fluents of the metric are set

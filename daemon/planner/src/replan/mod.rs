@@ -369,6 +369,7 @@ impl<'c> Call<'c> {
                 plan,
                 stop_reason,
                 unproven: None,
+                unprovable: None,
                 statistics,
                 warnings: Vec::new(),
             },
@@ -406,7 +407,8 @@ impl<'c> Call<'c> {
         self.statistics.proven_optimal &= !resumes;
         let world = self.judge.world.take();
         let effort = self.options.effort;
-        let outcome = self.judge.outcome(reason, effort, self.statistics, warnings);
+        let outcome =
+            self.judge.outcome(reason, effort, self.statistics, task.unprovable, warnings);
         let replanned = outcome.map(|outcome| {
             let steps = outcome.plan.as_ref().map_or(&[][..], |plan| &plan.steps);
             let pairs = steps.iter().rev().zip(rest.iter().rev());
@@ -426,7 +428,9 @@ impl<'c> Call<'c> {
         warnings: Vec<Diagnostic>,
     ) -> Replanned {
         let statistics = self.statistics;
-        let outcome = Outcome { plan: None, stop_reason, unproven: None, statistics, warnings };
+        let (unproven, unprovable) = (None, None);
+        let outcome =
+            Outcome { plan: None, stop_reason, unproven, unprovable, statistics, warnings };
         Replanned { outcome, course: Course::Planned, grounding }
     }
 }

@@ -38,6 +38,8 @@ pub(crate) struct AStar<'t> {
     explorations_max: u64,
     explorations: u64,
     expansions: u64,
+    /// Whether a state was left out for a weight beyond what can be counted.
+    has_overflowed: bool,
     successor: Vec<u64>,
     applicable: Vec<OperatorId>,
 }
@@ -74,6 +76,7 @@ impl<'t> AStar<'t> {
             explorations_max,
             explorations: 0,
             expansions: 0,
+            has_overflowed: false,
             successor: Vec::new(),
             applicable: Vec::new(),
         };
@@ -84,7 +87,14 @@ impl<'t> AStar<'t> {
     fn queue(&mut self, id: StateId, g: u64, h: u64, f: u64) {
         if f < self.bound {
             self.open.push(Reverse((f, h, Reverse(id), g)));
+        } else if self.bound == u64::MAX {
+            self.has_overflowed = true;
         }
+    }
+
+    /// Whether a state was left out although there is no bound, as it weighs more than a number holds.
+    pub(crate) fn has_overflowed(&self) -> bool {
+        self.has_overflowed
     }
 
     /// The estimate of a state that is reached at a weight: what it would take to leave it out is

@@ -1,6 +1,6 @@
 //! From the lifted tree to its compiled form: one walk, in which all names are looked up.
 
-use pddl::{ActionSchema, Condition, Effect, FluentTerm, Name, Span, Term, Typed};
+use pddl::{ActionSchema, Comparison, Condition, Effect, FluentTerm, Name, Span, Term, Typed};
 use rustc_hash::FxHashMap;
 
 use super::compiled::{
@@ -73,8 +73,16 @@ impl<'m> Scope<'m> {
             Condition::Compare(compare) => {
                 let (left, right) = (self.expression(&compare.left), &compare.right);
                 let right = self.expression(right);
-                let compare = Compare { comparison: compare.comparison, left, right };
-                Node::Compare(Box::new(compare), positive)
+                let comparison = compare.comparison;
+                if positive {
+                    return Node::Compare(Box::new(Compare { comparison, left, right }), true);
+                }
+                // A number that is not defined satisfies a negation as little as a comparison.
+                let other = |comparison: &Comparison| {
+                    let (comparison, left, right) = (*comparison, left.clone(), right.clone());
+                    Node::Compare(Box::new(Compare { comparison, left, right }), true)
+                };
+                Node::any(comparison.negated().iter().map(other))
             }
             Condition::Not(inner) => self.node(inner, !positive),
             Condition::And(parts) => self.joined(parts, positive, positive),
@@ -84,10 +92,10 @@ impl<'m> Scope<'m> {
                 if positive { Node::any(sides) } else { Node::all(sides) }
             }
             Condition::Exists(variables, inner) => {
-                self.quantified(variables, inner, true, positive)
+                self.quantified(variables, inner, positive, positive)
             }
             Condition::Forall(variables, inner) => {
-                self.quantified(variables, inner, false, !positive)
+                self.quantified(variables, inner, positive, !positive)
             }
         }
     }
@@ -97,17 +105,18 @@ impl<'m> Scope<'m> {
         if all { Node::all(nodes) } else { Node::any(nodes) }
     }
 
-    /// That the condition (its negation, where it is not `inner_positive`) holds for some binding;
-    /// or that it does for none.
+    /// That the condition (its negation, where it is not `positive`) holds for some binding, or that
+    /// it does for all: then there is none for which it does not.
     fn quantified(
         &mut self,
         variables: &[Typed],
         inner: &Condition,
-        inner_positive: bool,
+        positive: bool,
         exists: bool,
     ) -> Node {
         let declared = self.declare(variables);
-        let node = self.node(inner, inner_positive);
+        let node = self.node(inner, positive);
+        let node = if exists { node } else { node.complement() };
         self.forget(variables.len());
         let queries = existential(declared, node).into_iter();
         let nodes = queries.map(|query| Node::Exists(Box::new(query), exists));

@@ -189,6 +189,20 @@ impl Node {
         }
     }
 
+    /// The node that holds where this one does not. That is not its negation as texts mean it: where a
+    /// number has no value, neither a comparison nor its negation holds.
+    pub(super) fn complement(self) -> Node {
+        match self {
+            Node::Constant(truth) => Node::Constant(!truth),
+            Node::Fact(fact, positive) => Node::Fact(fact, !positive),
+            Node::Equal(left, right, positive) => Node::Equal(left, right, !positive),
+            Node::Compare(compare, positive) => Node::Compare(compare, !positive),
+            Node::All(parts) => Node::any(parts.into_iter().map(Node::complement)),
+            Node::Any(parts) => Node::all(parts.into_iter().map(Node::complement)),
+            Node::Exists(query, exists) => Node::Exists(query, !exists),
+        }
+    }
+
     /// The conjuncts.
     pub(super) fn into_parts(self) -> Vec<Node> {
         match self {

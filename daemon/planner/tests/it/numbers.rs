@@ -292,3 +292,67 @@ fn a_cost_that_is_small_is_not_none() {
         "#]],
     );
 }
+
+/// Conditions over `(n)`, which has no value, and `(z)`, which is zero: none of them holds.
+const UNDEFINED: [&str; 10] = [
+    "(not (> (n) 0))",
+    "(not (<= (n) 0))",
+    "(not (= (n) 0))",
+    "(not (not (> (n) 0)))",
+    "(not (> (/ 1 (z)) 0))",
+    "(not (< 0 (/ (z) (z))))",
+    "(imply (> (n) 0) (never))",
+    "(not (or (> (n) 0) (never)))",
+    "(not (exists (?o) (> (m ?o) 0)))",
+    "(not (forall (?o) (= (m ?o) 0)))",
+];
+
+/// The domain of [`UNDEFINED`]; `more` is what else there is. Where `(n)` may be set, comparisons are
+/// part of the state.
+fn undefined(may_be_set: bool, more: &str) -> String {
+    let set = "(:action set :precondition (never) :effect (and (assign (n) 1) (assign (z) 0)))
+        (:action set-one :parameters (?o) :precondition (never) :effect (assign (m ?o) 1))";
+    let set = if may_be_set { set } else { "" };
+    support::domain(&format!(
+        "(:predicates (g) (never) (seen)) (:functions (n) (z) (m ?o)) {set} {more}"
+    ))
+}
+
+#[test]
+fn a_number_without_a_value_satisfies_no_negation_either() {
+    let problem =
+        |goal: &str| support::problem(&format!("(:objects o) (:init (= (z) 0)) (:goal {goal})"));
+    for (condition, may_be_set) in UNDEFINED.iter().flat_map(|one| [(one, false), (one, true)]) {
+        let action = format!("(:action a :precondition {condition} :effect (g))");
+        let axiom =
+            format!("(:derived (seen) {condition}) (:action a :precondition (seen) :effect (g))");
+        let nothing = "(:action a :effect (seen))";
+        for (more, goal) in [(&*action, "(g)"), (&*axiom, "(g)"), (nothing, condition)] {
+            let (domain, problem) = (undefined(may_be_set, more), problem(goal));
+            let outcome = support::outcome(&domain, &problem).expect("it plans");
+            assert!(outcome.plan.is_none(), "{condition} in {more}: {outcome:?}");
+            let (domain, problem) = support::parse(&domain, &problem);
+            let plan = pddl::parse_plan("(a)").into_result().expect("a plan");
+            let verdict = planner::validate(&domain, &problem, &plan);
+            assert!(matches!(verdict, planner::Verdict::Fault(_)), "{condition} in {more}");
+        }
+    }
+}
+
+#[test]
+fn a_negated_comparison_of_what_has_a_value_holds_where_the_comparison_does_not() {
+    for (condition, steps) in [
+        ("(not (= (count) 0))", 1),
+        ("(not (< (count) 3))", 3),
+        ("(not (and (>= (count) 0) (<= (count) 1)))", 2),
+        ("(not (forall (?o) (= (count) (m ?o))))", 0),
+        ("(and (not (= (count) 0)) (not (= (count) 1)) (not (= (count) 2)))", 3),
+    ] {
+        let domain = support::domain(
+            "(:functions (count) (m ?o)) (:action add :effect (increase (count) 1))",
+        );
+        let problem = format!("(:objects o) (:init (= (count) 0) (= (m o) 2)) (:goal {condition})");
+        let outcome = support::outcome(&domain, &support::problem(&problem)).expect("it plans");
+        assert_eq!(outcome.plan.map(|plan| plan.steps.len()), Some(steps), "{condition}");
+    }
+}

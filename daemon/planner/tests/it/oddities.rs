@@ -4,6 +4,8 @@
 use pddl::{Diagnostic, Parsed, check_domain, check_problem};
 use planner::{Cancel, Options, plan, validate};
 
+use crate::support;
+
 /// Reads, plans, validates. Expects a warning with `warned` at `place`, and the plan `steps`.
 #[track_caller]
 fn check(domain: &str, problem: &str, warned: &str, place: &str, steps: &str) {
@@ -264,4 +266,25 @@ fn a_requirement_that_is_not_known_is_told() {
         ":typng",
         "(light a)",
     );
+}
+
+#[test]
+fn a_total_cost_that_is_not_declared_is_counted() {
+    for (functions, start) in [("", ""), ("(:functions (f))", ""), ("", "(= (total-cost) 0)")] {
+        let domain = support::domain(&format!(
+            "(:predicates (g)) {functions}
+             (:action dear :effect (and (g) (increase (total-cost) 5)))
+             (:action cheap :effect (and (g) (increase (total-cost) 2)))"
+        ));
+        let problem = support::problem(&format!(
+            "(:init {start}) (:goal (g)) (:metric minimize (total-cost))"
+        ));
+        let outcome = support::outcome(&domain, &problem).expect("it plans");
+        assert!(outcome.statistics.proven_optimal);
+        assert_eq!(outcome.plan.and_then(|plan| plan.cost).map(|cost| cost.0), Some(2.0));
+        let (domain, _) = support::parse(&domain, &problem);
+        let warned = pddl::check_domain(&domain);
+        assert!(warned.iter().all(|found| !found.is_error() && found.span.start > 0), "{warned:?}");
+        assert!(warned[0].message.contains("`total-cost` is not declared"), "{warned:?}");
+    }
 }

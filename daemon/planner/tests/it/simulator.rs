@@ -93,34 +93,61 @@ impl<'t> State<'t> {
     }
 
     pub(crate) fn holds(&self, condition: &Condition, bindings: &Bindings) -> bool {
+        self.is(true, condition, bindings)
+    }
+
+    /// Whether a condition holds, or its negation does: a comparison of what has no value is neither
+    /// true nor false.
+    fn is(&self, positive: bool, condition: &Condition, bindings: &Bindings) -> bool {
+        let all = |parts: &[Condition]| parts.iter().all(|part| self.is(positive, part, bindings));
+        let any = |parts: &[Condition]| parts.iter().any(|part| self.is(positive, part, bindings));
         match condition {
             Condition::Atom(atom) => {
                 let cell = ground(&atom.predicate, &atom.arguments, bindings);
-                self.facts.contains(&cell) || self.derived.contains(&cell)
+                (self.facts.contains(&cell) || self.derived.contains(&cell)) == positive
             }
-            Condition::Equal(left, right, _) => object(left, bindings) == object(right, bindings),
+            Condition::Equal(left, right, _) => {
+                (object(left, bindings) == object(right, bindings)) == positive
+            }
             Condition::Compare(compare) => {
                 let left = self.value(&compare.left, bindings);
                 let right = self.value(&compare.right, bindings);
-                left.zip(right).is_some_and(|(left, right)| match compare.comparison {
+                let holds = |left: f64, right: f64| match compare.comparison {
                     Comparison::Less => left < right,
                     Comparison::LessOrEqual => left <= right,
                     Comparison::Equal => left == right,
                     Comparison::GreaterOrEqual => left >= right,
                     Comparison::Greater => left > right,
-                })
+                };
+                left.zip(right).is_some_and(|(left, right)| holds(left, right) == positive)
             }
-            Condition::Not(inner) => !self.holds(inner, bindings),
-            Condition::And(parts) => parts.iter().all(|part| self.holds(part, bindings)),
-            Condition::Or(parts) => parts.iter().any(|part| self.holds(part, bindings)),
+            Condition::Not(inner) => self.is(!positive, inner, bindings),
+            Condition::And(parts) => {
+                if positive {
+                    all(parts)
+                } else {
+                    any(parts)
+                }
+            }
+            Condition::Or(parts) => {
+                if positive {
+                    any(parts)
+                } else {
+                    all(parts)
+                }
+            }
             Condition::Imply(left, right) => {
-                !self.holds(left, bindings) || self.holds(right, bindings)
+                let (left, right) =
+                    (self.is(!positive, left, bindings), self.is(positive, right, bindings));
+                if positive { left || right } else { left && right }
             }
-            Condition::Exists(variables, inner) => {
-                self.instances(variables, bindings).iter().any(|it| self.holds(inner, it))
-            }
-            Condition::Forall(variables, inner) => {
-                self.instances(variables, bindings).iter().all(|it| self.holds(inner, it))
+            Condition::Exists(variables, inner) | Condition::Forall(variables, inner) => {
+                let instances = self.instances(variables, bindings);
+                let mut instances = instances.iter();
+                match matches!(condition, Condition::Exists(..)) == positive {
+                    true => instances.any(|it| self.is(positive, inner, it)),
+                    false => instances.all(|it| self.is(positive, inner, it)),
+                }
             }
         }
     }

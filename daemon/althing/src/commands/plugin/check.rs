@@ -2,7 +2,6 @@
 //! daemon would, and says whether its agents came.
 
 use std::fmt::Write as _;
-use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -85,7 +84,7 @@ impl Desk {
         let requires_confinement =
             ecosystem.is_some_and(|ecosystem| ecosystem.plugins.requires_confinement);
         let (name, within) = (&package.manifest.name, package.manifest.ready_within);
-        if std::io::stderr().is_terminal() {
+        if output::notes_reach_a_terminal() {
             output::note(&format!("starting {name}, which has {within:?} to be ready"));
         }
         let trial = Trial { package: package.clone(), launcher, host, requires_confinement };

@@ -1,0 +1,120 @@
+//! What is called the cheapest plan is the cheapest plan of the texts, and not of those steps alone
+//! that serve the goal.
+
+use planner::{Cancel, Effort, Options, Outcome, StopReason, Unprovable, configuration, plan};
+
+use crate::support::{domain, parse, problem};
+
+/// Plans with an effort and a configuration.
+#[track_caller]
+fn outcome(texts: (&str, &str), effort: Effort, search: &str) -> Outcome {
+    let (domain, problem) = parse(&domain(texts.0), &problem(texts.1));
+    let configuration = configuration(search).expect("there is one");
+    let options = Options { effort, configuration, ..Options::default() };
+    plan(&domain, &problem, &options, &Cancel::new()).expect("it plans")
+}
+
+/// There is a plan, and no effort proves it the cheapest, for that reason.
+#[track_caller]
+fn unproven(domain: &str, problem: &str, why: Unprovable) {
+    for (effort, search) in [
+        (Effort::First, "althing"),
+        (Effort::Optimal, "althing"),
+        (Effort::Optimal, "astar-lmcut"),
+        (Effort::First, "astar-max"),
+    ] {
+        let outcome = outcome((domain, problem), effort, search);
+        assert!(outcome.plan.is_some(), "{effort:?} {search}: {outcome:?}");
+        assert!(!outcome.statistics.proven_optimal, "{effort:?} {search}: {outcome:?}");
+        assert_eq!(outcome.unprovable, Some(why), "{effort:?} {search}");
+        if effort == Effort::Optimal {
+            assert_eq!(outcome.unproven, Some(StopReason::Exhausted), "{search}");
+            assert_eq!(outcome.exit_code(), 4, "{search}");
+        }
+    }
+}
+
+/// The cheapest plan costs that, and is proven to.
+#[track_caller]
+fn proven(domain: &str, problem: &str, cost: f64) {
+    let outcome = outcome((domain, problem), Effort::Optimal, "althing");
+    assert!(outcome.statistics.proven_optimal, "{outcome:?}");
+    assert_eq!(outcome.plan.and_then(|plan| plan.cost).map(|cost| cost.0), Some(cost));
+    assert_eq!(outcome.unprovable, None);
+}
+
+/// Coins lie on the way that the goal does not ask for.
+const COINS: &str = "(:predicates (home) (taken ?c)) (:functions (score) (worth ?c))
+    (:action take :parameters (?c) :precondition (not (taken ?c))
+      :effect (and (taken ?c) (increase (score) (worth ?c))))
+    (:action go :effect (home))";
+
+#[test]
+fn steps_beside_the_goal_that_improve_the_metric_allow_no_proof() {
+    let start = "(:objects c1 c2) (:init (= (score) 0) (= (worth c1) 10) (= (worth c2) 10))";
+    for metric in
+        ["maximize (score)", "minimize (- 10 (score))", "minimize (- (total-time) (score))"]
+    {
+        let text = format!("{start} (:goal (home)) (:metric {metric})");
+        unproven(COINS, &text, Unprovable::Pays);
+    }
+    let spending = COINS.replace("increase", "decrease");
+    let text = format!("{start} (:goal (home)) (:metric minimize (score))");
+    unproven(&spending, &text, Unprovable::Pays);
+}
+
+#[test]
+fn one_irrelevant_instance_that_pays_is_enough() {
+    let text = |worth: &str| {
+        format!(
+            "(:objects c1 c2) (:init (= (score) 0) (= (worth c1) 3) (= (worth c2) {worth}))
+             (:goal (home)) (:metric minimize (score))"
+        )
+    };
+    unproven(COINS, &text("-1"), Unprovable::Pays);
+    proven(COINS, &text("0"), 0.0);
+}
+
+#[test]
+fn a_step_that_pays_and_never_applies_does_not_matter() {
+    let never = "(:predicates (home) (never)) (:functions (score))
+        (:action take :precondition (never) :effect (decrease (score) 5))
+        (:action go :effect (and (home) (increase (score) 2)))";
+    proven(never, "(:init (= (score) 0)) (:goal (home)) (:metric minimize (score))", 2.0);
+}
+
+#[test]
+fn a_goal_that_holds_at_once_may_be_left_for_a_better_metric() {
+    let text = |metric: &str| {
+        format!(
+            "(:objects c) (:init (home) (= (score) 0) (= (worth c) 1)) (:goal (home))
+            (:metric {metric})"
+        )
+    };
+    unproven(COINS, &text("maximize (score)"), Unprovable::Pays);
+    unproven(COINS, &text("minimize (- (total-time))"), Unprovable::Pays);
+    proven(COINS, &text("minimize (score)"), 0.0);
+}
+
+const PAY: &str = "(:predicates (h) (k)) (:functions (total-cost) (load))
+    (:action a :precondition (not (h)) :effect (and (h) (increase (total-cost) COST)))
+    (:action b :precondition (not (k)) :effect (and (k) (increase (load) 1)))
+    (:action c :precondition (not (k)) :effect (and (k) (decrease (total-cost) 0)))";
+
+#[test]
+fn the_reason_is_the_true_one() {
+    let text =
+        "(:init (= (total-cost) 0) (= (load) 1)) (:goal (h)) (:metric minimize (total-cost))";
+    let with = |cost: &str| PAY.replace("COST", cost);
+    proven(&with("5"), text, 5.0);
+    proven(&with("0.000001"), text, 0.000_001);
+    unproven(&with("-5"), text, Unprovable::Pays);
+    unproven(&with("(load)"), text, Unprovable::Varies);
+    unproven(&with("0.00000015"), text, Unprovable::TooFine);
+    for large in ["900000000000000", "10000000000000000000", "1000000000000000000000000000000"] {
+        unproven(&with(large), text, Unprovable::TooLarge);
+    }
+    let product = "(:init (= (total-cost) 0) (= (load) 1)) (:goal (h))
+        (:metric minimize (* (total-cost) (total-cost)))";
+    unproven(&with("5"), product, Unprovable::NoSum);
+}

@@ -1,0 +1,70 @@
+//! Why a problem of plain PDDL has no plan: nothing is said that is not so.
+
+use planner::Cancel;
+use planner::explain::why_unsolvable;
+
+use crate::support::{self, domain, parse, problem};
+
+/// What is told of a problem that has no plan.
+#[track_caller]
+fn why(domain_parts: &str, problem_parts: &str) -> String {
+    let (domain, problem) = (domain(domain_parts), problem(problem_parts));
+    let outcome = support::outcome(&domain, &problem).expect("it plans");
+    assert!(outcome.plan.is_none(), "{outcome:?}");
+    let (domain, problem) = parse(&domain, &problem);
+    why_unsolvable(&domain, &problem, 1 << 30, &Cancel::new()).expect("it is told").to_string()
+}
+
+#[test]
+fn a_type_without_objects_is_named() {
+    let lift = "(:types box crane) (:predicates (up ?b - box) (free ?c - crane) (seen))
+        (:action lift :parameters (?c - crane ?b - box) :precondition (free ?c) :effect (up ?b))";
+    let told = why(lift, "(:objects b - box) (:init) (:goal (up b))");
+    assert!(told.contains("there is no object of type `crane` for its `?c`"), "{told}");
+    let free = lift.replace(":precondition (free ?c)", "");
+    let told = why(&free, "(:objects b - box) (:init) (:goal (up b))");
+    assert!(told.contains("there is no object of type `crane` for its `?c`"), "{told}");
+    assert!(!told.contains("together"), "{told}");
+    let axiom = "(:types box crane) (:predicates (seen ?b - box) (near ?b - box))
+        (:derived (seen ?b - box) (near ?b))
+        (:action look :parameters (?c - crane ?b - box) :effect (near ?b))";
+    let told = why(axiom, "(:objects b - box) (:init) (:goal (seen b))");
+    assert!(told.contains("there is no object of type `crane` for its `?c`"), "{told}");
+}
+
+#[test]
+fn conditions_that_never_hold_together_are_said_to_be_so() {
+    let told = why(
+        "(:predicates (left ?x) (right ?x) (g))
+         (:action go :parameters (?x) :precondition (and (left ?x) (right ?x)) :effect (g))",
+        "(:objects a b) (:init (left a) (right b)) (:goal (g))",
+    );
+    assert!(told.contains("its conditions never hold together"), "{told}");
+}
+
+const HEATER: &str = "(:predicates (on)) (:functions (temp ?r))
+    (:action heat :parameters (?r) :precondition (< (temp ?r) 18) :effect (increase (temp ?r) 1))";
+
+#[test]
+fn nothing_is_said_to_be_undone_where_a_number_is_in_the_way() {
+    let told =
+        why(HEATER, "(:objects room) (:init (= (temp room) 15)) (:goal (>= (temp room) 20))");
+    assert!(!told.contains("undo"), "{told}");
+    let both = "(:objects room) (:init (= (temp room) 15)) (:goal (and (>= (temp room) 20) (on)))";
+    let switch = HEATER.to_owned() + "(:action switch :effect (on))";
+    let told = why(&switch, both);
+    assert!(!told.contains("undo"), "{told}");
+    let told = why(
+        "(:predicates (a) (b) (c)) (:action x :precondition (c) :effect (and (a) (not (c))))
+         (:action y :precondition (and (a) (c)) :effect (b))",
+        "(:init (c)) (:goal (b))",
+    );
+    assert!(told.contains("the steps towards it undo what it needs"), "{told}");
+}
+
+#[test]
+fn a_number_that_is_never_given_is_named() {
+    let told = why(HEATER, "(:objects room) (:init) (:goal (>= (temp room) 17))");
+    assert!(told.contains("`(temp room)` has no value, and no action assigns it one"), "{told}");
+    assert!(!told.contains("undo"), "{told}");
+}
