@@ -142,7 +142,7 @@ impl Rights {
             | Request::Execute(_)
             | Request::CallOff(_)
             | Request::Act(_) => self.may_ask_for_goals(agent),
-            // Who carries a plan out tells what an action had for effects, in the name of who acted.
+            // The Plan Executor reports the effects of an action in the name of the agent that acted.
             Request::ChangeState(ChangeState { owner: Some(owner), .. })
                 if owner != agent && !self.may_reason(agent) =>
             {

@@ -53,7 +53,7 @@ pub(crate) fn is_pattern(filter: &str) -> bool {
 
 /// Whether a topic fits a filter: `+` is any one level, `#` at the end all that follow. What a broker
 /// says of itself (`$SYS/…`) fits only filters that name it.
-pub(crate) fn fits(filter: &str, topic: &str) -> bool {
+pub fn fits(filter: &str, topic: &str) -> bool {
     if topic.starts_with('$') && filter.starts_with(['+', '#']) {
         return false;
     }

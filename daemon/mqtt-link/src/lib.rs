@@ -24,10 +24,10 @@ use tokio::time::Instant;
 use tokio_util::task::AbortOnDropHandle;
 
 pub use broker::Broker;
-pub use filter::{filter_problem, topic_problem};
+pub use filter::{filter_problem, fits, topic_problem};
 pub use inbox::Inbox;
 
-use filter::{fits, is_pattern};
+use filter::is_pattern;
 use inbox::Waiting;
 
 /// How long a silent broker counts as alive, at first. A text that takes longer than that to come is

@@ -552,7 +552,8 @@ fn scouts(settings: &Value) -> bool {
     settings["scouting"]["multicast"]["enabled"] == json!(true)
 }
 
-/// Who only calls others has not been answered; who listens, too, may have failed at either.
+/// Why a session did not open. Without endpoints to listen at, no connection was made; with them, either
+/// may be the reason.
 fn unopened(listen: &[String], connect: &[String]) -> String {
     if let ([], [_, ..]) = (listen, connect) {
         let places = connect.join("`, `");

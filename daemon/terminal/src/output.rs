@@ -182,7 +182,7 @@ pub fn show_people(report: &Report) {
     note(&render::summary(report));
 }
 
-/// Whether somebody sees notes as they are written: how far a long job is, say.
+/// Whether notes go to a terminal, so that the progress of a long job is worth a note.
 pub fn notes_reach_a_terminal() -> bool {
     io::stderr().is_terminal()
 }

@@ -30,10 +30,7 @@ impl Gateway {
         devices.retain(|device| !is_listed(&self.config.ignore, device));
         let mut given = self.given.lock().unwrap_or_else(PoisonError::into_inner);
         let names = given.names(&devices, |name| self.is_taken(name));
-        let mut counts = BTreeMap::<String, usize>::new();
-        for device in &devices {
-            *counts.entry(name_of(&device.name)).or_default() += 1;
-        }
+        let counts = counted(devices.iter().map(|device| name_of(&device.name)));
         let is_alone = |device: &Described| counts.get(&name_of(&device.name)) == Some(&1);
         let found = devices.iter().zip(names);
         found.flat_map(|(device, name)| self.agents_of(device, &name, is_alone(device))).collect()
@@ -162,13 +159,6 @@ impl Given {
 
 /// The names of devices that have none yet.
 fn fresh(devices: &[&Described], is_free: impl Fn(&str) -> bool) -> Vec<String> {
-    let count = |names: &[String]| {
-        let mut counts = BTreeMap::<String, usize>::new();
-        for name in names {
-            *counts.entry(name.clone()).or_default() += 1;
-        }
-        counts
-    };
     let with = |device: &Described, name: &String, chars: usize| {
         let id = slug(&device.id, "");
         let id = &id[id.len().saturating_sub(chars)..];
@@ -177,7 +167,7 @@ fn fresh(devices: &[&Described], is_free: impl Fn(&str) -> bool) -> Vec<String> 
     let plain: Vec<_> = devices.iter().map(|device| name_of(&device.name)).collect();
     let mut names = plain.clone();
     for chars in [IDENTIFIER_CHARS, 24] {
-        let counts = count(&names);
+        let counts = counted(names.iter().cloned());
         for (name, (device, plain)) in names.iter_mut().zip(devices.iter().zip(&plain)) {
             if counts[name] > 1 || !is_free(name) {
                 *name = with(device, plain, chars);
@@ -194,6 +184,15 @@ fn fresh(devices: &[&Described], is_free: impl Fn(&str) -> bool) -> Vec<String> 
         used.insert(name.clone());
     }
     names
+}
+
+/// How often each name occurs.
+fn counted(names: impl Iterator<Item = String>) -> BTreeMap<String, usize> {
+    let mut counts = BTreeMap::new();
+    for name in names {
+        *counts.entry(name).or_default() += 1;
+    }
+    counts
 }
 
 /// The name of one agent of a device: shortened, with what tells it from others, where it is too long

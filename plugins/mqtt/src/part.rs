@@ -132,27 +132,14 @@ fn assembled(measured: Vec<Known>, switched: Vec<Known>) -> Vec<(String, Vec<Kno
 fn hears_itself(feature: &Feature) -> Option<String> {
     let command = feature.command.as_ref()?;
     let told = [command.on.topic.as_str(), command.off.topic.as_str()];
-    let is_heard = |told: &&str| feature.states.iter().any(|said| fits(&said.topic, told));
+    let is_heard =
+        |told: &&str| feature.states.iter().any(|said| mqtt_link::fits(&said.topic, told));
     let topic = told.into_iter().find(is_heard)?;
     let label = &feature.label;
     Some(format!(
         "its `{label}` says under `{topic}` how it is, and is told there what to be: the command \
          would be heard as if it were done; give it a state topic of its own"
     ))
-}
-
-/// Whether a topic fits a filter of topics.
-fn fits(filter: &str, topic: &str) -> bool {
-    let mut levels = topic.split('/');
-    for wanted in filter.split('/') {
-        match (wanted, levels.next()) {
-            ("#", _) => return true,
-            ("+", Some(_)) => (),
-            (wanted, Some(level)) if wanted == level => (),
-            _ => return false,
-        }
-    }
-    levels.next().is_none()
 }
 
 /// Whether a feature is the first of its class in a part: it stands for all of them.

@@ -6,10 +6,10 @@ use clap::{Args, Subcommand};
 use terminal::arguments::PrintArgs;
 
 pub(super) const HELP: &str = "\
-An ecosystem whose file has a [security] table is secured: links between
-machines are TLS both ways, and every message is signed by the daemon that says
-it. The authority's key stays where it was made; a daemon needs three files of
-the folder: authority.pem, NAME.pem and NAME.key.
+A [security] table in the ecosystem file secures the ecosystem: links between
+machines are mutual TLS, and the sender's daemon signs every message. The
+authority's key stays on the machine where it was made; a daemon needs three
+files of the folder: authority.pem, NAME.pem and NAME.key.
 
 `daemon`, `show` and `revoke` speak of ./althing.toml unless --ecosystem names
 another file.

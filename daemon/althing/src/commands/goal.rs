@@ -9,7 +9,7 @@ use keyboard::{Said, Wish};
 use crate::cli::{GoalArgs, WishArgs};
 use crate::commands::client;
 use crate::commands::speaking::{self, Interrupt, Manner};
-use crate::config::{Ecosystem, not_in_parentheses, wish_for};
+use crate::config::{Ecosystem, is_pddl, wish_for};
 
 /// Asks for a goal or cancels one.
 pub(super) fn run(args: &GoalArgs) -> ExitCode {
@@ -35,17 +35,16 @@ pub(crate) fn said(ecosystem: Option<&Ecosystem>, args: &WishArgs) -> Result<Sai
         return Ok(Said::Cancel(ConversationId::new(id)));
     }
     let asked = args.goal.as_deref().unwrap_or_default();
-    let wish =
-        match ecosystem {
-            Some(ecosystem) => ecosystem.wish(asked)?,
-            None if asked.trim_start().starts_with('(') => wish_for(asked),
-            None => {
-                return Err(not_in_parentheses(asked).unwrap_or_else(|| format!(
+    let wish = match ecosystem {
+        Some(ecosystem) => ecosystem.wish(asked)?,
+        None if is_pddl(asked) => wish_for(asked),
+        None => {
+            return Err(format!(
                 "`{asked}` may be a goal of the ecosystem file, which is not known here; write \
                  the goal in PDDL, or name the file with --ecosystem FILE"
-            )));
-            }
-        };
+            ));
+        }
+    };
     let wish = readable(wish)?;
     // What is said here counts more than what the file says of the goal.
     let keep = if args.maintain { Keep::Maintain } else { wish.keep };
@@ -54,9 +53,58 @@ pub(crate) fn said(ecosystem: Option<&Ecosystem>, args: &WishArgs) -> Result<Sai
     Ok(Said::Wish(Wish { keep, priority, partition, ..wish }))
 }
 
-/// The wish, if its goal can be read.
+/// The wish, if its goal can be read; otherwise what is wrong with it, and what was likely meant.
 pub(super) fn readable(wish: Wish) -> Result<Wish, String> {
-    let Wish { goal, .. } = &wish;
-    pddl::parse_condition(goal).into_result().map_err(|found| super::located(&found, goal))?;
-    Ok(wish)
+    let goal = wish.goal.trim();
+    let Err(found) = pddl::parse_condition(goal).into_result() else { return Ok(wish) };
+    let meant = format!("({goal})");
+    let is_closed = goal.matches('(').count() == goal.matches(')').count();
+    if is_closed && !goal.is_empty() && pddl::parse_condition(&meant).into_result().is_ok() {
+        return Err(format!("the goal `{goal}` has no parentheses; did you mean `{meant}`?"));
+    }
+    Err(super::located(&found, goal))
+}
+
+#[cfg(test)]
+mod tests {
+    use expect_test::{Expect, expect};
+
+    use super::*;
+
+    #[track_caller]
+    fn check(goal: &str, expected: Expect) {
+        expected.assert_eq(&readable(wish_for(goal)).expect_err("it cannot be read"));
+    }
+
+    #[test]
+    fn goals_that_cannot_be_read_say_what_was_meant() {
+        check(
+            "known hall",
+            expect!["the goal `known hall` has no parentheses; did you mean `(known hall)`?"],
+        );
+        check(
+            "not (known hall)",
+            expect![
+                "the goal `not (known hall)` has no parentheses; did you mean `(not (known hall))`?"
+            ],
+        );
+        check(
+            "known(hall)",
+            expect!["1:1: error: `known` stands before its parentheses; write `(known hall)`"],
+        );
+        check(
+            "at(r1, hall)",
+            expect!["1:1: error: `at` stands before its parentheses; write `(at r1 hall)`"],
+        );
+        check(
+            "known hall)",
+            expect![[r#"
+            1:1: error: expected a condition, found `known`; write `(known)` [(PREDICATE TERM*) | (not|and|or|imply CONDITION*) | (exists|forall (VARIABLES) CONDITION) | (= TERM TERM) | (COMPARISON EXPRESSION EXPRESSION)]
+            1:7: error: one condition is expected, `hall` is more
+            1:11: warning: `)` after the end closes nothing; remove it"#]],
+        );
+        check("(known hall", expect!["1:1: error: unclosed `(`; add `)` at the end"]);
+        check(" ", expect!["1:1: error: the text holds no condition"]);
+        assert!(readable(wish_for(" (known hall)")).is_ok());
+    }
 }

@@ -111,13 +111,17 @@ fn line(plugins: &Plugins, status: &Status) -> String {
     );
     let mut text = output::folded(line.trim_end(), 4);
     text.push('\n');
-    let lacks = status.not_enforced.join("; ");
-    let lacks = (!lacks.is_empty()).then(|| format!("not enforced here: {lacks}"));
+    let lacks = not_enforced_here(&status.not_enforced);
     for said in [&status.reason, &status.advice, &lacks].into_iter().flatten() {
         text += &output::folded(&format!("    {}", visible::line(said)), 4);
         text.push('\n');
     }
     text
+}
+
+/// What of a plugin's confinement is not enforced, if something is not.
+fn not_enforced_here(lacks: &[String]) -> Option<String> {
+    (!lacks.is_empty()).then(|| format!("not enforced here: {}", lacks.join("; ")))
 }
 
 fn add(args: &PluginAddArgs) -> ExitCode {

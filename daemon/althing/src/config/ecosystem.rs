@@ -132,26 +132,9 @@ pub(crate) fn wish_for(goal: &str) -> Wish {
     Wish { goal: goal.to_owned(), keep, priority: 0, partition }
 }
 
-/// What is wrong with a goal that is neither a name nor PDDL, where that shows.
-pub(crate) fn not_in_parentheses(goal: &str) -> Option<String> {
-    if goal.trim().is_empty() {
-        return Some("the goal is empty; write `(PREDICATE OBJECT …)`, or a name".to_owned());
-    }
-    if !goal.contains([' ', '(', ')', ',']) {
-        return None;
-    }
-    // `at(r1, hall)`, as other languages write it, or a forgotten pair of parentheses.
-    let words = goal.replacen('(', " ", 1).replace([',', ')'], " ");
-    let call = words.split_whitespace().collect::<Vec<_>>().join(" ");
-    let candidates = [format!("({})", goal.trim()), format!("({call})")];
-    let is_closed = |text: &str| text.matches('(').count() == text.matches(')').count();
-    let is_pddl =
-        |text: &String| is_closed(text) && pddl::parse_condition(text).into_result().is_ok();
-    let meant = candidates.iter().find(|text| is_pddl(text));
-    Some(match meant {
-        Some(meant) => format!("the goal `{goal}` is no PDDL; did you mean `{meant}`?"),
-        None => format!("the goal `{goal}` is no PDDL; write `(PREDICATE OBJECT …)`"),
-    })
+/// Whether a goal is PDDL, right or wrong, and no name.
+pub(crate) fn is_pddl(goal: &str) -> bool {
+    goal.trim().is_empty() || goal.contains([' ', '(', ')', ','])
 }
 
 // === impl Ecosystem ===
@@ -161,14 +144,11 @@ impl Ecosystem {
     ///
     /// The error says which names there are.
     pub(crate) fn wish(&self, goal: &str) -> Result<Wish, String> {
-        if goal.trim_start().starts_with('(') {
-            return Ok(wish_for(goal));
-        }
         if let Some(wish) = self.goals.get(goal) {
             return Ok(wish.clone());
         }
-        if let Some(problem) = not_in_parentheses(goal) {
-            return Err(problem);
+        if is_pddl(goal) {
+            return Ok(wish_for(goal));
         }
         let names = || self.goals.keys().map(String::as_str);
         let help = match (pddl::nearest(goal, names()), self.goals.len()) {

@@ -35,7 +35,7 @@ use ::config::{Config, ConfigError, Value};
 use agent::Mode;
 
 pub(crate) use ::interfacing::{InterfaceEntry, RuleEntry};
-pub(crate) use ecosystem::{AgentEntry, Ecosystem, SecuritySettings, not_in_parentheses, wish_for};
+pub(crate) use ecosystem::{AgentEntry, Ecosystem, SecuritySettings, is_pddl, wish_for};
 pub(crate) use environment::{Variables, variables};
 pub(crate) use find::{credentials_folder, find_ecosystem_file, resolve_ecosystem};
 pub(crate) use meaning::moved_goal;

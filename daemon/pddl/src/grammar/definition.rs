@@ -47,7 +47,7 @@ pub(crate) fn single<'f, T>(
         node = next;
     }
     let value = production(reader, node);
-    if let Some(more) = roots.next() {
+    if let Some(more) = roots.next().filter(|more| !reader.is_passed_over(*more)) {
         let message = format!("one {what} is expected, `{}` is more", excerpt(more));
         reader.report(Diagnostic::error(more.span(), message));
     }

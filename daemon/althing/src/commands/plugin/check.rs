@@ -12,6 +12,7 @@ use serde_json::{Value, json};
 use terminal::report::{Report, Source};
 use terminal::{exit, output};
 
+use super::not_enforced_here;
 use crate::cli::plugin::PluginCheckArgs;
 use crate::commands::{in_runtime, wrong};
 use crate::config::{self, Ecosystem};
@@ -118,8 +119,9 @@ impl Desk {
         let mut value = json!({ "plugin": name, "version": version, "started": worked.is_some() });
         let said = match worked {
             None => "nothing is wrong with its files; it was not started".to_owned(),
-            Some(Worked { program, took, agents, not_enforced: _ }) => {
+            Some(Worked { program, took, agents, not_enforced }) => {
                 value["program"] = json!(program);
+                value["not-enforced"] = json!(not_enforced);
                 value["agents"] = json!(agents);
                 let (took, program) = (took.as_secs_f64(), program.display());
                 let ran = format!("it ran within its confinement, as {program}");
@@ -131,13 +133,8 @@ impl Desk {
         };
         let line = output::folded(&format!("{name} {version}: {said}"), 4);
         let _ = writeln!(self.text, "{line}");
-        let lacks = worked.map(|worked| worked.not_enforced.as_slice()).unwrap_or_default();
-        if worked.is_some() {
-            value["not-enforced"] = json!(lacks);
-        }
-        if !lacks.is_empty() {
-            let said = format!("    not enforced here: {}", lacks.join("; "));
-            let _ = writeln!(self.text, "{}", output::folded(&said, 4));
+        if let Some(said) = worked.and_then(|worked| not_enforced_here(&worked.not_enforced)) {
+            let _ = writeln!(self.text, "{}", output::folded(&format!("    {said}"), 4));
         }
         self.json.push(value);
     }
