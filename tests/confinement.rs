@@ -36,8 +36,14 @@ const ONLINE: [&str; 4] = [
     "opens-a-socket-of-netlink",
 ];
 /// What a plugin may do in any case.
-const RIGHTS: [&str; 5] =
-    ["writes-at-home", "reads-its-package", "signals-its-child", "signals-itself", "pairs-sockets"];
+const RIGHTS: [&str; 6] = [
+    "writes-at-home",
+    "reads-its-package",
+    "reads-what-it-was-given",
+    "signals-its-child",
+    "signals-itself",
+    "pairs-sockets",
+];
 
 /// Whom the attacks are aimed at.
 struct Targets {
@@ -45,6 +51,7 @@ struct Targets {
     named: UnixListener,
     name: String,
     _datagram: UnixDatagram,
+    shared: UnixListener,
     tcp: std::net::TcpListener,
     key: PathBuf,
     before: String,
@@ -71,10 +78,13 @@ impl Targets {
         let named = UnixListener::bind_addr(&address).expect("a socket");
         named.set_nonblocking(true).expect("a socket");
         let datagram = UnixDatagram::bind(folder.join("datagram.sock")).expect("a socket");
+        fs::create_dir_all(folder.join("shared")).expect("a folder");
+        let shared = UnixListener::bind(folder.join("shared/other.sock")).expect("a socket");
+        shared.set_nonblocking(true).expect("a socket");
         let tcp = std::net::TcpListener::bind("127.0.0.1:0").expect("a socket");
         tcp.set_nonblocking(true).expect("a socket");
         let before = limits(&process);
-        Targets { process, named, name, _datagram: datagram, tcp, key, before }
+        Targets { process, named, name, _datagram: datagram, shared, tcp, key, before }
     }
 
     /// Says where they are, beside the attacks.
@@ -86,7 +96,7 @@ impl Targets {
         let targets = json!({
             "sockets": sockets, "name": self.name, "datagram": outside.join("datagram.sock"),
             "victim": self.key, "inside": inside, "folder": outside, "port": port,
-            "process": self.process.0.id(),
+            "process": self.process.0.id(), "shared": outside.join("shared/other.sock"),
         });
         fs::write(folder.join("targets.json"), targets.to_string()).expect("a file");
         fs::write(folder.join("attacks.py"), ATTACKS).expect("a file");
@@ -104,6 +114,7 @@ impl Targets {
         assert!(self.process.0.try_wait().expect("our child").is_none(), "it lives");
         assert_eq!(limits(&self.process), self.before);
         assert!(self.named.accept().is_err(), "nobody has come");
+        assert!(self.shared.accept().is_err(), "nobody has come");
         assert_eq!(self.tcp.accept().is_ok(), is_online);
     }
 }
@@ -196,7 +207,8 @@ fn package(office: &Office, targets: &Targets, network: bool) -> PathBuf {
     let text = format!(
         "name = \"attacker\"\nversion = \"1\"\nprotocol = \"1\"\nrun = [\"python3\", \"attacks.py\"]\n\
          ready-within = \"60s\"\n\n[[agent]]\nname = \"agent-of-attacker\"\n\n[permissions]\n\
-         network = {network}\n"
+         network = {network}\nread = [\"{}\"]\n",
+        office.folder().join("shared").display()
     );
     fs::write(folder.join("plugin.toml"), text).expect("a file");
     folder
@@ -212,9 +224,8 @@ fn attack(office: &Office, network: bool) {
     let text = text.replace(&from, &inside.display().to_string());
     fs::write(folder.join("targets.json"), text).expect("a file");
     let shown = folder.display().to_string();
-    let allowed: &[&str] = if network { &["--allow", "network"] } else { &[] };
-    let (code, said) = office.ask(&[&["plugin", "add", &shown], allowed].concat());
-    assert_eq!(code, Some(0), "{said}");
+    let online: &[&str] = if network { &["--allow", "network"] } else { &[] };
+    add(office, &shown, online);
     let said = await_logged(office, "attacker", "all was tried");
     let succeeded: BTreeSet<_> =
         said.lines().filter_map(|line| Some(line.split_once("succeeded ")?.1)).collect();
@@ -224,6 +235,14 @@ fn attack(office: &Office, network: bool) {
     // The daemon is as well as before.
     let (code, said) = office.ask(&["agents"]);
     assert!(code == Some(0) && said.contains("plan-executor"), "{said}");
+}
+
+/// Puts a package in, and allows what it asks to read.
+fn add(office: &Office, package: &str, allowed: &[&str]) {
+    let read = format!("read={}", office.folder().join("shared").display());
+    let add = [&["plugin", "add", package, "--allow", &read], allowed].concat();
+    let (code, said) = office.ask(&add);
+    assert_eq!(code, Some(0), "{said}");
 }
 
 /// Attacks with the right to the network and without.
@@ -269,6 +288,7 @@ fn without_a_confinement_the_attacks_succeed() {
         "overhears-a-daemon",
         "connects-by-a-link",
         "connects-to-a-name",
+        "connects-in-a-folder-that-it-reads",
         "sends-a-datagram",
         "reads-a-key",
         "writes-a-key",
@@ -291,6 +311,7 @@ fn without_a_confinement_the_attacks_succeed() {
         "opens-a-socket-of-udp",
         "holds-memory-without-a-name",
         "holds-memory-that-it-shares",
+        "holds-memory-of-zero",
         "shares-memory",
         "connects-over-tcp",
     ] {
@@ -445,8 +466,7 @@ fn where_confinement_is_required_and_lacks_something_no_plugin_runs() {
     let made = |office: &Office| {
         let targets = Targets::new(office.folder());
         let folder = package(office, &targets, false).display().to_string();
-        let (code, said) = office.ask(&["plugin", "add", &folder]);
-        assert_eq!(code, Some(0), "{said}");
+        add(office, &folder, &[]);
     };
     let required = office("[plugins]\nconfinement = \"require\"\n", |office, daemon| {
         filtered(office, &rules, daemon)

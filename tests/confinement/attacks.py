@@ -100,6 +100,14 @@ def shared_memory():
     LIBC.shmctl(identifier, 0, None)
 
 
+def memory_of_zero():
+    file = os.open("/dev/zero", os.O_RDWR)
+    try:
+        mmap.mmap(file, mmap.PAGESIZE, mmap.MAP_SHARED, mmap.PROT_READ | mmap.PROT_WRITE).close()
+    finally:
+        os.close(file)
+
+
 def set_flags(path):
     """Sets a flag of a file that is open to be read only."""
     file = os.open(path, os.O_RDONLY)
@@ -137,6 +145,7 @@ ATTACKS = {
     "connects-by-a-link": lambda: (
         os.symlink(TARGETS["sockets"][0], os.path.join(os.environ["HOME"], "link")),
         connect(os.path.join(os.environ["HOME"], "link"))),
+    "connects-in-a-folder-that-it-reads": lambda: connect(TARGETS["shared"]),
     "connects-to-a-name": lambda: connect("\0" + TARGETS["name"]),
     "connects-over-tcp": lambda: connect(("127.0.0.1", TARGETS["port"]), socket.AF_INET),
     "sends-a-datagram": lambda: send_to(TARGETS["datagram"]),
@@ -179,6 +188,7 @@ ATTACKS = {
     "opens-a-socket-of-netlink": lambda: socket.socket(socket.AF_NETLINK, socket.SOCK_RAW).close(),
     "holds-memory-without-a-name": lambda: os.close(os.memfd_create("hidden")),
     "holds-memory-that-it-shares": lambda: mmap.mmap(-1, mmap.PAGESIZE).close(),
+    "holds-memory-of-zero": memory_of_zero,
     "shares-memory": shared_memory,
     "makes-a-device": device,
 }
@@ -187,6 +197,7 @@ ATTACKS = {
 RIGHTS = {
     "writes-at-home": lambda: write_new(os.path.join(os.environ["HOME"], "own")),
     "reads-its-package": lambda: open(INSIDE).read(),
+    "reads-what-it-was-given": lambda: os.stat(TARGETS["shared"]),
     "signals-its-child": lambda: own_child(),
     "signals-itself": lambda: os.kill(os.getpid(), signal.SIGCONT),
     "pairs-sockets": lambda: [end.close() for end in socket.socketpair()],

@@ -121,8 +121,8 @@ impl Ward {
     }
 
     /// What is done for a plugin.
-    pub(crate) fn plan(&self, network: bool) -> Plan {
-        self.means.plan(network, self.tree.is_ok())
+    pub(crate) fn plan(&self, permissions: &Permissions) -> Plan {
+        self.means.plan(permissions, self.tree.is_ok())
     }
 }
 
@@ -158,7 +158,7 @@ impl Start<'_> {
         let path = path(program, &read);
         let confinement = Confinement {
             parent: std::process::id(),
-            plan: ward.means.plan(permissions.network, counted.is_some()),
+            plan: ward.means.plan(permissions, counted.is_some()),
             limits: Limits {
                 memory: permissions.memory.saturating_add(ADDRESSES),
                 files: permissions.files,

@@ -147,7 +147,7 @@ impl Ground {
             return Confined { is_required, ..Confined::default() };
         };
         Confined {
-            not_enforced: ward.plan(false).lacks(),
+            not_enforced: ward.plan(&Permissions::default()).lacks(),
             limits: ward.limits(),
             is_required,
             means: Some(ward.means.clone()),
@@ -281,7 +281,7 @@ impl Keeper {
             tracing::warn!("failed to {error}");
         }
         let found = Ward::find(launcher, data, private).await;
-        let lacks = found.plan(false).lacks();
+        let lacks = found.plan(&Permissions::default()).lacks();
         match lacks.is_empty() {
             true => {
                 tracing::info!(limits = found.limits(), "plugins are confined, nothing is missing")
@@ -473,7 +473,7 @@ impl Keeper {
             );
             return Some((State::NotAllowed, why));
         }
-        let lacks = self.ground.ward().plan(permissions.network).lacks();
+        let lacks = self.ground.ward().plan(permissions).lacks();
         let why = trial::not_confined(*requires_confinement, &lacks);
         why.map(|why| (State::NotConfined, why))
     }

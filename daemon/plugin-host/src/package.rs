@@ -132,7 +132,9 @@ impl Package {
     ///
     /// If it is not there, or cannot be run.
     pub(crate) async fn program(&self) -> Result<Program, String> {
-        program::resolve(&self.folder, self.called(), &program::own_path()).await
+        let (folder, read) = (&self.folder, &self.manifest.permissions.read);
+        let scope = program::Scope { folder, read, path: &program::own_path() };
+        program::resolve(scope, self.called()).await
     }
 
     /// What the manifest calls its program.

@@ -12,6 +12,11 @@
 //! manifest or a script names by its path could be a file of the package or one that the plugin has
 //! written; of that only links and folders are looked at. A virtual environment of a package is not
 //! entered either: code of its packages would run.
+//!
+//! The same files decide what may be read: a program of the daemon's user brings along what it needs. A
+//! program that a manifest or a script names by its path has to lie in the package, among the system's
+//! programs, or where `read` lets the plugin read ([`Scope`]); otherwise a manifest would grant itself
+//! the folders around any program of the user.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -86,6 +91,17 @@ struct Shim {
     environment: Vec<String>,
 }
 
+/// Where programs are looked for, and which of them a package may name by their paths.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Scope<'s> {
+    /// The folder of the package.
+    pub(crate) folder: &'s Path,
+    /// What the package asks to read. A plugin is not started before a person has allowed it.
+    pub(crate) read: &'s [PathBuf],
+    /// The folders in which a name is looked for.
+    pub(crate) path: &'s [PathBuf],
+}
+
 /// A file that may be the program.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Candidate {
@@ -94,21 +110,17 @@ pub(crate) struct Candidate {
     asked: Option<PathBuf>,
 }
 
-/// Resolves a program of a package in `folder`. A name without `/` is looked for in the package's own
-/// virtual environment and then on `path`; anything else is a file of the package, or absolute.
+/// Resolves a program of a package. A name without `/` is looked for in the package's own virtual
+/// environment and then on the path; anything else is a file of the package, or absolute.
 ///
 /// # Errors
 ///
 /// If there is none that can be run; for a person.
-pub(crate) async fn resolve(
-    folder: &Path,
-    name: &str,
-    path: &[PathBuf],
-) -> Result<Program, String> {
-    let candidates = candidates(folder, name, path)?;
+pub(crate) async fn resolve(scope: Scope<'_>, name: &str) -> Result<Program, String> {
+    let candidates = candidates(scope.folder, name, scope.path)?;
     let mut first = None;
     for candidate in candidates {
-        match Box::pin(really(&candidate, path, STEPS_MAX)).await {
+        match Box::pin(really(&candidate, scope, STEPS_MAX)).await {
             Ok(mut program) => {
                 if program.file != candidate.file && program.leading.is_empty() {
                     let (shim, real) = (candidate.file.display(), program.file.display());
@@ -165,11 +177,28 @@ impl Candidate {
     /// One that a manifest or a script names by its path. Where it is a link to a program of the
     /// system's, that one may be asked.
     fn named(file: PathBuf) -> Candidate {
-        let is_system =
-            |file: &PathBuf| SYSTEM_FOLDERS.iter().any(|folder| file.starts_with(folder));
-        let asked = file.canonicalize().ok().filter(is_system);
+        let asked = file.canonicalize().ok().filter(|file| is_system(file));
         Candidate { file, asked }
     }
+
+    /// Whether the daemon's user has put it there, and the package only names it.
+    fn is_trusted(&self) -> bool {
+        self.asked.as_ref() == Some(&self.file)
+    }
+}
+
+impl Scope<'_> {
+    /// Whether the package may read a file without being asked, or asks to.
+    fn holds(&self, file: &Path) -> bool {
+        let is_below = |root: &Path| {
+            file.starts_with(root) || root.canonicalize().is_ok_and(|root| file.starts_with(root))
+        };
+        is_system(file) || is_below(self.folder) || self.read.iter().any(|root| is_below(root))
+    }
+}
+
+fn is_system(file: &Path) -> bool {
+    SYSTEM_FOLDERS.iter().any(|folder| file.starts_with(folder))
 }
 
 /// The folders of this process's `PATH`.
@@ -185,12 +214,16 @@ fn is_executable(file: &Path) -> bool {
 }
 
 /// What a file that can be executed really runs.
-async fn really(candidate: &Candidate, path: &[PathBuf], steps: u32) -> Result<Program, String> {
+async fn really(candidate: &Candidate, scope: Scope<'_>, steps: u32) -> Result<Program, String> {
     let Candidate { file, asked } = candidate;
     let shown = file.display();
     if steps == 0 {
         return Err(format!("{shown}: too many scripts stand for one another"));
     }
+    let own = match candidate.is_trusted() {
+        true => binary(file),
+        false => named(file, scope, steps).await?,
+    };
     let script = script(file);
     if let Some(asked) = asked {
         if is_python(asked)
@@ -198,7 +231,7 @@ async fn really(candidate: &Candidate, path: &[PathBuf], steps: u32) -> Result<P
         {
             if asked != file {
                 python.file = file.clone();
-                python.readable.extend(binary(file).readable);
+                python.readable.extend(own.readable);
             }
             return Ok(python);
         }
@@ -209,27 +242,63 @@ async fn really(candidate: &Candidate, path: &[PathBuf], steps: u32) -> Result<P
             None => script.as_deref().and_then(shim),
         };
         if let Some(shim) = shim {
-            return Box::pin(behind(&shim, file, path, steps)).await;
+            return Box::pin(behind(&shim, file, scope, steps)).await;
         }
     }
-    let Some((interpreter, extra)) = script.and_then(|script| interpreter(&script, path)) else {
-        let mut program = binary(file);
+    let Some((interpreter, extra)) = script.and_then(|script| interpreter(&script, scope.path))
+    else {
+        let mut program = own;
         if let Some(asked) = asked {
             program.readable.extend(libraries(asked).await);
         }
         return Ok(program);
     };
-    let mut program = Box::pin(really(&interpreter, path, steps - 1))
+    let mut program = Box::pin(really(&interpreter, scope, steps - 1))
         .await
         .map_err(|problem| format!("{shown} needs an interpreter: {problem}"))?;
     program.leading.extend(extra);
     program.leading.push(shown.to_string());
-    program.readable.extend(binary(file).readable);
+    program.readable.extend(own.readable);
     Ok(program)
 }
 
+/// A program that a package names by its path, with what the package may read of its surroundings.
+///
+/// # Errors
+///
+/// If the package may not read the program itself; for a person.
+async fn named(file: &Path, scope: Scope<'_>, steps: u32) -> Result<Program, String> {
+    let real = file.canonicalize().unwrap_or_else(|_| file.to_owned());
+    let mut program = binary(file);
+    if scope.holds(file) && !scope.holds(&real) {
+        // A virtual environment leads to the interpreter that it was made with: the user's own, mostly.
+        let name = real.file_name().unwrap_or_default().to_string_lossy();
+        for candidate in on_path(&name, scope.path) {
+            let users = Box::pin(really(&candidate, scope, steps - 1)).await;
+            let Ok(users) = users else { continue };
+            if users.readable.contains(&real) {
+                program.readable.retain(|path| scope.holds(path));
+                program.readable.extend(users.readable);
+                return Ok(program);
+            }
+        }
+    }
+    match [file, &real].into_iter().find(|path| path.exists() && !scope.holds(path)) {
+        Some(outside) => {
+            let (file, outside) = (file.display(), outside.display());
+            Err(format!(
+                "{file}: the package may not read {outside}, which is no file of its own and no program of the system; add it, or the folder that it needs, to `read` in `[permissions]`, for a person to allow"
+            ))
+        }
+        None => {
+            program.readable.retain(|path| scope.holds(path));
+            Ok(program)
+        }
+    }
+}
+
 /// What stands behind a shim, by its manager's word.
-async fn behind(shim: &Shim, file: &Path, path: &[PathBuf], steps: u32) -> Result<Program, String> {
+async fn behind(shim: &Shim, file: &Path, scope: Scope<'_>, steps: u32) -> Result<Program, String> {
     let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let mut command = vec!["env".to_owned()];
     command.extend(shim.environment.iter().cloned());
@@ -252,7 +321,7 @@ async fn behind(shim: &Shim, file: &Path, path: &[PathBuf], steps: u32) -> Resul
         ));
     }
     // A manager of the user's has said so.
-    really(&Candidate::trusted(real), path, steps - 1).await
+    really(&Candidate::trusted(real), scope, steps - 1).await
 }
 
 /// The multiplexer behind a link: what `python3` is where it leads to `mise`.
@@ -398,6 +467,11 @@ fn keep(folder: &Path, readable: &mut BTreeSet<PathBuf>) {
 mod tests {
     use super::*;
 
+    /// Resolves a name for a package that asks to read nothing.
+    async fn resolve(folder: &Path, name: &str, path: &[PathBuf]) -> Result<Program, String> {
+        super::resolve(Scope { folder, read: &[], path }, name).await
+    }
+
     fn write(file: &Path, text: &str) {
         fs::create_dir_all(file.parent().expect("a folder")).expect("made");
         fs::write(file, text).expect("written");
@@ -529,6 +603,33 @@ mod tests {
         std::os::unix::fs::symlink("/bin/sh", package.join(".venv/bin/python3")).expect("a link");
         let program = resolve(&package, "python3", &own_path()).await.expect("its own");
         assert_eq!(program.file, package.join(".venv/bin/python3"));
+    }
+
+    /// A program of the user that a package names: around it lie things that are not the package's.
+    #[tokio::test]
+    async fn a_package_grants_itself_no_folder_by_the_path_of_a_program() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (package, project) = (folder.path().join("package"), folder.path().join("project"));
+        let tool = project.join("bin/tool");
+        write(&tool, "\x7fELF");
+        write(&project.join("lib/secret"), "");
+        fs::create_dir_all(package.join("bin")).expect("made");
+        std::os::unix::fs::symlink(&tool, package.join("bin/link")).expect("a link");
+        write(&package.join("script"), &format!("#!{}\n", tool.display()));
+        for name in ["bin/link", "./script", "../project/bin/tool", &tool.display().to_string()] {
+            let refused = resolve(&package, name, &own_path()).await.expect_err(name);
+            assert!(refused.contains("project/bin/tool"), "{refused}");
+            assert!(refused.contains("`read` in `[permissions]`"), "{refused}");
+        }
+        // What a person may be asked for is the program, and nothing around it.
+        let read = [tool.clone()];
+        let scope = Scope { folder: &package, read: &read, path: &own_path() };
+        let program = super::resolve(scope, "bin/link").await.expect("it may be read");
+        assert!(program.readable.contains(&tool), "{program:?}");
+        assert!(!program.readable.contains(&project), "{program:?}");
+        // The same program is the user's own choice where it lies on the path.
+        let program = resolve(&package, "tool", &[project.join("bin")]).await.expect("found");
+        assert!(program.readable.contains(&project), "{program:?}");
     }
 
     #[tokio::test]

@@ -130,8 +130,7 @@ impl Supervision {
     /// Keeps it running until something else is wanted.
     async fn keep_running(&mut self, wanted: &Wanted) {
         let permissions = &wanted.package.manifest.permissions;
-        let (asks, lacks) =
-            (permissions.asks(), self.ground.ward().plan(permissions.network).lacks());
+        let (asks, lacks) = (permissions.asks(), self.ground.ward().plan(permissions).lacks());
         if !lacks.is_empty() {
             self.log.remark(&format!("not enforced here: {}", lacks.join("; ")));
         }

@@ -142,7 +142,7 @@ impl Stage {
         let endpoint = opened.map_err(|error| format!("failed to {error}"))?;
         let data = self.folder.0.join("home");
         let ward = Ward::find(launcher, &self.folder.0, &[]).await;
-        let not_enforced = ward.plan(package.manifest.permissions.network).lacks();
+        let not_enforced = ward.plan(&package.manifest.permissions).lacks();
         if let Some(why) = not_confined(self.requires_confinement, &not_enforced) {
             return Err(why);
         }

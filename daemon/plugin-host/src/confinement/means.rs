@@ -11,7 +11,8 @@ use serde::{Deserialize, Serialize};
 use super::calls::{self, Choice};
 use super::files::{self, Files};
 use super::room::{self, Furniture};
-use super::{PLAIN_DEVICES, SYSTEM};
+use super::{PLAIN_DEVICES, SYSTEM, ZERO};
+use crate::rights::Permissions;
 
 /// What the kernel has.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -46,6 +47,8 @@ pub(crate) struct Plan {
     pub(crate) is_counted: bool,
     /// It may use the Internet.
     pub(crate) network: bool,
+    /// It may read files and folders of others, in which there may be sockets.
+    pub(crate) reads_more: bool,
     /// The daemon runs as root.
     pub(crate) is_root: bool,
 }
@@ -63,7 +66,7 @@ impl Means {
         });
         let furniture = Furniture {
             shown: SYSTEM.iter().map(PathBuf::from).collect(),
-            devices: PLAIN_DEVICES.iter().map(PathBuf::from).collect(),
+            devices: PLAIN_DEVICES.iter().chain(&[ZERO]).map(PathBuf::from).collect(),
             sockets: Vec::new(),
             home: folder.to_owned(),
             network: false,
@@ -101,7 +104,7 @@ impl Means {
     }
 
     /// What is done for a plugin; `is_counted` if it has a control group.
-    pub(crate) fn plan(&self, network: bool, is_counted: bool) -> Plan {
+    pub(crate) fn plan(&self, permissions: &Permissions, is_counted: bool) -> Plan {
         let mut plan = Plan {
             has_room: self.no_namespaces.is_none(),
             landlock: self.landlock,
@@ -109,7 +112,8 @@ impl Means {
             is_mediated: false,
             counts_processes: false,
             is_counted,
-            network,
+            network: permissions.network,
+            reads_more: !permissions.read.is_empty(),
             is_root: self.is_root,
         };
         let can_ask = plan.forbids_calls && self.no_questions.is_none();
@@ -121,9 +125,10 @@ impl Means {
 }
 
 impl Plan {
-    /// Whether sockets of others that have a path are out of reach.
+    /// Whether sockets of others that have a path are out of reach. A socket in a folder that is shown in
+    /// the room can be connected to, though the folder is read-only.
     fn hides_sockets(&self) -> bool {
-        self.has_room || self.landlock >= files::SOCKETS || self.is_mediated
+        (self.has_room && !self.reads_more) || self.landlock >= files::SOCKETS || self.is_mediated
     }
 
     /// Whether sockets of others that have a name only (abstract ones) are out of reach.
@@ -170,10 +175,11 @@ impl Plan {
             hides_files && !self.keeps_files(),
             "it can change modes, times and lengths of files that it can reach",
         );
-        say(
-            !self.hides_sockets(),
-            "it can connect to Unix sockets of this user, those of daemons included",
-        );
+        let sockets = match self.has_room {
+            true => "it can connect to Unix sockets in what `read` shows it",
+            false => "it can connect to Unix sockets of this user, those of daemons included",
+        };
+        say(!self.hides_sockets(), sockets);
         say(!self.hides_names(), "it can connect to abstract Unix sockets");
         say(!self.hides_processes(), "it can signal other processes of this user");
         say(
@@ -204,41 +210,51 @@ mod tests {
         }
     }
 
+    fn asking(network: bool, read: &[&str]) -> Permissions {
+        let read = read.iter().map(PathBuf::from).collect();
+        Permissions { network, read, ..Permissions::default() }
+    }
+
     #[test]
     fn kernels_of_debian_leave_nothing_open_with_namespaces_or_without() {
         for landlock in [2, 6, 7, 9] {
             for namespaces in [true, false] {
                 for network in [true, false] {
-                    for is_root in [true, false] {
+                    for (is_root, read) in [(true, &[][..]), (false, &[]), (false, &["/srv/a"])] {
                         let means = Means { is_root, ..means(landlock, namespaces, true) };
-                        let lacks = means.plan(network, false).lacks();
-                        assert!(lacks.is_empty(), "{means:?} {network}: {lacks:?}");
+                        let lacks = means.plan(&asking(network, read), false).lacks();
+                        assert!(lacks.is_empty(), "{means:?} {network} {read:?}: {lacks:?}");
                     }
                 }
             }
         }
         // A room alone is enough where Landlock is not built in.
-        assert!(means(0, true, true).plan(false, false).lacks().is_empty());
+        assert!(means(0, true, true).plan(&asking(false, &[]), false).lacks().is_empty());
     }
 
     #[test]
     fn the_daemon_is_asked_only_where_the_kernel_has_no_means() {
-        assert!(!means(6, true, true).plan(false, false).is_mediated);
-        assert!(!means(9, false, true).plan(true, true).is_mediated);
-        assert!(means(2, true, true).plan(false, false).is_mediated, "signals");
-        assert!(means(7, false, true).plan(false, true).is_mediated, "sockets");
-        assert!(means(9, false, true).plan(false, false).counts_processes);
+        assert!(!means(6, true, true).plan(&asking(false, &[]), false).is_mediated);
+        assert!(!means(9, false, true).plan(&asking(true, &[]), true).is_mediated);
+        assert!(means(2, true, true).plan(&asking(false, &[]), false).is_mediated, "signals");
+        assert!(means(7, false, true).plan(&asking(false, &[]), true).is_mediated, "sockets");
+        let reads = asking(false, &["/srv/a"]);
+        assert!(means(7, true, true).plan(&reads, true).is_mediated, "sockets in a shown folder");
+        assert!(!means(9, true, true).plan(&reads, true).is_mediated);
+        assert!(means(9, false, true).plan(&asking(false, &[]), false).counts_processes);
     }
 
     #[test]
     fn what_is_lacking_is_said() {
-        let without = means(2, false, false).plan(false, false).lacks().join("; ");
+        let without = means(2, false, false).plan(&asking(false, &[]), false).lacks().join("; ");
         for expected in ["Unix sockets of this user", "abstract", "signal", "four times a second"] {
             assert!(without.contains(expected), "{without}");
         }
-        let nothing = Means::none("no kernel at all").plan(false, false).lacks();
+        let shown = means(7, true, false).plan(&asking(false, &["/srv/a"]), true).lacks();
+        assert_eq!(shown, ["it can connect to Unix sockets in what `read` shows it"]);
+        let nothing = Means::none("no kernel at all").plan(&asking(false, &[]), false).lacks();
         assert_eq!(nothing.len(), 6, "{nothing:?}");
-        let files = |means: Means| means.plan(false, false).lacks()[0].clone();
+        let files = |means: Means| means.plan(&asking(false, &[]), false).lacks()[0].clone();
         let all = "it can read, change and remove all files of this user";
         assert_eq!(files(Means::none("no kernel at all")), all);
         assert_eq!(files(means(0, false, true)), all);

@@ -62,8 +62,11 @@ const SYSTEM: &[&str] = &[
 ];
 
 /// Devices that hold nothing of anybody's.
-const PLAIN_DEVICES: &[&str] =
-    &["/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom"];
+const PLAIN_DEVICES: &[&str] = &["/dev/null", "/dev/full", "/dev/random", "/dev/urandom"];
+
+/// A device that is read only: who maps it to be written and shared holds memory that is counted of no
+/// process.
+const ZERO: &str = "/dev/zero";
 
 /// What one process may do.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -171,9 +174,11 @@ impl Confinement {
             let is_shown = |path: &&PathBuf| self.plan.landlock == 0 || !path.starts_with("/proc");
             let proc = (self.plan.landlock > 0).then(|| PathBuf::from("/proc"));
             let shown = system.iter().filter(is_shown).chain(&proc).chain(&self.read);
+            // Landlock alone lets a device be opened to be read only.
+            let zero = (self.plan.landlock > 0).then(|| PathBuf::from(ZERO));
             let furniture = Furniture {
                 shown: shown.cloned().collect(),
-                devices: devices.clone(),
+                devices: devices.iter().cloned().chain(zero).collect(),
                 sockets: self.sockets.clone(),
                 home: self.home.clone(),
                 network: self.plan.network,
@@ -185,7 +190,7 @@ impl Confinement {
         self.limit()?;
         drop_capabilities().map_err(|source| limit("its capabilities", source))?;
         let landlock = files::restrict(&Files {
-            read: system.iter().chain(&self.read).collect(),
+            read: system.iter().chain([&PathBuf::from(ZERO)]).chain(&self.read).collect(),
             write: devices.iter().chain([&self.home]).collect(),
             sockets: self.sockets.iter().collect(),
             network: self.plan.network,
