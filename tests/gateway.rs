@@ -532,6 +532,63 @@ fn a_device_is_told_what_it_said_that_it_takes() {
     assert!(all.iter().all(|told| !told.ends_with(" ON") && !told.contains("door")), "{all:?}");
 }
 
+/// A plug that never says what it is: what it was told counts, until the broker was away.
+#[test]
+fn what_says_nothing_of_itself_is_not_known_once_the_broker_was_away() {
+    let Some(mut broker) = Broker::start() else { return };
+    let told = Told::default();
+    let plug = entity("plug1", json!({ "cmd_t": "lab/plug/set" }));
+    let describe = |broker: &Broker| broker.retain("homeassistant/switch/plug/config", &plug);
+    describe(&broker);
+    let listening = told.listens(&broker, "lab/plug/set");
+    let office = office("decentralized", &broker, "");
+    office.await_devices(1);
+    office.await_fact("(unknown (powered office1))", true);
+    let (code, said) = office.ask(&["goal", "(powered office1)"]);
+    assert_eq!(code, Some(0), "{said}");
+    told.await_text("lab/plug/set ON");
+    office.await_fact("(powered office1)", true);
+    drop(listening);
+    broker.kill();
+    office.await_fact("(powered office1)", false);
+    broker.restart();
+    describe(&broker);
+    told.0.lock().expect("nobody panics").clear();
+    let _listening = told.listens(&broker, "lab/plug/set");
+    // Somebody may have switched it by hand meanwhile: the goal does not hold already.
+    office.await_fact("(unknown (powered office1))", true);
+    let (code, said) = office.ask(&["goal", "(powered office1)"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(!said.contains("it holds already"), "{said}");
+    told.await_text("lab/plug/set ON");
+}
+
+/// Two windows that one device tells of: the room is closed when both are.
+#[test]
+fn several_contacts_of_one_device_speak_for_the_room_together() {
+    let Some(broker) = Broker::start() else { return };
+    for name in ["left", "right"] {
+        let device = json!({ "ids": ["both"], "name": "windows", "sa": "Office 1" });
+        let contact = json!({ "uniq_id": name, "name": name, "dev_cla": "window", "dev": device,
+            "stat_t": format!("lab/{name}") });
+        let topic = format!("homeassistant/binary_sensor/both/{name}/config");
+        broker.retain(&topic, &contact.to_string());
+        broker.retain(&format!("lab/{name}"), "OFF");
+    }
+    let office = office("decentralized", &broker, "");
+    office.await_devices(1);
+    office.await_fact("(closed office1)", true);
+    broker.retain("lab/right", "ON");
+    office.await_fact("(closed office1)", false);
+    // The other one says again that it is closed, which changes nothing.
+    broker.retain("lab/left", "OFF");
+    let (code, said) = office.ask(&["goal", "(known-contact office1)"]);
+    assert_eq!(code, Some(0), "{said}");
+    office.await_fact("(closed office1)", false);
+    broker.retain("lab/right", "OFF");
+    office.await_fact("(closed office1)", true);
+}
+
 #[test]
 fn states_are_asked_for_and_devices_are_told_to_describe_themselves() {
     let Some(mut broker) = Broker::start() else { return };
