@@ -17,7 +17,6 @@ use pddl::{Condition, Plan};
 use planner::Cancel;
 use planner::explain::Explanation;
 
-use crate::PlanRequester;
 use crate::explaining;
 use crate::goal::Phase;
 use crate::known::Known;
@@ -25,6 +24,7 @@ use crate::planning::explain;
 use crate::selection::{Bids, Selection, bundles, selections, uncovered};
 use crate::sharing::Verdict;
 use crate::together;
+use crate::{CROSSING, PlanRequester};
 
 /// A call under way.
 pub(crate) struct Call {
@@ -36,6 +36,8 @@ pub(crate) struct Call {
     bids: Bids,
     refusals: BTreeMap<AgentId, String>,
     silent: BTreeSet<AgentId>,
+    /// Bidders whose plans need actions that they are not known to offer yet.
+    ahead: BTreeSet<AgentId>,
     /// The exchange in which each proposal was made.
     made_in: Vec<(AgentId, Vec<String>, ReplyToken)>,
     tokens: Vec<ReplyToken>,
@@ -168,6 +170,7 @@ impl PlanRequester {
             bids: BTreeMap::new(),
             refusals: BTreeMap::new(),
             silent: BTreeSet::new(),
+            ahead: BTreeSet::new(),
             made_in: Vec::new(),
             tokens: vec![token],
             timer,
@@ -245,6 +248,9 @@ impl PlanRequester {
         if message.performative == Performative::Agree {
             match message.content_as::<Bid>() {
                 Ok(mut bid) => {
+                    if bid.proposals.iter().any(|proposal| call.known.is_behind(&proposal.plan)) {
+                        call.ahead.insert(bidder.clone());
+                    }
                     // What is held against a bidder it may not know.
                     bid.proposals.retain(|proposal| call.known.admits(&proposal.plan));
                     let covers = |proposal: &Proposal| {
@@ -324,6 +330,17 @@ impl PlanRequester {
         let Some(goal) = self.goals.get_mut(id) else { return };
         let phase = std::mem::replace(&mut goal.phase, Phase::Queued);
         let Phase::Calling(mut call) = phase else { return };
+        if let Some(bidder) = call.ahead.first() {
+            let (now, patience) = (ctx.now(), CROSSING.max(ctx.settings().grace));
+            let why = format!("the action model that `{bidder}` proposes by is not known here yet");
+            if now - *goal.behind_since.get_or_insert(now) < patience {
+                call.reject_all("proposals are called for again: a newer action model comes", ctx);
+                return self.wait(id, why, CROSSING, ctx);
+            }
+            tracing::warn!(conversation = %id, %why, "it is planned without that agent's proposal");
+        } else {
+            goal.behind_since = None;
+        }
         let known = Arc::clone(&call.known);
         let Some(wanted) = self.wanted(id, &known) else { return };
         let missing = uncovered(&call.conjuncts, &call.bids);

@@ -75,6 +75,8 @@ pub(crate) struct Goal {
     pub(crate) is_overtaken: bool,
     /// Since when there is no plan for it, while nobody has come or left.
     pub(crate) unsolved_since: Option<Instant>,
+    /// Since when agents propose by action models that the Domain Maintainer has not heard.
+    pub(crate) behind_since: Option<Instant>,
     /// Whether the user was told that it holds, since it last did not.
     pub(crate) is_told: bool,
     pub(crate) timer: Option<TimerId>,
@@ -191,6 +193,7 @@ impl Goal {
             no_plan_because: String::new(),
             is_overtaken: false,
             unsolved_since: None,
+            behind_since: None,
             is_told: false,
             timer: None,
             seen: None,

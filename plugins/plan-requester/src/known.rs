@@ -333,6 +333,17 @@ impl Known {
         self.combine(&[plan]).is_ok_and(|plan| !plan.steps.is_empty())
     }
 
+    /// Whether a plan has a step that its agent is not known to offer, though the agent itself is known: it
+    /// has announced a newer action model, which the Domain Maintainer has not heard yet.
+    pub(crate) fn is_behind(&self, plan: &str) -> bool {
+        let is_newer = |step: &PlanStep| {
+            let agent = step.arguments.first().map_or("", |agent| agent.as_str());
+            let known = self.all_offers.get(agent);
+            known.is_some_and(|actions| !actions.contains_key(step.action.as_str()))
+        };
+        pddl::parse_plan(plan).into_result().is_ok_and(|plan| plan.steps.iter().any(is_newer))
+    }
+
     /// Whether an agent's plan alone reaches all that it is proposed for.
     pub(crate) fn is_sound(&self, proposal: &Proposal) -> bool {
         let read = |text: &String| pddl::parse_condition(text).into_result().ok();

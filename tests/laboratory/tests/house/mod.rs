@@ -18,9 +18,18 @@ pub(crate) struct House {
 
 impl House {
     pub(crate) fn new(domain: &str, problem: &str, journals: Vec<AgentId>) -> House {
+        House::of_mode(domain, problem, journals, Mode::Centralized)
+    }
+
+    pub(crate) fn of_mode(
+        domain: &str,
+        problem: &str,
+        journals: Vec<AgentId>,
+        mode: Mode,
+    ) -> House {
         let ontology = pddl::parse_domain(domain).into_result().expect("a domain");
         let problem = pddl::parse_problem(problem).into_result().expect("a problem");
-        let (mode, settings) = (Mode::Centralized, Settings::default());
+        let settings = Settings::default();
         let host = Host { mode, settings, journals, ..Host::new(ontology, problem) };
         House { network: Network::new(), host: Arc::new(host) }
     }
