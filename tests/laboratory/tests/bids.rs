@@ -100,7 +100,7 @@ impl Agent for Executor {
 
 /// The first plan that is to be carried out where the Domain Maintainer is behind for so many questions.
 async fn first_plan(behind: u32) -> (String, u32) {
-    let house = House::of_mode(DOMAIN, PROBLEM, Vec::new(), Mode::Decentralized);
+    let house = House::new(Mode::Decentralized, DOMAIN, PROBLEM, Vec::new());
     let machine = house.machine("here");
     let asked = Arc::<AtomicU32>::default();
     let maintainer = Maintainer { behind, asked: Arc::clone(&asked) };

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use acl::content::{Keep, Keeping, Outcome, Record, Report, Request, Version};
 use acl::{Performative, Protocol};
-use agent::{Agent, Callbacks, Context, Engagement, Resource, Switchboard};
+use agent::{Agent, Callbacks, Context, Engagement, Mode, Resource, Switchboard};
 use substrate::Ask;
 use tokio::sync::mpsc;
 use tokio::time::timeout;
@@ -74,7 +74,7 @@ struct Asked {
 
 impl Asked {
     async fn open() -> Asked {
-        let house = House::new(DOMAIN, PROBLEM, vec![name("journal")]);
+        let house = House::new(Mode::Centralized, DOMAIN, PROBLEM, vec![name("journal")]);
         let here = house.machine("here");
         let (keeps, mut records) = mpsc::unbounded_channel();
         drop(launch(Box::new(Journal(keeps)), "journal", &here, false));

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use acl::Performative;
 use acl::content::{Keep, Offer, Offers, Outcome, Report, Snapshot};
-use agent::{Agent, Callbacks, Context, Engagement, LaunchError, Resource, Switchboard};
+use agent::{Agent, Callbacks, Context, Engagement, LaunchError, Mode, Resource, Switchboard};
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
@@ -87,7 +87,7 @@ struct Trial {
 
 impl Trial {
     fn new(keep: Keep) -> Trial {
-        let house = House::new(DOMAIN, WITH_LAMP, Vec::new());
+        let house = House::new(Mode::Centralized, DOMAIN, WITH_LAMP, Vec::new());
         let machine = house.machine("here");
         let lamp = Here::new(true.into());
         let (asked, plans) = mpsc::unbounded_channel();

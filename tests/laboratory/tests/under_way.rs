@@ -11,7 +11,7 @@ use acl::content::{
     CallOff, Execute, Method, Offer, Outcome, Reason, Refusal, Report, Request, value,
 };
 use acl::{ConversationId, Deadline, Message, Performative, Protocol};
-use agent::{Agent, Answer, Callbacks, Context, Engagement, Opening};
+use agent::{Agent, Answer, Callbacks, Context, Engagement, Mode, Opening};
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 
@@ -107,7 +107,7 @@ async fn first_answer(asks: Vec<Request>) -> Message {
 
 /// The first answers to this, so many.
 async fn first_answers(asks: Vec<Request>, many: usize, within: Duration) -> Vec<Message> {
-    let house = House::new(DOMAIN, PROBLEM, Vec::new());
+    let house = House::new(Mode::Centralized, DOMAIN, PROBLEM, Vec::new());
     let here = house.machine("here");
     let (told, mut heard) = mpsc::unbounded_channel();
     let asker = Asker { asks, after: Duration::from_secs(1), told };
@@ -137,7 +137,7 @@ async fn who_asks_twice_for_a_plan_hears_twice_how_it_ends() {
 #[tokio::test(start_paused = true)]
 async fn whoever_asked_for_a_plan_hears_how_it_ends() {
     for (first, second) in [(1, 2), (2, 1)] {
-        let house = House::new(DOMAIN, PROBLEM, Vec::new());
+        let house = House::new(Mode::Centralized, DOMAIN, PROBLEM, Vec::new());
         let [here, there] = ["here", "there"].map(|name| house.machine(name));
         let asker = |after| {
             let (told, heard) = mpsc::unbounded_channel();

@@ -17,16 +17,7 @@ pub(crate) struct House {
 }
 
 impl House {
-    pub(crate) fn new(domain: &str, problem: &str, journals: Vec<AgentId>) -> House {
-        House::of_mode(domain, problem, journals, Mode::Centralized)
-    }
-
-    pub(crate) fn of_mode(
-        domain: &str,
-        problem: &str,
-        journals: Vec<AgentId>,
-        mode: Mode,
-    ) -> House {
+    pub(crate) fn new(mode: Mode, domain: &str, problem: &str, journals: Vec<AgentId>) -> House {
         let ontology = pddl::parse_domain(domain).into_result().expect("a domain");
         let problem = pddl::parse_problem(problem).into_result().expect("a problem");
         let settings = Settings::default();
