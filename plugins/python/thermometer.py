@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""An agent in Python: a thermometer that joins an ecosystem, is planned with, acts, and dies.
+"""An agent in Python: a thermometer that joins an ecosystem, takes part in plans, and measures on request.
 
 usage: thermometer.py ECOSYSTEM ENDPOINT NAME ROOM    (pip install eclipse-zenoh; the protocol: docs/protocol.md)
 
-ENDPOINT is a daemon's, such as unixsock-stream//run/althing/office/office-pi.sock. Measures what MEASURE returns.
+ENDPOINT is that of a daemon, such as unixsock-stream//run/althing/office/office-pi.sock. MEASURE returns the value.
 """
 import json, sys, threading, time
 import zenoh
@@ -49,7 +49,7 @@ def say(agent, what, payload):
 
 def hear(sample):
     heard = json.loads(sample.payload.to_bytes())
-    if isinstance(heard, list):  # receipts: whoever sends something that must arrive waits for them
+    if isinstance(heard, list):  # receipts; not needed: this agent never resends a message
         return
     token = json.dumps(heard.get("content", {}).get("token"), sort_keys=True)
     if heard["performative"] == "cfp":
@@ -61,7 +61,7 @@ def hear(sample):
             answer(heard, "refuse", {"reason": "incapable", "detail": f"I measure the temperature of {ROOM}"})
     elif heard["performative"] == "request" and heard["content"].get("act") == "act":
         answer(heard, "agree", {"token": heard["content"]["token"]})
-        if token not in done:  # at most once, whoever asks for it again
+        if token not in done:  # at most once: a repeated request gets the same result
             celsius = MEASURE()
             facts = f"(known-temperature {ROOM}) (= (temperature {ROOM}) {celsius})"
             done[token] = {"outcome": "done", "detail": f"{celsius} °C at {ROOM}", "observations": facts,
@@ -69,7 +69,7 @@ def hear(sample):
             state["facts"] = f"(located {NAME} {ROOM}) {facts}"
             session.put(f"{ROOT}/model/{DAEMON}/{NAME}", beat())
         answer(heard, "confirm", done[token])
-    elif heard.get("receiver"):  # nothing to do about it but to say that it was heard
+    elif heard.get("receiver"):  # any other message needs a receipt and no answer
         say(heard["sender"], "receipt", json.dumps([heard["id"]]))
 
 

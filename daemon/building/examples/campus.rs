@@ -4,8 +4,8 @@
 //! cargo run -p building --example campus -- SEED HOUSES MAP.pddl ECOSYSTEM.toml
 //! ```
 //!
-//! The domain is sought beside the map. Both paths are written into the ecosystem file as they are
-//! seen from the folder that it lies in.
+//! The domain file must lie beside the map. The ecosystem file names both by paths relative to the folder
+//! of the ecosystem file.
 
 use std::error::Error;
 use std::path::{Component, Path, PathBuf};
@@ -30,7 +30,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A path as it is seen from the folder of `from`, where both are relative to the same folder.
+/// Returns `path` relative to the folder of the file `from`. Both are relative to the same folder; an
+/// absolute path, or one seen from an absolute folder, is returned as it is.
 fn seen_from(from: &Path, path: &Path) -> PathBuf {
     let folder = from.parent().unwrap_or(Path::new(""));
     if path.is_absolute() || folder.is_absolute() {

@@ -1,7 +1,7 @@
-//! The batteries of robots: they drain with every meter driven and fill at the dock.
+//! The batteries of robots: driving drains them by the meter, the dock recharges them.
 //!
-//! A robot without a battery in the layout drives for ever, as one on a cable would. What the
-//! instants are is here; the time that filling takes passes in [`Building`].
+//! A robot without a battery in the layout can drive any distance, as if it drove on a cable. This file has
+//! the changes of the truth; [`Building`] lets the time of recharging pass.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ use crate::layout::Layout;
 use crate::truth::{Event, Truth};
 use crate::wire::{Answer, Ask};
 
-/// The longest range and the longest filling: a hundred kilometers and a day.
+/// Upper bounds: a range of 100 km, and a day to recharge.
 const RANGE_MAX: f64 = 100_000.0;
 const RECHARGE_MAX: f64 = 24.0 * 3_600.0;
 
@@ -22,17 +22,17 @@ const RECHARGE_MAX: f64 = 24.0 * 3_600.0;
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Battery {
-    /// The location where it can be filled.
+    /// The location where the robot can recharge.
     pub dock: String,
-    /// How far the robot drives with a full one, in meters.
+    /// Range of a full battery, in meters.
     pub range: f64,
-    /// How far it drives with what is in it at the start, in meters.
+    /// Range left at the start, in meters.
     pub charge: f64,
-    /// How long filling an empty one takes, in seconds of the building's time.
+    /// Time to recharge an empty battery, in seconds of the building's time.
     pub recharge_time: f64,
 }
 
-/// What a driver asks of a battery.
+/// A driver's request to a battery.
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum BatteryAsk {
@@ -40,7 +40,7 @@ pub(crate) enum BatteryAsk {
     Charge { robot: String },
 }
 
-/// What it hears.
+/// The answer to a [`BatteryAsk`].
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum BatteryAnswer {
@@ -51,7 +51,7 @@ pub(crate) enum BatteryAnswer {
 // === impl Layout ===
 
 impl Layout {
-    /// Gives a robot a battery, in place of the one it may have.
+    /// Gives a robot a battery; replaces the one it has.
     pub fn equip(&mut self, robot: &str, battery: Battery) -> Result<&mut Layout, LayoutError> {
         self.check_carrier(robot)?;
         self.check_location(&battery.dock)?;
@@ -66,7 +66,7 @@ impl Layout {
         Ok(self)
     }
 
-    /// A robot's battery, if it needs one.
+    /// Returns the battery of a robot; `None` if the robot has no battery.
     pub fn battery(&self, robot: &str) -> Option<&Battery> {
         self.batteries.get(robot)
     }
@@ -75,7 +75,7 @@ impl Layout {
 // === impl Truth ===
 
 impl Truth {
-    /// How far a robot can still drive, in meters; `None` for one without a battery.
+    /// Returns the remaining range of a robot, in meters; `None` if the robot has no battery.
     pub fn charge(&self, robot: &str) -> Option<f64> {
         self.charges.get(robot).copied()
     }
@@ -99,12 +99,12 @@ impl Truth {
         }
     }
 
-    /// A robot begins to fill its battery. Returns how long that takes.
+    /// Begins to recharge a robot. Returns how long that takes.
     fn begin_recharging(&mut self, robot: &str) -> Result<Duration, DeviceError> {
         let slowness = self.begin_use(robot)?;
         let battery = self.require_dock(robot)?;
         let charge = self.charge(robot).unwrap_or_default();
-        // A battery without any range is full as it is.
+        // A battery with range 0 is always full.
         let missing = if battery.range > 0.0 { 1.0 - charge / battery.range } else { 0.0 };
         Ok(Duration::from_secs_f64(battery.recharge_time * missing.clamp(0.0, 1.0)) + slowness)
     }
@@ -117,7 +117,7 @@ impl Truth {
         Ok(())
     }
 
-    /// Returns the battery of a robot that stands at its dock.
+    /// Returns the battery of a robot. Returns an error unless the robot stands at its dock.
     fn require_dock(&self, robot: &str) -> Result<Battery, DeviceError> {
         self.require_robot(robot)?;
         let Some(battery) = self.layout.battery(robot) else {
@@ -146,13 +146,13 @@ impl Truth {
 // === impl Building ===
 
 impl Building {
-    /// Fills a robot's battery at its dock.
+    /// Recharges a robot's battery; the robot must stand at its dock.
     pub async fn recharge(&self, robot: &str) -> Result<(), DeviceError> {
         let takes = self.change(|truth| truth.begin_recharging(robot))?;
         self.work(robot, takes, |truth| truth.finish_recharging(robot)).await
     }
 
-    /// How far a robot can still drive, in meters, as its battery says.
+    /// Returns the remaining range of a robot, in meters; `None` if the robot has no battery.
     pub fn charge_of(&self, robot: &str) -> Result<Option<f64>, DeviceError> {
         let truth = self.subscribe();
         let truth = truth.borrow();
@@ -160,7 +160,7 @@ impl Building {
         Ok(truth.charge(robot))
     }
 
-    /// Fate fills or empties a battery.
+    /// Sets the remaining range of a robot, in meters. For tests and scenarios.
     pub fn set_charge(&self, robot: &str, meters: f64) -> Result<(), LayoutError> {
         self.change(|truth| truth.set_charge(robot, meters))
     }
@@ -178,7 +178,7 @@ impl Building {
 // === impl BuildingHandle ===
 
 impl BuildingHandle {
-    /// Fills a robot's battery; it has to stand at its dock.
+    /// Recharges a robot's battery; the robot must stand at its dock.
     pub async fn recharge(&self, robot: &str) -> Result<(), DeviceError> {
         match self.battery(BatteryAsk::Recharge { robot: robot.to_owned() }).await? {
             BatteryAnswer::Full => Ok(()),
@@ -186,7 +186,7 @@ impl BuildingHandle {
         }
     }
 
-    /// How far a robot can still drive, in meters; `None` if it needs no battery.
+    /// Returns the remaining range of a robot, in meters; `None` if the robot has no battery.
     pub async fn charge_of(&self, robot: &str) -> Result<Option<f64>, DeviceError> {
         match self.battery(BatteryAsk::Charge { robot: robot.to_owned() }).await? {
             BatteryAnswer::Charge(charge) => Ok(charge),

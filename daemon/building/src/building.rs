@@ -1,10 +1,10 @@
-//! The building at work: operations that take time, and the hand of fate.
+//! The building at work: operations that take time, and the control that tests and scenarios have.
 //!
-//! - Drivers' operations begin in one instant and end in another; in between the
-//!   truth may change, and they notice. A future that is dropped is called off.
-//! - Fate's operations are instants. Each that changes something wakes whoever
-//!   waits in [`Building::wait_for`], so tests await events and never sleep.
-//! - The instants themselves are in `world`; the socket is in `server`.
+//! - An operation of a driver begins in one instant and ends in another. The truth may change in between,
+//!   and the operation takes that into account. Dropping its future cancels the operation.
+//! - An operation of a test or a scenario happens in one instant. If it changes something, it wakes all
+//!   callers of [`Building::wait_for`], so tests await events and never sleep.
+//! - The changes themselves are in `world`; the socket is in `server`.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -17,10 +17,10 @@ use crate::handle::BuildingHandle;
 use crate::layout::{Device, Layout};
 use crate::truth::{Fault, Reading, Truth};
 
-/// The slowest that time may pass; with the layout's bounds, no trip overflows.
+/// The largest time scale (1.0 is real time). With the bounds of the layout, no trip's duration overflows.
 const TIME_SCALE_MAX: f64 = 1_000.0;
 
-/// A simulated building. Cloning it gives another hold on the same building.
+/// A simulated building. Clones refer to the same building.
 #[derive(Clone, Debug)]
 pub struct Building {
     shared: Arc<Shared>,
@@ -46,7 +46,7 @@ impl Building {
         Ok(Building { shared: Arc::new(Shared { time_scale, opened: Instant::now(), truth }) })
     }
 
-    /// What a driver in this process holds: the devices without the truth.
+    /// Returns what a driver in this process gets: access to the devices, none to the truth.
     pub fn handle(&self) -> BuildingHandle {
         BuildingHandle::in_process(self.clone())
     }
@@ -55,16 +55,16 @@ impl Building {
 // === impl Building: drivers ===
 
 impl Building {
-    /// Measures the temperature where the sensor truly is.
+    /// Measures the temperature at the true location of the sensor.
     pub async fn read_temperature(&self, sensor: &str) -> Result<Reading, DeviceError> {
         let takes = self.change(|truth| truth.begin_reading(sensor))?;
         self.work(sensor, takes, |truth| truth.finish_reading(sensor)).await
     }
 
-    /// Drives a robot to a location next to where it truly is.
+    /// Drives a robot to a neighbor of its true location.
     ///
-    /// Dropping the future calls the trip off: the robot then stands where it
-    /// started, or has arrived, never between. Two robots may pass each other.
+    /// Dropping the future cancels the trip: the robot then stands where it started, or has arrived, never
+    /// between. Two robots may pass each other.
     pub async fn navigate(&self, robot: &str, to: &str) -> Result<(), DeviceError> {
         let Some(trip) = self.change(|truth| truth.begin_trip(robot, to))? else {
             return Ok(());
@@ -73,33 +73,33 @@ impl Building {
         self.work(robot, trip.takes, |truth| truth.finish_trip(robot, to, trip.errand)).await
     }
 
-    /// Where a device truly is: robots localize themselves, sensors are labeled.
+    /// Returns the true location of a device. A robot localizes itself; the place of a sensor is written on
+    /// it.
     pub fn place_of(&self, device: &str) -> Result<String, DeviceError> {
         self.shared.truth.borrow().require_place(device)
     }
 }
 
-// === impl Building: fate ===
+// === impl Building: control by tests and scenarios ===
 
 impl Building {
-    /// Makes a location warmer or colder.
+    /// Sets the true temperature of a location, in °C.
     pub fn set_temperature(&self, location: &str, celsius: f64) -> Result<(), LayoutError> {
         self.change(|truth| truth.set_temperature(location, celsius))
     }
 
-    /// Breaks a device now; returns the sequence number of that occurrence.
+    /// Breaks a device now. Returns the sequence number of that occurrence.
     pub fn break_device(&self, device: &str, fault: Fault) -> Result<u64, LayoutError> {
         self.change(|truth| truth.break_device(device, fault))
     }
 
-    /// Lets a device break in the instant when it is used next, so that it dies
-    /// after somebody began to rely on it and before it did anything.
+    /// Breaks a device in the instant of its next use: after an agent began to rely on it, and before the
+    /// device has done anything.
     pub fn break_at_next_use(&self, device: &str, fault: Fault) -> Result<(), LayoutError> {
         self.change(|truth| truth.set_trap(device, fault))
     }
 
-    /// Breaks a device and changes a temperature in one instant; returns the
-    /// sequence number of the break.
+    /// Breaks a device and changes a temperature in one instant. Returns the sequence number of the break.
     pub(crate) fn break_and_set_temperature(
         &self,
         device: &str,
@@ -114,13 +114,13 @@ impl Building {
         })
     }
 
-    /// Makes a device work again. What hung on it goes on.
+    /// Repairs a device. Operations that waited because it hung continue.
     pub fn repair(&self, device: &str) -> Result<(), LayoutError> {
         self.change(|truth| truth.repair(device))
     }
 
-    /// Locks the door between two locations, in both directions. A robot that is
-    /// on its way through finds it locked at the end, and stays where it was.
+    /// Locks the door between two locations, in both directions. A robot that is on its way through the
+    /// door finds it locked at the end of the trip, and stays where it was.
     pub fn lock_door(&self, a: &str, b: &str) -> Result<(), LayoutError> {
         self.change(|truth| truth.set_locked(a, b, true))
     }
@@ -130,29 +130,30 @@ impl Building {
         self.change(|truth| truth.set_locked(a, b, false))
     }
 
-    /// Brings a device into the building.
+    /// Adds a device to the building.
     pub fn add_device(&self, device: Device) -> Result<(), LayoutError> {
         self.change(|truth| truth.add_device(device))
     }
 
-    /// Takes a device out of the building, and with a robot what it carries.
+    /// Removes a device from the building; with a robot, also the devices that it carries.
     pub fn remove_device(&self, device: &str) -> Result<(), LayoutError> {
         self.change(|truth| truth.remove_device(device))
     }
 
-    /// The whole truth at this moment.
+    /// Returns a copy of the whole truth at this moment.
     pub fn truth(&self) -> Truth {
         self.shared.truth.borrow().clone()
     }
 
-    /// Follows the truth. Borrow from it briefly: the building waits meanwhile.
+    /// Returns a receiver of the truth. Borrow from it briefly only: a borrow blocks all changes of the
+    /// building.
     pub fn subscribe(&self) -> watch::Receiver<Truth> {
         self.shared.truth.subscribe()
     }
 
-    /// Waits until the truth satisfies `predicate`, and returns it as it then is.
+    /// Waits until the truth satisfies `predicate`, and returns the truth of that moment.
     ///
-    /// May wait for ever: whoever calls it has a deadline, and drops the future.
+    /// It may wait forever: the caller sets a deadline and drops the future.
     pub async fn wait_for(&self, predicate: impl FnMut(&Truth) -> bool) -> Truth {
         let mut truth = self.subscribe();
         let satisfied = truth.wait_for(predicate).await;
@@ -163,8 +164,8 @@ impl Building {
 // === impl Building: time ===
 
 impl Building {
-    /// Changes the truth in one instant, and wakes the waiting if something
-    /// happened, that is, if it stands in the log.
+    /// Changes the truth in one instant. Wakes the waiting callers if `act` wrote an occurrence into the
+    /// log.
     pub(crate) fn change<T>(&self, act: impl FnOnce(&mut Truth) -> T) -> T {
         let mut outcome = None;
         self.shared.truth.send_if_modified(|truth| {
@@ -176,8 +177,8 @@ impl Building {
         outcome.expect("invariant: `send_if_modified` calls its closure once")
     }
 
-    /// Keeps a device busy for `takes`, then runs `finish`. Ends early where the
-    /// device breaks or leaves; goes on when one that hangs is repaired.
+    /// Keeps a device busy for `takes`, then runs `finish`. Returns an error early if the device fails or
+    /// is removed. While the device hangs, waits until it is repaired.
     pub(crate) async fn work<T>(
         &self,
         device: &str,
@@ -193,7 +194,7 @@ impl Building {
                 now.fault_of(device) == Some(Fault::Hangs)
             };
             tokio::select! {
-                // Changes first: a device that broke in the last instant is broken.
+                // Changes first: a device that broke in the last instant counts as broken.
                 biased;
                 changed = truth.changed() => {
                     changed.expect("invariant: `self` holds the sender");
@@ -201,7 +202,7 @@ impl Building {
                 }
                 () = tokio::time::sleep_until(due), if !hangs => (),
             }
-            // It may have begun to hang since it was looked at; then look again.
+            // The device may have begun to hang since the check above; then loop again.
             let finished = self.change(|truth| match truth.fault_of(device) {
                 Some(Fault::Hangs) => None,
                 _ => Some(finish(truth)),
@@ -213,7 +214,7 @@ impl Building {
     }
 }
 
-/// A robot's errand. Dropped before its end, it leaves the robot where it stood.
+/// Guard of a robot's errand. Dropping it before the trip has ended leaves the robot where it stood.
 struct Errand<'a> {
     building: &'a Building,
     robot: &'a str,

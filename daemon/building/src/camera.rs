@@ -1,7 +1,7 @@
-//! Cameras that turn: where each looks, and what is there to be seen.
+//! Cameras that turn: the aim of each, and what it sees.
 //!
-//! The layout says in which direction each place lies; a camera sees a place when its middle is
-//! within the field of view. Which direction has a name is the agents' affair.
+//! The layout gives the direction of each place from the camera. A camera sees a place if the middle of the
+//! place is within the field of view. Names of directions (presets) are left to the agents.
 
 use std::time::Duration;
 
@@ -14,44 +14,44 @@ use crate::layout::{Device, Layout};
 use crate::truth::{Event, Truth};
 use crate::wire::{Answer, Ask};
 
-/// How far a camera turns and zooms: what small dome cameras can.
+/// Limits of turning and zooming, as small dome cameras have them.
 const PAN_MAX: f64 = 170.0;
 const TILT_MAX: f64 = 90.0;
 const ZOOM_MAX: f64 = 10.0;
 
-/// Its field of view without zoom, in degrees.
+/// Field of view without zoom, in degrees.
 const WIDTH: f64 = 60.0;
 const HEIGHT: f64 = 40.0;
 
-/// How fast it turns, in degrees per second.
+/// Turning speed, in degrees per second.
 const TURNING: f64 = 90.0;
 
-/// Places a camera is told about, and people and robots it counts in each: what a line on the
-/// socket can hold.
+/// Most views of one camera, and most people and robots that it reports per place: so that an answer fits
+/// into one line on the socket.
 const VIEWS_MAX: usize = 16;
 const SEEN_MAX: usize = 8;
 
-/// Where a place lies, seen from a camera.
+/// The direction of a place, seen from a camera.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct View {
     /// The place.
     pub location: String,
-    /// Degrees to the right.
+    /// Degrees to the right; negative to the left.
     pub pan: f64,
-    /// Degrees up.
+    /// Degrees up; negative down.
     pub tilt: f64,
 }
 
-/// Where a camera looks.
+/// The direction and the zoom of a camera.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Aim {
-    /// Degrees to the right.
+    /// Degrees to the right; negative to the left.
     pub pan: f64,
-    /// Degrees up.
+    /// Degrees up; negative down.
     pub tilt: f64,
-    /// How many times as near as it is.
+    /// Magnification: 1 is none.
     pub zoom: f64,
 }
 
@@ -61,37 +61,37 @@ impl Default for Aim {
     }
 }
 
-/// What a camera sees at one moment.
+/// The places that a camera sees at one moment.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Sight {
-    /// Where it looks.
+    /// The direction and the zoom of the camera at that moment.
     pub aim: Aim,
     /// The places in its field of view.
     pub places: Vec<SeenPlace>,
-    /// Since the building was opened.
+    /// Time since the building was opened.
     pub at: Duration,
 }
 
-/// A place in a camera's field of view, and who is there.
+/// A place in a camera's field of view, and the people and robots there.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct SeenPlace {
     /// The place.
     pub location: String,
-    /// Where its middle is in the picture: from -1 at the left to 1 at the right.
+    /// Horizontal position of its middle in the picture: from -1 at the left to 1 at the right.
     pub right: f64,
-    /// From -1 at the bottom to 1 at the top.
+    /// Vertical position: from -1 at the bottom to 1 at the top.
     pub up: f64,
-    /// Who is there.
+    /// People in this place, at most eight.
     pub people: Vec<String>,
-    /// Which robots stand there.
+    /// Robots in this place, at most eight.
     pub robots: Vec<String>,
-    /// Whether something keeps moving there.
+    /// Whether something keeps moving in this place.
     pub stirs: bool,
 }
 
-/// What a driver asks of a camera.
+/// A driver's request to a camera.
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum CameraAsk {
@@ -99,7 +99,7 @@ pub(crate) enum CameraAsk {
     Look { camera: String },
 }
 
-/// What it hears.
+/// The answer to a [`CameraAsk`].
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum CameraAnswer {
@@ -108,14 +108,14 @@ pub(crate) enum CameraAnswer {
 }
 
 impl Aim {
-    /// Whether a camera can look there.
+    /// Whether the angles and the zoom are within the limits of a camera.
     pub fn is_possible(&self) -> bool {
         (-PAN_MAX..=PAN_MAX).contains(&self.pan)
             && (-TILT_MAX..=TILT_MAX).contains(&self.tilt)
             && (1.0..=ZOOM_MAX).contains(&self.zoom)
     }
 
-    /// Where in the picture something in this direction is; `None` if it is not in it.
+    /// Returns the position of `view` in the picture, right and up, from -1 to 1; `None` if it is outside.
     fn sees(&self, view: &View) -> Option<(f64, f64)> {
         let right = (view.pan - self.pan) * self.zoom / (WIDTH / 2.0);
         let up = (view.tilt - self.tilt) * self.zoom / (HEIGHT / 2.0);
@@ -152,13 +152,14 @@ impl Layout {
 // === impl Truth ===
 
 impl Truth {
-    /// Where a camera looks.
+    /// Returns the aim of a camera; `None` if there is no such camera. A camera that was never turned has
+    /// the default aim.
     pub fn aim_of(&self, camera: &str) -> Option<Aim> {
         matches!(self.layout.device(camera)?, Device::Camera { .. })
             .then(|| self.aims.get(camera).copied().unwrap_or_default())
     }
 
-    /// The places in a camera's field of view.
+    /// Returns the places in a camera's field of view; none if there is no such camera.
     pub fn seen_by(&self, camera: &str) -> Vec<&str> {
         let (Some(Device::Camera { views, .. }), Some(aim)) =
             (self.layout.device(camera), self.aim_of(camera))
@@ -206,7 +207,7 @@ impl Truth {
         };
         let mut places: Vec<SeenPlace> = Vec::new();
         for seen in views.iter().filter_map(place) {
-            // Two presets may show one place.
+            // Two views may show the same place; it is reported once.
             if places.iter().all(|other| other.location != seen.location) {
                 places.push(seen);
             }
@@ -214,7 +215,7 @@ impl Truth {
         Ok(Sight { aim, places, at: self.log.now })
     }
 
-    /// Returns where the camera looks.
+    /// Returns the aim of the camera. Returns an error if the device is not a camera.
     fn require_camera(&self, device: &str) -> Result<Aim, DeviceError> {
         let found = self.require_device(device)?;
         self.aim_of(device).ok_or_else(|| crate::world::wrong_kind(found, "camera"))
@@ -224,13 +225,13 @@ impl Truth {
 // === impl Building ===
 
 impl Building {
-    /// Turns a camera, as fast as it turns.
+    /// Turns a camera. Takes as long as the turn takes at the camera's turning speed.
     pub async fn aim(&self, camera: &str, aim: Aim) -> Result<(), DeviceError> {
         let takes = self.change(|truth| truth.begin_aiming(camera, aim))?;
         self.work(camera, takes, |truth| truth.finish_aiming(camera, aim)).await
     }
 
-    /// What a camera sees now.
+    /// Returns what a camera sees now.
     pub async fn look(&self, camera: &str) -> Result<Sight, DeviceError> {
         let takes = self.change(|truth| truth.begin_use(camera))?;
         self.work(camera, takes, |truth| truth.sight(camera)).await
@@ -257,7 +258,7 @@ impl BuildingHandle {
         }
     }
 
-    /// What a camera sees now.
+    /// Returns what a camera sees now; see [`Building::look`].
     pub async fn look(&self, camera: &str) -> Result<Sight, DeviceError> {
         match self.camera(CameraAsk::Look { camera: camera.to_owned() }).await? {
             CameraAnswer::Sight(sight) => Ok(sight),

@@ -1,9 +1,8 @@
-//! A campus: as many houses as you like, twenty simulated devices in each, as the files of an
-//! ecosystem.
+//! A campus: up to 26 houses with twenty simulated devices each, and the files of its ecosystem.
 //!
-//! For buildings of a size that nobody writes by hand: `examples/campus` prints the files that are
-//! in `domains/campus` and `ecosystems/campus.toml`, the benchmarks print larger and smaller ones.
-//! The same seed gives the same campus everywhere.
+//! It serves for sizes that are too large to write by hand. `examples/campus` prints the files in
+//! `domains/campus` and `ecosystems/campus.toml`; the benchmarks print larger and smaller campuses. The
+//! same seed gives the same campus on every machine.
 
 use std::fmt::Write as _;
 
@@ -11,7 +10,7 @@ use crate::error::LayoutError;
 use crate::layout::{Device, Layout};
 use crate::random::Random;
 
-/// What may be asked for: a house is called by a letter.
+/// The largest number of houses: each is named by a letter.
 pub const HOUSES_MAX: usize = 26;
 
 /// The devices of a house: a thermometer in each equipped room, two robots, a sensor on each.
@@ -22,14 +21,15 @@ const EQUIPPED: usize = 16;
 const ROBOTS: usize = 2;
 const _: () = assert!(EQUIPPED < ROOMS && DEVICES_PER_HOUSE == 20);
 
-/// The place between the houses.
+/// The location that connects the houses.
 const QUAD: &str = "quad";
 
-/// The agents that reason, and the people's.
+/// The agents that reason, and the agent of the user. Name and plugin are the same.
 const REASONING: [&str; 5] =
     ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor", "keyboard"];
 
-/// A robot can measure every room of the campus, and so plans a way to each that is called for.
+/// The `[timing]` section of the ecosystem file. A robot can measure every room of the campus, so it plans
+/// a way to each room of a call for proposals.
 const TIMING: &str = "\
 [timing]
 # Robots bid for each of the rooms. Where one machine hosts all of them, that takes seconds.
@@ -46,7 +46,7 @@ pub struct Campus {
 }
 
 impl Campus {
-    /// The campus of this seed, with `houses` houses: at least one, at most [`HOUSES_MAX`].
+    /// Returns the campus of this seed with `houses` houses; the number is clamped to 1 to [`HOUSES_MAX`].
     pub fn seeded(seed: u64, houses: usize) -> Campus {
         let houses = houses.clamp(1, HOUSES_MAX);
         let layout = draw(&mut Random::new(seed), houses)
@@ -54,19 +54,20 @@ impl Campus {
         Campus { seed, houses, layout }
     }
 
-    /// The building.
+    /// Returns the layout of its building.
     pub fn layout(&self) -> &Layout {
         &self.layout
     }
 
-    /// The map, for the domain `campus`.
+    /// Returns the map as PDDL, for the domain `campus`.
     pub fn map(&self) -> String {
         self.layout.map_pddl("campus")
     }
 
-    /// The ecosystem file, with the paths of its domain and its map.
+    /// Returns the ecosystem file. `domain` and `map` are the paths of the domain and the map, as seen from
+    /// it.
     ///
-    /// Every house has a machine that hosts its devices; one more reasons for all.
+    /// Each house has a daemon that hosts its devices; one more daemon hosts the agents that reason.
     pub fn ecosystem(&self, domain: &str, map: &str) -> String {
         let Campus { seed, houses, layout } = self;
         let devices = layout.devices().len();
@@ -132,12 +133,13 @@ impl Campus {
     }
 }
 
-/// The machine that hosts what is there.
+/// Returns the name of the daemon that hosts the devices of a place.
 fn daemon_of(place: &str) -> String {
     format!("house-{}", house_of(place))
 }
 
-/// The letter that the names of a house's places begin with.
+/// Returns the prefix of the names of all places of one house: its letter. A place without a prefix is
+/// returned as it is.
 fn house_of(place: &str) -> &str {
     place.split_once('-').map_or(place, |(house, _)| house)
 }
@@ -152,7 +154,7 @@ fn entry(name: &str, plugin: &str, daemon: &str, config: &str) -> String {
 
 // === Drawing ===
 
-/// Houses around the quad; in each a hall, and two wings with ten rooms each.
+/// Draws houses around the quad; each has a hall, and two wings with ten rooms each.
 fn draw(random: &mut Random, houses: usize) -> Result<Layout, LayoutError> {
     let mut layout = Layout::new();
     layout.add_corridor(QUAD, celsius(random))?;
@@ -208,7 +210,7 @@ fn add_devices(
     Ok(())
 }
 
-/// From 16 to 26 °C, in tenths.
+/// Draws a temperature from 16 to 26 °C, in tenths.
 fn celsius(random: &mut Random) -> f64 {
     random.between(160, 260) as f64 / 10.0
 }
@@ -232,7 +234,7 @@ mod tests {
         }
     }
 
-    /// What is in the repository is what its README says it is.
+    /// The files in the repository are those that the README of the campus describes.
     #[test]
     fn the_campus_in_the_repository_is_that_of_its_seed() {
         let campus = Campus::seeded(1, 5);

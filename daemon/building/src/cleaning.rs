@@ -1,6 +1,6 @@
 //! Cleaning: a robot sweeps the place where it truly stands.
 //!
-//! The building keeps no dirt; that a place was swept stands in the log, and tests look there.
+//! The building has no model of dirt. A sweep is an occurrence in the log, which tests read.
 
 use std::time::Duration;
 
@@ -12,17 +12,17 @@ use crate::handle::BuildingHandle;
 use crate::truth::{Event, Truth};
 use crate::wire::{Answer, Ask};
 
-/// How long a place is swept, whatever its size: the building knows none.
+/// Duration of a sweep. It is the same for all places, because the layout has no sizes.
 const SWEEPING: Duration = Duration::from_secs(20);
 
-/// What a driver asks of a robot that cleans.
+/// A driver's request to a cleaning robot.
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum CleaningAsk {
     Sweep { robot: String },
 }
 
-/// What it hears.
+/// The answer to a [`CleaningAsk`].
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum CleaningAnswer {
@@ -32,13 +32,13 @@ pub(crate) enum CleaningAnswer {
 // === impl Truth ===
 
 impl Truth {
-    /// How often a place was swept, as far as the log remembers.
+    /// Returns how often a place was swept, as far as the log reaches back.
     pub fn swept_count(&self, location: &str) -> usize {
         let is_it = |event: &Event| matches!(event, Event::Swept { location: place, .. } if place == location);
         self.occurrences().filter(|occurrence| is_it(&occurrence.event)).count()
     }
 
-    /// A robot begins to sweep where it stands. Returns where that is, and how long it takes.
+    /// Begins to sweep where the robot stands. Returns the location and how long the sweep takes.
     fn begin_sweeping(&mut self, robot: &str) -> Result<(String, Duration), DeviceError> {
         self.require_robot(robot)?;
         let slowness = self.begin_use(robot)?;
@@ -60,8 +60,8 @@ impl Truth {
 // === impl Building ===
 
 impl Building {
-    /// Sweeps the place where a robot stands, and returns which that is. Dropping the future
-    /// leaves it as it was.
+    /// Sweeps the place where a robot stands, and returns its name. Dropping the future cancels the sweep:
+    /// the place then does not count as swept.
     pub async fn sweep(&self, robot: &str) -> Result<String, DeviceError> {
         let (location, takes) = self.change(|truth| truth.begin_sweeping(robot))?;
         self.work(robot, takes, |truth| truth.finish_sweeping(robot, &location)).await

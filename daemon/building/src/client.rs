@@ -1,9 +1,8 @@
-//! The far end of the socket: asks a building that lives in another process.
+//! The client of the socket: asks a building in another process.
 //!
-//! One task per connection matches answers with questions. Every wait has a
-//! deadline, a dead server is noticed at once and a frozen one after
-//! [`SILENCE_MAX`], and a dropped question is called off at the server.
-//! What the questions mean is left to `server` and the building.
+//! One task per connection matches answers with requests. Every wait has a deadline. A dead server is
+//! noticed at once, a frozen one after [`SILENCE_MAX`]. Dropping the future of a request cancels it at the
+//! server. `server` and the building define what the requests do.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -21,24 +20,24 @@ use tracing::Instrument as _;
 use crate::error::DeviceError;
 use crate::wire::{Answer, Ask, IN_FLIGHT_MAX, Line, Lines, Request, SILENCE_MAX, write_line};
 
-/// How long connecting, or a question that takes no time, may take.
+/// Time limit for connecting, and for a request that takes no time in the building.
 const ANSWER_MAX: Duration = SILENCE_MAX;
 
-/// How long a device may work on one question: a kilometer at walking pace. It
-/// only keeps a device that hangs from holding a caller for ever; actuators have
-/// time-outs of their own, and drop the question long before.
+/// Time limit for a request that makes a device work: a kilometer at walking pace. It only keeps a device
+/// that hangs from blocking a caller forever; actuators have shorter time-outs of their own and drop the
+/// request long before.
 const WORK_MAX: Duration = Duration::from_secs(15 * 60);
 
-/// How long a change may be awaited: nobody may enter a room for months. That the server lives is
-/// known from its signs.
+/// Time limit for awaiting a change: a room may stay empty for months. The alive lines of the server show
+/// that it still runs.
 const CHANGE_MAX: Duration = Duration::from_secs(365 * 24 * 3_600);
 
-/// Each question under way needs room for itself and for calling it off.
+/// Size of a connection's inbox: each request under way needs room for itself and for its cancellation.
 const COMMANDS_MAX: usize = 2 * IN_FLIGHT_MAX;
 
 type Outcome = Result<Answer, DeviceError>;
 
-/// A connection that is made again when it breaks.
+/// A connection that is opened again after it has broken.
 #[derive(Clone, Debug)]
 pub(crate) struct Remote {
     shared: Arc<Shared>,
@@ -48,30 +47,30 @@ pub(crate) struct Remote {
 struct Shared {
     path: PathBuf,
     id_next: AtomicU64,
-    /// The present connection's inbox; closed when that connection is.
+    /// Inbox of the current connection; closed when that connection has ended.
     commands: Mutex<Option<mpsc::Sender<Command>>>,
 }
 
-/// What a connection's task is told.
+/// A command to a connection's task.
 enum Command {
     Ask { request: Request, reply: oneshot::Sender<Outcome> },
     CallOff { id: u64 },
 }
 
 impl Remote {
-    /// Connects when it is first needed.
+    /// Returns a client that connects at its first use.
     pub(crate) fn at(path: &Path) -> Remote {
         let (id_next, commands) = (AtomicU64::new(1), Mutex::new(None));
         Remote { shared: Arc::new(Shared { path: path.to_owned(), id_next, commands }) }
     }
 
-    /// Connects now.
+    /// Returns a client that is connected.
     pub(crate) async fn connect(path: &Path) -> Result<Remote, DeviceError> {
         let remote = Remote::at(path);
         remote.commands().await.map(|_| remote)
     }
 
-    /// Asks, and waits for the answer. Dropping the future calls it off.
+    /// Sends a request and waits for the answer. Dropping the future cancels the request.
     pub(crate) async fn ask(&self, ask: Ask) -> Outcome {
         let limit = match &ask {
             Ask::PlaceOf { .. } | Ask::Cancel => ANSWER_MAX,
@@ -86,7 +85,7 @@ impl Remote {
         let gone = |_| unreachable("the connection broke".to_owned());
         let commands = self.commands().await?;
         let id = self.shared.id_next.fetch_add(1, Ordering::Relaxed);
-        // Room for calling off is reserved first, so that dropping never fails.
+        // Room for the cancellation is reserved first, so that dropping the future never fails.
         let room = commands.clone().reserve_owned().await.map_err(|_| gone(()))?;
         let (reply, answer) = oneshot::channel();
         let command = Command::Ask { request: Request { id, ask }, reply };
@@ -97,7 +96,7 @@ impl Remote {
         outcome
     }
 
-    /// The inbox of a connection that stands, made anew if the last one broke.
+    /// Returns the inbox of a live connection; opens a new connection if the last one broke.
     async fn commands(&self) -> Result<mpsc::Sender<Command>, DeviceError> {
         let mut present = self.shared.commands.lock().await;
         if let Some(commands) = present.as_ref().filter(|commands| !commands.is_closed()) {
@@ -108,7 +107,7 @@ impl Remote {
     }
 }
 
-/// Calls off the question it names when it is dropped before the answer came.
+/// Cancels the request with this id if it is dropped before the answer came.
 struct CallOff {
     id: u64,
     room: Option<mpsc::OwnedPermit<Command>>,
@@ -136,7 +135,7 @@ async fn open(path: &Path) -> Result<mpsc::Sender<Command>, DeviceError> {
     Ok(commands)
 }
 
-/// One connection's task. When it ends, its inbox closes and what was open fails.
+/// The task of one connection. When it ends, its inbox closes and all open requests fail.
 struct Connection {
     lines: Lines<OwnedReadHalf>,
     writer: OwnedWriteHalf,
@@ -144,10 +143,10 @@ struct Connection {
     open: BTreeMap<u64, oneshot::Sender<Outcome>>,
 }
 
-/// Everything that can wake a connection.
+/// An event that wakes a connection's task.
 enum Event {
     Command(Command),
-    /// The last handle on this connection is gone.
+    /// The last client of this connection was dropped.
     InboxClosed,
     Line(io::Result<Option<Vec<u8>>>),
     Silence,
@@ -160,7 +159,7 @@ impl Connection {
         }) {}
     }
 
-    /// Fails with the reason why the connection cannot go on.
+    /// Handles one event. Returns the reason as the error if the connection has to end.
     async fn step(&mut self) -> Result<(), String> {
         match self.next_event().await {
             Event::Command(command) => self.obey(command).await.map_err(|err| err.to_string()),
@@ -200,7 +199,7 @@ impl Connection {
             Line::Failed { id, error } => (id, Err(error)),
         };
         if let Some(reply) = self.open.remove(&id) {
-            // Whoever asked may have gone meanwhile; then nobody needs to know.
+            // The caller may have dropped its future meanwhile; then the answer is discarded.
             let _ = reply.send(outcome);
         }
         Ok(())
@@ -221,8 +220,8 @@ mod tests {
     use crate::BuildingHandle;
     use crate::wire::Lines;
 
-    /// Asks a server that answers the first question with `answer`, and then
-    /// closes the connection.
+    /// Connects to a server that answers the first request with `answer` and then closes the connection,
+    /// and compares what the driver gets.
     async fn check(answer: &str, expected: &str) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("odd.sock");

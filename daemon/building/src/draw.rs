@@ -26,8 +26,8 @@ pub(crate) const CORRIDORS: [&str; 6] =
     ["arcade", "corridor", "gallery", "hall", "lobby", "passage"];
 pub(crate) const ROBOTS: [&str; 4] = ["turtlebot-1", "turtlebot-2", "rover", "trolley"];
 
-/// The places of the paper's test bed: two offices, a conference room, one corridor.
-/// The paper gives no distances and temperatures; these are ours.
+/// The places of the paper's test bed: two offices, a conference room, one corridor. The paper gives no
+/// distances and temperatures; these are chosen here.
 pub(crate) fn paper_places() -> Result<Layout, LayoutError> {
     let mut layout = Layout::new();
     layout
@@ -41,17 +41,17 @@ pub(crate) fn paper_places() -> Result<Layout, LayoutError> {
     Ok(layout)
 }
 
-/// The name of a room's own sensor.
+/// Returns the name of the sensor that is fixed in a room.
 pub(crate) fn sensor_of(room: &str) -> String {
     format!("thermometer-{room}")
 }
 
-/// What is drawn for the places of one seed.
+/// The random choices for the places of one seed.
 pub(crate) struct Draw {
     pub(crate) random: Random,
     pub(crate) rooms: Vec<&'static str>,
     pub(crate) corridors: Vec<&'static str>,
-    /// All different, so that a value told for the wrong room is noticed.
+    /// All different, so that a value reported for the wrong room is noticed.
     pub(crate) temperatures: Vec<f64>,
 }
 
@@ -61,7 +61,7 @@ impl Draw {
         let rooms_count = random.between(3, 7);
         let corridors_count = random.between(1, 3);
         let tenths: Vec<usize> = (160..=280).collect();
-        // One more than there are locations: the temperature after the death.
+        // One more than there are locations: the temperature after the sensor's death.
         let tenths = random.sample(&tenths, rooms_count + corridors_count + 1);
         Draw {
             rooms: random.sample(&ROOMS, rooms_count),
@@ -82,7 +82,7 @@ impl Draw {
         Ok(())
     }
 
-    /// A layout with the locations and the doors between them.
+    /// Returns a layout with the locations and the doors between them.
     pub(crate) fn places(&mut self) -> Result<Layout, LayoutError> {
         let mut layout = Layout::new();
         self.add_locations(&mut layout)?;
@@ -91,8 +91,8 @@ impl Draw {
         Ok(layout)
     }
 
-    /// A tree: corridors hang on corridors, rooms on a corridor or, one in four,
-    /// on another room. So every location can be reached from every other.
+    /// Connects all locations as a tree: each corridor to an earlier corridor, each room to a corridor or,
+    /// one in four, to an earlier room. So every location can be reached from every other.
     fn connect_all(&mut self, layout: &mut Layout) -> Result<(), LayoutError> {
         for index in 1..self.corridors.len() {
             let to = self.random.below(index);
@@ -112,7 +112,7 @@ impl Draw {
         Ok(())
     }
 
-    /// A few more doors, which make circles.
+    /// Adds a few more doors, which make circles.
     fn add_doors(&mut self, layout: &mut Layout) -> Result<(), LayoutError> {
         let places: Vec<&str> = self.rooms.iter().chain(&self.corridors).copied().collect();
         for _ in 0..self.random.below(self.rooms.len()) {
@@ -125,7 +125,7 @@ impl Draw {
         Ok(())
     }
 
-    /// From 1 to 20 meters, in half meters.
+    /// Draws a distance from 1 to 20 meters, in half meters.
     fn meters(&mut self) -> f64 {
         self.random.between(2, 40) as f64 / 2.0
     }

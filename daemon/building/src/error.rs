@@ -1,7 +1,7 @@
-//! The errors of each border: laying out a building, using a device, serving it.
+//! The errors of laying out a building, using a device, and serving a building.
 //!
-//! Messages are lower-case fragments that complete "failed to …" and say what
-//! would be right; finding the likely intended name is done here for all of them.
+//! Messages are lower-case fragments that complete "failed to …" and say what would be right. The search
+//! for the most similar name is here for all of them.
 
 use std::io;
 use std::path::PathBuf;
@@ -16,27 +16,27 @@ use crate::quantity::Quantity;
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum LayoutError {
-    /// The name would not survive as a PDDL object.
+    /// The name is not a valid name of a PDDL object.
     #[error(
         "name something `{name}`: a name is a lower-case letter, then at most {} of `a-z 0-9 - _`",
         NAME_MAX - 1
     )]
     BadName {
-        /// What was written.
+        /// The name as written.
         name: String,
     },
-    /// Locations and devices share one set of names, as PDDL objects do.
+    /// The name is used already. Locations and devices share one set of names, as PDDL objects do.
     #[error("name something `{name}`: a {taken_by} has that name; choose another")]
     NameTaken {
-        /// The name that is asked for twice.
+        /// The name in question.
         name: String,
-        /// What bears it already, in words.
+        /// The kind of thing that has the name already, in words.
         taken_by: String,
     },
-    /// A door or device names a place that is not on the plan.
+    /// A door or device names a location that is not in the layout.
     #[error("find the location `{name}`{}", hint(.nearest))]
     UnknownLocation {
-        /// What was written.
+        /// The name as written.
         name: String,
         /// The most similar location, if one is similar.
         nearest: Option<String>,
@@ -44,51 +44,51 @@ pub enum LayoutError {
     /// A sensor is mounted on something that is not in the building.
     #[error("find the robot `{name}`{}", hint(.nearest))]
     UnknownRobot {
-        /// What was written.
+        /// The name as written.
         name: String,
         /// The most similar robot, if one is similar.
         nearest: Option<String>,
     },
-    /// A device is removed, or named, that is not in the building.
+    /// The named device is not in the building.
     #[error("find the device `{name}`{}", hint(.nearest))]
     UnknownDevice {
-        /// What was written.
+        /// The name as written.
         name: String,
         /// The most similar device, if one is similar.
         nearest: Option<String>,
     },
-    /// Only robots carry.
+    /// The carrier is not a robot; only robots carry devices.
     #[error("mount a sensor on `{name}`: it is a {is}, and only a robot carries sensors")]
     NotARobot {
         /// The intended carrier.
         name: String,
-        /// What it is, in words.
+        /// The kind of the carrier, in words.
         is: String,
     },
-    /// A temperature outside what a building can have.
+    /// The temperature is out of range.
     #[error(
         "set {celsius} °C in `{location}`: between {CELSIUS_MIN} and {CELSIUS_MAX} is possible"
     )]
     BadTemperature {
-        /// Where.
+        /// The location.
         location: String,
-        /// What was written.
+        /// The value as written, in °C.
         celsius: f64,
     },
-    /// A value that the quantity cannot have.
+    /// The value is out of the quantity's range.
     #[error(
         "set the {} of `{location}` to {value}: between {} and {} is possible",
         quantity.name(), quantity.bounds().0, quantity.bounds().1
     )]
     BadValue {
-        /// Where.
+        /// The location.
         location: String,
-        /// Of what.
+        /// The quantity.
         quantity: Quantity,
-        /// What was written.
+        /// The value as written.
         value: f64,
     },
-    /// A distance that no building has.
+    /// The distance is out of range.
     #[error(
         "connect `{from}` and `{to}` by {meters} m: more than 0 and at most {METERS_MAX} m is possible"
     )]
@@ -97,10 +97,10 @@ pub enum LayoutError {
         from: String,
         /// The other end.
         to: String,
-        /// What was written.
+        /// The distance as written.
         meters: f64,
     },
-    /// A location cannot be its own neighbor.
+    /// A location cannot be connected with itself.
     #[error("connect `{location}` with itself: name two different locations")]
     ConnectedToItself {
         /// The location named twice.
@@ -113,10 +113,10 @@ pub enum LayoutError {
         from: String,
         /// The other end.
         to: String,
-        /// The distance that is known already.
+        /// The distance of the existing connection.
         meters: f64,
     },
-    /// A door is locked or unlocked where there is none.
+    /// There is no door between the two locations.
     #[error("find a door between `{a}` and `{b}`: name two locations that are connected")]
     NoDoor {
         /// One side.
@@ -124,17 +124,17 @@ pub enum LayoutError {
         /// The other side.
         b: String,
     },
-    /// A speed that would never arrive, or arrive before it left.
+    /// The speed is out of range: the robot would never arrive, or at once.
     #[error(
         "let `{robot}` drive at {meters_per_second} m/s: between {SPEED_MIN} and {SPEED_MAX} m/s is possible"
     )]
     BadSpeed {
         /// The robot.
         robot: String,
-        /// What was written.
+        /// The speed as written.
         meters_per_second: f64,
     },
-    /// A battery that no robot has.
+    /// The values of the battery are out of range.
     #[error(
         "give `{robot}` such a battery: range, charge and recharge-time are not negative, and the \
          charge is at most the range"
@@ -143,69 +143,69 @@ pub enum LayoutError {
         /// The robot.
         robot: String,
     },
-    /// A camera can look in these directions only.
+    /// The camera has too many views, or a view lies in a direction that no camera can take.
     #[error("let `{camera}` see so: at most 16 places, pan -170 to 170, tilt -90 to 90 degrees")]
     BadView {
         /// The camera.
         camera: String,
     },
-    /// Time cannot be scaled by this factor.
+    /// The time scale is out of range.
     #[error(
         "scale time by {time_scale}: 1.0 is real time, 0.1 ten times faster; between 0 and 1000 is possible"
     )]
     BadTimeScale {
-        /// What was written.
+        /// The factor as written.
         time_scale: f64,
     },
 }
 
-/// Why a device did not do what its driver asked. Travels over the socket too.
+/// Why a device did not do what its driver asked. This type is also sent over the socket.
 #[derive(Clone, Debug, Deserialize, Eq, Error, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum DeviceError {
-    /// There is no such device in the building, or no longer.
+    /// There is no such device in the building (any more).
     #[error("find the device `{device}` in the building{}", hint(.nearest))]
     UnknownDevice {
-        /// What was asked for.
+        /// The name as given in the request.
         device: String,
         /// The most similar device, if one is similar.
         nearest: Option<String>,
     },
-    /// The device is there, and is not made for this.
+    /// The device exists but is of another kind than the operation needs.
     #[error("use `{device}` as a {wanted}: it is a {is}")]
     WrongKind {
-        /// What was asked.
+        /// The device.
         device: String,
-        /// What it is, in words.
+        /// The kind of the device, in words.
         is: String,
-        /// What the operation needs, in words.
+        /// The kind that the operation needs, in words.
         wanted: String,
     },
     /// There is no such place in the building.
     #[error("find the location `{location}` in the building{}", hint(.nearest))]
     UnknownLocation {
-        /// What was asked for.
+        /// The name as given in the request.
         location: String,
         /// The most similar location, if one is similar.
         nearest: Option<String>,
     },
-    /// The robot does not stand next to where it shall go.
+    /// The destination is not a neighbor of the robot's location.
     #[error("go from `{from}` to `{to}`: from there a robot can go to {}", list(.ways))]
     NoWay {
-        /// Where the robot truly is.
+        /// The true location of the robot.
         from: String,
-        /// Where it was sent.
+        /// The destination.
         to: String,
-        /// Where it could go.
+        /// The neighbors of the robot's location.
         ways: Vec<String>,
     },
-    /// There is a door, and it is locked.
+    /// The door on the way is locked.
     #[error("go from `{from}` to `{to}`: the door is locked")]
     Locked {
-        /// Where the robot truly is.
+        /// The true location of the robot.
         from: String,
-        /// Where it was sent.
+        /// The destination.
         to: String,
     },
     /// The device has failed.
@@ -214,58 +214,58 @@ pub enum DeviceError {
         /// The device.
         device: String,
     },
-    /// The robot is on its way somewhere else.
+    /// The robot is on another errand.
     #[error("send `{device}`: it is on another errand; cancel that one first")]
     Busy {
         /// The robot.
         device: String,
     },
-    /// The robot's battery is empty, or nearly so.
+    /// The robot's battery does not last for the way.
     #[error("drive `{device}` to `{to}`: its battery does not last so far")]
     EmptyBattery {
         /// The robot.
         device: String,
-        /// Where it was sent.
+        /// The destination.
         to: String,
     },
-    /// The camera does not turn or zoom so far.
+    /// The aim is beyond the limits of the camera.
     #[error("turn `{device}` so far: pan -170 to 170, tilt -90 to 90 degrees, zoom 1 to 10")]
     OutOfReach {
         /// The camera.
         device: String,
     },
-    /// A screen on a wall shows nothing before it has a channel.
+    /// The screen has no channel yet; a screen on a wall shows nothing without one.
     #[error("show anything on `{device}`: it was given no channel yet")]
     NoChannel {
         /// The screen.
         device: String,
     },
-    /// No screen is that large.
+    /// The text is too long for a screen.
     #[error("show that on `{device}`: {bytes_max} bytes are possible")]
     TooLong {
         /// The screen.
         device: String,
-        /// The longest text.
+        /// The longest possible text.
         bytes_max: usize,
     },
-    /// A battery can be filled at the dock only.
+    /// The robot does not stand at its dock, where alone it can recharge.
     #[error("recharge `{device}`: it {}", at_dock(.dock))]
     NotAtDock {
         /// The robot.
         device: String,
-        /// Where it would have to stand; `None` if it has no battery.
+        /// The robot's dock; `None` if the robot has no battery.
         dock: Option<String>,
     },
-    /// The building's socket does not answer (any more).
+    /// The building's socket does not answer, or the connection broke.
     #[error("reach the building: {reason}")]
     Unreachable {
-        /// What happened to the connection.
+        /// The problem of the connection.
         reason: String,
     },
-    /// The building's server would not take the request.
+    /// The building's server refused the request.
     #[error("be heard by the building: {reason}")]
     Refused {
-        /// What would have been right.
+        /// The reason, and what would have been right.
         reason: String,
     },
 }
@@ -274,13 +274,13 @@ pub enum DeviceError {
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum ServeError {
-    /// Another server answers there.
+    /// Another server answers at this socket.
     #[error("serve the building at {}: another building is served there", .path.display())]
     InUse {
         /// The path of the socket.
         path: PathBuf,
     },
-    /// Something that is not a socket is in the way; it is not ours to remove.
+    /// The path is taken by a file that is not a socket; it is not removed.
     #[error("serve the building at {}: a file is there that is no socket; choose another path", .path.display())]
     NotASocket {
         /// The path of the file.
@@ -291,15 +291,15 @@ pub enum ServeError {
     Io {
         /// The path of the socket.
         path: PathBuf,
-        /// What the operating system said.
+        /// The error of the operating system.
         #[source]
         source: io::Error,
     },
 }
 
-/// The candidate most similar to `name`, if one is similar enough to be meant.
+/// Returns the candidate most similar to `name`; `None` if none is similar enough.
 pub(crate) fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Option<String> {
-    // A third of the letters wrong is a slip; more is another word.
+    // Up to a third of the letters wrong counts as a slip; more is another word.
     let slips_max = (name.chars().count() / 3).max(1);
     candidates
         .map(|candidate| (strsim::damerau_levenshtein(name, candidate), candidate))

@@ -7,7 +7,7 @@ pub(crate) fn office() -> Building {
     Building::new(Layout::seeded(0).layout, 1.0).expect("the time scale is possible")
 }
 
-/// What happened, one line per occurrence, as a test writes it down.
+/// Returns the log, one line per occurrence, in the form that tests expect.
 pub(crate) fn story(truth: &Truth) -> Vec<String> {
     truth.occurrences().map(|occurrence| line(&occurrence.event)).collect()
 }

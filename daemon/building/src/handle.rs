@@ -1,8 +1,8 @@
-//! What a simulated driver holds: the building's devices, near or far.
+//! Access of a simulated driver to the building's devices, in this process or another.
 //!
-//! In-process it calls the [`Building`]; over a Unix socket it asks the server
-//! of the process that holds the building. The same driver works with both, and
-//! with neither can it see or change the truth beyond what its device does.
+//! In-process it calls the [`Building`]; over a Unix socket it asks the server of the process that has the
+//! building. The same driver works with both. With neither can it see or change the truth beyond what its
+//! device does.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use crate::error::DeviceError;
 use crate::truth::Reading;
 use crate::wire::{Answer, Ask};
 
-/// A driver's hold on the devices of a building. Clones share the connection.
+/// A driver's access to the devices of a building. Clones share the connection.
 #[derive(Clone, Debug)]
 pub struct BuildingHandle {
     pub(crate) way: Way,
@@ -29,7 +29,7 @@ impl BuildingHandle {
         BuildingHandle { way: Way::InProcess(building) }
     }
 
-    /// The building in this process, or else the way to it.
+    /// Returns the building if it is in this process; otherwise, as the error, the client of its socket.
     pub(crate) fn near(&self) -> Result<&Building, &Remote> {
         match &self.way {
             Way::InProcess(building) => Ok(building),
@@ -39,20 +39,20 @@ impl BuildingHandle {
 
     /// Connects to a building that another process serves at `socket_path`.
     ///
-    /// Should the connection break, what is under way fails as
-    /// [`DeviceError::Unreachable`], and the next use connects again.
+    /// If the connection breaks, the requests under way fail with [`DeviceError::Unreachable`], and the
+    /// next use connects again.
     pub async fn connect(socket_path: impl AsRef<Path>) -> Result<BuildingHandle, DeviceError> {
         let remote = Remote::connect(socket_path.as_ref()).await?;
         Ok(BuildingHandle { way: Way::Socket(remote) })
     }
 
-    /// As [`connect`](BuildingHandle::connect), but only at the first use: for a
-    /// driver that may be there before the building is.
+    /// Like [`connect`](BuildingHandle::connect), but connects at the first use: for a driver that may
+    /// start before the building does.
     pub fn at(socket_path: impl AsRef<Path>) -> BuildingHandle {
         BuildingHandle { way: Way::Socket(Remote::at(socket_path.as_ref())) }
     }
 
-    /// Measures the temperature where the sensor truly is.
+    /// Measures the temperature at the true location of the sensor.
     pub async fn read_temperature(&self, sensor: &str) -> Result<Reading, DeviceError> {
         match &self.way {
             Way::InProcess(building) => building.read_temperature(sensor).await,
@@ -65,8 +65,8 @@ impl BuildingHandle {
         }
     }
 
-    /// Drives a robot to a location next to where it truly is. Dropping the
-    /// future calls the trip off; see [`Building::navigate`].
+    /// Drives a robot to a neighbor of its true location. Dropping the future cancels the trip; see
+    /// [`Building::navigate`].
     pub async fn navigate(&self, robot: &str, to: &str) -> Result<(), DeviceError> {
         match &self.way {
             Way::InProcess(building) => building.navigate(robot, to).await,
@@ -80,7 +80,7 @@ impl BuildingHandle {
         }
     }
 
-    /// Where a device truly is: robots localize themselves, sensors are labeled.
+    /// Returns the true location of a device; see [`Building::place_of`].
     pub async fn place_of(&self, device: &str) -> Result<String, DeviceError> {
         match &self.way {
             Way::InProcess(building) => building.place_of(device),

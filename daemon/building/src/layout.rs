@@ -1,9 +1,8 @@
 //! The plan of a building: locations, the doors between them, the devices in it.
 //!
-//! Plain data that can be read from and written to JSON or TOML. Every way to a
-//! [`Layout`] goes through the same checks, so whoever holds one may trust it:
-//! names are unique PDDL names, every reference is known, every number possible.
-//! What happens in the building is [`Building`](crate::Building)'s matter.
+//! It is plain data that can be read from and written to JSON or TOML. Every way to create a [`Layout`]
+//! makes the same checks, so every layout is valid: names are unique PDDL names, every reference is known,
+//! every number is possible. What happens in the building is left to [`Building`](crate::Building).
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,17 +19,17 @@ pub(crate) use additions::{
     CELSIUS_MAX, CELSIUS_MIN, METERS_MAX, NAME_MAX, SPEED_MAX, SPEED_MIN, check_temperature,
 };
 
-/// What a location is, in the words of the shared ontology.
+/// The kind of a location, as a type of the shared ontology.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LocationKind {
-    /// A room: people want to know its temperature.
+    /// A room: a place with a temperature that people want to know.
     Room,
-    /// A corridor: robots pass through.
+    /// A corridor: a place that robots pass through.
     Corridor,
 }
 
-/// A place where robots can be and a temperature reigns.
+/// A place where robots can be, with a temperature.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Location {
@@ -42,17 +41,17 @@ pub struct Location {
     pub celsius: f64,
 }
 
-/// A way from one location to another.
+/// A connection from one location to another.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Connection {
-    /// One end; the start, where the way is one-way.
+    /// One end; the start if the connection is one-way.
     pub from: String,
     /// The other end.
     pub to: String,
     /// Its length in meters.
     pub meters: f64,
-    /// Whether it can be gone from `from` to `to` only.
+    /// Whether robots can go from `from` to `to` only.
     #[serde(default)]
     pub one_way: bool,
 }
@@ -67,28 +66,28 @@ pub enum Device {
     FixedSensor {
         /// Its name.
         name: String,
-        /// The location whose temperature it measures.
+        /// The location that it measures.
         location: String,
     },
-    /// A sensor in a location, of something else than its temperature.
+    /// A sensor in a location, of a quantity other than temperature.
     Sensor {
         /// Its name.
         name: String,
         /// The location where it is.
         location: String,
-        /// What it measures.
+        /// The quantity that it measures.
         quantity: Quantity,
     },
-    /// A mobile base.
+    /// A robot: a mobile base.
     Robot {
         /// Its name.
         name: String,
         /// The location where it stands at the start.
         start: String,
-        /// Its speed.
+        /// Its speed, in meters per second.
         meters_per_second: f64,
     },
-    /// A temperature sensor that measures wherever its carrier is.
+    /// A temperature sensor that measures at the location of its carrier.
     MountedSensor {
         /// Its name.
         name: String,
@@ -101,7 +100,7 @@ pub enum Device {
         name: String,
         /// The location where it hangs.
         location: String,
-        /// Where the places that it can see lie.
+        /// The directions of the places that it can see.
         #[serde(default)]
         views: Vec<View>,
     },
@@ -112,7 +111,7 @@ pub enum Device {
         /// The location where it hangs.
         location: String,
     },
-    /// A screen that is wherever its carrier is.
+    /// A screen on a robot; its location is that of its carrier.
     MountedScreen {
         /// Its name.
         name: String,
@@ -135,7 +134,7 @@ impl Device {
         }
     }
 
-    /// What the device is, in words for a message.
+    /// Returns the kind of the device, in words for a message.
     pub(crate) fn is(&self) -> &'static str {
         match self {
             Device::FixedSensor { .. } => "fixed sensor",
@@ -148,7 +147,7 @@ impl Device {
         }
     }
 
-    /// The robot that carries it.
+    /// Returns the robot that carries the device; `None` for a device that is not mounted.
     pub(crate) fn carrier(&self) -> Option<&str> {
         match self {
             Device::MountedSensor { carrier, .. } | Device::MountedScreen { carrier, .. } => {
@@ -159,18 +158,18 @@ impl Device {
     }
 }
 
-/// The plan of a building; see the module for what is checked.
+/// The plan of a building; the module describes what is checked.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(try_from = "Written", into = "Written")]
 pub struct Layout {
     locations: Vec<Location>,
     connections: Vec<Connection>,
     devices: Vec<Device>,
-    /// By robot; one that is not here needs none.
+    /// By robot; a robot that is not listed needs no battery.
     pub(crate) batteries: BTreeMap<String, Battery>,
 }
 
-/// A layout as it stands in a file, nothing checked yet.
+/// A layout as read from a file, not checked yet.
 #[derive(Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct Written {
@@ -195,7 +194,7 @@ impl TryFrom<Written> for Layout {
         for connection in connections {
             layout.add_connection(connection)?;
         }
-        // Carriers first, so that a file may name its devices in any order.
+        // Carriers first, so that a file may list its devices in any order.
         let (mounted, standing): (Vec<_>, Vec<_>) =
             devices.into_iter().partition(|device| device.carrier().is_some());
         for device in standing.into_iter().chain(mounted) {
@@ -215,7 +214,7 @@ impl From<Layout> for Written {
     }
 }
 
-// === impl Layout: looking ===
+// === impl Layout: reading ===
 
 impl Layout {
     /// All locations, in the order they were added.
@@ -236,17 +235,18 @@ impl Layout {
         &self.connections
     }
 
-    /// All devices; what is mounted comes after its carrier.
+    /// All devices. A file's mounted devices come after all others.
     pub fn devices(&self) -> &[Device] {
         &self.devices
     }
 
-    /// The device of that name.
+    /// Returns the device of that name, or `None`.
     pub fn device(&self, name: &str) -> Option<&Device> {
         self.devices.iter().find(|device| device.name() == name)
     }
 
-    /// Where the robot of that name stands at the start.
+    /// Returns the location where the robot of that name stands at the start; `None` if there is no such
+    /// robot.
     pub(crate) fn start_of(&self, robot: &str) -> Option<&str> {
         match self.device(robot)? {
             Device::Robot { start, .. } => Some(start),
@@ -254,12 +254,12 @@ impl Layout {
         }
     }
 
-    /// The location of that name.
+    /// Returns the location of that name, or `None`.
     pub fn location(&self, name: &str) -> Option<&Location> {
         self.locations.iter().find(|location| location.name == name)
     }
 
-    /// The sensors that are fixed in `location`.
+    /// The temperature sensors that are fixed in `location`.
     pub fn fixed_sensors_in<'a>(&'a self, location: &'a str) -> impl Iterator<Item = &'a str> {
         self.devices.iter().filter_map(move |device| match device {
             Device::FixedSensor { name, location: place } if place == location => {
@@ -269,12 +269,13 @@ impl Layout {
         })
     }
 
-    /// The rooms that no fixed sensor measures.
+    /// The rooms that have no fixed temperature sensor.
     pub fn rooms_without_sensor(&self) -> impl Iterator<Item = &str> {
         self.rooms().filter(|room| self.fixed_sensors_in(room).next().is_none())
     }
 
-    /// The length of the way from one location to its neighbor, if there is one.
+    /// Returns the length of the connection from one location to the other, in meters; `None` if they are
+    /// not connected in this direction.
     pub fn meters(&self, from: &str, to: &str) -> Option<f64> {
         self.connections
             .iter()
@@ -297,7 +298,7 @@ impl Layout {
         })
     }
 
-    /// Every location a robot can come to from `from`, itself included.
+    /// Every location that a robot at `from` can reach, `from` included.
     pub fn reachable_from<'a>(&'a self, from: &'a str) -> BTreeSet<&'a str> {
         let mut reached = BTreeSet::from([from]);
         let mut frontier = vec![from];
@@ -307,7 +308,7 @@ impl Layout {
         reached
     }
 
-    /// Every location that a robot with a sensor on it can come to.
+    /// Every location that a robot with a temperature sensor can reach.
     pub(crate) fn measurable_by_robots(&self) -> BTreeSet<&str> {
         let carriers = self.devices.iter().filter_map(|device| match device {
             Device::MountedSensor { carrier, .. } => self.device(carrier),
@@ -322,12 +323,12 @@ impl Layout {
             .collect()
     }
 
-    /// The location most similar to a name that is none.
+    /// Returns the location with a name most similar to `name`; `None` if none is similar.
     pub(crate) fn nearest_location(&self, name: &str) -> Option<String> {
         nearest(name, self.locations.iter().map(|location| location.name.as_str()))
     }
 
-    /// The device most similar to a name that is none.
+    /// Returns the device with a name most similar to `name`; `None` if none is similar.
     pub(crate) fn nearest_device(&self, name: &str) -> Option<String> {
         nearest(name, self.devices.iter().map(Device::name))
     }

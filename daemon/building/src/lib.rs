@@ -1,21 +1,21 @@
 //! The simulated building: a world with its own truth.
 //!
-//! Simulated drivers act on it, the planner never sees it, and tests check the
-//! claims of the agents against it. Start reading at [`Layout`] (what is built),
-//! then [`Building`] (what happens), then [`Truth`] (what really happened).
+//! Simulated drivers act on it, the planner never sees it, and tests compare the claims of agents with it.
+//! Start reading at [`Layout`] (the plan), then [`Building`] (what happens), then [`Truth`] (what has
+//! really happened).
 //!
-//! - A **driver** holds a [`BuildingHandle`], in-process or over a Unix socket,
-//!   and can do only what its device can do.
-//! - **Fate** (a test, a scenario) holds the [`Building`] itself: it breaks and
-//!   repairs devices, locks doors, changes temperatures and reads the truth.
-//!   None of that is reachable over the socket, so no agent can cheat.
-//! - [`Layout::seeded`] draws another building per seed, and [`check_scenario_1`]
-//!   says whether the paper's scenario 1 truly came to pass in it; [`Maintenance`],
-//!   [`Access`] and [`Meeting`] are scenarios 2, 3 and Figure 1. [`Campus`] is
-//!   drawn as large as is asked, with the files of its ecosystem.
+//! - A **driver** has a [`BuildingHandle`], in-process or over a Unix socket, and can do only what its
+//!   device can do.
+//! - A **test or scenario** has the [`Building`] itself: it breaks and repairs devices, locks doors,
+//!   changes temperatures and reads the truth. None of that is offered over the socket, so no agent can
+//!   cheat.
+//! - [`Layout::seeded`] draws another building per seed, and [`check_scenario_1`] checks whether the
+//!   paper's scenario 1 truly took place in it. [`Maintenance`] is scenario 2, [`Access`] scenario 3,
+//!   [`Meeting`] Figure 1 of the paper. [`Campus`] draws a campus of any number of houses up to
+//!   [`HOUSES_MAX`], with the files of its ecosystem.
 //!
-//! Left to others: what an agent knows or says, PDDL beyond printing a map, and
-//! the substrate. **Invariant:** nothing here speaks Zenoh.
+//! Left to others: the beliefs and messages of agents, PDDL beyond printing a map, and the substrate.
+//! **Invariant:** no code here uses Zenoh.
 
 mod battery;
 mod building;

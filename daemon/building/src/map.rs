@@ -1,17 +1,17 @@
-//! Prints a layout as the map of a PDDL problem: what no agent brings.
+//! Prints a layout as the map of a PDDL problem: the part that no agent announces.
 //!
-//! Rooms, corridors, doors and distances; devices are not here, because they
-//! announce themselves. Only prints: reading PDDL is the `pddl` crate's work.
+//! The map has rooms, corridors, doors and distances. Devices are not in it, because they announce
+//! themselves. Reading PDDL is left to the `pddl` crate.
 
 use std::fmt::Write as _;
 
 use crate::layout::{Layout, LocationKind};
 
 impl Layout {
-    /// The map as the text of a problem for the domain `domain_name`.
+    /// Returns the map as the text of a problem for the domain `domain_name`.
     ///
-    /// Each connection is printed in every direction it can be gone. The goal is
-    /// the empty conjunction, which always holds: people bring the goals.
+    /// Each connection is printed once per direction that a robot can take. The goal is the empty
+    /// conjunction, which always holds: goals come from the users.
     pub fn map_pddl(&self, domain_name: &str) -> String {
         format!(
             "(define (problem {domain_name}-map)\n  (:domain {domain_name})\n  (:objects{})\n  \
@@ -85,7 +85,7 @@ mod tests {
         .assert_eq(&layout.map_pddl("smart-office"));
     }
 
-    /// The map that people read and the building of seed 0 are one building.
+    /// The map in the repository and the building of seed 0 are the same.
     #[test]
     fn seed_0_is_the_map_of_the_smart_office() {
         let file = include_str!("../../../domains/smart-office/map.pddl");

@@ -1,8 +1,8 @@
-//! Measuring what is not temperature: the truth of it, the hand of fate, what sensors do.
+//! Quantities other than temperature: their truth, their control by tests, and measuring them.
 //!
-//! As with temperature, a driver sees only what its sensor measures where that is. A sensor that
-//! notices changes (motion) is awaited with [`Building::await_change`], which takes no time of
-//! its own: whoever moves is noticed in that instant.
+//! As with temperature, a driver sees only what its sensor measures at the sensor's true location. A driver
+//! awaits a change, such as motion, with [`Building::await_change`]. That takes no time of its own: the
+//! change is noticed in the instant in which it happens.
 
 use std::time::Duration;
 
@@ -17,31 +17,31 @@ use crate::truth::{Event, Fault, Truth};
 use crate::wire::{Answer, Ask};
 use crate::world::MEASURING;
 
-/// What a sensor measured, and where it truly was.
+/// The result of a measurement, and the true location of the sensor.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Measured {
-    /// Where the sensor was when it measured.
+    /// The location of the sensor when it measured.
     pub location: String,
-    /// What it measured.
+    /// The measured quantity.
     pub quantity: Quantity,
-    /// In the quantity's unit; of a yes-or-no quantity, 1 is yes and 0 is no.
+    /// The value in the quantity's unit; for a yes-or-no quantity, 1 is yes and 0 is no.
     pub value: f64,
 }
 
 // === impl Building ===
 
 impl Building {
-    /// Measures a quantity where the sensor truly is.
+    /// Measures a quantity at the true location of the sensor.
     pub async fn measure(&self, sensor: &str, quantity: Quantity) -> Result<Measured, DeviceError> {
         let takes = self.change(|truth| truth.begin_measuring(sensor, quantity))?;
         self.work(sensor, takes, |truth| truth.finish_measuring(sensor, quantity)).await
     }
 
-    /// Waits until a quantity is not `known` any more where the sensor truly is, and measures it.
+    /// Waits until the quantity at the true location of the sensor differs from `known`, and measures it.
     ///
-    /// May wait for ever: as long as nothing changes, or while the sensor hangs. Whoever calls it
-    /// drops the future.
+    /// It may wait forever: as long as nothing changes, or while the sensor hangs. The caller sets a
+    /// deadline and drops the future.
     pub async fn await_change(
         &self,
         sensor: &str,
@@ -64,7 +64,7 @@ impl Building {
         }
     }
 
-    /// Makes a quantity be so in a location, and wakes who waits for it.
+    /// Sets the true value of a quantity in a location, and wakes the callers that wait for it.
     pub fn set(&self, location: &str, quantity: Quantity, value: f64) -> Result<(), LayoutError> {
         self.change(|truth| truth.set(location, quantity, value))
     }
@@ -73,7 +73,8 @@ impl Building {
 // === impl Truth ===
 
 impl Truth {
-    /// What a quantity truly is in a location.
+    /// Returns the true value of a quantity in a location: the value that was set, or else the usual one.
+    /// `None` if there is no such location.
     pub fn value(&self, location: &str, quantity: Quantity) -> Option<f64> {
         self.layout.location(location)?;
         let said = self.conditions.get(&quantity).and_then(|places| places.get(location));
@@ -95,7 +96,7 @@ impl Truth {
         Ok(())
     }
 
-    /// A sensor is asked. Returns how long it will measure.
+    /// Begins a measurement. Returns how long it takes.
     fn begin_measuring(
         &mut self,
         sensor: &str,
@@ -120,7 +121,7 @@ impl Truth {
         Ok(measured)
     }
 
-    /// What the sensor would measure now.
+    /// Returns what the sensor would measure now.
     fn measurable(&self, sensor: &str, quantity: Quantity) -> Result<Measured, DeviceError> {
         let location = self.require_place(sensor)?;
         let value = self
@@ -129,7 +130,7 @@ impl Truth {
         Ok(Measured { location, quantity, value })
     }
 
-    /// Fails unless the device measures this quantity.
+    /// Returns an error unless the device measures this quantity.
     fn require_measuring(&self, sensor: &str, quantity: Quantity) -> Result<(), DeviceError> {
         match self.require_device(sensor)? {
             Device::Sensor { quantity: own, .. } if *own == quantity => Ok(()),
@@ -147,7 +148,7 @@ impl Truth {
 // === impl BuildingHandle ===
 
 impl BuildingHandle {
-    /// Measures a quantity where the sensor truly is.
+    /// Measures a quantity at the true location of the sensor; see [`Building::measure`].
     pub async fn measure(&self, sensor: &str, quantity: Quantity) -> Result<Measured, DeviceError> {
         match &self.way {
             Way::InProcess(building) => building.measure(sensor, quantity).await,
@@ -157,7 +158,7 @@ impl BuildingHandle {
         }
     }
 
-    /// Waits until a quantity is not `known` any more where the sensor truly is, and measures it;
+    /// Waits until the quantity at the true location of the sensor differs from `known`, and measures it;
     /// see [`Building::await_change`].
     pub async fn await_change(
         &self,

@@ -1,4 +1,4 @@
-//! People in the building, and what else moves in it: cameras see them, nobody controls them.
+//! People in the building, and other motion in it: cameras see both, no agent controls either.
 
 use crate::building::Building;
 use crate::error::LayoutError;
@@ -8,7 +8,7 @@ use crate::truth::{Event, Truth};
 // === impl Truth ===
 
 impl Truth {
-    /// Who is in a location, in the order of their names.
+    /// The people in a location, in the order of their names.
     pub fn people_in<'a>(&'a self, location: &'a str) -> impl Iterator<Item = &'a str> {
         let are_here = move |(_, place): &(&String, &String)| place.as_str() == location;
         self.people.iter().filter(are_here).map(|(person, _)| person.as_str())
@@ -56,21 +56,20 @@ impl Truth {
     }
 }
 
-// === impl Building: fate ===
+// === impl Building: control by tests and scenarios ===
 
 impl Building {
-    /// A person comes to a location, from outside or from another one.
+    /// Lets a person come to a location, from outside or from another location.
     pub fn enter(&self, person: &str, location: &str) -> Result<(), LayoutError> {
         self.change(|truth| truth.enter(person, location))
     }
 
-    /// A person leaves the building.
+    /// Lets a person leave the building.
     pub fn leave(&self, person: &str) {
         self.change(|truth| truth.leave(person));
     }
 
-    /// Something begins to move in a location and does not stop, a curtain in the wind; or it
-    /// stops.
+    /// Sets whether something keeps moving in a location, such as a curtain in the wind.
     pub fn set_motion(&self, location: &str, moves: bool) -> Result<(), LayoutError> {
         self.change(|truth| truth.set_motion(location, moves))
     }

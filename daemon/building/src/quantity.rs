@@ -1,10 +1,11 @@
-//! What can be measured in a building besides its temperature. To add a quantity, add its line.
+//! The quantities that sensors measure besides temperature. To add a quantity, add its variant and its line
+//! in the table.
 //!
 //! Yes-or-no quantities are numbers too: 1 is yes, 0 is no.
 
 use serde::{Deserialize, Serialize};
 
-/// Something that is true of each location and that a sensor there can measure.
+/// A quantity that has a value in each location and that a sensor there can measure.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -15,26 +16,27 @@ pub enum Quantity {
     Co2,
     /// Illuminance, in lx.
     Light,
-    /// Whether something warm moves.
+    /// Whether something warm moves: 1 or 0.
     Motion,
-    /// Free distance before an IR distance sensor, in m.
+    /// Free distance in front of an IR distance sensor, in m.
     Distance,
-    /// Whether something is right before an IR reflective sensor.
+    /// Whether something is right in front of an IR reflective sensor: 1 or 0.
     Reflection,
-    /// Whether the contact of a door or a window is closed.
+    /// Whether the contact of a door or a window is closed: 1 or 0.
     Contact,
 }
 
 struct Line {
     quantity: Quantity,
     name: &'static str,
-    /// What is so where nobody has said otherwise: an empty office by day.
+    /// Value in a location where no other was set: that of an empty office by day.
     usual: f64,
     min: f64,
     max: f64,
 }
 
-/// All of them. The bounds are what exists, rounded up: the sun, a storeroom of dry ice.
+/// All quantities. The bounds are the extremes that exist, rounded up, such as sunlight or a storeroom of
+/// dry ice.
 const QUANTITIES: &[Line] = &[
     line(Quantity::Humidity, "humidity", 45.0, 0.0, 100.0),
     line(Quantity::Co2, "co2", 420.0, 0.0, 1_000_000.0),
@@ -55,22 +57,22 @@ impl Quantity {
         QUANTITIES.iter().map(|line| line.quantity)
     }
 
-    /// The quantity of this name.
+    /// Returns the quantity of this name, or `None`.
     pub fn named(name: &str) -> Option<Quantity> {
         QUANTITIES.iter().find(|line| line.name == name).map(|line| line.quantity)
     }
 
-    /// Its name, as in files and on the wire.
+    /// Returns its name, as in files and on the wire.
     pub fn name(self) -> &'static str {
         self.line().name
     }
 
-    /// What it is where nobody has said otherwise.
+    /// Returns its value in a location where no other was set.
     pub(crate) fn usual(self) -> f64 {
         self.line().usual
     }
 
-    /// The least and the most it can be.
+    /// Returns its smallest and its largest possible value.
     pub(crate) fn bounds(self) -> (f64, f64) {
         (self.line().min, self.line().max)
     }
@@ -87,7 +89,7 @@ mod tests {
 
     #[test]
     fn each_quantity_has_one_line_and_is_spelled_alike_everywhere() {
-        // A new variant has to be counted here, and so is not forgotten in the table.
+        // The match is exhaustive: a new variant does not compile until it is counted here.
         let count = |quantity| match quantity {
             Quantity::Humidity
             | Quantity::Co2

@@ -1,8 +1,8 @@
-//! A small random source whose stream never changes: the same seed gives the
-//! same building on every machine and in every release.
+//! A small random number generator with a stream that never changes: the same seed gives the same building
+//! on every machine and in every release.
 
-/// SplitMix64 (Steele, Lea, Flood: “Fast splittable pseudorandom number
-/// generators”, OOPSLA 2014): 64 bits of state, no weak seeds.
+/// SplitMix64 (Steele, Lea, Flood: “Fast splittable pseudorandom number generators”, OOPSLA 2014): 64 bits
+/// of state, no weak seeds.
 pub(crate) struct Random {
     state: u64,
 }
@@ -20,23 +20,23 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// A number below `bound`, which is not 0. The bias of the remainder is below
-    /// 2⁻⁵⁰ for the bounds of a building.
+    /// Draws a number below `bound`, which must not be 0. The bias of the remainder is below 2⁻⁵⁰ for the
+    /// bounds that a building needs.
     pub(crate) fn below(&mut self, bound: usize) -> usize {
         (self.next() % bound as u64) as usize
     }
 
-    /// A number from `low` to `high`, both included.
+    /// Draws a number from `low` to `high`, both included.
     pub(crate) fn between(&mut self, low: usize, high: usize) -> usize {
         low + self.below(high - low + 1)
     }
 
-    /// True once in `in_count` times.
+    /// Draws `true` with a probability of one in `in_count`.
     pub(crate) fn once_in(&mut self, in_count: usize) -> bool {
         self.below(in_count) == 0
     }
 
-    /// Takes `count` of the items, in random order.
+    /// Draws `count` of the items, in random order; all of them if there are fewer.
     pub(crate) fn sample<T: Copy>(&mut self, items: &[T], count: usize) -> Vec<T> {
         let mut rest = items.to_vec();
         (0..count.min(rest.len()))

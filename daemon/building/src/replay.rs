@@ -1,18 +1,18 @@
-//! What truly happened, worked out from the log once more.
+//! Replays the log of a building to find out what truly happened.
 //!
-//! The checks of the scenarios believe neither the agents nor the bookkeeping of who was where:
-//! they replay the log from the layout, and note what the building could not have seen.
+//! The checks of the scenarios trust neither the agents nor the truth's own record of places. They replay
+//! the log from the layout, and report whatever is impossible in the building.
 
 use std::collections::BTreeMap;
 
 use crate::layout::{Device, Layout};
 use crate::truth::{Event, Occurrence, Truth};
 
-/// How far a value told to the user may be off. Temperatures of the scenarios
-/// differ by a tenth of a degree, so this forgives printing and nothing else.
+/// How far a value reported to the user may be off, in °C. Temperatures of the scenarios differ by at least
+/// a tenth of a degree, so this allows for rounding in print and nothing else.
 const CELSIUS_TOLERANCE: f64 = 0.001;
 
-/// A reading that is proven by the replay.
+/// A reading that the replay has confirmed.
 pub(crate) struct Proven {
     pub(crate) sequence: u64,
     pub(crate) sensor: String,
@@ -20,7 +20,7 @@ pub(crate) struct Proven {
     pub(crate) mounted: bool,
 }
 
-/// A robot that went from one location to the next.
+/// A completed trip of a robot from one location to the next.
 pub(crate) struct Trip {
     pub(crate) sequence: u64,
     pub(crate) robot: String,
@@ -32,12 +32,12 @@ pub(crate) struct Trip {
 pub(crate) struct Replayed {
     pub(crate) readings: Vec<Proven>,
     pub(crate) trips: Vec<Trip>,
-    /// Jumps of robots, and sensors that measured where they were not.
+    /// Impossible occurrences: jumps of robots, and sensors that measured where they were not.
     pub(crate) problems: Vec<String>,
 }
 
 impl Replayed {
-    /// Where a robot stood when the occurrence of this number happened.
+    /// Returns the location of a robot just before the occurrence with the sequence number `at`.
     pub(crate) fn place_of<'a>(
         &'a self,
         layout: &'a Layout,
@@ -50,7 +50,7 @@ impl Replayed {
     }
 }
 
-/// Replays the log of a building that had this layout.
+/// Replays the log of a building. `layout` is its layout at the start.
 pub(crate) fn replay(layout: &Layout, truth: &Truth) -> Replayed {
     let mut replayed = Replayed::default();
     if truth.forgotten_count() > 0 {
@@ -86,7 +86,8 @@ pub(crate) fn replay(layout: &Layout, truth: &Truth) -> Replayed {
     replayed
 }
 
-/// Whether a sensor that measured in `location` is mounted; the error says where it was instead.
+/// Returns whether the sensor that measured in `location` is mounted. Returns an error with its real
+/// location if it was elsewhere.
 fn prove(
     layout: &Layout,
     sensor: &str,
@@ -105,7 +106,7 @@ fn prove(
     Err(format!("`{sensor}` measured `{location}` and was in `{place}`"))
 }
 
-/// Where each robot stands at the start.
+/// The location of each robot at the start.
 fn starts(layout: &Layout) -> BTreeMap<&String, &String> {
     let robots = layout.devices().iter().filter_map(|device| match device {
         Device::Robot { name, start, .. } => Some((name, start)),
@@ -114,7 +115,8 @@ fn starts(layout: &Layout) -> BTreeMap<&String, &String> {
     robots.collect()
 }
 
-/// What the user was told, in °C by room, that is not true now.
+/// Compares the values that the user was told, in °C by room, with the truth; returns a text for each that
+/// is not true now.
 pub(crate) fn untrue(truth: &Truth, told: &BTreeMap<String, f64>) -> Vec<String> {
     let wrong = |(room, celsius): (&String, &f64)| match truth.temperature(room) {
         Some(true_celsius) if (celsius - true_celsius).abs() <= CELSIUS_TOLERANCE => None,

@@ -1,9 +1,8 @@
-//! Did scenario 1 of the paper truly come to pass? Asked of the truth alone.
+//! Checks from the truth alone whether scenario 1 of the paper took place.
 //!
-//! “The goal here is to collect temperature measurements from all rooms …”: each
-//! room is measured, one without a sensor by a robot that truly stands in it; a
-//! sensor dies; then a robot goes to its room too. The check replays the log, so
-//! it believes neither the agents nor the bookkeeping of who was where.
+//! “The goal here is to collect temperature measurements from all rooms …”: each room is measured, a room
+//! without a sensor by a robot that truly stands in it. Then a sensor dies, and a robot goes to its room
+//! too. The check replays the log, so it trusts neither the agents nor the truth's own record of places.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,18 +13,17 @@ use crate::truth::{Event, Truth};
 
 /// Checks scenario 1 against the truth; returns every way in which it failed.
 ///
-/// `death` is the sequence number of the occurrence in which the sensor broke,
-/// as [`SeededScenario::death`] returns it. `told` is what the user was told
-/// last about each room, in °C.
+/// `death` is the sequence number of the occurrence in which the sensor broke, as [`SeededScenario::death`]
+/// returns it. `told` is the last value that the user was told for each room, in °C.
 ///
-/// What must hold:
-/// 1. Every room that has a sensor, or that a robot with one can reach, was
-///    measured; a room without a sensor by a mounted one whose carrier was there.
-///    Where the sensor dies after its report, all this was so before it died.
-/// 2. The sensor died when it was meant to, and is silent since.
-/// 3. After its death its room was measured by a mounted sensor whose carrier
-///    was there. This is what fails when nobody plans anew.
-/// 4. What the user was told last about each room is true.
+/// These must hold:
+/// 1. Every room that has a sensor, or that a robot with a sensor can reach, was measured; a room without a
+///    sensor by a mounted sensor in the room. If the sensor dies after its report, all this happened before
+///    it died.
+/// 2. The sensor died when it was meant to, and has not measured since.
+/// 3. After its death, its room was measured by a mounted sensor in the room. This fails if no agent plans
+///    again.
+/// 4. The last value that the user was told for each room is true.
 pub fn check_scenario_1(
     scenario: &SeededScenario,
     truth: &Truth,
@@ -81,12 +79,12 @@ impl Check<'_> {
             Dies::AfterReport => {
                 (self.death, format!(" before `{}` died", self.scenario.dying_sensor))
             }
-            // Nothing needs to have been measured yet when it is first asked.
+            // At its first request, no room needs to have been measured yet.
             Dies::BeforeReport => (u64::MAX, String::new()),
         };
         for room in required_rooms(layout) {
             let needs_robot = bare.contains(room);
-            // A room without a sensor can only be proven to be measured by a robot.
+            // A room without a fixed sensor can only have a reading by a robot.
             let measured = self.readings.iter().any(|by| by.room == room && by.sequence < limit);
             if !measured {
                 let by = if needs_robot { "by a robot " } else { "" };
@@ -116,7 +114,7 @@ impl Check<'_> {
     }
 }
 
-/// The rooms whose temperature can be known: by their own sensor or by a robot.
+/// The rooms that have a temperature sensor or that a robot with a sensor can reach.
 fn required_rooms(layout: &Layout) -> Vec<&str> {
     let measurable = layout.measurable_by_robots();
     let has_sensor = |room: &str| layout.fixed_sensors_in(room).next().is_some();

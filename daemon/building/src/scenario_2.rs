@@ -1,8 +1,8 @@
-//! Scenario 2 of the paper, where the temperatures are to be kept known: sensors die, two robots
-//! share their work, and a new sensor makes it less.
+//! Scenario 2 of the paper: all temperatures are to be kept known while sensors die, two robots share the
+//! work, and a new sensor makes the work less.
 //!
-//! Seed 0 is the paper's office with a second robot in the conference room. Every other seed draws
-//! two wings, so far apart that driving over is never worth it.
+//! Seed 0 is the paper's office with a second robot in the conference room. Every other seed draws two
+//! wings, so far apart that driving to the other wing is never worth it.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,7 +19,7 @@ use crate::truth::{Event, Fault, Truth};
 /// The robots, one in each wing.
 const ROBOTS: [&str; 2] = ["turtlebot-1", "turtlebot-2"];
 
-/// A sensor and how it ends.
+/// A sensor that dies, and the temperature of its room afterwards.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Death {
@@ -27,32 +27,33 @@ pub struct Death {
     pub sensor: String,
     /// Its room.
     pub room: String,
-    /// How warm its room is from then on: what the sensor said is then no longer true.
+    /// The room's temperature from then on, in °C; the last value of the sensor is then no longer true.
     pub celsius_after: f64,
 }
 
-/// A building and what fate has in store for it.
+/// A building, and the events of the scenario.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Maintenance {
-    /// The seed that it was drawn from.
+    /// The seed of the random choices.
     pub seed: u64,
-    /// The building, with everything that will be in it.
+    /// The building, with all devices that are in it at any time.
     pub layout: Layout,
-    /// The places of each robot's wing: it never has a reason to leave it.
+    /// The places of each robot's wing: the robot never has a reason to leave it.
     pub wings: [BTreeSet<String>; 2],
-    /// The sensors that die, one after the other.
+    /// The two sensors that die, in this order.
     pub deaths: [Death; 2],
-    /// The sensor that is plugged in last, into a room that had none.
+    /// The sensor that is added last, to a room that had none.
     pub latecomer: String,
 }
 
 impl Death {
-    /// Lets the sensor die, and the temperature of its room change.
+    /// Lets the sensor hang, and the temperature of its room change. Returns the sequence number of the
+    /// break.
     ///
     /// # Errors
     ///
-    /// If the building has no such sensor or room.
+    /// Returns an error if the building has no such sensor or room.
     pub fn strike(&self, building: &Building) -> Result<u64, LayoutError> {
         let Death { sensor, room, celsius_after } = self;
         building.break_and_set_temperature(sensor, Fault::Hangs, room, *celsius_after)
@@ -60,30 +61,30 @@ impl Death {
 }
 
 impl Maintenance {
-    /// The scenario of this seed: the same on every machine, another per seed.
+    /// Returns the scenario of this seed: the same on every machine, another per seed.
     pub fn seeded(seed: u64) -> Maintenance {
         let drawn = if seed == 0 { paper_office() } else { draw(seed) };
         drawn.expect("invariant: word lists and ranges stay within what a layout allows")
     }
 
-    /// The building as it is at first: without the sensor that comes last.
+    /// The layout at the start: without the sensor that is added last.
     pub fn at_first(&self) -> Layout {
         let mut layout = self.layout.clone();
         layout.remove_device(&self.latecomer);
         layout
     }
 
-    /// Brings the last sensor into the building.
+    /// Adds the last sensor to the building.
     ///
     /// # Errors
     ///
-    /// If it is there already.
+    /// Returns an error if the sensor is there already.
     pub fn plug_in(&self, building: &Building) -> Result<(), LayoutError> {
         let (name, location) = (self.latecomer.clone(), self.late_room().to_owned());
         building.add_device(Device::FixedSensor { name, location })
     }
 
-    /// The room that the last sensor is plugged into.
+    /// The room that the last sensor is added to.
     pub fn late_room(&self) -> &str {
         match self.layout.device(&self.latecomer) {
             Some(Device::FixedSensor { location, .. }) => location,
@@ -91,17 +92,17 @@ impl Maintenance {
         }
     }
 
-    /// Checks the scenario against the truth; returns every way in which it failed. `told` is what
-    /// the user was told last about each room, in °C.
+    /// Checks the scenario against the truth; returns every way in which it failed. `told` is the last
+    /// value that the user was told for each room, in °C.
     ///
-    /// What must hold:
-    /// 1. Before the first death, and between the second and the new sensor, every room was
-    ///    measured; after each death its room by a robot.
-    /// 2. Both robots measured, and none ever left its wing: the map makes that dear.
-    /// 3. From the new sensor's first reading on, no robot measured its room, and the rooms of the
-    ///    dead sensors went on being measured. This is what fails when the plan does not get
-    ///    cheaper by itself.
-    /// 4. The dead are silent, and what the user was told last about each room is true.
+    /// These must hold:
+    /// 1. Before the first death, and between the second death and the new sensor, every room was measured.
+    ///    After each death, the room of the dead sensor was measured by a robot.
+    /// 2. Both robots measured, and neither ever left its wing: the distances make that expensive.
+    /// 3. From the new sensor's first reading on, no robot measured its room, and the rooms of the dead
+    ///    sensors were still measured. This fails if the plan does not become cheaper by itself.
+    /// 4. The dead sensors did not measure again, and the last value that the user was told for each room
+    ///    is true.
     pub fn check(&self, truth: &Truth, told: &BTreeMap<String, f64>) -> Result<(), Vec<String>> {
         let Replayed { readings, trips, problems } = replay(&self.layout, truth);
         let mut check = Check { scenario: self, readings, problems };
@@ -141,7 +142,7 @@ fn paper_office() -> Result<Maintenance, LayoutError> {
     finish(0, layout, wings, deaths, "office1")
 }
 
-/// From 16 to 20 meters between the wings, and at most 6 to each room of them.
+/// Draws 16 to 20 meters between the wings, and at most 6 from a corridor to each of its rooms.
 fn draw(seed: u64) -> Result<Maintenance, LayoutError> {
     let mut random = Random::new(seed);
     let rooms_count = random.between(3, 6);
@@ -159,8 +160,8 @@ fn draw(seed: u64) -> Result<Maintenance, LayoutError> {
     layout.connect(corridors[0], corridors[1], between)?;
     let mut wings = [0, 1].map(|wing: usize| BTreeSet::from([corridors[wing].to_owned()]));
     for (index, room) in rooms.iter().enumerate() {
-        // The room that has no sensor and the first that loses its own are in the first wing, the
-        // second that loses its own in the other.
+        // In the first wing are the room without a sensor and the room of the first sensor that dies; in
+        // the other is the room of the second.
         let wing = if index < 3 { usize::from(index == 2) } else { random.below(2) };
         layout.add_room(room, celsius())?;
         layout.connect(corridors[wing], room, random.between(2, 12) as f64 / 2.0)?;
@@ -176,7 +177,7 @@ fn draw(seed: u64) -> Result<Maintenance, LayoutError> {
     finish(seed, layout, wings, deaths, rooms[0])
 }
 
-/// Mounts the robots' sensors, and adds the one that comes last.
+/// Mounts the robots' sensors, and adds the sensor that comes last.
 fn finish(
     seed: u64,
     mut layout: Layout,
@@ -206,7 +207,8 @@ struct Check<'a> {
 }
 
 impl Check<'_> {
-    /// When the first died, when the second, and when the new one came; in this order.
+    /// Returns the sequence numbers of the first death, the second death, and the addition of the new
+    /// sensor; `None` if they did not happen in this order.
     fn moments(&mut self, truth: &Truth) -> Option<[u64; 3]> {
         let when = |sort: &dyn Fn(&Event) -> bool| {
             let found = truth.occurrences().find(|occurrence| sort(&occurrence.event));

@@ -1,8 +1,8 @@
-//! Scenario 3 of the paper: people come to the entry, the camera sees it, a robot goes there, and
-//! they log in at its screen, or do not.
+//! Scenario 3 of the paper: people come to the entry, the camera sees them, a robot goes there, and they
+//! log in at its screen or fail to.
 //!
-//! Seed 0 is the paper's office, whose entry is its corridor. Every other seed draws another
-//! building, another entry, and the order in which people come.
+//! Seed 0 is the paper's office; its entry is the corridor. Every other seed draws another building,
+//! another entry, and the order in which people come.
 
 use serde::Serialize;
 
@@ -14,12 +14,12 @@ use crate::random::Random;
 use crate::replay::{Replayed, replay};
 use crate::truth::{Event, Truth};
 
-/// The robot at whose screen people log in.
+/// The robot with the screen at which people log in.
 const ROBOT: &str = "turtlebot-1";
 /// The camera that looks at the entry.
 const CAMERA: &str = "camera-1";
 
-/// How the people at the keyboards answer for whom has come.
+/// How the people at the keyboards answer the question about a visitor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Manner {
@@ -27,57 +27,58 @@ pub enum Manner {
     TwoAtOnce,
     /// The first answer is wrong, the next is right.
     WrongThenRight,
-    /// Nobody answers.
+    /// No keyboard answers.
     NobodyAnswers,
     /// Every answer is wrong.
     OnlyWrong,
 }
 
 impl Manner {
-    /// Whether the person is to be let in.
+    /// Whether the visitor is to be validated.
     pub fn is_valid(self) -> bool {
         matches!(self, Manner::TwoAtOnce | Manner::WrongThenRight)
     }
 }
 
-/// Somebody comes to the entry.
+/// A person coming to the entry.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Visit {
-    /// Who.
+    /// The name of the person.
     pub person: String,
-    /// How the question is answered.
+    /// How the question about this person is answered.
     pub manner: Manner,
 }
 
-/// What became of a visit, as the ecosystem tells it.
+/// The outcome of a visit, as the ecosystem reports it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Admission {
-    /// Who came.
+    /// The name of the person.
     pub person: String,
-    /// The number of the building's next occurrence, whenever the question came to a keyboard.
+    /// For each time the question came to a keyboard: the sequence number of the building's next
+    /// occurrence.
     pub asked: Vec<u64>,
     /// Whether the person was validated.
     pub validated: bool,
 }
 
-/// A building and the people who come to it.
+/// A building and its visitors.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Access {
-    /// The seed that it was drawn from.
+    /// The seed of the random choices.
     pub seed: u64,
     /// The building.
     pub layout: Layout,
-    /// Where people come in.
+    /// The location where people come in.
     pub entry: String,
-    /// They come one after the other, and stay.
+    /// The visits in their order. The people stay.
     pub visits: Vec<Visit>,
 }
 
 impl Access {
-    /// The scenario of this seed: the same on every machine, another per seed.
+    /// Returns the scenario of this seed: the same on every machine, another per seed.
     pub fn seeded(seed: u64) -> Access {
         let drawn = if seed == 0 { paper_office() } else { draw(seed) };
         drawn.expect("invariant: word lists and ranges stay within what a layout allows")
@@ -88,18 +89,18 @@ impl Access {
         CAMERA
     }
 
-    /// The name of the robot at whose screen people log in.
+    /// The name of the robot with the screen at which people log in.
     pub fn robot(&self) -> &'static str {
         ROBOT
     }
 
     /// Checks the scenario against the truth; returns every way in which it failed.
     ///
-    /// What must hold:
-    /// 1. All came, in their order, and each was asked for.
-    /// 2. The robot set off only when the first had come, and whenever the question came to a
-    ///    keyboard, it stood at the entry.
-    /// 3. Whoever gave the right answer was validated, and nobody else.
+    /// These must hold:
+    /// 1. All visitors came, in their order, and the question was asked for each of them.
+    /// 2. The robot set off only after the first visitor had come, and stood at the entry each time the
+    ///    question came to a keyboard.
+    /// 3. Exactly the visitors with a right answer were validated.
     pub fn check(&self, truth: &Truth, admissions: &[Admission]) -> Result<(), Vec<String>> {
         let mut replayed = replay(&self.layout, truth);
         let mut problems = std::mem::take(&mut replayed.problems);
@@ -175,7 +176,7 @@ fn draw(seed: u64) -> Result<Access, LayoutError> {
     finish(seed, layout, entry, &manners)
 }
 
-/// Adds the camera, and who comes. Wrong answers alone lock the screen, so they come last.
+/// Adds the camera and the visits. A visit with wrong answers only locks the screen, so it comes last.
 fn finish(
     seed: u64,
     mut layout: Layout,
@@ -196,7 +197,8 @@ mod tests {
     use super::{Access, Admission, ROBOT};
     use crate::Building;
 
-    /// All come, and what the robot and the people do is said by the flags.
+    /// Plays the scenario. The flags say whether the robot comes to the entry, whether it waits for the
+    /// first visitor, and whether the outcome is reported as it should be.
     async fn problems(seed: u64, comes: bool, waits: bool, honest: bool) -> Vec<String> {
         let access = Access::seeded(seed);
         let building = Building::new(access.layout.clone(), 1.0).unwrap();

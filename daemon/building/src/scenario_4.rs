@@ -1,5 +1,5 @@
-//! Figure 1 of the paper: a screen is plugged into a meeting room for the first time, presents,
-//! fails during a meeting, and the video-collaboration robot takes over.
+//! Figure 1 of the paper: a screen is plugged in in a meeting room for the first time, presents, and fails
+//! during a meeting; then the video-collaboration robot takes over.
 //!
 //! Seed 0 is the paper's office with its conference room. Every other seed draws another building.
 
@@ -19,25 +19,25 @@ const ROBOTS_SCREEN: &str = "robot-1-screen";
 /// The screen on the wall.
 const SCREEN: &str = "screen-1";
 
-/// Whether an event is an act of the meeting.
+/// A test for one act of the meeting.
 type Act<'a> = &'a dyn Fn(&Event) -> bool;
 
 /// A building and a meeting in it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Meeting {
-    /// The seed that it was drawn from.
+    /// The seed of the random choices.
     pub seed: u64,
-    /// The building, with everything that will be in it.
+    /// The building, with all devices that are in it at any time.
     pub layout: Layout,
-    /// Where people meet.
+    /// The room of the meeting.
     pub room: String,
-    /// What they want to see.
+    /// The text that is to be presented.
     pub text: String,
 }
 
 impl Meeting {
-    /// The scenario of this seed: the same on every machine, another per seed.
+    /// Returns the scenario of this seed: the same on every machine, another per seed.
     pub fn seeded(seed: u64) -> Meeting {
         let drawn = if seed == 0 { paper_office() } else { draw(seed) };
         drawn.expect("invariant: word lists and ranges stay within what a layout allows")
@@ -53,18 +53,18 @@ impl Meeting {
         ROBOT
     }
 
-    /// The building as it is at first: without the screen.
+    /// The layout at the start: without the screen.
     pub fn at_first(&self) -> Layout {
         let mut layout = self.layout.clone();
         layout.remove_device(SCREEN);
         layout
     }
 
-    /// Brings the screen into the building.
+    /// Adds the screen to the building.
     ///
     /// # Errors
     ///
-    /// If it is there already.
+    /// Returns an error if the screen is there already.
     pub fn plug_in(&self, building: &Building) -> Result<(), LayoutError> {
         let (name, location) = (SCREEN.to_owned(), self.room.clone());
         building.add_device(Device::Screen { name, location })
@@ -72,10 +72,10 @@ impl Meeting {
 
     /// Checks the scenario against the truth; returns every way in which it failed.
     ///
-    /// What must hold, in this order:
-    /// 1. The screen came, was given a channel, and showed the text.
-    /// 2. It failed. Until then the robot showed nothing: the screen is cheaper.
-    /// 3. The robot came to the room and shows the text there, now.
+    /// These must hold, in this order:
+    /// 1. The screen was added, was given a channel, and showed the text.
+    /// 2. The screen failed. Until then the robot showed nothing, because the screen is cheaper.
+    /// 3. The robot came to the room, and shows the text there now.
     pub fn check(&self, truth: &Truth) -> Result<(), Vec<String>> {
         let mut problems = replay(&self.layout, truth).problems;
         let Meeting { room, text, .. } = self;
@@ -156,7 +156,7 @@ mod tests {
     use super::{Meeting, ROBOT, ROBOTS_SCREEN, SCREEN};
     use crate::{Building, Fault};
 
-    /// The acts of the meeting, without the one of this number.
+    /// Plays the acts of the meeting without the one with this number; 0 plays all.
     async fn problems(left_out: usize) -> Vec<String> {
         let meeting = Meeting::seeded(0);
         let building = Building::new(meeting.at_first(), 1.0).unwrap();

@@ -1,7 +1,8 @@
-//! Screens: what each shows, on which channel, and what is therefore presented in a room.
+//! Screens: the text and the channel of each, and what is therefore presented in a room.
 //!
-//! A screen on a wall shows nothing before the building has given it a channel, when it is plugged
-//! in for the first time; it keeps it as long as it is there. One on a robot brings its own.
+//! The building gives a screen on a wall a channel when the screen is plugged in for the first time;
+//! without a channel the screen shows nothing. The screen keeps its channel until it is removed. A screen
+//! on a robot needs none.
 
 use std::time::Duration;
 
@@ -14,13 +15,14 @@ use crate::layout::{Device, Layout};
 use crate::truth::{Event, Fault, Truth};
 use crate::wire::{Answer, Ask};
 
-/// The longest text a screen shows, in bytes: a slide, and a line on the socket, however escaped.
+/// The longest text of a screen, in bytes: enough for a slide. It fits into one line on the socket, however
+/// it is escaped.
 const TEXT_MAX: usize = 1024;
 
-/// How long a screen takes to light up.
+/// Time that a screen takes to light up.
 const LIGHTING: Duration = Duration::from_millis(500);
 
-/// What a driver asks of a screen.
+/// A driver's request to a screen.
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum ScreenAsk {
@@ -29,7 +31,7 @@ pub(crate) enum ScreenAsk {
     Panel { screen: String },
 }
 
-/// What it hears.
+/// The answer to a [`ScreenAsk`].
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum ScreenAnswer {
@@ -38,13 +40,13 @@ pub(crate) enum ScreenAnswer {
     Panel(Panel),
 }
 
-/// What a screen says of itself.
+/// The state of a screen, as its driver sees it.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Panel {
-    /// Its channel, if it was given one.
+    /// Its channel; `None` if it was given none.
     pub channel: Option<u32>,
-    /// What it shows.
+    /// The text that it shows; `None` if it is dark.
     pub text: Option<String>,
 }
 
@@ -67,18 +69,18 @@ impl Layout {
 // === impl Truth ===
 
 impl Truth {
-    /// The channel that a screen on a wall was given.
+    /// Returns the channel of a screen; `None` if it was given none.
     pub fn channel_of(&self, screen: &str) -> Option<u32> {
         self.channels.get(screen).copied()
     }
 
-    /// What a screen shows; one that has failed is dark.
+    /// Returns the text that a screen shows; `None` if it is dark, as a failed screen is.
     pub fn shown_on(&self, screen: &str) -> Option<&str> {
         let is_dark = self.fault_of(screen) == Some(Fault::Fails);
         self.shown.get(screen).filter(|_| !is_dark).map(String::as_str)
     }
 
-    /// What is shown in a location, by whichever screens.
+    /// The texts that are shown in a location, on any screen.
     pub fn presented_in<'a>(&'a self, location: &'a str) -> impl Iterator<Item = &'a str> {
         let here = move |screen: &&String| self.place_of(screen) == Some(location);
         self.shown.keys().filter(here).filter_map(|screen| self.shown_on(screen))
@@ -138,18 +140,18 @@ impl Truth {
 // === impl Building ===
 
 impl Building {
-    /// Gives a screen a channel, the one it has where it has one.
+    /// Gives a screen a channel, and returns it; a screen that has a channel keeps it.
     pub fn allocate(&self, screen: &str) -> Result<u32, DeviceError> {
         self.change(|truth| truth.allocate(screen))
     }
 
-    /// Shows a text on a screen; without one, the screen goes dark.
+    /// Shows a text on a screen; `None` turns the screen dark.
     pub async fn show(&self, screen: &str, text: Option<&str>) -> Result<(), DeviceError> {
         let takes = self.change(|truth| truth.begin_showing(screen, text))?;
         self.work(screen, takes, |truth| truth.finish_showing(screen, text)).await
     }
 
-    /// What a screen says of itself; one that has failed says nothing.
+    /// Returns the state of a screen. Returns an error if the screen has failed.
     pub async fn panel(&self, screen: &str) -> Result<Panel, DeviceError> {
         let panel = |truth: &mut Truth| {
             truth.require_screen(screen)?;
@@ -174,7 +176,7 @@ impl Building {
 // === impl BuildingHandle ===
 
 impl BuildingHandle {
-    /// Gives a screen a channel; see [`Building::allocate`].
+    /// Gives a screen a channel, and returns it; see [`Building::allocate`].
     pub async fn allocate(&self, screen: &str) -> Result<u32, DeviceError> {
         match self.screen(ScreenAsk::Allocate { screen: screen.to_owned() }).await? {
             ScreenAnswer::Channel(channel) => Ok(channel),
@@ -182,7 +184,7 @@ impl BuildingHandle {
         }
     }
 
-    /// Shows a text on a screen; without one, the screen goes dark.
+    /// Shows a text on a screen; `None` turns the screen dark.
     pub async fn show(&self, screen: &str, text: Option<&str>) -> Result<(), DeviceError> {
         let (screen, text) = (screen.to_owned(), text.map(str::to_owned));
         match self.screen(ScreenAsk::Show { screen, text }).await? {
@@ -191,7 +193,7 @@ impl BuildingHandle {
         }
     }
 
-    /// What a screen says of itself.
+    /// Returns the state of a screen; see [`Building::panel`].
     pub async fn panel(&self, screen: &str) -> Result<Panel, DeviceError> {
         match self.screen(ScreenAsk::Panel { screen: screen.to_owned() }).await? {
             ScreenAnswer::Panel(panel) => Ok(panel),

@@ -1,8 +1,8 @@
-//! Another building per seed, in which scenario 1 of the paper can be played.
+//! Draws a building per seed in which scenario 1 of the paper can be played.
 //!
-//! Seed 0 is the paper's own office. Every other seed draws rooms, corridors,
-//! doors, distances, temperatures, which rooms lack a sensor, which sensor dies
-//! and when, and one or two robots; always so that the scenario can hold.
+//! Seed 0 is the paper's own office. For every other seed, the rooms, corridors, doors, distances and
+//! temperatures are drawn, the rooms without a sensor, the sensor that dies, the moment of its death, and
+//! one or two robots. The choices always allow the scenario to succeed.
 
 use serde::Serialize;
 
@@ -16,17 +16,17 @@ use crate::truth::{Event, Fault, Truth};
 #[derive(Clone, Copy, Debug, Eq, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Dies {
-    /// When it is first asked: somebody relies on it, and it never answers.
+    /// At its first request: an agent relies on the sensor, and it never answers.
     BeforeReport,
-    /// When every room has been measured, its own by it or by a robot.
+    /// After every room has been measured, by its own sensor or by a robot.
     AfterReport,
 }
 
-/// A building and what fate has in store for it.
+/// A building, and the events of the scenario.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct SeededScenario {
-    /// The seed that it was drawn from.
+    /// The seed of the random choices.
     pub seed: u64,
     /// The building.
     pub layout: Layout,
@@ -34,13 +34,13 @@ pub struct SeededScenario {
     pub dying_sensor: String,
     /// When it dies.
     pub dies: Dies,
-    /// The temperature of its room from then on, where it had reported before:
-    /// what it said is then no longer true, and repeating it is noticed.
+    /// The temperature of its room from then on, in °C, if it dies after its report. The last value of the
+    /// sensor is then no longer true, so repeating it is noticed.
     pub celsius_after_death: f64,
 }
 
 impl Layout {
-    /// The scenario of this seed: the same on every machine, another per seed.
+    /// Returns the scenario of this seed: the same on every machine, another per seed.
     pub fn seeded(seed: u64) -> SeededScenario {
         let drawn = if seed == 0 { paper_office() } else { Draw::new(seed).scenario(seed) };
         drawn.expect("invariant: word lists and ranges stay within what a layout allows")
@@ -58,7 +58,7 @@ impl SeededScenario {
         }
     }
 
-    /// Prepares the building. Call it before any agent acts.
+    /// Prepares the death. Call it before any agent acts.
     pub fn arm(&self, building: &Building, fault: Fault) -> Result<(), LayoutError> {
         match self.dies {
             Dies::BeforeReport => building.break_at_next_use(&self.dying_sensor, fault),
@@ -66,8 +66,8 @@ impl SeededScenario {
         }
     }
 
-    /// Waits for the moment of death, lets the sensor die, and returns the
-    /// sequence number of that occurrence. Whoever calls it has a deadline.
+    /// Waits for the moment of death, lets the sensor die, and returns the sequence number of that
+    /// occurrence. It may wait forever: the caller sets a deadline.
     pub async fn death(&self, building: &Building, fault: Fault) -> Result<u64, LayoutError> {
         match self.dies {
             Dies::BeforeReport => {
@@ -96,7 +96,7 @@ impl SeededScenario {
 
 // === Drawing ===
 
-/// The paper's office, with the devices of scenario 1.
+/// Returns the paper's office, with the devices of scenario 1.
 fn paper_office() -> Result<SeededScenario, LayoutError> {
     let mut layout = paper_places()?;
     layout
@@ -133,8 +133,8 @@ impl Draw {
         })
     }
 
-    /// Robots start where no sensor is, so that driving there and measuring is
-    /// never as good as asking the sensor of the room.
+    /// Adds the robots. They start where no sensor is, so that measuring by robot is never as cheap as
+    /// asking the sensor of the room.
     fn add_robots(&mut self, layout: &mut Layout, equipped: &[&str]) -> Result<(), LayoutError> {
         let bare = self.rooms.iter().filter(|room| !equipped.contains(room));
         let starts: Vec<&str> = bare.chain(&self.corridors).copied().collect();

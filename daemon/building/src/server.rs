@@ -1,8 +1,8 @@
-//! The near end of the socket: lets drivers in other processes use the devices.
+//! The server of the socket: lets drivers in other processes use the devices.
 //!
-//! Binds the socket so that nobody else can use it, and accepts clients; what
-//! they say is heard in `session`. A client can make the server neither wait,
-//! grow nor panic. Fate's operations are not offered.
+//! It binds the socket so that no other user can connect, and accepts clients; `session` handles their
+//! requests. No client can make the server wait, grow without bound, or panic. The operations of tests and
+//! scenarios are not offered.
 
 use std::fs::{self, File, Permissions, TryLockError};
 use std::io;
@@ -19,31 +19,31 @@ use crate::error::ServeError;
 use crate::handle::BuildingHandle;
 use crate::session::Session;
 
-/// How many clients may be connected. A client is a daemon, one per machine; a
-/// building simulated on one machine has a handful.
+/// The most clients that may be connected. A client is a daemon, one per machine; a building simulated on
+/// one machine has a handful.
 const CLIENTS_MAX: usize = 64;
 
-/// Rest after a failed `accept`: the process is out of file descriptors, and
-/// trying again at once would only burn the processor.
+/// Pause after a failed `accept`: the process is out of file descriptors, and another attempt at once would
+/// only waste processor time.
 const ACCEPT_REST: Duration = Duration::from_millis(100);
 
-/// How long another process may take to put its socket in place, and how often it is looked.
+/// Time limit for another process to put its socket in place, and the interval of the attempts to lock.
 const TURN_MAX: Duration = Duration::from_secs(2);
 const TURN_REST: Duration = Duration::from_millis(5);
 
-/// A building that is being served. Dropping it ends all connections, calls off
-/// what is under way, and removes the socket.
+/// A building that is being served. Dropping it ends all connections, cancels the operations under way, and
+/// removes the socket.
 #[derive(Debug)]
 pub struct Server {
     accepting: AbortHandle,
     path: PathBuf,
-    /// Which file is ours, so that a successor's socket is not removed.
+    /// Device and inode of our socket, so that the socket of a successor is not removed.
     inode: (u64, u64),
 }
 
 /// Serves the devices of a building at a Unix socket that only this user can use.
 ///
-/// A socket that a dead server left behind is replaced; a living one is not.
+/// A socket of a dead server is replaced. If a server still listens there, an error is returned.
 pub async fn serve(
     building: BuildingHandle,
     socket_path: impl AsRef<Path>,
@@ -65,19 +65,19 @@ impl Drop for Server {
         self.accepting.abort();
         let inode = fs::symlink_metadata(&self.path).map(|file| (file.dev(), file.ino()));
         if inode.is_ok_and(|inode| inode == self.inode) {
-            // A socket that stays behind does no harm: the next server replaces it.
+            // A socket that stays behind is harmless: the next server replaces it.
             let _ = fs::remove_file(&self.path);
         }
     }
 }
 
-/// The folder of a socket.
+/// Returns the folder of a socket.
 fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Locks the folder until it is dropped: of two processes that find a dead server's socket at one time,
-/// the second finds the first one's.
+/// Locks the folder until the result is dropped. Of two processes that find a dead server's socket at the
+/// same time, one has to wait, and then finds the socket of the other.
 async fn turn(folder: &Path) -> io::Result<File> {
     let folder = File::open(folder)?;
     let locked = async {
@@ -99,19 +99,19 @@ async fn refuse_occupied(path: &Path) -> Result<(), ServeError> {
         return Err(ServeError::NotASocket { path: path.to_owned() });
     }
     match UnixStream::connect(path).await {
-        // Nobody listens: what a dead server left behind.
+        // No process listens: the socket was left behind by a dead server.
         Err(err)
             if matches!(err.kind(), io::ErrorKind::ConnectionRefused | io::ErrorKind::NotFound) =>
         {
             Ok(())
         }
-        // A server that stands still takes no more connections at some time, and is one all the same.
+        // A stopped server may accept no more connections after a while; it still counts as a server.
         Ok(_) | Err(_) => Err(ServeError::InUse { path: path.to_owned() }),
     }
 }
 
-/// Binds in a folder that only this user can enter, and moves the socket to its
-/// place when its mode is set: there is no moment when others could connect.
+/// Binds in a folder that only this user can enter, and moves the socket to its place after its mode is
+/// set: at no moment can another user connect.
 fn bind_private(path: &Path) -> io::Result<UnixListener> {
     let nest = create_nest(folder_of(path))?;
     let bound = fs::set_permissions(&nest, Permissions::from_mode(0o700)).and_then(|()| {
@@ -124,8 +124,8 @@ fn bind_private(path: &Path) -> io::Result<UnixListener> {
     bound.and_then(|listener| swept.map(|()| listener))
 }
 
-/// Creates a folder that nobody else uses. Its name is short, because the path of
-/// a socket may have 107 bytes only.
+/// Creates a folder that no other process uses. Its name is short, because the path of a socket may have
+/// 107 bytes only.
 fn create_nest(parent: &Path) -> io::Result<PathBuf> {
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     loop {
@@ -133,7 +133,7 @@ fn create_nest(parent: &Path) -> io::Result<PathBuf> {
         let nest = parent.join(format!(".b{}-{number}", std::process::id()));
         match fs::create_dir(&nest) {
             Ok(()) => return Ok(nest),
-            // Left behind by a process that died, and had this one's number.
+            // Left behind by a dead process that had the same process id.
             Err(err) if err.kind() == io::ErrorKind::AlreadyExists => (),
             Err(err) => return Err(err),
         }

@@ -1,8 +1,8 @@
-//! One client at the building's socket: hears its requests, runs them, answers.
+//! One client at the building's socket: receives its requests, runs them, answers.
 //!
-//! Requests of one client run side by side. They end with the client: when its
-//! task returns, its operations are aborted, and the building calls them off.
-//! Who may connect is decided in `server`; what a request does, in the building.
+//! Requests of one client run concurrently. They end with the client: when its task returns, its operations
+//! are aborted, and the building cancels them. `server` decides which clients may connect; the building
+//! defines what a request does.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -17,7 +17,7 @@ use crate::error::DeviceError;
 use crate::handle::BuildingHandle;
 use crate::wire::{ALIVE_PERIOD, Answer, Ask, IN_FLIGHT_MAX, Line, Lines, Request, write_line};
 
-/// One client's task, and the operations that run for it.
+/// The task of one client, with the operations that run for it.
 pub(crate) struct Session {
     building: BuildingHandle,
     lines: Lines<OwnedReadHalf>,
@@ -27,7 +27,7 @@ pub(crate) struct Session {
     alive: Interval,
 }
 
-/// Everything that can wake a client's task.
+/// An event that wakes a client's task.
 enum Event {
     Line(io::Result<Option<Vec<u8>>>),
     Finished(Result<Line, JoinError>),
@@ -71,7 +71,7 @@ impl Session {
         }
     }
 
-    /// Returns whether the connection goes on.
+    /// Handles one event. Returns `false` if the connection has ended.
     async fn handle(&mut self, event: Event) -> io::Result<bool> {
         match event {
             Event::Line(line) => match line? {
@@ -79,7 +79,7 @@ impl Session {
                 None => return Ok(false),
             },
             Event::Finished(Ok(line)) => self.tell(line).await?,
-            // Called off: nobody waits for the answer.
+            // The operation was cancelled: the client does not wait for an answer.
             Event::Finished(Err(_)) => (),
             Event::AliveDue => write_line(&mut self.writer, &Line::Alive).await?,
         }
@@ -124,7 +124,7 @@ impl Session {
         if let Line::Done { id, .. } | Line::Failed { id, .. } = &line
             && self.running.remove(id).is_none()
         {
-            // Finished in the instant in which it was called off.
+            // The operation finished in the instant in which it was cancelled.
             return Ok(());
         }
         write_line(&mut self.writer, &line).await
@@ -159,7 +159,7 @@ async fn perform(building: &BuildingHandle, ask: Ask) -> Result<Answer, DeviceEr
     }
 }
 
-/// The id of a request that is otherwise not understood; 0 where it has none.
+/// Returns the id of a request that is otherwise not understood; 0 if it has none.
 fn id_of(line: &[u8]) -> u64 {
     #[derive(serde::Deserialize)]
     struct Numbered {

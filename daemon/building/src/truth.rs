@@ -1,7 +1,7 @@
-//! What is true in the building, and what has happened in it.
+//! The truth of the building, and the log of what has happened in it.
 //!
-//! [`Truth`] is a value: a snapshot that tests compare with what agents claim.
-//! How it changes is decided in `world`; when, in [`Building`](crate::Building).
+//! [`Truth`] is a value: a snapshot that tests compare with what agents claim. `world` defines how it
+//! changes, [`Building`](crate::Building) when.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
@@ -12,16 +12,16 @@ use crate::camera::Aim;
 use crate::layout::{Device, Layout};
 use crate::quantity::Quantity;
 
-/// How many occurrences the log keeps before it forgets the oldest.
+/// Size of the log, in occurrences; the oldest are dropped first.
 ///
-/// A scenario writes fewer than two hundred, so twenty fit; and at about 150
-/// bytes each, a building that runs for a year still holds less than 1 MiB.
+/// A scenario writes fewer than two hundred, so twenty scenarios fit. At about 150 bytes each, a building
+/// that runs for a year still needs less than 1 MiB.
 pub const LOG_MAX: usize = 4_096;
 
-/// What a temperature sensor measured, and where it truly was.
+/// The result of a temperature measurement, and the true location of the sensor.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Reading {
-    /// Where the sensor was when it measured.
+    /// The location of the sensor when it measured.
     pub location: String,
     /// The temperature there, in °C.
     pub celsius: f64,
@@ -31,27 +31,27 @@ pub struct Reading {
 #[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Fault {
-    /// Every use of it fails at once, and one that is under way fails too.
+    /// Every use of the device fails at once, and so does a use under way.
     Fails,
-    /// Every use of it waits until it is repaired.
+    /// Every use of the device waits until the device is repaired.
     Hangs,
-    /// Every use that begins takes this much longer, in the building's time.
+    /// Every use takes this much longer if it begins after the break, in the building's time.
     Slow(Duration),
 }
 
-/// Something that happened, in the order in which it happened.
+/// One entry of the log: something that happened. Entries are in the order in which they happened.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Occurrence {
-    /// Counts from 0 without gaps.
+    /// Its number; numbers count from 0 without gaps.
     pub sequence: u64,
     /// Time since the building was opened, on Tokio's clock.
     pub since_start: Duration,
-    /// What happened.
+    /// The event.
     pub event: Event,
 }
 
-/// What can happen in a building.
+/// An event in a building.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", rename_all_fields = "kebab-case")]
 #[non_exhaustive]
@@ -65,73 +65,73 @@ pub enum Event {
     Read {
         /// The sensor.
         sensor: String,
-        /// Where it is.
+        /// The location of the sensor.
         location: String,
-        /// What it measured, in °C.
+        /// The measured temperature, in °C.
         celsius: f64,
     },
-    /// A sensor has measured something else than a temperature where it truly is.
+    /// A sensor has measured a quantity other than temperature where it truly is.
     Measured {
         /// The sensor.
         sensor: String,
-        /// Where it is.
+        /// The location of the sensor.
         location: String,
-        /// What it measured.
+        /// The measured quantity.
         quantity: Quantity,
-        /// In the quantity's unit.
+        /// The value in the quantity's unit.
         value: f64,
     },
-    /// A robot set off; it stands in `from` until it has moved.
+    /// A robot has set off; it counts as standing in `from` until it has moved.
     Departed {
         /// The robot.
         robot: String,
-        /// Where it stands.
+        /// The location where it stands.
         from: String,
-        /// Where it wants to go.
+        /// The destination.
         to: String,
     },
     /// A robot has arrived.
     Moved {
         /// The robot.
         robot: String,
-        /// Where it stood.
+        /// The location that it left.
         from: String,
-        /// Where it stands now.
+        /// The location where it stands now.
         to: String,
     },
-    /// A robot's errand was called off or failed; it stands where it set off.
+    /// A robot's errand was cancelled or failed; the robot stands where it set off.
     Stayed {
         /// The robot.
         robot: String,
-        /// Where it stands.
+        /// The location where it stands.
         at: String,
     },
     /// A robot has filled its battery.
     Recharged {
         /// The robot.
         robot: String,
-        /// Where its dock is.
+        /// The location of its dock.
         at: String,
     },
-    /// Fate filled or emptied a robot's battery.
+    /// A test or scenario has set the charge of a robot's battery.
     ChargeSet {
         /// The robot.
         robot: String,
-        /// How far it can drive now, in meters.
+        /// The remaining range now, in meters.
         meters: f64,
     },
     /// A robot has swept the place where it stands.
     Swept {
         /// The robot.
         robot: String,
-        /// Where.
+        /// The place.
         location: String,
     },
     /// A camera was turned.
     Aimed {
         /// The camera.
         camera: String,
-        /// Where it looks now.
+        /// Its direction and zoom now.
         aim: Aim,
     },
     /// A screen was given a channel.
@@ -145,10 +145,10 @@ pub enum Event {
     Shown {
         /// The screen.
         screen: String,
-        /// What it shows.
+        /// The text that it shows.
         text: String,
     },
-    /// A screen went dark as it was told to.
+    /// A screen was turned dark by its driver.
     Darkened {
         /// The screen.
         screen: String,
@@ -157,31 +157,31 @@ pub enum Event {
     Entered {
         /// The person.
         person: String,
-        /// Where.
+        /// The location.
         location: String,
     },
     /// A person left the building.
     Left {
         /// The person.
         person: String,
-        /// Where from.
+        /// The location that the person left.
         location: String,
     },
-    /// Something began to move, and goes on.
+    /// Something began to move in a location, and keeps moving.
     Stirs {
-        /// Where.
+        /// The location.
         location: String,
     },
-    /// It moves no more.
+    /// Nothing moves in a location any more.
     Rests {
-        /// Where.
+        /// The location.
         location: String,
     },
     /// A device broke.
     Broken {
         /// The device.
         device: String,
-        /// How.
+        /// The kind of the fault.
         fault: Fault,
     },
     /// A device works again.
@@ -196,13 +196,13 @@ pub enum Event {
         /// Its temperature now, in °C.
         celsius: f64,
     },
-    /// A quantity became another in a location.
+    /// A quantity got another value in a location.
     ValueSet {
         /// The location.
         location: String,
         /// The quantity.
         quantity: Quantity,
-        /// What it is now, in its unit.
+        /// Its value now, in its unit.
         value: f64,
     },
     /// The door between two locations was locked, in both directions.
@@ -237,37 +237,37 @@ pub enum Event {
 pub struct Truth {
     pub(crate) layout: Layout,
     pub(crate) temperatures: BTreeMap<String, f64>,
-    /// What else was said to be so, by quantity and location; the rest is as usual.
+    /// Values that were set, by quantity and location; all others have their usual value.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) conditions: BTreeMap<Quantity, BTreeMap<String, f64>>,
-    /// Where each robot stands; everything else follows from the layout.
+    /// The location of each robot; the location of every other device follows from the layout.
     pub(crate) robots: BTreeMap<String, String>,
-    /// How far each robot with a battery can still drive, in meters.
+    /// The remaining range of each robot with a battery, in meters.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) charges: BTreeMap<String, f64>,
     pub(crate) faults: BTreeMap<String, Fault>,
-    /// Where each person is.
+    /// The location of each person.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) people: BTreeMap<String, String>,
     /// Locations where something keeps moving.
     #[serde(skip_serializing_if = "BTreeSet::is_empty")]
     pub(crate) stirring: BTreeSet<String>,
-    /// Where each camera looks that was ever turned.
+    /// The aim of each camera that was ever turned.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) aims: BTreeMap<String, Aim>,
     /// The channel of each screen that has one.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) channels: BTreeMap<String, u32>,
-    /// What each screen shows, or would if it worked.
+    /// The text of each screen, also if the screen has failed and is dark.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) shown: BTreeMap<String, String>,
     /// Doors by their two sides, the alphabetically first one first.
     pub(crate) locked: BTreeSet<(String, String)>,
     pub(crate) log: Log,
-    /// Faults that strike when the device is used next.
+    /// Faults that occur at the next use of the device.
     #[serde(skip)]
     pub(crate) traps: BTreeMap<String, Fault>,
-    /// The errand each robot is on, by the sequence number of its departure.
+    /// The errand of each robot under way, as the sequence number of its departure.
     #[serde(skip)]
     pub(crate) errands: BTreeMap<String, u64>,
 }
@@ -278,12 +278,12 @@ impl Truth {
         &self.layout
     }
 
-    /// The true temperature of a location, in °C.
+    /// Returns the true temperature of a location, in °C; `None` if there is no such location.
     pub fn temperature(&self, location: &str) -> Option<f64> {
         self.temperatures.get(location).copied()
     }
 
-    /// Where a device truly is: its own place, or its carrier's.
+    /// Returns the true location of a device: its own, or its carrier's. `None` if there is no such device.
     pub fn place_of(&self, device: &str) -> Option<&str> {
         match self.layout.device(device)? {
             Device::FixedSensor { location, .. }
@@ -297,7 +297,7 @@ impl Truth {
         }
     }
 
-    /// How a device is broken, if it is.
+    /// Returns the fault of a device; `None` if it works.
     pub fn fault_of(&self, device: &str) -> Option<Fault> {
         self.faults.get(device).copied()
     }
@@ -307,12 +307,12 @@ impl Truth {
         self.locked.contains(&sides(a, b))
     }
 
-    /// What happened, oldest first.
+    /// All occurrences that the log still has, oldest first.
     pub fn occurrences(&self) -> impl DoubleEndedIterator<Item = &Occurrence> {
         self.log.kept.iter()
     }
 
-    /// How many of the oldest occurrences the log has forgotten; see [`LOG_MAX`].
+    /// Returns how many of the oldest occurrences the log has dropped; see [`LOG_MAX`].
     pub fn forgotten_count(&self) -> u64 {
         self.log.next_sequence - self.log.kept.len() as u64
     }
@@ -327,12 +327,12 @@ impl Truth {
         self.any(|event| matches!(event, Event::Read { sensor: by, .. } if by == sensor))
     }
 
-    /// Whether the location's temperature was measured at least once, by whomever.
+    /// Whether any sensor has measured the location's temperature at least once.
     pub fn was_read(&self, location: &str) -> bool {
         self.any(|event| matches!(event, Event::Read { location: place, .. } if place == location))
     }
 
-    /// Whether something of this sort has happened and is not forgotten.
+    /// Whether the log has an event that satisfies `sort`.
     pub fn any(&self, sort: impl Fn(&Event) -> bool) -> bool {
         self.occurrences().any(|occurrence| sort(&occurrence.event))
     }
@@ -351,7 +351,7 @@ pub(crate) struct Log {
 }
 
 impl Log {
-    /// Writes down what happened just now; returns its sequence number.
+    /// Records an event that happens now; returns its sequence number.
     pub(crate) fn record(&mut self, event: Event) -> u64 {
         let sequence = self.next_sequence;
         self.next_sequence += 1;
@@ -363,7 +363,7 @@ impl Log {
     }
 }
 
-/// A door's name: its two sides in alphabetical order.
+/// Returns the key of a door: its two sides in alphabetical order.
 pub(crate) fn sides(a: &str, b: &str) -> (String, String) {
     if a <= b { (a.to_owned(), b.to_owned()) } else { (b.to_owned(), a.to_owned()) }
 }

@@ -1,8 +1,8 @@
-//! The language of the building's socket: JSON lines, bounded in both directions.
+//! The protocol of the building's socket: JSON lines, bounded in both directions.
 //!
-//! A client writes [`Request`]s, the server [`Line`]s. Unknown fields are passed
-//! over, so that a newer program can talk to an older one; an unknown request is
-//! answered with a refusal. Framing is here, meaning in `client` and `server`.
+//! A client writes [`Request`]s, the server [`Line`]s. Unknown fields are ignored, so that a newer program
+//! can talk to an older one; an unknown request is refused. Only the framing is here; `client` and `server`
+//! handle the meaning.
 
 use std::io;
 use std::time::Duration;
@@ -19,29 +19,28 @@ use crate::quantity::Quantity;
 use crate::screen::{ScreenAnswer, ScreenAsk};
 use crate::truth::Reading;
 
-/// The longest line. The longest that is written is a refusal that lists a
-/// corridor's neighbors: 100 names of 64 bytes.
+/// The longest line, in bytes. The longest that is written is a refusal that lists a corridor's neighbors:
+/// 100 names of 64 bytes.
 pub(crate) const LINE_MAX: usize = 8 * 1024;
 
-/// The server says this often that it lives.
+/// Interval at which the server sends a sign of life.
 pub(crate) const ALIVE_PERIOD: Duration = Duration::from_secs(1);
 
-/// Silence after which a client takes the server for dead: five signs missed,
-/// so that a machine that is busy or swaps for a moment does not look dead.
+/// Silence after which a client treats the server as dead: five signs of life missed, so that a machine
+/// that is busy or swaps for a moment does not look dead.
 pub(crate) const SILENCE_MAX: Duration = Duration::from_secs(5);
 const _: () = assert!(SILENCE_MAX.as_millis() >= 5 * ALIVE_PERIOD.as_millis());
 
-/// The longest that writing one line may take before the other side, which does
-/// not read, is taken for dead.
+/// Time limit for writing one line. If it passes, the other side does not read, and is treated as dead.
 pub(crate) const WRITE_MAX: Duration = SILENCE_MAX;
 
-/// How many requests of one client may be under way. An actuator has one or two.
+/// The most requests of one client that may be under way. An actuator has one or two.
 pub(crate) const IN_FLIGHT_MAX: usize = 64;
 
-/// What a client asks.
+/// A request of a client.
 #[derive(Debug, Deserialize, Serialize)]
 pub(crate) struct Request {
-    /// Chosen by the client; no two requests under way have the same.
+    /// Chosen by the client; unique among its requests under way.
     pub(crate) id: u64,
     pub(crate) ask: Ask,
 }
@@ -63,7 +62,7 @@ pub(crate) enum Ask {
         sensor: String,
         quantity: Quantity,
     },
-    /// Answered when the quantity is not `known` any more.
+    /// Answered when the quantity differs from `known`.
     AwaitChange {
         sensor: String,
         quantity: Quantity,
@@ -73,19 +72,19 @@ pub(crate) enum Ask {
     Camera(CameraAsk),
     Cleaning(CleaningAsk),
     Screen(ScreenAsk),
-    /// Calls off the request of the same id. Has no answer of its own.
+    /// Cancels the request with the same id. Has no answer of its own.
     Cancel,
 }
 
-/// What the server says.
+/// A line from the server.
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Line {
-    /// The server lives, though it may have nothing to say.
+    /// A sign of life, sent whether or not there are answers.
     Alive,
-    /// The request of this id was carried out.
+    /// The request with this id was carried out.
     Done { id: u64, answer: Answer },
-    /// The request of this id was not.
+    /// The request with this id was not carried out.
     Failed { id: u64, error: DeviceError },
 }
 
@@ -103,7 +102,7 @@ pub(crate) enum Answer {
 }
 
 impl Answer {
-    /// The error for an answer that does not fit its request.
+    /// Returns the error for an answer that does not fit its request.
     pub(crate) fn unexpected(self) -> DeviceError {
         DeviceError::Unreachable { reason: format!("its answer does not fit: {self:?}") }
     }
@@ -120,7 +119,7 @@ impl<R: AsyncRead + Unpin> Lines<R> {
         Lines { reader: BufReader::new(reader), partial: Vec::new() }
     }
 
-    /// The next line without its end; `None` when the other side has closed.
+    /// Returns the next line without its line end; `None` if the other side has closed the connection.
     pub(crate) async fn next(&mut self) -> io::Result<Option<Vec<u8>>> {
         loop {
             let arrived = self.reader.fill_buf().await?;
@@ -166,7 +165,7 @@ mod tests {
 
     use super::{LINE_MAX, Lines, write_line};
 
-    /// Writes the pieces one by one, and between them drops a `next` that waits.
+    /// Writes the pieces one by one, and drops a waiting `next` between them.
     async fn check(pieces: &[&[u8]], expected: &[&[u8]]) {
         let (mut writer, reader) = duplex(2 * LINE_MAX);
         let mut lines = Lines::new(reader);

@@ -1,8 +1,7 @@
 //! The physics: how the truth changes, one instant at a time.
 //!
-//! Every method here is one instant: synchronous, all or nothing, and written
-//! into the log exactly where something changed. Waiting between the beginning
-//! and the end of an operation is [`Building`](crate::Building)'s work.
+//! Every method here is one instant: synchronous, all or nothing, and logged exactly if it changes
+//! something. [`Building`](crate::Building) waits between the beginning and the end of an operation.
 
 use std::time::Duration;
 
@@ -10,17 +9,17 @@ use crate::error::{DeviceError, LayoutError};
 use crate::layout::{Device, Layout, check_temperature};
 use crate::truth::{Event, Fault, Log, Reading, Truth, sides};
 
-/// How long a temperature sensor measures: a thermopile settles in about this.
+/// Duration of a measurement: about the time in which a thermopile settles.
 pub(crate) const MEASURING: Duration = Duration::from_millis(100);
 
-/// The longest that a fault can slow one use; keeps durations addable.
+/// The longest delay that a fault can add to one use; keeps durations addable.
 const SLOW_MAX: Duration = Duration::from_secs(24 * 60 * 60);
 
 /// A trip that has begun.
 pub(crate) struct Trip {
-    /// The sequence number of the departure, which names the errand.
+    /// The sequence number of the departure, which identifies the errand.
     pub(crate) errand: u64,
-    /// How long it takes, in the building's time.
+    /// Duration of the trip, in the building's time.
     pub(crate) takes: Duration,
 }
 
@@ -54,10 +53,10 @@ impl Truth {
     }
 }
 
-// === impl Truth: what drivers do ===
+// === impl Truth: operations of drivers ===
 
 impl Truth {
-    /// A sensor is asked. Returns how long it will measure.
+    /// Begins a temperature reading. Returns how long it takes.
     pub(crate) fn begin_reading(&mut self, sensor: &str) -> Result<Duration, DeviceError> {
         self.require_sensor(sensor)?;
         self.log.record(Event::Asked { sensor: sensor.to_owned() });
@@ -66,7 +65,7 @@ impl Truth {
         Ok(MEASURING + self.slowness(sensor))
     }
 
-    /// A sensor has measured for long enough.
+    /// Ends a temperature reading. Returns its result.
     pub(crate) fn finish_reading(&mut self, sensor: &str) -> Result<Reading, DeviceError> {
         self.require_unbroken(sensor)?;
         let location = self.require_place(sensor)?;
@@ -81,8 +80,8 @@ impl Truth {
         Ok(Reading { location, celsius })
     }
 
-    /// A robot is sent next door. `None` where it stands there already: an order
-    /// that is repeated because its answer was lost must not fail.
+    /// Begins a trip to a neighbor. Returns `None` if the robot stands there already: a request that is
+    /// repeated because its answer was lost must not fail.
     pub(crate) fn begin_trip(
         &mut self,
         robot: &str,
@@ -108,7 +107,7 @@ impl Truth {
         Ok(Some(Trip { errand, takes }))
     }
 
-    /// A robot has driven for long enough.
+    /// Ends a trip: the robot arrives, unless it broke, was replaced, or finds the door locked.
     pub(crate) fn finish_trip(
         &mut self,
         robot: &str,
@@ -117,7 +116,7 @@ impl Truth {
     ) -> Result<(), DeviceError> {
         self.require_unbroken(robot)?;
         if self.errands.get(robot) != Some(&errand) {
-            // It was taken away meanwhile, and another of its name was brought.
+            // The robot was removed meanwhile, and another robot of its name was added.
             return Err(DeviceError::UnknownDevice { device: robot.to_owned(), nearest: None });
         }
         let from = self.require_place(robot)?;
@@ -129,7 +128,7 @@ impl Truth {
         Ok(())
     }
 
-    /// An errand is over; where the robot did not arrive, it has stayed.
+    /// Ends an errand. A robot that has not arrived stays where it set off.
     pub(crate) fn end_errand(&mut self, robot: &str, errand: u64) {
         if self.errands.get(robot) != Some(&errand) {
             return;
@@ -141,7 +140,7 @@ impl Truth {
     }
 }
 
-// === impl Truth: what fate does ===
+// === impl Truth: control by tests and scenarios ===
 
 impl Truth {
     pub(crate) fn set_temperature(
@@ -225,10 +224,10 @@ impl Truth {
     }
 }
 
-// === impl Truth: what must hold ===
+// === impl Truth: preconditions ===
 
 impl Truth {
-    /// A device is used. Returns how much longer that takes than it should.
+    /// Begins to use a device. Returns the delay that its fault adds.
     pub(crate) fn begin_use(&mut self, device: &str) -> Result<Duration, DeviceError> {
         self.require_device(device)?;
         self.spring_trap(device);
@@ -264,7 +263,7 @@ impl Truth {
         }
     }
 
-    /// Returns the robot's speed.
+    /// Returns the robot's speed, in meters per second. Returns an error if the device is not a robot.
     pub(crate) fn require_robot(&self, device: &str) -> Result<f64, DeviceError> {
         match self.require_device(device)? {
             Device::Robot { meters_per_second, .. } => Ok(*meters_per_second),
@@ -272,7 +271,7 @@ impl Truth {
         }
     }
 
-    /// Fails if the device has failed or has left; one that hangs passes.
+    /// Returns an error if the device has failed or was removed. A device that hangs or is slow passes.
     pub(crate) fn require_unbroken(&self, device: &str) -> Result<(), DeviceError> {
         self.require_device(device)?;
         match self.fault_of(device) {
@@ -281,7 +280,7 @@ impl Truth {
         }
     }
 
-    /// Returns where the device is.
+    /// Returns the location of the device.
     pub(crate) fn require_place(&self, device: &str) -> Result<String, DeviceError> {
         self.require_device(device)?;
         let place = self.place_of(device);
@@ -296,7 +295,8 @@ impl Truth {
         Err(DeviceError::UnknownLocation { location: location.to_owned(), nearest })
     }
 
-    /// Returns the length of the way to an open neighbor.
+    /// Returns the length of the way to a neighbor, in meters. Returns an error if it is no neighbor or the
+    /// door is locked.
     fn require_way(&self, from: &str, to: &str) -> Result<f64, DeviceError> {
         let (from_name, to_name) = (from.to_owned(), to.to_owned());
         let Some(meters) = self.layout.meters(from, to) else {

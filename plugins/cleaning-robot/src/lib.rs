@@ -1,8 +1,8 @@
 //! The cleaning robot: a mobile base that sweeps the rooms it drives to.
 //!
 //! - Moving, the battery and the dock are those of every robot: `actuator::MobileBase`.
-//! - Its bin takes a few rooms, and is emptied where the robot is at home. How full it is, is its
-//!   own matter: private, so that nobody outside its ecosystem learns how much it has cleaned.
+//! - Its bin has space for a few rooms, and is emptied at the robot's home. How full the bin is, is
+//!   private, so that other ecosystems do not learn how much was cleaned.
 
 mod simulated;
 
@@ -31,15 +31,15 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 const SWEEP: &str = "sweep";
 const EMPTY_BIN: &str = "empty_bin";
 
-/// The longest that sweeping one room may take, with people in the way.
+/// Time limit of sweeping one room, with people in the way.
 const SWEEPING_MAX: Duration = Duration::from_secs(600);
 
-/// The longest that emptying the bin may take.
+/// Time limit of emptying the bin.
 const EMPTYING_MAX: Duration = Duration::from_secs(60);
 
-/// What sweeps.
+/// The driver of the broom.
 trait Broom: Send + Sync + 'static {
-    /// Sweeps where the robot stands, and returns where that is. The error completes “failed to …”.
+    /// Sweeps where the robot stands, and returns the place. Error texts complete “failed to …”.
     fn sweep(&self) -> BoxFuture<Result<String, String>>;
 }
 
@@ -49,10 +49,10 @@ trait Broom: Send + Sync + 'static {
 struct Config {
     #[serde(flatten)]
     base: BaseConfig,
-    /// How many rooms its bin takes.
+    /// How many rooms fit into its bin.
     #[serde(default = "default_bin")]
     bin: u32,
-    /// What nobody reads, to be complained about.
+    /// All other keys: an entry that has any is refused.
     #[serde(flatten)]
     unknown: serde_json::Map<String, serde_json::Value>,
 }
@@ -66,16 +66,16 @@ struct CleaningRobot {
     ontology: String,
     base: MobileBase,
     broom: Arc<dyn Broom>,
-    /// Where its bin is emptied.
+    /// The place where its bin is emptied: the robot's place at the start.
     home: String,
-    /// How many rooms the bin takes, and how many are in it.
+    /// How many rooms fit into the bin, and how many were swept since it was emptied.
     bin: u32,
     rooms_in_bin: u32,
-    /// What it has swept, until somebody says otherwise.
+    /// The places that it has swept.
     swept: Vec<String>,
 }
 
-/// What a method has brought.
+/// The result of a method.
 enum Done {
     Moved(Moved),
     Swept(String),

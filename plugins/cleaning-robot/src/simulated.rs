@@ -14,10 +14,10 @@ struct Simulated {
     robot: String,
 }
 
-/// What drives the base, and what sweeps.
+/// The drivers of the base and of the broom.
 type Drivers = (Arc<dyn BaseDriver>, Arc<dyn Broom>);
 
-/// The drivers of a robot.
+/// Returns the drivers of a robot.
 pub(crate) fn robot(blueprint: &Blueprint) -> Result<Drivers, BuildError> {
     let building = blueprint.host.resources.get::<BuildingHandle>().ok_or_else(|| {
         blueprint.problem("a simulated driver needs a simulated building, and there is none")

@@ -10,40 +10,41 @@ use serde::Deserialize;
 
 use crate::effect;
 
-/// How long a program may run where nothing is said, and the longest that may be said.
+/// Default and largest time limit of a program.
 const TIME_OUT: Duration = Duration::from_secs(10);
 const TIME_OUT_MAX: Duration = Duration::from_secs(600);
 
-/// What an entry says.
+/// The `config` of an entry.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct Config {
-    /// Its action model: `(define (agent NAME) (:domain …) …)`.
+    /// The action model: `(define (agent NAME) (:domain …) …)`.
     model: String,
-    /// By which program each action is carried out.
+    /// The program of each action, by the action's name.
     actions: BTreeMap<String, Action>,
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct Action {
-    /// The program and its arguments; `{name}` is what the action's `?name` stands for.
+    /// The program and its arguments; `{name}` is replaced by the object that is bound to the action's
+    /// `?name`.
     run: Vec<String>,
-    /// How long it may run, such as `"30s"`.
+    /// Time limit of the program, such as `"30s"`.
     time_out: Option<String>,
 }
 
-/// What carries an action out.
+/// The program of an action, before its arguments are filled in.
 #[derive(Debug)]
 pub(crate) struct Run {
     words: Vec<String>,
-    /// The action's variables.
+    /// The variables of the action: that of the agent, and its parameters.
     pub(crate) variables: Vec<String>,
     pub(crate) time_out: Duration,
 }
 
 impl Run {
-    /// The program of a call.
+    /// Returns the program with the arguments of a call; `None` if there is no program name.
     pub(crate) fn program(&self, arguments: &BTreeMap<String, String>) -> Option<Program> {
         let filled = |word: &String| {
             let place = |word: String, (name, value): (&String, &String)| {
@@ -56,7 +57,8 @@ impl Run {
 }
 
 impl Config {
-    /// The model, held against what can be done.
+    /// Returns the model, and the program of each of its actions. Returns an error if the model is invalid,
+    /// or the programs do not match its actions.
     pub(crate) fn understood(
         self,
         blueprint: &Blueprint,
@@ -133,7 +135,7 @@ impl Action {
     }
 }
 
-/// The names in braces of a word; other braces are the program's.
+/// Returns the placeholders of a word: names in braces. Other texts in braces are left to the program.
 fn placeholders(word: &str) -> impl Iterator<Item = &str> {
     let is_name = |text: &&str| {
         let is_plain = |symbol: char| symbol.is_ascii_alphanumeric() || "-_".contains(symbol);

@@ -1,10 +1,10 @@
-//! What an action makes true of what its agent answers for.
+//! Applies the effects of actions to the facts of the agent.
 
 use std::collections::BTreeMap;
 
 use pddl::{Atom, Effect, InitElement, Name, Term};
 
-/// What the agent answers for, by the text of each fact; of a number, of what it is the number.
+/// The facts of the agent, by their texts; the value of a function by the function's text.
 #[derive(Debug, Default)]
 pub(crate) struct Known(BTreeMap<String, InitElement>);
 
@@ -27,7 +27,7 @@ impl Known {
         self.0.insert(key, fact);
     }
 
-    /// Makes an action's effect true; what of it can be said to others.
+    /// Applies an action's effect, and returns the facts that it adds.
     pub(crate) fn apply(
         &mut self,
         effect: &Effect,
@@ -36,7 +36,7 @@ impl Known {
         let mut added = Vec::new();
         match effect {
             Effect::And(effects) => {
-                // What is both taken and given is there (PDDL).
+                // In PDDL, a fact that is both deleted and added is true afterwards.
                 let is_delete = |effect: &&Effect| matches!(effect, Effect::Delete(_));
                 let (first, then): (Vec<_>, Vec<_>) = effects.iter().partition(is_delete);
                 for effect in first.into_iter().chain(then) {
@@ -52,14 +52,14 @@ impl Known {
                 let fact = InitElement::Atom(ground(atom, arguments));
                 self.0.remove(&fact.to_string());
             }
-            // Costs; `check` lets nothing else through.
+            // Only costs are left here: `check` refuses all other effects.
             Effect::Assign(_) | Effect::Forall(..) | Effect::When(..) => (),
         }
         added
     }
 
-    /// Whether an action's effect came about is not known: nothing is said any more of what it would
-    /// have made untrue.
+    /// Applies only the deletions of an effect that may or may not have come about: facts that it would
+    /// have made untrue are no longer known.
     pub(crate) fn doubt(&mut self, effect: &Effect, arguments: &BTreeMap<String, String>) {
         match effect {
             Effect::And(effects) => effects.iter().for_each(|each| self.doubt(each, arguments)),
@@ -80,11 +80,12 @@ fn ground(atom: &Atom, arguments: &BTreeMap<String, String>) -> Atom {
     Atom { arguments: atom.arguments.iter().map(bound).collect(), ..atom.clone() }
 }
 
-/// Whether an effect is one that a program which ended well has brought about, whatever the state was.
+/// Checks that an effect is known to be true if the program succeeds, whatever the state was before.
 ///
 /// # Errors
 ///
-/// What is not, and what would be right.
+/// Returns an error for a conditional or quantified effect, and for a changed number. The error says what
+/// would be right.
 pub(crate) fn check(effect: &Effect) -> Result<(), String> {
     match effect {
         Effect::And(effects) => effects.iter().try_for_each(check),

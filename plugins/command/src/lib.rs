@@ -1,12 +1,12 @@
-//! An actuator that is any program: its entry says an action model in PDDL, and which program carries
-//! each action out.
+//! An actuator that runs programs: its entry has an action model in PDDL, and a program for each action.
 //!
-//! - `config` holds the model against the programs; `effect` says what an action makes true of what the
-//!   agent answers for.
-//! - How programs are run, and ended with all that they started, is in the crate `programs`.
-//! - A program that ends well has done what its action says. Lines that it prints in parentheses are
-//!   facts besides, such as `(= (temperature office1) 21.5)`; the last other line is told to people.
-//! - After a failure it offers nothing for a while, so that plans are made without it.
+//! - `config` checks the model against the programs; `effect` applies the effects of actions to the agent's
+//!   facts.
+//! - The crate `programs` runs programs, and ends them with all that they started.
+//! - If a program succeeds, the effect of its action is true. Lines that it prints in parentheses are
+//!   additional facts, such as `(= (temperature office1) 21.5)`; the last other line is a message to
+//!   people.
+//! - After a failure it offers no actions for a while, so that plans are made without it.
 
 mod config;
 mod effect;
@@ -25,13 +25,13 @@ use tokio::time::Instant;
 use crate::config::{Config, Run};
 use crate::effect::Known;
 
-/// How long an actuator that failed offers nothing.
+/// How long an actuator offers no actions after a failure.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
-/// What a method may take beyond its program's time, so that its reason is heard.
+/// Time that a method has beyond its program's time limit, so that the program's error is reported.
 const MARGIN: Duration = Duration::from_secs(1);
 
-/// So much of what a program prints is told.
+/// The most characters of a program's output that are quoted.
 const TOLD_CHARS: usize = 160;
 
 /// The line in the daemon's table of plugins.
@@ -56,7 +56,7 @@ fn commanded(blueprint: &Blueprint) -> Result<Commanded, BuildError> {
 
 struct Commanded {
     model: ActionModel,
-    /// What carries each action out.
+    /// The program of each action.
     runs: BTreeMap<String, Run>,
     known: Known,
     rests_until: Option<Instant>,
@@ -123,7 +123,7 @@ impl Device for Commanded {
         }
     }
 
-    /// When it has rested, it offers again, and says so.
+    /// Waits for the end of the pause after a failure; then the actions are offered and announced again.
     fn watch(&mut self) -> Option<BoxFuture<Stir<Commanded>>> {
         let until = self.rests_until;
         Some(Box::pin(async move {
@@ -140,8 +140,8 @@ impl Device for Commanded {
     }
 }
 
-/// The facts among what was printed, and the last line for people. What looks like a fact and is none
-/// is for people too.
+/// Returns the facts in an output, and its last other line as a message to people. A line in parentheses
+/// that is no valid fact counts as a message.
 fn read(printed: &str) -> (Vec<InitElement>, Option<String>) {
     let (mut facts, mut told) = (Vec::new(), None);
     for line in printed.lines().map(str::trim).filter(|line| !line.is_empty()) {

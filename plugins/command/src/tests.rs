@@ -1,4 +1,4 @@
-//! Programs that act, fail and hang; and what is wrong in an entry.
+//! Programs that succeed, fail and hang; and mistakes in an entry.
 
 use std::sync::Arc;
 

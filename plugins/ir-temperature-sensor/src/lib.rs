@@ -1,10 +1,10 @@
-//! The IR temperature sensor (the paper, “Temperature IR Sensor”): rides on a mobile base and
-//! reports the temperature wherever that stands.
+//! The IR temperature sensor (the paper, “Temperature IR Sensor”): it is mounted on a mobile base, and
+//! reports the temperature where the base stands.
 //!
-//! - [`InfraredThermometer`] is what a driver does; `simulated` measures in the building.
-//! - What it measured it knows of every room it has been to.
-//! - A measurement from another room than the one it was asked about is a failure, not an answer:
-//!   the base is not where the plan believes.
+//! - [`InfraredThermometer`] is the trait of drivers; `simulated` measures in the simulated building.
+//! - The sensor keeps the last measurement of each room it has been to.
+//! - A measurement in another room than the requested one is a failure, not an answer: the base is not
+//!   where the plan assumes.
 
 mod simulated;
 
@@ -21,10 +21,10 @@ use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use serde::Deserialize;
 use tokio::time::Instant;
 
-/// How long a sensor that failed offers nothing.
+/// How long a sensor offers no actions after a failure.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
-/// The longest a measurement may take.
+/// Time limit of a measurement.
 const MEASURING: Duration = Duration::from_secs(2);
 
 /// The line in the daemon's table of plugins.
@@ -42,25 +42,26 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 struct Config {
     /// The mobile base that carries it.
     mounted_on: AgentId,
-    /// How long a measurement counts as known, such as `"10m"`; without it, until it dies.
+    /// How long a measurement counts as known, such as `"10m"`; without it, as long as the sensor is
+    /// present.
     #[serde(default)]
     valid_for: Option<String>,
 }
 
-/// What an infrared thermometer's driver does.
+/// The driver of an infrared thermometer.
 pub trait InfraredThermometer: Send + Sync + 'static {
-    /// Measures where it is. The error completes “failed to …”.
+    /// Measures where the sensor is. Error texts complete “failed to …”.
     fn measure(&self) -> BoxFuture<Result<Measurement, String>>;
 }
 
 /// A measured temperature.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measurement {
-    /// Where it was measured.
+    /// The place of the measurement.
     pub location: String,
     /// The temperature, in °C.
     pub celsius: f64,
-    /// When it was measured.
+    /// The time of the measurement.
     pub at: Instant,
 }
 
@@ -101,7 +102,7 @@ impl IrTemperatureSensor {
         self.rests_until.is_none_or(|until| until <= Instant::now())
     }
 
-    /// A measurement as facts, as long as it counts as known.
+    /// Returns the facts of a measurement; none if it no longer counts as known.
     fn known(&self, measurement: &Measurement) -> Vec<OwnFact> {
         let Measurement { location, celsius, at } = measurement;
         let known_for = self.valid_for.map(|valid_for| valid_for.saturating_sub(at.elapsed()));
@@ -118,7 +119,8 @@ impl Device for IrTemperatureSensor {
 
     fn describe(&self) -> Description {
         let IrTemperatureSensor { id, ontology, mounted_on, .. } = self;
-        // Dearer than a sensor that stands there: it leaves the base free for what only it can do.
+        // More expensive than a sensor fixed in the room, so that the base is left free for what only it
+        // can do.
         let action = "(:action report-temperature
             :agent ?s - ir-temperature-sensor
             :parameters (?b - mobile-base ?r - room)

@@ -1,4 +1,4 @@
-//! The simulated driver: measures in the simulated building, where its base truly stands.
+//! The simulated driver: measures in the simulated building, at the true location of the base.
 
 use std::sync::Arc;
 

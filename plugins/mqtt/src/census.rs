@@ -1,4 +1,4 @@
-//! Of the devices that are told of: what agents they are, and where.
+//! From the descriptions of all devices to the agents that can represent them, each with its name and room.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::PoisonError;
@@ -12,14 +12,17 @@ use crate::described::Described;
 use crate::naming::{begins_with, core, name_of, slug};
 use crate::part::{Known, Part, Parts};
 
-/// So many letters of an identifier tell most devices of one name apart.
+/// Length of the end of an identifier that is added to a name that several devices have. Six letters
+/// usually suffice.
 const IDENTIFIER_CHARS: usize = 6;
 
 impl Gateway {
-    /// All that is wanted of what was told of.
+    /// Returns all agents that the described devices can become, without the devices that the config
+    /// ignores.
     pub(crate) fn census(&self) -> Vec<Finding<Part>> {
         let mut devices = self.home_assistant.devices();
-        // Zigbee2MQTT says all that it says to Home Assistant too, under an identifier of both.
+        // Zigbee2MQTT describes its devices to Home Assistant too, under an identifier that contains their
+        // address. Such a device is taken from Zigbee2MQTT only.
         let zigbee = self.zigbee.devices();
         let known: BTreeSet<_> = zigbee.iter().map(|known| known.id.as_str()).collect();
         let is_zigbee = |id: &String| known.contains(id.trim_start_matches("zigbee2mqtt_"));
@@ -36,7 +39,8 @@ impl Gateway {
         found.flat_map(|(device, name)| self.agents_of(device, &name, is_alone(device))).collect()
     }
 
-    /// Whether a name is that of a room, of another thing of the map or of an agent of the file.
+    /// Whether a name is taken by a room, by another object of the map, or by an agent of the ecosystem
+    /// file.
     fn is_taken(&self, name: &str) -> bool {
         let Blueprint { id, host, .. } = &self.blueprint;
         let named = host.resources.get::<Named>();
@@ -46,7 +50,8 @@ impl Gateway {
             || named.is_some_and(|named| named.0.contains(name))
     }
 
-    /// The agents that a device is; one without anything, if nothing of it can be used.
+    /// Returns the agents of a device. If nothing of the device can be used, returns one finding without a
+    /// part, with the reason.
     fn agents_of(&self, device: &Described, name: &str, is_alone: bool) -> Vec<Finding<Part>> {
         let Parts { parts, problem } = Parts::of(device, &self.classes);
         let room = self.room(device);
@@ -76,18 +81,19 @@ impl Gateway {
         Part { agent, room, features, valid_for: self.valid_for }
     }
 
-    /// The room it stands in: what the config says, what it says itself, what its name begins with.
+    /// Returns the room of a device: by the config, by the area that the device states, or by the beginning
+    /// of its name, in this order.
     ///
     /// # Errors
     ///
-    /// Why it stands in none.
+    /// Returns the reason if the room is not known.
     fn room(&self, device: &Described) -> Result<String, String> {
         let said = self.config.rooms.iter().find(|(pattern, _)| is_it(pattern, device));
         if let Some((_, room)) = said {
             return Ok(room.clone());
         }
         if let Some(area) = device.area.as_deref() {
-            // What says where it stands is not guessed to stand elsewhere.
+            // A device that states an unknown area is not assigned to another room by its name.
             let unknown = || format!("it says that it stands in `{area}`, which is no room here");
             return self.rooms.get(&core(area)).cloned().ok_or_else(unknown);
         }
@@ -96,10 +102,11 @@ impl Gateway {
         room.cloned().ok_or_else(|| NOWHERE.to_owned())
     }
 
-    /// The lines that would let it take part.
+    /// Returns the lines of configuration that would let the device take part.
     fn lines(&self, device: &Described, is_alone: bool) -> String {
         let (gateway, id) = (&self.blueprint.id, &device.id);
-        // A name that several have would be about all of them.
+        // If several devices have this name, the line uses the identifier, because the name would match all
+        // of them.
         let called = toml::Value::from(if is_alone { device.name.as_str() } else { id });
         let room = toml::Value::from(self.room(device).unwrap_or_default());
         let id = toml::Value::from(id.as_str());
@@ -114,14 +121,14 @@ fn is_listed(list: &[String], device: &Described) -> bool {
     list.iter().any(|pattern| is_it(pattern, device))
 }
 
-/// Names that were given to devices, by their identifiers: they stay with them as long as they are told
-/// of, whatever others are called and whoever renames them.
+/// Names that were given to devices, by identifier. A device keeps its name as long as it is described,
+/// also if it is renamed or another device gets the same name.
 #[derive(Debug, Default)]
 pub(crate) struct Given(BTreeMap<String, String>);
 
 impl Given {
-    /// What each device is called: what people call it, and its identifier where others are called so
-    /// or the name is taken by something else.
+    /// Returns the name of each device: its friendly name; with its identifier added if another device has
+    /// that name or if the name is taken.
     pub(crate) fn names(
         &mut self,
         devices: &[Described],
@@ -130,7 +137,7 @@ impl Given {
         let mut names: Vec<Option<String>> =
             devices.iter().map(|device| self.0.get(&device.id).cloned()).collect();
         let mut used: BTreeSet<String> = names.iter().flatten().cloned().collect();
-        // What was known by another of its identifiers before.
+        // A device may be known by another of its identifiers.
         for (device, name) in devices.iter().zip(&mut names).filter(|(_, name)| name.is_none()) {
             let known = device.also.iter().find_map(|key| self.0.get(key)).cloned();
             *name = known.filter(|known| used.insert(known.clone()));
@@ -143,7 +150,8 @@ impl Given {
         let names: Vec<String> = names.collect();
         self.0.clear();
         for (device, name) in devices.iter().zip(&names) {
-            // One that nobody has named yet may be named once.
+            // A device with only its identifier as a name gets no permanent name, so that a person may
+            // still name it once.
             let plain = name_of(&device.name);
             let mut keys = [&device.id].into_iter().chain(&device.also);
             if !keys.clone().any(|key| name_of(key) == plain) {
@@ -157,7 +165,7 @@ impl Given {
     }
 }
 
-/// The names of devices that have none yet.
+/// Returns the names of devices that have none yet.
 fn fresh(devices: &[&Described], is_free: impl Fn(&str) -> bool) -> Vec<String> {
     let with = |device: &Described, name: &String, chars: usize| {
         let id = slug(&device.id, "");
@@ -174,7 +182,7 @@ fn fresh(devices: &[&Described], is_free: impl Fn(&str) -> bool) -> Vec<String> 
             }
         }
     }
-    // Identifiers that end in the same letters are told apart by numbers.
+    // Devices with identifiers that end alike get different numbers.
     let mut used = BTreeSet::new();
     for name in &mut names {
         let numbered = (2..).map(|number| format!("{name}-{number}"));
@@ -186,7 +194,7 @@ fn fresh(devices: &[&Described], is_free: impl Fn(&str) -> bool) -> Vec<String> 
     names
 }
 
-/// How often each name occurs.
+/// Counts how often each name occurs.
 fn counted(names: impl Iterator<Item = String>) -> BTreeMap<String, usize> {
     let mut counts = BTreeMap::new();
     for name in names {
@@ -195,15 +203,15 @@ fn counted(names: impl Iterator<Item = String>) -> BTreeMap<String, usize> {
     counts
 }
 
-/// The name of one agent of a device: shortened, with what tells it from others, where it is too long
-/// or taken.
+/// Returns the name of one agent of a device. A name that is too long or taken is shortened, and a hash
+/// makes it unique.
 fn agent_name(name: &str, suffix: &str, is_taken: impl Fn(&str) -> bool) -> String {
     const PART_CHARS: usize = 26;
     let whole = format!("{name}{suffix}");
     if AgentId::new(&whole).is_ok() && !is_taken(&whole) {
         return whole;
     }
-    // FNV-1a: the same for the same name, today and after an update.
+    // FNV-1a: the hash of a name is the same in every run and every release.
     let hash = whole
         .bytes()
         .fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
@@ -213,7 +221,8 @@ fn agent_name(name: &str, suffix: &str, is_taken: impl Fn(&str) -> bool) -> Stri
     format!("{}{between}{suffix}-{hash:08x}", short(name))
 }
 
-/// Whether a pattern is about a device: its name as it is or as agents have it, or an identifier.
+/// Whether a pattern matches a device: its name as written, its name as a slug, or one of its identifiers.
+/// A `*` at the end of the pattern matches any ending.
 fn is_it(pattern: &str, device: &Described) -> bool {
     let own = name_of(&device.name);
     let names = [device.name.as_str(), device.id.as_str(), &own];
@@ -270,21 +279,21 @@ mod tests {
         let is_taken = |name: &str| matches!(name, "office1" | "keyboard");
         let lamp = || device("Lamp", "0xa1");
         assert_eq!(given.names(&[lamp()], is_taken), ["lamp"]);
-        // Another comes that is called so, before it in the list.
+        // A second device with the same name comes, before the first in the list.
         let two = [device("Lamp", "0x000b2"), lamp()];
         assert_eq!(given.names(&two, is_taken), ["lamp-x000b2", "lamp"]);
-        // A third is renamed so.
+        // A third device is renamed to the same name.
         let three = [device("Desk", "0xc3"), device("Lamp", "0x000b2"), lamp()];
         assert_eq!(given.names(&three, is_taken), ["desk", "lamp-x000b2", "lamp"]);
         let three = [device("Lamp", "0xc3"), device("Lamp", "0x000b2"), lamp()];
         assert_eq!(given.names(&three, is_taken), ["desk", "lamp-x000b2", "lamp"]);
-        // What nobody has named is named once.
+        // A device without a name of its own may be named once.
         assert_eq!(given.names(&[device("0xd4", "0xd4")], is_taken), ["device-0xd4"]);
         assert_eq!(given.names(&[device("Fan", "0xd4")], is_taken), ["fan"]);
-        // Rooms and agents keep their names.
+        // Names of rooms and agents are not given to devices.
         let taken = [device("Office1", "0xe5"), device("keyboard", "0xf6")];
         assert_eq!(given.names(&taken, is_taken), ["office1-0xe5", "keyboard-0xf6"]);
-        // One that is known by another identifier now.
+        // A device that is now known by another identifier keeps its name.
         let mut moved = device("Office1", "first");
         moved.also = vec!["0xe5".to_owned()];
         assert_eq!(given.names(&[moved], is_taken), ["office1-0xe5"]);

@@ -1,77 +1,79 @@
-//! Device classes: what devices call what they measure or switch, and the words it has here.
+//! Device classes: the names that devices use for what they measure or switch, and the PDDL names for each.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use actuator::OnOff;
 use serde::Deserialize;
 
-/// The table that is built in.
+/// The built-in table of classes.
 const BUILT_IN: &str = include_str!("classes.toml");
 
 /// All classes, by name.
 #[derive(Clone, Debug)]
 pub(crate) struct Classes(BTreeMap<String, Class>);
 
-/// What a device class means here.
+/// The PDDL names of a device class. A class is a measured number, a yes or no, or a switch; see
+/// [`Class::kind`].
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct Class {
-    /// What else devices call it.
+    /// Other names of the class that devices use.
     #[serde(default)]
     also: Vec<String>,
-    /// The type of an agent that has it.
+    /// The PDDL type of an agent that has it.
     pub(crate) agent: String,
     /// The action that measures it.
     action: Option<String>,
-    /// The predicate that it is known in a room.
+    /// The predicate that its value is known in a room.
     known: Option<String>,
-    /// The function of a room that is its value.
+    /// The function of a room that has its value.
     value: Option<String>,
     /// The unit of that value.
     unit: Option<String>,
-    /// The predicate of a room that is true where the answer is yes.
+    /// The predicate of a room that is true if the answer is yes.
     yes: Option<String>,
-    /// Whether devices say no where that is true.
+    /// Whether the device reports the inverse of the predicate: for a contact, devices report yes for
+    /// *open*, and the predicate is *closed*.
     #[serde(default)]
     pub(crate) inverted: bool,
-    /// The predicate of a room that is true where it is switched on.
+    /// The predicate of a room that is true if the device is switched on.
     state: Option<String>,
-    /// The predicate of the device itself that is true then, or where the answer is yes.
+    /// The predicate of the device itself that is true if it is on, or if the answer is yes.
     own: Option<String>,
-    /// The predicate that the device is in a room, where the ontology derives `yes` from it and `own`.
+    /// The predicate that the device is in a room; used if the ontology derives `yes` from it and `own`.
     at: Option<String>,
-    /// Whether all in a room have to be on for `state` to be true of it; else one is enough.
+    /// Whether `state` is true of a room only if all such devices in it are on. If `false`, one is enough.
     #[serde(default)]
     all: bool,
-    /// The actions that switch it.
+    /// The actions that switch it on and off.
     on: Option<String>,
     off: Option<String>,
 }
 
-/// What kind of thing it is.
+/// The kind of a class, with the PDDL names that the kind needs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Kind<'c> {
-    /// A number that is measured.
+    /// A measured number.
     Number { action: &'c str, known: &'c str, value: &'c str, unit: &'c str },
-    /// A yes or no that is noticed.
+    /// A yes or no that is detected. `own` has the predicates `own` and `at` of the class, if it has both.
     YesOrNo { action: &'c str, known: &'c str, yes: &'c str, own: Option<(&'c str, &'c str)> },
-    /// Something that is switched.
+    /// A switch.
     Switch { words: OnOff<'c>, on: &'c str, off: &'c str },
 }
 
 impl Classes {
-    /// Those that are built in, and over them what somebody says.
+    /// Returns the built-in classes, with the entries of `said` added; they override built-in ones.
     ///
     /// # Errors
     ///
-    /// What is wrong with what is said.
+    /// Returns an error if an entry cannot be read, lacks names, or has a name that PDDL does not allow.
     pub(crate) fn with(said: &serde_json::Value) -> Result<Classes, String> {
         let mut classes: BTreeMap<String, Class> =
             toml::from_str(BUILT_IN).expect("invariant: a test reads what is built in");
         if !said.is_null() {
             let more: BTreeMap<String, Class> = serde_json::from_value(said.clone())
                 .map_err(|error| format!("classes: {error}"))?;
-            // What somebody says of a name holds, whatever it is called in the table.
+            // A name that an entry of `said` uses no longer stands for a built-in class.
             let said: BTreeSet<&String> =
                 more.iter().flat_map(|(name, class)| class.also.iter().chain([name])).collect();
             for class in classes.values_mut() {
@@ -101,7 +103,8 @@ impl Classes {
         }
     }
 
-    /// The name under which a class is known that a device calls so.
+    /// Returns the own name of the class that devices call `called`; `None` if there is none. Upper and
+    /// lower case are the same.
     pub(crate) fn find(&self, called: &str) -> Option<&str> {
         let called = called.to_ascii_lowercase();
         if let Some((name, _)) = self.0.get_key_value(&called) {
@@ -111,14 +114,14 @@ impl Classes {
         self.0.iter().find(is_it).map(|(name, _)| name.as_str())
     }
 
-    /// A class by its own name.
+    /// Returns a class by its own name.
     pub(crate) fn get(&self, name: &str) -> Option<&Class> {
         self.0.get(name)
     }
 }
 
 impl Class {
-    /// A word of it that an action model cannot have.
+    /// Returns a name of the class that PDDL does not allow; `None` if all are allowed.
     fn unsayable(&self) -> Option<&str> {
         let Class { agent, action, known, value, yes, state, own, at, on, off, .. } = self;
         let words = [action, known, value, yes, state, own, at, on, off].into_iter().flatten();
@@ -126,7 +129,7 @@ impl Class {
         words.find(|word| acl::AgentId::new(word).is_err())
     }
 
-    /// What kind of thing it is; `None` if its words are not enough for any.
+    /// Returns the kind of the class; `None` if it has not all names that one of the kinds needs.
     pub(crate) fn kind(&self) -> Option<Kind<'_>> {
         if let (Some(state), Some(on), Some(off)) = (&self.state, &self.on, &self.off) {
             let (agent, own, all) = (&self.agent, self.own.as_ref()?, self.all);
@@ -144,12 +147,12 @@ impl Class {
     }
 }
 
-/// What makes a value in one unit one in another: a factor, and what is added then; `None` where the
-/// one has nothing to do with the other.
+/// Returns the factor and the offset that convert a value from one unit to another; `None` if the units
+/// measure different things.
 pub(crate) fn conversion(from: &str, to: &str) -> Option<(f64, f64)> {
     match (plain(from).as_str(), plain(to).as_str()) {
         (one, other) if one == other => Some((1.0, 0.0)),
-        // Nothing said is the usual.
+        // A missing unit means the usual one.
         ("", _) => Some((1.0, 0.0)),
         ("f", "c") => Some((5.0 / 9.0, -160.0 / 9.0)),
         ("k", "c") => Some((1.0, -273.15)),
@@ -160,7 +163,7 @@ pub(crate) fn conversion(from: &str, to: &str) -> Option<(f64, f64)> {
     }
 }
 
-/// A unit in one way of writing it.
+/// Returns the canonical spelling of a unit.
 fn plain(unit: &str) -> String {
     let unit = unit.trim().trim_start_matches(['°', 'º']).trim().to_lowercase();
     match unit.as_str() {
@@ -174,26 +177,26 @@ fn plain(unit: &str) -> String {
     .to_owned()
 }
 
-/// Whether a value can be, in its unit: chips say numbers of their own for “no value”.
+/// Whether a value is possible in its unit. Chips report special numbers for “no value”.
 pub(crate) fn is_possible(value: f64, unit: &str) -> bool {
-    // What is larger is exact to no thousandth any more, and no quantity of a room.
+    // Larger numbers have no exact thousandths any more, and no quantity of a room is as large.
     const LARGEST: f64 = 1e12;
     if !value.is_finite() || value.abs() > LARGEST {
         return false;
     }
     match plain(unit).as_str() {
-        // -127 and -128 are what thermometers say that were not reached, 999 and 327.67 those without a
-        // probe; no room is as hot as 200 °C.
+        // Thermometers that cannot be reached report -127 or -128, those without a probe 999 or 327.67; no
+        // room is as hot as 200 °C.
         "c" => value > -127.0 && value <= 200.0,
         "f" => value > -196.0 && value <= 392.0,
         "k" => (0.0..=474.0).contains(&value),
-        // A million parts of a million are all of it.
+        // A million ppm is everything.
         "ppm" => (0.0..=1e6).contains(&value),
         "ppb" => (0.0..=1e9).contains(&value),
-        // The sun makes a little more than a hundred thousand.
+        // Direct sunlight has a little more than 100,000 lx.
         "lx" => (0.0..=1e6).contains(&value),
         "lm" => value >= 0.0,
-        // Chips measure a little above a hundred; 255 and 655.35 are no values.
+        // Chips may measure a little above 100 %; 255 and 655.35 mean “no value”.
         "%" => (0.0..=110.0).contains(&value),
         _ => true,
     }

@@ -1,5 +1,5 @@
-//! The corpus: what devices of many makes say, and what becomes of each here. The files below
-//! `tests/corpus` are of our own wording, after what each firmware's documentation says it sends.
+//! Runs the corpus: messages of devices of many makes, and the expected outcome of each. The files in
+//! `tests/corpus` are written by us, after the documentation of each firmware.
 
 use serde::Deserialize;
 
@@ -24,19 +24,19 @@ struct File {
     case: Vec<Case>,
 }
 
-/// What was said, and what must become of it.
+/// One case: the messages and the expected outcome.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Case {
     about: String,
-    /// Each a topic and a text.
+    /// Each is a topic and a text.
     said: Vec<[String; 2]>,
-    /// Every line of `outcome`, in any order.
+    /// All lines of `outcome`, in any order.
     becomes: Vec<String>,
 }
 
-/// What becomes of what was said: agents with their areas, what they know, how they are told and asked,
-/// and what of them cannot be used.
+/// Returns the outcome of the messages: the agents with their areas, their values, how each is switched and
+/// asked, and the parts of devices that cannot be used.
 fn outcome(said: &[[String; 2]]) -> Vec<String> {
     let classes = Classes::with(&serde_json::Value::Null).expect("built in");
     let devices = devices(said);
@@ -143,7 +143,7 @@ fn each_device_becomes_what_it_is() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// The components of Home Assistant's documentation.
+/// The components that Home Assistant's documentation lists.
 #[test]
 fn every_component_of_home_assistant_is_in_the_corpus() {
     let (_, text) = FILES[1];

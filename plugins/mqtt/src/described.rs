@@ -1,4 +1,4 @@
-//! A device as it describes itself, whatever it speaks.
+//! The description of a device, in one form for all protocols.
 
 use std::time::Duration;
 
@@ -7,61 +7,61 @@ use crate::template::Template;
 /// A device.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Described {
-    /// What it is called by people.
+    /// The name that people gave it.
     pub(crate) name: String,
-    /// What it never changes: an address, an identifier.
+    /// An identifier that never changes, such as its address.
     pub(crate) id: String,
     /// Its other identifiers.
     pub(crate) also: Vec<String>,
-    /// Where it stands, as far as it says.
+    /// The area that the device states, if any.
     pub(crate) area: Option<String>,
-    /// What it measures and switches.
+    /// The things that it measures and switches.
     pub(crate) features: Vec<Feature>,
-    /// What of it cannot be used.
+    /// The things of it that cannot be used.
     pub(crate) unused: Vec<Unused>,
 }
 
-/// Something of a device that cannot be used, and why.
+/// A thing of a device that cannot be used, and the reason.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Unused {
     pub(crate) reason: String,
-    /// Whether that is as it should be, so that it is told only of devices of which nothing is used.
+    /// Whether this is normal. Normal reasons are reported only for devices of which nothing can be used.
     pub(crate) is_usual: bool,
 }
 
-/// The rank of what is about something else than the room, such as a chip or a boiler.
+/// The rank of a feature that is not about the room but about, for example, a chip or a boiler.
 pub(crate) const NOT_OF_THE_ROOM: u8 = 3;
 
-/// Something that a device measures or switches.
+/// One thing that a device measures or switches.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Feature {
-    /// What it calls it: a device class.
+    /// Its device class, as the device calls it.
     pub(crate) class: String,
-    /// What tells it from others of its class.
+    /// A label that distinguishes it from others of its class.
     pub(crate) label: String,
-    /// Where it says how it is; what has none is believed to be as it was told.
+    /// The sources of its value. If there are none, the feature is assumed to be as it was last commanded.
     pub(crate) states: Vec<Source>,
-    /// In which unit.
+    /// The unit of its value; empty if none is stated.
     pub(crate) unit: String,
-    /// The words that it says for yes, for no, and for what it does not know.
+    /// The texts that mean yes, no, and neither.
     pub(crate) yes: Vec<String>,
     pub(crate) no: Vec<String>,
     pub(crate) neither: Vec<String>,
-    /// How it is switched.
+    /// How it is switched; `None` if it cannot be.
     pub(crate) command: Option<Command>,
-    /// Where it is said whether it is online.
+    /// The topics that tell whether it is online.
     pub(crate) availability: Availability,
-    /// How long a value holds after it was said.
+    /// How long a value is valid after it was received; `None` if without limit.
     pub(crate) expires: Option<Duration>,
-    /// How long a yes holds after it was said; then it is no.
+    /// How long a yes is valid after it was received; then the value is no.
     pub(crate) off_delay: Option<Duration>,
-    /// How it is asked how it is.
+    /// The request for its current value; `None` if it cannot be asked.
     pub(crate) ask: Option<Telegram>,
-    /// Of several features of one class, that with the lowest speaks for the device.
+    /// Preference among several measured numbers of one class: the lowest is used.
     pub(crate) rank: u8,
 }
 
-/// Where something is said, and how it is read there.
+/// A topic, and how a value is read from its texts.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Source {
     pub(crate) topic: String,
@@ -71,59 +71,59 @@ pub(crate) struct Source {
 /// How a value is read from a text.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Reading {
-    /// It is all of it.
+    /// The whole text.
     Whole,
-    /// It stands in a JSON object, by these keys.
+    /// The value under these keys of a JSON object.
     At(Vec<String>),
-    /// By a template of Jinja's, as Home Assistant has them.
+    /// The output of a Jinja template, as Home Assistant uses them.
     Template(Template),
 }
 
-/// A text for a topic.
+/// An MQTT message to send: a text for a topic.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Telegram {
     pub(crate) topic: String,
     pub(crate) text: String,
-    /// Whether the broker is to keep it.
+    /// Whether the broker is to retain it.
     pub(crate) is_kept: bool,
 }
 
-/// How something is switched.
+/// The messages that switch a feature on and off.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Command {
     pub(crate) on: Telegram,
     pub(crate) off: Telegram,
 }
 
-/// Where it is said whether something is online.
+/// The topics that tell whether a feature is online, and how they are combined.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Availability {
     pub(crate) voices: Vec<Voice>,
     pub(crate) mode: AvailabilityMode,
 }
 
-/// One topic of availability.
+/// One topic of availability, with the texts for online and offline.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Voice {
     pub(crate) source: Source,
     pub(crate) online: String,
     pub(crate) offline: String,
-    /// Whether it is online before anything is said.
+    /// Whether the feature counts as online before the first text.
     pub(crate) at_first: bool,
 }
 
-/// What several topics of availability mean together.
+/// How several topics of availability are combined.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum AvailabilityMode {
     All,
     Any,
-    /// The last word on any of them counts.
+    /// The last text on any of them counts.
     #[default]
     Latest,
 }
 
 impl Feature {
-    /// One of which only the class and the label are known.
+    /// Returns a feature with this class and label; everything else is empty.
     pub(crate) fn named(class: &str, label: &str) -> Feature {
         Feature {
             class: class.to_owned(),
@@ -160,12 +160,12 @@ impl Telegram {
 }
 
 impl Source {
-    /// All of what is said under a topic.
+    /// Returns a source that reads the whole text of a topic.
     pub(crate) fn whole(topic: impl Into<String>) -> Source {
         Source { topic: topic.into(), reading: Reading::Whole }
     }
 
-    /// What stands by these keys in what is said under a topic.
+    /// Returns a source that reads the value under these keys of a topic's JSON.
     pub(crate) fn at(topic: impl Into<String>, keys: &[&str]) -> Source {
         let keys = keys.iter().map(|key| (*key).to_owned()).collect();
         Source { topic: topic.into(), reading: Reading::At(keys) }

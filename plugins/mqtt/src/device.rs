@@ -1,7 +1,7 @@
-//! One agent of a device: what it says is known at once, its availability is its presence, what it is
-//! told it does.
+//! The agent of one part of a device. Its values are facts as soon as they are received. While a feature is
+//! away, the agent does not offer the actions of this feature. Commands switch the device.
 //!
-//! `heard` is what it has said so far, feature by feature.
+//! `heard` keeps the last values, feature by feature.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -21,24 +21,24 @@ use crate::heard::{Hearing, Standing};
 use crate::part::{Known, Part, leads};
 use crate::reading::Found;
 
-/// How long a method may take.
+/// Time limit of a method.
 const METHOD: Duration = Duration::from_secs(5);
 
-/// How long is waited for what a device says, when it is asked or told.
+/// Time limit for the device's answer to a request or a command.
 const WORD: Duration = Duration::from_secs(4);
 const _: () = assert!(WORD.as_millis() < METHOD.as_millis());
 
-/// How long is waited at first for what the broker has kept of it.
+/// Time limit at the start for the values that the broker has retained.
 const FIRST: Duration = Duration::from_millis(200);
 
-/// The device.
+/// The device behind one agent.
 pub(crate) struct MqttDevice {
     part: Part,
     ontology: Arc<Domain>,
     hearing: Hearing,
 }
 
-/// What a feature was found to be.
+/// The result of an action: the value of a feature.
 pub(crate) struct Measured {
     feature: usize,
     value: Value,
@@ -50,11 +50,11 @@ pub(crate) enum Value {
     Yes(bool),
 }
 
-/// What one text says of a feature.
+/// The content of one text about a feature.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Word {
     Is(Value),
-    /// The device does not know, or says what cannot be.
+    /// The device does not know, or reports an impossible value. With the reason.
     NotKnown(String),
 }
 
@@ -68,7 +68,7 @@ impl MqttDevice {
         MqttDevice { part, ontology, hearing }
     }
 
-    /// The features that stand for all of their class.
+    /// The features that represent their class: of each class the first.
     fn leading(&self) -> impl Iterator<Item = usize> {
         (0..self.part.features.len()).filter(|feature| leads(&self.part.features, *feature))
     }
@@ -102,7 +102,8 @@ impl MqttDevice {
 }
 
 impl Known {
-    /// What a text says of it, by one of the ways that it says it; `None` if it says nothing.
+    /// Returns the content of `text`, read by the source with this number; `None` if it has no value of the
+    /// feature.
     pub(crate) fn read(&self, source: usize, text: &str) -> Option<Word> {
         let source = self.feature.states.get(source)?;
         let is_number = matches!(self.class.kind()?, Kind::Number { .. });
@@ -113,7 +114,7 @@ impl Known {
                 return Some(Word::NotKnown("it says that it does not know".to_owned()));
             }
             Found::Nothing => return None,
-            // Home Assistant then takes the text as it is, where a word is asked for.
+            // Home Assistant then takes the text as it is, if it is one of the expected ones.
             Found::Unread(_) if !is_number && self.is_word(text) => text.trim().to_owned(),
             Found::Unread(problem) => {
                 tracing::debug!(topic = source.topic, "{problem}");
@@ -123,7 +124,7 @@ impl Known {
         if is_number { self.number(&said) } else { self.yes_or_no(&said) }
     }
 
-    /// Whether a whole text is one of its words.
+    /// Whether a whole text is one of the feature's texts for yes and no.
     fn is_word(&self, text: &str) -> bool {
         let (text, feature) = (text.trim(), &self.feature);
         [&feature.yes, &feature.no].into_iter().flatten().any(|word| word == text)
@@ -139,7 +140,7 @@ impl Known {
         if !is_possible(value, unit) {
             return Some(Word::NotKnown(format!("it says {told}, which cannot be in {unit}")));
         }
-        // So that 68 °F are 20 °C, and not almost.
+        // Rounded, so that 68 °F are exactly 20 °C.
         Some(Word::Is(Value::Number((value * 1e6).round() / 1e6)))
     }
 
@@ -154,7 +155,7 @@ impl Known {
         is(&self.feature.neither).then(|| Word::NotKnown(format!("it says `{said}`")))
     }
 
-    /// A value of it, as PDDL facts; `term` is what it is in PDDL.
+    /// Returns a value as PDDL facts; `term` is the feature's term in PDDL.
     fn facts(&self, term: &str, room: &str, value: Value) -> String {
         match (self.class.kind(), value) {
             (Some(Kind::Number { known, .. }), Value::Number(number)) => {
@@ -170,7 +171,7 @@ impl Known {
         }
     }
 
-    /// That it is not known, as PDDL facts.
+    /// Returns the PDDL facts for an unknown value.
     fn unknown(&self, term: &str, room: &str) -> String {
         match self.class.kind() {
             Some(Kind::Number { known, .. }) => format!("(not ({known} {room}))"),
@@ -187,7 +188,7 @@ impl Known {
             (Some(Kind::Number { unit, .. }), Value::Number(number)) => format!("{number} {unit}"),
             (Some(Kind::YesOrNo { yes, .. }), Value::Yes(true)) => yes.to_owned(),
             (Some(Kind::YesOrNo { yes, .. }), Value::Yes(false)) => format!("not {yes}"),
-            // Of the device, not of the room: others there may be otherwise.
+            // The state of the device, not of the room: other devices there may be in another state.
             (Some(Kind::Switch { .. }), Value::Yes(true)) => "on".to_owned(),
             (Some(Kind::Switch { .. }), Value::Yes(false)) => "off".to_owned(),
             _ => String::new(),
@@ -217,7 +218,7 @@ impl Device for MqttDevice {
     fn look(&self) -> Option<BoxFuture<()>> {
         let mut hearing = self.hearing.clone();
         Some(Box::pin(async move {
-            // What has come by then is what there is.
+            // After this time, the values received so far have to do.
             let _ = tokio::time::timeout(FIRST, async {
                 while !hearing.is_told() {
                     hearing.changed().await;
@@ -248,7 +249,7 @@ impl Device for MqttDevice {
                     let telegram = if is_on { &command.on } else { &command.off };
                     hearing.say(telegram).map_err(Failure::Driver)?;
                 }
-                // What is not known is asked for.
+                // If the value is not known, ask for it.
                 _ => hearing.ask(feature),
             }
             let value = said(&known, hearing, feature, wanted).await.map_err(Failure::Driver)?;
@@ -260,7 +261,7 @@ impl Device for MqttDevice {
         let Some(known) = self.part.features.get(measured.feature) else {
             return Performed::default();
         };
-        // What says nothing is believed to be as it was told.
+        // A device that does not report its state is assumed to be as it was last commanded.
         if known.feature.states.is_empty() {
             self.hearing.believe(measured.feature, measured.value);
         }
@@ -275,7 +276,7 @@ impl Device for MqttDevice {
         let mut hearing = self.hearing.clone();
         Some(Box::pin(async move {
             hearing.news().await;
-            // What is said from here on is news, also while this is being told.
+            // A text that arrives from here on is news, also while the current one is being reported.
             let stir: Stir<MqttDevice> = Box::new(move |device| {
                 device.hearing = hearing;
                 Vec::new()
@@ -285,7 +286,7 @@ impl Device for MqttDevice {
     }
 }
 
-/// What a feature says, once it says something, or what is wanted of it.
+/// Waits for a value of a feature; if `wanted` is given, for this value.
 async fn said(
     known: &Known,
     mut hearing: Hearing,
@@ -293,7 +294,7 @@ async fn said(
     wanted: Option<bool>,
 ) -> Result<Value, String> {
     let Some(source) = known.feature.states.first() else {
-        // What says nothing is believed to be as it was told.
+        // A device that does not report its state is assumed to be as it was last commanded.
         return wanted.map(Value::Yes).ok_or_else(|| "hear from it: it says nothing".to_owned());
     };
     let topic = &source.topic;

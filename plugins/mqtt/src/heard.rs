@@ -1,10 +1,10 @@
-//! What a device has said so far, feature by feature: whether it is here, what it is, and since when.
+//! The last values of a device, feature by feature: whether it can be reached, its value, and since when.
 //!
-//! - Of a feature it is known what it is, or it is not known, or it is away: three things.
-//! - Texts are taken in as they come, the oldest first. One that does not speak of a feature changes
-//!   nothing of it.
-//! - A switch may have been switched by hand while there was no connection: what it said before is not
-//!   known any more. It is asked, where the device can be asked, a few times.
+//! - A feature has a known value, has none, or is away: three different things.
+//! - Texts are processed in the order of their arrival. A text without a value of a feature changes nothing
+//!   of this feature.
+//! - A switch may have been switched by hand while there was no connection, so its earlier value is no
+//!   longer known. If the device can be asked, it is asked a few times.
 
 use std::future::poll_fn;
 use std::pin::Pin;
@@ -21,12 +21,12 @@ use crate::described::{Availability, AvailabilityMode, Telegram};
 use crate::device::{Value, Word};
 use crate::part::{self, Known};
 
-/// How long after a device has come it is asked for what it has not said; so much more is drawn by
-/// lot, so that hundreds of devices are not asked at once.
+/// Pause after a device has appeared, before it is asked for missing values. A random time up to
+/// `ASK_SPREAD_MS` is added, so that hundreds of devices are not asked at once.
 const ASK_AFTER: Duration = Duration::from_millis(300);
 const ASK_SPREAD_MS: u64 = 2_000;
 
-/// Pauses after which it is asked again; then no more, until the next connection.
+/// Pauses between further requests. After the last, no more are sent until the next connection.
 const ASK_AGAIN: [Duration; 4] = [
     Duration::from_secs(5),
     Duration::from_secs(30),
@@ -34,23 +34,24 @@ const ASK_AGAIN: [Duration; 4] = [
     Duration::from_secs(900),
 ];
 
-/// What is known of a feature.
+/// The state of a feature.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Standing {
-    /// This, since then.
+    /// The value is known: this value, since this time.
     Is(Value, Instant),
-    /// It has said nothing; or, with the reason, nothing that holds.
+    /// No value is known: none was received or, with the reason, none that is valid.
     NotKnown(Option<String>),
-    /// It cannot be reached, and why.
+    /// The feature cannot be reached; with the reason.
     Away(String),
 }
 
-/// Hears what a device says. Copies are the same, but for what is news to them.
+/// Receives and keeps the values of a device's features. Clones share the values, but each has its own mark
+/// of what it has seen.
 #[derive(Clone)]
 pub(crate) struct Hearing {
     connection: Arc<Connection>,
     trouble: watch::Receiver<Option<String>>,
-    /// The features' sources, then their voices of availability.
+    /// The topics of the features' sources, and those of their availability.
     topics: Vec<Listened>,
     features: Arc<Vec<Known>>,
     taken: Arc<Mutex<Taken>>,
@@ -67,25 +68,26 @@ struct Listened {
 enum What {
     State(usize),
     Voice(usize),
-    /// Nothing of it is read: it tells the connections apart for what says nothing itself.
+    /// Not read. It gives the number of the connection for a feature without state topics.
     Connection,
 }
 
-/// What was taken in.
+/// The content of all texts processed so far.
 struct Taken {
-    /// How many words of each topic.
+    /// The number of processed texts, by topic.
     counts: Vec<u64>,
     features: Vec<Heard>,
 }
 
-/// What one feature has said.
+/// The state of one feature.
 #[derive(Clone)]
 struct Heard {
     word: Option<(Word, Instant, u64)>,
-    /// Each voice's last word.
+    /// The last text of each topic of availability, as online or not.
     voices: Vec<Option<bool>>,
     latest: Option<bool>,
-    /// How often it was asked in this connection, and when it is next.
+    /// The number of the connection, how often the feature was asked in it, and the time of the next
+    /// request.
     asked: (u64, usize, Instant),
 }
 
@@ -140,12 +142,13 @@ impl Hearing {
         }
     }
 
-    /// What is known of a feature, and of those that speak together with it.
+    /// Returns the state of a feature, combined with the other features of its class.
     pub(crate) fn standing(&self, feature: usize, now: Instant) -> Standing {
         self.standing_by(feature, now).0
     }
 
-    /// What is known of a feature and of those that speak together with it, and which of them says so.
+    /// Returns the state of a feature, combined with the other features of its class, and which feature it
+    /// comes from.
     pub(crate) fn standing_by(&self, feature: usize, now: Instant) -> (Standing, usize) {
         let all = part::together(&self.features, feature);
         let all: Vec<_> = all.map(|feature| (self.own_standing(feature, now), feature)).collect();
@@ -180,7 +183,8 @@ impl Hearing {
                     return Standing::NotKnown(Some(reason));
                 }
                 let is_over = known.feature.off_delay.is_some_and(|delay| age >= delay);
-                // What it says with its yes is over; of a contact that is that it is open.
+                // The yes has expired. For an inverted class such as a contact, yes means open and is
+                // stored as no.
                 let yes = Value::Yes(!known.class.inverted);
                 match value {
                     value if is_over && *value == yes => {
@@ -192,7 +196,8 @@ impl Hearing {
         }
     }
 
-    /// Why a feature cannot be used now, nor any that speaks together with it.
+    /// Returns the reason why a feature and all others of its class cannot be used now; `None` if at least
+    /// one can.
     pub(crate) fn away(&self, feature: usize, _now: Instant) -> Option<String> {
         let all = part::together(&self.features, feature);
         let all: Option<Vec<_>> = all.map(|feature| self.own_away(feature)).collect();
@@ -230,7 +235,7 @@ impl Hearing {
         })
     }
 
-    /// The connection that a feature's states are listened to by.
+    /// Returns the number of the connection by which the topics of a feature's states are subscribed to.
     fn session(&self, feature: usize) -> u64 {
         let of_state = self.topics.iter().find(|listened| {
             listened.feature == feature
@@ -239,7 +244,7 @@ impl Hearing {
         of_state.map_or(0, |listened| listened.said.borrow().session)
     }
 
-    /// Whether everything has said something.
+    /// Whether every feature with a state topic has a value, and every topic of availability a text.
     pub(crate) fn is_told(&self) -> bool {
         let taken = self.take_in();
         taken.features.iter().zip(self.features.iter()).all(|(heard, known)| {
@@ -248,7 +253,7 @@ impl Hearing {
         })
     }
 
-    /// Believes what it was told to be, as it says nothing itself.
+    /// Sets the value of a feature that does not report its state, after it was commanded.
     pub(crate) fn believe(&self, feature: usize, value: Value) {
         let session = self.session(feature);
         if let Some(heard) = self.take_in().features.get_mut(feature) {
@@ -264,7 +269,7 @@ impl Hearing {
         }
     }
 
-    /// Asks for a feature and those that speak together with it, if they have said nothing that holds.
+    /// Asks for a feature and the others of its class, each only if its value is not known.
     pub(crate) fn ask(&self, feature: usize) {
         for feature in part::together(&self.features, feature) {
             let ask = self.features.get(feature).and_then(|known| known.feature.ask.as_ref());
@@ -276,7 +281,7 @@ impl Hearing {
         }
     }
 
-    /// Takes in what was said since the last time.
+    /// Processes the texts that have arrived since the last call.
     fn take_in(&self) -> MutexGuard<'_, Taken> {
         let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
         let mut words = Vec::new();
@@ -301,7 +306,7 @@ impl Hearing {
                 What::Connection => (),
                 What::Voice(number) => {
                     let voice = &known.feature.availability.voices[*number];
-                    // Home Assistant takes a text as it is where its template fails.
+                    // Home Assistant uses the text as it is if its template fails.
                     let said = voice.source.word(&word.text);
                     let said = said.unwrap_or_else(|| word.text.trim().to_owned());
                     let is_online = match said {
@@ -316,7 +321,7 @@ impl Hearing {
         taken
     }
 
-    /// Waits until anything is said.
+    /// Waits until a text arrives or the connection changes.
     pub(crate) async fn changed(&mut self) {
         let topics = self.topics.iter_mut().map(|listened| &mut listened.said);
         let mut changes: Vec<Pin<Box<dyn Future<Output = ()> + Send>>> = Vec::new();
@@ -340,7 +345,8 @@ impl Hearing {
         .await;
     }
 
-    /// Waits until anything is said, or what was said ceases to hold; asks for what was not said.
+    /// Waits until a text arrives, the connection changes or a value expires. Meanwhile asks for missing
+    /// values.
     pub(crate) async fn news(&mut self) {
         loop {
             let now = Instant::now();
@@ -358,7 +364,7 @@ impl Hearing {
         }
     }
 
-    /// When the next value ceases to hold.
+    /// Returns the time when the next value expires; `None` if none does.
     fn next_over(&self, now: Instant) -> Option<Instant> {
         let taken = self.take_in();
         let over = taken.features.iter().zip(self.features.iter()).flat_map(|(heard, known)| {
@@ -369,7 +375,7 @@ impl Hearing {
         over.filter(|over| *over > now).min()
     }
 
-    /// When it is asked next.
+    /// Returns the time of the next request; `None` if none is due.
     fn next_ask(&self) -> Option<Instant> {
         let wanting = (0..self.features.len()).filter(|feature| self.wants_asking(*feature));
         wanting.map(|feature| self.asks(feature).2).min()
@@ -382,7 +388,8 @@ impl Hearing {
             && matches!(self.own_standing(feature, Instant::now()), Standing::NotKnown(_))
     }
 
-    /// How often it was asked in this connection, and when it is next.
+    /// Returns the number of the connection, how often the feature was asked in it, and the time of the
+    /// next request.
     fn asks(&self, feature: usize) -> (u64, usize, Instant) {
         let session = self.session(feature);
         let mut taken = self.take_in();
@@ -393,7 +400,7 @@ impl Hearing {
         *asked
     }
 
-    /// Asks for all that it is time to ask for; for what one question answers, once.
+    /// Sends all requests that are due. A request that several features share is sent once.
     fn ask_all(&self) {
         let now = Instant::now();
         let mut questions = Vec::new();
@@ -418,8 +425,8 @@ impl Hearing {
     }
 }
 
-/// What several features of one device say together, and which of them: one that says `loud` (motion, or
-/// that it is open) is enough; the contrary takes all of them.
+/// Combines the states of several features of one class in one device, and returns which feature decides:
+/// one feature with the value `loud` (motion, or open) is enough; the opposite value needs all of them.
 fn together(all: Vec<(Standing, usize)>, loud: Value) -> Option<(Standing, usize)> {
     let since = |standing: &Standing| match standing {
         Standing::Is(value, at) => Some((*value, *at)),
@@ -442,7 +449,7 @@ fn together(all: Vec<(Standing, usize)>, loud: Value) -> Option<(Standing, usize
             let reason = "another of its kind in the same device is away".to_owned();
             Some((Standing::NotKnown(Some(reason)), *feature))
         }
-        // It holds for as long as the oldest of them holds.
+        // The oldest value decides: the result is valid for as long as this value is.
         None => all.into_iter().min_by_key(|(one, _)| since(one).map(|(_, at)| at)),
     }
 }
@@ -488,7 +495,7 @@ mod tests {
             offline: "offline".to_owned(),
             at_first,
         };
-        // What was said by which of two, and whether it is online by all, any, and the latest.
+        // For texts of two topics: whether the feature is online by the modes `All`, `Any` and `Latest`.
         for (at_first, said, expected) in [
             (false, &[][..], [false, false, false]),
             (true, &[], [true, true, true]),

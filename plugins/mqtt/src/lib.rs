@@ -1,18 +1,21 @@
-//! A gateway to an MQTT broker: its devices appear as agents by themselves, with an action model made
-//! from what they say of themselves.
+//! A gateway to an MQTT broker: its devices appear as agents automatically, with an action model made from
+//! their own descriptions.
 //!
-//! - `zigbee2mqtt`, `home_assistant` (ESPHome and many others), `tasmota` and `shelly` read what devices
-//!   say of themselves, `described` is that in one form.
-//! - `class` is the table from device classes to words (`classes.toml`); `part` makes of a device the
-//!   agents it is, and their action models.
-//! - `census` says what agents all of them are, and in which rooms; `agent::bringing` lets them come.
-//! - `device` is such an agent: what the device says is known at once, its availability is its presence,
-//!   a lamp, a relay or a lock is switched, and only what the device then says is believed.
-//! - `heard` is what a device has said so far: a feature is known, not known, or away.
-//! - `reading` finds values in JSON and through templates; `template` has those of Home Assistant.
-//! - `naming` makes names of agents and compares those of rooms.
+//! - `zigbee2mqtt`, `home_assistant` (ESPHome and many others), `tasmota` and `shelly` read the
+//!   descriptions of devices; `described` is their common form.
+//! - `class` is the table from device classes to PDDL names (`classes.toml`); `part` divides a device into
+//!   agents and makes their action models.
+//! - `census` lists the agents of all devices, with their rooms; `agent::bringing` starts and stops them.
+//! - `device` is such an agent: it announces values as facts, offers actions only while the device is
+//!   online, and switches lamps, relays and locks. A switch counts as switched only when the device reports
+//!   it.
+//! - `heard` keeps the last values of a device: a feature is known, not known, or away.
+//! - `reading` finds values in JSON and through templates; `template` renders the templates of Home
+//!   Assistant.
+//! - `naming` makes names of agents and compares names of rooms.
 //!
-//! The gateway itself says nothing and offers nothing; with it, its devices leave.
+//! The gateway itself has no facts and offers no actions. When it stops, the agents of its devices stop
+//! too.
 
 mod census;
 mod class;
@@ -61,48 +64,48 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// Words that are taken in at one time.
+/// The most messages that are handled at one time.
 const WORDS_MAX: usize = 1_024;
 
-/// Agents that one gateway brings.
+/// The most agents of one gateway.
 const AGENTS_MAX: usize = 2_048;
 
-/// How long after a connection devices are told that there is somebody to describe themselves to; drawn
-/// by lot, so that the gateways of several daemons do not all speak at once.
+/// Delay after a connection before devices are asked to describe themselves, in milliseconds. It is random,
+/// so that the gateways of several daemons do not all send at once.
 const BIRTH_MS: std::ops::Range<u64> = 200..2_000;
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct Config {
-    /// Whom it speaks to, as `HOST:PORT` or `mqtts://HOST:PORT`.
+    /// The address of the broker, as `HOST:PORT` or `mqtts://HOST:PORT`.
     broker: Option<String>,
-    /// Who logs in there, and where the password stands.
+    /// The user name for the broker, and the file with the password.
     user: Option<String>,
     password_file: Option<PathBuf>,
-    /// The authorities that are trusted, where the broker is `mqtts://…`.
+    /// The file with the trusted certificate authorities, if the broker is `mqtts://…`.
     ca: Option<PathBuf>,
-    /// In which room a device stands, by its name or its identifier; a `*` at the end is any ending.
+    /// The room of each device, by the device's name or identifier; a `*` at the end matches any ending.
     #[serde(default)]
     rooms: BTreeMap<String, String>,
-    /// Devices that take part where others are only listed.
+    /// Devices that take part without an admission. All others need one; until then they are only listed.
     #[serde(default)]
     devices: Vec<String>,
-    /// Devices that are not wanted.
+    /// Devices that are ignored.
     #[serde(default)]
     ignore: Vec<String>,
     /// How long a measurement counts as known, such as `"10m"`; without it, until the device is away.
     valid_for: Option<String>,
-    /// Under which topics they are.
+    /// The topics below which Zigbee2MQTT, Home Assistant and Tasmota describe devices.
     #[serde(default = "zigbee2mqtt")]
     zigbee2mqtt: String,
     #[serde(default = "home_assistant")]
     home_assistant: String,
     #[serde(default = "tasmota")]
     tasmota: String,
-    /// Whether devices are told, with each connection, that they are to describe themselves.
+    /// Whether devices are asked at each connection to describe themselves.
     #[serde(default = "yes")]
     birth: bool,
-    /// What else device classes mean.
+    /// Additional device classes, and changes of built-in ones.
     #[serde(default)]
     classes: Value,
 }
@@ -161,7 +164,7 @@ struct Gateway {
     config: Config,
     broker: Broker,
     classes: Classes,
-    /// The places of the map, by what is left of their names.
+    /// The places of the map, by their normalised names; see `naming::core`.
     rooms: BTreeMap<String, String>,
     valid_for: Option<Duration>,
     connection: Option<Arc<Connection>>,
@@ -170,13 +173,13 @@ struct Gateway {
     tasmota: tasmota::Discovery,
     shelly: shelly::Discovery,
     bringing: Bringing<Part>,
-    /// What devices are called.
+    /// The names of devices.
     given: Mutex<census::Given>,
-    /// What is listened to: each filter of topics, by its number.
+    /// The task of each subscription, by its number.
     hearing: BTreeMap<usize, Work>,
-    /// What tells devices, with each connection, that they are to describe themselves.
+    /// The task that asks devices at each connection to describe themselves.
     birth: Option<Work>,
-    /// What follows whether the broker is reached.
+    /// The task that watches the connection to the broker.
     following: Option<Work>,
 }
 
@@ -239,7 +242,7 @@ impl Brings for Gateway {
 }
 
 impl Gateway {
-    /// Has people told when the broker is lost, and when it is back.
+    /// Reports to users when the broker is lost, and when it is back.
     fn follow(&mut self, mut trouble: watch::Receiver<Option<String>>, ctx: &mut Context<Self>) {
         let next = async move { trouble.changed().await.is_ok().then_some(trouble) };
         let work = ctx.run(next, |gateway: &mut Self, trouble, ctx| {
@@ -265,7 +268,7 @@ impl Gateway {
         self.hearing.insert(number, work);
     }
 
-    /// Takes in a text; whether it may change who is here.
+    /// Handles a message. Returns whether it may change which agents are present.
     fn heard(&mut self, topic: &str, text: &str) -> bool {
         let Config { zigbee2mqtt, home_assistant, tasmota, .. } = &self.config;
         let understood = if topic.starts_with(&format!("{zigbee2mqtt}/")) {
@@ -286,13 +289,13 @@ impl Gateway {
     }
 }
 
-/// Tells devices with each connection that they are to describe themselves and say how they are: as
-/// Home Assistant does when it starts, and as Shelly's first generation wants it.
+/// Asks devices at each connection to describe themselves and report their state: as Home Assistant does
+/// when it starts, and with the command that Shelly's first generation needs.
 async fn announce(connection: Arc<Connection>, home_assistant: String) {
     let mut trouble = connection.trouble();
     while trouble.wait_for(Option::is_none).await.is_ok() {
         tokio::time::sleep(Duration::from_millis(fastrand::u64(BIRTH_MS))).await;
-        // A connection that is lost meanwhile is announced when it is back.
+        // If the connection is lost meanwhile, devices are asked again when it is back.
         let birth = format!("{home_assistant}/status");
         for (topic, text) in [(birth.as_str(), "online"), ("shellies/command", "announce")] {
             if let Err(problem) = connection.say(topic, text) {

@@ -1,12 +1,12 @@
-//! Names: of agents, made from what people call their devices in any script, and of rooms.
+//! Names of agents, made from device names in any script, and the comparison of room names.
 
 use any_ascii::any_ascii;
 
-/// The longest name that is made.
+/// The longest name that is made, in bytes.
 const CHARS_MAX: usize = 48;
 
-/// A name that agents can have: `Living Room / Lamp 1` is `living-room-lamp-1`, `Küche` is `kueche`,
-/// `Спальня` is `spalnya`.
+/// Returns a valid name of an agent: `Living Room / Lamp 1` gives `living-room-lamp-1`, `Küche` gives
+/// `kueche`, `Спальня` gives `spalnya`.
 pub(crate) fn name_of(text: &str) -> String {
     let mut name = slug(text, "-");
     name.truncate(CHARS_MAX);
@@ -18,11 +18,11 @@ pub(crate) fn name_of(text: &str) -> String {
     }
 }
 
-/// A text in small letters and digits of ASCII, its words apart by a separator.
+/// Returns a text in lower-case letters and digits of ASCII, with a separator between words.
 pub(crate) fn slug(text: &str, separator: &str) -> String {
     let mut words: Vec<String> = Vec::new();
     let mut is_open = false;
-    // What any_ascii makes of one letter of a script without spaces is a word of its own.
+    // In a script without spaces, `any_ascii` makes of each letter a word of its own.
     for c in text.chars() {
         let written = written(c);
         for c in written.chars() {
@@ -33,7 +33,7 @@ pub(crate) fn slug(text: &str, separator: &str) -> String {
                     }
                 }
                 true => words.push(c.to_string()),
-                // An apostrophe is part of a word: it stands for a soft sign, or is one's own.
+                // An apostrophe is part of a word: it stands for a soft sign, or is in the text itself.
                 false if matches!(c, '\'' | '’' | '`') => continue,
                 false => (),
             }
@@ -52,13 +52,13 @@ fn written(c: char) -> String {
     }
 }
 
-/// What of a text is left for comparing names of rooms: `Office 1` and `office1` are one.
+/// Returns the normalised name of a room, for comparing: `Office 1` and `office1` give the same.
 pub(crate) fn core(text: &str) -> String {
     slug(text, "")
 }
 
-/// Whether a name begins with a room's: the room's name must end at the end of a word there, so that
-/// `Office 10 sensor` is none of `office1`, and `Hallway lamp` none of `hall`.
+/// Whether a name begins with the name of a room. The room's name must end where a word of the name ends,
+/// so that `Office 10 sensor` is not in `office1`, and `Hallway lamp` not in `hall`.
 pub(crate) fn begins_with(name: &str, room: &str) -> bool {
     let room = core(room);
     if room.is_empty() {
@@ -77,7 +77,8 @@ pub(crate) fn begins_with(name: &str, room: &str) -> bool {
     false
 }
 
-/// `KitchenLamp` is two words, and so is `Office1Lamp`; `office1` is one.
+/// Separates words in camel case: `KitchenLamp` becomes two words, and so does `Office1Lamp`; `office1`
+/// stays one.
 fn apart(name: &str) -> String {
     let mut apart = String::new();
     let mut before = None::<char>;

@@ -1,4 +1,4 @@
-//! What of a device becomes one agent: all that it measures, or one thing that it switches.
+//! The part of a device that becomes one agent: all that it measures, or one thing that it switches.
 
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -11,35 +11,35 @@ use crate::class::{Class, Classes, Kind, conversion};
 use crate::described::{Described, Feature, NOT_OF_THE_ROOM, Unused};
 use crate::naming::name_of;
 
-/// Reasons that are told of one device.
+/// The most reasons that are reported of one device.
 const REASONS_MAX: usize = 6;
 
 /// One agent of a device.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Part {
-    /// Its name.
+    /// The agent of this part.
     pub(crate) agent: AgentId,
-    /// The room it stands in.
+    /// The room of the device.
     pub(crate) room: String,
     pub(crate) features: Vec<Known>,
-    /// How long what was measured counts as known.
+    /// How long a measured value counts as known; `None` if without limit.
     pub(crate) valid_for: Option<Duration>,
 }
 
-/// A feature whose class has words here.
+/// A feature with a known class.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Known {
     /// The class's own name.
     pub(crate) name: String,
     pub(crate) class: Class,
     pub(crate) feature: Feature,
-    /// What makes its number one in the class's unit.
+    /// Factor and offset that convert its number to the unit of the class.
     pub(crate) factor: f64,
     pub(crate) offset: f64,
 }
 
-/// What can be made of a device: its parts without their rooms, by what is added to its name, and what
-/// of it cannot be used.
+/// The result of dividing a device: its parts without their rooms, each with the suffix of its name, and
+/// the problem with what cannot be used.
 pub(crate) struct Parts {
     pub(crate) parts: Vec<(String, Vec<Known>)>,
     pub(crate) problem: Option<String>,
@@ -73,7 +73,7 @@ impl Parts {
                     )));
                 }
                 None => (),
-                // All contacts of a device, and all that notices motion, speak together.
+                // All contacts of a device are combined, and so are all its motion detectors.
                 Some(Kind::YesOrNo { .. }) => {
                     let is_same = |other: &Known| {
                         other.name == known.name && other.feature.states == known.feature.states
@@ -88,7 +88,7 @@ impl Parts {
                         "its {name} `{label}` is not that of the room, as its name says"
                     )));
                 }
-                // Of two thermometers in one device the first speaks for it.
+                // Of two thermometers in one device, the first is used.
                 Some(_) => match measured.iter().find(|other| other.name == known.name) {
                     Some(other) if other.feature.rank == known.feature.rank => {
                         let (name, speaks) = (&known.name, &other.feature.label);
@@ -107,7 +107,7 @@ impl Parts {
     }
 }
 
-/// The agents of a device: one for all that it measures, one for each thing that it switches.
+/// Returns the parts of a device: one for all that it measures, one for each thing that it switches.
 fn assembled(measured: Vec<Known>, switched: Vec<Known>) -> Vec<(String, Vec<Known>)> {
     let mut parts = Vec::new();
     if !measured.is_empty() {
@@ -119,7 +119,7 @@ fn assembled(measured: Vec<Known>, switched: Vec<Known>) -> Vec<(String, Vec<Kno
             true => String::new(),
             false => format!("-{}", name_of(&known.feature.label)),
         };
-        // Two of one label are told apart by their number.
+        // Two with the same label get different numbers.
         let is_taken = |suffix: &String| parts.iter().any(|(taken, _)| taken == suffix);
         let numbered = (2..).map(|number| format!("{suffix}-{number}"));
         let suffix = std::iter::once(suffix.clone()).chain(numbered).find(|one| !is_taken(one));
@@ -128,7 +128,8 @@ fn assembled(measured: Vec<Known>, switched: Vec<Known>) -> Vec<(String, Vec<Kno
     parts
 }
 
-/// Why what a feature says cannot be told from what it is told, if that is so.
+/// Returns the problem of a feature that receives commands on its own state topic: a command would look
+/// like a report. `None` if there is no such problem.
 fn hears_itself(feature: &Feature) -> Option<String> {
     let command = feature.command.as_ref()?;
     let told = [command.on.topic.as_str(), command.off.topic.as_str()];
@@ -142,19 +143,19 @@ fn hears_itself(feature: &Feature) -> Option<String> {
     ))
 }
 
-/// Whether a feature is the first of its class in a part: it stands for all of them.
+/// Whether a feature is the first of its class in a part. The first represents all of its class.
 pub(crate) fn leads(features: &[Known], number: usize) -> bool {
     together(features, number).next() == Some(number)
 }
 
-/// The features of a part that speak together with one.
+/// The features of a part that have the class of the one with this number. Their states are combined.
 pub(crate) fn together(features: &[Known], number: usize) -> impl Iterator<Item = usize> {
     let name = features.get(number).map(|known| &known.name);
     let all = features.iter().enumerate();
     all.filter(move |(_, other)| Some(&other.name) == name).map(|(number, _)| number)
 }
 
-/// A feature whose class has words here; or why it is not used.
+/// Returns a feature with its class; or the reason why it is not used.
 fn known(feature: &Feature, classes: &Classes) -> Result<Known, Unused> {
     let found = classes.find(&feature.class);
     let found = found.and_then(|name| Some((name, classes.get(name)?.clone())));
@@ -163,7 +164,7 @@ fn known(feature: &Feature, classes: &Classes) -> Result<Known, Unused> {
         let reason = format!(
             "its {called} has no words here; `classes.{called}` in the gateway's config gives it some"
         );
-        // Most devices measure things that nobody plans with: their battery, their signal.
+        // Most devices measure things that no plan needs, such as their battery or their signal.
         return Err(match feature.command {
             Some(_) => Unused::because(reason),
             None => Unused::as_usual(reason),
@@ -187,9 +188,9 @@ fn known(feature: &Feature, classes: &Classes) -> Result<Known, Unused> {
     Ok(Known { name: name.to_owned(), class, feature, factor, offset })
 }
 
-/// What is told of what cannot be used.
+/// Returns the reasons to report, as one text; `None` if there are none.
 fn problem(unused: Vec<Unused>, is_useless: bool) -> Option<String> {
-    // What is as it should be is the reason only where there is no other.
+    // Normal reasons are reported only if nothing of the device can be used and there are no others.
     let tells_usual = is_useless && unused.iter().all(|one| one.is_usual);
     let mut reasons: Vec<String> = Vec::new();
     for one in unused {
@@ -208,8 +209,8 @@ fn problem(unused: Vec<Unused>, is_useless: bool) -> Option<String> {
 }
 
 impl Part {
-    /// Its action model, with the words that the shared ontology lacks; `offers` says of which features
-    /// it can do anything now.
+    /// Returns the action model, with the types, predicates and functions that the shared ontology lacks.
+    /// `offers` tells of which features an action can be used now.
     pub(crate) fn model(&self, ontology: &Domain, offers: impl Fn(usize) -> bool) -> String {
         let Part { agent, .. } = self;
         let kind = self.features.first().map_or("sensor", |known| known.class.agent.as_str());
@@ -230,7 +231,7 @@ impl Part {
             }
         }
         let installed = match stands {
-            // The same of a lamp and of a lock, so that both can be in one ecosystem.
+            // The same declaration for a lamp and a lock, so that one ecosystem can have both.
             "installed" => "(installed ?d - object ?r - room)",
             _ => "",
         };
@@ -250,7 +251,7 @@ impl Part {
         )
     }
 
-    /// Where it is, as PDDL facts.
+    /// Returns the location of the device, as PDDL facts.
     pub(crate) fn place(&self, ontology: &Domain) -> String {
         let Part { agent, room, features, .. } = self;
         let is_switch = |known: &Known| matches!(known.class.kind(), Some(Kind::Switch { .. }));
@@ -300,7 +301,7 @@ impl Known {
         }
     }
 
-    /// What it is in PDDL: a term of a function or a predicate, about the device or its room.
+    /// Returns the PDDL term of the feature: a function or a predicate of the device or its room.
     pub(crate) fn term(&self, device: &str, room: &str, ontology: &Domain) -> String {
         match self.class.kind() {
             Some(Kind::Number { value, .. }) => format!("({value} {room})"),
@@ -313,7 +314,7 @@ impl Known {
         }
     }
 
-    /// The actions by which it is used, each with its method.
+    /// Returns the actions of the feature, each with its method.
     pub(crate) fn methods(&self) -> Vec<(String, String)> {
         match self.class.kind() {
             Some(Kind::Number { action, .. } | Kind::YesOrNo { action, .. }) => {
@@ -327,7 +328,7 @@ impl Known {
     }
 }
 
-/// The words that an action model has to bring along.
+/// The declarations that an action model needs and the ontology lacks.
 struct Words<'o> {
     ontology: &'o Domain,
     types: String,

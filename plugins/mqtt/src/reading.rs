@@ -1,23 +1,23 @@
-//! Values in what devices say: as they are, in JSON, or through a template.
+//! Reads values from the texts of devices: the whole text, a value in JSON, or the output of a template.
 
 use serde_json::Value;
 
 use crate::described::{Reading, Source};
 
-/// What a text says of something.
+/// The result of reading a text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Found {
-    /// This.
+    /// A value.
     Text(String),
-    /// That it is not known.
+    /// The device states that the value is not known.
     Unknown,
-    /// Nothing: what was known stays.
+    /// The text has no value; the earlier one stays.
     Nothing,
-    /// It was not read, with the reason; what was known stays.
+    /// The text could not be read, with the reason; the earlier value stays.
     Unread(String),
 }
 
-/// Words by which devices say that they do not know.
+/// Texts by which devices report that a value is not known.
 const UNKNOWN: &[&str] = &["none", "null", "unknown", "unavailable", "nan"];
 
 impl Found {
@@ -33,7 +33,7 @@ impl Found {
 }
 
 impl Source {
-    /// The word in a text, whatever it means; `None` if there is none.
+    /// Returns the value in a text, whatever it means; `None` if there is none.
     pub(crate) fn word(&self, text: &str) -> Option<String> {
         match &self.reading {
             Reading::Whole => Some(text.trim().to_owned()),
@@ -45,7 +45,7 @@ impl Source {
         }
     }
 
-    /// What a text says.
+    /// Reads a text.
     pub(crate) fn read(&self, text: &str) -> Found {
         match &self.reading {
             Reading::Whole => Found::of(text),
@@ -60,7 +60,7 @@ impl Source {
 
 fn at(text: &str, keys: &[String]) -> Found {
     let Ok(json) = serde_json::from_str::<Value>(text) else {
-        // Some say in one word what others say in JSON.
+        // Some devices send as one word what others send in JSON.
         let is_word = keys.len() == 1 && !text.trim_start().starts_with(['{', '[']);
         return if is_word { Found::of(text) } else { Found::Nothing };
     };

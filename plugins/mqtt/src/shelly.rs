@@ -1,7 +1,7 @@
-//! Shelly's own topics. The first generation says all under `shellies/NAME/…`; the second and later ones
-//! say how they are under `ID/status/…` and `ID/events/rpc`, and are told by calls under `ID/rpc`.
+//! Shelly's own topics. The first generation reports everything under `shellies/NAME/…`. Later generations
+//! report their state under `ID/status/…` and `ID/events/rpc`, and are commanded by calls under `ID/rpc`.
 //!
-//! They do not describe themselves: what they have is seen from what they say.
+//! These devices do not describe themselves: their features follow from the topics on which they report.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,26 +11,26 @@ use crate::described::{
     Availability, AvailabilityMode, Command, Described, Feature, Source, Telegram, Unused, Voice,
 };
 
-/// How the names of devices begin, as they come from the factory.
+/// The prefix of the factory-set names of devices.
 const BEGINNING: &str = "shelly";
 
-/// Where each text is about another part of the device.
+/// The end of the topic for events. Each text there is about another part of the device.
 pub(crate) const EVENTS: &str = "/events/rpc";
 
-/// Devices that are remembered.
+/// The most devices that are kept.
 const DEVICES_MAX: usize = 4_096;
 
-/// Parts of one device that are remembered.
+/// The most parts that are kept of one device.
 const PARTS_MAX: usize = 64;
 
-/// What was seen so far, by the device's name.
+/// The parts seen so far, by the name of the device, for the first generation and for later ones.
 #[derive(Debug, Default)]
 pub(crate) struct Discovery {
     first: BTreeMap<String, BTreeSet<String>>,
     second: BTreeMap<String, BTreeSet<String>>,
 }
 
-/// The topics that are listened to.
+/// Returns the topic filters to subscribe to.
 pub(crate) fn filters() -> [String; 5] {
     [
         "shellies/+/online".to_owned(),
@@ -47,12 +47,12 @@ pub(crate) fn is_own(topic: &str) -> bool {
 }
 
 impl Discovery {
-    /// Takes what was said under a topic; returns whether something is new.
+    /// Handles a message; returns whether it shows a new device or part.
     pub(crate) fn hear(&mut self, topic: &str, text: &str) -> bool {
         let levels: Vec<_> = topic.split('/').collect();
         match levels[..] {
             ["shellies", name, "online"] => note(&mut self.first, name, None),
-            // `…/relay/0/command` is what is told, and `relay/0/power` has one level more.
+            // `…/relay/0/command` is a command; `…/relay/0/power` has one level more and does not match.
             ["shellies", name, kind, number] if number != "command" => {
                 note(&mut self.first, name, Some(format!("{kind}/{number}")))
             }
@@ -74,7 +74,7 @@ impl Discovery {
         }
     }
 
-    /// The devices of which something is known.
+    /// Returns all devices that were seen.
     pub(crate) fn devices(&self) -> Vec<Described> {
         let first = self.first.iter().map(|(name, parts)| of_first(name, parts));
         first.chain(self.second.iter().map(|(name, parts)| of_second(name, parts))).collect()
@@ -107,7 +107,8 @@ fn described(
         offline: "false".to_owned(),
         at_first: true,
     };
-    // What runs on a battery sleeps, and is offline while it does.
+    // A device on a battery sleeps, and is offline meanwhile; only features that are switched have
+    // availability.
     for feature in features.iter_mut().filter(|feature| feature.command.is_some()) {
         let voices = vec![voice.clone()];
         feature.availability = Availability { voices, mode: AvailabilityMode::Latest };
@@ -135,7 +136,7 @@ fn of_first(name: &str, parts: &BTreeSet<String>) -> Described {
                 features.push(Feature {
                     yes: word("on"),
                     no: word("off"),
-                    // It has switched itself off, and does not say that it is off.
+                    // The relay has switched itself off, but does not report that it is off.
                     neither: word("overpower"),
                     command: Some(Command { on: told("on"), off: told("off") }),
                     ask: Some(Telegram::new(format!("{base}/command"), "update")),

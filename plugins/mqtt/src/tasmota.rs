@@ -8,32 +8,32 @@ use crate::described::{
     Availability, AvailabilityMode, Command, Described, Feature, Source, Telegram, Unused, Voice,
 };
 
-/// Its prefixes: of what it is told, of what it answers, of what it says by itself.
+/// Indices of its topic prefixes: for commands, for answers, and for its own reports.
 const CMND: usize = 0;
 const STAT: usize = 1;
 const TELE: usize = 2;
 
-/// Parts of a device that measure the device itself, by how their names begin.
+/// The beginnings of names of chips that measure the device itself.
 const CHIPS: &[&str] = &["ESP32", "ENERGY", "AXP", "MPU", "BL09", "Shelly"];
 
 fn is_chip(name: &str) -> bool {
     CHIPS.iter().any(|chip| name.starts_with(chip))
 }
 
-/// What was said so far, by the device's address.
+/// The descriptions received so far, by the device's address: config and sensors.
 #[derive(Debug, Default)]
 pub(crate) struct Discovery {
     devices: BTreeMap<String, (Value, Value)>,
-    /// Why the last text of a device was not read; then it stays as it was.
+    /// The reason why the last message of a device could not be read; then its description stays as it was.
     problems: BTreeMap<String, String>,
 }
 
 impl Discovery {
-    /// Takes what was said under a topic; an empty text takes back what was said before.
+    /// Handles a discovery message; an empty text withdraws the one before.
     ///
     /// # Errors
     ///
-    /// What is wrong with it, for a person.
+    /// Returns the problem in words if the message cannot be read.
     pub(crate) fn hear(&mut self, topic: &str, text: &str) -> Result<(), String> {
         let mut levels = topic.rsplit('/');
         let (Some(what), Some(address)) = (levels.next(), levels.next()) else { return Ok(()) };
@@ -57,7 +57,7 @@ impl Discovery {
         Ok(())
     }
 
-    /// The devices of which something is known.
+    /// Returns all devices that were described.
     pub(crate) fn devices(&self) -> Vec<Described> {
         let described = |(address, (config, sensors)): (&String, &(Value, Value))| {
             let mut device = described(address, config, sensors)?;
@@ -71,7 +71,7 @@ impl Discovery {
     }
 }
 
-/// What a device says of its topics and its words.
+/// The description of a device's topics and texts.
 struct Config<'c> {
     said: &'c Value,
     /// Its own topic.
@@ -90,7 +90,7 @@ impl<'c> Config<'c> {
         self.said[key].as_str()
     }
 
-    /// A topic of what it is told (`cmnd`, 0), of what it answers (`stat`, 1) or says (`tele`, 2).
+    /// Returns a topic of commands (`cmnd`, prefix 0), of answers (`stat`, 1) or of reports (`tele`, 2).
     fn topic(&self, prefix: usize, what: &str) -> String {
         let usual = ["cmnd", "stat", "tele"][prefix];
         let prefix = self.said["tp"][prefix].as_str().unwrap_or(usual);
@@ -106,14 +106,14 @@ impl<'c> Config<'c> {
         self.said["state"][index].as_str().unwrap_or(otherwise).to_owned()
     }
 
-    /// What each of its relays is: none, a relay, a lamp, part of a shutter.
+    /// Returns the kind of each relay: 0 none, 1 a relay, 2 a lamp, 3 part of a shutter.
     fn relays(&self) -> Vec<u64> {
         let relays = self.said["rl"].as_array().into_iter().flatten();
         relays.map(|relay| relay.as_u64().unwrap_or(0)).collect()
     }
 
     fn relay(&self, index: usize, kind: u64, is_alone: bool) -> Option<Feature> {
-        // Its option 30 says that all its relays switch lamps.
+        // Option 30 means that all its relays switch lamps.
         let is_lamp = self.said["so"]["30"].as_u64() == Some(1);
         let class = match kind {
             1 if !is_lamp => "switch",
@@ -129,7 +129,7 @@ impl<'c> Config<'c> {
             ]
         };
         let mut said = states(&power).to_vec();
-        // Where its option 26 is set, a single relay says a number, too.
+        // If option 26 is set, a single relay reports under its number too.
         if is_alone {
             said.extend(states("POWER1"));
         }
@@ -162,7 +162,7 @@ impl<'c> Config<'c> {
 fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described> {
     let said = config;
     let Some(config) = Config::of(config, address) else {
-        // What only its sensors are known of is described soon.
+        // If only the sensors of a device are known so far, its config will follow soon.
         let name = said["dn"].as_str().filter(|name| !name.is_empty()).unwrap_or(address);
         let no_topic = Unused::because("its description does not say its topic (`t`)");
         return (!said.is_null()).then(|| Described {
@@ -207,7 +207,7 @@ fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described
     })
 }
 
-/// What its sensors measure: `{"SI7021": {"Temperature": 21.5}, "TempUnit": "C"}`.
+/// Returns the features of its sensors, from `{"SI7021": {"Temperature": 21.5}, "TempUnit": "C"}`.
 fn measured(sensors: &Value, topics: &[String; 3], ask: &Telegram) -> Vec<Feature> {
     let unit_of_temperature = sensors["TempUnit"].as_str().unwrap_or("C");
     let chips = sensors.as_object().into_iter().flatten();
@@ -215,7 +215,7 @@ fn measured(sensors: &Value, topics: &[String; 3], ask: &Telegram) -> Vec<Featur
     for (chip, values) in chips {
         let Some(values) = values.as_object() else { continue };
         let has_humidity = values.contains_key("Humidity");
-        // Its own temperature is not the room's.
+        // The temperature of a chip is not that of the room.
         if is_chip(chip) {
             continue;
         }
@@ -238,7 +238,7 @@ fn measured(sensors: &Value, topics: &[String; 3], ask: &Telegram) -> Vec<Featur
                 yes: vec!["ON".to_owned()],
                 no: vec!["OFF".to_owned()],
                 ask: Some(ask.clone()),
-                // What measures the humidity too is made for a room.
+                // A chip that measures humidity too is made for rooms.
                 rank: u8::from(!has_humidity),
                 ..Feature::named(class, &format!("{chip}-{key}"))
             });
@@ -251,7 +251,7 @@ fn measured(sensors: &Value, topics: &[String; 3], ask: &Telegram) -> Vec<Featur
 mod tests {
     use super::*;
 
-    /// As Tasmota 13 writes it, shortened to what is read.
+    /// As Tasmota 13 writes it, shortened to the keys that are read.
     const CONFIG: &str = r#"{"ip":"192.168.1.20","dn":"Desk","fn":["Lamp",null],"hn":"tasmota-d1e2f3",
         "mac":"A4CF12D1E2F3","md":"Sonoff TH","ofln":"Offline","onln":"Online","state":["OFF","ON","TOGGLE","HOLD"],
         "sw":"13.1.0","t":"tasmota_D1E2F3","ft":"%prefix%/%topic%/","tp":["cmnd","stat","tele"],

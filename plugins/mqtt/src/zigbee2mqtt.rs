@@ -1,4 +1,5 @@
-//! What Zigbee2MQTT says of its devices (`zigbee2mqtt/bridge/devices`): what each exposes.
+//! Reads Zigbee2MQTT's description of its devices (`zigbee2mqtt/bridge/devices`): the features that each
+//! exposes.
 
 use std::collections::BTreeMap;
 
@@ -34,7 +35,7 @@ struct Expose {
     name: String,
     property: Option<String>,
     unit: Option<String>,
-    /// Bits: 1 it says so by itself, 2 it can be set, 4 it can be asked for.
+    /// Bits: 1 the device reports it, 2 it can be set, 4 it can be asked for.
     #[serde(default)]
     access: u8,
     value_on: Option<Value>,
@@ -47,29 +48,29 @@ const SAYS: u8 = 1;
 const SET: u8 = 2;
 const ASKED: u8 = 4;
 
-/// What is exposed of which nothing can be used, and why.
+/// Kinds of exposed features of which nothing can be used, with the reasons.
 const UNUSED: &[(&str, &str)] = &[
     ("cover", "a blind or a curtain has no words here"),
     ("fan", "a fan has no words here"),
     ("climate", "what it heats or cools to has no words here"),
 ];
 
-/// The devices that the bridge has told of, by their addresses.
+/// The devices that the bridge has described, by address.
 #[derive(Debug, Default)]
 pub(crate) struct Bridge {
     devices: BTreeMap<String, Described>,
-    /// Why the last text was not read; then the devices are those of the one before.
+    /// The reason why the last message could not be read; then the devices are those of the one before.
     pub(crate) problem: Option<String>,
 }
 
 impl Bridge {
-    /// Takes in what the bridge says of all its devices.
+    /// Handles the bridge's description of all its devices.
     ///
     /// # Errors
     ///
-    /// If it is none of its texts; then what was known stays.
+    /// Returns an error if the text cannot be read; then the devices stay as they were.
     pub(crate) fn hear(&mut self, base: &str, text: &str) -> Result<(), String> {
-        // Whoever takes a retained text away takes the devices away.
+        // An empty text means that the retained one was removed; the devices are removed too.
         let told: Result<Vec<Value>, _> = match text.trim().is_empty() {
             true => Ok(Vec::new()),
             false => serde_json::from_str(text),
@@ -90,7 +91,7 @@ impl Bridge {
                     let address = device.ieee_address.clone();
                     devices.extend(described(base, device).map(|device| (address, device)));
                 }
-                // One that is not understood keeps no other away, and stays as it was.
+                // A device that cannot be read does not affect the others, and stays as it was.
                 Err(error) => {
                     let Some(address) = address else {
                         tracing::warn!("ignored a device of Zigbee2MQTT: {error}");
@@ -122,7 +123,7 @@ impl Bridge {
     }
 }
 
-/// A device of which nothing can be read but its address, and perhaps its name.
+/// Returns a device without features: nothing can be read but its address, and perhaps its name.
 fn unread(address: &str, name: Option<String>) -> Described {
     Described {
         name: name.unwrap_or_else(|| address.to_owned()),
@@ -149,7 +150,7 @@ fn described(base: &str, device: Device) -> Option<Described> {
     for expose in &exposes {
         features_of(expose, &topic, &mut features, &mut unused);
     }
-    // It is raw in Zigbee2MQTT 1.x, where the other beside it says lux.
+    // Zigbee2MQTT 1.x exposes a raw value as `illuminance`, and beside it `illuminance_lux`.
     let is_raw = |feature: &Feature| feature.class == "illuminance" && feature.unit.is_empty();
     let has_lux = features.iter().any(|feature| feature.class == "illuminance_lux");
     if features.iter().any(is_raw) && !has_lux {
@@ -161,7 +162,7 @@ fn described(base: &str, device: Device) -> Option<Described> {
         source: Source::at(topic, &["state"]),
         online: "online".to_owned(),
         offline: "offline".to_owned(),
-        // It says so only where that is switched on.
+        // Availability is reported only if it is enabled in Zigbee2MQTT.
         at_first: true,
     };
     let voices =
@@ -187,7 +188,7 @@ fn plain(value: &Option<Value>, otherwise: &str) -> String {
     }
 }
 
-/// What it says by itself, and how it is asked for that.
+/// Adds the topic of a feature's reports, and the request for its value.
 fn heard(expose: &Expose, topic: &str, feature: Feature) -> Feature {
     let Some(property) = expose.property.as_deref() else { return feature };
     let states = match expose.access & SAYS {
@@ -240,7 +241,7 @@ fn features_of(
             if let Some(part) = expose.features.iter().find(is_room) {
                 let unit = part.unit.clone().unwrap_or_default();
                 let label = part.property.clone().unwrap_or_default();
-                // A thermometer beside the valve knows it better.
+                // A separate thermometer beside the valve is more accurate.
                 let feature = Feature { unit, rank: 1, ..Feature::named("temperature", &label) };
                 features.push(heard(part, topic, feature));
             } else {
@@ -252,7 +253,7 @@ fn features_of(
     }
 }
 
-/// Whether a word of a door, a window or a contact says that it is closed. Of these, yes is open.
+/// Whether a text for yes of a door, a window or a contact means closed. For these classes, yes is open.
 fn is_closed(name: &str, word: &str) -> bool {
     let word = word.to_ascii_lowercase();
     match name {
@@ -271,7 +272,7 @@ fn because(kind: &str) -> Unused {
 
 fn switched(class: &str, part: &Expose, topic: &str) -> Option<Feature> {
     let property = part.property.clone()?;
-    // A lock is told in other words than it says.
+    // The texts that a lock receives differ from those that it reports.
     let (on, off) = match class {
         "lock" => ("LOCK", "UNLOCK"),
         _ => ("ON", "OFF"),
@@ -295,8 +296,8 @@ fn switched(class: &str, part: &Expose, topic: &str) -> Option<Feature> {
 mod tests {
     use super::*;
 
-    /// As Zigbee2MQTT 1.40 writes it of an Aqara thermometer, an Innr plug and a lamp, shortened to
-    /// what is read.
+    /// As Zigbee2MQTT 1.40 writes it for an Aqara thermometer, an Innr plug and a motion detector,
+    /// shortened to the keys that are read.
     const DEVICES: &str = r#"[
       {"ieee_address":"0x00124b0000000001","type":"Coordinator","friendly_name":"Coordinator","definition":null},
       {"ieee_address":"0x00158d0001a2b3c4","type":"EndDevice","friendly_name":"office1/thermo","supported":true,
@@ -349,7 +350,7 @@ mod tests {
             let reason = &devices[0].unused[0].reason;
             assert!(reason.contains("`bridge/devices` cannot be read"), "{reason}");
         }
-        // One device of which the description is broken stays as it was, and the others follow.
+        // A device with a broken description stays as it was, and the other devices are updated.
         let text = r#"[{"ieee_address":"0x00158d0001a2b3c4","friendly_name":7},null,
             {"ieee_address":"0x1","friendly_name":"new","definition":{"exposes":[]}}]"#;
         bridge.hear("z", text).expect("its text");

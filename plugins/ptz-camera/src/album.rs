@@ -1,17 +1,17 @@
-//! The folder where a camera's pictures and videos are kept: named by camera, place and time,
-//! bounded in number. The oldest go first.
+//! The folder with a camera's pictures and videos. File names have the camera, the time and the place. The
+//! number of files is bounded; the oldest are removed first.
 
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-/// Where one camera's files are.
+/// The files of one camera.
 #[derive(Clone, Debug)]
 pub(crate) struct Album {
     folder: PathBuf,
     camera: String,
-    /// How many files of each kind are kept.
+    /// The most files of each kind.
     keep: usize,
 }
 
@@ -20,22 +20,22 @@ impl Album {
         Album { folder, camera, keep }
     }
 
-    /// Writes a file, and drops the oldest of its kind beyond the bound. Waits for the disk.
+    /// Writes a file, and removes the oldest files of its kind beyond the bound. Blocks the thread.
     ///
     /// # Errors
     ///
-    /// If the folder or the file cannot be written.
+    /// Returns an error if the folder or the file cannot be written, or an old file cannot be removed.
     pub(crate) fn keep(&self, place: &str, kind: &str, content: &[u8]) -> io::Result<PathBuf> {
         fs::create_dir_all(&self.folder)?;
         let time = humantime::format_rfc3339_micros(SystemTime::now()).to_string();
         let time = time.replace(['-', ':'], "");
         let path = self.folder.join(format!("{}_{time}_{place}.{kind}", self.camera));
-        // Beside and renamed, so that nobody reads half a picture.
+        // Written under another name and renamed, so that no reader sees half a picture.
         let beside = path.with_extension("part");
         let mut file = OpenOptions::new().write(true).create_new(true).open(&beside)?;
         let written = file.write_all(content).and_then(|()| fs::rename(&beside, &path));
         if let Err(error) = written {
-            // What cannot be removed either is for whoever reads the error.
+            // A file that cannot be removed either stays; the error is returned.
             let _ = fs::remove_file(&beside);
             return Err(error);
         }
@@ -45,7 +45,7 @@ impl Album {
 
     fn drop_oldest(&self, kind: &str) -> io::Result<()> {
         let mut files = self.files(kind)?;
-        // The time in their names sorts them.
+        // After the camera's name comes the time, so the names sort by time.
         files.sort();
         let surplus = files.len().saturating_sub(self.keep);
         files.iter().take(surplus).try_for_each(fs::remove_file)

@@ -1,4 +1,4 @@
-//! What an entry's `config` says about a camera, and what it means.
+//! The `config` of a camera's entry, and its meaning.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -19,32 +19,32 @@ const RECORD_MAX: f64 = 60.0;
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct Config {
-    /// Where it hangs.
+    /// The place where it hangs.
     location: Place,
-    /// Directions with a name.
+    /// Named directions.
     presets: BTreeMap<String, RawPreset>,
-    /// Where pictures and videos are kept; without it, beside what the daemon keeps.
+    /// The folder of pictures and videos; without it, a folder `pictures` in the daemon's state folder.
     #[serde(default)]
     folder: Option<PathBuf>,
-    /// How many pictures, and how many videos, are kept.
+    /// The most pictures, and the most videos, that are kept.
     #[serde(default = "default_keep")]
     keep: usize,
-    /// How long a recording is, in seconds.
+    /// Length of a recording, in seconds.
     #[serde(default = "default_record_seconds")]
     record_seconds: f64,
-    /// How long a picture counts as known, such as `"10m"`; without it, until the camera dies.
+    /// How long a picture counts as known, such as `"10m"`; without it, as long as the camera is present.
     #[serde(default)]
     valid_for: Option<String>,
     /// Whether it watches for motion.
     #[serde(default = "default_motion")]
     motion: bool,
-    /// How long motion counts as motion after it was seen.
+    /// How long `motion` stays true after motion was last seen, such as `"30s"`.
     #[serde(default = "default_motion_for")]
     motion_for: String,
-    /// The share of the picture that has to change, from 0 to 1.
+    /// The share of the picture that must change to count as motion, between 0 and 1.
     #[serde(default = "default_sensitivity")]
     sensitivity: f64,
-    /// The goal to ask for when something moves.
+    /// The goal to request when something moves.
     #[serde(default)]
     on_motion: Option<RawGoal>,
 }
@@ -52,7 +52,7 @@ pub(crate) struct Config {
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct RawPreset {
-    /// The place of the map that is seen.
+    /// The place of the map that is seen in this direction.
     shows: Place,
     #[serde(default)]
     pan: f64,
@@ -62,7 +62,7 @@ struct RawPreset {
     zoom: f64,
 }
 
-/// A goal; `?l` in it stands for the place where something moves.
+/// A goal; `?l` in it is replaced by the place of the motion.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct RawGoal {
@@ -87,7 +87,7 @@ fn default_motion_for() -> String {
     "30s".to_owned()
 }
 
-/// A person in full view is a hundredth of a picture at least.
+/// A person in full view takes at least a hundredth of a picture.
 fn default_sensitivity() -> f64 {
     0.004
 }
@@ -96,14 +96,14 @@ fn default_zoom() -> f64 {
     1.0
 }
 
-/// A direction with a name.
+/// A named direction.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Preset {
     pub(crate) shows: String,
     pub(crate) aim: Aim,
 }
 
-/// What a camera runs with.
+/// The settings of a camera.
 pub(crate) struct Settings {
     pub(crate) presets: BTreeMap<String, Preset>,
     pub(crate) album: Album,
@@ -112,7 +112,7 @@ pub(crate) struct Settings {
     pub(crate) motion: Option<Motion>,
 }
 
-/// How it watches for motion.
+/// How a camera watches for motion.
 #[derive(Clone, Debug)]
 pub(crate) struct Motion {
     pub(crate) lasts: Duration,
@@ -121,7 +121,7 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// The goal to ask for when something moves at `place`.
+    /// Returns the goal to request when something moves at `place`; `None` if the config has none.
     pub(crate) fn goal(&self, place: &str) -> Option<Achieve> {
         let (goal, priority) = self.on_motion.as_ref()?;
         let goal = goal.replace("?l", place);
@@ -130,7 +130,7 @@ impl Motion {
 }
 
 impl Config {
-    /// What it means.
+    /// Returns the settings. Returns an error if the config is invalid.
     pub(crate) fn understand(self, blueprint: &Blueprint) -> Result<Settings, BuildError> {
         let Config { location: _, presets, folder, keep, record_seconds, .. } = &self;
         let problem = |text: String| blueprint.problem(text);
@@ -143,7 +143,7 @@ impl Config {
         }
         let resources = &blueprint.host.resources;
         let beside_state = || resources.get::<StateFolder>().map(|state| state.0.join("pictures"));
-        // Nobody takes a picture in a rehearsal.
+        // In a rehearsal no pictures are taken, so no folder is needed.
         let nowhere = || resources.get::<Rehearsal>().map(|_| PathBuf::new());
         let folder = folder.clone().or_else(beside_state).or_else(nowhere);
         let folder = folder.ok_or_else(|| problem("pictures need a `folder`".to_owned()))?;

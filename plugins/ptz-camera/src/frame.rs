@@ -1,13 +1,13 @@
-//! A picture as plain pixels, what it is like in a file, and how much two of them differ.
+//! Pictures: their pixels, their file formats, and how much two of them differ.
 //!
-//! PPM for pictures and YUV4MPEG2 for videos: both are plain enough to be written here and are
-//! read by every tool. Pure: no clock, no file.
+//! Pictures are PPM files and videos YUV4MPEG2 files: both formats are simple to write, and common tools
+//! read them. This file has no clock and does no input or output.
 
 use std::io::Write as _;
 
 use crate::Aim;
 
-/// How much brighter or darker a pixel must become to have changed; sensor noise stays below.
+/// How much brighter or darker a pixel must be to count as changed; the noise of a sensor is less.
 const CHANGED: i32 = 24;
 
 /// One picture.
@@ -15,26 +15,26 @@ const CHANGED: i32 = 24;
 pub struct Frame {
     /// Pixels in a row.
     pub width: usize,
-    /// Rows. Even, as the width is: videos share colors among four pixels.
+    /// Rows. Even, as the width is: in videos, four pixels share their colors.
     pub height: usize,
     /// Red, green and blue of each pixel, row by row from the top.
     pub rgb: Vec<u8>,
-    /// Where the camera looked.
+    /// The direction of the camera.
     pub aim: Aim,
-    /// What is in it, for a person; one line.
+    /// The content of the picture, for a person; one line.
     pub caption: String,
 }
 
 impl Frame {
-    /// The picture as a file: binary PPM, the caption in a comment.
+    /// Returns the picture as a binary PPM file, with the caption in a comment.
     pub(crate) fn ppm(&self) -> Vec<u8> {
         let caption = self.caption.replace(['\n', '\r'], " ");
         let header = format!("P6\n# {caption}\n{} {}\n255\n", self.width, self.height);
         [header.as_bytes(), &self.rgb].concat()
     }
 
-    /// The share of pixels that have changed since `before`, from 0 to 1. Two pictures that were
-    /// taken in different directions say nothing about motion.
+    /// Returns the share of pixels that have changed since `before`, from 0 to 1. Returns 0 if the pictures
+    /// were taken in different directions: their difference says nothing about motion.
     pub(crate) fn change_since(&self, before: &Frame) -> f64 {
         if before.aim != self.aim || before.rgb.len() != self.rgb.len() || self.rgb.is_empty() {
             return 0.0;
@@ -48,7 +48,7 @@ impl Frame {
         self.rgb.chunks_exact(3).map(|pixel| yuv(pixel).0)
     }
 
-    /// One color of every square of four pixels: the mean.
+    /// Returns one color plane: for every square of four pixels the mean.
     fn chroma(&self, of: impl Fn(&[u8]) -> i32) -> Vec<u8> {
         let at = |x: usize, y: usize| {
             let start = (y * self.width + x) * 3;
@@ -65,7 +65,7 @@ impl Frame {
     }
 }
 
-/// The frames as a file: a YUV4MPEG2 video in 4:2:0.
+/// Returns the frames as a YUV4MPEG2 video in 4:2:0.
 pub(crate) fn y4m(frames: &[Frame], per_second: u32) -> Vec<u8> {
     let Some(Frame { width, height, .. }) = frames.first() else { return Vec::new() };
     let mut file =
@@ -80,7 +80,7 @@ pub(crate) fn y4m(frames: &[Frame], per_second: u32) -> Vec<u8> {
     file
 }
 
-/// Brightness and the two colors of a pixel, in whole numbers from 0 to 255 (JFIF).
+/// Returns the brightness and the two color values of a pixel, from 0 to 255 (JFIF).
 fn yuv(pixel: &[u8]) -> (i32, i32, i32) {
     let [red, green, blue] = [0, 1, 2].map(|i| pixel.get(i).copied().map_or(0, i32::from));
     let luma = (299 * red + 587 * green + 114 * blue) / 1_000;

@@ -1,11 +1,11 @@
-//! The PTZ camera (the paper, “PTZ Camera”): “can move (PTZ), record video, snap pictures, and
-//! detect motion”.
+//! The PTZ camera (the paper, “PTZ Camera”): “can move (PTZ), record video, snap pictures, and detect
+//! motion”.
 //!
-//! - [`Camera`] is what a driver does; `simulated` looks into the simulated building.
-//! - It looks at presets, and by small steps anywhere; a picture or a video is a file in its
-//!   `album`, and what is shown in it is known.
-//! - It watches by itself: motion is announced at once, and may make it ask for a goal.
-//! - A picture of another direction than the plan believes is a failure, not an answer.
+//! - [`Camera`] is the trait of drivers; `simulated` looks into the simulated building.
+//! - The camera turns to presets, and by small steps in any direction. A picture or a video is a file in
+//!   its `album`; that a place has a picture or a video is a fact.
+//! - It watches for motion: motion is announced at once, and may make the camera request a goal.
+//! - If the camera does not look where the plan assumes, taking a picture is a failure, not an answer.
 
 mod album;
 mod config;
@@ -32,10 +32,10 @@ use config::{Config, Settings};
 pub use frame::Frame;
 use tasks::Done;
 
-/// How long a camera that failed offers nothing.
+/// How long a camera offers no actions after a failure.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
-/// The longest that turning, and taking one picture, may take.
+/// Time limit of turning, and of taking one picture.
 const ACTING: Duration = Duration::from_secs(15);
 
 /// The line in the daemon's table of plugins.
@@ -47,18 +47,18 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// How far a camera turns and zooms.
+/// The limits of turning and zooming.
 struct Reach {
     pan: f64,
     tilt: f64,
     zoom: f64,
 }
 
-/// What common dome cameras can.
+/// Limits of common dome cameras.
 const PTZ: Reach = Reach { pan: 170.0, tilt: 90.0, zoom: 10.0 };
 
-/// The steps by which a person turns it: the action, degrees of pan and of tilt, the factor of
-/// zoom.
+/// The steps by which a person turns the camera: the action, the degrees of pan and of tilt, and the factor
+/// of zoom.
 const STEPS: [(&str, f64, f64, f64); 6] = [
     ("pan-left", -10.0, 0.0, 1.0),
     ("pan-right", 10.0, 0.0, 1.0),
@@ -68,23 +68,23 @@ const STEPS: [(&str, f64, f64, f64); 6] = [
     ("zoom-out", 0.0, 0.0, 0.8),
 ];
 
-/// Where a camera looks.
+/// The direction and the zoom of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aim {
-    /// Degrees to the right.
+    /// Degrees to the right; negative to the left.
     pub pan: f64,
-    /// Degrees up.
+    /// Degrees up; negative down.
     pub tilt: f64,
-    /// How many times as near as it is.
+    /// Magnification: 1 is none.
     pub zoom: f64,
 }
 
-/// What a camera's driver does.
+/// The driver of a camera.
 pub trait Camera: Send + Sync + 'static {
-    /// Turns and zooms. The error completes “failed to …”. Dropping the future stops it.
+    /// Turns and zooms. Error texts complete “failed to …”. Dropping the future stops the camera.
     fn aim(&self, aim: Aim) -> BoxFuture<Result<(), String>>;
 
-    /// What it sees now.
+    /// Returns the picture that the camera sees now.
     fn frame(&self) -> BoxFuture<Result<Frame, String>>;
 }
 
@@ -104,7 +104,7 @@ impl std::fmt::Display for Reach {
 }
 
 impl Aim {
-    /// Whether it is the same direction, as exactly as motors are.
+    /// Whether the other direction is the same, within the precision of the motors.
     fn is(&self, other: &Aim) -> bool {
         (self.pan - other.pan).abs() < 0.5
             && (self.tilt - other.tilt).abs() < 0.5
@@ -134,14 +134,14 @@ struct PtzCamera {
     ontology: String,
     settings: Settings,
     camera: Arc<dyn Camera>,
-    /// Where it looks, once it has looked.
+    /// The direction of the camera; `None` if it is not known.
     aim: Option<Aim>,
-    /// What it saw last, to compare with.
+    /// The last picture, to compare the next one with.
     seen: Option<Frame>,
-    /// When the last picture of each place was taken.
+    /// The time of the last picture of each place.
     pictures: BTreeMap<String, Instant>,
     recorded: BTreeSet<String>,
-    /// When something moved last in each place.
+    /// The time of the last motion in each place.
     motion: BTreeMap<String, Instant>,
     rests_until: Option<Instant>,
 }
@@ -151,7 +151,8 @@ impl PtzCamera {
         self.rests_until.is_none_or(|until| until <= Instant::now())
     }
 
-    /// The preset it looks at, if it is one.
+    /// Returns the name of the preset that the camera looks at, and the preset's place; `None` if it looks
+    /// at none.
     fn preset(&self) -> Option<(&str, &str)> {
         let aim = self.aim?;
         let mut presets = self.settings.presets.iter();
@@ -159,7 +160,8 @@ impl PtzCamera {
         Some((name, &preset.shows))
     }
 
-    /// What is known of a place for a while after `at`.
+    /// Returns a fact that is known for the time `lasts` after `at`; without `lasts`, for an unlimited
+    /// time. Returns nothing if the time is over.
     fn passing(&self, fact: &str, at: Instant, lasts: Option<Duration>) -> Vec<OwnFact> {
         let known_for = lasts.map(|lasts| lasts.saturating_sub(at.elapsed()));
         if known_for.is_some_and(|left| left.is_zero()) {
@@ -305,7 +307,7 @@ impl Device for PtzCamera {
     }
 
     fn failed(&mut self, _call: &Call, failure: &Failure) {
-        // Where it stopped, its next look will tell.
+        // Where the camera stopped is found by its next look.
         self.aim = None;
         if *failure != Failure::GivenUp {
             self.rests_until = Some(Instant::now() + REST_AFTER_FAILURE);

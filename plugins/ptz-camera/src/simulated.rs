@@ -1,7 +1,7 @@
-//! The simulated driver: turns in the simulated building, and draws what is there.
+//! The simulated driver: turns in the simulated building, and draws the places in view.
 //!
-//! A place is a patch of floor in a color of its own, a person a figure, a robot a box; what moves
-//! moves with the building's time.
+//! A place is a patch of floor in a color of its own, a person is a figure, a robot a box. Moving things
+//! move with the building's time.
 
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use building::{BuildingHandle, SeenPlace, Sight};
 use crate::frame::Frame;
 use crate::{Aim, Camera};
 
-/// The size of a picture. Small: drawing five a second costs nothing.
+/// The size of a picture. It is small, so that drawing five a second costs little.
 const WIDTH: usize = 160;
 const HEIGHT: usize = 120;
 
@@ -51,13 +51,13 @@ impl Camera for Simulated {
     }
 }
 
-/// A picture that is being drawn.
+/// The pixels of a picture that is being drawn.
 struct Canvas {
     rgb: Vec<u8>,
 }
 
 impl Canvas {
-    /// Fills a box around a point, as much of it as is in the picture.
+    /// Fills a box around a point, as far as it is in the picture.
     fn fill(&mut self, (x, y): (f64, f64), (width, height): (f64, f64), color: [u8; 3]) {
         let range = |middle: f64, size: f64, end: usize| {
             let start = (middle - size / 2.0).clamp(0.0, end as f64) as usize;
@@ -115,7 +115,7 @@ fn caption(place: &SeenPlace) -> String {
     format!("{}: {who}", place.location)
 }
 
-/// A color that is always the same for a name, and darker than the wall.
+/// Returns the color of a name: always the same, and darker than the wall.
 fn color_of(name: &str) -> [u8; 3] {
     let mut hasher = DefaultHasher::new();
     name.hash(&mut hasher);

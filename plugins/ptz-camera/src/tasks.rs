@@ -1,4 +1,4 @@
-//! A camera's methods: what each does with the driver and the album.
+//! The methods of a camera, and what each does with the driver and the album.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -10,13 +10,13 @@ use crate::album::Album;
 use crate::frame::{Frame, y4m};
 use crate::{Aim, Camera, PTZ, PtzCamera};
 
-/// Pictures a second in a recording: enough to see who came.
+/// Pictures per second of a recording: enough to recognise a person.
 const PER_SECOND: u32 = 5;
 
-/// What a method has brought.
+/// The result of a method.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Done {
-    /// It looks there now.
+    /// The camera looks in this direction now.
     Aimed(Aim),
     /// A picture was taken.
     Picture { place: String, file: PathBuf, caption: String },
@@ -24,11 +24,11 @@ pub(crate) enum Done {
     Video { place: String, file: PathBuf, frames: usize },
 }
 
-/// What runs a method.
+/// Returns the future that performs a method.
 ///
 /// # Errors
 ///
-/// If there is no such method, or it lacks an argument.
+/// Returns an error if there is no such method, or it lacks an argument.
 pub(crate) fn task(
     call: &Call,
     of: &PtzCamera,
@@ -61,7 +61,7 @@ pub(crate) fn task(
     }
 }
 
-/// The direction of the preset a call names.
+/// Returns the direction of the preset that a call names.
 fn preset(call: &Call, of: &PtzCamera) -> Result<Aim, Failure> {
     let name = call.argument("preset")?;
     let preset = of.settings.presets.get(name).map(|preset| preset.aim);
@@ -73,7 +73,7 @@ async fn turn(camera: Arc<dyn Camera>, aim: Aim) -> Result<Done, Failure> {
     Ok(Done::Aimed(aim))
 }
 
-/// Turns by a step, as far as it goes.
+/// Turns by a step, at most to the limits of the camera.
 async fn move_by(camera: Arc<dyn Camera>, pan: f64, tilt: f64, zoom: f64) -> Result<Done, Failure> {
     let now = camera.frame().await.map_err(Failure::Driver)?.aim;
     let aim = Aim {
@@ -84,7 +84,7 @@ async fn move_by(camera: Arc<dyn Camera>, pan: f64, tilt: f64, zoom: f64) -> Res
     turn(camera, aim).await
 }
 
-/// A frame, if the camera looks where the plan believes.
+/// Returns a frame. Returns an error if the camera does not look in the direction that the plan assumes.
 async fn frame_of(camera: &dyn Camera, aim: Aim, place: &str) -> Result<Frame, Failure> {
     let frame = camera.frame().await.map_err(Failure::Driver)?;
     if frame.aim.is(&aim) {
@@ -124,7 +124,7 @@ async fn record_video(
     Ok(Done::Video { place, file, frames: frames_count })
 }
 
-/// Writes a file beside the agents' tasks, which never wait for a disk.
+/// Writes a file on a thread for blocking work.
 async fn keep(
     album: Album,
     place: String,

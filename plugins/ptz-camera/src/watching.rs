@@ -1,7 +1,7 @@
-//! What a camera does by itself: it looks, and says where it looks and what moves there.
+//! The events of a camera: it looks in another direction than is known, or something moves in its picture.
 //!
-//! Motion is a share of the picture that has changed between two looks in the same direction. It
-//! is believed of the place that the preset shows; beside any preset it is nobody's.
+//! There is motion if a large enough share of the picture has changed between two frames of the same
+//! direction. The motion is in the place of the current preset; without a preset it is ignored.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,13 +12,13 @@ use tokio::time::Instant;
 use crate::frame::Frame;
 use crate::{Aim, Camera, PtzCamera};
 
-/// Between two looks: who walks by is in the picture for a second at least.
+/// Pause between two looks: a person walking by is in the picture for at least a second.
 const LOOKING: Duration = Duration::from_millis(200);
 
-/// Between two looks of a camera that does not watch for motion, or does not answer.
+/// Pause between two looks of a camera that does not watch for motion, or does not answer.
 const RARELY: Duration = Duration::from_secs(5);
 
-/// The next thing that a camera has to say by itself.
+/// Waits for the next event of a camera.
 pub(crate) fn watch(of: &PtzCamera) -> impl Future<Output = Stir<PtzCamera>> + Send + use<> {
     let eye = Eye {
         camera: Arc::clone(&of.camera),
@@ -30,7 +30,8 @@ pub(crate) fn watch(of: &PtzCamera) -> impl Future<Output = Stir<PtzCamera>> + S
     eye.next()
 }
 
-/// Motion that goes on is said again when a third of its time is over, and not at every look.
+/// Returns the time until which motion in the current place is not announced again: continuing motion is
+/// announced after a third of its validity, not at every look.
 fn quiet_until(of: &PtzCamera) -> Instant {
     let lasts = of.settings.motion.as_ref().map_or(Duration::ZERO, |motion| motion.lasts);
     let (now, place) = (Instant::now(), of.preset().map(|(_, place)| place));
@@ -49,7 +50,7 @@ struct Eye {
 impl Eye {
     async fn next(mut self) -> Stir<PtzCamera> {
         loop {
-            // One that does not answer is noticed when it is asked to do something.
+            // A camera that does not answer is noticed when a method is called.
             let Ok(frame) = self.camera.frame().await else {
                 tokio::time::sleep(RARELY).await;
                 continue;
@@ -68,7 +69,8 @@ impl Eye {
     }
 }
 
-/// It looks somewhere else than it believed: at first, after a failure, by another hand.
+/// Updates the direction, if the camera looks elsewhere than is known: at the start, after a failure, or
+/// when it was turned by other means.
 fn looked(frame: Frame) -> Stir<PtzCamera> {
     Box::new(move |camera: &mut PtzCamera| {
         camera.aim = Some(frame.aim);
@@ -85,7 +87,7 @@ fn moved_at(frame: Frame) -> Stir<PtzCamera> {
         let place = place.to_owned();
         let goal = camera.settings.motion.as_ref().and_then(|motion| motion.goal(&place));
         camera.motion.insert(place.clone(), Instant::now());
-        // Who moves there is gone when it fails.
+        // The goal is not repeated if it fails: the moving person has left by then.
         let (name, insists) = (format!("motion-{place}"), false);
         let want = |goal| Initiative::Want { name, goal, insists };
         goal.map(want).into_iter().collect()

@@ -1,14 +1,14 @@
-"""A plugin in Python (pip install eclipse-zenoh): its daemon plans for it, bids for it, and sees to it that
-nothing is done twice. Here is what is left: to measure. docs/plugins.md, docs/protocol.md."""
+"""A plugin in Python (pip install eclipse-zenoh). Its daemon plans and bids for it, and lets no command be done
+twice. Only the measuring is left to this file. See docs/plugins.md and docs/protocol.md."""
 import json, sys, threading, time
 import zenoh
 
-hello = json.loads(sys.stdin.readline())  # who is wanted, and where to join
+hello = json.loads(sys.stdin.readline())  # the agents to run, and the endpoint to join
 ROOT, DAEMON, LIFE = f"althing/{hello['ecosystem']}", hello["daemon"], time.time_ns() // 1000
 HOST = f"{ROOT}/in/{hello['host']['daemon']}/{hello['host']['agent']}"
 agents = {agent["name"]: agent | {"sequence": 0, "known": ""} for agent in hello["agents"]}
 done, count = {}, iter(range(1, sys.maxsize))
-session = zenoh.open(zenoh.Config.from_json5(json.dumps({  # a plugin shares no memory, and looks for nobody
+session = zenoh.open(zenoh.Config.from_json5(json.dumps({  # no shared memory, no scouting
     "mode": "client", "connect": {"endpoints": [hello["endpoint"]]}, "scouting": {"multicast": {"enabled": False}},
     "transport": {"shared_memory": {"enabled": False}}})))
 
@@ -37,7 +37,7 @@ def hear(sample):
     if heard["performative"] != "request":
         return answer("receipt", None)
     answer("agree", {"token": heard["content"]["token"]})
-    if heard["id"] not in done:  # said again, it is not done again
+    if heard["id"] not in done:  # a repeated request is not performed again
         agent, room = agents[name], agents[name]["config"]["location"]
         celsius = agent["config"].get("celsius", 22.5)  # <- measure here
         agent["known"] = f"(known-temperature {room}) (= (temperature {room}) {celsius})"
@@ -49,13 +49,13 @@ def hear(sample):
 
 session.declare_subscriber(f"{ROOT}/in/{DAEMON}/**", hear)
 session.declare_queryable(f"{ROOT}/at/{DAEMON}/reach", lambda query: query.reply(f"{ROOT}/at/{DAEMON}/reach", ""))
-session.declare_queryable(f"{ROOT}/model/{DAEMON}/*", lambda query: [  # of one, or of all
+session.declare_queryable(f"{ROOT}/model/{DAEMON}/*", lambda query: [  # the model of one agent, or of all
     query.reply(f"{ROOT}/model/{DAEMON}/{name}", beat(name, "model")) for name in agents
     if query.key_expr.intersects(f"{ROOT}/model/{DAEMON}/{name}")])
 tokens = [session.liveliness().declare_token(f"{ROOT}/alive/{DAEMON}/{name}/{LIFE}") for name in agents]
 for name in agents:
     session.put(f"{ROOT}/model/{DAEMON}/{name}", beat(name, "model"))
-threading.Thread(target=lambda: (sys.stdin.read(), session.close()), daemon=True).start()  # the end is its daemon's word
+threading.Thread(target=lambda: (sys.stdin.read(), session.close()), daemon=True).start()  # stops when stdin ends
 while not session.is_closed():
     time.sleep(hello["heartbeat_period"] / 1000)
     for name in agents:

@@ -1,11 +1,11 @@
 //! The screen (the paper, Figure 1): shows media to the people in its room.
 //!
-//! - [`Display`] is what a driver does; `simulated` is a screen of the simulated building.
-//! - Plugged in for the first time, it has no channel yet and asks for the goal that it is given
-//!   one: “complete the setup (resource allocation and integration) automatically”. From then on
-//!   its room can present.
-//! - It looks at itself every second. One that does not work any more says so by itself: it offers
-//!   nothing and presents nothing, so others take over.
+//! - [`Display`] is the trait of drivers; `simulated` is a screen of the simulated building.
+//! - When a screen is plugged in for the first time, it has no channel yet, and requests the goal to get
+//!   one: “complete the setup (resource allocation and integration) automatically”. From then on its room
+//!   can present.
+//! - A screen checks itself every second. If it no longer works, it announces that: it offers no actions
+//!   and presents nothing, so that other screens take over.
 
 mod simulated;
 
@@ -22,14 +22,14 @@ use actuator::{
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use serde::Deserialize;
 
-/// How often it looks whether it works and what it shows. Within a few seconds of a failure the
-/// meeting goes on elsewhere.
+/// Pause between two checks of the screen. It bounds the time until a meeting can go on at another screen
+/// to a few seconds.
 const LOOKING: Duration = Duration::from_secs(1);
 
-/// The longest a look at itself may take before it counts as not working.
+/// Time limit of a check; a longer one counts as a failure.
 const LOOKING_MAX: Duration = Duration::from_secs(3);
 
-/// The longest that lighting up may take: a projector's lamp.
+/// Time limit of lighting up: as long as a projector's lamp needs.
 const SHOWING: Duration = Duration::from_secs(30);
 
 /// The line in the daemon's table of plugins.
@@ -45,30 +45,31 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct Config {
-    /// The room it hangs in.
+    /// The room of the screen.
     location: Place,
-    /// What it can show: a name for plans, and the text.
+    /// The media that it can show: a name for plans, and the text of each.
     media: BTreeMap<String, String>,
 }
 
-/// What a screen's driver does. The errors complete “failed to …”.
+/// The driver of a screen. Error texts complete “failed to …”.
 pub trait Display: Send + Sync + 'static {
-    /// Gets what it needs to show anything: a channel; the one it has, if it has one.
+    /// Gives the screen a channel, which it needs to show anything, and returns it. A screen that has a
+    /// channel keeps it.
     fn allocate(&self) -> BoxFuture<Result<u32, String>>;
 
-    /// Shows a text; without one, goes dark.
+    /// Shows a text; `None` turns the screen dark.
     fn show(&self, text: Option<&str>) -> BoxFuture<Result<(), String>>;
 
-    /// How it is.
+    /// Returns the state of the screen.
     fn panel(&self) -> BoxFuture<Result<Panel, String>>;
 }
 
-/// What a screen says of itself.
+/// The state of a screen that works.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Panel {
-    /// Its channel, once it has one.
+    /// Its channel; `None` if it has none yet.
     pub channel: Option<u32>,
-    /// What it shows.
+    /// The text that it shows; `None` if it is dark.
     pub text: Option<String>,
 }
 
@@ -102,18 +103,18 @@ struct Screen {
     state: State,
 }
 
-/// How it is, as far as it knows.
+/// The state of the screen, as far as it is known.
 #[derive(Clone, Debug, PartialEq)]
 enum State {
-    /// It has not looked yet.
+    /// The screen was not checked yet.
     Unknown,
-    /// It does not work.
+    /// The screen does not work.
     Broken,
-    /// It works.
+    /// The screen works.
     Works(Panel),
 }
 
-/// What a method has brought.
+/// The result of a method.
 enum Done {
     Allocated(u32),
     Shows(Option<String>),
@@ -127,7 +128,7 @@ impl Screen {
         }
     }
 
-    /// The name of what it shows.
+    /// Returns the name of the medium that is shown; `None` if the screen shows none of its media.
     fn shown(&self) -> Option<&str> {
         let State::Works(Panel { text: Some(text), .. }) = &self.state else { return None };
         let medium = self.media.iter().find(|(_, shown)| *shown == text);
@@ -161,7 +162,8 @@ impl Screen {
         }
     }
 
-    /// It has looked at itself. One without a channel wants to be set up, once it works.
+    /// Handles the result of a check. If the screen works but has no channel, returns the request to be set
+    /// up.
     fn looked(&mut self, state: State) -> Vec<Initiative> {
         self.state = state;
         if !matches!(self.state, State::Works(Panel { channel: None, .. })) {
@@ -258,7 +260,7 @@ impl Device for Screen {
 
     fn failed(&mut self, _call: &Call, failure: &Failure) {
         if *failure != Failure::GivenUp {
-            // Until its next look says otherwise.
+            // Until the next check finds otherwise.
             self.state = State::Broken;
         }
     }

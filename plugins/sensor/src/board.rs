@@ -1,7 +1,7 @@
-//! All sensors that this machine's kernel knows, as agents that come and go by themselves: what is
-//! plugged into a board measures the room that the board stands in.
+//! All sensors that this machine's kernel knows, as agents that come and go automatically: a sensor that is
+//! plugged into a board measures the room of the board.
 //!
-//! Each is a sensor with the driver `linux`, as a file would name it.
+//! Each is a sensor with the driver `linux`, as an entry in the ecosystem file would make it.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -31,32 +31,32 @@ pub const BOARD: PluginEntry = PluginEntry {
     build,
 };
 
-/// Pause between two looks at what is plugged in: a person has just let go of it.
+/// Pause between two checks of what is plugged in: about the time in which a person lets go of the plug.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
-/// So much of a device's name is in an agent's, which may have 64 letters.
+/// The longest part of a device's name in the name of its agent, which may have 64 letters.
 const NAME_MAX: usize = 56;
 
-/// Agents that one board brings.
+/// The most agents of one board.
 const AGENTS_MAX: usize = 256;
 
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct Config {
-    /// The room that the board stands in.
+    /// The room of the board.
     location: Option<String>,
-    /// Where single devices stand, by their names such as `"bme280@i2c-1/1-0076"`.
+    /// Rooms of single devices, by their names such as `"bme280@i2c-1/1-0076"`.
     #[serde(default)]
     rooms: BTreeMap<String, String>,
-    /// Devices that take part where others are only listed.
+    /// Devices that take part without an admission. All others need one; until then they are only listed.
     #[serde(default)]
     devices: Vec<String>,
-    /// Devices that are not wanted, or that the file names itself.
+    /// Devices that are ignored, or that have an entry of their own.
     #[serde(default)]
     ignore: Vec<String>,
-    /// How long a measurement counts as known.
+    /// How long a measurement counts as known, such as `"10m"`.
     valid_for: Option<String>,
-    /// Where the kernel shows its devices, if not at `/sys`.
+    /// The folder in which the kernel shows its devices, if not `/sys`.
     sysfs: Option<PathBuf>,
 }
 
@@ -77,9 +77,9 @@ struct Board {
     blueprint: Blueprint,
     config: Config,
     sysfs: Sysfs,
-    /// Its agents, by their configs.
+    /// Its agents, with their configs.
     bringing: Bringing<Value>,
-    /// What it has seen last.
+    /// The sensors found by the last check.
     bundles: Vec<Bundle>,
     looking: Option<Work>,
 }
@@ -135,7 +135,7 @@ impl Board {
         self.looking = Some(work);
     }
 
-    /// What a bundle is; nothing, if it measures what nobody here has a word for.
+    /// Returns the agent of a bundle; `None` if its quantity is unknown here, or the config ignores it.
     fn finding(&self, bundle: &Bundle) -> Option<Finding<Value>> {
         Quantity::named(bundle.quantity.name()).ok()?;
         if self.is_in(&self.config.ignore, bundle) {
@@ -162,7 +162,7 @@ impl Board {
         own.or(self.config.location.as_ref()).map(String::as_str)
     }
 
-    /// What a file would say of it.
+    /// Returns the config that an entry in the ecosystem file would have.
     fn config_of(&self, bundle: &Bundle, room: &str) -> Value {
         let mut config = json!({ "location": room, "device": bundle.device.to_string() });
         let says = [
@@ -178,7 +178,7 @@ impl Board {
         config
     }
 
-    /// The lines that would let it take part.
+    /// Returns the lines of configuration that would let the sensor take part.
     fn lines(&self, bundle: &Bundle) -> String {
         let (board, device) = (&self.blueprint.id, &bundle.device);
         let room = self.room(bundle).unwrap_or_default();
@@ -193,7 +193,8 @@ fn is_thermometer(bundle: &Bundle) -> bool {
     bundle.quantity == linux_sensors::Quantity::Temperature
 }
 
-/// The name of its agent: its device's, and what tells it from the device's others.
+/// Returns the name of the agent: that of the device, with what distinguishes it from the device's other
+/// sensors.
 fn name_of(bundle: &Bundle) -> String {
     let mut name = bundle.device.to_string();
     if !is_thermometer(bundle) {
@@ -204,7 +205,7 @@ fn name_of(bundle: &Bundle) -> String {
     }
     let plain = |symbol: char| if symbol.is_ascii_alphanumeric() { symbol } else { '-' };
     let name: String = name.to_ascii_lowercase().chars().map(plain).collect();
-    // Of a long place the end tells it from others.
+    // The end of a long place is what distinguishes it.
     let end = name.len().saturating_sub(NAME_MAX);
     let name = &name[end..];
     match name.starts_with(|symbol: char| symbol.is_ascii_lowercase()) {

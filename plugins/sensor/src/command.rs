@@ -1,7 +1,7 @@
-//! The command driver: measures by running a program, any program, and reading what it prints.
+//! The command driver: measures by running a program and reading its output.
 //!
-//! - How it is run, and ended, is in the crate `programs`.
-//! - A sensor that notices by itself (motion) runs its program again and again.
+//! - The crate `programs` runs and ends programs.
+//! - For a quantity that is noticed (motion), the program is run again and again.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,17 +16,17 @@ use crate::quantity::is_yes;
 use crate::text;
 use crate::{MEASURING, Measurement, Probe};
 
-/// Pause between two looks of a sensor that notices by itself, where its entry does not say.
+/// Default pause between two runs for a quantity that is noticed.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
-/// How long a program may run: so that what it says is heard before the method's time is over.
+/// Time limit of a program: short enough that its error is reported before the method times out.
 const RUNNING: Duration = Duration::from_millis(1_900);
 const _: () = assert!(RUNNING.as_millis() < MEASURING.as_millis());
 
 #[derive(Clone)]
 struct Command {
     program: Program,
-    /// Where in a JSON text the value is.
+    /// The place of the value in a JSON text.
     pointer: Option<String>,
     factor: f64,
     every: Duration,
@@ -128,7 +128,7 @@ mod tests {
             (&["echo", "48312"], json!({ "factor": 0.001 }), "48.3 °C at lab"),
             (&["echo", weather], json!({ "json": "/main/temp" }), "288.6 °C at lab"),
             (&["echo", weather], json!({ "json": "/main/words" }), "12.5 °C at lab"),
-            // No shell reads it.
+            // No shell interprets the arguments.
             (&["printf", "%s", "7.25"], json!({}), "7.2 °C at lab"),
         ] {
             assert_eq!(measured(command, more).await.as_deref(), Ok(expected), "{command:?}");

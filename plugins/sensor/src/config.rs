@@ -1,4 +1,4 @@
-//! The entry's `config`: of all sensors, and of each driver's hardware.
+//! The `config` of an entry: the keys of all sensors, and those of each driver's hardware.
 
 use std::path::PathBuf;
 
@@ -9,70 +9,71 @@ use serde::Deserialize;
 
 use crate::{COMMAND, GPIO, LINUX, MQTT, PHIDGET};
 
-/// What an entry says.
+/// The `config` of an entry.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct Config {
-    /// The room it stands in.
+    /// The room of the sensor.
     pub(crate) location: Place,
-    /// What a `sensor` measures, such as `"co2"`.
+    /// The quantity that a `sensor` measures, such as `"co2"`.
     pub(crate) quantity: Option<String>,
-    /// Whether a `temperature-sensor` measures the humidity too.
+    /// Whether a `temperature-sensor` also measures the humidity.
     pub(crate) humidity: Option<bool>,
-    /// How long a measurement counts as known, such as `"10m"`; without it, until it dies.
+    /// How long a measurement counts as known, such as `"10m"`; without it, as long as the sensor is
+    /// present.
     pub(crate) valid_for: Option<String>,
-    /// Driver `linux`: which device, as `althing sensors` lists it.
+    /// Driver `linux`: the device, as `althing sensors` lists it.
     device: Option<String>,
-    /// Driver `linux`: which of its channels, where several measure the same.
+    /// Driver `linux`: the channel of the device, if several measure the same.
     channel: Option<String>,
-    /// Driver `linux`: where the kernel shows its devices, if not at `/sys`.
+    /// Driver `linux`: the folder in which the kernel shows its devices, if not `/sys`.
     sysfs: Option<PathBuf>,
     /// Driver `command`: a program and its arguments.
     command: Option<Vec<String>>,
-    /// Drivers `command` and `mqtt`: where in a JSON text the value is, such as `"/main/temp"`.
+    /// Drivers `command` and `mqtt`: the place of the value in a JSON text, such as `"/main/temp"`.
     json: Option<String>,
-    /// Driver `command`: what makes the number one in the quantity's unit. Driver `phidget`: the
-    /// same, for a sensor that has no unit.
+    /// Drivers `command` and `phidget`: the factor that converts the number to the quantity's unit; with
+    /// `phidget` only for a sensor without a unit.
     factor: Option<f64>,
-    /// Driver `command`: how often a sensor that notices by itself looks, such as `"5s"`.
+    /// Driver `command`: pause between two runs for a quantity that is noticed, such as `"5s"`.
     every: Option<String>,
-    /// Driver `phidget`: where `libphidget22` lies, if not where the system has libraries.
+    /// Driver `phidget`: the path of `libphidget22`, if it is not where the system has libraries.
     library: Option<PathBuf>,
-    /// Driver `phidget`: the number that is printed on the interface kit, the hub or the Phidget.
+    /// Driver `phidget`: the serial number that is printed on the interface kit, the hub or the Phidget.
     serial: Option<u32>,
     /// Driver `phidget`: the port of a VINT hub.
     hub_port: Option<u8>,
-    /// Driver `phidget`: the input of an interface kit.
+    /// Driver `phidget`: the input port of an interface kit.
     port: Option<u8>,
-    /// Driver `phidget`: where the humidity of a sensor with two cables is.
+    /// Driver `phidget`: the port of the humidity cable, for a sensor with two cables.
     humidity_port: Option<u8>,
-    /// Driver `phidget`: what hangs there, such as `"1111"`.
+    /// Driver `phidget`: the part number of the sensor on the port, such as `"1111"`.
     sensor: Option<String>,
-    /// Driver `mqtt`: whom it speaks to, as `HOST:PORT`.
+    /// Driver `mqtt`: the address of the broker, as `HOST:PORT` or `mqtts://HOST:PORT`.
     broker: Option<String>,
-    /// Driver `mqtt`: who logs in there.
+    /// Driver `mqtt`: the user name for the broker.
     user: Option<String>,
-    /// Driver `mqtt`: where the user's password stands.
+    /// Driver `mqtt`: the file with the user's password.
     password_file: Option<PathBuf>,
-    /// Driver `mqtt`: the authorities that are trusted, where the broker is `mqtts://…`.
+    /// Driver `mqtt`: the file with the trusted certificate authorities, if the broker is `mqtts://…`.
     ca: Option<PathBuf>,
-    /// Driver `mqtt`: under which topic the device speaks.
+    /// Driver `mqtt`: the topic of the device's values.
     topic: Option<String>,
-    /// Driver `mqtt`: under which topic it is said whether the device is online.
+    /// Driver `mqtt`: the topic that tells whether the device is online.
     availability: Option<String>,
-    /// Driver `gpio`: which line, such as `"gpiochip0/17"` or `"GPIO17"`.
+    /// Driver `gpio`: the line, such as `"gpiochip0/17"` or `"GPIO17"`.
     line: Option<LineName>,
-    /// Driver `gpio`: whether the line is yes when it is low.
+    /// Driver `gpio`: whether a low level means yes.
     active_low: Option<bool>,
-    /// Driver `gpio`: what pulls the line, such as `"pull-up"`; as it is, if nobody says.
+    /// Driver `gpio`: the bias of the line, such as `"pull-up"`; without it, the bias is left as it is.
     bias: Option<Bias>,
-    /// Driver `gpio`: how long the line must be still before it counts, such as `"10ms"`.
+    /// Driver `gpio`: how long a level must be stable before it counts, such as `"10ms"`.
     debounce: Option<String>,
-    /// Driver `gpio`: where the chips are, if not in `/dev`.
+    /// Driver `gpio`: the folder of the chips, if not `/dev`.
     chips: Option<PathBuf>,
 }
 
-/// What it says of the hardware.
+/// The part of the config that is for the driver.
 #[derive(Debug, Default)]
 pub(crate) struct Hardware {
     pub(crate) device: Option<String>,
@@ -96,7 +97,7 @@ pub(crate) struct Hardware {
     pub(crate) chips: Option<PathBuf>,
 }
 
-/// Where a Phidget hangs, and what it is.
+/// The connection of a Phidget, and its part number.
 #[derive(Debug, Default)]
 pub(crate) struct Wiring {
     pub(crate) library: Option<PathBuf>,
@@ -108,11 +109,11 @@ pub(crate) struct Wiring {
 }
 
 impl Config {
-    /// Takes what is said of the hardware.
+    /// Takes the part of the config that is for the driver.
     ///
     /// # Errors
     ///
-    /// If that is for another driver than this entry's.
+    /// Returns an error if a key belongs to another driver than this entry's, or `json` is no JSON pointer.
     pub(crate) fn hardware(&mut self, blueprint: &Blueprint) -> Result<Hardware, BuildError> {
         let said = [
             ("device", &[LINUX][..], self.device.is_some()),

@@ -1,9 +1,9 @@
-//! The GPIO driver: watches a line of a board, on which a motion detector or a door's contact hangs.
+//! The GPIO driver: watches a line of a board that has a motion detector or a door's contact.
 //!
-//! - How lines are found and watched, also through unplugging, is in the crate `gpio-lines`.
-//! - What the line is when it is first looked at is told at once, and each of its edges.
-//! - A sensor whose line is not there, or not for us, is not here and offers nothing; why is in the
-//!   log, and told to whoever measures.
+//! - The crate `gpio-lines` finds and watches lines, also if the chip is unplugged and plugged in again.
+//! - The first value of a line is announced at once, and then each edge.
+//! - A sensor is away if its line does not exist or is not accessible, and then it offers no actions. The
+//!   reason is logged, and is in the error of a measurement.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -18,20 +18,20 @@ use crate::config::Hardware;
 use crate::quantity::{Quantity, is_yes};
 use crate::{MEASURING, Measurement, Probe};
 
-/// How long is waited at first for the line.
+/// Time limit of waiting for the line's first value.
 const FIRST_LOOK: Duration = Duration::from_millis(1_500);
 const _: () = assert!(FIRST_LOOK.as_millis() < MEASURING.as_millis());
 
-/// The longest that a line may have to be still: longer, and nobody notices anything any more.
+/// The longest debounce time; with a longer one, hardly any change would be noticed.
 const DEBOUNCE_MAX: Duration = Duration::from_secs(10);
 
 #[derive(Clone)]
 struct Gpio {
     board: Arc<dyn Board>,
     input: Input,
-    /// Made when it is first needed: nothing is opened before the agent is active.
+    /// Created at the first use: nothing is opened before the agent is active.
     followed: Arc<Mutex<Option<Followed>>>,
-    /// What was told of the line.
+    /// The last state of the line that was reported.
     told: Arc<Mutex<State>>,
 }
 
@@ -75,7 +75,7 @@ impl Gpio {
         followed.get_or_insert_with(make).state()
     }
 
-    /// What the line is, once it was looked at.
+    /// Waits for the first check of the line, and returns its state; `Unknown` after `FIRST_LOOK`.
     async fn looked(&self) -> State {
         let mut state = self.state();
         let known = state.wait_for(|state| *state != State::Unknown);
@@ -84,7 +84,7 @@ impl Gpio {
     }
 }
 
-/// What a state says, if it says anything.
+/// Returns the value of a state; `None` if the line is unknown or away.
 fn measured(state: &State) -> Option<Measurement> {
     match state {
         State::Here(is_active) => {
@@ -125,7 +125,7 @@ impl Probe for Gpio {
     }
 
     fn is_here(&self) -> bool {
-        // Who has not begun is asked what it would be.
+        // Before the line is watched, the sensor counts as present: its full action model is needed then.
         let state = lock(&self.followed).as_ref().map(Followed::state);
         state.is_none_or(|state| matches!(*state.borrow(), State::Here(_)))
     }
@@ -171,7 +171,7 @@ mod tests {
 
     const PATIENCE: Duration = Duration::from_secs(20);
 
-    /// A sensor as its config says, on a work bench.
+    /// Returns a sensor with this config, on a simulated board.
     async fn on(bench: &Bench, quantity: &str, more: Value) -> Sensor {
         let mut config = json!({ "location": "lab", "quantity": quantity, "line": "GPIO17" });
         if let (Value::Object(config), Value::Object(more)) = (&mut config, more) {
@@ -190,7 +190,7 @@ mod tests {
         sensor.describe().model.actions.len()
     }
 
-    /// Lets happen what happens by itself until it is so.
+    /// Handles events of the sensor until its facts are as expected.
     async fn until(sensor: &mut Sensor, expected: &str) {
         let waiting = async {
             while facts(sensor) != expected {

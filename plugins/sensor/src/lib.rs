@@ -1,14 +1,14 @@
-//! The sensors that are fixed in a room (the paper, “Temperature / Humidity Sensor” and the
-//! sensors for CO2, motion, IR distance, light and IR reflection): each reports what it measures
-//! there.
+//! Sensors that are fixed in a room (the paper, “Temperature / Humidity Sensor” and the sensors for CO2,
+//! motion, IR distance, light and IR reflection). Each reports what it measures there.
 //!
-//! - `quantity` is the table of what can be measured; everything else is the same for all.
-//! - [`Probe`] is what a driver does: `simulated` measures in the simulated building, `linux` with
-//!   what this machine's kernel knows, `command` by running a program, `mqtt` hears it of a broker,
-//!   `phidget` measures with what hangs on Phidgets' interface kits, `gpio` watches a line of a board.
-//! - `board` brings all that this machine's kernel knows, by itself.
-//! - What is yes or no (motion, a door's contact) is noticed: announced at once, without being asked.
-//! - After a failed measurement a sensor offers nothing for a while: “re-evaluate and update
+//! - `quantity` is the table of quantities; everything else is the same for all of them.
+//! - [`Probe`] is the trait of drivers. `simulated` measures in the simulated building, `linux` with
+//!   devices that this machine's kernel knows, `command` by running a program. `mqtt` receives values from
+//!   a broker, `phidget` measures with sensors on interface kits of Phidgets, and `gpio` watches a line of
+//!   a board.
+//! - `board` makes agents of all sensors that this machine's kernel knows, automatically.
+//! - Changes of yes-or-no quantities (motion, a door's contact) are announced at once, without a request.
+//! - After a failed measurement a sensor offers no actions for a while: “re-evaluate and update
 //!   self-capabilities” (the paper, “Semantic Plug & Play”).
 
 mod board;
@@ -46,10 +46,10 @@ use tokio::time::Instant;
 use crate::config::Config;
 use crate::quantity::{QUANTITIES, Quantity};
 
-/// How long a sensor that failed offers nothing. A loose wire comes back within seconds.
+/// How long a sensor offers no actions after a failure. A loose wire has contact again within seconds.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
-/// The longest a measurement may take: slow bus sensors need below a second.
+/// Time limit of a measurement: slow bus sensors need less than a second.
 const MEASURING: Duration = Duration::from_secs(2);
 
 const SIMULATED: &str = "simulated";
@@ -62,7 +62,7 @@ const DRIVERS: &[&str] = &[SIMULATED, LINUX, COMMAND, MQTT, PHIDGET, GPIO];
 
 pub use board::BOARD;
 
-/// The line in the daemon's table of plugins: a sensor of any quantity.
+/// The entry in the daemon's table of plugins: a sensor of any quantity.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "sensor",
     about: "reports the CO2, humidity, light, motion … of the room it stands in",
@@ -71,7 +71,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// The line of the sensor that every building has: temperature, and humidity on the same board.
+/// The entry of the sensor that every building has: temperature, and humidity on the same board.
 pub const TEMPERATURE_SENSOR: PluginEntry = PluginEntry {
     name: "temperature-sensor",
     about: "reports the temperature, and if asked to the humidity, of the room it stands in",
@@ -80,43 +80,43 @@ pub const TEMPERATURE_SENSOR: PluginEntry = PluginEntry {
     build: build_temperature_sensor,
 };
 
-/// What a sensor's driver does. Errors complete “failed to …”.
+/// The driver of a sensor. Error texts complete “failed to …”.
 pub trait Probe: Send + Sync + 'static {
-    /// Measures a quantity of the table, by its name.
+    /// Measures a quantity of the table; `quantity` is its name.
     fn measure(&self, quantity: &'static str) -> BoxFuture<Result<Measurement, String>>;
 
-    /// Waits until a quantity that is yes or no is not `known` any more, and measures it. May wait
-    /// for as long as nothing changes.
+    /// Waits until a yes-or-no quantity differs from `known`, and measures it. It waits as long as nothing
+    /// changes.
     fn notice(&self, quantity: &'static str, known: f64) -> BoxFuture<Result<Measurement, String>>;
 
-    /// Whether it is plugged in, as far as was looked.
+    /// Whether the sensor is plugged in, by the last check.
     fn is_here(&self) -> bool {
         true
     }
 
-    /// Looks whether it is plugged in; `None` if it cannot be unplugged.
+    /// Checks whether the sensor is plugged in; `None` if it cannot be unplugged.
     fn look(&self) -> Option<BoxFuture<()>> {
         None
     }
 
-    /// Waits until it is unplugged, plugged in, or says something by itself; `None` if it never
-    /// is and never does.
+    /// Waits until the sensor is unplugged, is plugged in, or reports a value by itself; `None` if none of
+    /// these can happen.
     fn until_news(&self) -> Option<BoxFuture<()>> {
         None
     }
 
-    /// What it said last of a quantity by itself.
+    /// Returns the last value of a quantity that the sensor reported by itself; `None` if there is none.
     fn last_word(&self, _quantity: &'static str) -> Option<Result<Measurement, String>> {
         None
     }
 }
 
-/// What was measured.
+/// The result of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
-    /// In the quantity's unit; of what is yes or no, 1 is yes and 0 is no.
+    /// The value in the quantity's unit; for a yes-or-no quantity, 1 is yes and 0 is no.
     pub value: f64,
-    /// When it was measured.
+    /// The time of the measurement.
     pub at: Instant,
 }
 
@@ -156,7 +156,7 @@ struct Sensor {
     id: String,
     ontology: Arc<Domain>,
     location: Place,
-    /// What it measures. The first says what kind of sensor it is.
+    /// The measured quantities. The first gives the type of the sensor.
     quantities: Vec<&'static Quantity>,
     valid_for: Option<Duration>,
     probe: Arc<dyn Probe>,
@@ -204,13 +204,13 @@ impl Sensor {
         self.probe.is_here() && self.rests_until.is_none_or(|until| until <= Instant::now())
     }
 
-    /// The quantity that a method reads.
+    /// Returns the quantity that a method reads.
     fn read_by(&self, method: &str) -> Option<&'static Quantity> {
         self.quantities.iter().copied().find(|quantity| quantity.method() == method)
     }
 
-    /// What was measured of a quantity, as facts, as long as it counts as known; and else that it does
-    /// not.
+    /// Returns the facts of the last measurement of a quantity while it counts as known; otherwise the
+    /// facts for an unknown value.
     fn known(&self, quantity: &Quantity) -> Vec<OwnFact> {
         let room = self.location.as_str();
         let term = quantity.term(&self.id, room, &self.ontology);
@@ -226,8 +226,9 @@ impl Sensor {
         facts_of(&text).into_iter().map(|fact| OwnFact { known_for, ..fact }).collect()
     }
 
-    /// It failed: it offers nothing for a while, and what it should notice it may have missed. What
-    /// is unplugged has not failed, and is as good as new when it is back.
+    /// Starts the pause after a failure, in which no actions are offered. Quantities that are noticed
+    /// become unknown, because a change may have been missed. An unplugged sensor has not failed and needs
+    /// no pause once it is back.
     fn rest(&mut self) {
         self.rests_until = self.probe.is_here().then(|| Instant::now() + REST_AFTER_FAILURE);
         for quantity in self.quantities.iter().filter(|quantity| quantity.is_noticed()) {
@@ -250,7 +251,7 @@ impl Sensor {
         )
     }
 
-    /// Where it is, as PDDL facts.
+    /// Returns the location of the sensor, as PDDL facts.
     fn place(&self) -> String {
         let (id, room) = (self.id.as_str(), self.location.as_str());
         let places =
@@ -328,7 +329,8 @@ impl Device for Sensor {
     fn watch(&mut self) -> Option<BoxFuture<Stir<Sensor>>> {
         let noticed = self.quantities.iter().copied().find(|quantity| quantity.is_noticed());
         let Some(quantity) = noticed else { return self.watch_for_news() };
-        // What was never measured is not known; but nothing to speak of happens until it is yes.
+        // A quantity that was never measured is unknown, but is watched as if it were no: only a yes is
+        // reported.
         let known = self.measured.get(quantity.name).map_or(0.0, |measured| measured.value);
         let (probe, rests_until) = (Arc::clone(&self.probe), self.rests_until);
         let news = self.watch_for_news();
@@ -361,7 +363,8 @@ impl Device for Sensor {
 }
 
 impl Sensor {
-    /// What is unplugged offers nothing; what is plugged in again, or speaks, has not failed.
+    /// Waits for news. A sensor that was plugged in again or reports a value ends its pause; the
+    /// measurements of an unplugged sensor are dropped.
     fn watch_for_news(&self) -> Option<BoxFuture<Stir<Sensor>>> {
         let until_news = self.probe.until_news()?;
         Some(Box::pin(async move {
@@ -370,7 +373,7 @@ impl Sensor {
                 sensor.rests_until = None;
                 sensor.take_news();
                 if !sensor.probe.is_here() {
-                    // As of who dies: nobody stands for it any more.
+                    // As for an agent that is gone: its values are no longer known.
                     sensor.measured.clear();
                 }
                 Vec::new()
@@ -384,7 +387,7 @@ impl Sensor {
             let said = self.probe.last_word(quantity.name);
             match said.map(believable) {
                 Some(Ok(measured)) => drop(self.measured.insert(quantity.name, measured)),
-                // What it says now is no value, so that what it said before is none either.
+                // The latest report has no value, so the earlier one is no longer valid.
                 Some(Err(problem)) => {
                     self.measured.remove(quantity.name);
                     tracing::info!("failed to {problem}");
@@ -408,7 +411,7 @@ impl Sensor {
     }
 }
 
-/// Numbers that PDDL cannot say are a driver's failure, and not its measurement.
+/// Turns a number that PDDL cannot express into an error of the driver.
 fn believable(measured: Result<Measurement, String>) -> Result<Measurement, String> {
     match measured {
         Ok(Measurement { value, .. }) if !value.is_finite() => {

@@ -1,12 +1,12 @@
-//! The Linux driver: measures with a device that this machine's kernel knows (Industrial I/O,
-//! hardware monitoring, 1-wire).
+//! The Linux driver: measures with a device that this machine's kernel knows (Industrial I/O, hardware
+//! monitoring, 1-wire).
 //!
-//! - The device is found anew for each measurement, by its name and place: it may have been unplugged
+//! - The device is searched by its name and place for each measurement: it may have been unplugged
 //!   meanwhile, and be back under another number.
-//! - What is not read is tried again as long as a measurement may take: a DHT22 fails one time in
-//!   five and is no dead sensor. One that stays silent is.
-//! - Whether it is plugged in is looked at again and again: the kernel tells nobody who has no more
-//!   rights than to read.
+//! - A failed reading is repeated for as long as a measurement may take: with a DHT22 one in five fails,
+//!   and the sensor is not dead. A device that never answers is.
+//! - The driver checks again and again whether the device is plugged in, because the kernel notifies only
+//!   processes with more rights than to read.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -21,17 +21,18 @@ use crate::config::Hardware;
 use crate::quantity::Quantity;
 use crate::{MEASURING, Measurement, Probe};
 
-/// How long a measurement is tried: what begins within it ends before the method's time is over.
+/// Time limit for beginning a reading: one that begins within it ends before the method times out.
 const TRYING: Duration = Duration::from_millis(1_200);
 const _: () = assert!(TRYING.as_millis() + SLOWEST.as_millis() < MEASURING.as_millis());
 
-/// The longest that one reading takes: a thermometer on one wire.
+/// The longest reading: that of a 1-wire thermometer.
 const SLOWEST: Duration = Duration::from_millis(750);
 
-/// Pause between two tries. A bus that was disturbed is quiet again by then.
+/// Pause between two readings, for a disturbed bus to settle.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// Pause between two looks whether it is plugged in: a person has just let go of it.
+/// Pause between two checks whether the device is plugged in: about the time in which a person lets go of
+/// the plug.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
 #[derive(Clone)]
@@ -41,8 +42,8 @@ struct Linux {
     channel: Option<String>,
     measures: Vec<linux_sensors::Quantity>,
     is_here: Arc<AtomicBool>,
-    /// The channels that were found last: whether they are still there is seen without looking at
-    /// every device of the machine.
+    /// The channels that were found last. Checking that they still exist does not need a search of all
+    /// devices of the machine.
     found: Arc<Mutex<Vec<Channel>>>,
 }
 
@@ -70,14 +71,14 @@ pub(crate) fn probe(
 }
 
 impl Linux {
-    /// Measures once. On a thread that may wait.
+    /// Measures once. Blocks the thread.
     fn measure_once(&self, quantity: linux_sensors::Quantity) -> Result<f64, String> {
         let channel = self.sysfs.find(&self.device, quantity, self.channel.as_deref());
         let channel = channel.map_err(|error| error.to_string())?;
         channel.read().map_err(|error| error.to_string())
     }
 
-    /// Looks whether it is plugged in.
+    /// Checks whether the device is plugged in. Blocks the thread.
     fn is_found(&self) -> bool {
         let mut found = self.found.lock().unwrap_or_else(PoisonError::into_inner);
         if !found.is_empty() && found.iter().all(Channel::is_there) {
@@ -88,7 +89,7 @@ impl Linux {
             match self.sysfs.find(&self.device, *quantity, self.channel.as_deref()) {
                 Ok(channel) => found.push(channel),
                 Err(FindError::Unknown { .. }) => return false,
-                // Which of several is asked for is said when it is read.
+                // An ambiguous name is reported when the channel is read.
                 Err(_) => (),
             }
             true
@@ -115,7 +116,7 @@ impl Probe for Linux {
         })
     }
 
-    /// Nothing that this driver measures is yes or no.
+    /// Returns an error: this driver measures no yes-or-no quantities.
     fn notice(
         &self,
         quantity: &'static str,
@@ -155,7 +156,7 @@ impl Probe for Linux {
     }
 }
 
-/// Does what may wait for a device on a thread that may.
+/// Runs blocking work on a thread for such work.
 async fn aside<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, String> {
     tokio::task::spawn_blocking(work).await.map_err(|error| error.to_string())
 }
@@ -174,7 +175,8 @@ mod tests {
 
     const DEVICE: &str = "bme280@i2c-1/1-0076";
 
-    /// A machine with a thermometer that measures the humidity too, as its kernel shows it.
+    /// The folder of a machine's devices, with a sensor of temperature and humidity, as the kernel shows
+    /// it.
     struct Machine(TempDir);
 
     impl Machine {
@@ -189,7 +191,7 @@ mod tests {
             device.join(format!("iio:device{number}/{name}"))
         }
 
-        /// Plugs it in, as the kernel's device of this number.
+        /// Adds the sensor, as the kernel's device with this number.
         fn plug(&self, number: u8) {
             let iio = self.file(number, "in_temp_input");
             let iio = iio.parent().expect("a folder");

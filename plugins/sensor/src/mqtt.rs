@@ -1,11 +1,11 @@
-//! The MQTT driver: knows what a device says to a broker, as Zigbee2MQTT, Tasmota, ESPHome and
-//! others let devices speak.
+//! The MQTT driver: receives the values that a device sends to a broker, for example through Zigbee2MQTT,
+//! Tasmota or ESPHome.
 //!
-//! - One connection per broker and process, whoever needs it (`mqtt-link`).
-//! - What a device says is announced at once; who is asked tells the last word of what it is asked
-//!   for, with its age. Devices speak of their battery, too, and not always of all they measure.
-//! - A device that its `availability` topic calls offline, or whose broker cannot be reached, is not
-//!   here and offers nothing.
+//! - There is one connection per broker and process, shared by all its users (`mqtt-link`).
+//! - Values are announced as soon as they are received. A measurement returns the last value of its
+//!   quantity, with its age: a message may be about the battery, or have only some of the quantities.
+//! - If the `availability` topic reports that the device is offline, or the broker cannot be reached, the
+//!   sensor is away and offers no actions.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -21,7 +21,8 @@ use crate::quantity::is_yes;
 use crate::text;
 use crate::{MEASURING, Measurement, Probe};
 
-/// How long is waited at first for the broker, and when asked for the first word of a device.
+/// Time limit of waiting for the broker at the start, and for the first message of the device in a
+/// measurement.
 const FIRST_WORD: Duration = Duration::from_millis(1_500);
 const _: () = assert!(FIRST_WORD.as_millis() < MEASURING.as_millis());
 
@@ -30,15 +31,15 @@ struct Mqtt {
     broker: Broker,
     topic: String,
     availability: Option<String>,
-    /// Where in a JSON text the value is.
+    /// The place of the value in a JSON text.
     pointer: Option<String>,
-    /// Made when it is first needed: nothing is opened before the agent is active.
+    /// Created at the first use: nothing is opened before the agent is active.
     link: Arc<Mutex<Option<Link>>>,
-    /// How many words were told of.
+    /// The number of messages that were handled.
     told: Arc<AtomicU64>,
 }
 
-/// What one device hears of its broker.
+/// The subscriptions of one device.
 #[derive(Clone)]
 struct Link {
     trouble: watch::Receiver<Option<String>>,
@@ -84,10 +85,12 @@ impl Mqtt {
         link.get_or_insert_with(make).clone()
     }
 
-    /// What the last word of a quantity says of it; `None` if nothing was said yet.
+    /// Returns the last value of a quantity, or the reason why there is none; `None` if no message was
+    /// received yet.
     fn read(&self, quantity: &str, said: &Said) -> Option<Result<Measurement, String>> {
         let newest = said.words.front()?;
-        // What speaks of other things takes nothing back; what says that there is no value does.
+        // A text without this quantity does not invalidate an earlier value; a text that reports no value
+        // does.
         let measured = said.words.iter().find_map(|word| {
             let value = text::said(&word.text, quantity, self.pointer.as_deref())?;
             Some(value.map(|value| Measurement { value, at: word.at }))
@@ -106,7 +109,7 @@ impl Probe for Mqtt {
         Box::pin(async move {
             let mut link = mqtt.link();
             let heard = link.said.wait_for(|said| said.count > 0);
-            // What has come by then is what there is.
+            // After this time, the messages received so far have to do.
             let _ = tokio::time::timeout(FIRST_WORD, heard).await;
             let measured = mqtt.read(quantity, &link.said.borrow());
             let trouble = link.trouble.borrow().clone();
@@ -126,7 +129,7 @@ impl Probe for Mqtt {
             let mut link = mqtt.link();
             loop {
                 let measured = mqtt.read(quantity, &link.said.borrow_and_update());
-                // Of what says nothing of it, nothing follows.
+                // A text without a value changes nothing.
                 if let Some(Ok(measured)) = measured
                     && is_yes(measured.value) != is_yes(known)
                 {
@@ -138,7 +141,8 @@ impl Probe for Mqtt {
     }
 
     fn is_here(&self) -> bool {
-        // Who has not begun is asked what it would be.
+        // Before the connection is made, the sensor counts as present: its full action model is needed
+        // then.
         let Some(link) = lock(&self.link).clone() else { return true };
         let is_offline = link.availability.as_ref().is_some_and(|said| {
             said.borrow().words.front().is_some_and(|word| text::is_offline(&word.text))
@@ -146,7 +150,7 @@ impl Probe for Mqtt {
         link.trouble.borrow().is_none() && !is_offline
     }
 
-    /// Waits a moment for the broker, so that the first word of the agent is already true.
+    /// Waits a moment for the broker, so that already the first announcement of the agent is true.
     fn look(&self) -> Option<BoxFuture<()>> {
         let mut link = self.link();
         Some(Box::pin(async move {
@@ -175,7 +179,7 @@ impl Probe for Mqtt {
                         None => std::future::pending().await,
                     }
                 };
-                // None of them ends before the connection, which is held here.
+                // None of these fails: `link` keeps the connection, and with it the senders.
                 let _ = tokio::select! {
                     changed = link.said.changed() => changed,
                     changed = link.trouble.changed() => changed,
@@ -209,7 +213,7 @@ mod tests {
 
     const PATIENCE: Duration = Duration::from_secs(20);
 
-    /// What a sensor is told, with more.
+    /// Returns the config of a sensor, with more keys.
     fn config(broker: &Broker, more: Value) -> Value {
         let mut config =
             json!({ "location": "lab", "broker": broker.name(), "topic": "zigbee2mqtt/thermo" });
@@ -231,7 +235,7 @@ mod tests {
         sensor.describe().model.actions.len()
     }
 
-    /// Lets happen what happens by itself until it is so.
+    /// Handles events of the sensor until the condition holds.
     async fn until(sensor: &mut Sensor, is_so: impl Fn(&Sensor) -> bool) {
         let waiting = async {
             while !is_so(sensor) {
@@ -255,7 +259,7 @@ mod tests {
 
         broker.say("zigbee2mqtt/thermo", r#"{"humidity":45,"temperature":19}"#);
         until(&mut sensor, |sensor| facts(sensor).contains("(= (temperature lab) 19)")).await;
-        // What a device says of its battery takes nothing back.
+        // A message about the battery does not invalidate earlier values.
         broker.say("zigbee2mqtt/thermo", r#"{"humidity":46,"battery":97}"#);
         until(&mut sensor, |sensor| facts(sensor).contains("(= (humidity lab) 46)")).await;
         let performed = measure(&mut sensor, "temperature").await.expect("it was said before");
@@ -265,7 +269,7 @@ mod tests {
         until(&mut sensor, |sensor| offers(sensor) == 0).await;
         broker.retain(availability, "online");
         until(&mut sensor, |sensor| offers(sensor) == 2).await;
-        // What a device says that it does not know is not known.
+        // A value that the device reports as `null` is not known.
         broker.say("zigbee2mqtt/thermo", r#"{"humidity":46,"temperature":null}"#);
         let is_unknown = "(not (known-temperature lab))";
         until(&mut sensor, |sensor| facts(sensor).contains(is_unknown)).await;
@@ -288,7 +292,8 @@ mod tests {
         until(&mut sensor, |sensor| offers(sensor) == 0).await;
         broker.restart();
         until(&mut sensor, |sensor| offers(sensor) == 2).await;
-        // It remembers nobody who had subscribed. What is said before it is told again is lost.
+        // The restarted broker has no subscriptions. Messages are lost until the driver has subscribed
+        // again.
         let saying = async {
             for degrees in 21.. {
                 broker.say("zigbee2mqtt/thermo", &format!(r#"{{"temperature":{degrees}}}"#));
@@ -332,7 +337,7 @@ mod tests {
         broker.say("zigbee2mqtt/thermo", r#"{"battery":97}"#);
         broker.retain("zigbee2mqtt/thermo", r#"{"occupancy":true}"#);
         until(&mut sensor, |sensor| facts(sensor).ends_with(" (motion lab)")).await;
-        // Of a detector that is away nobody knows whether anybody moves.
+        // While a detector is away, it is not known whether there is motion.
         broker.retain(availability, "offline");
         until(&mut sensor, |sensor| offers(sensor) == 0).await;
         assert_eq!(facts(&sensor), BLIND);

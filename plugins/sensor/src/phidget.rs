@@ -1,11 +1,11 @@
-//! The Phidget driver: measures with what hangs on a USB interface kit or hub of Phidgets Inc., by
-//! their library, which is loaded when it is first needed (`phidget-link`).
+//! The Phidget driver: measures with sensors on a USB interface kit or hub of Phidgets Inc., through their
+//! library, which is loaded at the first use (`phidget-link`).
 //!
-//! - A channel stays open as long as its sensor is an agent; the library finds a device that was
-//!   unplugged and is back.
-//! - What is not read is tried again as long as a measurement may take: a device that was just
-//!   plugged in does not know its values at once.
-//! - A library that hangs holds up its own channel, and nobody who waits for it waits without end.
+//! - A channel stays open as long as its sensor is an agent; the library finds a device that was unplugged
+//!   and plugged in again.
+//! - A failed reading is repeated for as long as a measurement may take: a device that was just plugged in
+//!   does not have values at once.
+//! - If the library hangs, only the channel in use is blocked, and all callers that wait for it time out.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,48 +21,49 @@ use crate::config::{Hardware, Wiring};
 use crate::quantity::{Quantity, is_yes};
 use crate::{MEASURING, Measurement, Probe};
 
-/// How long is waited at first for a device: the library asks for no less.
+/// Time limit of waiting for a device when a channel is opened: the library allows no less.
 const OPENING: Duration = Duration::from_secs(1);
 
-/// How long a measurement is tried.
+/// Time limit for beginning a reading.
 const TRYING: Duration = Duration::from_millis(1_200);
 const _: () = assert!(OPENING.as_millis() < TRYING.as_millis());
 
-/// How long an answer of the library is waited for: a little less than who asked waits.
+/// Time limit of an answer of the library: a little less than that of the method.
 const ANSWERING: Duration = Duration::from_millis(1_900);
 const _: () = assert!(TRYING.as_millis() < ANSWERING.as_millis());
 const _: () = assert!(ANSWERING.as_millis() < MEASURING.as_millis());
 
-/// Pause between two tries, and between two looks at what is noticed: an interface kit has a new
-/// value every quarter of a second, a digital input at once.
+/// Pause between two readings: an interface kit has a new value every quarter of a second, a digital input
+/// at once.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// Pause between two looks whether it is plugged in: a person has just let go of it.
+/// Pause between two checks whether the device is plugged in: about the time in which a person lets go of
+/// the plug.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
-/// How long somebody counts as moving after the last swing: who walks past is between two of them
-/// for a second.
+/// How long motion lasts after the last swing of the sensor's value: when a person walks past, the value
+/// rests up to a second between two swings.
 const MOVING: Duration = Duration::from_secs(3);
 
 #[derive(Clone)]
 struct Phidget {
     library: Option<PathBuf>,
-    /// One per quantity.
+    /// One line per quantity.
     lines: Vec<Arc<Line>>,
     is_here: Arc<AtomicBool>,
-    /// Why it is not here, as it was last told: that is told once.
+    /// The last reason for being away that was logged: each is logged once.
     trouble: Arc<Mutex<Option<String>>>,
 }
 
-/// What measures one quantity.
+/// The part that measures one quantity.
 struct Line {
     quantity: &'static str,
     part: &'static Part,
     address: Address,
     factor: f64,
-    /// Opened when it is first needed: nothing is opened before the agent is active.
+    /// Opened at the first use: nothing is opened before the agent is active.
     channel: Arc<tokio::sync::Mutex<Option<Channel>>>,
-    /// When it last swung, of what does.
+    /// The time of the last swing, for a part that swings.
     swung: Mutex<Option<Instant>>,
 }
 
@@ -78,7 +79,7 @@ pub(crate) fn probe(
     Ok(Arc::new(Phidget { library: wiring.library, lines, is_here, trouble }))
 }
 
-/// What measures each quantity, and where it hangs.
+/// Returns the part that measures each quantity, with its address.
 fn lines(
     wiring: &Wiring,
     factor: Option<f64>,
@@ -105,7 +106,7 @@ fn lines(
     Ok(lines)
 }
 
-/// Where the part that measures this hangs.
+/// Returns the address of the part that measures a quantity.
 fn address(
     wiring: &Wiring,
     part: &Part,
@@ -139,7 +140,7 @@ fn address(
     Ok(Address { serial: serial.transpose()?, hub_port, port })
 }
 
-/// What makes its value one in the quantity's unit.
+/// Returns the factor that converts the part's value to the quantity's unit.
 fn scale(part: &Part, factor: Option<f64>) -> Result<f64, String> {
     match factor {
         Some(_) if !part.is_unscaled() => Err(format!("{part} has a unit: leave the `factor` out")),
@@ -153,8 +154,8 @@ fn scale(part: &Part, factor: Option<f64>) -> Result<f64, String> {
 }
 
 impl Line {
-    /// Does something with its channel, which is opened first if it is not yet, on a thread that
-    /// may wait; waits for it no longer than `until`.
+    /// Runs `work` with the channel on a thread for blocking work, and waits for it until `until`. Opens
+    /// the channel first if it is not open.
     async fn with<T: Send + 'static>(
         &self,
         library: Option<PathBuf>,
@@ -164,7 +165,7 @@ impl Line {
         let (part, address) = (self.part, self.address);
         let channel = Arc::clone(&self.channel);
         let answered = async move {
-            // Who hangs keeps it: no other thread will hang there too.
+            // A call that hangs keeps the lock, so that no second thread hangs in the library.
             let mut channel = channel.lock_owned().await;
             let work = move || {
                 let opened = match channel.take() {
@@ -181,7 +182,7 @@ impl Line {
         })
     }
 
-    /// A value in the quantity's unit, of what swings until it rests.
+    /// Returns a value in the quantity's unit. The value of a part that swings stays 1 until it rests.
     fn settled(&self, value: f64) -> f64 {
         let mut swung = lock(&self.swung);
         if self.part.swings() && is_yes(value) {
@@ -209,7 +210,7 @@ impl Phidget {
         line.cloned().ok_or_else(|| format!("measure {quantity} with this driver"))
     }
 
-    /// Measures, as often as it takes.
+    /// Measures, with repetitions until the time limit.
     async fn try_to_measure(&self, line: &Line) -> Result<Measurement, String> {
         let (began, until) = (Instant::now(), Instant::now() + ANSWERING);
         loop {
@@ -223,7 +224,7 @@ impl Phidget {
         }
     }
 
-    /// Looks whether it is plugged in.
+    /// Checks whether the device is plugged in.
     async fn look_once(&self) -> bool {
         let (mut found, until) = (Ok(()), Instant::now() + ANSWERING);
         for line in &self.lines {
@@ -263,7 +264,7 @@ impl Probe for Phidget {
         let phidget = self.clone();
         Box::pin(async move {
             let line = phidget.line(quantity)?;
-            // Of one that is back nothing is known: whatever it says is news.
+            // If the sensor was away, its value is not known: any value is news.
             let mut is_news = !phidget.is_here();
             if is_news {
                 phidget.until_here().await;
@@ -272,7 +273,8 @@ impl Probe for Phidget {
                 let measured = match phidget.try_to_measure(&line).await {
                     Ok(measured) => measured,
                     Err(problem) => {
-                        // Told by whoever hears of it.
+                        // The caller logs the problem. It is noted here, so that `look_once` does not log
+                        // it again.
                         *lock(&phidget.trouble) = Some(problem.clone());
                         phidget.look_once().await;
                         return Err(problem);
@@ -327,7 +329,7 @@ mod tests {
     use crate::tests::{BLIND, STILL, blueprint_with, facts, measure};
     use crate::{REST_AFTER_FAILURE, Sensor, sensor, temperature_sensor};
 
-    /// A thermometer, unless it says a quantity.
+    /// Returns a thermometer, or a sensor of the quantity in `more`.
     fn sensor_of(more: Value) -> Result<Sensor, BuildError> {
         let is_any = more.get("quantity").is_some();
         let mut config = json!({ "location": "lab" });
@@ -338,7 +340,7 @@ mod tests {
         if is_any { sensor(&blueprint) } else { temperature_sensor(&blueprint) }
     }
 
-    /// One that hangs on the kit.
+    /// Returns a sensor that is connected to the kit.
     async fn built(kit: &Fake, mut more: Value) -> Sensor {
         more["library"] = json!(kit.library());
         more["serial"] = json!(12345);
@@ -347,7 +349,7 @@ mod tests {
         sensor
     }
 
-    /// An interface kit with the paper's sensors.
+    /// Returns an interface kit with the paper's sensors.
     fn kit() -> Fake {
         let mut fake = Fake::new();
         fake.set("plugged", 1.0);
@@ -464,7 +466,7 @@ mod tests {
             kit.set("ratio.3.11110", swing);
             stir(&mut sensor).await;
             assert!(facts(&sensor).ends_with(" (motion lab)"), "{}", facts(&sensor));
-            // Half-way between two swings somebody still moves.
+            // Between two swings the person still moves.
             kit.set("ratio.3.11110", 0.0);
             let halfway = measure(&mut sensor, "motion").await.expect("it is plugged in");
             assert_eq!(halfway.detail, "motion at lab");

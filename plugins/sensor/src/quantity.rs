@@ -1,36 +1,36 @@
-//! What the sensors of this family measure. To add a quantity, add its line here, its words to the
-//! shared ontology, and, to simulate it, its line in the building.
+//! The quantities that these sensors measure. To add one, add its line here, its names to the shared
+//! ontology, and, to simulate it, its line in the building.
 
 use actuator::is_derived;
 use pddl::Domain;
 
-/// Something that a sensor measures in the room it stands in.
+/// A quantity that a sensor measures in its room.
 ///
-/// Its words follow from its name: `co2` is measured by a `co2-sensor`, whose action `report-co2`
-/// runs the method `read_co2` and makes `(known-co2 ROOM)` true.
+/// The PDDL names follow from its name: `co2` is measured by a `co2-sensor`. The sensor's action
+/// `report-co2` runs the method `read_co2` and makes `(known-co2 ROOM)` true.
 #[derive(Debug)]
 pub(crate) struct Quantity {
     pub(crate) name: &'static str,
     pub(crate) value: Value,
 }
 
-/// What a quantity's value is, in the ontology and for people.
+/// The form of a quantity's value, in the ontology and for people.
 #[derive(Debug)]
 pub(crate) enum Value {
-    /// A number: `(= (FUNCTION ROOM) 21.5)`; for people, in a unit.
+    /// A number: `(= (FUNCTION ROOM) 21.5)`; for people with a unit.
     Number { function: &'static str, unit: &'static str, decimals: usize },
-    /// Yes or no: `(PREDICATE ROOM)`, or not. The sensor notices a change by itself.
+    /// Yes or no: `(PREDICATE ROOM)` or its negation. The sensor reports changes by itself.
     YesOrNo {
         predicate: &'static str,
-        /// The predicates of the sensor itself, where the ontology derives the one of the room: that it is
-        /// so, and where it is. A room is closed if all its doors and windows are.
+        /// The predicates of the sensor itself for its value and its room, used if the ontology derives the
+        /// predicate of the room from them: a room is closed if all its doors and windows are.
         own: Option<(&'static str, &'static str)>,
         yes: &'static str,
         no: &'static str,
     },
 }
 
-/// All of them.
+/// All quantities.
 pub(crate) const QUANTITIES: &[Quantity] = &[
     number("temperature", "temperature", "°C", 1),
     number("humidity", "humidity", "% humidity", 0),
@@ -69,7 +69,8 @@ const fn yes_or_no(
 }
 
 impl Quantity {
-    /// The quantity of this name; the error says what there is.
+    /// Returns the quantity of this name. Returns an error with the known or the most similar names if
+    /// there is none.
     pub(crate) fn named(name: &str) -> Result<&'static Quantity, String> {
         let names = || QUANTITIES.iter().map(|quantity| quantity.name);
         QUANTITIES.iter().find(|quantity| quantity.name == name).ok_or_else(|| match pddl::nearest(
@@ -84,7 +85,7 @@ impl Quantity {
         })
     }
 
-    /// The type of a sensor that measures this before all.
+    /// Returns the type of a sensor with this as its first quantity.
     pub(crate) fn sensor_type(&self) -> String {
         format!("{}-sensor", self.name)
     }
@@ -94,7 +95,7 @@ impl Quantity {
         format!("report-{}", self.name)
     }
 
-    /// The method that carries the action out.
+    /// The method that performs the action.
     pub(crate) fn method(&self) -> String {
         format!("read_{}", self.name)
     }
@@ -104,12 +105,12 @@ impl Quantity {
         format!("known-{}", self.name)
     }
 
-    /// Whether a sensor notices by itself when it changes.
+    /// Whether a sensor reports changes by itself.
     pub(crate) fn is_noticed(&self) -> bool {
         matches!(self.value, Value::YesOrNo { .. })
     }
 
-    /// What it is in PDDL, of a sensor in a room: a term of a function or a predicate.
+    /// Returns the PDDL term of the quantity, for a sensor in a room: a function or a predicate.
     pub(crate) fn term(&self, sensor: &str, room: &str, ontology: &Domain) -> String {
         match self.value {
             Value::Number { function, .. } => format!("({function} {room})"),
@@ -122,7 +123,8 @@ impl Quantity {
         }
     }
 
-    /// Where a sensor of it is, as a PDDL fact beside that it is located there; most need none.
+    /// Returns the PDDL fact for the sensor's room that it needs besides `located`; empty for most
+    /// quantities.
     pub(crate) fn place(&self, sensor: &str, room: &str, ontology: &Domain) -> String {
         match self.value {
             Value::YesOrNo { predicate, own: Some((_, at)), .. }
@@ -134,7 +136,7 @@ impl Quantity {
         }
     }
 
-    /// A value of it, as PDDL facts; `term` is what it is in PDDL.
+    /// Returns a value as PDDL facts; `term` is the quantity's term in PDDL.
     pub(crate) fn facts(&self, term: &str, room: &str, value: f64) -> String {
         let known = self.known();
         match self.value {
@@ -144,7 +146,7 @@ impl Quantity {
         }
     }
 
-    /// That it is not known, as PDDL facts.
+    /// Returns the PDDL facts for an unknown value.
     pub(crate) fn unknown(&self, term: &str, room: &str) -> String {
         let known = self.known();
         match self.value {
@@ -153,7 +155,7 @@ impl Quantity {
         }
     }
 
-    /// A value of it, for people.
+    /// Returns a value as a text for people.
     pub(crate) fn words(&self, value: f64) -> String {
         match self.value {
             Value::Number { unit, decimals, .. } => format!("{value:.decimals$} {unit}"),
@@ -163,7 +165,7 @@ impl Quantity {
     }
 }
 
-/// Drivers say 1 or 0; half-way, it is more yes than no.
+/// Whether a value means yes: drivers return 1 or 0, and one half or more counts as yes.
 pub(crate) fn is_yes(value: f64) -> bool {
     value >= 0.5
 }

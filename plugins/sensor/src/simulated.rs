@@ -1,4 +1,4 @@
-//! The simulated driver: measures in the simulated building, whose truth the planner never sees.
+//! The simulated driver: measures in the simulated building. The planner never sees the building's truth.
 
 use std::sync::Arc;
 
@@ -44,7 +44,7 @@ impl Probe for Simulated {
     }
 }
 
-/// The building's quantity of this name.
+/// Returns the building's quantity of this name.
 fn simulated(quantity: &str) -> Result<building::Quantity, String> {
     let known = building::Quantity::named(quantity);
     known.ok_or_else(|| format!("find `{quantity}` in the simulated building"))

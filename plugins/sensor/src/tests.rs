@@ -1,4 +1,4 @@
-//! The table against the ontology and the building; the life of one sensor of each quantity.
+//! Checks the table against the ontology and the building, and plays one sensor of each quantity.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use crate::quantity::QUANTITIES;
 
 const ONTOLOGY: &str = include_str!("../../../domains/smart-office/domain.pddl");
 
-/// A lab with one sensor of this quantity, which is set to `value` there.
+/// Returns a lab with one sensor of this quantity; the quantity's value there is `value`.
 fn lab(quantity: &str, value: f64) -> Building {
     let mut layout = Layout::new();
     layout.add_room("lab", 20.0).expect("a room");
@@ -37,7 +37,7 @@ fn blueprint(lab: &Building, config: serde_json::Value) -> Blueprint {
     blueprint_of("simulated", config, resources)
 }
 
-/// A sensor that no simulated building has.
+/// Returns the blueprint of a sensor without a simulated building.
 pub(crate) fn blueprint_with(driver: &str, config: serde_json::Value) -> Blueprint {
     blueprint_of(driver, config, Resources::default())
 }
@@ -51,7 +51,7 @@ fn blueprint_of(driver: &str, config: serde_json::Value, resources: Resources) -
     Blueprint { id, driver: driver.to_owned(), config: config.into(), host: Arc::new(host) }
 }
 
-/// The sensor of this quantity in the lab.
+/// Returns the sensor of this quantity in the lab.
 fn sensor_in(lab: &Building, quantity: &str) -> Sensor {
     let config = serde_json::json!({ "quantity": quantity, "location": "lab", "valid-for": "10m" });
     sensor(&blueprint(lab, config)).expect("a sensor")
@@ -73,7 +73,7 @@ pub(crate) async fn measure(sensor: &mut Sensor, quantity: &str) -> Result<Perfo
     }
 }
 
-/// What a detector of motion says that sees nobody, and that sees nothing.
+/// The facts of a motion detector without motion, and of one with an unknown value.
 pub(crate) const STILL: &str = "(located s lab) (known-motion lab) (not (motion lab))";
 pub(crate) const BLIND: &str = "(located s lab) (not (known-motion lab)) (unknown (motion lab))";
 
@@ -82,7 +82,7 @@ pub(crate) fn facts(sensor: &Sensor) -> String {
     facts.join(" ")
 }
 
-/// Waits for the next thing that happens by itself, and lets it happen.
+/// Waits for the next event of the sensor, and handles it.
 async fn stir(sensor: &mut Sensor) {
     let stir = sensor.watch().expect("it notices").await;
     assert!(stir(sensor).is_empty());

@@ -1,32 +1,32 @@
-//! Texts of programs and devices: the value in them.
+//! Finds values in the texts of programs and devices.
 
-/// So much of a text is told where it is no measurement.
+/// The most characters of a text that are quoted if it is no measurement.
 const TOLD_CHARS: usize = 60;
 
-/// Words for yes and no.
+/// Texts for yes and no.
 const YES: [&str; 5] = ["true", "yes", "on", "open", "detected"];
 const NO: [&str; 5] = ["false", "no", "off", "closed", "clear"];
 
-/// What devices call a quantity, beside its name: Zigbee2MQTT, Tasmota and others.
+/// Other names of a quantity in the messages of devices: of Zigbee2MQTT, Tasmota and others.
 const ALIASES: &[(&str, &[&str])] = &[
-    // Where both are said, the other is raw (Zigbee2MQTT 1.x).
+    // If both are present, `illuminance` is a raw value (Zigbee2MQTT 1.x).
     ("light", &["illuminance_lux", "illuminance"]),
     ("motion", &["occupancy", "presence"]),
     ("humidity", &["relative_humidity"]),
     ("co2", &["carbon_dioxide"]),
 ];
 
-/// Parts of a Tasmota device that measure the device itself, by how their names begin.
+/// The beginnings of names of chips that measure a Tasmota device itself.
 const CHIPS: &[&str] = &["ESP32", "ENERGY", "AXP", "MPU", "BL09"];
 
-/// What stands at a place of a JSON text (RFC 6901), as text.
+/// Returns the value at a place of a JSON text (RFC 6901), as a text.
 pub(crate) fn at(text: &str, pointer: &str) -> Option<String> {
     let json: serde_json::Value = serde_json::from_str(text).ok()?;
     json.pointer(pointer).map(plain)
 }
 
-/// What a text says of a quantity: its value, or that there is none, with the reason; `None` if it does
-/// not speak of it, as of a battery alone.
+/// Returns the value of a quantity in a text, or the reason why the quantity has none; `None` if the text
+/// is about other things, such as a battery.
 pub(crate) fn said(
     text: &str,
     quantity: &str,
@@ -43,8 +43,8 @@ pub(crate) fn said(
     Some(said.ok_or_else(|| told(&word)))
 }
 
-/// What a JSON object calls by a quantity's name, or another of its names; also one level down, as
-/// Tasmota writes it: `{"SI7021": {"Temperature": 21.5}}`.
+/// Returns the value under one of the names of a quantity in a JSON object; also one level down, as in
+/// Tasmota's `{"SI7021": {"Temperature": 21.5}}`.
 pub(crate) fn named(text: &str, quantity: &str) -> Option<String> {
     let json: serde_json::Value = serde_json::from_str(text).ok()?;
     let object = json.as_object()?;
@@ -58,7 +58,8 @@ pub(crate) fn named(text: &str, quantity: &str) -> Option<String> {
         names.iter().find_map(named).map(|(_, value)| plain(value))
     };
     in_object(object).or_else(|| {
-        // A chip's own temperature is not the room's; what measures the humidity too is.
+        // The temperature of a chip is not that of the room. A part that measures humidity too is
+        // preferred.
         let is_own = |name: &String| CHIPS.iter().any(|chip| name.starts_with(chip));
         let parts = object.iter().filter(|(name, _)| !is_own(name));
         let mut parts: Vec<&Object> = parts.filter_map(|(_, part)| part.as_object()).collect();
@@ -67,7 +68,7 @@ pub(crate) fn named(text: &str, quantity: &str) -> Option<String> {
     })
 }
 
-/// Whether a value of a quantity can be: chips say numbers of their own for “no value”.
+/// Whether a value of a quantity is possible. Chips report special numbers for “no value”.
 fn is_possible(value: f64, quantity: &str) -> bool {
     match quantity {
         "temperature" => value > -127.0,
@@ -84,11 +85,12 @@ fn plain(value: &serde_json::Value) -> String {
     }
 }
 
-/// A number, or a word for yes or no.
+/// Returns a number, or 1 or 0 for a text that means yes or no; `None` for any other text.
 pub(crate) fn value(said: &str, quantity: &str) -> Option<f64> {
     let word = said.trim().to_ascii_lowercase();
     match word.as_str() {
-        // Of a door most devices say whether it is open; a contact is asked whether it is closed.
+        // For a door, most devices report whether it is open; the quantity `contact` is whether it is
+        // closed.
         "closed" if quantity == "contact" => Some(1.0),
         "open" if quantity == "contact" => Some(0.0),
         yes if YES.contains(&yes) => Some(1.0),
@@ -97,13 +99,13 @@ pub(crate) fn value(said: &str, quantity: &str) -> Option<f64> {
     }
 }
 
-/// Whether a word of availability says that a device is away.
+/// Whether a text of the availability topic means offline.
 pub(crate) fn is_offline(text: &str) -> bool {
     let word = at(text, "/state").unwrap_or_else(|| text.trim().to_owned());
     word.eq_ignore_ascii_case("offline")
 }
 
-/// How a text begins, for people.
+/// Returns the beginning of a text, for people.
 pub(crate) fn told(text: &str) -> String {
     let line = text.lines().next().unwrap_or_default();
     let mut told: String = line.chars().take(TOLD_CHARS).collect();

@@ -1,7 +1,8 @@
-//! The command driver: switches by running a program, any program.
+//! The command driver: switches by running a program.
 //!
-//! - How programs are run, and ended with all that they started, is in the crate `programs`.
-//! - Where there is a program that says how it is, only that is believed; else what succeeded is.
+//! - The crate `programs` runs programs, and ends them with all that they started.
+//! - If the entry has a program that prints the state, only its output counts; otherwise a program that
+//!   succeeded has switched.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -13,14 +14,14 @@ use tokio::time::Instant;
 use crate::config::Commanded;
 use crate::{Driver, words};
 
-/// Pause between two looks whether what was switched is so: motors take their time.
+/// Pause between two checks of the state after switching: motors take their time.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
 
-/// Words for on and off.
+/// Texts for on and off.
 const ON: [&str; 6] = ["on", "1", "true", "yes", "locked", "active"];
 const OFF: [&str; 6] = ["off", "0", "false", "no", "unlocked", "inactive"];
 
-/// So much of what a program prints is told.
+/// The most characters of a program's output that are quoted.
 const TOLD_CHARS: usize = 60;
 
 #[derive(Clone)]
@@ -31,7 +32,7 @@ pub(crate) fn driver(commanded: Commanded) -> Arc<dyn Driver> {
 }
 
 impl Command {
-    /// What a program says it is.
+    /// Runs the program that prints the state, and returns whether the device is on.
     async fn told(&self, state: &Program) -> Result<bool, String> {
         let printed = state.run(self.0.time_out).await.map_err(|error| error.to_string())?;
         let word = printed.trim();
@@ -61,7 +62,7 @@ impl Command {
     }
 }
 
-/// A word for on or off.
+/// Returns whether a text means on or off; `None` for any other text.
 fn is_on(word: &str) -> Option<bool> {
     let is_in = |words: [&str; 6]| words.iter().any(|known| known.eq_ignore_ascii_case(word));
     if is_in(ON) { Some(true) } else { is_in(OFF).then_some(false) }
@@ -88,7 +89,7 @@ impl Driver for Command {
     }
 
     fn time_out(&self) -> Duration {
-        // After the program, looks, of which the last may begin just before their time is over.
+        // First the program, then checks of the state; the last may begin just before their time is over.
         self.0.time_out * if self.0.state.is_some() { 3 } else { 1 }
     }
 }
@@ -121,7 +122,7 @@ mod tests {
         lamp
     }
 
-    /// A lamp whose state is a file.
+    /// Returns a lamp with its state in a file.
     async fn filed(folder: &TempDir, on: &str) -> Switch {
         let file = folder.path().join("lamp");
         std::fs::write(&file, "off\n").expect("a file");
@@ -159,7 +160,7 @@ mod tests {
         until(&mut lamp, |lamp| facts(lamp) == lamp_is(Some(false))).await;
         std::fs::write(folder.path().join("lamp"), "LOCKED\n").expect("a file");
         until(&mut lamp, |lamp| facts(lamp) == lamp_is(Some(true))).await;
-        // Who does not say how it is, is not here; who does again, is.
+        // A switch with an unreadable state is away; it is back once its state can be read.
         std::fs::write(folder.path().join("lamp"), "who knows").expect("a file");
         until(&mut lamp, |lamp| offers(lamp) == 0).await;
         assert_eq!(facts(&lamp), lamp_is(None));

@@ -1,4 +1,4 @@
-//! The entry's `config`: of all switches, and of each driver.
+//! The `config` of an entry: the keys of all switches, and those of each driver.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -12,49 +12,48 @@ use serde::Deserialize;
 use crate::kind::Kind;
 use crate::{COMMAND, GPIO};
 
-/// How long a program may run, where its entry does not say, and the longest that it may say: a
-/// garage door takes half a minute.
+/// Default and largest time limit of a program: a garage door takes half a minute.
 const TIME_OUT: Duration = Duration::from_secs(5);
 const TIME_OUT_MAX: Duration = Duration::from_mins(2);
 
-/// How often a program is asked how things are, where its entry does not say, and the most often.
+/// Default and smallest pause between two checks of the state.
 const EVERY: Duration = Duration::from_secs(10);
 const EVERY_MIN: Duration = Duration::from_millis(100);
 
-/// What an entry says.
+/// The `config` of an entry.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct Config {
-    /// The room it is installed in.
+    /// The room of the switch.
     pub(crate) location: Place,
-    /// What it switches: `"lamp"`, `"relay"`, `"lock"`.
+    /// The kind of device: `"lamp"`, `"relay"` or `"lock"`.
     pub(crate) kind: Kind,
-    /// Driver `gpio`: which line, such as `"gpiochip0/17"` or `"GPIO17"`.
+    /// Driver `gpio`: the line, such as `"gpiochip0/17"` or `"GPIO17"`.
     line: Option<LineName>,
-    /// Driver `gpio`: whether the line is on when it is low.
+    /// Driver `gpio`: whether a low level means on.
     active_low: Option<bool>,
-    /// Driver `gpio`: where the chips are, if not in `/dev`.
+    /// Driver `gpio`: the folder of the chips, if not `/dev`.
     chips: Option<PathBuf>,
-    /// Driver `command`: a program and its arguments that switch it on.
+    /// Driver `command`: the program that switches on, and its arguments.
     on: Option<Vec<String>>,
-    /// Driver `command`: the same, off.
+    /// Driver `command`: the program that switches off, and its arguments.
     off: Option<Vec<String>>,
-    /// Driver `command`: the same, that print whether it is on.
+    /// Driver `command`: the program that prints whether the device is on, and its arguments.
     state: Option<Vec<String>>,
-    /// Driver `command`: how often that is looked at, such as `"10s"`.
+    /// Driver `command`: pause between two checks of the state, such as `"10s"`.
     every: Option<String>,
-    /// Driver `command`: how long each may take, such as `"5s"`.
+    /// Driver `command`: time limit of each program, such as `"5s"`.
     time_out: Option<String>,
 }
 
-/// What an entry says of a line.
+/// The config of the driver `gpio`.
 pub(crate) struct Wired {
     pub(crate) output: Output,
-    /// Where the chips are, if not where they always are.
+    /// The folder of the chips, if not the default.
     pub(crate) chips: Option<PathBuf>,
 }
 
-/// What an entry says of programs.
+/// The config of the driver `command`.
 #[derive(Debug)]
 pub(crate) struct Commanded {
     pub(crate) on: Program,
@@ -65,7 +64,7 @@ pub(crate) struct Commanded {
 }
 
 impl Config {
-    /// Refuses what is said for another driver than this entry's.
+    /// Returns an error if a key belongs to another driver than this entry's.
     pub(crate) fn is_of(&self, blueprint: &Blueprint) -> Result<(), BuildError> {
         let said = [
             ("line", GPIO, self.line.is_some()),

@@ -1,4 +1,4 @@
-//! The GPIO driver: a relay on a line of a board. What it is, is read back from the line.
+//! The GPIO driver: a relay on a line of a board. Its state is read back from the line.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,10 +9,11 @@ use gpio_lines::{Board, Chips, Driven};
 use crate::config::Wired;
 use crate::{Driver, words};
 
-/// Pause between two looks whether the chip is there: a person has just let go of it.
+/// Pause between two checks whether the chip is there: about the time in which a person lets go of the
+/// plug.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
-/// How long a line may take that hangs behind a slow bus.
+/// Time limit for a line on a slow bus.
 const SETTING: Duration = Duration::from_secs(2);
 
 struct Line {
@@ -25,7 +26,7 @@ pub(crate) fn driver(Wired { output, chips }: Wired) -> Arc<dyn Driver> {
     on(Arc::new(chips), output)
 }
 
-/// A line of this board.
+/// Returns the driver of a line of this board.
 fn on(board: Arc<dyn Board>, output: gpio_lines::Output) -> Arc<dyn Driver> {
     let name = output.line.to_string();
     Arc::new(Line { driven: Driven::new(board, output), name })
@@ -39,7 +40,7 @@ impl Driver for Line {
             if found == is_on {
                 return Ok(found);
             }
-            // Something stronger holds it: a short circuit, or another driver.
+            // A stronger signal holds the line: a short circuit, or another driver.
             Err(format!("switch the line `{name}` {}: it stays {}", words(is_on), words(found)))
         })
     }
@@ -68,7 +69,7 @@ mod tests {
     use crate::tests::{blueprint, facts, offers, switch, told, until};
     use crate::{Hand, Switch};
 
-    /// A relay on a work bench.
+    /// Returns a relay on a simulated board.
     async fn relay(bench: &Bench, is_active_low: bool) -> Switch {
         let config = json!({ "location": "lab", "kind": "relay", "line": "GPIO4" });
         let mut relay = crate::switch(&blueprint("gpio", config)).expect("a switch");

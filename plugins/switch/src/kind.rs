@@ -1,11 +1,11 @@
-//! What is switched, and the words of its action model: those of the lamps, relays and locks that a
-//! gateway to MQTT brings, so that both can be in one ecosystem.
+//! The kinds of switches, and the PDDL names of their action models. The names are those that the MQTT
+//! gateway uses for its lamps, relays and locks, so that one ecosystem can have both.
 
 use actuator::OnOff;
 use pddl::Domain;
 use serde::Deserialize;
 
-/// What is switched.
+/// The kind of a switch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Kind {
@@ -15,7 +15,7 @@ pub(crate) enum Kind {
 }
 
 impl Kind {
-    /// What it says of itself, and what follows for its room.
+    /// Returns the predicates of its state: of the device itself, and of its room.
     pub(crate) fn words(self) -> OnOff<'static> {
         let words = |agent, state, own, all| OnOff { agent, state, own, all };
         match self {
@@ -34,7 +34,7 @@ impl Kind {
         }
     }
 
-    /// How it is, for people.
+    /// Returns its state as a text for people.
     pub(crate) fn told(self, is_on: bool) -> &'static str {
         match (self, is_on) {
             (Kind::Lock, true) => "locked",
@@ -45,8 +45,8 @@ impl Kind {
     }
 }
 
-/// The action model of a switch, with the words that the shared ontology lacks; `offers` says whether
-/// it can do anything now.
+/// Returns the action model of a switch, with the types and predicates that the shared ontology lacks. The
+/// model has actions only if `offers` is `true`.
 pub(crate) fn model(id: &str, room: &str, kind: Kind, ontology: &Domain, offers: bool) -> String {
     let (words, (on, off)) = (kind.words(), kind.actions());
     let agent = words.agent;
@@ -81,7 +81,7 @@ mod tests {
 
     use super::*;
 
-    /// The gateway's table, which says it for devices that come by themselves.
+    /// The table of the MQTT gateway, with the names for devices that it discovers.
     const CLASSES: &str = include_str!("../../mqtt/src/classes.toml");
 
     #[derive(Deserialize)]

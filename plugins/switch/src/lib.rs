@@ -1,11 +1,11 @@
-//! Something in a room that is on or off: a lamp, a relay, a lock.
+//! A switch in a room: a lamp, a relay, a lock.
 //!
-//! - `kind` has the words of each, and its action model.
-//! - `Driver` is what a driver does: `gpio` drives a line of a board, `command` runs programs.
-//! - What the driver reads back is known, whoever has switched it; what nobody can read is believed
-//!   to be as it was told.
-//! - What cannot be read is unknown, neither on nor off, and offers nothing. After a failure a switch offers nothing for
-//!   a while, so that plans are made without it.
+//! - `kind` has the PDDL names of each kind, and its action model.
+//! - `Driver` is the trait of drivers: `gpio` drives a line of a board, `command` runs programs.
+//! - A state that the driver reads back is known, also if the device was switched by hand. A device that
+//!   has no readable state is assumed to be as it was last switched.
+//! - A state that cannot be read is unknown, neither on nor off, and the switch offers no actions. After a
+//!   failure a switch offers no actions for a while, so that plans are made without it.
 
 mod command;
 mod config;
@@ -32,13 +32,13 @@ use tokio::time::Instant;
 use config::Config;
 use kind::Kind;
 
-/// How long a switch that failed offers nothing. A loose wire comes back within seconds.
+/// How long a switch offers no actions after a failure. A loose wire has contact again within seconds.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
-/// The longest that is waited, before anything is announced, for how it is.
+/// Time limit of waiting for the state before the first announcement.
 const FIRST_LOOK: Duration = Duration::from_secs(2);
 
-/// What a method may take beyond its driver's time, so that its reason is heard.
+/// Time that a method has beyond the driver's time limit, so that the driver's error is reported.
 const MARGIN: Duration = Duration::from_secs(1);
 
 const GPIO: &str = "gpio";
@@ -57,18 +57,18 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// What a switch's driver does. Errors complete “failed to …”.
+/// The driver of a switch. Error texts complete “failed to …”.
 trait Driver: Send + Sync + 'static {
-    /// Switches it; how it is then.
+    /// Switches the device on or off. Returns its state afterwards.
     fn switch(&self, is_on: bool) -> BoxFuture<Result<bool, String>>;
 
-    /// Looks whether it is on; `None` if nobody can tell.
+    /// Checks whether the device is on; `None` if it has no readable state.
     fn look(&self) -> BoxFuture<Result<Option<bool>, String>>;
 
-    /// How often it is looked at; `None` if nobody can tell how it is.
+    /// Returns the pause between two checks of the state; `None` if the device has no readable state.
     fn every(&self) -> Option<Duration>;
 
-    /// The longest that switching, or a look, may take.
+    /// Returns the time limit of switching, and of a check.
     fn time_out(&self) -> Duration;
 }
 
@@ -107,19 +107,20 @@ struct Switch {
     rests_until: Option<Instant>,
 }
 
-/// A driver, and what is known by it. Copies are the same.
+/// A driver, and the state known from it. Clones share both.
 #[derive(Clone)]
 struct Hand {
     driver: Arc<dyn Driver>,
     known: Arc<Mutex<Known>>,
 }
 
-/// Whether it is on, as far as anybody knows; or why it cannot be used.
+/// Whether the device is on, `None` if that is not known; or the reason why it cannot be used.
 type State = Result<Option<bool>, String>;
 
 struct Known {
     state: State,
-    /// Counts what was begun and done, so that no look is believed that began before it.
+    /// Counts the begin and the end of each switching, so that the result of a check that began earlier is
+    /// discarded.
     turn: u64,
 }
 
@@ -136,7 +137,7 @@ impl Hand {
         self.known().state.clone()
     }
 
-    /// Looks how it is.
+    /// Checks the state. Discards the result if the device was switched meanwhile.
     async fn look(self) {
         let turn = self.known().turn;
         let looked = self.driver.look().await;
@@ -152,7 +153,7 @@ impl Hand {
         known.state = looked;
     }
 
-    /// Switches it; how it is then.
+    /// Switches the device on or off. Returns its state afterwards.
     async fn switch(self, is_on: bool) -> Result<bool, String> {
         self.known().turn += 1;
         let found = self.driver.switch(is_on).await?;
@@ -162,7 +163,7 @@ impl Hand {
         Ok(found)
     }
 
-    /// What was begun did not succeed, so that nobody knows how it is.
+    /// Sets the state to unknown after a switching that did not succeed; a reason for being away is kept.
     fn forget(&self) {
         let mut known = self.known();
         known.turn += 1;
@@ -178,7 +179,7 @@ impl Switch {
         !rests && self.hand.state().is_ok()
     }
 
-    /// How it is, as a fact: on, off, or unknown.
+    /// Returns the state as a fact: on, off, or unknown.
     fn fact(&self) -> String {
         let term = self.kind.words().term(&self.id, self.location.as_str(), &self.ontology);
         match self.hand.state() {
@@ -213,7 +214,7 @@ impl Device for Switch {
         self.hand.driver.every()?;
         let hand = self.hand.clone();
         Some(Box::pin(async move {
-            // What is not known by then is told when it is.
+            // A state that is not known by then is announced later.
             let _ = tokio::time::timeout(FIRST_LOOK, hand.look()).await;
         }))
     }
@@ -254,7 +255,7 @@ impl Device for Switch {
             }
             let is_back = before.is_err() && hand.state().is_ok();
             let stir: Stir<Switch> = Box::new(move |switch| {
-                // What is plugged in again has not failed.
+                // A device that was plugged in again has not failed.
                 if is_back {
                     switch.rests_until = None;
                 }
@@ -265,7 +266,7 @@ impl Device for Switch {
     }
 }
 
-/// On or off, for people.
+/// Returns “on” or “off”, for people.
 fn words(is_on: bool) -> &'static str {
     if is_on { ON } else { OFF }
 }

@@ -1,4 +1,4 @@
-//! What a switch says of itself; what is wrong in an entry.
+//! Facts and models of switches, and mistakes in an entry.
 
 use agent::Host;
 use serde_json::{Value, json};
@@ -25,7 +25,7 @@ pub(crate) fn call(method: &str) -> Call {
     }
 }
 
-/// Switches it as its agent does; what is said of that.
+/// Switches the device as its agent does; returns the detail of the result.
 pub(crate) async fn switch(switch: &mut Switch, method: &str) -> Result<String, String> {
     let call = call(method);
     match switch.perform(&call).await {
@@ -37,7 +37,7 @@ pub(crate) async fn switch(switch: &mut Switch, method: &str) -> Result<String, 
     }
 }
 
-/// What a lamp, or a relay, says that is on, off, and of which nobody knows.
+/// Returns the facts of a lamp or a relay: on, off, or unknown.
 pub(crate) fn told(own: &str, state: Option<bool>) -> String {
     let state = match state {
         Some(true) => format!("({own} s)"),
@@ -56,7 +56,7 @@ pub(crate) fn offers(switch: &Switch) -> usize {
     switch.describe().model.actions.len()
 }
 
-/// Lets happen what happens by itself until it is so.
+/// Handles events of the switch until the condition holds.
 pub(crate) async fn until(switch: &mut Switch, is_so: impl Fn(&Switch) -> bool) {
     let waiting = async {
         while !is_so(switch) {

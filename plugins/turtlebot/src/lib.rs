@@ -1,11 +1,11 @@
-//! The TurtleBot (the paper, “TurtleBot”): a mobile base that moves between the places of the map
-//! and its own poses, and carries sensors.
+//! The TurtleBot (the paper, “TurtleBot”): a mobile base that moves between the places of the map and its
+//! own poses, and carries sensors.
 //!
-//! - Moving, the battery and the dock are those of every robot: `actuator::MobileBase`; its driver
-//!   is here, `simulated` moves in the simulated building.
-//! - It carries the agents that say they are `mounted-on` it, and so plans with their actions.
+//! - Moving, the battery and the dock are those of every robot: `actuator::MobileBase`. Its driver is here;
+//!   `simulated` moves in the simulated building.
+//! - It carries the agents that state that they are `mounted-on` it, and so plans with their actions.
 //! - With a `login` in its config, a person can log in at its on-board screen where it stands.
-//! - With a `patrol`, it keeps passing by some places, as long as nobody needs it elsewhere.
+//! - With a `patrol`, it visits some places again and again, as long as no other goal needs it.
 
 mod login;
 mod patrol;
@@ -45,10 +45,10 @@ struct Config {
     /// Whether and how people log in at its screen.
     #[serde(default)]
     login: Option<LoginConfig>,
-    /// Where it patrols by itself.
+    /// The places that it patrols.
     #[serde(default)]
     patrol: Option<PatrolConfig>,
-    /// What nobody reads, to be complained about.
+    /// All other keys: an entry that has any is refused.
     #[serde(flatten)]
     unknown: serde_json::Map<String, serde_json::Value>,
 }
@@ -76,11 +76,11 @@ struct TurtleBot {
     base: MobileBase,
     login: Option<Login>,
     patrol: Option<Patrol>,
-    /// When somebody logged in last in each place.
+    /// The time of the last login in each place.
     validated: BTreeMap<String, Instant>,
 }
 
-/// What a method has brought.
+/// The result of a method.
 enum Done {
     Moved(Moved),
     Validated(String),
@@ -88,8 +88,8 @@ enum Done {
 }
 
 impl TurtleBot {
-    /// The place that a call is about, if the base stands there: it may have been carried away
-    /// since the plan was made.
+    /// Returns the place that a call is about. Returns an error if the base does not stand there: it may
+    /// have been carried away since the plan was made.
     fn here(&self, call: &Call) -> Result<String, Failure> {
         let (place, here) = (call.argument("place")?, self.base.place());
         if place == here {

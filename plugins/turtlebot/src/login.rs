@@ -1,14 +1,14 @@
 //! The robot's on-board screen, where a person logs in (the paper, “Scenario 3”).
 //!
-//! - The method that validates a person puts a `query-ref` to all keyboards, each time with a
-//!   deadline, and holds the answer against the PIN of the config.
-//! - Who answers first is heard; a wrong answer is asked for again, a few times. Then the screen
-//!   is locked for a while, whoever asks. Where nobody answers, nobody is asked again for as long
-//!   as an answer was waited for.
-//! - **Invariant:** neither the PIN nor an answer is in a log, a report or a `Debug` of this file.
+//! - The method that validates a person sends a `query-ref` to all keyboards, each time with a deadline,
+//!   and compares the answer with the PIN of the config.
+//! - The first answer counts. After a wrong answer the question is asked again, a few times. Then the
+//!   screen is locked for a while, for all people. If there is no answer, it is closed for as long as an
+//!   answer was waited for.
+//! - **Invariant:** neither the PIN nor an answer is in a log, a report or a `Debug` output of this file.
 //!
-//! Asking is the actuator's: the method says what is to be asked, `Device::watch` asks it, and
-//! `Device::heard` brings the answer back.
+//! The question is sent by the actuator: the method hands over the text, `Device::watch` makes the actuator
+//! ask it, and `Device::heard` returns the answer.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -30,37 +30,37 @@ pub(crate) const LOGIN: &str = "login";
 /// The method that lets a person log in.
 pub(crate) const METHOD: &str = "log_in";
 
-/// How long the screen is locked after as many wrong answers as it takes: trying all PINs of four
-/// digits by threes takes eleven days.
+/// How long the screen is locked after too many wrong answers: with three attempts each, trying all PINs of
+/// four digits takes eleven days.
 const LOCKED_FOR: Duration = Duration::from_secs(5 * 60);
 
-/// What is to be asked.
+/// A request to the actuator about the question.
 enum Asking {
     This(String),
-    /// Nothing any more: nobody waits for the answer.
+    /// Withdraw the question: its answer is no longer needed.
     Nothing,
 }
 
-/// How many questions may wait to be asked, and answers to be read. There is one of each.
+/// Size of the queues of requests and of answers. One of each is the usual case.
 const WAITING_MAX: usize = 4;
 
-/// What `login` in an entry's `config` says.
+/// The key `login` in the `config` of an entry.
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct LoginConfig {
-    /// What a person has to answer.
+    /// The PIN.
     #[serde(default)]
     pin: Option<String>,
-    /// The file whose first line that is, so that it need not stand in the ecosystem file.
+    /// The file with the PIN in its first line, so that the ecosystem file need not have it.
     #[serde(default)]
     pin_file: Option<PathBuf>,
-    /// How long one answer is waited for.
+    /// Time limit of one answer, such as `"60s"`.
     #[serde(default = "default_patience")]
     patience: String,
-    /// How many answers may be wrong.
+    /// The most wrong answers before the screen is locked.
     #[serde(default = "default_attempts")]
     attempts: u32,
-    /// How long a person who logged in counts as validated.
+    /// How long a person counts as validated after the login, such as `"10m"`.
     #[serde(default = "default_valid_for")]
     valid_for: String,
 }
@@ -77,12 +77,13 @@ fn default_valid_for() -> String {
     "10m".to_owned()
 }
 
-/// A PIN that nobody prints.
+/// A PIN. It has no `Debug` output.
 #[derive(Clone)]
 struct Secret(Arc<str>);
 
 impl Secret {
-    /// Compares without stopping at the first difference, so that time tells nothing.
+    /// Compares in a time that does not depend on where the first difference is, so that the time reveals
+    /// nothing about the PIN.
     fn is(&self, answer: &str) -> bool {
         let (expected, given) = (self.0.as_bytes(), answer.trim().as_bytes());
         let differs = |(expected, given): (&u8, &u8)| expected ^ given;
@@ -91,10 +92,11 @@ impl Secret {
     }
 }
 
-/// Reads a file with a PIN, unless every user of the machine could read it, or its group change it.
+/// Reads a file with a PIN. Returns an error if all users of the machine have access to it, or its group
+/// can change it.
 ///
-/// A group may read it: that is how systemd hands a credential to a service, and how an administrator
-/// lets a daemon read what root owns.
+/// The group may read it: that is how systemd hands a credential to a service, and how an administrator
+/// lets a daemon read a file of root.
 fn read_pin(path: &Path) -> Result<String, String> {
     let mut file = File::open(path).map_err(|error| error.to_string())?;
     let mode = file.metadata().map_err(|error| error.to_string())?.mode() & 0o777;
@@ -109,7 +111,7 @@ fn read_pin(path: &Path) -> Result<String, String> {
     Ok(text)
 }
 
-/// Until when the screen is locked: shared with the attempt that may lock it.
+/// The time until which the screen is locked, shared with the attempt that may lock it.
 type Lock = Arc<std::sync::Mutex<Option<Instant>>>;
 
 /// The on-board screen.
@@ -121,7 +123,7 @@ pub(crate) struct Login {
     lock: Lock,
     ask: mpsc::Sender<Asking>,
     asked: Arc<Mutex<mpsc::Receiver<Asking>>>,
-    /// Where the person's answer is waited for, while it is.
+    /// The queue of answers of the current attempt; `None` if there is none.
     answers: Option<mpsc::Sender<News>>,
 }
 
@@ -132,7 +134,7 @@ impl Login {
         let is_rehearsal = blueprint.host.resources.get::<Rehearsal>().is_some();
         let secret = match (pin, pin_file) {
             (Some(pin), None) => pin,
-            // It is on the robot's own machine.
+            // The file is on the robot's own machine, and is not read in a rehearsal.
             (None, Some(file)) if is_rehearsal => file.display().to_string(),
             (None, Some(file)) => {
                 let text = read_pin(&file);
@@ -162,13 +164,13 @@ impl Login {
         })
     }
 
-    /// Whether anybody can try to log in now.
+    /// Whether the screen is not locked now.
     pub(crate) fn is_open(&self) -> bool {
         let until = *self.lock.lock().unwrap_or_else(PoisonError::into_inner);
         until.is_none_or(|until| until <= Instant::now())
     }
 
-    /// The longest that logging in may take.
+    /// Returns the time limit of a login, with all attempts.
     pub(crate) fn timeout(&self) -> Duration {
         (self.patience + Duration::from_secs(2)) * self.attempts
     }
@@ -190,7 +192,7 @@ impl Login {
         Box::pin(attempt.run())
     }
 
-    /// Waits until something is to be asked; what the robot then does.
+    /// Waits until a question is to be asked or withdrawn, and returns the robot's initiatives for that.
     pub(crate) fn next_question(&self) -> BoxFuture<Vec<Initiative>> {
         let (asked, patience) = (Arc::clone(&self.asked), self.patience);
         Box::pin(async move {
@@ -200,15 +202,15 @@ impl Login {
                     let (name, question) = (LOGIN.to_owned(), Question::new(text));
                     vec![Initiative::Ask { name, question, patience }]
                 }
-                // The robot is gone, and this with it.
+                // The robot has ended, and this future will be dropped.
                 None => std::future::pending().await,
             }
         })
     }
 
-    /// Passes on what a person answered.
+    /// Passes a person's answer to the current attempt.
     pub(crate) fn heard(&mut self, news: &News) {
-        // Nobody waits any more, or there is an answer already: the first counts.
+        // The attempt has ended, or its queue is full.
         let is_lost = |answers: &mpsc::Sender<News>| answers.try_send(news.clone()).is_err();
         if self.answers.as_ref().is_some_and(is_lost) {
             self.answers = None;
@@ -216,15 +218,15 @@ impl Login {
     }
 }
 
-/// One person's way in.
+/// The attempt of one person to log in.
 struct Attempt {
     secret: Secret,
     lock: Lock,
-    /// How long nobody is asked again where nobody answered.
+    /// How long the screen is closed if there was no answer.
     rest: Duration,
     ask: mpsc::Sender<Asking>,
     answers: mpsc::Receiver<News>,
-    /// Whether an answer is waited for.
+    /// Whether an answer is being waited for.
     is_open: bool,
     attempts: u32,
     place: String,
@@ -269,8 +271,8 @@ impl Attempt {
 
 impl Drop for Attempt {
     fn drop(&mut self) {
-        // It was given up: a person need not go to the keyboard for it. If there is no room, the
-        // question ends at its deadline.
+        // The attempt was cancelled: withdraw the question, so that no person goes to a keyboard for it. If
+        // the queue is full, the question ends at its deadline.
         if self.is_open {
             let _ = self.ask.try_send(Asking::Nothing);
         }

@@ -1,8 +1,8 @@
-//! The patrol (the paper, “Demonstrations”: “The corridor is patrolled by a mobile base”): a
-//! standing goal of the robot's own, of low priority, so that it gives way to all others.
+//! The patrol (the paper, “Demonstrations”: “The corridor is patrolled by a mobile base”): a kept goal of
+//! the robot itself, of low priority, so that it gives way to all others.
 //!
-//! A place counts as patrolled for a while after the robot stood there. When that is over, the goal
-//! does not hold any more, and the ecosystem plans for it again: nothing here drives.
+//! A place counts as patrolled for a while after the robot stood there. When that time is over, the goal is
+//! no longer true, and the ecosystem plans for it again. Nothing here drives the robot.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -16,28 +16,28 @@ use tokio::time::Instant;
 
 use crate::TurtleBot;
 
-/// The method that looks around where the robot stands.
+/// The method that looks around at the robot's place.
 pub(crate) const METHOD: &str = "look_around";
 
-/// The action that it carries out.
+/// The action that the method performs.
 pub(crate) const ACTION: &str = "(:action patrol
         :agent ?b - turtlebot
         :parameters (?l - location)
         :precondition (at ?b ?l)
         :effect (and (patrolled ?l) (increase (total-cost) 1)))";
 
-/// The longest that looking around may take.
+/// Time limit of looking around.
 const LOOKING: Duration = Duration::from_secs(5);
 
-/// What `patrol` in an entry's `config` says.
+/// The key `patrol` in the `config` of an entry.
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct PatrolConfig {
-    /// The places to pass by.
+    /// The places to visit.
     places: Vec<Place>,
     /// How long a place counts as patrolled, such as `"10m"`.
     every: String,
-    /// Below 0, the priority of what people ask for.
+    /// The priority of the goal. The default is below 0, the priority of the goals of users.
     #[serde(default = "default_priority")]
     priority: i32,
 }
@@ -51,7 +51,7 @@ pub(crate) struct Patrol {
     places: Vec<Place>,
     every: Duration,
     priority: i32,
-    /// When it stood in each place last.
+    /// The time of the last visit to each place.
     last: BTreeMap<String, Instant>,
     has_asked: bool,
 }
@@ -75,7 +75,8 @@ impl Patrol {
         Ok(Patrol { places, every, priority, last: BTreeMap::new(), has_asked: false })
     }
 
-    /// Asks for the patrol, once: it is kept from then on.
+    /// Returns the request for the patrol's goal at the first call, then `None`: the goal is kept from then
+    /// on.
     pub(crate) fn first_wish(&mut self) -> Option<Stir<TurtleBot>> {
         if std::mem::replace(&mut self.has_asked, true) {
             return None;
@@ -99,7 +100,7 @@ impl Patrol {
         }
     }
 
-    /// Where it was lately.
+    /// Returns the places that count as patrolled, as facts.
     pub(crate) fn facts(&self) -> Vec<OwnFact> {
         let lately = self.last.iter().filter_map(|(place, at)| {
             let left = self.every.saturating_sub(at.elapsed());

@@ -1,4 +1,5 @@
-//! The simulated driver: moves in the simulated building, as fast and as far as that lets it.
+//! The simulated driver: moves in the simulated building, at the robot's speed and as far as its battery
+//! lasts.
 
 use std::sync::Arc;
 

@@ -1,9 +1,9 @@
-//! The video-collaboration robot (the paper, Figure 1): a mobile base with a screen, deployed “to
-//! resume the interrupted meeting” where a screen has failed.
+//! The video-collaboration robot (the paper, Figure 1): a mobile base with a screen, deployed “to resume
+//! the interrupted meeting” where a screen has failed.
 //!
 //! - Moving, the battery and the dock are those of every robot: `actuator::MobileBase`.
-//! - It presents wherever it stands, dearer than a screen that hangs there; while it presents it
-//!   does not move.
+//! - It presents wherever it stands, at a higher cost than a screen fixed there. While it presents, it does
+//!   not move.
 
 mod simulated;
 
@@ -20,7 +20,7 @@ use actuator::{
 use agent::{Blueprint, BuildError, Launch, PluginEntry};
 use serde::Deserialize;
 
-/// The longest that its screen may take to light up.
+/// Time limit of lighting up its screen.
 const SHOWING: Duration = Duration::from_secs(30);
 
 /// The line in the daemon's table of plugins.
@@ -38,16 +38,16 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 struct Config {
     #[serde(flatten)]
     base: BaseConfig,
-    /// What it can show: a name for plans, and the text.
+    /// The media that it can show: a name for plans, and the text of each.
     media: BTreeMap<String, String>,
-    /// What nobody reads, to be complained about.
+    /// All other keys: an entry that has any is refused.
     #[serde(flatten)]
     unknown: serde_json::Map<String, serde_json::Value>,
 }
 
-/// What the driver of its screen does. The error completes “failed to …”.
+/// The driver of its screen. Error texts complete “failed to …”.
 pub trait Screen: Send + Sync + 'static {
-    /// Shows a text; without one, goes dark.
+    /// Shows a text; `None` turns the screen dark.
     fn show(&self, text: Option<&str>) -> BoxFuture<Result<(), String>>;
 }
 
@@ -79,11 +79,11 @@ struct VideoRobot {
     base: MobileBase,
     media: BTreeMap<String, String>,
     screen: Arc<dyn Screen>,
-    /// The medium it shows.
+    /// The name of the medium that it shows; `None` if the screen is dark.
     shown: Option<String>,
 }
 
-/// What a method has brought.
+/// The result of a method.
 enum Done {
     Moved(Moved),
     Shows(Option<String>),
@@ -193,7 +193,8 @@ impl Device for VideoRobot {
 }
 
 impl VideoRobot {
-    /// What a call wants to be shown: the medium and its text.
+    /// Returns the medium that a call is to show, and its text. Returns an error if the robot is not in the
+    /// room, or has no such medium.
     fn presentation(&self, call: &Call) -> Result<(String, String), Failure> {
         let (medium, room) = (call.argument("media")?, call.argument("room")?);
         let place = self.base.place();

@@ -15,10 +15,10 @@ struct Simulated {
     robot: String,
 }
 
-/// What drives the base, and what drives its screen.
+/// The drivers of the base and of its screen.
 type Drivers = (Arc<dyn BaseDriver>, Arc<dyn Screen>);
 
-/// The drivers of a robot.
+/// Returns the drivers of a robot.
 pub(crate) fn robot(blueprint: &Blueprint) -> Result<Drivers, BuildError> {
     let building = blueprint.host.resources.get::<BuildingHandle>().ok_or_else(|| {
         blueprint.problem("a simulated driver needs a simulated building, and there is none")
@@ -54,7 +54,7 @@ impl BaseDriver for Simulated {
 impl Screen for Simulated {
     fn show(&self, text: Option<&str>) -> BoxFuture<Result<(), String>> {
         let (Simulated { building, robot }, text) = (self.clone(), text.map(str::to_owned));
-        // The building knows the screen as a thing of its own, mounted on the robot.
+        // In the building, the screen is a device of its own, mounted on the robot.
         let screen = format!("{robot}-screen");
         Box::pin(async move {
             building.show(&screen, text.as_deref()).await.map_err(|error| error.to_string())

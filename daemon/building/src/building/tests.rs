@@ -1,4 +1,4 @@
-//! What a building does, in paused time: each test is a story of its log.
+//! Operations of a building in paused time; each test compares the log with the expected one.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use crate::layout::Device;
 use crate::truth::{Event, Fault, LOG_MAX};
 use crate::{Layout, LayoutError};
 
-/// What truly happened, line by line.
+/// Compares the log, one line per occurrence, with the expected text.
 #[track_caller]
 fn check(building: &Building, expected: Expect) {
     expected.assert_eq(&story(&building.truth()).join("\n"));
@@ -21,8 +21,7 @@ fn departed(event: &Event) -> bool {
     matches!(event, Event::Departed { .. })
 }
 
-/// Runs `fate` once the robot is under way; returns how the trip ended and
-/// how long it took.
+/// Runs `fate` once the robot is under way. Returns the outcome of the trip and its duration.
 async fn trip_with(
     building: &Building,
     fate: impl AsyncFnOnce(&Building),
@@ -268,7 +267,7 @@ async fn the_log_forgets_the_oldest_and_says_how_many() {
     assert_eq!((kept.len(), kept[0], truth.forgotten_count()), (LOG_MAX, 3, 3));
 }
 
-/// Agents run on a multi-threaded runtime, and their drivers with them.
+/// Agents run on a multi-threaded runtime, and so do their drivers.
 #[tokio::test]
 async fn every_operation_can_be_spawned() {
     fn check(_: impl Send) {}

@@ -1,51 +1,51 @@
-//! Adding to a layout, and refusing what cannot be.
+//! Additions to a layout, and the checks of each.
 //!
-//! All that is in a layout came through here, one piece at a time: each piece is
-//! checked against what is there, and a refused one leaves everything as it was.
+//! Every part of a layout is added here, one at a time. Each is checked against the parts that are there; a
+//! refused one leaves the layout unchanged.
 
 use super::{Connection, Device, Layout, Location, LocationKind};
 use crate::error::{LayoutError, nearest};
 use crate::quantity::Quantity;
 
-/// The coldest and hottest a location can be, in °C: what exists, and a furnace.
+/// The range of temperatures, in °C: from absolute zero to the heat of a furnace.
 pub(crate) const CELSIUS_MIN: f64 = -273.15;
 pub(crate) const CELSIUS_MAX: f64 = 1_000.0;
-/// The longest connection: a kilometer of tunnel is a building still.
+/// The longest connection, in meters: a tunnel of a kilometer still counts as part of a building.
 pub(crate) const METERS_MAX: f64 = 1_000.0;
-/// From a crawl to a train; bounds every trip to a finite, addable duration.
+/// The range of speeds, in meters per second, from a crawl to a train. It bounds every trip to a finite
+/// duration that can be added to others.
 pub(crate) const SPEED_MIN: f64 = 0.001;
 pub(crate) const SPEED_MAX: f64 = 100.0;
-/// The longest name: a refusal that lists a hundred of them fits into one line
-/// on the socket.
+/// The longest name, in bytes: a refusal that lists a hundred names fits into one line on the socket.
 pub(crate) const NAME_MAX: usize = 64;
 
-// === impl Layout: building ===
+// === impl Layout: adding ===
 
 impl Layout {
-    /// An empty plot of land.
+    /// Returns an empty layout.
     pub fn new() -> Layout {
         Layout::default()
     }
 
-    /// Adds a room with its true temperature.
+    /// Adds a room with its true temperature in °C.
     pub fn add_room(&mut self, name: &str, celsius: f64) -> Result<&mut Layout, LayoutError> {
         let kind = LocationKind::Room;
         self.add_location(Location { name: name.to_owned(), kind, celsius })
     }
 
-    /// Adds a corridor with its true temperature.
+    /// Adds a corridor with its true temperature in °C.
     pub fn add_corridor(&mut self, name: &str, celsius: f64) -> Result<&mut Layout, LayoutError> {
         let kind = LocationKind::Corridor;
         self.add_location(Location { name: name.to_owned(), kind, celsius })
     }
 
-    /// Connects two locations, both ways.
+    /// Connects two locations in both directions; `meters` is the length.
     pub fn connect(&mut self, a: &str, b: &str, meters: f64) -> Result<&mut Layout, LayoutError> {
         let (from, to) = (a.to_owned(), b.to_owned());
         self.add_connection(Connection { from, to, meters, one_way: false })
     }
 
-    /// Connects two locations from the first to the second only.
+    /// Connects two locations in one direction, from the first to the second; `meters` is the length.
     pub fn connect_one_way(
         &mut self,
         from: &str,
@@ -66,7 +66,7 @@ impl Layout {
         self.add_device(Device::FixedSensor { name, location })
     }
 
-    /// Adds a sensor of something else than temperature.
+    /// Adds a sensor of a quantity other than temperature.
     pub fn add_sensor(
         &mut self,
         name: &str,
@@ -88,7 +88,7 @@ impl Layout {
         self.add_device(Device::Robot { name, start, meters_per_second })
     }
 
-    /// Adds a temperature sensor that rides on a robot.
+    /// Adds a temperature sensor that a robot carries.
     pub fn mount(&mut self, sensor: &str, robot: &str) -> Result<&mut Layout, LayoutError> {
         let (name, carrier) = (sensor.to_owned(), robot.to_owned());
         self.add_device(Device::MountedSensor { name, carrier })
@@ -147,7 +147,8 @@ impl Layout {
         Ok(self)
     }
 
-    /// Removes a device, and with a robot what it carries. Returns their names.
+    /// Removes a device; with a robot, also the devices that it carries. Returns the names of all that were
+    /// removed.
     pub(crate) fn remove_device(&mut self, name: &str) -> Vec<String> {
         let leaves = |device: &Device| device.name() == name || device.carrier() == Some(name);
         let (gone, kept): (Vec<_>, Vec<_>) = self.devices.drain(..).partition(leaves);
@@ -200,7 +201,7 @@ impl Layout {
     }
 }
 
-/// Fails for a temperature that no location can have, NaN included.
+/// Returns an error for a temperature outside the possible range, or NaN.
 pub(crate) fn check_temperature(location: &str, celsius: f64) -> Result<(), LayoutError> {
     if (CELSIUS_MIN..=CELSIUS_MAX).contains(&celsius) {
         return Ok(());

@@ -1,4 +1,4 @@
-//! What can be laid out, and how mistakes are answered.
+//! Layouts that are possible, and the answers to mistakes.
 
 use expect_test::{Expect, expect};
 

@@ -1,4 +1,4 @@
-//! What sensors measure is what is so, in this process and over the socket.
+//! Sensors measure the true values, in this process and over the socket.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use tokio::time::{Instant, timeout};
 use crate::fixture::story;
 use crate::{Building, BuildingHandle, Fault, Layout, Quantity, serve};
 
-/// An office with a sensor of each quantity, named after it, and a thermometer.
+/// Returns a building with a thermometer, and a sensor of each quantity that is named after its quantity.
 fn house() -> Building {
     let mut layout = Layout::new();
     layout.add_room("lab", 20.0).unwrap().add_room("den", 20.0).unwrap();
@@ -67,7 +67,7 @@ async fn a_sensor_measures_its_own_quantity_and_a_thermometer_the_humidity() {
     assert!(house.read_temperature("co2").await.is_err());
 }
 
-/// Waits for motion in the lab as `known` there, while `fate` takes its course.
+/// Waits until the motion in the lab is no longer 0, while `fate` runs; at most ten seconds.
 async fn awaited(
     house: &Building,
     handle: BuildingHandle,

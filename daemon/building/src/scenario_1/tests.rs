@@ -1,4 +1,4 @@
-//! Scenario 1 played in every seed, and every way to pretend that it was.
+//! Plays scenario 1 in every seed, and with every way to fake it.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use expect_test::{Expect, expect};
 use super::check_scenario_1;
 use crate::{Building, Device, Dies, Event, Fault, Layout, SeededScenario, Truth};
 
-/// A scenario as it was played: what the check is asked about.
+/// A scenario after it was played: the arguments of the check.
 struct Played {
     scenario: SeededScenario,
     truth: Truth,
@@ -22,8 +22,8 @@ impl Played {
     }
 }
 
-/// The agents, as simple as can be: every fixed sensor reads, the robot goes
-/// wherever there is none; and after the death, if they replan, there too.
+/// Plays the agents' part as simply as possible: every fixed sensor measures, and the robot goes to every
+/// room without a sensor; after the death also to the dead sensor's room, if `replans`.
 async fn play(seed: u64, replans: bool) -> Played {
     let scenario = Layout::seeded(seed);
     let building = Building::new(scenario.layout.clone(), 1.0).unwrap();
@@ -64,7 +64,7 @@ async fn measure_by_robot(building: &Building, room: &str) -> f64 {
     building.read_temperature(sensor).await.unwrap().celsius
 }
 
-/// Breadth first, from behind: each place remembers the next step to `to`.
+/// Searches from the destination backwards; `next` has the next step towards `to` for each place.
 fn route(layout: &Layout, from: &str, to: &str) -> Vec<String> {
     let mut next = BTreeMap::from([(to, to)]);
     let mut frontier = vec![to];
@@ -96,8 +96,8 @@ async fn holds_for_every_seed_when_somebody_replans_and_for_none_when_nobody_doe
     }
 }
 
-/// Plays the first seed with this kind of death, lets `tamper` change what
-/// happened or what was told, and compares what the check then finds.
+/// Plays the first seed with this kind of death, lets `tamper` change the log or what the user was told,
+/// and compares what the check then finds.
 async fn check(dies: Dies, tamper: impl FnOnce(&mut Played), expected: Expect) {
     let seed = (0..).find(|seed| Layout::seeded(*seed).dies == dies).unwrap();
     let mut played = play(seed, true).await;
@@ -107,7 +107,7 @@ async fn check(dies: Dies, tamper: impl FnOnce(&mut Played), expected: Expect) {
 
 fn forget(played: &mut Played, sort: impl Fn(&Event) -> bool) {
     played.truth.log.kept.retain(|occurrence| !sort(&occurrence.event));
-    // Only the events are missing, not the count of a log that overflowed.
+    // Only the events are missing; the log must not look as if it had dropped its oldest.
     played.truth.log.next_sequence = played.truth.log.kept.len() as u64;
 }
 
@@ -163,7 +163,7 @@ async fn claims_that_the_building_denies_are_found() {
     check(
         Dies::AfterReport,
         |played| {
-            // The answer of the dead sensor, repeated.
+            // The last answer of the dead sensor, repeated.
             played.told.insert("office2".to_owned(), 21.5);
             played.told.remove("office1");
             played.told.insert("attic".to_owned(), 3.0);

@@ -1,11 +1,11 @@
-//! Scenario 2 played as it should be in every seed, and every way to pretend that it was.
+//! Plays scenario 2 as it should be in every seed, and with every way to fake it.
 
 use std::collections::BTreeMap;
 
 use super::{Maintenance, ROBOTS};
 use crate::{Building, Device};
 
-/// What is left out, or done wrong.
+/// The part that is left out, or done wrong.
 #[derive(Clone, Copy, PartialEq)]
 enum Flaw {
     None,
@@ -35,7 +35,7 @@ impl Stage {
         }
     }
 
-    /// A robot drives to a room of any wing, by the corridors, and measures.
+    /// Drives a robot to a room of any wing, by the corridors, and measures there.
     async fn robot(&mut self, index: usize, room: &str) {
         let robot = ROBOTS[index];
         loop {
@@ -44,7 +44,7 @@ impl Stage {
                 break;
             }
             let layout = self.building.truth().layout().clone();
-            // In a star of two, the way leads over at most two corridors.
+            // With two corridors as hubs, the way leads through at most two of them.
             let next = layout.neighbors(&place).find(|next| *next == room);
             let near = |next: &&str| layout.neighbors(next).any(|further| further == room);
             let next = next.or_else(|| layout.neighbors(&place).find(near));

@@ -1,4 +1,4 @@
-//! What every seed promises, and that seeds differ.
+//! What holds for every seed, and how seeds differ.
 
 use std::collections::BTreeSet;
 
@@ -9,7 +9,7 @@ use crate::{Device, Layout, LocationKind};
 
 const SEEDS: u64 = 200;
 
-/// Everything that every seed promises.
+/// Checks everything that holds for every seed.
 #[track_caller]
 fn check(seed: u64) {
     let scenario = Layout::seeded(seed);
@@ -44,7 +44,7 @@ fn every_seed_is_a_building_in_which_the_scenario_can_hold() {
     }
 }
 
-/// Otherwise a hundred seeds would test less than they seem to.
+/// If seeds did not differ, a hundred seeds would test less than they seem to.
 #[test]
 fn seeds_differ_in_everything_that_they_draw() {
     let scenarios: Vec<_> = (1..SEEDS).map(Layout::seeded).collect();
@@ -77,7 +77,7 @@ fn seed_0_is_the_office_of_the_paper() {
     assert_eq!(devices, ["thermometer-office2", "thermometer-conf-room", "turtlebot-1", "ir-1"]);
 }
 
-/// A change here changes every building that somebody's seed stands for.
+/// If this test fails, the buildings of all existing seeds have changed.
 #[test]
 fn seed_1_stays_what_it_is() {
     expect![[r#"

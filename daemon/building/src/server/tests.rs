@@ -1,4 +1,4 @@
-//! Both ends of the socket together, and strangers at it.
+//! Client and server of the socket together, and unknown clients.
 
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ use crate::fixture::{office, story};
 use crate::wire::{IN_FLIGHT_MAX, LINE_MAX, Lines};
 use crate::{Building, BuildingHandle, DeviceError, Event, Fault, Layout, ServeError, Truth};
 
-/// Real time passes at a socket. Nothing here should come near this.
+/// Real time passes at a socket. No test should come near this limit.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 struct Served {
@@ -43,7 +43,7 @@ async fn serve_building(building: Building) -> Served {
     Served { building, server, folder }
 }
 
-/// Trips take thirteen seconds: long enough to be caught on the way.
+/// Trips take thirteen seconds: long enough to test what happens on the way.
 async fn served() -> Served {
     serve_building(office()).await
 }
@@ -159,7 +159,7 @@ async fn a_server_that_dies_fails_what_is_under_way_and_its_successor_is_found()
     assert_eq!(driver.place_of("turtlebot-1").await.unwrap(), "corridor");
 }
 
-/// Time is paused, so waiting for the silence to last costs nothing.
+/// Time is paused, so waiting for the silence limit costs nothing.
 #[tokio::test(start_paused = true)]
 async fn a_server_that_is_frozen_is_noticed() {
     let folder = tempfile::tempdir().unwrap();
@@ -170,7 +170,7 @@ async fn a_server_that_is_frozen_is_noticed() {
     assert!(matches!(reading, Err(DeviceError::Unreachable { .. })), "{reading:?}");
 }
 
-/// Writes lines as a stranger would, and reads what a stranger would read.
+/// Writes raw lines to the socket and returns the raw answers.
 async fn answers(served: &Served, lines: &[&[u8]]) -> Vec<String> {
     let (reader, mut writer) = UnixStream::connect(served.path()).await.unwrap().into_split();
     let mut reader = Lines::new(reader);

@@ -1,12 +1,12 @@
-//! What each component of Home Assistant's discovery is here: something that is measured or switched,
-//! or nothing, with the reason.
+//! Converts each component of Home Assistant's discovery into features that are measured or switched, or
+//! into a reason why it is not used.
 
 use serde_json::json;
 
 use super::config::Config;
 use crate::described::{Command, Feature, NOT_OF_THE_ROOM, Reading, Source, Telegram, Unused};
 
-/// Components of which nothing can be used, and why.
+/// Components of which nothing can be used, with the reasons.
 const UNUSED: &[(&str, &str)] = &[
     ("alarm_control_panel", "to arm and disarm an alarm is left to people"),
     ("button", "a press leaves no state that a goal could ask for"),
@@ -27,7 +27,8 @@ const UNUSED: &[(&str, &str)] = &[
     ("water_heater", "it measures its water, not the room"),
 ];
 
-/// What a template of a light may ask for, and is not given where a light is just switched.
+/// Variables that a template of a light may use, but that are undefined when the light is only switched on
+/// or off.
 const OF_LIGHTS: &[&str] = &[
     "blue",
     "brightness",
@@ -41,7 +42,7 @@ const OF_LIGHTS: &[&str] = &[
     "transition",
 ];
 
-/// Words of a feature's name that say that it is not about the room's air.
+/// Words in a feature's name which show that the feature is not about the air of the room.
 const NOT_THE_ROOM: &[&str] = &[
     "battery",
     "board",
@@ -75,7 +76,7 @@ const NOT_THE_ROOM: &[&str] = &[
     "wifi",
 ];
 
-/// What an entity is, or why it is nothing.
+/// Returns the features of an entity, or the reason why it has none.
 pub(crate) fn features(
     component: &str,
     config: &Config,
@@ -119,11 +120,12 @@ pub(crate) fn features(
     Ok(found)
 }
 
-/// Words of these that an identifier may have beside what it is about: it is of an ESP, or of a board.
+/// Words of [`NOT_THE_ROOM`] that do not count if they are in an identifier only: an identifier may contain
+/// the name of a board or a chip.
 const OF_IDENTIFIERS: &[&str] = &["board", "device", "esp", "esp32", "external", "internal"];
 
-/// How much a name, or an identifier where there is no name, says that it is about something else than
-/// the room's air.
+/// Returns the rank of a sensor by its name, or by its identifier if it has no name: the higher, the less
+/// likely it is about the air of the room.
 fn rank(label: &str, name: Option<&str>) -> u8 {
     let words = |text: &str| -> Vec<String> {
         let text = crate::naming::slug(text, " ");
@@ -174,7 +176,7 @@ fn binary_sensor(config: &Config, label: &str) -> Result<Feature, String> {
     })
 }
 
-/// What is measured in a unit, where nothing else says.
+/// Returns the device class of a unit, for a sensor that states no class.
 fn class_of_unit(unit: &str) -> Option<&'static str> {
     match unit {
         "°C" | "°F" => Some("temperature"),
@@ -183,7 +185,7 @@ fn class_of_unit(unit: &str) -> Option<&'static str> {
     }
 }
 
-/// What is switched by two payloads, and says how it is by the same or two others.
+/// Returns a feature that is switched by two payloads, and reports its state by the same or by two others.
 fn switched(
     class: &str,
     config: &Config,
@@ -194,7 +196,7 @@ fn switched(
 ) -> Result<Feature, String> {
     let [on, off] = payloads;
     for (payload, _) in payloads {
-        // So Home Assistant is told that there is no such command.
+        // A `null` payload tells Home Assistant that there is no such command.
         if config.0.get(payload).is_some_and(serde_json::Value::is_null) {
             return Err(format!("its `{payload}` is null: it takes no such command"));
         }
@@ -203,7 +205,7 @@ fn switched(
         on: config.telegram("command_topic", Some("command_template"), on)?,
         off: config.telegram("command_topic", Some("command_template"), off)?,
     };
-    // What it says is what it is told, unless it says otherwise.
+    // The device reports the payload that it was sent, unless the config states another text.
     let words = |state: (&str, &str), payload: (&str, &str)| match config.has(state.0) {
         true => config.words(state.0, state.1),
         false if state.1.is_empty() => config.words(payload.0, payload.1),
@@ -237,7 +239,7 @@ fn basic_light(config: &Config, label: &str) -> Result<Feature, String> {
     let none = ("", "");
     let mut light = switched("light", config, label, payloads, [none, none], source)?;
     if config.text("on_command_type") == Some("brightness") {
-        // It is switched on by how bright it is to be, and by nothing else.
+        // It is switched on by setting its brightness, and in no other way.
         let full = config.payload("brightness_scale", "255");
         let number: f64 = full
             .trim()
@@ -314,14 +316,14 @@ fn lock(config: &Config, label: &str) -> Result<Feature, String> {
     Ok(lock)
 }
 
-/// Whether a template uses a variable: it is wrong without it.
+/// Whether a template needs a variable: it is invalid without it, and valid with it.
 fn wants(template: &str, variable: &str) -> bool {
     use crate::template::Template;
     Template::new(template, &["value"]).is_err()
         && Template::new(template, &["value", variable]).is_ok()
 }
 
-/// What a heater or a humidifier measures of the room it is in.
+/// Returns the features for the values of the room that a heater or a humidifier measures.
 fn surroundings(config: &Config, label: &str, otherwise: &str) -> Result<Vec<Feature>, String> {
     let degrees = match config.text("temperature_unit") {
         Some("F") => "°F",
@@ -334,7 +336,7 @@ fn surroundings(config: &Config, label: &str, otherwise: &str) -> Result<Vec<Fea
     ] {
         if let Some(source) = config.source(topic, by, Reading::Whole)? {
             let (states, unit) = (vec![source], unit.to_owned());
-            // A sensor of its own in the same device knows it better.
+            // A separate sensor in the same device is more accurate.
             found.push(Feature { states, unit, rank: 1, ..Feature::named(class, label) });
         }
     }
@@ -352,7 +354,7 @@ fn on_off(component: &str, config: &Config, label: &str) -> Result<Feature, Stri
     let states = [("state_on", ""), ("state_off", "")];
     let mut siren = switched(component, config, label, payloads, states, source)?;
     let Some(command) = &mut siren.command else { return Ok(siren) };
-    // Without a template a siren is told in JSON.
+    // Without a template, a siren is commanded in JSON.
     if !config.has("command_template") {
         for telegram in [&mut command.on, &mut command.off] {
             telegram.text = json!({ "state": telegram.text }).to_string();

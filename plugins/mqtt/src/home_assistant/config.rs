@@ -1,4 +1,5 @@
-//! One text of discovery: short keys written out, `~` replaced, values as Home Assistant reads them.
+//! Reads one discovery message: expands short keys, replaces `~`, and interprets values as Home Assistant
+//! does.
 
 use std::collections::HashMap;
 use std::sync::OnceLock;
@@ -12,7 +13,7 @@ use crate::template::Template;
 /// Short forms of keys: those of an entity, then those of its device.
 const SHORT: &str = include_str!("../abbreviations.tsv");
 
-/// What components of one text share, where it stands beside them.
+/// Keys that apply to all components of one message if they stand beside the components.
 const SHARED: &[&str] = &[
     "availability",
     "availability_mode",
@@ -26,12 +27,12 @@ const SHARED: &[&str] = &[
     "~",
 ];
 
-/// What is said of one entity, with long keys.
+/// The config of one entity, with long keys.
 pub(crate) struct Config(pub(crate) Map<String, Value>);
 
 type Keys = HashMap<&'static str, &'static str>;
 
-/// The long forms: of an entity's keys, and of a device's.
+/// Returns the long forms of keys: those of an entity, and those of a device.
 fn long_forms() -> &'static (Keys, Keys) {
     static FORMS: OnceLock<(Keys, Keys)> = OnceLock::new();
     FORMS.get_or_init(|| {
@@ -52,7 +53,7 @@ impl Config {
     ///
     /// # Errors
     ///
-    /// If it is no JSON object.
+    /// Returns an error if it is not a JSON object.
     pub(crate) fn read(text: &str) -> Result<Config, String> {
         match serde_json::from_str(text) {
             Ok(Value::Object(map)) => Ok(Config::of(map)),
@@ -84,19 +85,20 @@ impl Config {
         Config(map)
     }
 
-    /// The components of a whole device in one text: each name with what it says and what all share.
+    /// Returns the components of a message that describes a whole device: the name of each, and its config
+    /// merged with the shared keys.
     pub(crate) fn components(&self) -> Vec<(String, Config)> {
         let Some(Value::Object(components)) = self.0.get("components") else { return Vec::new() };
         let shared = |key: &&str| Some(((*key).to_owned(), self.0.get(*key)?.clone()));
         let shared: Map<_, _> = SHARED.iter().filter_map(shared).collect();
         let of = |(name, component): (&String, &Value)| {
             let own = Config::of(component.as_object()?.clone()).0;
-            // One of which nothing but its platform is said is taken away.
+            // A component with nothing but its platform is to be removed.
             if own.keys().all(|key| key == "platform") && !own.is_empty() {
                 return None;
             }
             let mut all = shared.clone();
-            // What it says of its availability is all of it.
+            // A component with its own availability does not inherit the shared one.
             if own.keys().any(|key| matches!(key.as_str(), "availability" | "availability_topic")) {
                 all.retain(|key, _| !key.starts_with("availability"));
             }
@@ -106,7 +108,7 @@ impl Config {
         components.iter().filter_map(of).collect()
     }
 
-    /// Writes the base topic where `~` stands at the beginning or the end of a topic.
+    /// Replaces `~` at the beginning and the end of topics by the base topic.
     pub(crate) fn with_base(mut self) -> Config {
         let Some(base) = self.0.remove("~") else { return self };
         let Value::String(base) = base else { return self };
@@ -139,7 +141,7 @@ impl Config {
         self
     }
 
-    /// A text that is not empty.
+    /// Returns a text; `None` if it is missing or empty.
     pub(crate) fn text(&self, key: &str) -> Option<&str> {
         text(&self.0, key)
     }
@@ -170,7 +172,7 @@ impl Config {
         Duration::try_from_secs_f64(seconds).ok().filter(|duration| !duration.is_zero())
     }
 
-    /// A payload as it is sent: a JSON value that is no text as JSON writes it.
+    /// Returns a payload as it is sent. A JSON value that is not a string is sent as JSON.
     pub(crate) fn payload(&self, key: &str, otherwise: &str) -> String {
         match self.0.get(key) {
             Some(Value::String(text)) => text.clone(),
@@ -179,7 +181,7 @@ impl Config {
         }
     }
 
-    /// A payload as a template sees it, which is as Python writes it.
+    /// Returns a payload as a template sees it: booleans as Python prints them.
     pub(crate) fn payload_in_python(&self, key: &str, otherwise: &str) -> String {
         match self.0.get(key) {
             Some(Value::Bool(true)) => "True".to_owned(),
@@ -188,27 +190,28 @@ impl Config {
         }
     }
 
-    /// The words that are a payload, where it is heard: JSON's and Python's.
+    /// Returns the texts that count as a payload when they are received: as JSON and as Python print it.
     pub(crate) fn words(&self, key: &str, otherwise: &str) -> Vec<String> {
         let mut words = vec![self.payload(key, otherwise), self.payload_in_python(key, otherwise)];
         words.dedup();
         words
     }
 
-    /// A template.
+    /// Returns a template; `None` if the config has none under this key.
     ///
     /// # Errors
     ///
-    /// What is wrong with it.
+    /// Returns an error if the template is invalid.
     pub(crate) fn template(&self, key: &str) -> Result<Option<Template>, String> {
         template(&self.0, key, &["value", "value_json"])
     }
 
-    /// Where a value is said: under one key's topic, read by another's template.
+    /// Returns the source of a value: the topic under one key, read by the template under another. `None`
+    /// if the config has no such topic. Without a template, the value is read by `otherwise`.
     ///
     /// # Errors
     ///
-    /// What is wrong with the topic or the template.
+    /// Returns an error if the topic or the template is invalid.
     pub(crate) fn source(
         &self,
         topic: &str,
@@ -223,11 +226,11 @@ impl Config {
         Ok(Some(Source { topic: topic.to_owned(), reading }))
     }
 
-    /// What is sent: a payload, by a template if there is one.
+    /// Returns the message of a command: a payload, rendered by a template if there is one.
     ///
     /// # Errors
     ///
-    /// What is wrong with the topic or the template, or what it wants and cannot be given.
+    /// Returns an error if the topic is missing or invalid, or the template cannot be rendered.
     pub(crate) fn telegram(
         &self,
         topic: &str,
@@ -247,12 +250,13 @@ impl Config {
         Ok(Telegram::new(to, text))
     }
 
-    /// What a template for a command gives with these variables; it may ask for others, too, which
-    /// are not there.
+    /// Returns the output of a command's template with these variables. The template may also use the
+    /// variables `missing`, which are undefined.
     ///
     /// # Errors
     ///
-    /// What is wrong with it, or what it wants and cannot be given.
+    /// Returns an error if the template is missing or invalid, cannot be rendered, or renders to an empty
+    /// text.
     pub(crate) fn rendered(
         &self,
         key: &str,
@@ -268,11 +272,11 @@ impl Config {
         if text.is_empty() { Err(format!("its `{key}` gives no text")) } else { Ok(text) }
     }
 
-    /// Where it is said whether the entity is online.
+    /// Returns the topics that tell whether the entity is online.
     ///
     /// # Errors
     ///
-    /// What is wrong with a topic or a template.
+    /// Returns an error if a topic or a template is invalid.
     pub(crate) fn availability(&self) -> Result<Availability, String> {
         let map = &self.0;
         let mut voices = Vec::new();

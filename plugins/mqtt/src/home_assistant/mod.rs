@@ -1,10 +1,11 @@
-//! Home Assistant's MQTT discovery, by which ESPHome, OpenMQTTGateway and many others say what they are:
-//! `homeassistant/COMPONENT/[NODE/]OBJECT/config`, and whole devices in one text.
+//! Home Assistant's MQTT discovery, by which ESPHome, OpenMQTTGateway and many others describe themselves:
+//! `homeassistant/COMPONENT/[NODE/]OBJECT/config`, and whole devices in one message.
 //!
-//! - `config` reads one text, `component` says what an entity is here.
-//! - Each text is of one *entity*; entities of one device are put together here: those that share an
-//!   identifier or a connection. Any of them may name the device and its area.
-//! - A text that cannot be read leaves the entity as it was, and is told of.
+//! - `config` reads one message; `component` makes features of an entity.
+//! - A message usually describes one *entity*. Entities are grouped into devices here: those that share an
+//!   identifier or a connection belong to one device. Any of them may state the name of the device and its
+//!   area.
+//! - A message that cannot be read leaves its entities as they were; the problem is reported.
 
 mod component;
 mod config;
@@ -16,20 +17,20 @@ use serde_json::{Map, Value};
 use crate::described::{Described, Feature, Unused};
 use config::Config;
 
-/// Entities that are remembered.
+/// The most topics that are kept.
 const ENTITIES_MAX: usize = 1 << 16;
 
-/// What was said so far, by the topic under which it was said.
+/// The descriptions received so far, by topic.
 #[derive(Debug, Default)]
 pub(crate) struct Discovery {
     texts: BTreeMap<String, Text>,
 }
 
-/// What the last text under a topic says.
+/// The content of the last message under a topic.
 #[derive(Debug, Default)]
 struct Text {
     entities: Vec<Entity>,
-    /// Why the last text was not read; then the entities are those of the one before.
+    /// The reason why the last message could not be read; then the entities are those of an earlier one.
     problem: Option<String>,
 }
 
@@ -38,7 +39,7 @@ struct Entity {
     /// Identifiers and connections of its device: at least one.
     keys: Vec<String>,
     device_name: Option<String>,
-    /// What the entity itself is called.
+    /// The name of the entity itself.
     own_name: String,
     area: Option<String>,
     features: Vec<Feature>,
@@ -46,11 +47,11 @@ struct Entity {
 }
 
 impl Discovery {
-    /// Takes what was said under a topic; an empty text takes back what was said before.
+    /// Handles a discovery message; an empty text withdraws the one before.
     ///
     /// # Errors
     ///
-    /// What is wrong with it, for a person.
+    /// Returns the problem in words if the message cannot be read or too many topics are known.
     pub(crate) fn hear(&mut self, prefix: &str, topic: &str, text: &str) -> Result<(), String> {
         if text.trim().is_empty() {
             self.texts.remove(topic);
@@ -78,7 +79,7 @@ impl Discovery {
         Ok(())
     }
 
-    /// The devices of which something is known.
+    /// Returns all devices that were described.
     pub(crate) fn devices(&self) -> Vec<Described> {
         let mut groups = Groups::default();
         for (topic, text) in &self.texts {
@@ -90,7 +91,7 @@ impl Discovery {
             for (number, entity) in text.entities.iter().enumerate() {
                 groups.add(entity, trouble.clone().filter(|_| number == 0));
             }
-            // Of a device that was never understood, its topic is all that is known.
+            // If no message of a device could be read, its topic is all that is known.
             if let Some(trouble) = trouble.filter(|_| text.entities.is_empty()) {
                 let object = topic.trim_end_matches("/config");
                 let object = object.splitn(3, '/').last().unwrap_or(object);
@@ -101,7 +102,7 @@ impl Discovery {
     }
 }
 
-/// What a topic says of the entity: `NODE/OBJECT` or `OBJECT`.
+/// Returns the part of a topic that identifies the entity: `NODE/OBJECT` or `OBJECT`.
 fn object_of<'t>(topic: &'t str, prefix: &str, component: &str) -> &'t str {
     let rest = topic.strip_prefix(prefix).and_then(|rest| rest.strip_prefix('/'));
     let rest = rest.and_then(|rest| rest.strip_prefix(component)?.strip_prefix('/'));
@@ -119,11 +120,11 @@ fn unread(object: &str) -> Entity {
     }
 }
 
-/// Entities, put together to devices.
+/// Entities, grouped into devices.
 #[derive(Default)]
 struct Groups {
     devices: Vec<Option<Group>>,
-    /// Which device has an identifier.
+    /// The index of the device that has an identifier.
     by_key: HashMap<String, usize>,
 }
 
@@ -148,7 +149,7 @@ impl Groups {
                 .push(Some(Group { own_name: entity.own_name.clone(), ..Group::default() }));
             self.devices.len() - 1
         });
-        // One that shares identifiers with several makes them one.
+        // An entity that shares identifiers with several devices merges them into one.
         for other in known.into_iter().skip(1) {
             let Some(other) = self.devices[other].take() else { continue };
             if let Some(group) = &mut self.devices[at] {
@@ -191,7 +192,7 @@ impl Groups {
     }
 }
 
-/// A whole device in one text.
+/// Returns the entities of a message that describes a whole device.
 fn whole(config: &Config, object: &str) -> Vec<Entity> {
     let components = config.components();
     let is_said = config.0.get("components").and_then(Value::as_object);
@@ -223,10 +224,10 @@ fn entity(component: &str, config: Config, object: &str) -> Entity {
     Entity { features, unused, ..about(&config, object) }
 }
 
-/// What a text says of its device.
+/// Returns an entity with what the config states of its device; without features.
 fn about(config: &Config, object: &str) -> Entity {
     let device = config.0.get("device").and_then(Value::as_object);
-    // An `object_id` may be that of other nodes, too.
+    // An `object_id` is not unique: entities of other nodes may have the same.
     let own = config.text("unique_id").unwrap_or(object);
     let mut keys = device.map(identifiers).unwrap_or_default();
     if keys.is_empty() {
@@ -246,7 +247,7 @@ fn about(config: &Config, object: &str) -> Entity {
     }
 }
 
-/// The identifiers of a device, then its connections. Numbers are as good as texts.
+/// Returns the identifiers of a device, then its connections. Numbers count as texts.
 fn identifiers(device: &Map<String, Value>) -> Vec<String> {
     let plain = |value: &Value| match value {
         Value::String(text) => Some(text.trim().to_owned()).filter(|text| !text.is_empty()),
@@ -269,7 +270,7 @@ fn identifiers(device: &Map<String, Value>) -> Vec<String> {
     keys
 }
 
-/// An address of a network card, which is written in several ways.
+/// Returns the canonical spelling of a network card's address.
 fn mac(address: &str) -> String {
     let digits: String =
         address.chars().filter(char::is_ascii_hexdigit).collect::<String>().to_ascii_lowercase();

@@ -1,4 +1,4 @@
-//! Goes through a template, with Python's rules.
+//! Evaluates a template by Python's rules.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -15,10 +15,10 @@ use super::numbers::{
     self, Operator, TEXT_BYTES_MAX, WEIGHT_OF_STEP, calculated, missing, weight, wrong,
 };
 
-/// What one rendering may take.
+/// The most steps of one rendering, and the fuel that it gives to minijinja.
 pub(super) const STEPS_MAX: u64 = 50_000;
 
-/// Filters that go through the parts of what they are given.
+/// Filters that iterate over the parts of their value.
 const GO_THROUGH: &[&str] = &[
     "batch",
     "count",
@@ -41,16 +41,16 @@ const GO_THROUGH: &[&str] = &[
     "unique",
 ];
 
-/// Goes through one template once.
+/// One evaluation of a template.
 pub(super) struct Evaluation<'e> {
     state: State<'e, 'e>,
-    /// Variables, the innermost block last.
+    /// Variables by block, the innermost last.
     scopes: Vec<BTreeMap<String, Value>>,
     steps: u64,
     text: String,
 }
 
-/// What Jinja's `namespace` makes: its attributes can be set.
+/// The result of Jinja's `namespace`: its attributes can be set.
 #[derive(Debug, Default)]
 struct Namespace(Mutex<BTreeMap<String, Value>>);
 
@@ -70,7 +70,7 @@ impl<'e> Evaluation<'e> {
         Evaluation { state, scopes, steps: 0, text: String::new() }
     }
 
-    /// What a template prints.
+    /// Returns the output of a template.
     pub(super) fn text(mut self, tree: &Stmt<'_>) -> Result<String, Error> {
         self.does(tree)?;
         Ok(self.text)
@@ -147,7 +147,7 @@ impl<'e> Evaluation<'e> {
                 self.scopes.pop();
                 done
             }
-            // Refused by name before it comes to this.
+            // All other statements are refused by name when the template is read.
             _ => Err(wrong("it has a statement that is not known here")),
         }
     }
@@ -229,7 +229,8 @@ impl<'e> Evaluation<'e> {
         parts.iter().zip(values).try_for_each(|(part, value)| self.sets(part, value))
     }
 
-    /// What an expression is. What it makes is weighed, so that nothing nests or grows without end.
+    /// Returns the value of an expression. The size of a computed value is charged, so that nothing nests
+    /// or grows without end.
     fn value(&mut self, expression: &Expr<'_>) -> Result<Value, Error> {
         self.step()?;
         let value = self.made(expression)?;
@@ -242,7 +243,7 @@ impl<'e> Evaluation<'e> {
         Ok(value)
     }
 
-    /// Takes so much of what one rendering may take.
+    /// Charges `weight` to the budget of this rendering. Returns an error if the budget is exceeded.
     fn costs(&self, weight: usize) -> Result<(), Error> {
         let steps = u64::try_from(weight / WEIGHT_OF_STEP).unwrap_or(u64::MAX);
         self.state.consume_fuel(steps)
@@ -340,7 +341,7 @@ impl<'e> Evaluation<'e> {
                 let texts = [printed(&one), printed(&other)];
                 return numbers::joined(&[&texts[0], &texts[1]]).map(Value::from);
             }
-            // Python puts values into a text with it.
+            // In Python, `%` formats values into a text.
             BinOpKind::Rem if one.as_str().is_some() => {
                 let is_format = one.as_str().is_some_and(|text| text.contains('%'));
                 if !is_format && other.kind() != ValueKind::Map {
@@ -398,7 +399,7 @@ impl<'e> Evaluation<'e> {
         self.applied(filter.name, &arguments)
     }
 
-    /// One of Home Assistant's filters, or of Jinja's.
+    /// Applies one of Home Assistant's filters, or of Jinja's.
     fn applied(&mut self, name: &str, arguments: &[Value]) -> Result<Value, Error> {
         match filters::applied(&self.state, name, arguments) {
             Some(own) => own,
@@ -533,7 +534,7 @@ impl<'e> Evaluation<'e> {
     }
 }
 
-/// Python's `items[start:stop:step]`.
+/// Returns Python's `items[start:stop:step]`.
 fn taken(
     items: Vec<Value>,
     start: Option<i64>,
@@ -559,8 +560,8 @@ fn taken(
     Ok(taken)
 }
 
-/// Whether a value is a namespace or has one in it: it could be in itself then. What is in a variable
-/// was weighed, so that this ends.
+/// Whether a value is a namespace or contains one: such a value could contain itself. The size of every
+/// variable was checked, so this recursion ends.
 fn has_namespace(value: &Value) -> bool {
     if value.downcast_object_ref::<Namespace>().is_some() {
         return true;
@@ -585,7 +586,8 @@ fn letters(text: &Value) -> impl Iterator<Item = String> {
     letters.into_iter()
 }
 
-/// A part of a value, or nothing; of nothing there is no part.
+/// Returns a part of a value; undefined if there is no such part. Returns an error if the value itself is
+/// undefined.
 fn part(whole: &Value, key: &Value) -> Result<Value, Error> {
     match whole.kind() {
         ValueKind::Undefined => Err(missing()),

@@ -1,4 +1,4 @@
-//! Home Assistant's own filters and tests, and those of Jinja that it gives another meaning.
+//! Home Assistant's own filters and tests, and those of Jinja that it defines otherwise.
 
 use minijinja::value::{Kwargs, Rest, Tuple, ValueKind, from_args};
 use minijinja::{Environment, Error, State, Value};
@@ -7,10 +7,10 @@ use regex::{Regex, RegexBuilder};
 use super::numbers::{Number, TEXT_BYTES_MAX, WEIGHT_OF_STEP, missing, weight, wrong};
 use crate::naming::slug;
 
-/// How large a regular expression may become.
+/// The largest size of a compiled regular expression, in bytes.
 const PATTERN_BYTES_MAX: usize = 1 << 18;
 
-/// What a filter is given: its value first.
+/// The arguments of a filter: its value first.
 pub(super) struct Given<'g> {
     values: &'g [Value],
     named: Kwargs,
@@ -20,7 +20,7 @@ pub(super) type Filter = fn(&Given<'_>) -> Result<Value, Error>;
 
 pub(super) type Test = fn(&Given<'_>) -> Result<bool, Error>;
 
-/// Filters of this file; they can be called as functions, too.
+/// The filters of this file; they can be called as functions, too.
 pub(super) const FILTERS: &[(&str, Filter)] = &[
     ("float", float),
     ("int", int),
@@ -59,7 +59,7 @@ pub(super) const FILTERS: &[(&str, Filter)] = &[
     ("regex_findall_index", regex_findall_index),
 ];
 
-/// Tests of this file.
+/// The tests of this file.
 pub(super) const TESTS: &[(&str, Test)] = &[
     ("match", |given| matches_at(given, true)),
     ("search", |given| matches_at(given, false)),
@@ -80,7 +80,7 @@ pub(super) fn register(environment: &mut Environment<'_>) {
             filter(&Given::of(&values)?)
         });
     }
-    // Jinja's own, which does not look at how long its values are.
+    // Jinja's own `format`, which does not check the length of its result.
     let jinja = Value::from_function(minijinja::filters::format);
     environment.add_filter("format", move |state: &mut State<'_, '_>, values: Rest<Value>| {
         formattable(&values, '%')?;
@@ -94,8 +94,8 @@ pub(super) fn register(environment: &mut Environment<'_>) {
     }
 }
 
-/// Takes what a filter or a test costs: it goes through its texts, and a regular expression is made
-/// each time.
+/// Charges the cost of a filter or a test: for the length of its texts, and for compiling a regular
+/// expression, which is done each time.
 fn pay(state: &State<'_, '_>, name: &str, arguments: &[Value]) -> Result<(), Error> {
     const EXPRESSION: usize = 50;
     let bytes: usize = arguments.iter().filter_map(|one| one.as_str()).map(str::len).sum();
@@ -104,7 +104,7 @@ fn pay(state: &State<'_, '_>, name: &str, arguments: &[Value]) -> Result<(), Err
     state.consume_fuel(u64::try_from(steps).unwrap_or(u64::MAX))
 }
 
-/// What a filter of this file makes of its arguments; `None` if it is none of them.
+/// Applies a filter of this file; `None` if there is no such filter.
 pub(super) fn applied(
     state: &State<'_, '_>,
     name: &str,
@@ -117,7 +117,7 @@ pub(super) fn applied(
     Some(Given::of(arguments).and_then(|given| filter(&given)))
 }
 
-/// What a test of this file says; `None` if it is none of them.
+/// Applies a test of this file; `None` if there is no such test.
 pub(super) fn tested(
     state: &State<'_, '_>,
     name: &str,
@@ -130,7 +130,7 @@ pub(super) fn tested(
     Some(Given::of(arguments).and_then(|given| test(&given)))
 }
 
-/// What a value is as text, as Python writes it; what is not there has none.
+/// Returns a value as Python prints it; an undefined value gives an empty text.
 pub(super) fn printed(value: &Value) -> String {
     match Number::of(value) {
         _ if value.is_undefined() => String::new(),
@@ -156,14 +156,15 @@ impl<'g> Given<'g> {
         self.values.first().unwrap_or(&Value::UNDEFINED)
     }
 
-    /// An argument by its place (the value is at 0) or its name.
+    /// Returns an argument by its place (the value is at 0) or its name; `None` if it is missing.
     fn argument(&self, place: usize, name: &str) -> Option<Value> {
         let is_named = self.named.has(name);
         let named = || self.named.get::<Value>(name).ok().filter(|_| is_named);
         self.values.get(place).cloned().or_else(named).filter(|value| !value.is_undefined())
     }
 
-    /// A result, or what stands for it where there is none.
+    /// Returns the result, or the `default` argument if there is no result. Returns an error if there is
+    /// neither, or the value is undefined.
     fn or(&self, result: Option<Value>, place: usize, what: &str) -> Result<Value, Error> {
         if self.value().is_undefined() {
             return Err(missing());
@@ -176,7 +177,7 @@ impl<'g> Given<'g> {
     }
 }
 
-/// Python's `float(…)`.
+/// Converts as Python's `float(…)`.
 fn real(value: &Value) -> Option<f64> {
     if let Some(number) = Number::of(value) {
         return Some(number.real());
@@ -186,7 +187,7 @@ fn real(value: &Value) -> Option<f64> {
     text.parse().ok()
 }
 
-/// Python's `int(…)`, and Jinja's, which takes `21.7`, too.
+/// Converts as Python's `int(…)`, and as Jinja's, which accepts `21.7` too.
 fn whole(value: &Value, base: u32) -> Option<i128> {
     if let Some(text) = value.as_str() {
         let text = text.trim();
@@ -254,7 +255,7 @@ fn half_even(real: f64) -> f64 {
     to_places(real, 0)
 }
 
-/// Python's `round`: half to even, of what the number really is.
+/// Rounds as Python's `round`: half to even, by the exact value of the number.
 fn to_places(real: f64, places: i32) -> f64 {
     let Ok(digits) = usize::try_from(places) else {
         let scale = 10_f64.powi(-places);
@@ -298,7 +299,7 @@ fn iif(given: &Given<'_>) -> Result<Value, Error> {
     Ok(chosen.unwrap_or_else(|| Value::from(otherwise)))
 }
 
-/// What asks for what is not there says nothing.
+/// Returns an error for an undefined value, so that the template gives no value.
 fn is_defined(given: &Given<'_>) -> Result<Value, Error> {
     if given.value().is_undefined() { Err(missing()) } else { Ok(given.value().clone()) }
 }
@@ -318,11 +319,11 @@ fn abs(given: &Given<'_>) -> Result<Value, Error> {
     }
 }
 
-/// What is left of a number that is divided.
+/// Returns the remainder of a division; -1 for a number with a fraction.
 fn rest(given: &Given<'_>, by: i128) -> Result<i128, Error> {
     match Number::of(given.value()) {
         Some(Number::Whole(whole)) => Ok(whole.rem_euclid(by)),
-        // Neither odd nor even.
+        // A number with a fraction is neither odd nor even.
         Some(Number::Real(real)) if real.fract() != 0.0 => Ok(-1),
         Some(Number::Real(_)) => {
             Ok(whole(given.value(), 10).map_or(-1, |whole| whole.rem_euclid(by)))
@@ -373,7 +374,7 @@ fn log(given: &Given<'_>) -> Result<Value, Error> {
     given.or(result.map(Value::from), 2, "log")
 }
 
-/// The numbers in what is given: a list, or the arguments.
+/// Returns the numbers of a list or of the arguments.
 fn numbers(given: &Given<'_>) -> Result<Vec<f64>, Error> {
     let values: Vec<Value> = match given.value().kind() {
         ValueKind::Seq => given.value().try_iter()?.collect(),
@@ -448,7 +449,7 @@ fn is_in(given: &Given<'_>) -> Result<bool, Error> {
     }
 }
 
-/// A regular expression as Python writes it.
+/// Compiles a regular expression as Python writes it.
 pub(super) fn pattern(text: &str, ignores_case: bool) -> Result<Regex, Error> {
     let mut builder = RegexBuilder::new(text);
     builder.case_insensitive(ignores_case).size_limit(PATTERN_BYTES_MAX);
@@ -498,8 +499,8 @@ fn regex_replace(given: &Given<'_>) -> Result<Value, Error> {
     Ok(Value::from(made))
 }
 
-/// Says before values are put into a text whether that may become so long: each place for a value
-/// (after `%` or `{`) may take all of them, and be as wide as it says.
+/// Returns an error if a formatted text could become too long. The check runs before formatting: each place
+/// for a value (after `%` or `{`) may take all values, and be as wide as it states.
 pub(super) fn formattable(values: &[Value], place: char) -> Result<(), Error> {
     let Some((Some(text), rest)) = values.split_first().map(|(text, rest)| (text.as_str(), rest))
     else {
@@ -515,12 +516,12 @@ pub(super) fn formattable(values: &[Value], place: char) -> Result<(), Error> {
     within(widths.fold(text.len().saturating_add(filled), usize::saturating_add))
 }
 
-/// Says before a text is made whether it may be so long.
+/// Returns an error if a text of this length is too long. Called before the text is made.
 fn within(bytes: usize) -> Result<(), Error> {
     if bytes > TEXT_BYTES_MAX { Err(wrong("the text becomes too long")) } else { Ok(()) }
 }
 
-/// What Python writes `\1` and `\g<name>`, as the crate `regex` does.
+/// Converts Python's references `\1` and `\g<name>` to those of the crate `regex`.
 fn reference(text: &str) -> String {
     let mut made = String::new();
     let mut rest = text.chars().peekable();
@@ -551,7 +552,7 @@ fn reference(text: &str) -> String {
     made
 }
 
-/// All that fits: of one group the group, of several all of them.
+/// Returns all matches: with one group the group, with several a tuple of them.
 fn found(text: &str, expression: &Regex) -> Result<Vec<Value>, Error> {
     let (mut all, mut bytes) = (Vec::new(), 0_usize);
     for captures in expression.captures_iter(text) {

@@ -1,13 +1,13 @@
-//! Templates as Home Assistant has them: Jinja with its filters and tests, Python's methods, and
-//! Python's rules for what has no meaning.
+//! Renders templates as Home Assistant does: Jinja with Home Assistant's filters and tests, Python's
+//! methods, and Python's rules for errors.
 //!
-//! - `minijinja` parses a template and has Jinja's own filters; `eval` goes through it. It does what
-//!   Python does and `minijinja` does not: to compare a number with nothing is an error, not false.
-//! - `names` finds every filter, test, function and method in a template before anything is said, so
-//!   that one that is not known here is refused by its name when a device is discovered.
+//! - `minijinja` parses a template and has Jinja's own filters; `eval` evaluates it. It follows Python
+//!   where `minijinja` does not: comparing a number with an undefined value is an error, not false.
+//! - `names` finds every filter, test, function and method in a template before any message arrives, so
+//!   that an unknown one is refused by its name when a device is discovered.
 //! - `filters` are Home Assistant's own; `numbers` is Python's arithmetic.
 //!
-//! Held against Home Assistant 2024.3 (`plugins/mqtt/tests/templates.tsv` has what it answers).
+//! Compared with Home Assistant 2024.3; `plugins/mqtt/tests/templates.tsv` has its answers.
 
 mod eval;
 mod filters;
@@ -21,14 +21,14 @@ use minijinja::{Environment, Error, Value};
 
 use eval::Evaluation;
 
-/// The longest template that is read.
+/// The longest template, in bytes.
 const BYTES_MAX: usize = 1 << 13;
 
-/// A template that can be rendered, as far as can be said beforehand.
+/// A valid template: it parses, and all names in it are known. Rendering may still fail.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Template(String);
 
-/// Why a template gives nothing this time.
+/// The reason why a template gives no text this time.
 #[derive(Debug)]
 pub(crate) struct Unrendered(pub(crate) String);
 
@@ -37,7 +37,8 @@ impl Template {
     ///
     /// # Errors
     ///
-    /// What is wrong with it, by name: a mistake of syntax, or what is not known here.
+    /// Returns an error if the template is too long or nested too deeply, has a syntax error, or uses an
+    /// unknown name.
     pub(crate) fn new(text: &str, variables: &[&str]) -> Result<Template, String> {
         let said = |problem: String| format!("the template `{}`: {problem}", shortened(text));
         if text.len() > BYTES_MAX {
@@ -53,11 +54,12 @@ impl Template {
         }
     }
 
-    /// Its text for a device's word: `value`, and `value_json` where that is JSON.
+    /// Returns the output for a text of a device: the text is `value`, and `value_json` if it is JSON.
     ///
     /// # Errors
     ///
-    /// Why it has none: Home Assistant ignores such a word, and what was known stays.
+    /// Returns an error if the template cannot be rendered. Home Assistant ignores such a text, and the
+    /// earlier value stays.
     pub(crate) fn of_word(&self, word: &str) -> Result<String, Unrendered> {
         let mut variables = vec![("value", Value::from(word))];
         if let Ok(json) = serde_json::from_str::<serde_json::Value>(word) {
@@ -66,11 +68,11 @@ impl Template {
         self.render(&variables)
     }
 
-    /// Its text with these variables.
+    /// Returns the output with these variables.
     ///
     /// # Errors
     ///
-    /// Why it has none.
+    /// Returns an error if the template cannot be rendered.
     pub(crate) fn render(&self, variables: &[(&str, Value)]) -> Result<String, Unrendered> {
         let rendered = || -> Result<String, Error> {
             let environment = environment();
@@ -92,7 +94,7 @@ fn read(text: &str) -> Result<ast::Stmt<'_>, Error> {
     parse(text, "template", SyntaxConfig::default())
 }
 
-/// Whether a text would exhaust the parser, which goes down with each bracket and sign.
+/// Whether a text could exhaust the stack of the parser, which recurses at each bracket and sign.
 fn is_deep(text: &str) -> bool {
     const DEPTH_MAX: usize = 50;
     let mut depth = 0_usize;
@@ -117,7 +119,7 @@ fn environment() -> Environment<'static> {
     environment
 }
 
-/// A text as it is told to people.
+/// Shortens a text for a message to people.
 fn shortened(text: &str) -> String {
     const TOLD_CHARS: usize = 120;
     let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -131,7 +133,7 @@ fn shortened(text: &str) -> String {
 mod tests {
     use super::*;
 
-    /// Templates, words, and what Home Assistant makes of them; `!` where it ignores the word.
+    /// Templates, texts, and the outputs of Home Assistant; `!` if it ignores the text.
     const CASES: &str = include_str!("../../tests/templates.tsv");
 
     #[test]
@@ -264,7 +266,7 @@ mod tests {
             assert!(template.of_word("{}").is_err(), "{template:?}");
             assert!(began.elapsed().as_secs() < 60, "{template:?}");
         }
-        // What is as large as a word of a device may be is read.
+        // A value as large as a text of a device may be is accepted.
         let nest = format!("{}7{}", "[".repeat(120), "]".repeat(120));
         let template = Template::new("{{ [value_json] }}", &["value_json"]).expect("it is right");
         assert_eq!(template.of_word(&nest).expect("it is no nest"), format!("[{nest}]"));

@@ -1,10 +1,10 @@
-//! What a template uses, by name: what is not known here is found before anything is said.
+//! Finds the names that a template uses: an unknown one is found when the template is read.
 
 use minijinja::machinery::ast::{CallArg, Expr, Stmt};
 
 use super::filters::{FILTERS, TESTS, pattern};
 
-/// Jinja's filters that `minijinja` has, and that mean the same there.
+/// Jinja's filters that `minijinja` has with the same meaning.
 const JINJA_FILTERS: &[&str] = &[
     "abs",
     "batch",
@@ -77,7 +77,7 @@ const JINJA_TESTS: &[&str] = &[
     "upper",
 ];
 
-/// Functions that are no filters.
+/// Functions that are not filters.
 const FUNCTIONS: &[&str] = &["dict", "max", "min", "namespace", "range"];
 
 /// Python's methods of texts, lists and dictionaries.
@@ -113,12 +113,12 @@ const METHODS: &[&str] = &[
     "values",
 ];
 
-/// How deep a template may nest: it is gone through by recursion. A chain of operators is a nest.
+/// How deep a template may nest, because it is evaluated by recursion. A chain of operators nests too.
 const DEPTH_MAX: usize = 100;
 
 const CONSTANTS: &[&str] = &["e", "inf", "pi", "tau"];
 
-/// Says what in a template is not known here; nothing, if all is.
+/// Returns the problem of the first name that is not known here; `None` if all are known.
 pub(super) fn unknown(tree: &Stmt<'_>, variables: &[&str]) -> Option<String> {
     let variables = variables.iter().map(|name| (*name).to_owned()).collect();
     let mut search = Search { variables, depth: 0 };
@@ -126,12 +126,12 @@ pub(super) fn unknown(tree: &Stmt<'_>, variables: &[&str]) -> Option<String> {
 }
 
 struct Search {
-    /// What is defined so far, anywhere in the template.
+    /// The variables defined so far, anywhere in the template.
     variables: Vec<String>,
     depth: usize,
 }
 
-/// The first of what is found, one after the other.
+/// Evaluates expressions in order, and returns the first that is `Some`.
 macro_rules! first {
     ($first:expr $(, $next:expr)* $(,)?) => {
         $first$(.or_else(|| $next))*
@@ -143,7 +143,7 @@ impl Search {
         statements.iter().find_map(|statement| self.statement(statement))
     }
 
-    /// Goes one level down, if that is not too deep.
+    /// Goes one level down. Returns the problem if that is too deep.
     fn deeper(&mut self, look: impl FnOnce(&mut Search) -> Option<String>) -> Option<String> {
         if self.depth >= DEPTH_MAX {
             return Some("it is nested too deeply".to_owned());
@@ -204,7 +204,7 @@ impl Search {
             }
             Stmt::AutoEscape(_) => refused("autoescape"),
             Stmt::Do(_) => refused("do"),
-            // The parser knows more with other features than are asked for.
+            // With other Cargo features, the parser has more kinds of statements.
             #[allow(unreachable_patterns, reason = "not with these features")]
             _ => refused("a statement"),
         }
@@ -309,7 +309,7 @@ fn is_test(name: &str) -> bool {
     JINJA_TESTS.contains(&name) || TESTS.iter().any(|(known, _)| *known == name)
 }
 
-/// A text that stands in the template as it is.
+/// Returns an argument that is a literal text.
 fn text<'a>(arguments: &'a [CallArg<'_>], place: usize) -> Option<&'a str> {
     match arguments.get(place)? {
         CallArg::Pos(Expr::Const(constant)) => constant.value.as_str(),

@@ -1,27 +1,29 @@
-//! Python's arithmetic and comparisons, for what templates calculate with.
+//! Python's arithmetic and comparisons, for templates.
 
 use std::cmp::Ordering;
 
 use minijinja::value::ValueKind;
 use minijinja::{Error, ErrorKind, Value};
 
-/// The longest text that is made by repeating or joining.
+/// The longest text that repeating or joining may make, in bytes.
 pub(super) const TEXT_BYTES_MAX: usize = 1 << 20;
 
-/// How deep a value may nest: it is printed, compared and dropped by recursion. JSON nests 128 deep.
+/// How deep a value may nest, because it is printed, compared and dropped by recursion. JSON nests up to
+/// 128 deep.
 const DEPTH_MAX: usize = 200;
 
-/// What a part of a value weighs, beside its text.
+/// The weight of a part of a value, besides its text.
 const WEIGHT_OF_PART: usize = 8;
 
-/// So many bytes or parts cost as much as one step.
+/// The weight that costs as much as one step.
 pub(super) const WEIGHT_OF_STEP: usize = 64;
 
-/// How much a value weighs: its parts, and the bytes of its texts, each time that it has them.
+/// Returns the weight of a value: that of its parts, and the bytes of its texts. A part that occurs several
+/// times counts each time.
 ///
 /// # Errors
 ///
-/// If it nests too deeply or is too large. It is looked at no further then.
+/// Returns an error if the value nests too deeply or is too large. The check stops there.
 pub(super) fn weight(value: &Value) -> Result<usize, Error> {
     let mut left = TEXT_BYTES_MAX;
     weigh(value, 0, &mut left)?;
@@ -62,7 +64,7 @@ pub(super) fn missing() -> Error {
 }
 
 impl Number {
-    /// A value that Python calculates with as it is: a number, or a boolean.
+    /// Returns a value that Python calculates with as it is, a number or a boolean; `None` for any other.
     pub(super) fn of(value: &Value) -> Option<Number> {
         match value.kind() {
             ValueKind::Bool => Some(Number::Whole(i128::from(value.is_true()))),
@@ -94,7 +96,7 @@ impl Number {
     }
 }
 
-/// What a binary operator is for.
+/// An arithmetic operator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Operator {
     Add,
@@ -106,7 +108,7 @@ pub(super) enum Operator {
     Power,
 }
 
-/// Calculates.
+/// Applies an arithmetic operator. Returns an error if the values do not support it.
 pub(super) fn calculated(operator: Operator, one: &Value, other: &Value) -> Result<Value, Error> {
     if one.is_undefined() || other.is_undefined() {
         return Err(missing());
@@ -162,7 +164,7 @@ fn of_numbers(operator: Operator, one: Number, other: Number) -> Result<Number, 
             Operator::Add => one.checked_add(other),
             Operator::Subtract => one.checked_sub(other),
             Operator::Multiply => one.checked_mul(other),
-            // Python's go down, not towards zero.
+            // Python rounds down, not towards zero.
             Operator::DivideWhole => one
                 .checked_div_euclid(other)
                 .map(|quotient| quotient - i128::from(other < 0 && one.rem_euclid(other) != 0)),
@@ -200,7 +202,7 @@ fn of_reals(operator: Operator, one: f64, other: f64) -> Result<Number, Error> {
     Ok(Number::Real(real))
 }
 
-/// Whether two values are equal: nothing is equal to something else than nothing.
+/// Whether two values are equal. Undefined equals only undefined, and `None` only `None`.
 pub(super) fn is_equal(one: &Value, other: &Value) -> bool {
     if one.is_undefined() || other.is_undefined() {
         return one.is_undefined() && other.is_undefined();
@@ -217,11 +219,11 @@ pub(super) fn is_equal(one: &Value, other: &Value) -> bool {
     }
 }
 
-/// How two values stand to each other.
+/// Compares two values; `None` if they have no order, as NaN has none.
 ///
 /// # Errors
 ///
-/// If one is no number and the other is, or either is not there.
+/// Returns an error if only one is a number, if their types cannot be compared, or if one is undefined.
 pub(super) fn compared(one: &Value, other: &Value) -> Result<Option<Ordering>, Error> {
     if one.is_undefined() || other.is_undefined() {
         return Err(missing());
