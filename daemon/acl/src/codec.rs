@@ -1,4 +1,4 @@
-//! JSON in and out. A text that is no message still yields what is needed to answer it.
+//! Writes and reads messages as JSON. An unreadable text still yields the fields needed to answer it.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -11,68 +11,68 @@ use serde_json::Value;
 use crate::message::SCHEMA_VERSION;
 use crate::{AgentId, ConversationId, Message, MessageId, ReplyToken};
 
-/// The largest message that is read, in bytes: a model of a hundred actions is below 64 KiB, and
-/// a domain of a hundred agents below 1 MiB.
+/// Size of the largest message that is read, in bytes. A model of a hundred actions has less than 64
+/// KiB, and a domain of a hundred agents less than 1 MiB.
 pub const MESSAGE_BYTES_MAX: usize = 4 << 20;
 
-/// Why a text is no message.
+/// The reason why a text is not a message.
 #[derive(Debug, thiserror::Error)]
 #[error("read an ACL message: {problem}")]
 pub struct DecodeError {
-    /// What is wrong with it.
+    /// The mistake.
     pub problem: Problem,
-    /// What could be read all the same.
+    /// The fields that could be read nevertheless.
     pub sketch: Box<Sketch>,
 }
 
-/// What is wrong with a text that is no message.
+/// The mistake in a text that is not a message.
 #[derive(Debug, thiserror::Error)]
 pub enum Problem {
-    /// Too large to be looked at.
+    /// The text is too large to be parsed.
     #[error("{bytes} bytes are more than the {MESSAGE_BYTES_MAX} that are read")]
     TooLarge {
-        /// Its size.
+        /// Size of the text, in bytes.
         bytes: usize,
     },
-    /// Not JSON, a field missing, or a field of another shape.
+    /// The text is not JSON, or a field is missing or has another shape.
     #[error("{0}")]
     Shape(serde_json::Error),
-    /// A version this crate does not know.
+    /// The envelope has a version that this crate does not know.
     #[error("version {version} of the envelope is not known here, only {SCHEMA_VERSION}")]
     UnknownVersion {
-        /// The version it claims.
+        /// The version in the text.
         version: u64,
     },
 }
 
-/// What could be read of an unreadable message: enough to answer it with `not-understood`.
+/// Fields of an unreadable message: enough to answer it with `not-understood`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sketch {
-    /// Its id.
+    /// The id of the message.
     pub id: Option<MessageId>,
-    /// Its sender.
+    /// The sender of the message.
     pub sender: Option<AgentId>,
-    /// Its conversation.
+    /// The conversation of the message.
     pub conversation_id: Option<ConversationId>,
-    /// Its exchange.
+    /// The exchange of the message.
     pub exchange: Option<ReplyToken>,
-    /// Its performative, known or not.
+    /// The performative of the message, known or not.
     pub performative: Option<String>,
 }
 
-/// Writes a message.
+/// Converts a message to JSON.
 pub fn encode(message: &Message) -> Bytes {
     // A `Message` has string keys only and no failing `Serialize`, so JSON cannot fail; an empty
     // payload would be answered with `not-understood`, not believed.
     serde_json::to_vec(message).map(Bytes::from).unwrap_or_default()
 }
 
-/// Reads a message.
+/// Parses a message.
 ///
 /// # Errors
 ///
-/// If the bytes are too many, are not JSON of this shape, or claim an unknown version. The error
-/// carries what is needed to answer.
+/// Returns an error if there are too many bytes, if they are not JSON of this shape, or if the version
+/// is unknown. The error contains the fields needed to answer.
 pub fn decode(bytes: &[u8]) -> Result<Message, DecodeError> {
     if bytes.len() > MESSAGE_BYTES_MAX {
         let problem = Problem::TooLarge { bytes: bytes.len() };
@@ -91,11 +91,11 @@ pub fn decode(bytes: &[u8]) -> Result<Message, DecodeError> {
     }
 }
 
-/// Whose message a text says it is; nothing, if it does not say. Reads no further than that: whoever wants to know more has to read
-/// it anyway.
+/// Returns the sender of a message; `None` if the text has no valid sender. Parses the text only up to
+/// that field, because a caller that needs more parses the whole text anyway.
 pub fn sender_of(text: &[u8]) -> Option<AgentId> {
     let mut sender = None;
-    // What is left of the text is an error to whoever expects its end.
+    // The rest of the text is not parsed, which the parser reports as an error.
     let _ = serde_json::Deserializer::from_slice(text).deserialize_map(UpToSender(&mut sender));
     sender
 }
@@ -121,7 +121,7 @@ impl<'de> Visitor<'de> for UpToSender<'_> {
     }
 }
 
-/// A newer version may have another shape: then the version is the better explanation.
+/// Prefers an unknown version as the explanation: a newer version may have another shape.
 fn problem_of(bytes: &[u8], error: serde_json::Error) -> Problem {
     let version = serde_json::from_slice::<Value>(bytes)
         .ok()

@@ -1,7 +1,7 @@
-//! What the paper's roles put inside a message (Table 1; design, “Messages”).
+//! Contents of messages, as the paper's roles send them (Table 1; design, “Messages”).
 //!
-//! Facts, goals, models and plans travel as PDDL text inside these shapes. All of them tolerate
-//! fields they do not know; none is understood by the envelope.
+//! Facts, goals, models and plans are sent as PDDL text inside these types. All types ignore unknown
+//! fields. The envelope does not interpret contents.
 
 mod state;
 
@@ -30,115 +30,115 @@ pub enum Request {
     Plan(PlanRequest),
     /// To the Plan Executor: execute this plan.
     Execute(Box<Execute>),
-    /// To the Plan Executor: nobody needs this plan any more.
+    /// To the Plan Executor: cancel this plan, which is no longer needed.
     CallOff(CallOff),
     /// To an actuator: execute this action, translated into its method.
     Act(Box<Act>),
     /// To the Domain Maintainer: change the state.
     ChangeState(ChangeState),
-    /// To the Plan Requester: from now on one agent plans for all, or each for itself.
+    /// To the Plan Requester: change the flow, centralised or decentralised.
     SetMode(SetMode),
     /// To a Keyboard Agent: a person's answer to one of its open questions.
     AnswerQuestion(AnswerQuestion),
-    /// To the Domain Maintainer: change what plans are measured by.
+    /// To the Domain Maintainer: change the metric of plans.
     ChangeMetric(ChangeMetric),
-    /// To the Domain Maintainer: take actions off, or give them back.
+    /// To the Domain Maintainer: withhold actions, or give them back.
     ChangeActions(ChangeActions),
-    /// To the Domain Maintainer: believe what the asker has observed.
+    /// To the Domain Maintainer: believe facts observed by the sender.
     Observe(Observation),
-    /// To a Journal: keep these records; confirmed when they are on disk.
+    /// To a Journal: keep these records; confirmed as soon as they are on disk.
     Keep(Keeping),
 }
 
-/// Ask that one agent plans for all, or each for itself.
+/// Request to change the flow.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SetMode {
-    /// The flow from now on.
+    /// The new flow.
     pub mode: Mode,
 }
 
-/// Which flow an ecosystem uses (the paper, “Centralized Planning”, “Decentralized Planning”).
+/// The flow of planning in an ecosystem (the paper, “Centralized Planning”, “Decentralized Planning”).
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mode {
-    /// One Planning Agent plans for all.
+    /// The Planning Agent plans for all agents.
     Centralized,
     /// Each actuator plans for itself and bids.
     #[default]
     Decentralized,
 }
 
-/// Give a person's answer to a question that a keyboard keeps.
+/// Request that passes a person's answer to an open question to a Keyboard Agent.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AnswerQuestion {
-    /// Which of the keyboard's questions.
+    /// Number of the question at that agent.
     pub question: u64,
-    /// What the person says.
+    /// The person's answer.
     #[serde(flatten)]
     pub said: PersonsAnswer,
 }
 
-/// Ask for a goal.
+/// Request for a goal.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Achieve {
     /// A PDDL condition over the ecosystem's ontology.
     pub goal: String,
-    /// Reach it once, or keep it.
+    /// Whether the goal is to be reached once or kept.
     #[serde(default)]
     pub keep: Keep,
-    /// Greater goes first.
+    /// Priority: a goal with a greater one takes precedence.
     #[serde(default)]
     pub priority: i32,
-    /// What happens to it while the ecosystem is in pieces.
+    /// Whether the goal is pursued during a partition.
     #[serde(default)]
     pub partition: Partition,
 }
 
-/// What happens to a goal where not all daemons can be seen.
+/// Treatment of a goal during a partition.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Partition {
-    /// Every piece goes on with what it has.
+    /// Every partition pursues the goal with the agents it has.
     #[default]
     Pursue,
-    /// It is planned for only where most Journals can be seen, which is in one piece at most.
+    /// Only a partition with the quorum of Journals plans for the goal; there is one at most.
     Wait,
 }
 
-/// How long a goal lasts.
+/// Whether a goal ends when it is reached.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Keep {
-    /// It ends when it is reached.
+    /// The goal ends when it is reached.
     #[default]
     Achieve,
-    /// It stays, and is planned for again whenever the state stops satisfying it.
+    /// The goal is kept: it is planned for again whenever it does not hold.
     Maintain,
 }
 
-/// Ask for a plan.
+/// Request for a plan.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlanRequest {
-    /// PDDL domain.
+    /// The PDDL domain.
     pub domain: String,
-    /// PDDL problem.
+    /// The PDDL problem.
     pub problem: String,
-    /// The capability epoch both belong to.
+    /// The epoch that both belong to.
     pub epoch: u64,
-    /// What is left of the plan that was under way, one step per line, if it is to be gone on with
-    /// where that is possible.
+    /// Remaining steps of the interrupted plan, one per line, if that plan is to be continued where
+    /// possible.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rest: Option<String>,
 }
 
-/// Ask for the execution of a plan.
+/// Request to execute a plan.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Execute {
@@ -148,27 +148,27 @@ pub struct Execute {
     pub problem: String,
     /// The plan, one step per line.
     pub plan: String,
-    /// The capability epoch all three belong to.
+    /// The epoch that all three belong to.
     pub epoch: u64,
-    /// In whose term the plan was made: see [`ActionToken::epoch`].
+    /// Term of the Plan Requester that made the plan: see [`ActionToken::epoch`].
     #[serde(default)]
     pub term: u64,
-    /// Counts the plans of this conversation, from 1.
+    /// Number of the plan in its conversation, from 1.
     pub round: u32,
-    /// The steps that are known to be done, from 0: the plan was begun by another executor.
+    /// Numbers of the steps that are known to be done, from 0: another executor has begun the plan.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub done: Vec<u32>,
-    /// What the agents in the plan offer.
+    /// The actions that the agents in the plan offer.
     #[serde(default)]
     pub offers: Offers,
-    /// The words of the domain for what is unknown: see [`Snapshot::knowledge`].
+    /// The symbols of the domain that describe what is unknown: see [`Snapshot::knowledge`].
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub knowledge: BTreeMap<String, Auxiliary>,
 }
 
-/// Ask that a plan of the conversation's goal be given up. One that runs is taken back, another is not
-/// begun any more: it may have been asked for by a Plan Requester that acts no longer, and its request
-/// may come later than this.
+/// Request to cancel a plan for the conversation's goal. A running plan is stopped. A plan that is not
+/// known yet will not be started: a former leader may have requested it, and that request may arrive
+/// later than this one.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CallOff {
@@ -178,142 +178,144 @@ pub struct CallOff {
     pub round: u32,
 }
 
-/// What each agent offers: its actions, under the names it knows them by.
+/// The actions that each agent offers, under the agent's own names for them.
 pub type Offers = BTreeMap<AgentId, BTreeMap<String, Offer>>;
 
 /// One action of one agent.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Offer {
-    /// Its name in the composite domain; another than its agent's where two agents mean
-    /// different things by one name.
+    /// Name of the action in the composite domain. It differs from the agent's own name for it if two
+    /// agents use one name for different actions.
     pub inside: String,
-    /// The PDDL fact that lets this agent act by this schema; without it, it cannot.
+    /// The PDDL fact that allows this agent to use the action (the guard).
     pub guard: String,
-    /// What the actuator runs.
+    /// The method that the actuator runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub method: Option<Method>,
 }
 
-/// A goal, for those who ask what the ecosystem is about.
+/// The state of a goal, as shown to users.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GoalStatus {
-    /// Its conversation: what `cancel` and `watch` name it by.
+    /// Conversation of the goal, which identifies it in `cancel` and `watch`.
     pub conversation: ConversationId,
     /// The PDDL condition.
     pub goal: String,
-    /// Reach it once, or keep it.
+    /// Whether the goal is to be reached once or kept.
     pub keep: Keep,
-    /// Greater goes first.
+    /// Priority: a goal with a greater one takes precedence.
     pub priority: i32,
-    /// Where it stands, for a person.
+    /// The current phase, for a person.
     pub phase: String,
-    /// Plans made for it so far.
+    /// Number of plans made for it so far.
     pub rounds: u32,
-    /// What has happened, oldest first; bounded.
+    /// Past events, oldest first; their number is limited.
     pub history: Vec<HistoryEntry>,
 }
 
-/// Something that happened to a goal.
+/// An event in the history of a goal.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HistoryEntry {
-    /// When: milliseconds since 1970-01-01 UTC, by the clock of the machine that pursued the goal then.
+    /// Time in milliseconds since 1970-01-01 UTC, by the clock of the machine that pursued the goal
+    /// then.
     pub at_ms: u64,
-    /// The outcome that the asker was sent with this entry; `None` if it was not sent.
+    /// Outcome that was sent to the requester with this event; `None` if none was sent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub outcome: Option<Outcome>,
-    /// What, for a person.
+    /// Description of the event, for a person.
     pub text: String,
 }
 
 /// An agent's actions, each with the method that carries it out.
 pub type Methods = BTreeMap<String, Method>;
 
-/// What an actuator runs when an action is asked of it (design, “Action models”).
+/// The method that an actuator runs for an action (design, “Action models”).
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Method {
     /// The method's name.
     pub method: String,
-    /// Its arguments: a variable of the action (`?to`) or a literal.
+    /// Arguments by name; a value is a variable of the action (`?to`) or a literal.
     #[serde(default)]
     pub arguments: BTreeMap<String, String>,
-    /// The longest it may take.
+    /// Longest time that it may take.
     pub timeout: Deadline,
 }
 
-/// Ask an actuator to act.
+/// Request to an actuator to carry out an action.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Act {
-    /// The ground action under the name the actuator knows.
+    /// The ground action, under the actuator's own name for it.
     pub action: String,
     /// The method to run.
     pub method: String,
-    /// Its arguments, bound.
+    /// Arguments of the method by name, with values.
     pub arguments: BTreeMap<String, String>,
-    /// Executed at most once.
+    /// Identifier of the commitment; the action is executed at most once for each.
     pub token: ActionToken,
 }
 
-/// Names one commitment to act (design, “Execution”). The actuator executes it at most once: asked
-/// for it again, it answers what became of it. A token of an older plan for the same goal than the
-/// newest it has seen it refuses.
+/// Identifier of one commitment to act (design, “Execution”). The actuator executes it at most once; if
+/// it is requested again, the actuator answers with the result. The actuator refuses a token of a plan
+/// that is older than the newest one it has seen for the same goal.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ActionToken {
-    /// In whose term the plan was made: greater for every Plan Requester that takes a goal over.
+    /// Term of the Plan Requester that made the plan: each one that takes over a goal has a greater
+    /// term.
     pub epoch: u64,
     /// The goal's conversation.
     pub conversation: ConversationId,
-    /// Which plan of that term.
+    /// Number of the plan in that term.
     pub round: u32,
-    /// Which step of that plan, from 0.
+    /// Number of the step in that plan, from 0.
     pub step: u32,
 }
 
-/// Content of a `cancel`; where there is none, it is meant as it stands.
+/// Content of a `cancel` of an action. A `cancel` without content cancels unconditionally.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Cancelling {
-    /// Whoever cancels has stood down, and another may follow the same commitment: it is given up
-    /// only if nobody does.
+    /// Whether to cancel only if no other agent follows the same commitment: the sender is no longer
+    /// the leader, and the new leader may follow it.
     pub unless_followed: bool,
 }
 
-/// Ask for records to be kept.
+/// Request to keep records.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Keeping {
-    /// The records; of one key, the newest version counts.
+    /// The records; of those with the same key, the one with the greatest version counts.
     pub records: Vec<Record>,
 }
 
-/// Something that must outlive its agent: a goal, a plan under way, how they ended.
+/// A record that must outlive its agent: a goal, a plan under way, or how they ended.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    /// What it is about: `goal/CONVERSATION`, `plan/CONVERSATION`, `state/requested`.
+    /// Key of the record: `goal/CONVERSATION`, `plan/CONVERSATION` or `state/requested`.
     pub key: String,
-    /// Which version of it.
+    /// Version of the record.
     pub version: Version,
-    /// What it says; null where it is to be forgotten.
+    /// The data; null if the record is to be removed.
     #[serde(default, skip_serializing_if = "Value::is_null")]
     pub body: Value,
 }
 
-/// Orders what was written about one thing, whoever wrote it and whatever its clock says.
+/// Version of a record. It orders the versions of all writers, independently of their clocks.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize,
 )]
 pub struct Version {
-    /// The writer's term: greater than any it has read.
+    /// Term of the writer: greater than any that the writer has read.
     pub term: u64,
-    /// Counts the versions of that term.
+    /// Number of the version in that term.
     pub count: u64,
 }
 
@@ -321,34 +323,34 @@ pub struct Version {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CallForProposals {
-    /// Ground PDDL conditions.
+    /// The conjuncts: ground PDDL conditions.
     pub conjuncts: Vec<String>,
-    /// Whether one proposal for all conjuncts together is wanted and nothing else: the second
-    /// round, after an agent was cheapest for several conjuncts alone.
+    /// Whether only a proposal for all conjuncts together is wanted. This is so in the second round,
+    /// after one agent was cheapest for several single conjuncts.
     #[serde(default)]
     pub together: bool,
 }
 
-/// Content of an actuator's `agree` to a `cfp`. At most one of the proposals can be accepted.
+/// Content of an actuator's `agree` to a `cfp`. At most one of its proposals can be accepted.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bid {
-    /// The alternatives.
+    /// The alternative proposals.
     pub proposals: Vec<Proposal>,
-    /// Digest of the local domain and state the bidder planned in; ask it for `domain` to read
-    /// them.
+    /// Digest of the local domain and state in which the bidder planned. They can be queried from the
+    /// bidder as `domain`.
     pub domain_digest: String,
 }
 
-/// One alternative of a bid.
+/// One of the alternatives of a bid.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proposal {
-    /// The conjuncts it covers, as the call spelled them.
+    /// The conjuncts that it covers, spelled as in the call.
     pub covers: Vec<String>,
     /// The plan, one step per line.
     pub plan: String,
-    /// Its cost in the bidder's local domain.
+    /// Cost of the plan in the bidder's local domain.
     pub cost: f64,
 }
 
@@ -356,7 +358,7 @@ pub struct Proposal {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Agreement {
-    /// The commitment taken on.
+    /// The accepted commitment.
     pub token: ActionToken,
 }
 
@@ -366,33 +368,34 @@ pub struct Agreement {
 pub struct PlanProposal {
     /// How the search ended.
     pub status: PlanStatus,
-    /// The plan, one step per line, where one was found.
+    /// The plan, one step per line, if one was found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plan: Option<String>,
-    /// Its cost, recomputed by the validator.
+    /// Cost of the plan, recomputed by the validator.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cost: Option<f64>,
-    /// Why there is none.
+    /// The reason why there is no plan.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub detail: Option<String>,
 }
 
-/// How a search ended; proof and resignation are never confused.
+/// How a search ended. "Unsolvable" (proved) and "gave up" (exhausted or limit reached) are different
+/// variants.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PlanStatus {
-    /// There is a plan.
+    /// A plan was found.
     Solved,
-    /// It is proven that there is none.
+    /// There is no plan, which is proved.
     Unsolvable,
     /// The search ended without a plan and without a proof.
     Exhausted,
-    /// A limit on work, memory or time ended it.
+    /// A limit on work, memory or time was reached.
     Limit,
     /// The request was cancelled.
     Cancelled,
-    /// The problem uses what the planner does not support.
+    /// The problem uses a feature that the planner does not support.
     Unsupported,
 }
 
@@ -400,10 +403,10 @@ pub enum PlanStatus {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Choice {
-    /// What was chosen of the receiver's proposals; empty in a rejection.
+    /// The conjuncts of the receiver's accepted proposal; empty in a rejection.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub covers: Vec<String>,
-    /// Why.
+    /// The reason.
     pub detail: String,
 }
 
@@ -411,16 +414,16 @@ pub struct Choice {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Refusal {
-    /// Why, for a program.
+    /// The reason, for a program.
     pub reason: Reason,
-    /// Why, for a person.
+    /// The reason, for a person.
     pub detail: String,
-    /// The plan for the same goal that is under way instead, where another Plan Requester made it.
+    /// The plan for the same goal that runs instead, if another Plan Requester made it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub under_way: Option<Box<Execute>>,
 }
 
-/// Why something was declined.
+/// Why a message was declined.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -428,41 +431,41 @@ pub struct Refusal {
 pub enum Reason {
     /// The text could not be read as a message of this version.
     Unreadable,
-    /// The content could not be read, or names things that do not exist.
+    /// The content could not be read, or contains names that do not exist.
     BadContent,
-    /// Nothing this agent's callbacks know how to take.
+    /// The agent does not handle this performative or request.
     UnexpectedPerformative,
-    /// The protocol does not allow this turn here.
+    /// The protocol does not allow this message at this point.
     OutOfTurn,
-    /// Outside what this agent's action model offers now.
+    /// The agent's action model does not offer this now.
     Incapable,
     /// No plan reaches the goal.
     Unreachable,
     /// The mailbox is full.
     MailboxFull,
-    /// Something else has to finish first, or the bound on work in progress is reached.
+    /// Other work has to finish first, or the limit on work in progress is reached.
     Busy,
-    /// A newer plan for the same goal was seen.
+    /// A newer plan for the same goal has been received.
     StaleToken,
-    /// There is nothing under this name.
+    /// There is no object of this name.
     Unknown,
-    /// Part of the design, not built yet.
+    /// The feature is part of the design, but not implemented yet.
     NotBuilt,
-    /// It contradicts what another agent, or the ontology, says.
+    /// The content contradicts another agent or the ontology.
     Conflict,
     /// The daemon is draining.
     Stopping,
-    /// Another agent of this name acts.
+    /// This replica is a standby; another replica with the same name is the leader.
     StandingBy,
-    /// Whether it was done cannot be known: the agent was restarted while it acted.
+    /// Whether the action was done is unknown: the agent was restarted during it.
     Uncertain,
-    /// Whether it was done cannot be known: it took longer than it may, and was ended.
+    /// Whether the action was done is unknown: it exceeded its time limit and was ended.
     TimedOut,
-    /// Nobody answered a question to a person in time.
+    /// No person answered the question in time.
     Unanswered,
-    /// The ecosystem's file does not let the sender say this.
+    /// The rights in the ecosystem file do not allow the sender to send this.
     Forbidden,
-    /// A reason of a newer version.
+    /// A reason that a newer version defines.
     #[serde(other)]
     Other,
 }
@@ -471,47 +474,48 @@ pub enum Reason {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
-    /// How it stands.
+    /// Outcome so far.
     pub outcome: Outcome,
-    /// For a person: one line.
+    /// Description, one line for a person.
     pub detail: String,
-    /// The ground action it is about, under its agent's name for it.
+    /// The ground action that the report is about, under its agent's name for it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub action: Option<String>,
-    /// Which step of the plan that was, from 0, where it is done.
+    /// Number of the step in the plan, from 0, if a step is done.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step: Option<u32>,
-    /// The plan that was chosen, where this is the news.
+    /// The chosen plan, if the report announces one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plan: Option<String>,
-    /// The cost of that plan.
+    /// Cost of that plan.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cost: Option<f64>,
-    /// PDDL facts observed.
+    /// Observed PDDL facts.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub observations: String,
-    /// Why the agent of that action declined it, where it did.
+    /// Why the agent of that action refused it, if it did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub declined: Option<Reason>,
-    /// The earlier reports of a goal, sent with an end that is repeated to an asker that was disconnected.
+    /// Earlier reports of a goal. Sent with a final report that is repeated to a requester that had
+    /// been disconnected.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub history: Vec<HistoryEntry>,
 }
 
-/// How an action, a plan or a goal stands.
+/// Outcome so far of an action, a plan or a goal.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {
-    /// On its way.
+    /// Under way.
     Progress,
-    /// A maintained goal holds now; it goes on being watched.
+    /// A kept goal holds now; it continues to be watched.
     Holds,
-    /// Done: the last word.
+    /// Done (final).
     Done,
-    /// Failed: the last word.
+    /// Failed (final).
     Failed,
-    /// Given up as asked: the last word.
+    /// Cancelled as requested (final).
     Cancelled,
 }
 
@@ -520,13 +524,13 @@ pub enum Outcome {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "of", rename_all = "kebab-case")]
 pub enum Inform {
-    /// An actuator: my whole action model; on activation, on change, and when asked for.
+    /// From an actuator: its whole action model. Sent on activation, on each change, and on request.
     Model(Box<ModelAnnouncement>),
-    /// An actuator: I work, my model is still the one of this digest, and this is my state.
+    /// From an actuator: its heartbeat, with the digest of its model and its state.
     Heartbeat(Heartbeat),
-    /// The Domain Maintainer: a new capability epoch or a changed state, and what changed.
+    /// From the Domain Maintainer: a new epoch or a changed state, and the changes.
     Epoch(EpochChange),
-    /// A Keyboard Agent: what a person answered to a `query-ref`.
+    /// From a Keyboard Agent: a person's answer to a `query-ref`.
     Answer(PersonsAnswer),
 }
 
@@ -536,14 +540,14 @@ pub enum Inform {
 pub struct Question {
     /// The question.
     pub text: String,
-    /// The key that the answer is to be sealed to, which may be a secret: an X25519 public key of the
-    /// asker's, made for this question alone, as 64 hexadecimal digits.
+    /// The key that the answer must be sealed to, if the answer may be a secret: an X25519 public key
+    /// that the sender made for this question only, as 64 hexadecimal digits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seal_to: Option<String>,
 }
 
 impl Question {
-    /// A question whose answer is no secret.
+    /// Creates a question with an answer that is not secret.
     pub fn new(text: impl Into<String>) -> Question {
         Question { text: text.into(), seal_to: None }
     }
@@ -553,15 +557,15 @@ impl Question {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Withdrawal {
-    /// Why nobody need answer any more, for a person.
+    /// Why no answer is needed any more, for a person.
     pub detail: String,
 }
 
-/// What a person answered.
+/// The answer of a person to a question.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PersonsAnswer {
-    /// The answer, as it was typed; empty where it is sealed.
+    /// The answer as it was typed; empty if it is sealed.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub text: String,
     /// The answer, sealed to the key of the question: a sealed box (libsodium's `crypto_box_seal`) of
@@ -571,93 +575,94 @@ pub struct PersonsAnswer {
 }
 
 impl PersonsAnswer {
-    /// An answer that anybody may read.
+    /// Creates an answer that is not sealed.
     pub fn plain(text: impl Into<String>) -> PersonsAnswer {
         PersonsAnswer { text: text.into(), sealed: None }
     }
 }
 
-/// A question to a person that nobody has answered, for those who ask what is open.
+/// A question to a person that has not been answered yet, for agents that query the open questions.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OpenQuestion {
-    /// The keyboard that keeps it.
+    /// The Keyboard Agent that keeps it.
     pub keyboard: AgentId,
-    /// Its number at that keyboard.
+    /// Number of the question at that agent.
     pub question: u64,
-    /// Who asks.
+    /// The agent that asks.
     pub from: AgentId,
     /// The question.
     pub text: String,
-    /// How long an answer is still waited for.
+    /// Time for which an answer is still awaited.
     pub left: Deadline,
-    /// The key that the answer is to be sealed to.
+    /// The key that the answer must be sealed to.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seal_to: Option<String>,
 }
 
-/// How full the mailboxes of one daemon's agents are, for those who look after it.
+/// State of the mailboxes of one daemon's agents, for operators.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Mailboxes {
     /// The daemon.
     pub daemon: DaemonId,
-    /// Its agents' mailboxes, in the order of their names.
+    /// The mailboxes of its agents, sorted by name.
     pub mailboxes: Vec<MailboxStatus>,
-    /// Messages that came for agents it does not host.
+    /// Number of messages that arrived for agents that the daemon does not host.
     pub unknown_receiver: u64,
-    /// Messages to all that it could not read.
+    /// Number of messages to all agents that could not be parsed.
     pub unreadable: u64,
-    /// Messages that its substrate did not take.
+    /// Number of messages that the substrate did not accept for sending.
     pub unsent: u64,
-    /// What its disk did not keep: it is full, or what is on it cannot be read.
+    /// Number of records that could not be stored: the disk is full, or its data cannot be read.
     #[serde(default)]
     pub unkept: u64,
-    /// What came and was not believed, or was not to be said: by what was wrong with it.
+    /// Number of messages that were rejected, by kind of breach.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub rejected: BTreeMap<String, u64>,
 }
 
-/// How full one mailbox is. Counts begin with the agent's life.
+/// State of one mailbox. Counts begin with the agent's incarnation.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MailboxStatus {
-    /// Whose it is.
+    /// The agent.
     pub agent: AgentId,
-    /// Letters that lie in it now.
+    /// Number of messages in it now.
     pub waiting: u64,
-    /// Letters it holds at most.
+    /// Largest number of messages in it.
     pub waiting_max: u64,
-    /// Letters that were put in.
+    /// Number of messages that were put in.
     pub received: u64,
-    /// Letters that found no room: requests were refused, the rest is repeated by its sender.
+    /// Number of messages for which there was no room: requests were refused, others are retried by
+    /// their sender.
     pub overflowed: u64,
 }
 
-/// Turns a content into what an envelope carries.
+/// Converts a content to the JSON of an envelope.
 ///
-/// Contents are plain data, so this cannot fail; were it to, the receiver answers
-/// `not-understood` to a null content.
+/// Contents are plain data, so that this cannot fail. If it did, the content would be null, and the
+/// receiver would answer `not-understood`.
 pub fn value(content: &impl Serialize) -> Value {
     serde_json::to_value(content).unwrap_or(Value::Null)
 }
 
 impl Achieve {
-    /// A goal that every piece of the ecosystem pursues.
+    /// Creates a goal that every partition pursues.
     pub fn new(goal: impl Into<String>, keep: Keep, priority: i32) -> Achieve {
         Achieve { goal: goal.into(), keep, priority, partition: Partition::Pursue }
     }
 }
 
 impl Outcome {
-    /// Whether nothing more follows.
+    /// Whether no further report follows.
     pub fn is_final(self) -> bool {
         matches!(self, Outcome::Done | Outcome::Failed | Outcome::Cancelled)
     }
 }
 
 impl Report {
-    /// A report of `outcome` with one line for a person.
+    /// Creates a report of `outcome` with one line for a person.
     pub fn new(outcome: Outcome, detail: impl Into<String>) -> Report {
         Report {
             outcome,
@@ -674,7 +679,7 @@ impl Report {
 }
 
 impl Refusal {
-    /// A refusal for a program and a person.
+    /// Creates a refusal, with its reason for programs and for persons.
     pub fn new(reason: Reason, detail: impl Into<String>) -> Refusal {
         Refusal { reason, detail: detail.into(), under_way: None }
     }
@@ -721,27 +726,27 @@ impl fmt::Display for PlanStatus {
     }
 }
 
-/// What a daemon answers when it is asked what has appeared: agents that no file names.
+/// Answer of a daemon to a query for discovered agents.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Appeared {
     /// The daemon.
     pub daemon: DaemonId,
-    /// Each, by what has found it and by name.
+    /// The discovered agents, sorted by discoverer and by name.
     pub discovered: Vec<Discovered>,
 }
 
-/// An agent that has appeared and that no file names.
+/// An agent that was discovered, and that no file names.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Discovered {
-    /// Its name.
+    /// Name of the agent.
     pub agent: AgentId,
-    /// What has found it, for a person: `plugin thermometer`, `zigbee`.
+    /// The discoverer, for a person: `plugin thermometer`, `zigbee`.
     pub by: String,
-    /// Whether it takes part.
+    /// Whether it takes part in the ecosystem.
     pub joined: bool,
-    /// Why not, or what of it cannot be used.
+    /// Why it does not, or which part of it cannot be used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub problem: Option<String>,
-    /// The lines that would configure it.
+    /// The lines of an ecosystem file that would configure it.
     pub toml: String,
 }

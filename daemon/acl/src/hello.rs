@@ -1,4 +1,4 @@
-//! What a daemon tells a plugin in a process of its own, as the first line of its standard input.
+//! The first line of standard input of a plugin that is a process of its own.
 
 use std::collections::BTreeMap;
 
@@ -9,64 +9,64 @@ use crate::content::{Methods, Mode};
 use crate::message::Deadline;
 use crate::name::{AgentId, DaemonId, EcosystemId};
 
-/// All that a plugin needs to join: one line of JSON. The end of its standard input, which stays open
-/// while the daemon wants it, is its daemon's last word.
+/// Everything that a plugin needs to join, as one line of JSON. The daemon keeps the plugin's standard
+/// input open while the plugin is to run; when it is closed, the plugin must exit.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Hello {
-    /// Of the protocol; [`crate::SCHEMA_VERSION`].
+    /// Version of the protocol; [`crate::SCHEMA_VERSION`].
     pub protocol: u32,
     /// The ecosystem: root of all keys.
     pub ecosystem: EcosystemId,
-    /// What the plugin is called as a host of agents.
+    /// Name of the plugin as a host of agents.
     pub daemon: DaemonId,
-    /// Where it joins, as a Zenoh client.
+    /// Endpoint to which the plugin connects, as a Zenoh client.
     pub endpoint: String,
-    /// Who speaks to it there, and hears its answers.
+    /// The agent of the daemon that the plugin communicates with at that endpoint.
     pub host: HostName,
-    /// The agents that it is asked to bring.
+    /// The agents that the plugin must start.
     pub agents: Vec<HelloAgent>,
     /// The shared ontology, in PDDL.
     pub domain: String,
-    /// What is on the map, in PDDL.
+    /// The map, in PDDL.
     pub map: String,
-    /// Which flow the ecosystem uses.
+    /// The flow that the ecosystem uses.
     pub mode: Mode,
-    /// How often an agent says that it works.
+    /// Period in which each agent sends a heartbeat.
     pub heartbeat_period: Deadline,
-    /// The simulated building's socket, for simulated drivers.
+    /// Socket of the simulated building, for simulated drivers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub building: Option<String>,
 }
 
-/// The one agent that a plugin hears from.
+/// The agent that a plugin receives messages from. There is only one.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HostName {
-    /// Its daemon.
+    /// Daemon of the agent.
     pub daemon: DaemonId,
-    /// Its name.
+    /// Name of the agent.
     pub agent: AgentId,
 }
 
-/// An agent to bring.
+/// An agent that the plugin must start.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HelloAgent {
-    /// Its name.
+    /// Name of the agent.
     pub name: AgentId,
-    /// Which of the plugins of its package it is.
+    /// Name of the plugin within its package.
     pub plugin: String,
-    /// Through what it acts, where the file says.
+    /// Driver of the agent, if the ecosystem file names one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub driver: Option<String>,
-    /// What the file says of it.
+    /// The agent's configuration in the ecosystem file.
     #[serde(default)]
     pub config: Value,
-    /// The action model that its package has for it, in PDDL; one that says its own may leave it.
+    /// Action model from the package, in PDDL; empty if the agent defines its own.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub model: String,
-    /// The methods that its package has for its actions.
+    /// Methods from the package for the agent's actions.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub methods: Methods,
 }

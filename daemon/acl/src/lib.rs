@@ -1,12 +1,12 @@
-//! FIPA ACL, the language agents converse in: the envelope, its performatives and its contents.
+//! FIPA ACL, the language of agents: the envelope, its performatives and its contents.
 //!
 //! - [`Message`] is the envelope (FIPA SC00061; design, “Messages”).
-//! - [`content`] is what the paper's roles put inside it; PDDL travels there as text.
-//! - [`Hello`] is what a daemon tells a plugin in a process of its own.
-//! - [`codec`] is JSON in and out, and what can still be answered when a text cannot be read.
+//! - [`content`] has the contents that the paper's roles send; PDDL is sent as text.
+//! - [`Hello`] is the first input of a plugin that is a process of its own.
+//! - [`codec`] writes and reads JSON. It extracts enough from an unreadable text to answer it.
 //!
-//! Which message may follow which is decided in `conversation`; what a message means, by the
-//! agent that processes it (the paper, “Communication Protocols”).
+//! Leaves to others: which message may follow which (`conversation`), and the meaning of a message,
+//! which the agent that processes it decides (the paper, “Communication Protocols”).
 
 pub mod codec;
 pub mod content;

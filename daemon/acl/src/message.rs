@@ -1,4 +1,4 @@
-//! The envelope (FIPA SC00061), with a message id, the sender's incarnation and a version.
+//! The envelope (FIPA SC00061), extended by a message id, the sender's incarnation and a version.
 
 use std::fmt;
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use serde_json::{Map, Value};
 
 use crate::{AgentId, EcosystemId, Performative};
 
-/// The version of the envelope this crate writes and reads.
+/// Version of the envelope that this crate writes and reads.
 pub const SCHEMA_VERSION: u32 = 1;
 
 /// One ACL message.
@@ -19,18 +19,18 @@ pub const SCHEMA_VERSION: u32 = 1;
 pub struct Message {
     /// Version of the envelope; [`SCHEMA_VERSION`].
     pub version: u32,
-    /// Unique among all messages of all agents; retries keep it.
+    /// Identifier, unique among all messages of all agents; retries keep it.
     pub id: MessageId,
     /// Type of the communicative act.
     pub performative: Performative,
-    /// Who speaks.
+    /// The agent that sends the message.
     pub sender: AgentId,
-    /// Which life of the sender speaks.
+    /// Incarnation of the sender.
     pub incarnation: Incarnation,
-    /// Who is spoken to; empty means all.
+    /// The agents that the message is for; empty means all agents.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub receiver: Vec<AgentId>,
-    /// What is said: see [`crate::content`].
+    /// The content; see [`crate::content`].
     #[serde(default, skip_serializing_if = "Value::is_null")]
     pub content: Value,
     /// Language of the content: `pddl` where it holds PDDL text.
@@ -39,48 +39,50 @@ pub struct Message {
     /// Ontology of the content: the name of the shared PDDL domain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ontology: Option<String>,
-    /// The interaction protocol this message is a turn of.
+    /// The interaction protocol that the message belongs to.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub protocol: Option<Protocol>,
-    /// All messages about one goal share it.
+    /// The conversation, which all messages about one goal share.
     pub conversation_id: ConversationId,
-    /// Names the exchange this message opens.
+    /// Token of the exchange that this message opens.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reply_with: Option<ReplyToken>,
-    /// Names the exchange this message continues, in either direction.
+    /// Token of the exchange that this message continues, in either direction. Unlike in FIPA, both
+    /// sides use the same token in all messages after the first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub in_reply_to: Option<ReplyToken>,
-    /// How long an answer is waited for.
+    /// Time for which the sender waits for an answer. Unlike in FIPA, this is a duration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reply_by: Option<Deadline>,
-    /// The ecosystems its sender comes from, the farthest first: empty for an agent of this one.
-    /// What would come back to an ecosystem that stands here is not passed on.
+    /// Ecosystems that the sender comes through, the farthest first; empty for an agent of this
+    /// ecosystem. Nothing of such an agent is passed on to an ecosystem listed here, so that it cannot
+    /// come back.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub via: Vec<EcosystemId>,
-    /// Fields of a newer schema or a foreign tool: kept, and sent on as they came.
+    /// Fields of a newer schema or another program: kept, and sent on unchanged.
     #[serde(flatten)]
     pub unknown: Map<String, Value>,
 }
 
-/// The interaction protocols: which message may follow which is decided in `conversation`.
+/// The interaction protocols. The crate `conversation` decides which message may follow which.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Protocol {
-    /// A user or an agent asks the Plan Requester for a goal.
+    /// A user or an agent requests a goal from the Plan Requester.
     Goal,
-    /// The Plan Requester asks the Planning Agent for a plan (centralised).
+    /// The Plan Requester requests a plan from the Planning Agent (centralised).
     Planning,
-    /// The Plan Requester calls all for proposals (decentralised).
+    /// The Plan Requester calls all actuators for proposals (decentralised).
     ContractNet,
-    /// The Plan Requester asks the Plan Executor to execute a plan.
+    /// The Plan Requester requests the execution of a plan from the Plan Executor.
     Execution,
-    /// The Plan Executor asks an actuator to act.
+    /// The Plan Executor requests an action from an actuator.
     Action,
-    /// Anyone asks the Domain Maintainer for a change of the state, the Plan Requester for another
-    /// flow, or gives a Keyboard Agent a person's answer.
+    /// An agent or a user requests a change of the state from the Domain Maintainer, or another flow
+    /// from the Plan Requester, or passes a person's answer to a Keyboard Agent.
     StateChange,
-    /// Anyone asks a person.
+    /// An agent asks a person a question.
     Query,
 }
 
@@ -93,12 +95,12 @@ macro_rules! text_type {
         pub struct $name(Arc<str>);
 
         impl $name {
-            /// Takes any text as it is.
+            /// Creates it from any text, without a check.
             pub fn new(text: &str) -> $name {
                 $name(Arc::from(text))
             }
 
-            /// The text.
+            /// Returns the text.
             pub fn as_str(&self) -> &str {
                 &self.0
             }
@@ -119,23 +121,23 @@ macro_rules! text_type {
 }
 
 text_type! {
-    /// Unique among all messages; what receipts name and duplicates are known by.
+    /// Identifier of a message, unique among all messages. Used in receipts and to detect duplicates.
     MessageId
 }
 text_type! {
-    /// Shared by all messages about one thing: one goal, from request to outcome.
+    /// Identifier shared by all messages about one thing: one goal, from its request to its outcome.
     ConversationId
 }
 text_type! {
-    /// Names one exchange between two agents within a conversation: the opening message carries
-    /// it in `reply_with`, every later one, of both sides, in `in_reply_to`.
+    /// Identifier of one exchange between two agents within a conversation. The opening message has it
+    /// in `reply_with`, each later message of both sides in `in_reply_to`.
     ReplyToken
 }
 
-/// Which life of an agent: a restarted agent has a greater one.
+/// Number of an agent's incarnation: a restarted agent has a greater one.
 ///
-/// Microseconds since the Unix epoch at the agent's start: unique enough on one name, ordered,
-/// and below 2⁵³, so that a tool in JavaScript reads it exactly.
+/// The number is the time of the agent's start, in microseconds since the Unix epoch. This is unique
+/// enough for one name, ordered, and below 2⁵³, so that a program in JavaScript reads it exactly.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize,
@@ -143,10 +145,10 @@ text_type! {
 #[serde(transparent)]
 pub struct Incarnation(pub u64);
 
-/// How long an answer is waited for, counted from the receipt of the message.
+/// Time for which an answer is awaited, counted from the receipt of the message.
 ///
-/// Relative (FIPA's `+` form), because the clocks of boards without a battery disagree. On the
-/// wire: milliseconds.
+/// It is relative (FIPA's `+` form), because the clocks of boards without a battery disagree. Sent in
+/// milliseconds.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(from = "u64", into = "u64")]
@@ -173,7 +175,8 @@ impl fmt::Display for Incarnation {
 // === impl Message ===
 
 impl Message {
-    /// The exchange this message belongs to: the one it continues, or else the one it opens.
+    /// Returns the exchange that this message belongs to: the one it continues, or else the one it
+    /// opens.
     pub fn exchange(&self) -> Option<&ReplyToken> {
         self.in_reply_to.as_ref().or(self.reply_with.as_ref())
     }
@@ -183,11 +186,11 @@ impl Message {
         self.in_reply_to.is_none() && self.reply_with.is_some()
     }
 
-    /// Reads the content as `T`.
+    /// Parses the content as `T`.
     ///
     /// # Errors
     ///
-    /// If the content has another shape; the error is worth a `not-understood`.
+    /// Returns an error if the content has another shape; it should be answered with `not-understood`.
     pub fn content_as<T: DeserializeOwned>(&self) -> Result<T, serde_json::Error> {
         T::deserialize(&self.content)
     }

@@ -1,7 +1,8 @@
-//! Names of agents, daemons and ecosystems: made precise at the border, trusted inside.
+//! Names of agents, daemons and ecosystems: checked when they are created.
 //!
-//! Each is one chunk of a Zenoh key expression, and an agent's name is its PDDL object too, so
-//! the alphabet is what both allow. Names are lower case: PDDL compares without case, Zenoh with.
+//! Each is one chunk of a Zenoh key expression, and an agent's name is also its PDDL object, so that
+//! only characters that both allow are used. Names are lower case, because PDDL ignores case and Zenoh
+//! does not.
 
 use std::borrow::Borrow;
 use std::fmt;
@@ -9,8 +10,8 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-/// The longest name accepted, in bytes. Six of them stand in one key expression, which small
-/// devices limit to 256 bytes.
+/// Length of the longest name accepted, in bytes. A key expression has up to six names, and small
+/// devices limit it to 256 bytes.
 pub(crate) const NAME_BYTES_MAX: usize = 64;
 
 /// A text that cannot be a name.
@@ -19,9 +20,9 @@ pub(crate) const NAME_BYTES_MAX: usize = 64;
 pub struct InvalidName {
     /// The text.
     pub name: String,
-    /// What it was to name, with its article.
+    /// The kind of thing to be named, with its article.
     pub what: &'static str,
-    /// What a name looks like.
+    /// The rule for names.
     pub rule: &'static str,
 }
 
@@ -42,11 +43,12 @@ macro_rules! name_type {
         pub struct $name(Arc<str>);
 
         impl $name {
-            /// Reads a name.
+            /// Creates a name.
             ///
             /// # Errors
             ///
-            /// If `text` is not 1 to 64 of `a-z`, `0-9`, `-`, `_`, beginning with a letter.
+            /// Returns an error if `text` is not 1 to 64 of `a-z`, `0-9`, `-`, `_`, beginning with a
+            /// letter.
             pub fn new(text: &str) -> Result<$name, InvalidName> {
                 if is_name(text) {
                     return Ok($name(Arc::from(text)));
@@ -54,7 +56,7 @@ macro_rules! name_type {
                 Err(InvalidName { name: text.to_owned(), what: $what, rule: RULE })
             }
 
-            /// The name as text.
+            /// Returns the name as text.
             pub fn as_str(&self) -> &str {
                 &self.0
             }
@@ -123,21 +125,21 @@ name_type! {
     /// The name of a daemon: one `althing` process.
     DaemonId, "a daemon"
 }
-/// Between a daemon's name and that of a guest which speaks with its key.
+/// Separator between a daemon's name and the role of a guest, which uses the daemon's key.
 const GUEST: &str = "--";
 
 impl DaemonId {
-    /// The name by which a guest of this daemon goes: a command line or a keyboard, which speaks
-    /// with the daemon's key and is not the daemon.
+    /// Returns the name of a guest of this daemon: a command line or a keyboard, which uses the
+    /// daemon's key but is not the daemon.
     ///
     /// # Errors
     ///
-    /// If the role makes it longer than a name may be.
+    /// Returns an error if the name with the role would be too long.
     pub fn guest(&self, role: &str) -> Result<DaemonId, InvalidName> {
         DaemonId::new(&format!("{self}{GUEST}{role}"))
     }
 
-    /// The daemon whose key whoever goes by this name must have: itself, or of a guest its host.
+    /// Returns the name of the daemon with the key that this name requires: itself, or a guest's host.
     pub fn host(&self) -> &str {
         self.as_str().split_once(GUEST).map_or(self.as_str(), |(host, _)| host)
     }

@@ -11,11 +11,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Performative {
-    /// Paper: *agree*. A plan proposal from an actuator; its word for an accepted action.
+    /// Paper: *agree*. A plan proposal from an actuator, or its acceptance of a requested action.
     Agree,
     /// Paper: *cancel*. Give up the commitment of this exchange.
     Cancel,
-    /// Paper: *refuse*. This request is declined, and why.
+    /// Paper: *refuse*. The request is declined, with the reason.
     Refuse,
     /// Paper: *request*. Plan, achieve, execute, act, change the state.
     Request,
@@ -33,17 +33,17 @@ pub enum Performative {
     QueryRef,
     /// Paper: *confirm*. Progress and outcome of an action or a plan; observations.
     Confirm,
-    /// The message could not be read; why. Every FIPA protocol needs it.
+    /// The message could not be read, with the reason. Every FIPA protocol needs it.
     NotUnderstood,
 }
 
-/// A text that names no performative.
+/// Error for a text that names no performative.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is no performative; there are {all}", all = Performative::ALL.map(Performative::as_str).join(", "))]
 pub struct UnknownPerformative(pub String);
 
 impl Performative {
-    /// All of them, in the order of Table 1.
+    /// All performatives, in the order of Table 1.
     pub const ALL: [Performative; 12] = [
         Performative::Agree,
         Performative::Cancel,
@@ -59,7 +59,7 @@ impl Performative {
         Performative::NotUnderstood,
     ];
 
-    /// The FIPA spelling, as on the wire.
+    /// Returns the FIPA spelling, which is also that of the wire.
     pub const fn as_str(self) -> &'static str {
         match self {
             Performative::Agree => "agree",
@@ -77,12 +77,12 @@ impl Performative {
         }
     }
 
-    /// Whether a message of this type, sent to one agent, is a commitment or an answer to one:
-    /// retried until a receipt comes (design, “Zenoh promises less than it seems”).
+    /// Whether a message with this performative to one agent is a commitment or an answer to one. Such
+    /// messages are retried until a receipt arrives (design, “Zenoh promises less than it seems”).
     ///
-    /// `cfp` and `inform` tolerate loss: whoever calls reminds those who are silent until the round
-    /// closes, and the next heartbeat repeats what was missed. A `not-understood` is never retried, so that two agents that do
-    /// not understand each other fall silent.
+    /// `cfp` and `inform` tolerate loss: the initiator sends a `cfp` again to silent agents until the
+    /// round closes, and the next heartbeat replaces a lost one. A `not-understood` is never retried,
+    /// so that two agents that do not understand each other stop sending.
     pub fn is_retried(self) -> bool {
         !matches!(self, Performative::Cfp | Performative::Inform | Performative::NotUnderstood)
     }

@@ -1,5 +1,5 @@
-//! Keeps the published JSON Schema of the protocol (docs/protocol.schema.json) in step with the types
-//! that read and write it. `UPDATE_EXPECT=1 cargo test -p acl schema` writes it anew.
+//! Test that the published JSON Schema of the protocol (docs/protocol.schema.json) agrees with the
+//! types that read and write it. `UPDATE_EXPECT=1 cargo test -p acl schema` regenerates it.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ fn of<T: JsonSchema>(generator: &mut SchemaGenerator) -> Value {
     generator.subschema_for::<T>().to_value()
 }
 
-/// What stands in the `content` of each performative; one of them where it answers several protocols.
+/// Returns the schemas of the `content` of a performative; several if it is used in several protocols.
 fn contents(performative: Performative, generator: &mut SchemaGenerator) -> Vec<Value> {
     match performative {
         Performative::Agree => vec![of::<Bid>(generator), of::<Agreement>(generator)],
@@ -36,7 +36,8 @@ fn contents(performative: Performative, generator: &mut SchemaGenerator) -> Vec<
     }
 }
 
-/// A message, with the content that its performative has; what a plugin is told stands in `$defs`.
+/// Returns the schema of a message, with the content for each performative, and that of `Hello` in
+/// `$defs`.
 fn schema() -> Value {
     let mut generator = SchemaGenerator::default();
     let message = of::<Message>(&mut generator);

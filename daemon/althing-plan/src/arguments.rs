@@ -1,4 +1,4 @@
-//! What can be asked of the planner on a command line.
+//! Command line arguments for planning.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -22,7 +22,7 @@ after `pip install up-fast-downward`, in a Python on PATH; Metric-FF on PATH.
 The variables ALTHING_FAST_DOWNWARD and ALTHING_METRIC_FF name another program.
 Their memory limit is one for each of their processes.";
 
-/// What is told below the options, to whoever calls us by `name`.
+/// Returns the help text below the options; `name` is the command in its examples.
 pub fn help(name: &str) -> String {
     format!(
         "{HELP}\n\n\
@@ -78,13 +78,13 @@ pub struct PlanArgs {
     pub print: PrintArgs,
 }
 
-/// A limit of memory.
+/// Parses a limit on memory, in MiB.
 fn mebibytes(text: &str) -> Result<u32, String> {
     let limit = text.parse().ok().filter(|limit| *limit > 0);
     limit.ok_or_else(|| "a whole number of MiB, 1 or more, such as 512".to_owned())
 }
 
-/// The names of the planner's ways to search.
+/// Returns a parser for the names of the planner's search configurations.
 fn search() -> clap::builder::PossibleValuesParser {
     planner::CONFIGURATIONS.iter().map(|one| one.name).collect::<Vec<_>>().into()
 }
@@ -103,7 +103,7 @@ pub enum Engine {
 // === impl Engine ===
 
 impl Engine {
-    /// As it is written on the command line.
+    /// Returns the name used on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Engine::Embedded => "embedded",

@@ -1,8 +1,10 @@
-//! `althing plan --engine …`: the same question to a planner outside of this process.
+//! `althing plan --engine …`: plans with a planner outside of this process.
 //!
-//! - Ctrl-C cancels: the engine ends, nothing of it is left, and the exit code says so.
-//! - On a terminal a line now and then says that it still runs.
-//! - What a plan costs is what our validator says, and never what the engine claims.
+//! - Ctrl-C cancels: the engine ends without leaving anything behind, and the exit code reports the
+//!   signal.
+//! - On a terminal, a line is printed from time to time while the engine runs.
+//! - The cost of a plan is the one that the own validator computes, never the one that the engine
+//!   prints.
 
 use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
@@ -22,10 +24,10 @@ use terminal::{exit, output};
 use crate::arguments::PlanArgs;
 use crate::telling::Telling;
 
-/// The engine broke down, or brought a plan that does not work: “critical error” in the field.
+/// Exit code if the engine failed or returned an invalid plan: “critical error” in the field.
 const BROKE_DOWN: u8 = 32;
 
-/// Plans with an engine, and shows the plan or why there is none.
+/// Plans with an engine, and shows the plan or the reason why there is none.
 pub(crate) fn run(args: &PlanArgs, engine: Engine, task: &Task, started: Instant) -> ExitCode {
     let installation = match Installation::find(engine) {
         Ok(installation) => installation,
@@ -58,15 +60,15 @@ pub(crate) fn run(args: &PlanArgs, engine: Engine, task: &Task, started: Instant
     }
 }
 
-/// Sets the flag at SIGINT or SIGTERM; which of them it was.
+/// Sets `cancel` at SIGINT or SIGTERM. Returns a cell that will contain the received signal.
 fn on_interrupt(cancel: Cancel) -> Arc<OnceLock<i32>> {
     let interrupted = Arc::new(OnceLock::new());
     let tell = Arc::clone(&interrupted);
-    // Where this cannot be set up, a signal ends this process, and the engine with it.
+    // If no handler can be installed, a signal ends this process, and the engine with it.
     if let Ok(mut signals) = Signals::new([SIGINT, SIGTERM]) {
         thread::spawn(move || {
             for signal in signals.forever() {
-                // A second one says nothing new.
+                // Only the first signal is stored.
                 let _ = tell.set(signal);
                 cancel.set();
             }
@@ -132,7 +134,7 @@ fn words(ending: Ending, args: &PlanArgs) -> String {
     }
 }
 
-/// One word for programs; it never changes its meaning.
+/// Returns the status for programs: one word with a meaning that never changes.
 fn status(ending: Ending) -> &'static str {
     match ending {
         Ending::GoalReached => "plan-found",
@@ -175,7 +177,7 @@ fn show_error(args: &PlanArgs, task: &Task, err: &EngineError) -> ExitCode {
     output::show(&report, args.print.json, status, code)
 }
 
-/// The error and what is behind it.
+/// Formats the error with its source.
 fn full(err: &EngineError) -> String {
     let behind = std::error::Error::source(err).map(|source| format!(": {source}"));
     format!("{err}{}", behind.unwrap_or_default())

@@ -1,8 +1,9 @@
-//! A file that is written as a whole or not at all: a full disk, a crash or a reader in between leave
-//! the old text or the new one.
+//! Writes a file completely or not at all: after a full disk, a crash or a read in between, the file
+//! has either the old text or the new one.
 //!
-//! The new text goes to a file beside the old one, onto the disk, and then takes its place. What cannot
-//! be replaced so, a pipe, a terminal or a file in a folder that is read-only, is written as it is.
+//! The new text is written to a file in the same folder, synchronised to the disk, and renamed. A
+//! target that cannot be replaced in this way is written in place: a pipe, a terminal, or a file in a
+//! read-only folder.
 
 use std::fs::{self, File, Permissions};
 use std::io::{self, ErrorKind, Write as _};
@@ -11,13 +12,13 @@ use std::path::{Path, PathBuf};
 /// Writes `text` to `file`.
 pub(crate) fn write(file: &Path, text: &str) -> io::Result<()> {
     let known = fs::metadata(file);
-    // What is no plain file cannot be exchanged for one, nor can what a link leads to that is not there.
+    // A target that is not a regular file cannot be replaced, nor can a missing target of a link.
     let is_special = known.as_ref().is_ok_and(|known| !known.is_file());
     let is_dangling = known.is_err() && file.is_symlink();
     if is_special || is_dangling {
         return in_place(file, text);
     }
-    // A link stays, and what it leads to is replaced.
+    // A link is kept, and its target is replaced.
     let target = fs::canonicalize(file).unwrap_or_else(|_| file.to_owned());
     match replace(&target, text, known.ok()) {
         Err(err) if is_of_folder(&err) && target.is_file() => in_place(&target, text),
@@ -29,7 +30,7 @@ fn replace(file: &Path, text: &str, known: Option<fs::Metadata>) -> io::Result<(
     let folder = folder(file);
     let mut builder = tempfile::Builder::new();
     builder.prefix(".plan-");
-    // As any new file: what the user's mask leaves of it.
+    // The permissions of any new file: the umask is applied to them.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let mut new = builder.tempfile_in(&folder)?;
@@ -39,12 +40,13 @@ fn replace(file: &Path, text: &str, known: Option<fs::Metadata>) -> io::Result<(
     new.write_all(text.as_bytes())?;
     new.as_file().sync_all()?;
     new.persist(file).map_err(|err| err.error)?;
-    // That the name stands for the new file is on the disk once the folder is; not all systems can say.
+    // The rename is on the disk only after the folder has been synchronised; not all systems support
+    // this.
     let _ = File::open(&folder).and_then(|folder| folder.sync_all());
     Ok(())
 }
 
-/// Gives a new file the rights and the owner of the old one, as far as this process may.
+/// Gives a new file the permissions and the owner of the old one, as far as this process is allowed to.
 fn keep_as_it_was(new: &File, known: &fs::Metadata) -> io::Result<()> {
     #[cfg(unix)]
     {
@@ -55,7 +57,7 @@ fn keep_as_it_was(new: &File, known: &fs::Metadata) -> io::Result<()> {
     new.set_permissions(permissions)
 }
 
-/// Over the old text, of which nothing is cut off before the new one is there.
+/// Overwrites the old text, and truncates it only after the new one is written.
 fn in_place(file: &Path, text: &str) -> io::Result<()> {
     let mut open = File::options().write(true).create(true).truncate(false).open(file)?;
     open.write_all(text.as_bytes())?;
@@ -65,7 +67,7 @@ fn in_place(file: &Path, text: &str) -> io::Result<()> {
     }
 }
 
-/// Whether it is the folder that takes no new file.
+/// Whether the error means that no file can be created in the folder.
 fn is_of_folder(err: &io::Error) -> bool {
     matches!(err.kind(), ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem)
 }

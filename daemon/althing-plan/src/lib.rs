@@ -1,9 +1,9 @@
-//! The planner alone, with the habits of the planning competitions: `althing plan`, and a program of
-//! its own that starts in a quarter of the time, `althing-plan`.
+//! The planner alone, with the conventions of the planning competitions: `althing plan`, and a program
+//! of its own that starts in a quarter of the time, `althing-plan`.
 //!
-//! - Hands on to `external` what another engine is to plan, to `list` what there is to choose.
-//! - Owns the wall clock: the planner knows none, so a timer sets its `Cancel` flag.
-//! - Refuses by name what the planner cannot do yet; nothing asked for is silently left out.
+//! - Leaves planning with other engines to `external`, and listing the choices to `list`.
+//! - Watches the wall clock: the planner reads no clock, so that a timer sets its `Cancel` flag.
+//! - Refuses unsupported options by name; no requested option is ignored silently.
 
 pub mod arguments;
 mod external;
@@ -31,7 +31,7 @@ use terminal::{exit, output};
 use crate::arguments::{Engine, PlanArgs};
 use crate::telling::{Progress, Stage, Telling};
 
-/// Plans, and shows the plan or why there is none.
+/// Plans, and shows the plan or the reason why there is none.
 pub fn run(args: &PlanArgs) -> ExitCode {
     let started = Instant::now();
     let (Some(domain), Some(problem), false) = (&args.domain, &args.problem, args.list) else {
@@ -53,7 +53,7 @@ pub fn run(args: &PlanArgs) -> ExitCode {
             return deadline.answer(|| output::show(&report, args.print.json, status, code));
         }
     };
-    // An engine has limits of its own, and its processes are ended by them.
+    // An engine has limits of its own, which end its processes.
     let engine = match args.engine {
         Engine::Embedded => return embedded(args, &task, &cancel, &deadline, started),
         Engine::FastDownward => engines::Engine::FastDownward,
@@ -62,7 +62,7 @@ pub fn run(args: &PlanArgs) -> ExitCode {
     deadline.answer(|| external::run(args, engine, &task, started))
 }
 
-/// Plans with the planner of this process.
+/// Plans with the embedded planner.
 fn embedded(
     args: &PlanArgs,
     task: &Task,
@@ -72,7 +72,7 @@ fn embedded(
 ) -> ExitCode {
     let memory_bytes = memory_max_bytes(args);
     if args.time_limit.is_some_and(|limit| started.elapsed() >= limit) {
-        // Reading took all of it; the timer's thread may be late to say so.
+        // Parsing took all of the time; the timer's thread may set the flag later than this.
         cancel.set();
     }
     let progress = Progress::default();
@@ -111,7 +111,8 @@ fn embedded(
     }
 }
 
-/// Why a problem without a plan has none, as far as that can be told.
+/// Returns an explanation why there is no plan; `None` if the problem is not proved unsolvable, or if
+/// no explanation is found.
 fn explained(
     task: &Task,
     outcome: &Outcome,
@@ -124,7 +125,7 @@ fn explained(
     why_unsolvable(&task.domain, &task.problem, memory_bytes, cancel).ok()
 }
 
-/// How the process answers when a limit ends it.
+/// Returns the function that prints the result when a limit ends the process.
 fn giving(args: &PlanArgs, started: Instant) -> Give {
     let (json, is_optimal, file) = (args.print.json, args.optimal, args.plan.clone());
     Box::new(move |reason, best| {
@@ -167,8 +168,8 @@ fn giving(args: &PlanArgs, started: Instant) -> Give {
     })
 }
 
-/// The bytes that the planner's tables may take: what is asked for, else 2 GiB or half of what is
-/// available, if that is less.
+/// Returns the limit on the size of the planner's tables, in bytes: the given one, or else 2 GiB or
+/// half of the available memory, if that is less.
 fn memory_max_bytes(args: &PlanArgs) -> usize {
     let bytes = match args.memory_limit {
         Some(mib) => u64::from(mib) << 20,
@@ -180,15 +181,15 @@ fn memory_max_bytes(args: &PlanArgs) -> usize {
     usize::try_from(bytes).unwrap_or(usize::MAX)
 }
 
-/// How long it took.
+/// The time that planning took.
 #[derive(Clone, Copy)]
 struct Took {
-    /// Until a search was set up, if one was needed.
+    /// Time until the search was set up; `None` if no search was needed.
     search_began: Option<Duration>,
     whole: Duration,
 }
 
-/// What of the arguments this planner cannot do.
+/// Returns an error for a combination of arguments that is not supported; `None` if there is none.
 fn refusal(args: &PlanArgs) -> Option<Diagnostic> {
     let refuse = |what: &str, help: &str| {
         let message = format!("{what} is not supported yet");
@@ -229,12 +230,12 @@ fn options(args: &PlanArgs, memory_max_bytes: usize) -> Options {
     Options { budget, configuration, effort, threads, ..Options::default() }
 }
 
-/// Shows that a better plan was found, and puts it where the last one was.
+/// Reports that a better plan was found, and writes it to the plan file in place of the last one.
 fn tell_better(args: &PlanArgs, task: &Task, plan: &Plan, elapsed: Duration) {
     let unit_cost = task.problem.metric.is_none();
     let seconds = elapsed.as_secs_f64();
     output::note(&format!("{}, after {seconds:.3} s", found(plan, unit_cost, false)));
-    // What cannot be written now is reported with the last plan, which is written again.
+    // A failure to write is ignored here: the last plan is written again, and its failure is reported.
     let _ = args.plan.as_ref().map(|file| files::write(file, &ipc(plan, unit_cost)));
 }
 
@@ -274,7 +275,7 @@ fn show(
     }
 }
 
-/// Writes a plan to the file that is to have it; what the process ends with if that does not work.
+/// Writes a plan to the requested file. Returns the exit code of the process if that fails.
 fn write_plan(args: &PlanArgs, text: Option<&str>, report: &mut Report) -> Option<ExitCode> {
     let (file, text) = (args.plan.as_ref()?, text?);
     let err = files::write(file, text).err()?;
@@ -282,7 +283,7 @@ fn write_plan(args: &PlanArgs, text: Option<&str>, report: &mut Report) -> Optio
     Some(output::show(report, args.print.json, "not-written", exit::OUTPUT))
 }
 
-/// The format of the planning competitions, with the cost as Fast Downward writes it.
+/// Formats a plan as in the planning competitions, with the cost as Fast Downward writes it.
 fn ipc(plan: &Plan, unit_cost: bool) -> String {
     let mut text = String::new();
     for step in &plan.steps {
@@ -292,7 +293,7 @@ fn ipc(plan: &Plan, unit_cost: bool) -> String {
     text
 }
 
-/// What the plan costs; its number of steps where nothing else is said.
+/// Returns the cost of the plan; the number of its steps if it has none.
 fn cost(plan: &Plan) -> f64 {
     plan.cost.map_or(plan.steps.len() as f64, |cost| cost.0)
 }
@@ -301,7 +302,7 @@ fn cost_kind(unit_cost: bool) -> &'static str {
     if unit_cost { "unit cost" } else { "general cost" }
 }
 
-/// The line or two for people.
+/// Returns the one or two summary lines for a person.
 fn summary(outcome: &Outcome, unit_cost: bool, elapsed: Duration) -> String {
     let first = match &outcome.plan {
         Some(plan) => {
@@ -321,7 +322,7 @@ fn summary(outcome: &Outcome, unit_cost: bool, elapsed: Duration) -> String {
     )
 }
 
-/// What a plan is like.
+/// Returns a description of a plan, for a person.
 fn found(plan: &Plan, unit_cost: bool, proven_optimal: bool) -> String {
     let proof = match (proven_optimal, unit_cost) {
         (true, true) => "; no shorter plan exists",
@@ -332,7 +333,8 @@ fn found(plan: &Plan, unit_cost: bool, proven_optimal: bool) -> String {
     format!("plan found: {steps}, cost {} ({}){proof}", cost(plan), cost_kind(unit_cost))
 }
 
-/// The reason in the words of this command line, where the planner's own are another's.
+/// Returns the reason for a person. The planner's own text is replaced if it does not fit this command
+/// line.
 fn words(reason: StopReason) -> String {
     match reason {
         StopReason::Cancelled => "out of time (--time-limit)".to_owned(),
@@ -343,7 +345,7 @@ fn words(reason: StopReason) -> String {
     }
 }
 
-/// Why a plan is not proven to be the cheapest, where that was asked for.
+/// Returns the reason why a plan is not proved to be the cheapest, if a proof was requested.
 fn unproven(reason: StopReason, unprovable: Option<Unprovable>) -> String {
     let why = match (reason, unprovable) {
         (StopReason::Exhausted, Some(costs)) => costs.to_string(),
@@ -352,7 +354,7 @@ fn unproven(reason: StopReason, unprovable: Option<Unprovable>) -> String {
     format!("not proven to be the cheapest: {why}")
 }
 
-/// One word for programs; it never changes its meaning.
+/// Returns the status for programs: one word with a meaning that never changes.
 fn status(reason: StopReason) -> &'static str {
     match reason.exit_code() {
         exit::DONE => "plan-found",
@@ -386,7 +388,7 @@ fn json_explanation(explanation: &Unsolvability) -> Value {
 }
 
 fn json_statistics(statistics: &Statistics, took: Took) -> Value {
-    // No `..`: a new figure must be given a name here.
+    // No `..` here: a new statistic must be given a name in the JSON.
     let Statistics {
         facts,
         operators,

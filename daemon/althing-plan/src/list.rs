@@ -1,4 +1,5 @@
-//! `althing plan --list`: the heuristics and the ways to search, from the tables that define them.
+//! `althing plan --list`: the heuristics and the search configurations, from the tables that define
+//! them.
 
 use std::fmt::Write as _;
 use std::process::ExitCode;
@@ -7,7 +8,7 @@ use planner::{CONFIGURATIONS, Configuration, HEURISTICS, Heuristic};
 use serde_json::{Value, json};
 use terminal::{exit, output};
 
-/// Shows what there is.
+/// Prints the lists.
 pub(crate) fn run(as_json: bool) -> ExitCode {
     if as_json {
         let heuristics: Vec<Value> = HEURISTICS.iter().map(json_heuristic).collect();

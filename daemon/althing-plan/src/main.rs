@@ -1,17 +1,17 @@
-//! `althing-plan`: what `althing plan` does, in a program without a daemon.
+//! `althing-plan`: the command `althing plan` as a program without a daemon.
 //!
-//! Of the time that a building's plan takes as a whole process, the start of the process is most;
-//! this one has a tenth of the daemon's code, and the system's allocator: another one pays when a
-//! daemon plans for weeks, and costs more than it saves where a process plans once.
+//! If planning is a process of its own, most of its time is spent on starting the process. This program
+//! has a tenth of the daemon's code, and uses the system's allocator. Another allocator is faster in a
+//! daemon that plans for weeks, but costs more than it saves in a process that plans once.
 
 use std::process::ExitCode;
 
 use althing_plan::arguments::{PlanArgs, help};
 use clap::Parser;
 
-// The unwinder of the program's own. The shared `libgcc_s`, else linked, asks the processor what it
-// can do whenever a process starts: on a virtual machine each such question is a trap, and all of them
-// a fifteenth of what a building's plan takes.
+// Links the unwinder statically. The shared `libgcc_s`, which is linked otherwise, queries the features
+// of the processor whenever a process starts. On a virtual machine each such query is a trap, and all
+// of them take a fifteenth of the time of planning for a building.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 #[expect(unsafe_code, reason = "declares nothing that could be called: it names a library")]
 #[link(name = "gcc_eh", kind = "static", modifiers = "-bundle")]

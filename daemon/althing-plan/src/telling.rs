@@ -1,4 +1,4 @@
-//! A line now and then, for whoever waits for a plan at a terminal.
+//! Progress lines for a person that waits for a plan at a terminal.
 
 use std::fmt;
 use std::io::IsTerminal as _;
@@ -12,16 +12,16 @@ use terminal::render::plural;
 
 use crate::arguments::PlanArgs;
 
-/// How often a person is told that it still goes on.
+/// Interval between two progress lines.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Says now and then how far it is, until it is dropped.
+/// Prints progress lines from time to time, until it is dropped.
 pub(crate) struct Telling {
     stop: Option<mpsc::Sender<()>>,
     thread: Option<thread::JoinHandle<()>>,
 }
 
-/// What the embedded planner is at.
+/// The stage that the embedded planner has reached.
 #[derive(Clone, Copy, Default)]
 pub(crate) enum Stage {
     #[default]
@@ -35,7 +35,7 @@ pub(crate) enum Stage {
     },
 }
 
-/// The stage it has reached. Clones share it.
+/// The current stage. Clones share it.
 #[derive(Clone, Default)]
 pub(crate) struct Progress(Arc<Mutex<Stage>>);
 
@@ -46,7 +46,7 @@ impl Progress {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = stage;
     }
 
-    /// The line about it, of the seconds gone.
+    /// Returns a function that formats the progress line, given the seconds since the start.
     pub(crate) fn line(&self) -> impl Fn(u64) -> String + Send + 'static {
         let Progress(stage) = self.clone();
         move |seconds| {
@@ -75,7 +75,8 @@ impl fmt::Display for Stage {
 // === impl Telling ===
 
 impl Telling {
-    /// Starts, where a person is there to read it; `line` makes the line of the seconds gone.
+    /// Starts to print, if stderr is a terminal and no JSON is requested; otherwise returns `None`.
+    /// `line` formats a line, given the seconds since the start.
     pub(crate) fn start(
         args: &PlanArgs,
         started: Instant,

@@ -1,4 +1,4 @@
-//! `althing-plan`, run as a user runs it.
+//! Tests of `althing-plan` as a user runs it.
 
 use std::process::{Command, Output};
 
@@ -55,7 +55,7 @@ fn it_calls_itself_by_its_name() {
     assert_eq!(run(&["--no-such-option"]).status.code(), Some(64));
 }
 
-/// A folder with these files.
+/// Creates a folder with these files.
 fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     for (name, text) in files {
@@ -81,7 +81,7 @@ fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Two ways to be there: what the second costs depends on the load.
+/// A task with two ways to its goal; the cost of the second depends on the load.
 const LOADED: &str = "(define (domain loaded) (:predicates (there)) (:functions (load) (spent))
   (:action pack :parameters () :precondition (< (load) 2) :effect (increase (load) 1))
   (:action go :parameters () :precondition (> (load) 1)
@@ -105,7 +105,8 @@ fn a_plan_that_is_not_proven_to_be_the_cheapest_is_given_and_said_to_be_so() {
     assert!(value["unproven"].is_string(), "{value}");
 }
 
-/// Whatever is asked for, “no plan” and success never meet, nor a plan and a failure to find one.
+/// With every option, exit code and output must agree: “no plan” never comes with success, nor a plan
+/// with a failure.
 #[test]
 fn no_plan_and_success_never_meet() {
     let costs = [
@@ -210,7 +211,7 @@ fn what_cannot_be_reached_is_explained() {
     let why = value["explanation"]["parts"][0]["why"].as_str().expect("a reason");
     assert!(why.contains("no action makes") && why.contains("door"), "{why}");
 
-    // Each part alone, and not both.
+    // The parts of the goal can be reached one by one, but not together.
     let torn = "(define (domain torn) (:predicates (a) (b) (fuel))
         (:action one :precondition (fuel) :effect (and (a) (not (fuel))))
         (:action two :precondition (fuel) :effect (and (b) (not (fuel)))))";
@@ -220,7 +221,7 @@ fn what_cannot_be_reached_is_explained() {
     assert!(stderr(&output).contains("not all of them together"), "{}", stderr(&output));
 }
 
-/// A text of so many bytes whose conditions are deep and full of quantifiers and alternatives.
+/// Returns a text of so many bytes, with deep conditions of many quantifiers and alternatives.
 fn nested(bytes: usize) -> String {
     let (mut open, mut close) = (String::new(), String::new());
     for at in 0..40 {
@@ -247,7 +248,7 @@ fn limits_of_time_hold_whatever_the_text() {
     let output = plan(&nested(1_000_000), problem, &["--time-limit", "1"]);
     let code = output.status.code();
     assert!(matches!(code, Some(0 | 10 | 11 | 22 | 23)), "{code:?} {}", stderr(&output));
-    // Far more than a busy machine needs, and far less than it took without the limit.
+    // The bound is far more than a busy machine needs, and far less than it took without the limit.
     assert!(began.elapsed().as_secs() < 20, "{:?}", began.elapsed());
     assert!(stderr(&output).len() < 10_000, "a person reads it");
 }
@@ -265,7 +266,7 @@ fn limits_of_memory_hold_whatever_the_text() {
 fn a_plan_that_cannot_be_written_leaves_the_old_one() {
     let files = [("domain.pddl", DOMAIN), ("evening.pddl", PROBLEM), ("plan", "an older plan\n")];
     let folder = folder(&files);
-    // As on a full disk: no byte can be written to any file.
+    // Simulates a full disk: no byte can be written to any file.
     let program = env!("CARGO_BIN_EXE_althing-plan");
     let script =
         format!("trap '' XFSZ; ulimit -f 0; exec '{program}' domain.pddl evening.pddl --plan plan");

@@ -1,4 +1,4 @@
-//! How long a change takes in a building of a hundred agents, as the median of fifty:
+//! Measures how long a change takes in a building of a hundred agents; prints the median of fifty runs:
 //! `cargo run --release -p capability --example hundred_agents`.
 
 use std::time::{Duration, Instant};
@@ -76,7 +76,7 @@ fn ontology() -> pddl::Domain {
     pddl::parse_domain(ONTOLOGY).into_result().expect("a domain")
 }
 
-/// Forty places, each near each.
+/// A map of forty places, each near to every place.
 fn map() -> pddl::Problem {
     let places: String = (0..40).map(|place| format!("p{place} ")).collect();
     let near: String =

@@ -1,10 +1,11 @@
-//! Beliefs: who claims which fact, since when and for how long; and what holds because of it.
+//! Beliefs: all claims about facts with their owner, time and duration, and the facts that hold because
+//! of them.
 //!
-//! A fact holds while one owner claims it; it is unknown while nobody claims it and one owner says that
-//! it is unknown; of a number, the newest claim is believed. Heartbeats
-//! that contradict each other do not take turns: of those the word that changed last is newest,
-//! however often the others are repeated. What is claimed but does not fit the composite domain is
-//! kept, and holds as soon as it fits.
+//! A fact of a predicate holds if at least one owner claims it. It is unknown if no owner claims it and
+//! at least one owner reports it as unknown. The value of a function is that of its newest claim. If
+//! repeated heartbeats contradict each other, the value does not alternate: among heartbeats, the claim
+//! with the latest change of its value counts as newest, however often the others are repeated. A claim
+//! that does not fit the composite domain is kept, and takes effect as soon as it fits.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
@@ -20,7 +21,7 @@ use crate::limits;
 use crate::moment::Moment;
 use crate::untold::Untold;
 
-/// How a claim came about.
+/// The origin of a claim.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
 pub enum Source {
@@ -32,39 +33,39 @@ pub enum Source {
     Effect,
     /// A request to change the state.
     Request,
-    /// Somebody observed it, and asks to be believed.
+    /// The owner observed the fact and asks for it to be believed.
     Observation,
-    /// The agent that answered for it left.
+    /// The agent that was responsible for the fact has left.
     Departure,
-    /// The central maintainer told that somebody else's word is so.
+    /// The central maintainer passed on the claim of another owner.
     Told,
 }
 
-/// One owner's word about one fact.
+/// The claim of one owner about one fact.
 #[derive(Clone, Debug)]
 pub(crate) struct Claim {
     pub(crate) value: Value,
     pub(crate) source: Source,
     pub(crate) incarnation: Incarnation,
     pub(crate) sequence: u64,
-    /// When it was said last.
+    /// Time at which the claim was made last.
     pub(crate) said: Moment,
-    /// When it stops to be known.
+    /// Time at which the claim expires; `None` if it does not expire.
     pub(crate) until: Option<Moment>,
 }
 
-/// What holds of a term, and until when at most.
+/// Value of a term, and the time until which it holds at most; `None` means without end.
 #[derive(Clone, Copy, Debug)]
 struct Holding {
     value: Value,
     until: Option<Moment>,
 }
 
-/// A claim, and its place in the order in which all claims were made.
+/// A claim with its place in the order in which all claims were made.
 #[derive(Clone, Debug)]
 struct Stamped {
     stamp: u64,
-    /// When it was said first, without a word in between that was other.
+    /// Stamp of the first of the latest claims that all have this same value.
     since: u64,
     claim: Claim,
 }
@@ -75,35 +76,38 @@ impl Stamped {
     }
 }
 
-/// Who claims one fact, in the order of their names: one owner as a rule, so a list.
+/// All claims about one fact, sorted by owner. A list, because most facts have one owner only.
 #[derive(Clone, Debug)]
 struct Owners(Vec<(Owner, Stamped)>);
 
-/// Everything claimed, and what holds because of it.
+/// All claims, and the facts that hold because of them.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Beliefs {
     claims: BTreeMap<FactKey, Owners>,
     by_owner: BTreeMap<Owner, BTreeSet<FactKey>>,
-    /// Whose claims are all as its last heartbeat made them: to hear it again would change nothing.
+    /// Owners with claims that are all as their last heartbeat made them. Reading an equal heartbeat
+    /// again would change nothing (fast path).
     calm: BTreeSet<Owner>,
     deadlines: BTreeSet<(Moment, FactKey, Owner)>,
     holding: BTreeMap<FactKey, Holding>,
-    /// What may no longer be as `holding` says.
+    /// Facts for which `holding` may be out of date.
     touched: BTreeSet<FactKey>,
-    /// Whether what holds is kept, or judged whenever somebody looks.
+    /// Whether `holding` is kept up to date by [`Beliefs::settle`]. If not, each query judges the
+    /// claims anew.
     settles: bool,
-    /// Whether something may hold that did not, or the reverse, since that was asked last.
+    /// Whether a fact may have begun or ceased to hold since [`Beliefs::take_moved`] was called last.
     is_moved: bool,
-    /// What was asked to be believed, or was told or followed from an action: the word of an agent that
-    /// answers for such a fact overrides it.
+    /// Claims that came by request, were passed on by another maintainer, or follow from an action.
+    /// They end when an agent that is responsible for such a fact contradicts them.
     requested: BTreeSet<(FactKey, Owner)>,
-    /// Predicates of which a fact was unknown. They stay, so that a domain does not change each time
-    /// that one becomes known.
+    /// Predicates with a fact that is or was unknown. They are kept, so that the domain does not change
+    /// each time such a fact becomes known.
     unknowable: BTreeSet<Name>,
-    /// Whether one of them was not there when that was asked last.
+    /// Whether a predicate was added to `unknowable` since that was asked last.
     is_newly_unknowable: bool,
     untold: Untold,
-    /// What requests changed while another acted elsewhere, if one did.
+    /// Claims changed by requests since another leader may be active elsewhere; `None` if there is no
+    /// possible partition.
     apart: Option<Untold>,
     stamps: u64,
 }
@@ -111,7 +115,8 @@ pub(crate) struct Beliefs {
 // === impl Source ===
 
 impl Source {
-    /// Whether nobody may hear of it but from who took the request.
+    /// Whether only the maintainer that took the request knows of the claim, so that it has to pass the
+    /// claim on.
     pub(crate) fn is_requested(self) -> bool {
         match self {
             Source::Request | Source::Observation | Source::Effect | Source::Departure => true,
@@ -121,8 +126,8 @@ impl Source {
 }
 
 impl Source {
-    /// Whether it is no agent's own model or heartbeat: the word of who answers for the fact overrides
-    /// it.
+    /// Whether the claim comes neither from a model nor from a heartbeat. Such a claim ends when an
+    /// agent that is responsible for the fact contradicts it.
     fn is_another(self) -> bool {
         self.is_requested() || self == Source::Told
     }
@@ -145,7 +150,7 @@ impl fmt::Display for Source {
 // === impl Claim ===
 
 impl Claim {
-    /// A claim until further notice, of no particular life.
+    /// Creates a claim without an end and without an incarnation.
     pub(crate) fn new(value: Value, source: Source, said: Moment) -> Claim {
         let incarnation = Incarnation::default();
         Claim { value, source, incarnation, sequence: 0, said, until: None }
@@ -189,7 +194,8 @@ impl Owners {
         self.0.iter().map(|(owner, stamped)| (owner, stamped))
     }
 
-    /// What these claims of a fact come to, if it can be known here.
+    /// Returns the value that these claims give `fact` at `now`. Returns `None` if no visible claim
+    /// that has not expired fits the composite.
     fn judge(&self, fact: &FactKey, composite: &Composite, now: Moment) -> Option<Holding> {
         let fits = |value: Value| composite.misfit(fact, value).is_none();
         let known = { self.iter() }
@@ -197,13 +203,13 @@ impl Owners {
             .map(|(_, stamped)| stamped)
             .filter(|stamped| stamped.claim.until.is_none_or(|until| until > now));
         let holding = match fact.space() {
-            // True before unknown, and without an end is longest.
+            // True wins over unknown; a claim without an end counts as longest.
             Space::Predicate => known
                 .map(|Stamped { claim, .. }| Holding { value: claim.value, until: claim.until })
                 .max_by_key(|Holding { value, until }| {
                     (*value == Value::True, until.unwrap_or(Moment(u64::MAX)))
                 }),
-            // What cannot be does not hide what another says.
+            // A claim that does not fit must not hide a claim that does.
             Space::Function => newest(known.filter(|it| fits(it.claim.value)))
                 .map(|Stamped { claim, .. }| Holding { value: claim.value, until: claim.until }),
         };
@@ -214,22 +220,23 @@ impl Owners {
 // === impl Beliefs ===
 
 impl Beliefs {
-    /// Believes nobody yet; `settles` tells whether [`Beliefs::settle`] will be called.
+    /// Creates an empty set of beliefs. `settles` says whether [`Beliefs::settle`] will be called.
     pub(crate) fn new(settles: bool) -> Beliefs {
         Beliefs { settles, ..Beliefs::default() }
     }
 
-    /// Predicates whose facts may be unknown.
+    /// Returns the predicates with facts that may be unknown.
     pub(crate) fn unknowable(&self) -> &BTreeSet<Name> {
         &self.unknowable
     }
 
-    /// Whether there are more of them than when this was asked last.
+    /// Returns whether predicates were added to them since the last call.
     pub(crate) fn take_newly_unknowable(&mut self) -> bool {
         std::mem::take(&mut self.is_newly_unknowable)
     }
 
-    /// A fact is said to be unknown.
+    /// Adds the predicate of `fact` to those with unknown facts. If there are too many of them, drops
+    /// those without an unknown fact first.
     fn note_unknown(&mut self, fact: &FactKey) {
         if self.unknowable.contains(fact.symbol()) {
             return;
@@ -245,7 +252,7 @@ impl Beliefs {
         self.is_newly_unknowable = true;
     }
 
-    /// What was requested of the facts of one symbol, and whose word it is.
+    /// Returns the facts of one symbol that have claims in `requested`, each with its owner.
     pub(crate) fn requested_of(
         &self,
         space: Space,
@@ -258,7 +265,7 @@ impl Beliefs {
             .map(|(fact, owner)| (fact, owner))
     }
 
-    /// What the next heartbeat of `owner` says has to be read, also if it says what the last one said.
+    /// Requires the next heartbeat of `owner` to be read even if it equals the last one.
     pub(crate) fn wake(&mut self, owner: &Owner) {
         self.calm.remove(owner);
     }
@@ -277,32 +284,34 @@ impl Beliefs {
         }
     }
 
-    /// Notes from now on what requests change, unless it does already.
+    /// Starts to record which claims requests change, if it is not recorded already.
     pub(crate) fn part(&mut self) {
         self.apart.get_or_insert_with(Untold::nothing);
     }
 
-    /// What requests have changed since then; nobody is apart any more.
+    /// Stops recording, and returns the claims that requests have changed since [`Beliefs::part`].
     pub(crate) fn reunite(&mut self) -> Option<Untold> {
         self.apart.take()
     }
 
-    /// Whether requests may have changed here what `owner` says of a fact, since another acts elsewhere.
+    /// Whether requests may have changed the claim of `owner` about `fact` since [`Beliefs::part`].
     pub(crate) fn has_changed_apart(&self, fact: &FactKey, owner: &Owner) -> bool {
         self.apart.as_ref().is_some_and(|apart| apart.has(fact, owner))
     }
 
-    /// What may be other than when this was asked last.
+    /// Returns the claims that may have changed since the last call.
     pub(crate) fn take_untold(&mut self) -> Untold {
         self.untold.take()
     }
 
-    /// Whether something may have changed since this was asked last, for who does not settle.
+    /// Whether a fact may have changed since the last call. Always `false` if the beliefs settle.
     pub(crate) fn take_moved(&mut self) -> bool {
         std::mem::take(&mut self.is_moved) && !self.settles
     }
 
-    /// Whether `owner` may claim `more` facts beside those it claims.
+    /// Checks that `owner` may claim `more` facts in addition to those it claims.
+    ///
+    /// Returns an error if the owner would exceed its limit, or if there are too many owners.
     pub(crate) fn has_room(&self, owner: &Owner, more: usize) -> Result<(), Declined> {
         let claimed = self.by_owner.get(owner);
         let limit = match owner {
@@ -319,18 +328,19 @@ impl Beliefs {
         Ok(())
     }
 
-    /// The claims of `owner` are as its heartbeat has just made them.
+    /// Records that all claims of `owner` are as its heartbeat has just made them.
     pub(crate) fn calm(&mut self, owner: Owner) {
         self.calm.insert(owner);
     }
 
-    /// Whether a heartbeat of `owner` that says what its last one said would change nothing.
+    /// Whether a heartbeat of `owner` that equals its last one would change nothing.
     pub(crate) fn is_calm(&self, owner: &Owner) -> bool {
         self.calm.contains(owner)
     }
 
-    /// A claim of `owner` about this fact comes or goes: its next heartbeat has to be heard whole if
-    /// that is not its doing, and so have those of others who claim it too, whose word is newer then.
+    /// Prepares for a new or withdrawn claim of `owner` about `fact`: requires heartbeats to be read in
+    /// full next time. This is so for the owner, unless its own heartbeat makes the change; and for all
+    /// other owners that claim the fact, because repeating their claim would make it the newest.
     fn disturb(&mut self, fact: &FactKey, owner: &Owner, source: Option<Source>) {
         if source != Some(Source::Heartbeat) {
             self.calm.remove(owner);
@@ -342,7 +352,7 @@ impl Beliefs {
         }
     }
 
-    /// Believes `owner`, in place of what it said of this fact before.
+    /// Stores a claim of `owner`, in place of its former claim about this fact.
     pub(crate) fn claim(&mut self, fact: FactKey, owner: &Owner, claim: Claim) {
         self.disturb(&fact, owner, Some(claim.source));
         self.note_change(&fact, owner, claim.source);
@@ -359,7 +369,7 @@ impl Beliefs {
                 if is_repeated {
                     since = known.since;
                 }
-                // Most of what a heartbeat says is what the one before said.
+                // Fast path: most facts of a heartbeat equal those of the one before.
                 if known.claim.until == claim.until {
                     let (before, after) = (known.claim.source, claim.source);
                     *known = Stamped { stamp, since, claim };
@@ -392,7 +402,7 @@ impl Beliefs {
         self.touch(fact);
     }
 
-    /// Lists a claim among what was requested, if it is.
+    /// Adds a claim to `requested`, or removes it, depending on its source.
     fn list(&mut self, fact: &FactKey, owner: &Owner, source: Source) {
         let of = (fact.clone(), owner.clone());
         match source.is_another() {
@@ -401,7 +411,7 @@ impl Beliefs {
         };
     }
 
-    /// Believes `owner` no longer about this fact.
+    /// Removes the claim of `owner` about this fact.
     pub(crate) fn withdraw(&mut self, fact: &FactKey, owner: &Owner) {
         let Some(owners) = self.claims.get_mut(fact) else { return };
         let Some(Stamped { claim, .. }) = owners.remove(owner) else { return };
@@ -425,7 +435,7 @@ impl Beliefs {
         self.touch(fact.clone());
     }
 
-    /// Believes nobody about this fact.
+    /// Removes all claims about this fact.
     pub(crate) fn withdraw_all(&mut self, fact: &FactKey) {
         let owners: Vec<Owner> = { self.claims.get(fact).into_iter() }
             .flat_map(Owners::iter)
@@ -436,7 +446,7 @@ impl Beliefs {
         }
     }
 
-    /// Believes `owner` no longer about the facts that `is_over` tells.
+    /// Removes the claims of `owner` for which `is_over` returns `true`.
     pub(crate) fn withdraw_where(
         &mut self,
         owner: &Owner,
@@ -452,8 +462,9 @@ impl Beliefs {
         }
     }
 
-    /// The same, where the fact alone tells: what a heartbeat does not say any more, of a thousand
-    /// agents each second.
+    /// Removes the claims of `owner` for which `is_over` returns `true`, where the fact alone decides.
+    /// Used for the facts that a heartbeat no longer contains: this runs each second for a thousand
+    /// agents.
     pub(crate) fn withdraw_facts(&mut self, owner: &Owner, is_over: impl Fn(&FactKey) -> bool) {
         let over: Vec<FactKey> =
             self.facts_of(owner).filter(|fact| is_over(fact)).cloned().collect();
@@ -462,9 +473,9 @@ impl Beliefs {
         }
     }
 
-    /// Believes nobody any longer about what was told, but for what `stays`, which is in order.
+    /// Removes all claims that another maintainer passed on, except those in `stays`, which is sorted.
     pub(crate) fn withdraw_told(&mut self, stays: &[(FactKey, Owner)]) {
-        // Side by side: both are long, and nearly the same.
+        // A merge join: both sequences are long and nearly equal.
         let mut stays = stays.iter().peekable();
         let mut over = Vec::new();
         for (fact, owners) in &self.claims {
@@ -482,7 +493,7 @@ impl Beliefs {
         }
     }
 
-    /// What was told by another is from now on what was requested here.
+    /// Turns all claims that another maintainer passed on into requests of this maintainer.
     pub(crate) fn own_told(&mut self) {
         for owners in self.claims.values_mut() {
             for claim in owners.0.iter_mut().map(|(_, stamped)| &mut stamped.claim) {
@@ -493,7 +504,8 @@ impl Beliefs {
         }
     }
 
-    /// What was requested here is from now on what was told by another: who does not say it is right.
+    /// Turns all requests of this maintainer into claims that another maintainer passed on: if the
+    /// other no longer lists one of them, it will be removed.
     pub(crate) fn disown(&mut self) {
         for owners in self.claims.values_mut() {
             for claim in owners.0.iter_mut().map(|(_, stamped)| &mut stamped.claim) {
@@ -512,12 +524,13 @@ impl Beliefs {
         self.stamped_claim_of(fact, owner).map(|(_, claim)| claim)
     }
 
-    /// The same, with its place in the order in which all claims were made.
+    /// Returns the claim of `owner` about `fact`, with its place in the order in which all claims were
+    /// made.
     pub(crate) fn stamped_claim_of(&self, fact: &FactKey, owner: &Owner) -> Option<(u64, &Claim)> {
         self.claims.get(fact)?.get(owner).map(|stamped| (stamped.stamp, &stamped.claim))
     }
 
-    /// Forgets the claims whose time is over.
+    /// Removes the claims that have expired at `now`.
     pub(crate) fn expire(&mut self, now: Moment) {
         while let Some((until, fact, owner)) = self.deadlines.first().cloned() {
             if until > now {
@@ -531,20 +544,21 @@ impl Beliefs {
         self.deadlines.first().map(|(until, ..)| *until)
     }
 
-    /// Looks again at the facts that rest on something that differs between two composites.
+    /// Marks the facts that depend on something that differs between two composites.
     pub(crate) fn reconsider(&mut self, old: &Composite, new: &Composite) {
         let changed = Difference::between(old, new);
         let facts = self.claims.keys().filter(|fact| changed.touches(fact));
         self.touched.extend(facts.cloned());
     }
 
-    /// Looks again at the facts that speak of objects that have come.
+    /// Marks the facts that mention one of `objects`, which are new.
     pub(crate) fn reconsider_about(&mut self, objects: &BTreeSet<&Name>) {
         let speaks = |fact: &&FactKey| fact.arguments().iter().any(|name| objects.contains(name));
         self.touched.extend(self.claims.keys().filter(speaks).cloned());
     }
 
-    /// Brings what holds up to date; returns what holds now and did not, and the reverse.
+    /// Brings `holding` up to date. Returns the facts that hold now and did not before, and the
+    /// reverse.
     pub(crate) fn settle(
         &mut self,
         composite: &Composite,
@@ -573,21 +587,22 @@ impl Beliefs {
         self.claims.get(fact)?.judge(fact, composite, now)
     }
 
-    /// What holds at `now`, in a fixed order.
+    /// Returns the facts that hold at `now`, in a fixed order. Requires [`Beliefs::settle`].
     pub(crate) fn holding<'a>(
         &'a self,
         composite: &'a Composite,
         now: Moment,
     ) -> impl Iterator<Item = InitElement> + 'a {
         self.holding.iter().filter_map(move |(fact, holding)| {
-            // Another claim may outlive the one whose time is over.
+            // A second claim may still be valid when the one that expires first has expired.
             let is_over = holding.until.is_some_and(|until| until <= now);
             let holding = if is_over { self.judge(fact, composite, now)? } else { *holding };
             Some(fact.element(holding.value))
         })
     }
 
-    /// What holds at `now` in another composite than the one last settled in, in the same order.
+    /// Returns the facts that hold at `now` in a composite other than the one last settled in, in the
+    /// same order.
     pub(crate) fn judged<'a>(
         &'a self,
         composite: &'a Composite,
@@ -599,7 +614,7 @@ impl Beliefs {
         })
     }
 
-    /// What holds of a term, as last settled, or as it is judged.
+    /// Returns the value of a term: as last settled, or judged now if the beliefs do not settle.
     pub(crate) fn value_of(
         &self,
         fact: &FactKey,
@@ -613,18 +628,18 @@ impl Beliefs {
         holding.map(|holding| holding.value)
     }
 
-    /// Every claim of one owner.
+    /// Returns all claims of one owner.
     pub(crate) fn claims_by(&self, owner: &Owner) -> impl Iterator<Item = (&FactKey, &Claim)> {
         self.facts_of(owner).filter_map(move |fact| Some((fact, self.claim_of(fact, owner)?)))
     }
 
-    /// Every claim of one fact.
+    /// Returns all claims about one fact.
     pub(crate) fn claims_of(&self, fact: &FactKey) -> impl Iterator<Item = (&Owner, &Claim)> {
         let owners = self.claims.get(fact).into_iter().flat_map(Owners::iter);
         owners.map(|(owner, stamped)| (owner, &stamped.claim))
     }
 
-    /// Every claim, by fact.
+    /// Returns all claims, grouped by fact.
     pub(crate) fn claims(&self) -> impl Iterator<Item = (&FactKey, Vec<(&Owner, &Claim)>)> {
         self.claims.iter().map(|(fact, owners)| {
             (fact, owners.iter().map(|(owner, stamped)| (owner, &stamped.claim)).collect())
@@ -632,14 +647,15 @@ impl Beliefs {
     }
 }
 
-/// Which of several words about a number is believed.
+/// Returns the claim about a function that is believed. Of claims by heartbeats, only the one with the
+/// latest change of its value takes part; of it and all other claims, the one made last is returned.
 fn newest<'a>(known: impl Iterator<Item = &'a Stamped>) -> Option<&'a Stamped> {
     let (beats, others): (Vec<_>, Vec<_>) = known.partition(|stamped| stamped.is_heartbeat());
     let beat = beats.into_iter().max_by_key(|stamped| stamped.since);
     beat.into_iter().chain(others).max_by_key(|stamped| stamped.stamp)
 }
 
-/// The names that mean something else in one of two composites.
+/// Names with a different meaning in each of two composites.
 struct Difference<'a> {
     everything: bool,
     names: BTreeSet<&'a Name>,
@@ -671,7 +687,7 @@ fn differing<'a, V: PartialEq>(
     two: &'a BTreeMap<Name, V>,
     names: &mut BTreeSet<&'a Name>,
 ) {
-    // Side by side: both are long, and nearly the same.
+    // A merge join: both maps are long and nearly equal.
     let (mut one, mut two) = (one.iter().peekable(), two.iter().peekable());
     loop {
         let order = match (one.peek(), two.peek()) {

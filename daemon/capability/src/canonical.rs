@@ -1,10 +1,10 @@
 //! Canonical texts: two declarations are equal modulo variable names exactly if their canonical
 //! texts are equal.
 //!
-//! Variables are numbered in the order in which they are bound, nested `and`s are flattened,
-//! names are lower case. The order of conjuncts counts: authors who copy a model keep it, and
-//! two authors who do not are merely kept apart. Writing a text also gathers the symbols it
-//! uses, which is how an action that needs something undeclared is found.
+//! Variables are numbered in the order in which they are bound, nested `and`s are flattened, and names
+//! are lower case. The order of conjuncts counts: copies of one model have the same order, and where
+//! two authors chose different orders, their declarations are merely not merged. Writing a text also
+//! collects the symbols that it uses, which is how an action that needs something undeclared is found.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -17,7 +17,7 @@ use pddl::{
 
 use crate::digest;
 
-/// The symbols a schema uses.
+/// The symbols that a schema uses.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Uses {
     /// Predicates, each with its number of arguments.
@@ -28,18 +28,18 @@ pub(crate) struct Uses {
     pub(crate) observed: BTreeSet<(Name, usize)>,
     /// Types of variables.
     pub(crate) types: BTreeSet<Name>,
-    /// Objects named outright.
+    /// Objects that the schema names directly.
     pub(crate) objects: BTreeSet<Name>,
     /// Predicates that effects change.
     pub(crate) changed: BTreeSet<Name>,
     /// Functions that effects change.
     pub(crate) assigned: BTreeSet<Name>,
-    /// Variables that nothing binds.
+    /// Variables that are not bound.
     pub(crate) unbound: BTreeSet<Name>,
 }
 
-/// A canonical text, shared by all who compare by it. Ordered by its digest first: texts of
-/// one action that differ differ late, and are compared often.
+/// A canonical text. Clones share one allocation. Keys are ordered by their digest first: different
+/// texts of one action differ near the end only, and are compared often.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Key {
     digest: u64,
@@ -312,7 +312,7 @@ fn flatten_effect<'a>(effect: &'a Effect, parts: &mut Vec<&'a Effect>) {
 
 #[cfg(test)]
 mod tests {
-    /// Whether two actions, each without its name, are one.
+    /// Checks whether two actions have equal canonical texts, names aside.
     #[track_caller]
     fn check(one: &str, two: &str, expected: bool) {
         let key = |rest: &str| {
@@ -331,7 +331,7 @@ mod tests {
             true,
         );
         check(":parameters (?x ?y) :effect (q ?x)", ":parameters (?y ?x) :effect (q ?x)", false);
-        // An inner variable hides an outer one of its name, and ends with its quantifier.
+        // An inner variable hides an outer one of the same name, until its quantifier ends.
         check(
             ":parameters (?x) :precondition (and (exists (?x) (p ?x)) (q ?x))",
             ":parameters (?x) :precondition (and (exists (?y) (p ?y)) (q ?x))",

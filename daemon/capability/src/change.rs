@@ -1,32 +1,33 @@
-//! What a call changed, as plain data: to be told to others, and to be followed by them.
+//! The change made by one call, as plain data: it is announced to other agents, which can follow it.
 
 use acl::AgentId;
 use acl::content::EpochChange;
 use pddl::InitElement;
 
-/// What changed. Empty lists and no new epoch mean: nothing that anyone can see.
+/// Difference between the state before and after a call. If all lists are empty and the epoch is not
+/// new, nothing visible has changed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Change {
-    /// Counts changes of the set of capabilities, from 0 at the start.
+    /// Number of changes of the set of capabilities, from 0 at the start.
     pub epoch: u64,
-    /// Counts changes of anything, from 0 at the start.
+    /// Number of changes of any kind, from 0 at the start.
     pub revision: u64,
-    /// Whether this change made the epoch.
+    /// Whether this change began a new epoch.
     pub epoch_changed: bool,
-    /// Agents whose capabilities are there now and were not.
+    /// Agents with capabilities that have become available.
     pub joined: Vec<AgentId>,
-    /// Agents whose capabilities are gone or masked.
+    /// Agents with capabilities that are no longer available: the agents are gone, silent or masked.
     pub left: Vec<AgentId>,
-    /// Facts that are believed now; of a number, with its new value.
+    /// Facts that are believed now; for a function, with its new value.
     pub believed: Vec<InitElement>,
-    /// Facts that are believed no longer; of a number, with its last value.
+    /// Facts that are no longer believed; for a function, with its last value.
     pub retracted: Vec<InitElement>,
 }
 
 // === impl Change ===
 
 impl Change {
-    /// Whether nothing changed that anyone can see.
+    /// Whether nothing visible has changed.
     pub fn is_empty(&self) -> bool {
         !self.epoch_changed
             && self.joined.is_empty()
@@ -53,7 +54,7 @@ impl From<&Change> for EpochChange {
     }
 }
 
-/// Facts as PDDL text, one per line.
+/// Formats facts as PDDL text, one per line.
 pub fn text_of(facts: &[InitElement]) -> String {
     facts.iter().map(InitElement::to_string).collect::<Vec<_>>().join("\n")
 }

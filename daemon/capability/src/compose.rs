@@ -1,10 +1,13 @@
-//! Composing: the shared ontology and many models → one [`Composite`], and what was left out.
+//! Composes the shared ontology and many models into one [`Composite`], and lists what was left out.
 //!
-//! Pure, and as if from the start each time: the result depends on who is here, on who was here first
-//! where two disagree, and on names given before; on nothing else. Linear in the text of the
-//! models. Three steps, each a file: which declarations stand, which actions, and the domain
-//! that is written from both. Where nobody looks yet, only [whose declaration stands](incumbents)
-//! is kept; who is the next of its kind is [added](joining) to what was composed.
+//! Pure, and computed from the start each time. The result depends only on which agents are present, on
+//! their order of arrival where two of them disagree, and on action names given before. The cost is
+//! linear in the length of the models. There are three steps, each in a file of its own: selecting
+//! declarations (`declarations`), selecting actions (`actions`), and writing the domain (`assemble`).
+//!
+//! A maintainer of public scope composes only when a snapshot is requested; until then only the
+//! precedence of declarations is tracked ([`incumbents`]). An agent of an already known type is added
+//! to an existing composite ([`joining`]).
 
 mod actions;
 mod assemble;
@@ -25,40 +28,40 @@ use crate::conflict::{Conflict, Kind, Subject};
 use crate::manifest::{Declaration, Manifest};
 use crate::names::ActionNames;
 
-/// What everyone shares.
+/// The ontology and the map, which all agents share.
 #[derive(Clone, Debug)]
 pub(crate) struct Shared {
     pub(crate) ontology: Arc<Domain>,
     pub(crate) map: Arc<Problem>,
     pub(crate) manifest: Manifest,
-    /// Where a subject is declared in the manifest.
+    /// Index in the manifest of each declared subject.
     places: BTreeMap<Subject, usize>,
 }
 
-/// One agent's part in a composition.
+/// The contribution of one agent to a composition.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Party<'a> {
     pub(crate) agent: &'a AgentId,
-    /// Counts arrivals: of two that disagree, the one here first is believed.
+    /// Number of the arrival: if two agents disagree, the one that arrived first is believed.
     pub(crate) arrival: u64,
     pub(crate) manifest: &'a Manifest,
-    /// Whether its whole model is known here, or its public face only.
+    /// Whether the whole model of the agent is known here, or only its public part.
     pub(crate) trusted: bool,
 }
 
-/// What is remembered from one composition to the next.
+/// State that is kept from one composition to the next.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Memory {
-    /// Whose declaration stood: it goes on standing while anyone makes it.
+    /// The declaration in force for each subject. It stays in force while any agent makes it.
     incumbents: Incumbents,
-    /// Predicates whose facts may be unknown.
+    /// Predicates with facts that may be unknown.
     pub(crate) unknowable: BTreeSet<Name>,
     names: ActionNames,
 }
 
-/// Composes `parties`, which are in the order of their names.
+/// Composes `parties`, which are sorted by name.
 ///
-/// `everything` tells whether private facts of all may be known.
+/// If `everything` is true, the private facts of all agents are visible.
 pub(crate) fn compose(
     shared: &Shared,
     parties: &[Party<'_>],
@@ -88,15 +91,16 @@ impl Shared {
         Shared { ontology, map, manifest, places }
     }
 
-    /// What the ontology or the map declares of a subject.
+    /// Returns the declaration of a subject by the ontology or the map; `None` if neither declares it.
     fn declared(&self, subject: &Subject) -> Option<&Declaration> {
         self.places.get(subject).and_then(|place| self.manifest.declarations.get(*place))
     }
 }
 
 impl Memory {
-    /// Remembers whose declarations stand, without composing, now that a party says what is in `now`
-    /// in place of what was in `former`. `parties` are all who are here now, and all trusted or none.
+    /// Updates the precedence of declarations without composing, after the declarations of one party
+    /// changed from `former` to `now`. `parties` are all present agents; either all or none are
+    /// trusted.
     pub(crate) fn keep_standing<'a, P: Iterator<Item = Party<'a>>>(
         &mut self,
         former: Option<&Manifest>,
@@ -136,11 +140,11 @@ fn private_names<'a>(declarations: impl Iterator<Item = &'a Declaration>) -> BTr
     private.map(|declaration| declaration.subject.name.clone()).collect()
 }
 
-/// What was left out so far.
+/// The parts left out so far.
 #[derive(Default)]
 struct Report<'a> {
     conflicts: BTreeSet<Conflict>,
-    /// Declarations that another agent's stand in the place of.
+    /// Declarations left out because a different declaration of another agent is in force.
     lost: BTreeSet<(&'a AgentId, Kind, &'a Name)>,
 }
 
@@ -151,7 +155,7 @@ impl<'a> Report<'a> {
         self.conflicts.insert(Conflict { agents: vec![agent.clone()], subject, detail });
     }
 
-    /// `loser`'s declaration is left out, because `keeper` makes another.
+    /// Leaves out the declaration of `loser`, because a different one of `keeper` is in force.
     fn lose(&mut self, keeper: &AgentId, loser: &'a AgentId, subject: &'a Subject, detail: String) {
         self.lost.insert((loser, subject.kind, &subject.name));
         let agents = vec![keeper.clone(), loser.clone()];

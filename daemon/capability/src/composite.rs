@@ -1,6 +1,6 @@
-//! The composite: one domain of many models, and who offers what of it.
+//! The composite: one domain of many models, and the actions that each agent offers in it.
 //!
-//! Made by [`compose`](crate::compose); shared by snapshots, each of which sees it as it was.
+//! Made by [`compose`](crate::compose). Snapshots share it; each keeps the composite of its time.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, OnceLock};
@@ -14,10 +14,10 @@ use crate::digest::text_digest;
 use crate::fact::{FactKey, Owner, Value};
 use crate::vocabulary::Vocabulary;
 
-/// What plans are measured by where nothing else is said.
+/// The function that plans are measured by if no metric is given.
 pub(crate) const TOTAL_COST: &str = "total-cost";
 
-/// One domain of many models.
+/// One domain made of many models.
 #[derive(Clone, Debug)]
 pub(crate) struct Composite {
     pub(crate) domain: Arc<Domain>,
@@ -25,18 +25,18 @@ pub(crate) struct Composite {
     pub(crate) vocabulary: Vocabulary,
     /// The problem's objects, the map's before the agents'.
     pub(crate) objects: Arc<Vec<ObjectDeclaration>>,
-    /// How many of them are the map's. The agents' are in the order of their names.
+    /// Number of them that are the map's. Those of agents follow, sorted by name.
     pub(crate) of_map: usize,
-    /// The actions that stand, by their names outside.
+    /// The selected actions, by their names outside.
     pub(crate) schemas: BTreeMap<Name, Vec<Stands>>,
-    /// What each agent offers.
+    /// The actions that each agent offers.
     pub(crate) offers: BTreeMap<AgentId, Vec<Offered>>,
     /// Names inside → names outside, where they differ.
     pub(crate) qualified: BTreeMap<Name, Name>,
     pub(crate) secrets: Secrets,
-    /// The words of the domain for what is unknown.
+    /// The symbols of the domain that describe what is unknown.
     pub(crate) knowledge: Arc<Knowledge>,
-    /// The functions that costs of actions are made of; gathered when somebody asks.
+    /// The functions that costs of actions are made of; collected at the first request.
     costs: OnceLock<BTreeSet<Name>>,
 }
 
@@ -51,18 +51,18 @@ pub(crate) struct Offered {
     pub(crate) guard: Name,
 }
 
-/// An action that stands, whoever offers it.
+/// A selected action with its first offerer.
 #[derive(Clone, Debug)]
 pub(crate) struct Stands {
     /// Its canonical text.
     pub(crate) key: Key,
-    /// As the first of those who offer it, by name, wrote it.
+    /// The schema as written by its first offerer, by name.
     pub(crate) tree: Arc<ActionSchema>,
     pub(crate) first: AgentId,
     pub(crate) offered: Offered,
 }
 
-/// Who offers what, while it is being gathered.
+/// Offered actions while they are being collected.
 #[derive(Debug, Default)]
 pub(crate) struct Offers {
     by_agent: BTreeMap<AgentId, Vec<Offered>>,
@@ -70,10 +70,10 @@ pub(crate) struct Offers {
     qualified: BTreeMap<Name, Name>,
 }
 
-/// What the owners of facts keep to themselves.
+/// Facts that their owners keep private.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Secrets {
-    /// Whose private facts may be known; `None` means everyone's.
+    /// Agents with private facts that are visible; `None` means all agents.
     pub(crate) trusted: Option<BTreeSet<AgentId>>,
     /// Symbols that the ontology makes private to each agent.
     pub(crate) symbols: BTreeSet<Name>,
@@ -84,7 +84,7 @@ pub(crate) struct Secrets {
 // === impl Composite ===
 
 impl Composite {
-    /// `objects` come with how many of them are the map's.
+    /// Creates a composite. `of_map` is the number of objects that are the map's; they come first.
     pub(crate) fn new(
         domain: Domain,
         vocabulary: Vocabulary,
@@ -109,13 +109,13 @@ impl Composite {
         }
     }
 
-    /// Whether axioms say whether a fact holds.
+    /// Whether axioms derive the predicate of `fact`.
     pub(crate) fn derives(&self, fact: &InitElement) -> bool {
         let (InitElement::Atom(atom) | InitElement::Unknown(atom)) = fact else { return false };
         self.vocabulary.predicates.get(&atom.predicate).is_some_and(|signature| signature.derived)
     }
 
-    /// Why a claim of a fact means nothing here, for a person; `None` if it does.
+    /// Returns the reason, for a person, why a claim cannot take effect here; `None` if it can.
     pub(crate) fn misfit(&self, fact: &FactKey, value: Value) -> Option<String> {
         if self.is_negative_cost(fact, value) {
             return Some(format!(
@@ -126,13 +126,13 @@ impl Composite {
         self.vocabulary.fact_misfit(fact, value)
     }
 
-    /// Whether plans would cost less than nothing by a claim.
+    /// Whether a claim would give an action a negative cost.
     pub(crate) fn is_negative_cost(&self, fact: &FactKey, value: Value) -> bool {
         matches!(value, Value::Number(number) if number.0 < 0.0)
             && self.costs().contains(fact.symbol())
     }
 
-    /// The functions that costs of actions are made of.
+    /// Returns the functions that costs of actions are made of.
     fn costs(&self) -> &BTreeSet<Name> {
         self.costs.get_or_init(|| {
             let effects = self.domain.actions.iter().flat_map(|action| action.effect.parts());
@@ -145,19 +145,20 @@ impl Composite {
         })
     }
 
-    /// Digest of the domain's text; computed once, when somebody asks.
+    /// Returns the digest of the domain's text; computed at the first request.
     pub(crate) fn digest(&self) -> &str {
         self.digest.get_or_init(|| text_digest(&self.domain.to_string()))
     }
 
-    /// Shares the domain with a composite that has the same one, to the letter.
+    /// Shares the allocation of the domain with `other`, if the two domains have the same text.
     pub(crate) fn share_domain(&mut self, other: &Composite) {
         if self.domain == other.domain && self.digest() == other.digest() {
             self.domain = Arc::clone(&other.domain);
         }
     }
 
-    /// Whether planning in `other` is the same as planning in this: they share their domain.
+    /// Whether planning in `other` is the same as planning in this composite. Both must share the
+    /// allocation of their domain.
     pub(crate) fn is_as(&self, other: &Composite) -> bool {
         Arc::ptr_eq(&self.domain, &other.domain)
             && self.objects == other.objects
@@ -169,7 +170,7 @@ impl Composite {
 // === impl Offers ===
 
 impl Offers {
-    /// An action that stands, and who offers it, by name.
+    /// Adds a selected action and its offerers, sorted by name.
     pub(crate) fn add(
         &mut self,
         key: Key,
@@ -194,7 +195,7 @@ impl Offers {
 // === impl Secrets ===
 
 impl Secrets {
-    /// Whether what `owner` says of `fact` may be known here.
+    /// Whether a claim of `owner` about `fact` is visible here.
     pub(crate) fn sees(&self, owner: &Owner, fact: &FactKey) -> bool {
         let (Owner::Agent(agent), Some(trusted)) = (owner, &self.trusted) else { return true };
         if trusted.contains(agent) {
@@ -211,7 +212,7 @@ impl Secrets {
 // === impl Offered ===
 
 impl Offered {
-    /// The fact that lets `agent` act by this schema.
+    /// Returns the fact that lets `agent` use this action.
     pub(crate) fn guard_fact(&self, agent: &AgentId) -> Atom {
         let object = Term::Object(Name::new(agent.as_str()));
         Atom { predicate: self.guard.clone(), arguments: vec![object], span: Span::default() }

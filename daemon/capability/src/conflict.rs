@@ -1,32 +1,32 @@
-//! What could not be composed as its agent wrote it. The rest keeps working.
+//! Conflicts: parts of models that could not be composed as written. All other parts take effect.
 
 use std::fmt;
 
 use acl::AgentId;
 use pddl::Name;
 
-/// Something of a model that is left out, and why. To be told to all the agents it names.
+/// A part of a model that is left out, and the reason. Must be sent to all agents in `agents`.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Conflict {
-    /// The agent whose word is left out; before it, the one whose word stands, if it is an
-    /// agent's and not the ontology's or the map's.
+    /// The agent of the part that is left out, preceded by the agent of the part in force, unless that is
+    /// the part of the ontology or the map.
     pub agents: Vec<AgentId>,
-    /// What it is about.
+    /// The part that is left out.
     pub subject: Subject,
-    /// Why, for a person.
+    /// The reason, for a person.
     pub detail: String,
 }
 
-/// A part of a model.
+/// A part of a model, by kind and name.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Subject {
-    /// Which kind of part.
+    /// The kind of the part.
     pub kind: Kind,
-    /// Its name.
+    /// The name of the part.
     pub name: Name,
 }
 
-/// The kinds of parts a model has.
+/// The kinds of parts of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Kind {
     /// A type.

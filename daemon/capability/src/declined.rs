@@ -1,84 +1,84 @@
-//! Why something was not taken: expected turns, answered on the wire, never panics.
+//! Reasons why an input was declined. These are expected cases: they are answered with `refuse`.
 
 use std::fmt;
 
 use acl::content::{Reason, Refusal};
 use acl::{AgentId, Incarnation};
 
-/// Why a model, a heartbeat or a change was not taken. Nothing of it is believed.
+/// The reason why a model, a heartbeat or a change was declined. No part of it takes effect.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Declined {
     /// The model describes another agent than the one that sent it.
     OtherAgent {
-        /// Who sent it.
+        /// The agent that sent it.
         sender: AgentId,
-        /// Whom it describes.
+        /// The agent that it describes.
         model: String,
     },
     /// The model builds on another ontology.
     OtherOntology {
-        /// The one it names.
+        /// The ontology that it names.
         named: String,
-        /// The one that is shared here.
+        /// The ontology that is shared here.
         shared: String,
     },
-    /// A late report of a former life of the agent.
+    /// A late message of a former incarnation of the agent.
     FormerIncarnation {
         /// The agent.
         agent: AgentId,
-        /// The life that reports.
+        /// The incarnation that sent the message.
         reported: Incarnation,
-        /// The newest life known.
+        /// The newest incarnation known.
         current: Incarnation,
     },
-    /// A heartbeat that is not newer than one already believed.
+    /// A heartbeat that is not newer than one received before.
     OldSequence {
         /// The agent.
         agent: AgentId,
-        /// Its number.
+        /// The number of the heartbeat.
         reported: u64,
-        /// The newest number believed.
+        /// The number of the newest heartbeat received.
         current: u64,
     },
-    /// Nobody of this name, or of this life, has told its model yet.
+    /// No agent of this name, or not this incarnation of it, has announced its model yet.
     UnknownAgent {
         /// The agent.
         agent: AgentId,
     },
-    /// It means nothing in the composite domain.
+    /// The input has no meaning in the composite domain.
     Meaningless {
-        /// Why, in the checker's words.
+        /// The reason, as the checker states it.
         detail: String,
     },
-    /// The agent whose fact it is says otherwise.
+    /// An agent that is responsible for the fact reports otherwise.
     Owned {
-        /// The fact that was to be believed, or not to be.
+        /// The fact that was to be believed or retracted.
         fact: String,
-        /// The agent that answers for it.
+        /// The agent that is responsible for it.
         owner: String,
-        /// What that says instead, if anything.
+        /// The contradicting fact that the agent reports; `None` if it reports none.
         says: Option<String>,
     },
-    /// Plans would cost less than nothing.
+    /// The cost of plans would become negative.
     NegativeCost {
         /// The fact that was to be believed.
         fact: String,
-        /// What it gives a value.
+        /// The function that would get a negative value.
         function: String,
     },
-    /// Nobody offers such an action, or it is not withheld.
+    /// No agent concerned offers such an action, or the action is not withheld.
     UnknownAction {
         /// The action.
         action: String,
-        /// Of whom it was said; `None`: of all.
+        /// The agent named in the request; `None` if the request was about all agents.
         agent: Option<AgentId>,
-        /// Whether it was to be given back.
+        /// Whether the action was to be given back, rather than withheld.
         is_given_back: bool,
     },
-    /// More than this maintainer takes.
+    /// The input exceeds a limit of this maintainer.
     TooMany {
-        /// Of what, in the plural.
+        /// The things that are limited, in the plural.
         what: &'static str,
         /// The limit.
         limit: usize,
@@ -86,7 +86,7 @@ pub enum Declined {
 }
 
 impl Declined {
-    /// The reason for a program, as a `refuse` carries it.
+    /// Returns the reason in the form for programs, as a `refuse` carries it.
     pub fn reason(&self) -> Reason {
         match self {
             Declined::OtherAgent { .. }
@@ -100,7 +100,7 @@ impl Declined {
         }
     }
 
-    /// The content of a `refuse`.
+    /// Returns the content of a `refuse`.
     pub fn refusal(&self) -> Refusal {
         Refusal::new(self.reason(), self.to_string())
     }

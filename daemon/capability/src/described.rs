@@ -1,4 +1,4 @@
-//! What an agent said of itself, taken apart once for all who heard it.
+//! An announced model, taken apart once for all maintainers of a process.
 
 use std::sync::Arc;
 
@@ -8,12 +8,12 @@ use pddl::ActionModel;
 use crate::declined::Declined;
 use crate::manifest::Manifest;
 
-/// A model and its methods. Cheap to clone: it outlives heartbeats and lives, and the maintainers
-/// of one process share it.
+/// A model and its methods. Cheap to clone: it is kept across heartbeats and incarnations, and the
+/// maintainers of one process share it.
 #[derive(Clone, Debug)]
 pub(crate) struct Described {
     pub(crate) digest: Arc<str>,
-    /// The model as it was written, but for its facts and actions: those are in the manifest.
+    /// The model as written, without its facts and actions: those are in the manifest.
     pub(crate) frame: Arc<ActionModel>,
     /// The model, taken apart.
     pub(crate) manifest: Arc<Manifest>,
@@ -22,6 +22,8 @@ pub(crate) struct Described {
 
 impl Described {
     /// Takes a model apart.
+    ///
+    /// Returns an error if the model exceeds a limit.
     pub(crate) fn of(
         mut model: ActionModel,
         methods: Methods,

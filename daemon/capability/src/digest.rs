@@ -1,8 +1,8 @@
-//! Digests: how two sides learn that they speak of the same text without sending it.
+//! Digests: they let two agents find out whether they have the same text, without sending it.
 //!
-//! FNV-1a with 64 bits, where others may make it too: defined in four lines, the same in every
-//! language and version. It guards against accidents, not against forgery, which the substrate's
-//! certificates are for.
+//! FNV-1a with 64 bits where other programs may compute the digest too: it is defined in four lines and
+//! the same in every language and version. It protects against accidents, not against forgery; the
+//! certificates of the substrate do that.
 
 use std::hash::{BuildHasher as _, Hash as _, Hasher as _};
 
@@ -13,18 +13,18 @@ use pddl::Problem;
 const OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
 const PRIME: u64 = 0x0000_0100_0000_01b3;
 
-/// The digest of a text: 16 hexadecimal digits.
+/// Returns the digest of a text: 16 hexadecimal digits.
 pub fn text_digest(text: &str) -> String {
     hex(of_text(text))
 }
 
-/// The digest of a text, as a number.
+/// Returns the digest of a text, as a number.
 pub(crate) fn of_text(text: &str) -> u64 {
     fold(OFFSET, text.as_bytes())
 }
 
-/// The digest of a problem in a domain of this digest, its goal apart: much cheaper than that of its
-/// text and than FNV-1a, and the same only where the same program makes it.
+/// Returns the digest of a problem, without its goal, in a domain with the digest `domain`. Much faster
+/// than FNV-1a over the problem's text. Only the same build of the program computes the same value.
 pub fn problem_digest(domain: &str, problem: &Problem) -> String {
     let mut state = FixedState::with_seed(field(OFFSET, domain)).build_hasher();
     problem.objects.hash(&mut state);
@@ -33,7 +33,7 @@ pub fn problem_digest(domain: &str, problem: &Problem) -> String {
     hex(state.finish())
 }
 
-/// The digest of an action model's text and its methods: what heartbeats carry.
+/// Returns the digest of an action model's text and its methods, which heartbeats carry.
 pub fn model_digest(model: &str, methods: &Methods) -> String {
     hex(methods.iter().fold(field(OFFSET, model), |state, (action, method)| {
         method_into(field(state, action), method)
@@ -48,7 +48,7 @@ fn method_into(state: u64, method: &Method) -> u64 {
     fold(state, &u64::from(*timeout).to_le_bytes())
 }
 
-/// Length before bytes, so that no two lists of fields run together into one text.
+/// Hashes the length before the bytes, so that two different lists of fields never give the same input.
 fn field(state: u64, text: &str) -> u64 {
     fold(fold(state, &(text.len() as u64).to_le_bytes()), text.as_bytes())
 }

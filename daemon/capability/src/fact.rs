@@ -1,4 +1,4 @@
-//! Facts: what is said of the world, apart from who says it.
+//! Facts, independent of the agents that claim them.
 
 use std::fmt;
 use std::sync::Arc;
@@ -6,16 +6,16 @@ use std::sync::Arc;
 use acl::AgentId;
 use pddl::{Atom, FluentTerm, InitElement, Name, Number, Span, Term};
 
-/// Which kind of symbol a fact is about.
+/// The kind of symbol a fact is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) enum Space {
     Predicate,
     Function,
 }
 
-/// The term of a fact, without its value: two claims about one term are about one thing.
+/// The term of a fact, without its value: two claims about one term are about the same fact.
 ///
-/// Cheap to clone: it stands in several tables of every maintainer, and a machine may have many.
+/// Cheap to clone: it is kept in several tables of every maintainer, and a machine may run many.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct FactKey(Arc<Said>);
 
@@ -26,33 +26,33 @@ struct Said {
     arguments: Box<[Name]>,
 }
 
-/// What is said of a term.
+/// The value of a term.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Value {
-    /// Of a predicate: it is true.
+    /// For a predicate: it is true.
     True,
-    /// Of a predicate: neither known to be true nor known to be false.
+    /// For a predicate: it is neither known to be true nor known to be false.
     Unknown,
-    /// Of a function: its number.
+    /// For a function: its number.
     Number(Number),
 }
 
-/// What an element of `:init` says.
+/// The meaning of an element of `:init`.
 pub(crate) enum Statement {
     /// The term has this value.
     Is(FactKey, Value),
     /// The term is false.
     Not(FactKey),
-    /// Nothing that can be believed: it has a variable, or speaks of another time.
+    /// The element cannot be believed: it has a variable, or is about another time.
     Unusable,
 }
 
-/// Whose word a fact is.
+/// The owner of a fact.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Owner {
-    /// The map's: true until someone asks for a change.
+    /// The map: the fact holds until a request changes it.
     Map,
-    /// An agent's; it leaves with the agent.
+    /// An agent: the fact is removed with the agent.
     Agent(AgentId),
 }
 
@@ -70,17 +70,17 @@ impl FactKey {
         Some(FactKey(Arc::new(Said { space, symbol: symbol.clone(), arguments })))
     }
 
-    /// A fact of a predicate; `None` if it has a variable.
+    /// Returns the key of a fact of a predicate; `None` if an argument is a variable.
     pub(crate) fn of_predicate(symbol: &Name, arguments: &[Term]) -> Option<FactKey> {
         FactKey::new(Space::Predicate, symbol, arguments)
     }
 
-    /// Where the facts of a symbol begin, in the order of facts.
+    /// Returns the lower bound of the facts of a symbol, in the order of keys.
     pub(crate) fn first_of(space: Space, symbol: &Name) -> FactKey {
         FactKey(Arc::new(Said { space, symbol: symbol.clone(), arguments: Box::default() }))
     }
 
-    /// Whether it is a fact of this symbol.
+    /// Whether this is a fact of the given symbol.
     pub(crate) fn is_of(&self, space: Space, symbol: &Name) -> bool {
         self.space() == space && self.symbol() == symbol
     }
@@ -97,7 +97,7 @@ impl FactKey {
         &self.0.arguments
     }
 
-    /// The element of `:init` that gives this term `value`.
+    /// Returns the element of `:init` that gives this term `value`.
     pub(crate) fn element(&self, value: Value) -> InitElement {
         let arguments = self.arguments().iter().cloned().map(Term::Object).collect();
         let span = Span::default();

@@ -1,4 +1,4 @@
-//! Following from afar: a copy of the state, kept up to date by announced changes.
+//! A copy of the state, kept up to date by announced changes.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use pddl::{Diagnostic, InitElement};
 
 use crate::fact::{FactKey, Statement, Value};
 
-/// A copy of what a Domain Maintainer believes.
+/// A copy of the facts that a Domain Maintainer believes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Follower {
     epoch: u64,
@@ -15,7 +15,7 @@ pub struct Follower {
     facts: BTreeMap<FactKey, Value>,
 }
 
-/// Why a change could not be followed: the copy is as it was, and a fresh one has to be asked for.
+/// The reason why a change could not be followed. The copy is as before; a fresh one must be requested.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Lag {
@@ -33,25 +33,25 @@ pub enum Lag {
         /// The epoch that was announced.
         announced: u64,
     },
-    /// The announced facts are no PDDL.
+    /// The announced facts are not valid PDDL.
     Unreadable(Vec<Diagnostic>),
 }
 
 // === impl Follower ===
 
 impl Follower {
-    /// A copy of a state as it was asked for.
+    /// Creates a copy from a requested state.
     pub fn new(epoch: u64, revision: u64, state: &[InitElement]) -> Follower {
         let mut follower = Follower { epoch, revision, facts: BTreeMap::new() };
         follower.believe(state);
         follower
     }
 
-    /// Follows a change; one that the copy has already is passed over.
+    /// Applies a change; a change that the copy already has is ignored.
     ///
     /// # Errors
     ///
-    /// If the copy has to be asked for again.
+    /// Returns an error if a fresh copy must be requested.
     pub fn follow(&mut self, change: &EpochChange) -> Result<(), Lag> {
         let EpochChange { epoch, revision, believed, retracted, .. } = change;
         if *revision <= self.revision {
@@ -83,7 +83,7 @@ impl Follower {
         }
     }
 
-    /// What is believed, in a fixed order.
+    /// Returns the believed facts, in a fixed order.
     pub fn facts(&self) -> impl Iterator<Item = InitElement> {
         self.facts.iter().map(|(key, value)| key.element(*value))
     }

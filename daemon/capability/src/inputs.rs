@@ -1,4 +1,4 @@
-//! What is told to the Domain Maintainer, made precise at the border.
+//! The inputs of the Domain Maintainer, parsed from the contents of messages.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -14,105 +14,105 @@ use crate::declined::Declined;
 use crate::described::Described;
 use crate::moment::Moment;
 
-/// How many half periods an agent may be silent before its capabilities are masked.
+/// Number of half periods for which an agent may be silent before its capabilities are masked.
 ///
-/// Three and a half heartbeats: one may be lost and one may be late, and the half keeps a
-/// punctual third from racing the limit.
+/// Three and a half periods: one heartbeat may be lost and one may be late. The half period prevents a
+/// race between a third heartbeat that is on time and the limit.
 pub const SILENCE_HALF_PERIODS: u32 = 7;
 
-/// An agent's description of itself. Cheap to clone: the clones share it.
+/// An announced action model with its methods. Cheap to clone: clones share it.
 #[derive(Clone, Debug)]
 pub struct Announcement {
-    /// Who sent it.
+    /// The sender.
     pub agent: AgentId,
-    /// Which life of the sender.
+    /// Incarnation of the sender.
     pub incarnation: Incarnation,
-    /// What it said, or why that is too much.
+    /// The model taken apart, or the reason why it exceeds a limit.
     pub(crate) described: Result<Described, Declined>,
 }
 
-/// An agent's state, complete for what it owns.
+/// A heartbeat: the state of an agent, complete for the facts that the agent owns.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Beat {
-    /// Who sent it.
+    /// The sender.
     pub agent: AgentId,
-    /// Which life of the sender.
+    /// Incarnation of the sender.
     pub incarnation: Incarnation,
-    /// Counts this incarnation's heartbeats, from 1.
+    /// Number of the heartbeat, from 1 in each incarnation.
     pub sequence: u64,
-    /// Digest of the model that it goes with.
+    /// Digest of the model that the heartbeat belongs to.
     pub digest: String,
-    /// What the agent knows, and which of it is `(unknown FACT)` to it.
+    /// Facts known to the agent, and `(unknown FACT)` for those that are unknown to it.
     pub facts: Vec<Known>,
-    /// When its capabilities are masked if no further heartbeat comes; `None`: never.
+    /// Time at which its capabilities are masked if no further heartbeat arrives; `None`: never.
     pub due: Option<Moment>,
 }
 
-/// A heartbeat that says what the one before it said, but for its number.
+/// A heartbeat that equals the one before it, except for its number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Repeated<'h> {
-    /// Who sent it.
+    /// The sender.
     pub agent: &'h AgentId,
-    /// Which life of the sender.
+    /// Incarnation of the sender.
     pub incarnation: Incarnation,
-    /// Digest of the model that it goes with.
+    /// Digest of the model that the heartbeat belongs to.
     pub digest: &'h str,
-    /// The number of the one before.
+    /// Number of the heartbeat before it.
     pub before: u64,
-    /// Its own.
+    /// Number of this heartbeat.
     pub sequence: u64,
-    /// When the next is due at the latest.
+    /// Time until the next heartbeat is due at the latest.
     pub period: Duration,
 }
 
-/// A fact that is known, perhaps for a while only.
+/// A fact that is known, without end or for a limited time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Known {
     /// The fact.
     pub fact: InitElement,
-    /// When it stops to be known; `None`: when its owner says so.
+    /// Time at which it expires; `None`: it is known until its owner retracts it.
     pub until: Option<Moment>,
 }
 
-/// A change of the state: first what is believed no longer, then what is believed.
+/// A change of the state: first the retractions take effect, then the facts to believe.
 ///
-/// A `(not FACT)` among the believed retracts the fact.
+/// A `(not FACT)` in `believe` retracts the fact.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Effects {
     /// Facts to believe.
     pub believe: Vec<InitElement>,
-    /// Facts to believe no longer; of a number, its value does not count.
+    /// Facts to retract; for a function, the value is ignored.
     pub retract: Vec<InitElement>,
 }
 
-/// What requests changed at the central maintainer, complete.
+/// All changes that requests have made at the central maintainer.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Requests {
-    /// Facts, each with whose word it is.
+    /// Facts, each with its owner.
     pub facts: Vec<(AgentId, Known)>,
-    /// Facts of the map that are believed no longer.
+    /// Facts of the map that are retracted.
     pub retracted: Vec<InitElement>,
-    /// What plans are measured by, if not as the map says.
+    /// The metric of plans; `None` if it is the map's.
     pub metric: Option<Metric>,
-    /// Actions that are withheld, of one agent or of all.
+    /// Actions that are withheld, of one agent or, with `None`, of all.
     pub withheld: Vec<(Name, Option<AgentId>)>,
 }
 
-/// What requests changed since it was told last.
+/// Changes that requests have made since the last announcement of them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RequestsSince {
-    /// Facts that are told now, each with whose word it is.
+    /// Facts that are new or changed, each with its owner.
     pub facts: Vec<(AgentId, Known)>,
-    /// Facts that are nobody's word any longer, each with whose it was; of numbers, any value.
+    /// Facts that are withdrawn, each with its former owner; the values of functions are arbitrary.
     pub withdrawn: Vec<(AgentId, InitElement)>,
-    /// Facts of the map that are believed no longer.
+    /// Facts of the map that are retracted.
     pub retracted: Vec<InitElement>,
 }
 
 // === impl Announcement ===
 
 impl Announcement {
-    /// A model, the methods that carry its actions out, and the digest of both:
+    /// Takes apart a model. `methods` carry out its actions; `digest` is that of both, see
     /// [`model_digest`](crate::model_digest).
     pub fn new(
         agent: AgentId,
@@ -124,11 +124,11 @@ impl Announcement {
         Announcement { agent, incarnation, described: Described::of(model, methods, digest) }
     }
 
-    /// Reads what an agent announced. The heartbeat that comes with it is read by [`Beat::read`].
+    /// Parses an announced model. The heartbeat in the announcement is parsed by [`Beat::read`].
     ///
     /// # Errors
     ///
-    /// If the model is no PDDL; the diagnostics point into its text.
+    /// Returns the diagnostics, with places in the model's text, if it is not valid PDDL.
     pub fn read(
         agent: AgentId,
         incarnation: Incarnation,
@@ -143,11 +143,12 @@ impl Announcement {
 // === impl Beat ===
 
 impl Beat {
-    /// Reads a heartbeat as it came at `now`.
+    /// Parses a heartbeat that was received at `now`.
     ///
     /// # Errors
     ///
-    /// If its facts are no PDDL; the diagnostics point into the first text that has mistakes.
+    /// Returns the diagnostics if its facts are not valid PDDL, with places in the first text that has
+    /// mistakes.
     pub fn read(
         agent: AgentId,
         incarnation: Incarnation,
@@ -162,7 +163,7 @@ impl Beat {
     }
 }
 
-/// When an agent is silent whose next heartbeat is due in `period`.
+/// Returns the time at which an agent is silent, if its next heartbeat is due in `period` from `now`.
 pub(crate) fn silent_from(period: Duration, now: Moment) -> Moment {
     now.after(period.saturating_mul(SILENCE_HALF_PERIODS) / 2)
 }
@@ -186,11 +187,12 @@ impl Known {
         Ok(known)
     }
 
-    /// Reads what somebody observed, as it came at `now`.
+    /// Parses an observation that was received at `now`.
     ///
     /// # Errors
     ///
-    /// If it is no PDDL; the diagnostics point into the first text that has mistakes.
+    /// Returns the diagnostics if it is not valid PDDL, with places in the first text that has
+    /// mistakes.
     pub fn read(observed: &Observation, now: Moment) -> Result<Vec<Known>, Vec<Diagnostic>> {
         let Observation { facts, known_for } = observed;
         Known::read_all(facts, known_for, now)
@@ -206,11 +208,12 @@ impl From<InitElement> for Known {
 // === impl Effects ===
 
 impl Effects {
-    /// Reads a request to change the state.
+    /// Parses a request to change the state.
     ///
     /// # Errors
     ///
-    /// If it is no PDDL; the diagnostics point into the first text that has mistakes.
+    /// Returns the diagnostics if it is not valid PDDL, with places in the first text that has
+    /// mistakes.
     pub fn read(change: &ChangeState) -> Result<Effects, Vec<Diagnostic>> {
         let ChangeState { believe, retract, owner: _ } = change;
         Ok(Effects {
@@ -223,11 +226,12 @@ impl Effects {
 // === impl Requests ===
 
 impl Requests {
-    /// Reads what was told at `now`.
+    /// Parses an announcement of all requested changes that was received at `now`.
     ///
     /// # Errors
     ///
-    /// If it is no PDDL; the diagnostics point into the first text that has mistakes.
+    /// Returns the diagnostics if it is not valid PDDL, with places in the first text that has
+    /// mistakes.
     pub fn read(told: &Requested, now: Moment) -> Result<Requests, Vec<Diagnostic>> {
         let Requested { facts, retracted, metric, withheld } = told;
         let metric = metric.as_ref().map(|metric| pddl::parse_metric(metric).into_result());
@@ -245,11 +249,12 @@ impl Requests {
 // === impl RequestsSince ===
 
 impl RequestsSince {
-    /// Reads what was told at `now`.
+    /// Parses an announcement of recent requested changes that was received at `now`.
     ///
     /// # Errors
     ///
-    /// If it is no PDDL; the diagnostics point into the first text that has mistakes.
+    /// Returns the diagnostics if it is not valid PDDL, with places in the first text that has
+    /// mistakes.
     pub fn read(told: &RequestedSince, now: Moment) -> Result<RequestsSince, Vec<Diagnostic>> {
         let RequestedSince { facts, withdrawn, retracted } = told;
         let withdrawn = known(withdrawn, now)?.into_iter();

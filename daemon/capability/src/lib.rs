@@ -1,25 +1,26 @@
-//! The Domain Maintainer: action models and facts of many agents → one domain and problem.
+//! The Domain Maintainer: composes the action models and facts of many agents into one domain and one
+//! problem.
 //!
-//! Start reading at [`Maintainer`]. Agents come and go, say what they can do and what they know;
-//! at every moment there is one composite domain, one state with provenance, and a [`Snapshot`]
-//! of both to plan in. The central maintainer and what actuators share are the same machine
-//! with another [`Scope`]; what an actuator knows beside what is public, it sees [for
-//! itself](Maintainer::snapshot_for).
+//! Start reading at [`Maintainer`]. Agents join and leave, announce their action models and report
+//! facts. At every moment there is one composite domain, one state with the provenance of each fact,
+//! and a [`Snapshot`] of both to plan in. The central maintainer and the maintainer that the actuators
+//! of a daemon share are the same state machine with another [`Scope`]. What an actuator knows in
+//! addition to the public part is added [per actuator](Maintainer::snapshot_for).
 //!
-//! - `maintainer` is told things and answers with a [`Change`], or with why it [`Declined`].
-//! - `compose` makes one domain of many models; `manifest` takes a model apart for it, `described`
-//!   is what is kept of one.
-//! - `belief` keeps who claims which fact; `roster` keeps who is here; `remembered` keeps what those
-//!   who left could do.
+//! - `maintainer` takes inputs and returns a [`Change`], or the reason why an input was [`Declined`].
+//! - `compose` makes one domain of many models. `manifest` takes a model apart for it; `described` is
+//!   what is kept of a model.
+//! - `belief` keeps all claims about facts; `roster` keeps the present agents; `remembered` keeps the
+//!   actions of agents that have left.
 //! - [`Follower`] keeps a copy of the state from announced changes.
 //!
 //! Leaves to others: messages and tokens (`agent`), parsing and checking (`pddl`), planning
 //! (`planner`), deciding when a lost agent is removed (the plugin).
 //!
-//! **Invariant:** nothing here reads a clock or does I/O; a [`Moment`] enters with each call, and
-//! the same calls give the same answers everywhere.
-//! **Invariant:** no agent can make the composite unreadable for a planner: whatever does not fit
-//! is left out and named in a [`Conflict`].
+//! **Invariant:** nothing here reads a clock or does I/O; a [`Moment`] enters with each call, and the
+//! same calls give the same results everywhere.
+//! **Invariant:** no agent can make the composite domain unreadable for a planner: a part of a model
+//! that does not fit is left out and named in a [`Conflict`].
 
 mod maintainer;
 

@@ -1,9 +1,9 @@
-//! The Domain Maintainer: what it is told, and what follows from it.
+//! The Domain Maintainer: a state machine that takes inputs and returns what changed.
 //!
-//! - Is told of models, heartbeats, lost tokens, confirmed actions and requests, by whoever
-//!   reads messages: a plugin, or an actuator for itself.
-//! - Answers each with a [`Change`] to be announced, or with why it was [`Declined`].
-//! - Leaves to others: what a message is, which clock runs, when a lost agent is removed.
+//! - Takes models, heartbeats, lost and returned tokens, confirmed actions and requests. The caller
+//!   reads the messages: a plugin, or an actuator for itself.
+//! - Returns a [`Change`] to be announced for each input, or the reason why it was [`Declined`].
+//! - Leaves to others: the form of messages, the clock, when a lost agent is removed.
 
 mod departure;
 mod facts;
@@ -31,70 +31,72 @@ use crate::moment::Moment;
 use crate::remembered::Remembered;
 use crate::roster::{Member, Roster};
 
-/// How much a maintainer shows.
+/// The part of the models that a maintainer shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scope {
-    /// All models: the maintainer of the whole ecosystem.
+    /// All models, whole: for the maintainer of the whole ecosystem.
     Everything,
-    /// The ontology, the map, public facts and objects; nobody's actions, and nothing private.
-    /// What actuators share, each of whom sees more [with its own
-    /// eyes](Maintainer::snapshot_for).
+    /// The ontology, the map, and public facts and objects; no actions, and nothing private. For the
+    /// maintainer that actuators share. Each actuator sees more [in a snapshot of its
+    /// own](Maintainer::snapshot_for).
     ///
-    /// Composed whenever somebody looks, and not before: a thousand models that come at once cost no
-    /// more than to read them. What changes is therefore told of agents only, and what counts
-    /// changes may count some that nobody can see.
+    /// Nothing is composed until a snapshot is requested: if a thousand models arrive at once, they are
+    /// only parsed. A [`Change`] therefore lists agents only, and its epoch and revision may count
+    /// changes that are not visible.
     Public,
 }
 
-/// What has come and is not composed yet.
+/// Changes of models that have not been composed yet.
 #[derive(Clone, Debug, Default)]
 struct Uncomposed {
-    /// Who was not here before.
+    /// Agents that have joined.
     joined: Vec<AgentId>,
-    /// Whether models are others than they were, or have gone.
+    /// Whether a model has changed or an agent has left.
     others: bool,
 }
 
-/// What came of a model that was taken.
+/// The result of admitting a model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Admission {
-    /// What changed; empty for a model that is known already.
+    /// The change; empty for a model that is known already.
     pub change: Change,
-    /// What this model made impossible to compose as written, in whichever model it stands;
-    /// to be told to the agents each names.
+    /// Parts that can no longer be composed as written because of this model, in any of the models.
+    /// Must be sent to the agents that each conflict names.
     pub conflicts: Vec<Conflict>,
 }
 
-/// The state machine.
+/// The state machine of a Domain Maintainer.
 ///
-/// Two maintainers that were told the same in another order agree, except on which of two
-/// agents that contradict each other is believed: the one that came first to each.
+/// Two maintainers that received the same inputs in different orders have the same state, with one
+/// exception: if two agents contradict each other, each maintainer believes the one that it received
+/// first.
 #[derive(Clone, Debug)]
 pub struct Maintainer {
     shared: Arc<Shared>,
     scope: Scope,
-    /// Whether it believes what another tells of requests.
+    /// Whether it adopts the changes by requests that the central maintainer announces.
     follows: bool,
     roster: Roster,
     remembered: Remembered,
     memory: Memory,
-    /// Counts changes of what agents describe of themselves: all that composing depends on.
+    /// Number of changes of models, on which the composite depends.
     models: u64,
-    /// Of a public scope, what was composed of nobody's model.
+    /// The current composite; for [`Scope::Public`], that of the ontology and the map alone.
     composite: Arc<Composite>,
     conflicts: Vec<Conflict>,
     beliefs: Beliefs,
-    /// Agents that left something unknown behind, the oldest first.
+    /// Agents that have left facts behind that are now unknown, the earliest to leave first.
     departed: VecDeque<AgentId>,
-    /// Actions taken off by request: of one agent, or of all.
+    /// Actions withheld by request, of one agent or, with `None`, of all.
     withheld: BTreeSet<(Name, Option<AgentId>)>,
     metric: Option<Metric>,
-    /// Whose capabilities the last change told to be there.
+    /// Agents with capabilities that were available at the end of the last call.
     announced: BTreeSet<AgentId>,
-    /// Whether the set of capabilities changed since the last change was told.
+    /// Whether the set of capabilities has changed since the last [`Change`] was returned.
     is_changed: bool,
     uncomposed: Uncomposed,
-    /// What could not be composed when the first of them came.
+    /// The conflicts that existed before the first uncomposed model arrived; `None` if none has
+    /// arrived.
     known_conflicts: Option<BTreeSet<Conflict>>,
     epoch: u64,
     revision: u64,
@@ -103,9 +105,9 @@ pub struct Maintainer {
 // === impl Maintainer ===
 
 impl Maintainer {
-    /// Knows the shared ontology and the map, and no agent.
+    /// Creates a maintainer with the shared ontology and the map, and without agents.
     ///
-    /// Both are taken as they are: check them first.
+    /// Both are used without a check: the caller must check them first.
     pub fn new(
         ontology: impl Into<Arc<Domain>>,
         map: impl Into<Arc<Problem>>,
@@ -118,7 +120,8 @@ impl Maintainer {
         let (composite, conflicts) = compose(&shared, &[], everything, &mut memory);
         let mut remembered = Remembered::default();
         let name = &shared.ontology.name;
-        // What it describes is the model of nobody: someone may come and offer it.
+        // An action that only the ontology describes counts as offered in the past: an agent that
+        // offers it may join.
         remembered.note(&ActionModel::of(name.clone(), name.clone()), &shared.manifest);
         let mut maintainer = Maintainer {
             shared,
@@ -145,24 +148,24 @@ impl Maintainer {
         maintainer
     }
 
-    /// Takes a model: new, changed, or of a new life of the agent; and composes.
+    /// Adds a model that is new, changed, or of a new incarnation of the agent; and composes.
     ///
     /// # Errors
     ///
-    /// If it speaks of another agent or another ontology, comes from a former life, or is too
-    /// large. Nothing of it is taken then. Single parts that cannot be used are no error: they
-    /// are left out and named among the conflicts.
+    /// Returns an error if the model describes another agent or names another ontology, if it comes
+    /// from a former incarnation, or if it is too large. Then no part of it takes effect. A single part
+    /// that cannot be used is no error: it is left out and named among the conflicts.
     pub fn admit(&mut self, announced: Announcement, now: Moment) -> Result<Admission, Declined> {
         self.take(announced, now)?;
         Ok(self.compose_taken(now))
     }
 
-    /// Takes a model as [`admit`](Maintainer::admit) does, and leaves it to be composed with others
-    /// that come soon. Until then nothing changes that anyone can see.
+    /// Adds a model as [`admit`](Maintainer::admit) does, without composing, so that it can be composed
+    /// together with others that arrive soon. Until then no visible change occurs.
     ///
     /// # Errors
     ///
-    /// As of `admit`.
+    /// Returns an error in the same cases as `admit`.
     pub fn take(&mut self, announced: Announcement, now: Moment) -> Result<(), Declined> {
         let Announcement { agent, incarnation, described } = announced;
         self.roster.check(&agent, incarnation)?;
@@ -189,12 +192,12 @@ impl Maintainer {
         Ok(())
     }
 
-    /// Whether models have been [taken](Maintainer::take) that are not composed yet.
+    /// Whether there are [added](Maintainer::take) models that have not been composed yet.
     pub fn is_stale(&self) -> bool {
         self.uncomposed.others || !self.uncomposed.joined.is_empty()
     }
 
-    /// Composes what was taken: once, however much it is.
+    /// Composes all models that were added since the last composition, in one step.
     pub fn compose_taken(&mut self, now: Moment) -> Admission {
         if self.is_stale() {
             self.recompose();
@@ -218,7 +221,8 @@ impl Maintainer {
         Ok(())
     }
 
-    /// What an agent announced, if it is this: for another maintainer that hears the same.
+    /// Returns the announcement of an agent, if its incarnation and digest are the given ones. It can
+    /// be passed to another maintainer that receives the same messages.
     pub fn announcement(
         &self,
         agent: &AgentId,
@@ -231,18 +235,18 @@ impl Maintainer {
         is_this.then_some(Announcement { agent, incarnation, described })
     }
 
-    /// Whether the model that goes with `digest` has to be asked for.
+    /// Whether the model with this digest has to be requested from the agent.
     pub fn needs_model(&self, agent: &AgentId, digest: &str) -> bool {
         self.roster.get(agent).is_none_or(|member| *member.described.digest != *digest)
     }
 
-    /// The agent's token is lost: its capabilities leave for new plans at once, its objects and
-    /// its facts stay. A token of a former life changes nothing.
+    /// Handles the loss of an agent's liveliness token. New plans no longer use its capabilities; its
+    /// objects and facts stay. The token of a former incarnation changes nothing.
     pub fn mask(&mut self, agent: &AgentId, incarnation: Incarnation, now: Moment) -> Change {
         self.set_masked(agent, incarnation, true, now)
     }
 
-    /// The agent's token is back.
+    /// Handles the return of an agent's liveliness token.
     pub fn unmask(&mut self, agent: &AgentId, incarnation: Incarnation, now: Moment) -> Change {
         self.set_masked(agent, incarnation, false, now)
     }
@@ -258,13 +262,14 @@ impl Maintainer {
         self.conclude(now)
     }
 
-    /// The agent is gone: its actions, its objects and its facts leave. What it answered for and is about
-    /// others is unknown from now on. A former life of an agent that is here again cannot be removed.
+    /// Removes an agent with its actions, its objects and its facts. Facts that it was responsible for
+    /// and that are about other objects become unknown. If a newer incarnation of the agent is known,
+    /// nothing changes.
     pub fn remove(&mut self, agent: &AgentId, incarnation: Incarnation, now: Moment) -> Change {
         if self.roster.check(agent, incarnation).is_err() {
             return self.conclude(now);
         }
-        // What actuators share follows what is told of it.
+        // Shared maintainers of actuators are informed of unknown facts by the central one.
         let left = match self.scope {
             Scope::Everything => self.left_behind(agent),
             Scope::Public => Vec::new(),
@@ -281,21 +286,21 @@ impl Maintainer {
         self.conclude(now)
     }
 
-    /// Time passes: what is known no longer is believed no longer, and agents whose heartbeats
-    /// stopped are masked.
+    /// Advances the time: removes expired claims, and masks the agents with overdue heartbeats.
     pub fn expire(&mut self, now: Moment) -> Change {
         self.beliefs.expire(now);
         self.roster.fall_silent(now);
         self.conclude(now)
     }
 
-    /// When [`expire`](Maintainer::expire) has something to do, if nothing else happens.
+    /// Returns the next time at which [`expire`](Maintainer::expire) has an effect, if no other input
+    /// comes before.
     pub fn next_expiry(&self) -> Option<Moment> {
         self.beliefs.next_expiry().into_iter().chain(self.roster.next_silence()).min()
     }
 
-    /// Takes a member in, and what its model says is true. What its heartbeats said, this life
-    /// long, is truer.
+    /// Adds or replaces a member, and claims the facts of its model. Claims by heartbeats of the same
+    /// incarnation take precedence over them.
     fn seat(&mut self, agent: &AgentId, member: Member, now: Moment) {
         let owner = Owner::Agent(agent.clone());
         let same_life =
@@ -309,7 +314,7 @@ impl Maintainer {
         self.roster.get(agent).map(|member| Arc::clone(&member.described.manifest))
     }
 
-    /// Takes account of what an agent describes of itself now, in place of what it described before.
+    /// Handles a change of an agent's model. `former` is the manifest before the change.
     fn remodel(&mut self, agent: &AgentId, former: Option<&Manifest>) {
         self.models += 1;
         let everything = self.scope == Scope::Everything;
@@ -325,19 +330,19 @@ impl Maintainer {
                 let known = || self.conflicts.iter().cloned().collect();
                 self.known_conflicts.get_or_insert_with(known);
             }
-            // Nobody sees it yet.
+            // Nothing is composed before a snapshot is requested.
             Scope::Public => self.is_changed = true,
         }
     }
 
-    /// More facts may be unknown: the domain has words for it from now on.
+    /// Adds the predicates with unknown facts to the domain's symbols, after they have become more.
     fn reword(&mut self) {
         self.memory.unknowable.clone_from(self.beliefs.unknowable());
         match self.scope {
             Scope::Everything => {
                 let waits = self.is_stale();
                 self.uncomposed.others = true;
-                // With what waits to be composed, if there is something.
+                // Models that wait to be composed are composed together with this change.
                 if !waits {
                     self.recompose();
                 }
@@ -361,9 +366,10 @@ impl Maintainer {
         self.composite = Arc::new(composite);
     }
 
-    /// Adds those who joined to what was composed; `false` if not all of them only add something.
+    /// Adds the agents that joined to the existing composite. Returns `false` if one of them changes
+    /// more than that.
     fn add(&mut self, joined: &[AgentId]) -> bool {
-        // Who joins may mend what was left out.
+        // An agent that joins may resolve a conflict.
         if !self.conflicts.is_empty() {
             return false;
         }
@@ -378,7 +384,8 @@ impl Maintainer {
         is_whole
     }
 
-    /// One domain of all models, of which those that `trusts` names are known whole.
+    /// Composes one domain of all models. Models of agents for which `trusts` returns `true` are used
+    /// whole.
     fn compose(
         &self,
         trusts: impl Fn(&AgentId) -> bool,
@@ -388,13 +395,13 @@ impl Maintainer {
         compose(&self.shared, &parties, self.scope == Scope::Everything, memory)
     }
 
-    /// Tells what is other than at the end of the call before.
+    /// Ends a call: returns the difference to the state at the end of the call before.
     fn conclude(&mut self, now: Moment) -> Change {
         if self.beliefs.take_newly_unknowable() {
             self.reword();
         }
         if self.is_stale() {
-            // All of it is told when it is composed.
+            // The changes are returned when they are composed.
             let (epoch, revision) = (self.epoch, self.revision);
             return Change { epoch, revision, ..Change::default() };
         }

@@ -1,6 +1,7 @@
-//! A model, taken apart once when it arrives: what composing then compares and copies.
+//! A manifest: a model, taken apart once when it arrives, in the form that composing compares and
+//! copies.
 //!
-//! The shared ontology is taken apart the same way, so that both are compared alike.
+//! The shared ontology is taken apart in the same way, so that both can be compared.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -16,19 +17,19 @@ use crate::declined::Declined;
 use crate::fact::{FactKey, Space, Statement, Value};
 use crate::limits;
 
-/// A declaration of a type, a predicate, a function or an object.
+/// The declaration of a type, a predicate, a function or an object.
 #[derive(Clone, Debug)]
 pub(crate) struct Declaration {
     pub(crate) subject: Subject,
     pub(crate) item: Item,
     /// The canonical text of its types.
     pub(crate) signature: Key,
-    /// Of a predicate: what derives it, in the order of their canonical texts.
+    /// For a predicate: the axioms that derive it, in the order of their canonical texts.
     pub(crate) axioms: Vec<Axiom>,
     pub(crate) private: bool,
 }
 
-/// The declared thing as its author wrote it.
+/// The declared thing as written.
 #[derive(Clone, Debug)]
 pub(crate) enum Item {
     Type(Typed),
@@ -54,7 +55,7 @@ pub(crate) struct Offer {
     pub(crate) schema: Arc<ActionSchema>,
 }
 
-/// A part of a model that is of no use, and why.
+/// A part of a model that cannot be used, and the reason.
 #[derive(Clone, Debug)]
 pub(crate) struct Flaw {
     pub(crate) subject: Subject,
@@ -66,15 +67,16 @@ pub(crate) struct Flaw {
 pub(crate) struct Manifest {
     pub(crate) requirements: Vec<Name>,
     pub(crate) declarations: Vec<Declaration>,
-    /// Axioms for predicates that are not declared here.
+    /// Axioms for predicates that the model does not declare.
     pub(crate) loose_axioms: Vec<Axiom>,
     pub(crate) offers: Vec<Offer>,
     pub(crate) init: Vec<(FactKey, Value)>,
-    /// What the agent knows from the start and can change: its heartbeats are complete for it.
+    /// Symbols of facts that the agent knows from the start and can change: its heartbeats are complete
+    /// for these facts.
     pub(crate) owned: BTreeSet<(Space, Name)>,
-    /// The symbols of what it knows from the start.
+    /// Symbols of all facts that the agent knows from the start.
     pub(crate) said: BTreeSet<(Space, Name)>,
-    /// The objects it brings.
+    /// The objects that the agent brings.
     pub(crate) objects: BTreeSet<Name>,
     pub(crate) flaws: Vec<Flaw>,
 }
@@ -116,7 +118,8 @@ fn parameters_of(parameters: &[Typed]) -> Key {
 // === impl Item ===
 
 impl Item {
-    /// The types it rests on: of parameters, of an object, or the supertypes of a type.
+    /// Returns the types it depends on: those of parameters, that of an object, or the supertypes of a
+    /// type.
     pub(crate) fn types(&self) -> Vec<&TypeExpr> {
         match self {
             Item::Type(typed) => vec![&typed.ty],
@@ -130,7 +133,10 @@ impl Item {
 // === impl Manifest ===
 
 impl Manifest {
-    /// Takes an agent's model apart; what is left of it is its frame, without facts and actions.
+    /// Takes an agent's model apart. Leaves in `model` its frame, which is the model without facts and
+    /// actions.
+    ///
+    /// Returns an error if the model exceeds a limit.
     pub(crate) fn of_model(model: &mut ActionModel) -> Result<Manifest, Declined> {
         within_limits(model)?;
         let mut manifest =
@@ -150,7 +156,7 @@ impl Manifest {
         }
         manifest.know(&std::mem::take(&mut model.init));
         manifest.own();
-        // Both live as long as their agent, and there may be hundreds.
+        // Both are kept as long as their agent is known, and there may be hundreds of them.
         model.objects.shrink_to_fit();
         Ok(manifest)
     }
@@ -181,7 +187,7 @@ impl Manifest {
     ) {
         let count = types.len() + predicates.len() + functions.len() + objects.len();
         self.declarations.reserve_exact(count);
-        // `object` is there already, whatever a text says of it.
+        // The type `object` is predefined; declarations of it are ignored.
         let types = types
             .iter()
             .filter(|typed| typed.name != "object")
@@ -249,7 +255,7 @@ impl Manifest {
         for element in init {
             match Statement::of(element) {
                 Statement::Is(key, value) => self.init.push((key, value)),
-                // False is what is not said.
+                // A fact that is not listed is false already.
                 Statement::Not(_) => (),
                 Statement::Unusable => {
                     let name = Name::new("init");

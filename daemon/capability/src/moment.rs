@@ -1,20 +1,20 @@
-//! Time, as this crate sees it: a number its caller reads off a clock.
+//! Time, as this crate sees it: a number that the caller reads from a clock.
 
 use std::time::Duration;
 
-/// A point on the caller's clock, in milliseconds. Only differences mean something, so any clock
-/// that never runs backwards will do.
+/// A point on the caller's clock, in milliseconds. Only differences have a meaning, so any clock that
+/// never runs backwards will do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Moment(pub u64);
 
 impl Moment {
-    /// The point `span` later.
+    /// Returns the point `span` later.
     #[must_use]
     pub fn after(self, span: Duration) -> Moment {
         Moment(self.0.saturating_add(u64::try_from(span.as_millis()).unwrap_or(u64::MAX)))
     }
 
-    /// How long after `earlier` this is; nothing, if it is before.
+    /// Returns the time from `earlier` to this; zero if `earlier` is later.
     pub fn since(self, earlier: Moment) -> Duration {
         Duration::from_millis(self.0.saturating_sub(earlier.0))
     }

@@ -1,9 +1,9 @@
 //! The names of actions inside the composite domain.
 //!
-//! Outside, an action has the name its agent gave it. Inside, unequal actions of one name are
-//! told apart as `NAME--AGENT`, where the agent is the one that brought that variant first. A
-//! variant keeps a name once qualified for as long as anyone offers it, so that plans on their
-//! way do not lose their words when somebody else leaves.
+//! Outside, an action has the name that its agent gave it. Inside, different actions of the same name
+//! are named `NAME--AGENT`, where the agent is the one that brought that variant first. A variant keeps
+//! its qualified name for as long as any agent offers it, so that plans under way stay valid when
+//! another agent leaves.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,11 +12,11 @@ use pddl::Name;
 
 use crate::canonical::Key;
 
-/// The offered variants of each name, each with the agent to name it after: of those that offer
-/// it, the one here longest.
+/// The offered variants of each name. Each has the agent to name it after: of its offerers, the one
+/// that has been present longest.
 pub(crate) type Variants<'a> = BTreeMap<&'a Name, BTreeMap<&'a Key, &'a AgentId>>;
 
-/// What is remembered of names from one composition to the next.
+/// Names that are kept from one composition to the next.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ActionNames {
     variants: BTreeMap<Name, BTreeMap<Key, Variant>>,
@@ -31,7 +31,7 @@ struct Variant {
 // === impl ActionNames ===
 
 impl ActionNames {
-    /// Names every live variant. What is no longer live is forgotten.
+    /// Returns a name for every variant in `live`. Drops variants that are not in `live`.
     pub(crate) fn assign<'a>(
         &mut self,
         live: &Variants<'a>,
@@ -45,7 +45,7 @@ impl ActionNames {
             let alone = variants.len() == 1;
             for key in keys.keys() {
                 let Some(variant) = variants.get_mut(*key) else { continue };
-                // A foreign action may be spelled like a qualified one.
+                // The plain name of an action may equal the qualified name of another.
                 if variant.qualified.is_none() && (!alone || taken.contains(*outside)) {
                     let wanted = format!("{outside}--{}", variant.introducer);
                     let name = unique(&wanted, |name| taken.contains(name) || plain.contains(name));
@@ -78,7 +78,7 @@ impl ActionNames {
     }
 }
 
-/// `wanted`, or the first of `wanted-2`, `wanted-3`, … that is not taken.
+/// Returns `wanted`, or the first of `wanted-2`, `wanted-3`, … that is not taken.
 pub(crate) fn unique(wanted: &str, is_taken: impl Fn(&Name) -> bool) -> Name {
     let numbered = (2..).map(|number| Name::new(&format!("{wanted}-{number}")));
     std::iter::once(Name::new(wanted))

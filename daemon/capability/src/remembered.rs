@@ -1,7 +1,7 @@
-//! What agents offered that offer it no longer: for explanations, never for plans.
+//! Actions that agents offered in the past: used for explanations, never for plans.
 //!
-//! A schema is remembered with the declarations of the model it came in, because those leave with
-//! the agent as well. Of one schema that several agents offered, one model stands for all.
+//! A schema is kept with the declarations of its model, because those are removed with the agent too.
+//! If several agents offered the same schema, the model of one of them is kept.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -21,16 +21,17 @@ pub(crate) struct Remembered {
 
 #[derive(Clone, Debug)]
 struct Schema {
-    /// Counts models; the schema that came longest ago is forgotten first.
+    /// Number of the latest model with this schema; the schema with the smallest number is dropped
+    /// first.
     stamp: u64,
-    /// The model it came in, with this action alone and nothing that is known.
+    /// The model, with this action only and without facts.
     model: Arc<ActionModel>,
 }
 
 // === impl Remembered ===
 
 impl Remembered {
-    /// Remembers what a model of this frame offers, taken apart as `manifest`.
+    /// Adds the actions of a model, which is given as its frame and its manifest.
     pub(crate) fn note(&mut self, frame: &ActionModel, manifest: &Manifest) {
         self.stamps += 1;
         let stamp = self.stamps;
@@ -56,7 +57,7 @@ impl Remembered {
         }
     }
 
-    /// The schemas that none of `living` offers, each as a model with one action, in a fixed
+    /// Returns the schemas that none of `living` offers, each as a model with one action, in a fixed
     /// order.
     pub(crate) fn but_for<'a>(
         &self,

@@ -1,4 +1,4 @@
-//! The agents that are here: which life, which model, and whether their capabilities count.
+//! The known agents: their incarnations, their models, and whether their capabilities count.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,54 +12,55 @@ use crate::fact::{FactKey, Space};
 use crate::limits;
 use crate::moment::Moment;
 
-/// One agent that told its model.
+/// An agent that has announced its model.
 #[derive(Clone, Debug)]
 pub(crate) struct Member {
     pub(crate) incarnation: Incarnation,
-    /// Counts arrivals; kept over a change of the model.
+    /// Number of the arrival; kept when the model changes.
     pub(crate) arrival: u64,
     pub(crate) described: Described,
-    /// Its liveliness token is lost.
+    /// Whether its liveliness token is lost.
     pub(crate) is_masked: bool,
-    /// Its heartbeats stopped.
+    /// Whether its heartbeats have stopped.
     pub(crate) is_silent: bool,
-    /// When silence begins, if no heartbeat comes.
+    /// Time at which it counts as silent if no heartbeat comes; `None`: never.
     pub(crate) due: Option<Moment>,
-    /// When it is looked whether that is so: not after `due`.
+    /// Time of its entry in `Roster::dues`; not after `due`.
     looked: Option<Moment>,
-    /// The newest heartbeat of this incarnation.
+    /// Number of the newest heartbeat of this incarnation.
     pub(crate) sequence: u64,
     pub(crate) heard: Moment,
-    /// The newest that was read: those after it said the same.
+    /// Number of the newest heartbeat that was parsed: the later ones are equal to it.
     pub(crate) read: u64,
-    /// The symbols that its heartbeats ever spoke of.
+    /// The symbols of all facts that its heartbeats have ever contained.
     spoken: BTreeSet<(Space, Name)>,
-    /// The facts that its heartbeats ever spoke of and that name none of its objects.
+    /// All facts that its heartbeats have ever contained and that mention none of its objects.
     answered: BTreeSet<FactKey>,
 }
 
-/// All of them, and who was here before.
+/// The known agents, and the incarnations of those that have left.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Roster {
     members: BTreeMap<AgentId, Member>,
     former: BTreeMap<AgentId, Incarnation>,
     arrivals: u64,
-    /// When to look whether a member is silent, and at most one entry for each: with a thousand of
-    /// them, nobody is to look through all at every heartbeat, and a heartbeat that comes in time
-    /// does not touch the entry that is there.
+    /// Times at which to check whether a member is silent, at most one for each. So no heartbeat leads
+    /// to a scan of all members, of which there may be a thousand, and a heartbeat that is on time does
+    /// not change the entry.
     dues: BTreeSet<(Moment, AgentId)>,
-    /// Whose presence may be another than when it was asked for last.
+    /// Members with a presence that may have changed since [`Roster::take_stirred`] was called last.
     stirred: BTreeSet<AgentId>,
-    /// Who brings an object.
+    /// For each object, the agents that bring it.
     bringers: BTreeMap<Name, BTreeSet<AgentId>>,
-    /// Who answers for a fact that names none of its objects.
+    /// For each fact, the agents that are responsible for it although it mentions none of their
+    /// objects.
     answering: BTreeMap<FactKey, BTreeSet<AgentId>>,
 }
 
 // === impl Member ===
 
 impl Member {
-    /// A life that begins, with a token and without a heartbeat.
+    /// Creates a member with a new incarnation, a liveliness token and no heartbeat.
     pub(crate) fn new(incarnation: Incarnation, described: Described, now: Moment) -> Member {
         Member {
             incarnation,
@@ -77,12 +78,12 @@ impl Member {
         }
     }
 
-    /// The same life with another model.
+    /// Returns the member with another model, in the same incarnation.
     pub(crate) fn with(self, described: Described) -> Member {
         Member { described, ..self }
     }
 
-    /// A heartbeat came.
+    /// Records a heartbeat.
     fn hear(&mut self, sequence: u64, due: Option<Moment>, now: Moment) {
         self.sequence = sequence;
         self.due = due;
@@ -90,8 +91,9 @@ impl Member {
         self.is_silent = false;
     }
 
-    /// The agent's heartbeats are complete for facts like this one from now on, and it answers for this
-    /// one; whether that is new and the fact names none of its objects.
+    /// Records that a heartbeat contains `fact`: from now on, the agent's heartbeats are complete for
+    /// facts with the same symbol, and the agent is responsible for this one. Returns `true` if the
+    /// fact is new and mentions none of the agent's objects.
     fn own(&mut self, fact: &FactKey) -> bool {
         let like = (fact.space(), fact.symbol().clone());
         if self.spoken.len() < limits::DECLARATIONS_PER_AGENT_MAX {
@@ -103,14 +105,15 @@ impl Member {
         is_new && self.answered.insert(fact.clone())
     }
 
-    /// Whether a fact names an object that the agent brings.
+    /// Whether a fact mentions an object that the agent brings.
     fn names_its_own(&self, fact: &FactKey) -> bool {
         let objects = &self.described.manifest.objects;
         fact.arguments().iter().any(|argument| objects.contains(argument))
     }
 
-    /// Whether the agent is the one who says whether a fact is so: its heartbeats spoke of it, or it is
-    /// about an object of the agent's, and in words that its model or its heartbeats use.
+    /// Whether the agent is responsible for a fact, so that its claim overrides requests. This is so if
+    /// its heartbeats have contained the fact; or if the fact mentions an object of the agent, and its
+    /// symbol occurs in the facts of the agent's model or heartbeats.
     pub(crate) fn answers(&self, fact: &FactKey) -> bool {
         let says = || {
             let like = (fact.space(), fact.symbol().clone());
@@ -119,28 +122,29 @@ impl Member {
         self.answered.contains(fact) || (self.names_its_own(fact) && says())
     }
 
-    /// Whether its heartbeats are complete for facts of this symbol.
+    /// Whether its heartbeats are complete for facts with this symbol.
     pub(crate) fn speaks_of(&self, space: Space, symbol: &Name) -> bool {
         let like = (space, symbol.clone());
         self.spoken.contains(&like) || self.described.manifest.owned.contains(&like)
     }
 
-    /// The symbols for whose facts it may answer.
+    /// Returns the symbols of facts that it may be responsible for.
     pub(crate) fn symbols(&self) -> impl Iterator<Item = &(Space, Name)> {
         self.spoken.union(&self.described.manifest.said)
     }
 
-    /// The facts that name none of its objects and for which it answers.
+    /// Returns the facts that it is responsible for although they mention none of its objects.
     pub(crate) fn answered(&self) -> impl Iterator<Item = &FactKey> {
         self.answered.iter()
     }
 
-    /// Whether the agent's heartbeats are complete for facts like this one.
+    /// Whether the agent's heartbeats are complete for facts with the symbol of this one.
     pub(crate) fn owns(&self, fact: &FactKey) -> bool {
         self.speaks_of(fact.space(), fact.symbol())
     }
 
-    /// Whether its model says that it is on another agent, for good.
+    /// Whether its model contains a fact, which its actions do not change, that it is on the agent
+    /// `base`.
     pub(crate) fn is_carried_by(&self, own: &AgentId, base: &AgentId) -> bool {
         let manifest = &self.described.manifest;
         manifest.init.iter().any(|(fact, _)| match fact.arguments() {
@@ -170,7 +174,7 @@ impl Roster {
         self.members.get(agent)
     }
 
-    /// All of them as they are composed, in the order of their names.
+    /// Returns all members in the form to be composed, sorted by name.
     pub(crate) fn parties(
         &self,
         trusts: impl Fn(&AgentId) -> bool,
@@ -183,22 +187,22 @@ impl Roster {
         })
     }
 
-    /// One of them, as it is composed where all models are known whole.
+    /// Returns a member in the form to be composed as a trusted one.
     pub(crate) fn party(&self, agent: &AgentId) -> Option<Party<'_>> {
         let (agent, member) = self.members.get_key_value(agent)?;
         let manifest = &*member.described.manifest;
         Some(Party { agent, arrival: member.arrival, manifest, trusted: true })
     }
 
-    /// Whose presence may have changed since this was asked last, and whether their capabilities
-    /// count for new plans now.
+    /// Returns the agents with a presence that may have changed since the last call, each with whether
+    /// its capabilities count for new plans now.
     pub(crate) fn take_stirred(&mut self) -> Vec<(AgentId, bool)> {
         let stirred = std::mem::take(&mut self.stirred).into_iter();
         let is_present = |agent: &AgentId| self.members.get(agent).is_some_and(Member::is_present);
         stirred.map(|agent| (agent.clone(), is_present(&agent))).collect()
     }
 
-    /// A member's heartbeat speaks of a fact.
+    /// Records that a heartbeat of a member contains a fact.
     pub(crate) fn own(&mut self, agent: &AgentId, fact: &FactKey) {
         let Some(member) = self.members.get_mut(agent) else { return };
         if member.own(fact) {
@@ -206,7 +210,7 @@ impl Roster {
         }
     }
 
-    /// The members who say whether a fact is so.
+    /// Returns the members that are responsible for a fact.
     pub(crate) fn answering(&self, fact: &FactKey) -> BTreeSet<&AgentId> {
         let bringers = fact.arguments().iter().filter_map(|object| self.bringers.get(object));
         let named = bringers
@@ -216,7 +220,7 @@ impl Roster {
         named.chain(others).collect()
     }
 
-    /// A member is in the indexes by which it is found, or not any more.
+    /// Adds a member to the indexes by object and by fact.
     fn index(&mut self, agent: &AgentId, member: &Member) {
         for object in &member.described.manifest.objects {
             self.bringers.entry(object.clone()).or_default().insert(agent.clone());
@@ -235,7 +239,7 @@ impl Roster {
         }
     }
 
-    /// A member's heartbeat came.
+    /// Records a heartbeat of a member. Returns an error if the agent is unknown.
     pub(crate) fn hear(
         &mut self,
         agent: &AgentId,
@@ -260,7 +264,7 @@ impl Roster {
         Ok(member)
     }
 
-    /// Marks those whose next heartbeat is overdue.
+    /// Marks the members with an overdue heartbeat as silent.
     pub(crate) fn fall_silent(&mut self, now: Moment) {
         while self.dues.first().is_some_and(|(due, _)| *due <= now) {
             let Some((_, agent)) = self.dues.pop_first() else { return };
@@ -280,12 +284,12 @@ impl Roster {
         }
     }
 
-    /// When the next of them may be overdue.
+    /// Returns the next time at which a member may become silent.
     pub(crate) fn next_silence(&self) -> Option<Moment> {
         self.dues.first().map(|(due, _)| *due)
     }
 
-    /// A member's token is lost, or back.
+    /// Records that a member's liveliness token is lost or has returned.
     pub(crate) fn mask(&mut self, agent: &AgentId, reported: Incarnation, is_masked: bool) {
         if let Ok(member) = self.living(agent, reported)
             && std::mem::replace(&mut member.is_masked, is_masked) != is_masked
@@ -294,7 +298,7 @@ impl Roster {
         }
     }
 
-    /// Whether a word of this life may be believed: it is not older than the newest known.
+    /// Checks that a message is not of a former incarnation. Returns an error if it is.
     pub(crate) fn check(&self, agent: &AgentId, reported: Incarnation) -> Result<(), Declined> {
         let current = self.members.get(agent).map(|member| member.incarnation);
         match current.or_else(|| self.former.get(agent).copied()) {
@@ -305,7 +309,7 @@ impl Roster {
         }
     }
 
-    /// The member, if it is exactly this life of it that speaks.
+    /// Returns the member. Returns an error if its current incarnation is not the given one.
     pub(crate) fn living(
         &mut self,
         agent: &AgentId,
@@ -318,7 +322,7 @@ impl Roster {
             .ok_or_else(|| Declined::UnknownAgent { agent: agent.clone() })
     }
 
-    /// Whether there is a place for `agent`.
+    /// Checks that there is room for `agent`. Returns an error if there are too many agents.
     pub(crate) fn has_room(&self, agent: &AgentId) -> Result<(), Declined> {
         if self.members.len() < limits::AGENTS_MAX || self.members.contains_key(agent) {
             return Ok(());
@@ -326,8 +330,8 @@ impl Roster {
         Err(Declined::TooMany { what: "agents", limit: limits::AGENTS_MAX })
     }
 
-    /// Takes a member in, in place of what was known of it. Who is here already keeps its
-    /// seniority.
+    /// Adds a member, in place of a known one of the same name. A known agent keeps its number of
+    /// arrival.
     pub(crate) fn seat(&mut self, agent: &AgentId, member: Member) {
         let arrival = self.members.get(agent).map(|member| member.arrival).unwrap_or_else(|| {
             self.arrivals += 1;
@@ -349,7 +353,7 @@ impl Roster {
         self.dues.extend(looked.map(|looked| (looked, agent.clone())));
     }
 
-    /// Lets a member go, and remembers which life it was.
+    /// Removes a member, and records its incarnation as a former one.
     pub(crate) fn release(&mut self, agent: &AgentId) -> Option<Member> {
         let member = self.members.remove(agent)?;
         self.unindex(agent, &member);

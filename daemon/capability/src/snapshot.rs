@@ -1,4 +1,4 @@
-//! A snapshot: what a planner needs, at one moment, and the way between names inside and outside.
+//! Snapshots: what a planner needs, at one moment, and the mapping between names inside and outside.
 
 use std::collections::{BTreeMap, HashSet};
 use std::sync::Arc;
@@ -13,20 +13,20 @@ use crate::composite::{Composite, Offered};
 /// The composite domain and problem at one moment.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
-    /// Counts changes of the set of capabilities: plans of another epoch may not be possible.
+    /// Number of changes of the set of capabilities: plans made in another epoch may not be possible.
     pub epoch: u64,
-    /// Counts changes of anything.
+    /// Number of changes of any kind.
     pub revision: u64,
     /// The composite domain; the same allocation as long as it does not change.
     pub domain: Arc<Domain>,
-    /// The objects and the state as known; its goal is empty.
+    /// The objects and the state as known; the goal is empty.
     pub problem: Problem,
-    /// Names of actions inside the domain → the names their agents know, where they differ.
+    /// Names of actions inside the domain → names outside, as the agents call them, where they differ.
     pub qualified: BTreeMap<Name, Name>,
-    /// The methods of each agent whose actions are known.
+    /// The methods of each agent with known actions.
     pub methods: BTreeMap<AgentId, Methods>,
-    /// What nobody here offers and somebody offered once, or the ontology describes: each schema
-    /// in a model of its own. For explanations, never for plans.
+    /// Schemas that no present agent offers, but that were offered in the past or are described in the
+    /// ontology, each in a model of its own. Used for explanations, never for plans.
     pub former: Vec<Arc<ActionModel>>,
     composite: Arc<Composite>,
 }
@@ -46,24 +46,24 @@ impl Snapshot {
         Snapshot { epoch, revision, domain, problem, qualified, methods, former, composite }
     }
 
-    /// Digest of the domain's text.
+    /// Returns the digest of the domain's text.
     pub fn digest(&self) -> &str {
         self.composite.digest()
     }
 
-    /// The problem of reaching `goal` for sure, measured by `metric`, or else as the maintainer
-    /// measures.
+    /// Returns the problem of reaching `goal` with certainty, measured by `metric`. If that is `None`,
+    /// the metric of the maintainer is used.
     pub fn with_goal(&self, goal: &Condition, metric: Option<Metric>) -> Problem {
         let metric = metric.or_else(|| self.problem.metric.clone());
         Problem { goal: self.sure(goal), metric, ..self.problem.clone() }
     }
 
-    /// A condition in the words of the domain: that it is known to hold.
+    /// Returns the condition that `condition` is known to hold, in the symbols of the domain.
     pub fn sure(&self, condition: &Condition) -> Condition {
         self.composite.knowledge.sure(condition)
     }
 
-    /// A step as it is called inside the domain, from how its agent calls it.
+    /// Returns a step with the action's name inside the domain, given the name outside.
     #[must_use]
     pub fn inside(&self, step: &PlanStep) -> PlanStep {
         let offers =
@@ -73,16 +73,16 @@ impl Snapshot {
         PlanStep { action: action.clone(), ..step.clone() }
     }
 
-    /// A step as its agent calls it, from how it is called inside the domain.
+    /// Returns a step with the action's name outside, given the name inside the domain.
     #[must_use]
     pub fn outside(&self, step: &PlanStep) -> PlanStep {
         let action = self.qualified.get(&step.action).unwrap_or(&step.action);
         PlanStep { action: action.clone(), ..step.clone() }
     }
 
-    /// Who offers what: of those who can act now, every action under its agent's name for it.
+    /// Returns the actions that each agent can carry out now, under the agent's own names for them.
     pub fn offers(&self) -> Offers {
-        // Asked only whether something is in it; its order is never seen.
+        // A hash set is safe here: only membership is tested, its order is never seen.
         let facts: HashSet<&Atom> = { self.problem.init.iter() }
             .filter_map(|element| match element {
                 InitElement::Atom(atom) => Some(atom),
@@ -102,7 +102,7 @@ impl Snapshot {
         offers
     }
 
-    /// What lets agents act by each schema of the domain, whether or not anybody offers it now.
+    /// Returns the guard of each schema of the domain, whether or not the action can be used now.
     pub fn guards(&self) -> BTreeMap<String, Guard> {
         let offered = self.composite.offers.values().flatten();
         let guard = |action: &Offered| {
@@ -123,7 +123,7 @@ impl Snapshot {
         (outside, offer)
     }
 
-    /// The words of the domain for what is unknown.
+    /// Returns the symbols of the domain that describe what is unknown.
     pub fn knowledge(&self) -> &Knowledge {
         &self.composite.knowledge
     }
@@ -147,7 +147,7 @@ impl Snapshot {
         symbols.map(|(symbol, words)| (symbol.as_str().to_owned(), auxiliary(words))).collect()
     }
 
-    /// As it travels, with its texts.
+    /// Converts the snapshot to the content of a message, as PDDL text.
     pub fn to_content(&self) -> content::Snapshot {
         content::Snapshot {
             epoch: self.epoch,

@@ -1,25 +1,25 @@
-//! Which requested words were not told yet to those who hear heartbeats only.
+//! Requested claims that have not yet been announced to the agents that receive heartbeats only.
 
 use std::collections::BTreeSet;
 
 use crate::belief::Source;
 use crate::fact::{FactKey, Owner};
 
-/// Of more than this all words are told anew.
+/// If more claims than this change, all of them are announced anew.
 const UNTOLD_MAX: usize = 1_024;
 
-/// Whose words about what may be other than when they were told last.
+/// Claims that may have changed since they were last announced.
 #[derive(Clone, Debug, Default)]
 pub(crate) enum Untold {
-    /// Any: nothing was told yet, or too much is other.
+    /// All claims: none has been announced yet, or too many have changed.
     #[default]
     Any,
     These(BTreeSet<(FactKey, Owner)>),
 }
 
 impl Untold {
-    /// A word of `owner` about a fact comes or goes: it has to be told, if it is one of the map or
-    /// came by request.
+    /// Adds a claim that was made or withdrawn. It must be announced if its owner is the map or it came
+    /// by request; other claims are ignored.
     pub(crate) fn note(&mut self, fact: &FactKey, owner: &Owner, source: Source) {
         let Untold::These(untold) = self else { return };
         if *owner != Owner::Map && !source.is_requested() {
@@ -31,17 +31,17 @@ impl Untold {
         }
     }
 
-    /// All of them; from now on, those that come.
+    /// Returns the recorded claims, and starts again with none.
     pub(crate) fn take(&mut self) -> Untold {
         std::mem::replace(self, Untold::nothing())
     }
 
-    /// None yet.
+    /// Creates an empty record.
     pub(crate) fn nothing() -> Untold {
         Untold::These(BTreeSet::new())
     }
 
-    /// Whether a word may be one of them.
+    /// Whether a claim may be recorded.
     pub(crate) fn has(&self, fact: &FactKey, owner: &Owner) -> bool {
         match self {
             Untold::Any => true,

@@ -1,7 +1,8 @@
-//! What a composite domain declares, and whether a schema, a declaration or a fact fits it.
+//! The vocabulary: what a composite domain declares, and whether a schema, a declaration or a fact fits
+//! it.
 //!
-//! Whatever is composed is asked here first, so that no agent can make the domain or the problem
-//! of all unreadable for a planner.
+//! Everything is checked here before it is composed, so that no agent can make the common domain or
+//! problem unreadable for a planner.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +15,7 @@ use crate::fact::{FactKey, Space, Value};
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Signature {
     pub(crate) parameters: Vec<TypeExpr>,
-    /// Whether axioms derive it: then nobody may claim or change it.
+    /// Whether axioms derive the predicate: then no agent may claim or change its facts.
     pub(crate) derived: bool,
 }
 
@@ -35,7 +36,7 @@ impl Vocabulary {
         self.predicates.contains_key(name) || self.functions.contains_key(name)
     }
 
-    /// Why a schema with these uses cannot stand in the domain, if it cannot.
+    /// Returns the reason why a schema with these uses cannot be in the domain; `None` if it can.
     pub(crate) fn misfit(&self, uses: &Uses) -> Option<String> {
         let Uses { predicates, functions, observed, types, objects, changed, assigned: _, unbound } =
             uses;
@@ -54,7 +55,7 @@ impl Vocabulary {
             .find_map(|use_| symbol(&self.predicates, "predicate", use_))
             .or_else(|| functions.iter().find_map(|use_| symbol(&self.functions, "function", use_)))
             .or_else(|| {
-                // What nobody has declared is nobody's to ask for, and found out in vain.
+                // Observing a symbol that is not declared has no effect: no goal can mention it.
                 observed.iter().find_map(|use_| match () {
                     () if self.functions.contains_key(&use_.0) => {
                         symbol(&self.functions, "function", use_)
@@ -85,8 +86,8 @@ impl Vocabulary {
             })
     }
 
-    /// Why a fact cannot stand in the problem with this value, if it cannot. What axioms derive nobody
-    /// can claim; that it is unknown can be said.
+    /// Returns the reason why a fact with this value cannot be in the problem; `None` if it can. A
+    /// derived fact cannot be claimed, but it can be reported as unknown.
     pub(crate) fn fact_misfit(&self, fact: &FactKey, value: Value) -> Option<String> {
         let symbol = fact.symbol();
         let declared = match fact.space() {

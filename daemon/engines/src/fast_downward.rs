@@ -1,7 +1,7 @@
-//! Fast Downward: its command line, and what its exit codes mean.
+//! Fast Downward: its command line, and the meaning of its exit codes.
 //!
-//! Source of the codes: its documentation, “Exit codes”. A plan goes to a file; searches that go on
-//! after the first number the files (`plan.1`, `plan.2`, …), the best last.
+//! Source of the codes: its documentation, “Exit codes”. A plan is written to a file. A search that
+//! continues after the first plan numbers the files (`plan.1`, `plan.2`, …); the last plan is the best.
 
 use std::path::{Path, PathBuf};
 
@@ -11,19 +11,19 @@ use crate::outcome::{Ending, EngineError};
 use crate::planning::{Aim, Answer, Engine, Job};
 use crate::process::Run;
 
-/// The file that plans are written to.
+/// Name of the file that plans are written to.
 const PLAN: &str = "plan";
 
-/// A* with landmark cut: the field's common choice.
+/// A* with landmark cut: the usual choice in the field.
 const LANDMARK_CUT: &str = "astar(lmcut())";
 
-/// A* without a heuristic, for what landmark cut refuses: axioms, conditional effects.
+/// A* without a heuristic, for tasks that landmark cut refuses: with axioms or conditional effects.
 const BLIND: &str = "astar(blind())";
 
-/// “Unsupported”: the search refuses a feature of the task.
+/// Exit code “unsupported”: the search refuses a feature of the task.
 const UNSUPPORTED: i32 = 34;
 
-/// Runs it and reads what it left.
+/// Runs Fast Downward and reads its result.
 pub(crate) fn answer(job: &Job<'_>) -> Result<Answer, EngineError> {
     let folder = job.folder()?;
     let files = ["domain.pddl", "problem.pddl"];
@@ -43,21 +43,21 @@ pub(crate) fn answer(job: &Job<'_>) -> Result<Answer, EngineError> {
     let mut ending = ending(job, &run)?;
     let plans = plans(job, folder.path(), ending)?;
     if plans.is_empty() && matches!(run.code(), Some(1..=3)) {
-        // A Python that breaks down ends with 1 too.
+        // Python ends with 1 too if it fails.
         ending = job.unexplained(&run)?;
     }
-    // 1, 2 and 3 are plans too, without a proof.
+    // The exit codes 1, 2 and 3 come with a plan too, but without a proof.
     let proven_optimal = job.options.aim == Aim::CheapestPlan && run.code() == Some(0);
     Ok(Answer { ending, plans, proven_optimal })
 }
 
-/// Whether landmark cut need not be asked. Where it refuses what the translator made of a task that
-/// looks harmless here, it is asked in vain.
+/// Whether landmark cut will surely refuse the task, so that it need not be tried. For other tasks it
+/// may still refuse what the translator makes of them; then the attempt is in vain.
 fn is_refused_anyway(job: &Job<'_>) -> bool {
     ["(:derived ", "(when "].iter().any(|word| job.lowered.domain.contains(word))
 }
 
-/// What the exit code says.
+/// Returns the ending that the exit code stands for.
 fn ending(job: &Job<'_>, run: &Run) -> Result<Ending, EngineError> {
     let engine = Engine::FastDownward;
     match run.code() {
@@ -65,9 +65,9 @@ fn ending(job: &Job<'_>, run: &Run) -> Result<Ending, EngineError> {
         Some(0..=3) => Ok(Ending::GoalReached),
         Some(10) => Ok(Ending::Unsolvable { before_search: true }),
         Some(11) => Ok(Ending::Unsolvable { before_search: false }),
-        // 13: unsolvable within a bound, and bounds prove nothing.
+        // 13: unsolvable within a bound, which is no proof.
         Some(12 | 13) => Ok(Ending::Exhausted),
-        // 20: in the translator; 24: of memory or of time.
+        // 20: out of memory in the translator; 24: out of memory and time.
         Some(20 | 22 | 24) => Ok(Ending::OutOfMemory),
         Some(21 | 23) => Ok(Ending::OutOfTime),
         Some(UNSUPPORTED) => Err(EngineError::Beyond { engine, said: run.last_words() }),
@@ -75,8 +75,8 @@ fn ending(job: &Job<'_>, run: &Run) -> Result<Ending, EngineError> {
     }
 }
 
-/// The plans that were written, best last. Those that cannot be read are told only where there
-/// should be one: a plan may be half written when its author is killed.
+/// Returns the plans that were written, the best last. Unreadable plans are an error only if no plan
+/// can be read although the goal was reached: a plan may be incomplete if the engine was killed.
 fn plans(job: &Job<'_>, folder: &Path, ending: Ending) -> Result<Vec<Plan>, EngineError> {
     let mut plans = Vec::new();
     let mut unreadable = None;
@@ -100,7 +100,7 @@ fn plans(job: &Job<'_>, folder: &Path, ending: Ending) -> Result<Vec<Plan>, Engi
     }
 }
 
-/// `plan`, `plan.1`, `plan.2`, …, as far as they are there.
+/// Returns the existing files among `plan`, `plan.1`, `plan.2`, ….
 fn files(folder: &Path) -> impl Iterator<Item = PathBuf> {
     let single = folder.join(PLAN);
     let folder = folder.to_owned();

@@ -1,10 +1,10 @@
-//! Where an engine is: as configured, on `PATH`, or, of Fast Downward, in a Python that has it.
+//! Finds an engine: as configured, on `PATH`, or, for Fast Downward, in an installed Python package.
 //!
-//! - `ALTHING_FAST_DOWNWARD` and `ALTHING_METRIC_FF` name the program; what they name is not
-//!   doubted, and nothing else is looked for.
-//! - `pip install up-fast-downward` puts no program on `PATH`: it brings the driver script as data
-//!   of a package. Each `python3` and `python` on `PATH` is asked where that package is. It is not
-//!   imported, which would take a second and need what the package itself needs.
+//! - `ALTHING_FAST_DOWNWARD` and `ALTHING_METRIC_FF` name the program. If one is set, its value is used
+//!   without a further search.
+//! - `pip install up-fast-downward` puts no program on `PATH`: it installs the driver script as data of
+//!   a package. Each `python3` and `python` on `PATH` is run to find the folder of that package. The
+//!   package is not imported, which would take a second and require its dependencies.
 
 use std::env;
 use std::ffi::{OsStr, OsString};
@@ -15,7 +15,7 @@ use std::process::{Command, Stdio};
 use crate::outcome::EngineError;
 use crate::planning::Engine;
 
-/// How an engine is called.
+/// The command that calls an engine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Installation {
     pub(crate) engine: Engine,
@@ -23,7 +23,7 @@ pub struct Installation {
     pub(crate) command: Vec<OsString>,
 }
 
-/// Prints the folder of the package, if there is one; exits with 1 otherwise.
+/// Python script that prints the folder of the package, or exits with 1 if it is not installed.
 const WHERE: &str = "import importlib.util, sys
 spec = importlib.util.find_spec('up_fast_downward')
 sys.exit(1) if spec is None else print(list(spec.submodule_search_locations)[0])";
@@ -31,7 +31,8 @@ sys.exit(1) if spec is None else print(list(spec.submodule_search_locations)[0])
 // === impl Installation ===
 
 impl Installation {
-    /// An engine that is called with this command, such as `python3 fast-downward.py`.
+    /// Creates the installation of an engine that is called with this command, for example
+    /// `python3 fast-downward.py`.
     pub fn of(
         engine: Engine,
         command: impl IntoIterator<Item = impl Into<OsString>>,
@@ -39,12 +40,12 @@ impl Installation {
         Installation { engine, command: command.into_iter().map(Into::into).collect() }
     }
 
-    /// The program and its first arguments.
+    /// Returns the program and its first arguments.
     pub fn command(&self) -> &[OsString] {
         &self.command
     }
 
-    /// Looks for an engine.
+    /// Finds an engine. Returns an error if it is not found.
     pub fn find(engine: Engine) -> Result<Installation, EngineError> {
         if let Some(configured) = env::var_os(engine.variable()).filter(|it| !it.is_empty()) {
             return configured_at(engine, PathBuf::from(configured));
@@ -63,7 +64,7 @@ fn configured_at(engine: Engine, program: PathBuf) -> Result<Installation, Engin
     if !is_program(&program) {
         return Err(EngineError::NotFound { engine, configured: Some(program) });
     }
-    // It will run in another folder.
+    // The program will be run in another folder.
     let program = std::path::absolute(&program).unwrap_or(program);
     Ok(Installation::of(engine, [program]))
 }
@@ -73,7 +74,7 @@ fn on_path(engine: Engine, path: &OsStr) -> Option<Installation> {
     Some(Installation::of(engine, [found]))
 }
 
-/// The driver script in the first Python that has it, with that Python.
+/// Returns the driver script in the first Python that has it, with that Python.
 fn in_a_python(path: &OsStr) -> Option<Installation> {
     let pythons = ["python3", "python"].into_iter().flat_map(|name| programs(path, name));
     pythons.into_iter().find_map(|python| {
@@ -83,7 +84,7 @@ fn in_a_python(path: &OsStr) -> Option<Installation> {
 }
 
 fn driver_in(python: &Path) -> Option<PathBuf> {
-    // From `/`, so that no package of the folder we are in is taken for the installed one.
+    // Run in `/`, so that a package in the current folder is not taken for the installed one.
     let output = Command::new(python)
         .args(["-c", WHERE])
         .current_dir("/")
@@ -96,13 +97,13 @@ fn driver_in(python: &Path) -> Option<PathBuf> {
     (output.status.success() && driver.is_file()).then_some(driver)
 }
 
-/// The programs of that name, in the order of `PATH`.
+/// Returns the programs of that name, in the order of `PATH`.
 fn programs(path: &OsStr, name: &str) -> impl Iterator<Item = PathBuf> {
-    // An empty part would be the folder we are in, which nobody means.
+    // An empty part would mean the current folder, which is hardly ever intended.
     let folders = env::split_paths(path).filter(|folder| !folder.as_os_str().is_empty());
     let folders: Vec<PathBuf> = folders.collect();
     let candidates = folders.into_iter().map(move |folder| folder.join(name));
-    // A folder of `PATH` may be relative, and the program will run in another folder.
+    // A folder of `PATH` may be relative, and the program will be run in another folder.
     candidates.filter(|program| is_program(program)).filter_map(|it| std::path::absolute(it).ok())
 }
 

@@ -2,19 +2,20 @@
 //!
 //! Start reading at [`plan()`], then `lower`, then `process`.
 //!
-//! - [`Installation`] is where an engine was found, or why it was not and how to get it.
-//! - `lower` says a task in the engine's own dialect of PDDL, under names that every engine can
-//!   read, and refuses by name and place what the engine cannot do.
-//! - `process` runs it within limits of time and memory, and sees that nothing of it is left.
-//! - `fast_downward` and `metric_ff` know the command lines, what an ending means, and the traps.
+//! - [`Installation`] is an engine that was found; the error says why none was found and how to install
+//!   it.
+//! - `lower` translates a task to the engine's dialect of PDDL, with names that every engine can read.
+//!   A feature that the engine does not support is refused, with its name and place.
+//! - `process` runs the engine within limits of time and memory, and leaves no process or file behind.
+//! - `fast_downward` and `metric_ff` have the command lines, the meaning of endings, and known
+//!   pitfalls.
 //!
-//! Leaves to others: planning in-process and judging plans (`planner`), drawing mistakes (the
-//! binary). No engine is ever needed: the embedded planner stands alone.
+//! Leaves to others: planning in this process and validating plans (`planner`), showing mistakes (the
+//! binary). No engine is required: the embedded planner works without them.
 //!
-//! **Invariants:** No plan leaves without having passed the validator, and its cost is the
-//! validator's: what an engine claims of it is not read. Nothing is called unsolvable that the
-//! engine has not proven. Whatever happens to this process, SIGKILL included, the engine's processes
-//! end with it.
+//! **Invariants:** Each returned plan has passed the validator, and its cost is that of the validator:
+//! the cost that an engine prints is not read. A task is called unsolvable only if the engine has
+//! proved it. Whenever this process ends, also by SIGKILL, the engine's processes end with it.
 
 mod planning;
 

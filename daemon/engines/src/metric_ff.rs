@@ -1,8 +1,8 @@
-//! Metric-FF: its command line, and how to read what it says.
+//! Metric-FF: its command line, and the meaning of its output.
 //!
-//! It ends with 0 or 1, whether it found a plan or not, so everything is read off its words. It shouts
-//! names (`A-MOVE O-ROBOT`), calls a disjunctive goal's last step `REACH-GOAL`, and keeps costs in
-//! single precision, which is one more reason not to read them.
+//! Its exit code is 0 or 1 whether it found a plan or not, so that everything is read from its output.
+//! It prints names in upper case (`A-MOVE O-ROBOT`), adds a last step `REACH-GOAL` for disjunctive
+//! goals, and computes costs in single precision, which is one more reason not to read them.
 
 use pddl::{Name, Plan, PlanStep};
 
@@ -10,21 +10,22 @@ use crate::outcome::{Ending, EngineError};
 use crate::planning::{Aim, Answer, Engine, Job};
 use crate::process::Run;
 
-/// Enforced hill-climbing, then best-first search: blind to costs, complete.
+/// Enforced hill-climbing, then best-first search: ignores costs, complete.
 const WITHOUT_COSTS: &str = "0";
 
-/// The same, then A*epsilon: heeds costs. Without a metric that it likes, Metric-FF gives up here.
+/// The same, then A*epsilon: respects costs. If it does not support the metric, Metric-FF gives up
+/// here.
 const WITH_COSTS: &str = "5";
 
-/// What it says before the plan.
+/// Output before the plan.
 const FOUND: &str = "found legal plan as follows";
 
-/// What it says where nothing need be done.
+/// Output if the goal holds already.
 const TRUE_ALREADY: &str = "goal can be simplified to TRUE";
 
-/// What it says where there is no plan, and what is meant.
+/// Outputs that mean that there is no plan, with their endings.
 ///
-/// The last alone is no proof: a search that throws away what does not look helpful says so too.
+/// The last one alone is no proof: a search that prunes states that do not look helpful prints it too.
 const NO_PLAN: &[(&str, Ending)] = &[
     ("goal can be simplified to FALSE", Ending::Unsolvable { before_search: true }),
     (
@@ -35,14 +36,14 @@ const NO_PLAN: &[(&str, Ending)] = &[
     ("search space empty", Ending::Exhausted),
 ];
 
-/// What it says where the task is beyond it.
+/// Outputs that mean that the task is beyond Metric-FF.
 const BEYOND: &[&str] =
     &["This is not a linear task", "increase MAX_", "can't be handled by this version"];
 
-/// What it adds to plans for goals that are no conjunctions.
+/// Step that it adds to plans for goals that are not conjunctions.
 const REACH_GOAL: &str = "reach-goal";
 
-/// Runs it, a second time without costs where it does not like the metric.
+/// Runs Metric-FF, and a second time without costs if it does not support the metric.
 pub(crate) fn answer(job: &Job<'_>) -> Result<Answer, EngineError> {
     if job.options.aim == Aim::CheapestPlan {
         let said = "no search of mine proves that a plan is the cheapest".to_owned();
@@ -60,7 +61,7 @@ pub(crate) fn answer(job: &Job<'_>) -> Result<Answer, EngineError> {
     read(job, &run)
 }
 
-/// “A*epsilon not defined for plan length …”
+/// Whether the output has “A*epsilon not defined for plan length …”.
 fn dislikes_metric(run: &Run) -> bool {
     run.stdout.contains("not defined")
 }
@@ -71,7 +72,7 @@ fn read(job: &Job<'_>, run: &Run) -> Result<Answer, EngineError> {
         return answer(Ending::GoalReached, vec![Plan::default()]);
     }
     if let Some((_, said)) = run.stdout.split_once(FOUND) {
-        // One that was killed while it spoke has spoken half a plan.
+        // If it was killed while it printed, the plan is incomplete.
         let ending = if run.code().is_some() { Ending::GoalReached } else { job.unexplained(run)? };
         return answer(ending, vec![steps(job, said)?]);
     }
@@ -91,7 +92,7 @@ fn no_plan(said: &str) -> Option<Ending> {
     NO_PLAN.iter().find(|(sign, _)| said.contains(sign)).map(|(_, ending)| *ending)
 }
 
-/// `step    0: OP A B`, then `        1: OP A B`, …
+/// Parses `step    0: OP A B`, then `        1: OP A B`, ….
 fn steps(job: &Job<'_>, said: &str) -> Result<Plan, EngineError> {
     let lines = said.lines().filter_map(|line| step(line.trim()));
     let steps: Vec<PlanStep> = lines.filter(|step| step.action != REACH_GOAL).collect();
@@ -101,7 +102,7 @@ fn steps(job: &Job<'_>, said: &str) -> Result<Plan, EngineError> {
     })
 }
 
-/// `[step] NUMBER: OP NAME*`
+/// Parses `[step] NUMBER: OP NAME*`.
 fn step(line: &str) -> Option<PlanStep> {
     let line = line.strip_prefix("step").unwrap_or(line).trim_start();
     let (number, call) = line.split_once(':')?;

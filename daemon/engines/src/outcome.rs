@@ -1,6 +1,6 @@
-//! What comes of an engine's run: a plan that works, or the reason why there is none.
+//! The result of an engine's run: a valid plan, or the reason why there is none.
 //!
-//! An ending tells proof from resignation, and resignation from a limit of ours.
+//! An ending distinguishes a proof from giving up, and giving up from reaching a limit.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -13,12 +13,12 @@ use crate::planning::Engine;
 /// The result of one run.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// A plan in the task's own names that the independent validator has accepted, with the cost
-    /// that the validator finds.
+    /// A plan with the task's own names that the independent validator has accepted, with the cost that
+    /// the validator computes.
     pub plan: Option<Plan>,
     /// Why the run ended.
     pub ending: Ending,
-    /// Whether no cheaper plan exists. The engine's proof, where it was asked for one.
+    /// Whether it is proved that no cheaper plan exists: by the engine, if it was asked for a proof.
     pub proven_optimal: bool,
 }
 
@@ -27,12 +27,12 @@ pub struct Outcome {
 pub enum Ending {
     /// A goal state was reached.
     GoalReached,
-    /// No plan exists, and the engine has proven it.
+    /// No plan exists, which the engine has proved.
     Unsolvable {
-        /// Whether its translation of the task already showed it.
+        /// Whether this was found while the task was translated, before the search.
         before_search: bool,
     },
-    /// The engine gave up: it searched all it wanted to, which is *not* a proof.
+    /// The engine gave up: it searched as far as its search goes, which is *not* a proof.
     Exhausted,
     /// The limit on memory was reached.
     OutOfMemory,
@@ -42,70 +42,70 @@ pub enum Ending {
     Cancelled,
 }
 
-/// Why there is no outcome at all. Messages complete “failed to …”.
+/// The reason why there is no outcome at all. Messages complete “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EngineError {
-    /// The texts do not make sense.
+    /// The texts have mistakes.
     #[error("read the domain and the problem{}", Listed(.0))]
     BadInput(Vec<Diagnostic>),
-    /// The text means something that this engine does not do.
+    /// The task has a feature that this engine does not support.
     #[error("plan with {}: {engine} does not support it", unsupported.feature)]
     Unsupported {
-        /// Which engine.
+        /// The engine.
         engine: Engine,
-        /// What, and where.
+        /// The feature and its place.
         unsupported: Unsupported,
     },
-    /// The engine itself says that the task is beyond it; it knows no place.
+    /// The engine itself reports that the task is beyond it, without a place.
     #[error("plan with {engine}, which says: {said}")]
     Beyond {
-        /// Which engine.
+        /// The engine.
         engine: Engine,
-        /// In its words.
+        /// The engine's message.
         said: String,
     },
     /// The engine is not installed.
     #[error("find {engine}{}", At(configured))]
     NotFound {
-        /// Which engine.
+        /// The engine.
         engine: Engine,
-        /// Where it was configured to be, if it was.
+        /// The configured path, if there is one.
         configured: Option<PathBuf>,
     },
     /// The engine or its folder could not be set up.
     #[error("run {engine}")]
     Run {
-        /// Which engine.
+        /// The engine.
         engine: Engine,
-        /// Why.
+        /// The cause.
         #[source]
         source: std::io::Error,
     },
-    /// The engine broke down.
+    /// The engine failed.
     #[error("get an answer from {engine}, which ended with {status}{}", Said(said))]
     BrokeDown {
-        /// Which engine.
+        /// The engine.
         engine: Engine,
         /// Its exit code or signal.
         status: String,
-        /// The last it said.
+        /// The last line of its output.
         said: String,
     },
-    /// The engine's plan does not work. It is not returned.
+    /// The engine's plan is not valid. It is not returned.
     #[error("confirm the plan of {engine}: {fault}")]
     WrongPlan {
-        /// Which engine.
+        /// The engine.
         engine: Engine,
-        /// What does not hold.
+        /// The fault that the validator found.
         fault: Box<Fault>,
     },
-    /// The engine's plan is not one that can be read.
+    /// The engine's plan cannot be parsed.
     #[error("read the plan of {engine}: {problem}")]
     UnreadablePlan {
-        /// Which engine.
+        /// The engine.
         engine: Engine,
-        /// What is wrong with it.
+        /// The mistake in it.
         problem: String,
     },
 }
@@ -113,7 +113,7 @@ pub enum EngineError {
 // === impl Ending ===
 
 impl Ending {
-    /// The exit code that the field's planners use for it; of a cancelled run there is none.
+    /// Returns the exit code that planners in the field use for it; `None` for a cancelled run.
     pub fn exit_code(self) -> Option<u8> {
         match self {
             Ending::GoalReached => Some(0),
@@ -144,7 +144,7 @@ impl fmt::Display for Ending {
 // === impl EngineError ===
 
 impl EngineError {
-    /// What to do about it, where there is something.
+    /// Returns advice for the user; `None` if there is none.
     pub fn help(&self) -> Option<String> {
         match self {
             EngineError::NotFound { engine, .. } => Some(engine.how_to_get().to_owned()),
@@ -156,7 +156,7 @@ impl EngineError {
     }
 }
 
-/// `; MISTAKE` for each.
+/// Formats each mistake as `; MISTAKE`.
 struct Listed<'e>(&'e [Diagnostic]);
 
 impl fmt::Display for Listed<'_> {
@@ -165,7 +165,7 @@ impl fmt::Display for Listed<'_> {
     }
 }
 
-/// ` at PATH`, if there is one.
+/// Formats the path as ` at PATH`, if there is one.
 struct At<'e>(&'e Option<PathBuf>);
 
 impl fmt::Display for At<'_> {
@@ -174,7 +174,7 @@ impl fmt::Display for At<'_> {
     }
 }
 
-/// `: WORDS`, if there are any.
+/// Formats the text as `: TEXT`, if it is not empty.
 struct Said<'e>(&'e str);
 
 impl fmt::Display for Said<'_> {

@@ -1,8 +1,8 @@
-//! The front door: which engines there are, and how one of them is asked for a plan.
+//! The entry point: the engines, and the function that plans with one of them.
 //!
-//! check → lower → run → read → validate. The task goes to the engine lowered; the plan comes back
-//! in the task's own names and is judged on the task as its author wrote it, so that no mistake of
-//! `lower` can pass.
+//! check → lower → run → read → validate. The engine gets the lowered task. Its plan is translated back
+//! to the task's own names and validated on the original task, so that a mistake in `lower` cannot go
+//! unnoticed.
 
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -16,7 +16,7 @@ use crate::outcome::{Ending, EngineError, Outcome};
 use crate::process::{End, Run};
 use crate::{fast_downward, metric_ff};
 
-/// A planner outside of this process.
+/// A planner that runs as a process of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Engine {
     /// Fast Downward: all of ADL, axioms, action costs; no numbers.
@@ -25,45 +25,45 @@ pub enum Engine {
     MetricFf,
 }
 
-/// What the engine is to strive for.
+/// The aim of planning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Aim {
-    /// A plan, soon.
+    /// A plan, as soon as possible.
     #[default]
     Plan,
-    /// A plan that is proven to be the cheapest. Fast Downward alone can.
+    /// A plan that is proved to be the cheapest. Only Fast Downward supports this.
     CheapestPlan,
 }
 
-/// What a run may spend, and what for.
+/// Limits and aim of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
-    /// Wall-clock time, from the call on.
+    /// Limit on wall-clock time, from the call on.
     pub time_limit: Option<Duration>,
-    /// Bytes of address space of each of the engine's processes.
+    /// Limit on the address space of each of the engine's processes, in bytes.
     pub memory_limit: Option<u64>,
-    /// What the engine is to strive for.
+    /// The aim of planning.
     pub aim: Aim,
 }
 
 impl Default for Options {
-    /// No limit on time; 2 GiB, as the embedded planner; a plan, soon.
+    /// No limit on time; 2 GiB, as for the embedded planner; a plan as soon as possible.
     fn default() -> Options {
         Options { time_limit: None, memory_limit: Some(2 << 30), aim: Aim::Plan }
     }
 }
 
-/// What an engine brought back: its ending, and the plans it wrote, best last.
+/// The result of an engine: the ending, and the plans it wrote, the best last.
 pub(crate) struct Answer {
     pub(crate) ending: Ending,
     pub(crate) plans: Vec<Plan>,
     pub(crate) proven_optimal: bool,
 }
 
-/// Asks an engine for a plan.
+/// Plans with an engine.
 ///
-/// Blocks until the engine has ended; a caller who wants it to end sooner sets `cancel`. When this
-/// returns, no process and no file of the run is left.
+/// Blocks until the engine has ended; set `cancel` to end it sooner. When this returns, no process and
+/// no file of the run is left.
 pub fn plan(
     installation: &Installation,
     domain: &Domain,
@@ -88,7 +88,7 @@ pub fn plan(
     judge(engine, domain, problem, answer, lowered.costs_exact)
 }
 
-/// One run, as the engines' modules see it.
+/// Context of one run, for the engines' modules.
 pub(crate) struct Job<'j> {
     pub(crate) installation: &'j Installation,
     pub(crate) lowered: &'j Lowered,
@@ -97,7 +97,8 @@ pub(crate) struct Job<'j> {
     pub(crate) cancel: &'j Cancel,
 }
 
-/// Refuses texts that make no sense; those of the domain come first and alone, as `planner` has it.
+/// Returns an error if the texts have mistakes. If the domain has some, only those are returned, as in
+/// `planner`.
 fn refuse_mistakes(domain: &Domain, problem: &Problem) -> Result<(), EngineError> {
     let errors = |mut found: Vec<Diagnostic>| {
         found.retain(Diagnostic::is_error);
@@ -107,10 +108,10 @@ fn refuse_mistakes(domain: &Domain, problem: &Problem) -> Result<(), EngineError
     errors(pddl::check_problem(domain, problem))
 }
 
-/// The best plan that works, with the cost that the validator finds.
+/// Returns the best valid plan, with the cost that the validator computes.
 ///
-/// An engine that ended by itself and wrote a plan that does not work is wrong, and that is told. Of
-/// one that we ended, the last plan may be half written: it counts where it works.
+/// If an engine that ended on its own wrote an invalid plan, that is an error. If the engine was ended
+/// by this process, its last plan may be incomplete and is only used if it is valid.
 fn judge(
     engine: Engine,
     domain: &Domain,
@@ -146,7 +147,7 @@ fn judge(
 // === impl Engine ===
 
 impl Engine {
-    /// The environment variable that names its program.
+    /// Returns the environment variable that names the engine's program.
     pub fn variable(self) -> &'static str {
         match self {
             Engine::FastDownward => "ALTHING_FAST_DOWNWARD",
@@ -154,7 +155,7 @@ impl Engine {
         }
     }
 
-    /// What its program may be called.
+    /// Returns the names that the engine's program may have.
     pub(crate) fn programs(self) -> &'static [&'static str] {
         match self {
             Engine::FastDownward => &["fast-downward.py", "fast-downward"],
@@ -162,7 +163,7 @@ impl Engine {
         }
     }
 
-    /// How to install it.
+    /// Returns advice for installing the engine.
     pub(crate) fn how_to_get(self) -> &'static str {
         match self {
             Engine::FastDownward => {
@@ -189,7 +190,7 @@ impl fmt::Display for Engine {
 // === impl Job ===
 
 impl Job<'_> {
-    /// A folder of its own with `domain.pddl` and `problem.pddl` in it.
+    /// Creates a temporary folder with `domain.pddl` and `problem.pddl` in it.
     pub(crate) fn folder(&self) -> Result<tempfile::TempDir, EngineError> {
         let folder = tempfile::Builder::new().prefix("althing-engine-").tempdir();
         let folder = folder.map_err(|source| self.failed(source))?;
@@ -217,7 +218,7 @@ impl Job<'_> {
         };
         let run = crate::process::run(&launch, self.cancel).map_err(|err| self.failed(err))?;
         match run.code() {
-            // The shell could not become the engine, for another reason than memory.
+            // The shell could not execute the engine, for another reason than memory.
             Some(126 | 127) if !run.wants_memory() => {
                 Err(self.failed(std::io::Error::other(run.last_words())))
             }
@@ -225,7 +226,8 @@ impl Job<'_> {
         }
     }
 
-    /// What became of a run that an engine's own signs do not explain.
+    /// Returns the ending of a run that the engine's own exit code and output do not explain. Returns
+    /// an error if the engine failed.
     pub(crate) fn unexplained(&self, run: &Run) -> Result<Ending, EngineError> {
         match run.end {
             End::OutOfTime => Ok(Ending::OutOfTime),

@@ -1,17 +1,17 @@
-//! One run of a foreign program: within limits, and with nothing left of it afterwards.
+//! Runs a foreign program within limits, and leaves nothing of it behind.
 //!
-//! The program runs in a process group of its own. A second process, the *watch*, is a shell that
-//! reads from a pipe whose other end this process alone holds. If this process ends, however it
-//! ends, the kernel closes that pipe, and the watch kills the whole group and removes the folder. A
-//! death signal of the parent (`PR_SET_PDEATHSIG`) would reach the program, but not what it has
-//! started: Fast Downward is a driver that starts a translator, then a search.
+//! The program runs in a process group of its own. A second process, the *watch*, is a shell that reads
+//! from a pipe; only this process has the other end. When this process ends in any way, the kernel
+//! closes that pipe, and the watch kills the whole group and removes the folder. A parent death signal
+//! (`PR_SET_PDEATHSIG`) would reach the program, but not the processes that it has started: Fast
+//! Downward is a driver that starts a translator, then a search.
 //!
-//! The program does not start before it is watched: it waits at a *gate*, the shell that sets its
-//! limits, for a word that comes when the watch stands. What is not guarded against: a program that
-//! leaves its process group, and somebody who kills the watch first.
+//! The program does not start before it is watched: the *gate*, the shell that sets its limits, waits
+//! for a line that is sent when the watch runs. Not guarded against: a program that leaves its process
+//! group, and a watch that is killed first.
 //!
-//! Memory is limited with `ulimit -v` (`RLIMIT_AS`), which every child inherits: each process of the
-//! engine is held to it on its own, not their sum. Time is wall-clock time.
+//! Memory is limited with `ulimit -v` (`RLIMIT_AS`), which every child inherits: the limit holds for
+//! each process of the engine, not for their sum. Time is wall-clock time.
 
 use std::ffi::OsString;
 use std::fs::File;
@@ -27,59 +27,60 @@ use planner::Cancel;
 use rustix::io::Errno;
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
-/// What to run, where, and within what.
+/// The command to run, its folder and its limits.
 pub(crate) struct Launch<'l> {
     /// The program and its arguments.
     pub(crate) command: &'l [OsString],
-    /// Where it runs. Its output is kept there too.
+    /// Folder in which it runs. Its output is written there too.
     pub(crate) folder: &'l Path,
-    /// When it must have ended.
+    /// Time at which it is killed if it still runs.
     pub(crate) deadline: Option<Instant>,
     /// Bytes of address space for each process.
     pub(crate) memory_limit: Option<u64>,
 }
 
-/// What became of it.
+/// The result of a run.
 pub(crate) struct Run {
     pub(crate) end: End,
-    /// What it printed, up to [`OUTPUT_MAX`].
+    /// Standard output, up to [`OUTPUT_MAX`].
     pub(crate) stdout: String,
-    /// What it complained about, up to the same.
+    /// Standard error, up to the same limit.
     pub(crate) stderr: String,
 }
 
-/// How it ended.
+/// The way a run ended.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum End {
-    /// By itself.
+    /// The process exited on its own (not killed by a limit).
     Itself(ExitStatus),
-    /// By us, when time was up.
+    /// The process was killed because its time was up.
     OutOfTime,
-    /// By us, because the caller wanted it.
+    /// The process was killed because the caller cancelled it.
     Cancelled,
 }
 
-/// The most of an output that is read. A plan of a hundred thousand steps fits.
+/// Largest part of an output that is read, in bytes. A plan of a hundred thousand steps fits.
 const OUTPUT_MAX: u64 = 64 << 20;
 
-/// How often the caller's flag is looked at: a person does not notice.
+/// Interval at which the caller's cancel flag is checked. A person does not notice the delay.
 const TICK: Duration = Duration::from_millis(20);
 
-/// Waits for the word, limits itself, becomes the program. `$1` is the limit in KiB, or empty.
+/// Shell script: waits for a line, sets its limits, executes the program. `$1` is the memory limit in
+/// KiB, or empty.
 const GATE: &str = "read -r word || exit 125
 ulimit -c 0
 [ -z \"$1\" ] || ulimit -v \"$1\" || exit 125
 shift
 exec \"$@\" </dev/null";
 
-/// Waits for the word that all is well, or for the end of whoever was to say it. Removes twice: a
-/// process that was just killed may have finished a file meanwhile.
+/// Shell script: waits for a line, which means that all is well, or for the end of this process.
+/// Removes the folder twice: a process that was just killed may have written a file meanwhile.
 const WATCH: &str = "trap '' HUP INT TERM
 read -r word && exit
 kill -KILL \"-$1\"
 rm -rf \"$2\" || rm -rf \"$2\"";
 
-/// Runs it to its end, or to ours.
+/// Runs a program until it ends, its time is up, or the caller cancels it.
 pub(crate) fn run(launch: &Launch<'_>, cancel: &Cancel) -> io::Result<Run> {
     let (stdout, stderr) = (launch.folder.join("stdout"), launch.folder.join("stderr"));
     let (child, gate) = at_the_gate(launch, File::create(&stdout)?, File::create(&stderr)?)?;
@@ -110,7 +111,7 @@ fn at_the_gate(
     Ok((child, gate))
 }
 
-/// Lets the program start. If it cannot be told, it has ended, which is seen next.
+/// Lets the program start. A failed write means that the gate has ended, which is detected next.
 fn open(gate: Option<ChildStdin>) {
     let _ = gate.map(|mut gate| gate.write_all(b"start\n"));
 }
@@ -140,9 +141,9 @@ fn read(path: &Path) -> io::Result<String> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// The program and all that it starts. Dropped, they end.
+/// The program and all processes that it starts. They are killed when it is dropped.
 struct Group {
-    /// The leader. Until it is reaped, nobody else can be given the group's number.
+    /// The group leader. Until it is reaped, the group's number cannot be reused.
     child: Child,
     is_reaped: bool,
 }
@@ -154,7 +155,7 @@ impl Group {
         Pid::from_raw(i32::try_from(self.child.id()).ok()?)
     }
 
-    /// A word when the leader has ended. It is not reaped.
+    /// Returns a channel that receives a message when the leader has ended. Does not reap it.
     fn ended(&self) -> mpsc::Receiver<()> {
         let (tell, ended) = mpsc::channel();
         let pid = self.pid();
@@ -169,12 +170,12 @@ impl Group {
         ended
     }
 
-    /// Kills whatever is left of the group, then reaps the leader.
+    /// Kills all that is left of the group, then reaps the leader.
     fn end(&mut self) -> io::Result<ExitStatus> {
         if let Some(pid) = self.pid()
             && !self.is_reaped
         {
-            // Where nobody is left but the dead leader, there is nothing to be done.
+            // Fails if only the dead leader is left, which is fine.
             let _ = kill_process_group(pid, Signal::KILL);
         }
         let status = self.child.wait()?;
@@ -191,7 +192,7 @@ impl Drop for Group {
     }
 }
 
-/// The process that outlives us by one deed.
+/// The process that cleans up after this process has ended.
 struct Watch {
     child: Child,
     word: Option<ChildStdin>,
@@ -208,14 +209,14 @@ impl Watch {
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .stderr(Stdio::null())
-            // What is sent to our group, as Ctrl-C is, is not for the watch.
+            // Signals sent to this process's group, for example by Ctrl-C, must not reach the watch.
             .process_group(0)
             .spawn()?;
         let word = child.stdin.take();
         Ok(Watch { child, word })
     }
 
-    /// All is well. The group is gone, and its number may soon be another's.
+    /// Ends the watch without cleaning up: the group is gone, and its number may soon be reused.
     fn dismiss(mut self) {
         let _ = self.word.take().map(|mut word| word.write_all(b"well\n"));
         let _ = self.child.wait();
@@ -223,7 +224,7 @@ impl Watch {
 }
 
 impl Run {
-    /// The exit code of a program that ended by itself and not by a signal.
+    /// Returns the exit code; `None` if the program was killed or ended by a signal.
     pub(crate) fn code(&self) -> Option<i32> {
         match self.end {
             End::Itself(status) => status.code(),
@@ -231,7 +232,7 @@ impl Run {
         }
     }
 
-    /// The ending in words.
+    /// Formats the ending for a person.
     pub(crate) fn status(&self) -> String {
         match self.end {
             End::Itself(status) => match (status.code(), status.signal()) {
@@ -244,7 +245,7 @@ impl Run {
         }
     }
 
-    /// The last line that says something, of its complaints if there are any.
+    /// Returns the last line that is not empty: of standard error, or else of standard output.
     pub(crate) fn last_words(&self) -> String {
         let last = |text: &str| {
             text.lines().map(str::trim).rfind(|line| !line.is_empty()).map(str::to_owned)
@@ -252,8 +253,8 @@ impl Run {
         last(&self.stderr).or_else(|| last(&self.stdout)).unwrap_or_default()
     }
 
-    /// Whether somebody on the way complained that memory was not to be had: interpreters, loaders
-    /// and allocators do, in these words.
+    /// Whether the output has a message about lack of memory, as interpreters, loaders and allocators
+    /// print it.
     pub(crate) fn wants_memory(&self) -> bool {
         let complaints = [
             "MemoryError",

@@ -1,5 +1,5 @@
-//! What is known: what agents say of themselves, what anyone asks the Domain Maintainer to believe,
-//! and what it tells.
+//! Contents about the state: from agents about themselves, requests to the Domain Maintainer, and its
+//! announcements.
 
 use std::collections::BTreeMap;
 
@@ -8,13 +8,13 @@ use serde::{Deserialize, Serialize};
 use super::{Methods, Offers};
 use crate::{AgentId, Deadline};
 
-/// What the Domain Maintainer knows, at one moment.
+/// The domain and the state as the Domain Maintainer knows them at one moment.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
-    /// Counts changes of the set of capabilities.
+    /// Number of changes of the set of capabilities.
     pub epoch: u64,
-    /// Counts changes of anything.
+    /// Number of changes of any kind.
     pub revision: u64,
     /// The composite domain, as PDDL.
     pub domain: String,
@@ -22,61 +22,61 @@ pub struct Snapshot {
     pub digest: String,
     /// Objects and the state as known, as a PDDL problem without a goal.
     pub problem: String,
-    /// Who offers what.
+    /// The actions that each agent offers.
     pub offers: Offers,
-    /// What lets an agent act by each schema of the domain, whether or not anybody offers it now.
+    /// The guard of each schema of the domain, whether or not any agent offers it now.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub guards: BTreeMap<String, Guard>,
-    /// Action schemas that nobody here offers and somebody offered once, or the ontology
-    /// describes: each in an action model of its own. For explanations, never for plans.
+    /// Action schemas that no present agent offers, but that were offered in the past or are described
+    /// in the ontology, each in an action model of its own. Used for explanations, never for plans.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub former: Vec<String>,
-    /// The words of the domain for what is unknown, by the symbol that they are about.
+    /// The symbols of the domain that describe what is unknown, by the symbol that they are about.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub knowledge: BTreeMap<String, Auxiliary>,
-    /// What of an agent's model could not be taken as it is, and why, for a person.
+    /// The parts of each agent's model that could not be composed, each with the reason, for a person.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub conflicts: BTreeMap<AgentId, Vec<String>>,
 }
 
-/// Predicates that a composite domain has beside those that agents speak of, because planners know
-/// true and false only: see `pddl::knowledge`.
+/// Predicates that the composite domain has in addition to those of the agents, because planners know
+/// only true and false: see `pddl::knowledge`.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "of", rename_all = "kebab-case")]
 pub enum Auxiliary {
-    /// Of a predicate.
+    /// For a predicate.
     Predicate {
-        /// Holds of a fact that is neither known to be true nor known to be false.
+        /// Predicate that holds for a fact that is neither known to be true nor known to be false.
         unknown: String,
-        /// Holds of a fact that a plan has observed.
+        /// Predicate that holds for a fact that a plan has observed.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         found: Option<String>,
     },
-    /// Of a function.
+    /// For a function.
     Function {
-        /// Holds where its value is known.
+        /// Predicate that holds if the value is known.
         defined: String,
-        /// Holds where a plan has observed it.
+        /// Predicate that holds if a plan has observed the value.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         found: Option<String>,
     },
-    /// Of a predicate that axioms derive.
+    /// For a predicate that axioms derive.
     Derived {
-        /// Holds of a fact that cannot be ruled out.
+        /// Predicate that holds for a fact that may be true.
         maybe: String,
-        /// Holds of a fact that cannot be ruled out because of an agent that left.
+        /// Predicate that holds for a fact that may be true because of an agent that has left.
         unknown: String,
     },
 }
 
-/// What lets agents act by a schema.
+/// The guard of a schema, which allows agents to use it.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Guard {
-    /// The name that its agents know the action by.
+    /// The name of the action as its agents call it.
     pub outside: String,
-    /// The predicate that holds of those who offer it.
+    /// The predicate that holds for the agents that offer it.
     pub predicate: String,
 }
 
@@ -84,182 +84,185 @@ pub struct Guard {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BelievedState {
-    /// Counts changes of the set of capabilities.
+    /// Number of changes of the set of capabilities.
     pub epoch: u64,
-    /// Counts changes of anything.
+    /// Number of changes of any kind.
     pub revision: u64,
-    /// Every fact, in the order of its text; then what follows from them by axioms.
+    /// All facts in the order of their text, followed by the facts that axioms derive from them.
     pub facts: Vec<BelievedFact>,
 }
 
-/// One fact, and whose word it is.
+/// A fact and its owners.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BelievedFact {
     /// The PDDL fact.
     pub fact: String,
-    /// Who says so: agents, `the map`, or `axiom` of what follows from other facts.
+    /// The owners: agents, `the map`, or `axiom` for a derived fact.
     pub owners: Vec<String>,
-    /// How long ago it was last said, in milliseconds.
+    /// Time since it was last reported, in milliseconds.
     pub age_ms: u64,
-    /// How long it is still known; `None` means until further notice.
+    /// Time until it expires; `None` if it does not expire.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub known_for: Option<Deadline>,
-    /// Whose word it is, one by one; owners who contradict each other about a number are all
-    /// here, and the newest is believed.
+    /// All claims about it. If owners claim different values of a function, all of them are listed, and
+    /// the newest is believed.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub claims: Vec<Claim>,
 }
 
-/// One owner's word about a fact.
+/// The claim of one owner about a fact.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Claim {
-    /// Who says so.
+    /// The owner.
     pub owner: String,
-    /// The PDDL fact as this owner says it: of a number, with its value.
+    /// The PDDL fact as this owner claims it; for a function, with its value.
     pub fact: String,
-    /// How it came about: `model`, `heartbeat`, `effect`, `request`, `observation`, `told`.
+    /// Origin of the claim: `model`, `heartbeat`, `effect`, `request`, `observation`, `departure`,
+    /// `told`.
     pub source: String,
-    /// How long ago it was last said, in milliseconds.
+    /// Time since the claim was last made, in milliseconds.
     pub age_ms: u64,
-    /// How long it is still known; `None` means until further notice.
+    /// Time until the claim expires; `None` if it does not expire.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub known_for: Option<Deadline>,
 }
 
-/// Ask for a change of the state as believed.
+/// Request to change the believed state.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ChangeState {
     /// PDDL facts to believe: `(door-open d1) (= (price) 3)`.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub believe: String,
-    /// PDDL facts to believe no longer.
+    /// PDDL facts to retract.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub retract: String,
-    /// Whose word it is: the agent whose confirmed action had these effects; without it, the
-    /// asker's own.
+    /// The owner of the facts: the agent with the confirmed action that had these effects; without it,
+    /// the sender.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub owner: Option<AgentId>,
 }
 
-/// Ask for another measure of plans.
+/// Request to change the metric of plans.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChangeMetric {
-    /// `(:metric minimize EXPRESSION)`; without it, the map's is the measure again.
+    /// `(:metric minimize EXPRESSION)`; without it, the map's metric is restored.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub metric: Option<String>,
 }
 
-/// Ask for a change of the actions that can be planned with. All of it is taken, or nothing.
+/// Request to change which actions can be planned with. Either all of it takes effect, or nothing.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChangeActions {
-    /// Actions to plan with no longer.
+    /// Actions to withhold.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub withhold: Vec<ActionOf>,
-    /// Withheld actions to plan with again, named as they were withheld.
+    /// Withheld actions to give back, named as they were withheld.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub give_back: Vec<ActionOf>,
 }
 
-/// An action of one agent, or of all who offer it.
+/// An action of one agent, or of all agents that offer it.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ActionOf {
-    /// The name its agents know it by.
+    /// The name of the action as its agents call it.
     pub action: String,
-    /// Whose; without it, everyone's.
+    /// The agent; without it, all agents.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub agent: Option<AgentId>,
 }
 
-/// What the asker has observed: its own word, until it says otherwise or the time is over.
+/// Facts observed by the sender. They are believed as the sender's own until it reports otherwise or
+/// they expire.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Observation {
-    /// PDDL facts, and `(not FACT)` for what is seen not to be so.
+    /// PDDL facts, and `(not FACT)` for a fact that is seen to be false.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub facts: String,
-    /// Facts that are known for a while only: each with the time left.
+    /// Facts that expire, each with the time left.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub known_for: BTreeMap<String, Deadline>,
 }
 
-/// An actuator's whole self-description.
+/// An actuator's announcement of its whole action model.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelAnnouncement {
-    /// `(define (agent NAME) …)`
+    /// The action model: `(define (agent NAME) …)`.
     pub model: String,
-    /// Which method carries out which action.
+    /// The method for each action.
     #[serde(default)]
     pub methods: Methods,
-    /// The state that comes with it.
+    /// The state at the same time.
     #[serde(flatten)]
     pub heartbeat: Heartbeat,
 }
 
-/// An actuator's state, complete for what it owns: what it does not say is false.
+/// An actuator's state, complete for the facts that it owns: an owned fact that is missing is false.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Heartbeat {
     /// Digest of the model and the methods.
     pub digest: String,
-    /// Counts this incarnation's heartbeats, from 1; an older one is not believed after a newer.
+    /// Number of the heartbeat, from 1 in each incarnation; a smaller one is ignored after a greater
+    /// one.
     pub sequence: u64,
-    /// All PDDL facts it owns now.
+    /// All PDDL facts that the actuator owns now.
     #[serde(default)]
     pub facts: String,
-    /// Facts that are known for a while only: each with the time left.
+    /// Facts that expire, each with the time left.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub known_for: BTreeMap<String, Deadline>,
-    /// When the next heartbeat is due at the latest.
+    /// Time until the next heartbeat is due at the latest.
     pub period: Deadline,
 }
 
-/// A change of what the ecosystem can do, or of its state as believed.
+/// A change of the ecosystem's capabilities, or of its believed state.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct EpochChange {
-    /// Counts changes of the set of capabilities.
+    /// Number of changes of the set of capabilities.
     pub epoch: u64,
-    /// Counts changes of anything; two announcements with a gap between them mean a lost one.
+    /// Number of changes of any kind; a gap between two announcements means that one was lost.
     pub revision: u64,
-    /// Agents whose capabilities are there now.
+    /// Agents with capabilities that have become available.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub joined: Vec<AgentId>,
-    /// Agents whose capabilities are gone or masked.
+    /// Agents with capabilities that are no longer available: the agents are gone, silent or masked.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left: Vec<AgentId>,
     /// PDDL facts that are believed now.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub believed: String,
-    /// PDDL facts that are believed no longer.
+    /// PDDL facts that are no longer believed.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub retracted: String,
-    /// Everything that requests changed and that no heartbeat says: when somebody joined who has not
-    /// heard it, and once more a moment after it was news.
+    /// All changes by requests that no heartbeat reports. Sent when an agent joins that has not
+    /// received them, and once more shortly after a change.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub requested: Option<Requested>,
-    /// What of it is news.
+    /// The changes by requests since the last announcement.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub requested_since: Option<RequestedSince>,
 }
 
-/// What requests changed, complete: whoever hears it needs nothing that was said before.
+/// All changes by requests. A receiver needs no earlier announcement.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Requested {
-    /// Facts that are somebody's word and that no heartbeat says.
+    /// Facts with an owner that does not report them in heartbeats.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub facts: Vec<RequestedFact>,
-    /// PDDL facts of the map that are believed no longer.
+    /// PDDL facts of the map that are retracted.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub retracted: String,
-    /// What plans are measured by, if not as the map says.
+    /// The metric of plans; without it, the map's metric is used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub metric: Option<String>,
     /// Actions that are withheld.
@@ -267,31 +270,31 @@ pub struct Requested {
     pub withheld: Vec<ActionOf>,
 }
 
-/// What requests changed since it was told last: as much as is new, however much there was before.
-/// It may be taken also by those who missed what was told last; all of it is told soon after.
+/// Changes by requests since the last announcement of them. Its length depends on these changes only. A
+/// receiver that missed the last announcement may apply it too; all changes are announced soon after.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RequestedSince {
-    /// Facts that are somebody's word now, or are known for another time than before.
+    /// Facts that are new, or that have another expiry than before.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub facts: Vec<RequestedFact>,
-    /// Facts that are somebody's word no longer; of a number, whatever its value.
+    /// Facts that are withdrawn; the values of functions are arbitrary.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub withdrawn: Vec<RequestedFact>,
-    /// PDDL facts of the map that are believed no longer.
+    /// PDDL facts of the map that are retracted.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub retracted: String,
 }
 
-/// A fact, and whose word it is.
+/// A fact and its owner.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RequestedFact {
     /// The PDDL fact.
     pub fact: String,
-    /// Whose word it is.
+    /// The owner of the fact.
     pub owner: AgentId,
-    /// How long it is still known; `None` means until further notice.
+    /// Time until it expires; `None` if it does not expire.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub known_for: Option<Deadline>,
 }

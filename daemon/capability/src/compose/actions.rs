@@ -1,4 +1,5 @@
-//! Which actions stand: equal ones of several agents are one schema with several offerers.
+//! Selects the actions of the composite: equal actions of several agents become one schema with several
+//! offerers.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -13,15 +14,15 @@ use crate::conflict::{Kind, Subject};
 use crate::manifest::Offer;
 use crate::names::{ActionNames, Variants};
 
-/// The schemas that stand, by the name outside and the canonical text.
+/// The selected schemas, by name outside (as the agents call them) and canonical text.
 pub(super) type Schemas<'a> = BTreeMap<(&'a Name, &'a Key), Schema<'a>>;
 
-/// One schema.
+/// A selected schema.
 pub(super) struct Schema<'a> {
-    /// As the first of its offerers, by name, wrote it.
+    /// The schema as written by its first offerer, by name.
     pub(super) tree: &'a Arc<ActionSchema>,
     pub(super) uses: &'a Uses,
-    /// Who offers it, by name.
+    /// The agents that offer it, sorted by name.
     pub(super) offerers: Vec<&'a AgentId>,
 }
 
@@ -80,7 +81,8 @@ fn lost_declaration(party: &Party<'_>, offer: &Offer, report: &Report<'_>) -> Op
     Some(format!("it uses the {subject}, which another agent declares otherwise"))
 }
 
-/// The agent must itself be an object that can stand for `:agent`.
+/// Checks that the agent is itself an object of the type that `:agent` requires. Returns the fault, or
+/// `None`.
 fn wrong_agent(party: &Party<'_>, offer: &Offer, standing: &Standing<'_>) -> Option<String> {
     let agent = offer.schema.agent.as_ref()?;
     let name = party.agent.as_str();
@@ -91,7 +93,7 @@ fn wrong_agent(party: &Party<'_>, offer: &Offer, standing: &Standing<'_>) -> Opt
         .then(|| format!("its agent is a `{}`, and `{name}` is a `{ty}`", agent.ty))
 }
 
-/// The name inside of every schema.
+/// Returns the name of every schema inside the composite domain.
 pub(super) fn name<'a>(
     schemas: &Schemas<'a>,
     parties: &[Party<'a>],

@@ -1,4 +1,4 @@
-//! Writing the domain: the ontology first, then what agents add, in the order of names.
+//! Writes the composite domain: first the ontology, then the additions of agents, sorted by name.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -26,7 +26,7 @@ pub(super) fn assemble(
     (secrets, unknowable): (Secrets, &BTreeSet<Name>),
 ) -> Composite {
     let mut domain = Domain::clone(&shared.ontology);
-    // What the ontology describes and nobody offers, nobody can carry out.
+    // No agent can carry out an action that only the ontology describes.
     domain.actions.clear();
     domain.durative_actions.clear();
     require(&mut domain, parties);
@@ -64,7 +64,7 @@ fn by_name_inside<'a>(
     { schemas.iter() }.filter_map(|(at, schema)| Some((inside.get(at)?, (*at, schema)))).collect()
 }
 
-/// Requirements are gathered: the ontology's as they are, then the agents' by name.
+/// Collects the requirements: those of the ontology in their order, then those of the agents by name.
 fn require(domain: &mut Domain, parties: &[Party<'_>]) {
     let theirs = parties.iter().filter(|party| party.trusted);
     let theirs: BTreeSet<&Name> = theirs.flat_map(|party| &party.manifest.requirements).collect();
@@ -96,14 +96,15 @@ fn declare(domain: &mut Domain, objects: &mut Vec<ObjectDeclaration>, kept: &Kep
     }
 }
 
-/// An object that a schema names outright must be a constant of the domain.
+/// Returns the objects that schemas name directly: they must be constants of the domain.
 fn named_objects<'a>(standing: &Standing<'a>, schemas: &Schemas<'a>) -> BTreeSet<&'a Name> {
     let in_actions = schemas.values().flat_map(|schema| &schema.uses.objects);
     let in_axioms = standing.axioms.iter().flat_map(|axiom| &axiom.uses.objects);
     in_actions.chain(in_axioms).collect()
 }
 
-/// Writes a schema under its name inside, guarded so that it is grounded for its offerers only.
+/// Writes a schema under its name inside the domain, with a guard, so that it is grounded for its
+/// offerers only.
 fn write(domain: &mut Domain, inside: &Name, guard: &Name, schema: &Schema<'_>) {
     let ActionSchema { name: _, agent, parameters, precondition, effect, observe, span } =
         &**schema.tree;

@@ -1,5 +1,5 @@
-//! Which declarations stand: the ontology's before any agent's, equal ones once, and of two
-//! agents' that differ the one that stood already.
+//! Selects the declarations of the composite. The ontology takes precedence over all agents; equal
+//! declarations count once; if two agents disagree, the declaration that was in force before wins.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,7 +12,7 @@ use crate::conflict::{Kind, Subject};
 use crate::manifest::{Axiom, Declaration, Item};
 use crate::vocabulary::{Signature, Vocabulary};
 
-/// The declarations of agents that stand, and all that is declared with them.
+/// The selected declarations of agents, and the vocabulary that results from them.
 #[derive(Default)]
 pub(super) struct Standing<'a> {
     pub(super) kept: Vec<Kept<'a>>,
@@ -20,22 +20,22 @@ pub(super) struct Standing<'a> {
     pub(super) vocabulary: Vocabulary,
 }
 
-/// One declaration that stands.
+/// A selected declaration.
 #[derive(Clone, Copy)]
 pub(super) struct Kept<'a> {
-    /// As the first of its declarers, by name, wrote it.
+    /// The declaration as written by its first declarer, by name.
     pub(super) declaration: &'a Declaration,
     by: Party<'a>,
-    /// Whether all its declarers keep it to themselves.
+    /// Whether all its declarers declare it private.
     pub(super) private: bool,
     /// Whether one of its declarers is trusted, so that its axioms are known.
     trusted: bool,
 }
 
-/// What one party says about a subject.
+/// The declaration of a subject by one party.
 type Word<'a> = (Party<'a>, &'a Declaration);
 
-/// What is declared, and what derives it.
+/// Signature and axioms: two declarations are equal if both are.
 pub(super) type Variant = (Key, Vec<Key>);
 
 pub(super) fn settle<'a>(
@@ -45,7 +45,7 @@ pub(super) fn settle<'a>(
     report: &mut Report<'a>,
 ) -> Standing<'a> {
     let (words, mut kept, mut variants) = (words_of(parties), Vec::new(), Vec::new());
-    // Side by side, in the order of subjects: both are long.
+    // A merge join in the order of subjects: both sequences are long.
     let mut stood = std::mem::take(incumbents).into_iter().peekable();
     for words in words.chunk_by(|(_, one), (_, other)| one.subject == other.subject) {
         let subject = &words[0].1.subject;
@@ -67,8 +67,7 @@ pub(super) fn settle<'a>(
     stand(shared, parties, kept, report)
 }
 
-/// Everything that agents declare and that may be known here, in the order of what it is about and then
-/// of their names.
+/// Returns all declarations of agents that are visible here, sorted by subject and then by agent.
 fn words_of<'a>(parties: &[Party<'a>]) -> Vec<Word<'a>> {
     let known = |party: &Party<'a>| {
         let party = *party;
@@ -102,7 +101,8 @@ fn yield_to_ontology(declared: &Declaration, words: &[Word<'_>], report: &mut Re
     }
 }
 
-/// Of the words about one subject, those that stand; who says otherwise is told.
+/// Chooses the declaration of one subject that is in force. Reports a conflict for each agent that
+/// declares it differently.
 fn choose<'a>(
     subject: &'a Subject,
     words: &[Word<'a>],
@@ -150,7 +150,8 @@ fn shown(declaration: &Declaration) -> String {
     }
 }
 
-/// Leaves out what rests on nothing, and closes what stands.
+/// Leaves out declarations that use undeclared types or form circles, and computes the vocabulary and
+/// the axioms of the rest.
 fn stand<'a>(
     shared: &'a Shared,
     parties: &[Party<'a>],
@@ -181,7 +182,7 @@ fn unknown_type<'a>(types: &Types, declaration: &'a Declaration) -> Option<&'a N
     { used }.find(|name| !types.contains(name.as_str()))
 }
 
-/// A type that is its own supertype would be found on the way up from it.
+/// Leaves out types that are their own supertypes, directly or through others.
 fn without_circles<'a>(
     ontology: &Domain,
     kept: Vec<Kept<'a>>,
@@ -244,12 +245,13 @@ fn vocabulary_of(shared: &Shared, kept: &[Kept<'_>], types: Types) -> Vocabulary
             }
         }
     }
-    // At once: there are as many as there are devices, and each looks for its place otherwise.
+    // Built in one step: there is an object per device, and inserting them one by one would be slow.
     vocabulary.objects = objects.into_iter().collect();
     vocabulary
 }
 
-/// The agents' axioms that stand: for predicates of their own, and over what is declared.
+/// Returns the axioms of agents that are valid: each derives a predicate that its agent declares, and
+/// uses declared symbols only.
 fn axioms_of<'a>(
     parties: &[Party<'a>],
     kept: &[Kept<'a>],

@@ -1,8 +1,9 @@
-//! Whose declaration stands, kept without composing: for who is told much and composes only when
-//! somebody looks.
+//! Tracks which declaration of each subject is in force, without composing. Used by maintainers that
+//! receive many models and compose only on request.
 //!
-//! What stands depends on who came when, so it cannot wait until then. But it depends on the words
-//! about one subject alone: of who came or left, only the own words have to be looked at.
+//! The order of arrivals decides which declaration is in force, so tracking cannot be postponed to the
+//! composition. But each subject is independent of the others: if an agent joins or leaves, only the
+//! subjects that it declares are checked.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,11 +12,11 @@ use super::declarations::{Variant, variant_of};
 use crate::conflict::Subject;
 use crate::manifest::{Declaration, Manifest};
 
-/// What stands, of what is known here.
+/// The declaration in force for each subject known here.
 pub(crate) type Incumbents = BTreeMap<Subject, Variant>;
 
-/// Keeps what stands, now that a party says what is in `now` in place of what was in `former`;
-/// `parties` are all who are here now, and all trusted or none.
+/// Updates the declarations in force, after the declarations of one party changed from `former` to
+/// `now`. `parties` are all present agents; either all or none are trusted.
 pub(super) fn keep<'a, P: Iterator<Item = Party<'a>>>(
     incumbents: &mut Incumbents,
     former: Option<&Manifest>,
@@ -28,7 +29,7 @@ pub(super) fn keep<'a, P: Iterator<Item = Party<'a>>>(
     for subject in subjects {
         let said = now.get(subject).map(|word| variant_of(word));
         let Some(stands) = incumbents.get(subject) else {
-            // Nobody else speaks of it.
+            // No other agent declares the subject.
             incumbents.extend(said.map(|said| (subject.clone(), said)));
             continue;
         };
@@ -39,8 +40,8 @@ pub(super) fn keep<'a, P: Iterator<Item = Party<'a>>>(
     }
 }
 
-/// Who made what stands does not any more: whoever else does keeps it, or who has been here longest
-/// is believed.
+/// Chooses the declaration in force again, after the agent that made it has ceased to. It stays in
+/// force if another agent makes it too; otherwise that of the agent present longest is chosen.
 fn choose_again<'a>(
     incumbents: &mut Incumbents,
     subject: &Subject,

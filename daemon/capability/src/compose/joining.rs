@@ -1,9 +1,9 @@
-//! One more agent, without composing anew: where it adds nothing but itself.
+//! Adds one agent to an existing composite without composing anew, if it adds only itself.
 //!
-//! Most who come are the next of their kind: they bring objects of which nobody has spoken, and
-//! offer what others offer. Then all that stands goes on standing, and of a thousand models none
-//! is read but the new one. Whatever could be otherwise is left to [`compose`](super::compose),
-//! which says the same.
+//! Most agents that join are of a known type: they bring new objects, and offer actions that others
+//! offer already. Then all selected declarations and actions stay as they are, and only the new model
+//! is read, even among a thousand. All other cases are left to [`compose`](super::compose), which gives
+//! the same result.
 
 use std::sync::Arc;
 
@@ -13,15 +13,15 @@ use super::{Party, Shared};
 use crate::composite::{Composite, Offered, Stands};
 use crate::manifest::{Declaration, Item, Manifest, Offer};
 
-/// What an agent adds.
+/// Objects and offers that an agent adds.
 struct Additions<'p> {
     objects: Vec<(&'p Name, &'p ObjectDeclaration)>,
-    /// The schemas that it offers: the name outside, and which of that name.
+    /// The schemas that it offers: the name outside, and the index among those of that name.
     offers: Vec<(&'p Name, usize)>,
 }
 
-/// Adds an agent to a composite in which nothing was left out; the objects that came with it, or
-/// nothing if all has to be composed anew. All that is known there is known whole.
+/// Adds an agent to a composite in which nothing was left out and all models are trusted. Returns the
+/// objects that were added. Returns `None` if everything has to be composed anew.
 pub(crate) fn join<'p>(
     shared: &Shared,
     composite: &mut Arc<Composite>,
@@ -54,7 +54,7 @@ pub(crate) fn join<'p>(
     Some(objects.into_iter().map(|(name, _)| name).collect())
 }
 
-/// What an agent adds, if that is all that follows from it.
+/// Returns what an agent adds. Returns `None` if it changes more than that.
 fn additions<'p>(
     shared: &Shared,
     composite: &Composite,
@@ -82,7 +82,8 @@ fn additions<'p>(
     Some(Additions { objects, offers })
 }
 
-/// An object of which nobody has spoken, of a type that is known.
+/// Returns the declared object and its name. Returns `None` if the declaration is not that of a new
+/// object of a known type.
 fn new_object<'p>(
     composite: &Composite,
     declaration: &'p Declaration,
@@ -95,8 +96,9 @@ fn new_object<'p>(
     (is_new && is_typed).then_some((name, declared))
 }
 
-/// The place of the schema that an agent offers among those of its name that stand, if it may offer
-/// it, and it stands in the words of another or in the same.
+/// Returns the index of the offered schema among the selected schemas of its name. Returns `None` if
+/// there is no such schema, if the agent may not offer it, or if adding it would change how the schema
+/// is written.
 fn stands(
     composite: &Composite,
     objects: &[(&Name, &ObjectDeclaration)],

@@ -1,8 +1,9 @@
-//! What an agent leaves behind that nobody knows any more.
+//! Facts that become unknown when an agent leaves.
 //!
-//! An agent that goes takes its objects and its facts along. A fact that it answered for and that is
-//! about things which stay, such as whether a room is lit, is neither true nor false from then on: it
-//! is unknown, until the agent returns, another answers for it, or somebody says how it is.
+//! The objects and facts of an agent are removed with it. A fact that the agent was responsible for may
+//! also be about things that stay, for example whether a room is lit. Such a fact is then neither true
+//! nor false but unknown, until the agent returns, another agent becomes responsible for it, or an
+//! observation or a request sets it.
 
 use std::collections::BTreeSet;
 
@@ -17,7 +18,8 @@ use crate::moment::Moment;
 use crate::roster::Member;
 
 impl Maintainer {
-    /// What becomes unknown when an agent goes; to be asked while it is still here.
+    /// Returns the facts that become unknown when `agent` leaves. Must be called while it is still
+    /// present.
     pub(super) fn left_behind(&self, agent: &AgentId) -> Vec<FactKey> {
         let Some(member) = self.roster.get(agent) else { return Vec::new() };
         let owner = Owner::Agent(agent.clone());
@@ -40,7 +42,7 @@ impl Maintainer {
         left.into_iter().collect()
     }
 
-    /// From now on these are unknown.
+    /// Marks these facts as unknown.
     pub(super) fn leave_unknown(&mut self, agent: &AgentId, left: Vec<FactKey>, now: Moment) {
         if left.is_empty() {
             return;
@@ -61,14 +63,14 @@ impl Maintainer {
         }
     }
 
-    /// What an agent left behind is forgotten.
+    /// Removes the claims about unknown facts that an agent has left behind.
     pub(super) fn forget_departed(&mut self, agent: &AgentId) {
         let is_left = |_: &FactKey, claim: &Claim| claim.source == Source::Departure;
         self.beliefs.withdraw_where(&Owner::Agent(agent.clone()), is_left);
     }
 
-    /// The predicates that say that something was found out: only actions that observe make them true.
-    /// Without who has found it out they are false.
+    /// Returns the predicates that record that something was found out: only observing actions make
+    /// them true. Without the agent that found it out they are false, not unknown.
     fn findings(&self) -> BTreeSet<&Name> {
         let schemas = || self.composite.schemas.values().flatten().map(|stands| &*stands.tree);
         let (mut found, mut made) = (BTreeSet::new(), BTreeSet::new());
@@ -80,12 +82,12 @@ impl Maintainer {
     }
 }
 
-/// Whether an axiom derives from facts that this agent answers for.
+/// Whether an axiom derives from facts that this agent is responsible for.
 fn rests_on(axiom: &Derived, member: &Member) -> bool {
     axiom.condition.atoms().any(|atom| member.speaks_of(Space::Predicate, &atom.predicate))
 }
 
-/// The facts that an axiom may derive from this one, where it determines them.
+/// Returns the facts that an axiom may derive from this one, if it determines all their arguments.
 fn heads(axiom: &Derived, fact: &FactKey) -> Vec<FactKey> {
     let same = axiom.condition.atoms().filter(|atom| fact.is_of(Space::Predicate, &atom.predicate));
     same.filter_map(|atom| head(axiom, atom, fact)).collect()

@@ -1,4 +1,4 @@
-//! What the Domain Maintainer believes, and whom.
+//! Changes of facts: by heartbeats, confirmed actions, requests, observations and models.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -19,17 +19,19 @@ use crate::roster::Member;
 // === impl Maintainer ===
 
 impl Maintainer {
-    /// Believes a heartbeat. It is complete for what its agent owns (what it knows from the
-    /// start and can change, and whatever its heartbeats ever spoke of): of that, what it does
-    /// not say is false, and what it says is `(unknown FACT)` is unknown. For facts that the agent
-    /// answers for, its word overrides what requests and the effects of others made believed.
+    /// Applies a heartbeat. A heartbeat is complete for the facts that its agent owns: facts that it
+    /// knows from the start and can change, and facts with symbols that its heartbeats have ever
+    /// contained. An owned fact that is missing is false; an owned fact reported as `(unknown FACT)` is
+    /// unknown. For facts that the agent is responsible for, the heartbeat overrides requests and the
+    /// effects of others.
     ///
-    /// A new life of an agent with the model of the former one needs no new model.
+    /// A new incarnation of an agent does not have to announce its model again if that is unchanged.
     ///
     /// # Errors
     ///
-    /// If it is late, of a former life or overtaken by a newer heartbeat; if the agent, or this
-    /// life of it, has not told its model; or if it says too much.
+    /// Returns an error if the heartbeat is late, that is, of a former incarnation or overtaken by a
+    /// newer one; if the agent, or this incarnation of it, has not announced its model; or if it has
+    /// too many facts.
     pub fn believe_heartbeat(&mut self, beat: Beat, now: Moment) -> Result<Change, Declined> {
         let Beat { agent, incarnation, sequence, digest, facts, due } = beat;
         self.roster.check(&agent, incarnation)?;
@@ -70,7 +72,7 @@ impl Maintainer {
         for (key, claim) in claims {
             self.beliefs.claim(key, &owner, Claim { incarnation, sequence, ..claim });
         }
-        // The map's word is the last that goes: it is not said again.
+        // The map's claim must be withdrawn last, because it is never made again.
         denied.iter().for_each(|key| self.beliefs.withdraw(key, &Owner::Map));
         self.override_others(&agent, &owner);
         if lasts {
@@ -79,9 +81,10 @@ impl Maintainer {
         Ok(self.conclude(now))
     }
 
-    /// Believes a heartbeat that says what the last one said, which needs not be read then: of a
-    /// thousand agents nearly all say every second what they said before. `None` if it has to be read
-    /// all the same: the last one heard here was another, or something has happened to what it said.
+    /// Applies a heartbeat that equals the last one, without parsing it (fast path): each second,
+    /// nearly all of a thousand agents repeat what they reported before. Returns `None` if it must be
+    /// parsed nevertheless: the last heartbeat received here was a different one, or its claims have
+    /// changed since.
     pub fn believe_repeated(&mut self, repeated: &Repeated<'_>, now: Moment) -> Option<Change> {
         let Repeated { agent, incarnation, digest, before, sequence, period } = *repeated;
         let is_it = |member: &&Member| {
@@ -98,8 +101,8 @@ impl Maintainer {
         Some(self.conclude(now))
     }
 
-    /// Believes no other about what an agent answers for and does not say itself: what requests and
-    /// the effects of others' actions made believed ends with the word of who knows.
+    /// Withdraws the claims of requests, and of the effects of others' actions, about facts that this
+    /// agent is responsible for and does not report itself.
     fn override_others(&mut self, agent: &AgentId, owner: &Owner) {
         let Some(member) = self.roster.get(agent) else { return };
         let mut over = Vec::new();
@@ -117,14 +120,15 @@ impl Maintainer {
         over.iter().for_each(|(fact, other)| self.beliefs.withdraw(fact, other));
     }
 
-    /// A fact was requested, or follows from another's action: who answers for it is to be heard whole.
+    /// Requires the next heartbeats of agents that are responsible for `fact` to be parsed: the fact
+    /// was requested or follows from another agent's action.
     pub(super) fn wake_answering(&mut self, fact: &FactKey) {
         for agent in self.roster.answering(fact) {
             self.beliefs.wake(&Owner::Agent(agent.clone()));
         }
     }
 
-    /// Begins a new life of an agent that has the model of its former one.
+    /// Starts a new incarnation of an agent, if its model is unchanged.
     fn revive(&mut self, agent: &AgentId, incarnation: Incarnation, digest: &str, now: Moment) {
         let former = self.roster.get(agent).filter(|member| {
             member.incarnation < incarnation && *member.described.digest == *digest
@@ -134,13 +138,13 @@ impl Maintainer {
         }
     }
 
-    /// Believes the effects of an action that `agent` confirmed, until the agent's own word
-    /// overrides them. What they make false is false whoever claimed it, until that owner's
-    /// word.
+    /// Applies the effects of an action that `agent` confirmed. They hold until the agent's own
+    /// heartbeats override them. Claims of any owner about facts that become false are withdrawn, until
+    /// their owners make them again.
     ///
     /// # Errors
     ///
-    /// If the confirmation is of a former life, or the agent is not here.
+    /// Returns an error if the confirmation is of a former incarnation, or if the agent is unknown.
     pub fn confirm(
         &mut self,
         agent: &AgentId,
@@ -158,12 +162,13 @@ impl Maintainer {
         Ok(self.conclude(now))
     }
 
-    /// Changes the state by request, on the word of `owner`, who need not have a model.
+    /// Changes the state by request, with claims of `owner`, which need not have a model.
     ///
     /// # Errors
     ///
-    /// If an agent that is here answers for one of the facts and says otherwise; if plans would cost
-    /// less than nothing by it; or if the owner, or all owners, would claim too much.
+    /// Returns an error if a present agent that is responsible for one of the facts reports otherwise;
+    /// if the cost of plans would become negative; or if the owner, or all owners together, would
+    /// exceed a limit.
     pub fn set(
         &mut self,
         owner: &Owner,
@@ -196,7 +201,8 @@ impl Maintainer {
         Ok(())
     }
 
-    /// Who is here, answers for a fact and says otherwise.
+    /// Returns the reason to decline a change of a fact: a present agent is responsible for the fact
+    /// and reports otherwise. Returns `None` if there is no such agent.
     fn contradicted(
         &self,
         speaker: &Owner,
@@ -224,7 +230,7 @@ impl Maintainer {
         Some(Declined::Owned { fact, owner: owner.to_string(), says })
     }
 
-    /// What an owner says instead of a fact: of the same symbol and the same first object.
+    /// Returns a fact that an owner claims instead of `key`: one with the same symbol and first object.
     fn about(&self, key: &FactKey, owner: &Owner) -> Option<InitElement> {
         let is_alike = |(other, _): &(&FactKey, &Claim)| {
             other.is_of(key.space(), key.symbol())
@@ -235,13 +241,13 @@ impl Maintainer {
         alike.map(|(other, claim)| other.element(claim.value))
     }
 
-    /// Believes what `owner` observed: its own word, until it says otherwise, its heartbeats do or
-    /// the time is over. What it saw not to be so is believed of nobody, until an owner says it
-    /// again.
+    /// Applies an observation of an agent. The facts become claims of the agent, until it reports
+    /// otherwise, its heartbeats do, or they expire. All claims about facts that the agent saw to be
+    /// false are withdrawn, until an owner makes them again.
     ///
     /// # Errors
     ///
-    /// If the owner, or all owners, would claim too much.
+    /// Returns an error if the owner, or all owners together, would exceed a limit.
     pub fn observe(
         &mut self,
         agent: &AgentId,
@@ -270,7 +276,7 @@ impl Maintainer {
         Ok(self.conclude(now))
     }
 
-    /// Believes nobody about `facts` any longer, until an owner says them again.
+    /// Withdraws all claims about `facts`, until an owner makes them again.
     pub fn retract(&mut self, facts: &[InitElement], now: Moment) -> Change {
         for fact in facts {
             self.disbelieve(fact);
@@ -288,10 +294,10 @@ impl Maintainer {
         if !believe.is_empty() {
             self.beliefs.has_room(owner, believe.len())?;
         }
-        // What follows by axioms is nobody's word, and of what planning added to the domain only that
-        // something is known now says anything.
+        // Derived facts are not claimed. Of the symbols that planning adds to the domain, only those
+        // that say that a fact has become known have a meaning here.
         let composite = Arc::clone(&self.composite);
-        // That something derived is unknown is what an agent that left has left behind.
+        // An unknown derived fact can be retracted: it was left behind by an agent that left.
         let is_left = |fact: &InitElement| matches!(fact, InitElement::Unknown(_));
         for fact in retract.iter().filter(|fact| is_left(fact) || !composite.derives(fact)) {
             self.disbelieve(fact);
@@ -304,7 +310,7 @@ impl Maintainer {
         };
         let facts = believe.iter().filter(|fact| !composite.derives(fact)).filter(is_fact);
         let statements: Vec<Statement> = facts.map(Statement::of).collect();
-        // As in PDDL, what is both made false and made true is true.
+        // As in PDDL, a fact that is both deleted and added is true.
         for statement in &statements {
             if let Statement::Not(key) = statement {
                 self.beliefs.withdraw_all(key);
@@ -331,7 +337,7 @@ impl Maintainer {
         }
     }
 
-    /// An action has made a fact known: nobody is believed any more to whom it is unknown.
+    /// Handles that an action has made a fact known: withdraws all claims that it is unknown.
     fn learn(&mut self, fact: &Atom) {
         let Statement::Is(key, _) = Statement::of(&InitElement::Unknown(fact.clone())) else {
             return;
@@ -344,7 +350,7 @@ impl Maintainer {
         }
     }
 
-    /// Believes what a model says is true, as far as the agent's heartbeats leave it room.
+    /// Claims the facts of a model, except those for which the agent's heartbeats are complete already.
     pub(super) fn believe_model(&mut self, owner: &Owner, member: &Member, now: Moment) {
         let claim = Claim::new(Value::True, Source::Model, now);
         let claim = Claim { incarnation: member.incarnation, ..claim };
@@ -363,7 +369,7 @@ impl Maintainer {
             let claim = Claim::new(*value, Source::Model, start);
             self.beliefs.claim(fact.clone(), &Owner::Map, claim);
         }
-        // The state a maintainer begins with is no change.
+        // The initial state of a maintainer does not count as a change.
         self.beliefs.settle(&self.composite, start);
         self.beliefs.take_moved();
     }

@@ -1,5 +1,6 @@
-//! What requests change beside facts: the metric, and which actions can be planned with. And how
-//! what they changed reaches the maintainers of the actuators, who hear heartbeats only.
+//! Requests that change more than facts: the metric, and which actions can be planned with. Also passes
+//! all requested changes on to the maintainers of actuators, which receive heartbeats only, and merges
+//! the changes of two central maintainers after a partition.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -18,7 +19,8 @@ use crate::limits;
 use crate::moment::Moment;
 use crate::untold::Untold;
 
-/// Of what is known for a while, a later end by less than this is no news: a message takes time.
+/// A fact with an expiry counts as unchanged if the expiry moves by less than this, in milliseconds:
+/// messages take time.
 const SAME_END_MS: u64 = 1_000;
 
 type Of = (Name, Option<AgentId>);
@@ -26,12 +28,12 @@ type Of = (Name, Option<AgentId>);
 // === impl Maintainer ===
 
 impl Maintainer {
-    /// Takes an action off by request, of one agent or of all: it keeps its schema, and nobody
-    /// concerned is planned with. `action` is the name outside.
+    /// Withholds an action by request, of one agent or, with `None`, of all. Its schema stays in the
+    /// domain, but no plan uses the agents concerned for it. `action` is the name outside.
     ///
     /// # Errors
     ///
-    /// If nobody concerned offers it, or too much is withheld already.
+    /// Returns an error if no agent concerned offers the action, or if too many actions are withheld.
     pub fn withhold(
         &mut self,
         action: Name,
@@ -41,11 +43,12 @@ impl Maintainer {
         self.change_actions(&[(action, agent)], &[], now)
     }
 
-    /// Gives back what [`withhold`](Maintainer::withhold) took, said in the same way.
+    /// Gives back an action withheld by [`withhold`](Maintainer::withhold). The arguments must be the
+    /// same.
     ///
     /// # Errors
     ///
-    /// If it is not withheld.
+    /// Returns an error if the action is not withheld.
     pub fn give_back(
         &mut self,
         action: Name,
@@ -55,11 +58,12 @@ impl Maintainer {
         self.change_actions(&[], &[(action, agent)], now)
     }
 
-    /// Takes actions off and gives others back, all of them or none.
+    /// Withholds some actions and gives others back, all of them or none.
     ///
     /// # Errors
     ///
-    /// If one of them nobody concerned offers, or is not withheld; or if too much is withheld.
+    /// Returns an error if no agent concerned offers one of those to withhold, if one of those to give
+    /// back is not withheld, or if too many actions would be withheld.
     pub fn change_actions(
         &mut self,
         withhold: &[Of],
@@ -103,12 +107,12 @@ impl Maintainer {
         Ok(())
     }
 
-    /// Changes by request what plans are measured by; `None` is the map's metric again, or the
-    /// total cost. Plans of another epoch may cost other than they said.
+    /// Sets the metric of plans by request; `None` restores the metric of the map, or the total cost.
+    /// Begins a new epoch if the metric differs, because costs of earlier plans may no longer be right.
     ///
     /// # Errors
     ///
-    /// If it means nothing in the composite domain.
+    /// Returns an error if the metric has no meaning in the composite domain.
     pub fn measure(&mut self, metric: Option<Metric>, now: Moment) -> Result<Change, Declined> {
         if let Some(metric) = &metric {
             let composite = self.composed();
@@ -128,7 +132,7 @@ impl Maintainer {
         Ok(self.conclude(now))
     }
 
-    /// Everything that requests changed and that no heartbeat says, for those who hear heartbeats
+    /// Returns all changes by requests that no heartbeat reports, for agents that receive heartbeats
     /// only.
     pub fn requested(&self, now: Moment) -> Requested {
         let mut facts = Vec::new();
@@ -153,9 +157,10 @@ impl Maintainer {
         }
     }
 
-    /// What of that is other than when this was asked last. `None` if there is more than facts to
-    /// tell: when it is asked first, or where facts of the map are back or very many are other. What
-    /// plans are measured by and what is withheld is not in it.
+    /// Returns the changes since the last call, without the metric and the withheld actions, which
+    /// [`requested`](Maintainer::requested) has. Returns `None` if [`requested`](Maintainer::requested)
+    /// must be announced instead: at the first call, if facts of the map hold again, or if very many
+    /// facts have changed.
     pub fn requested_since(&mut self, now: Moment) -> Option<RequestedSince> {
         let Untold::These(untold) = self.beliefs.take_untold() else { return None };
         let is_back = |(fact, owner): &(FactKey, Owner)| {
@@ -167,7 +172,7 @@ impl Maintainer {
         Some(self.words(&untold, now))
     }
 
-    /// What is said now of these.
+    /// Returns the current claims of these facts and owners, in the form to be announced.
     fn words(&self, of: &BTreeSet<(FactKey, Owner)>, now: Moment) -> RequestedSince {
         let mut since = RequestedSince::default();
         let (mut told, mut gone) = (Vec::new(), Vec::new());
@@ -176,7 +181,7 @@ impl Maintainer {
             match (owner, claim) {
                 (Owner::Map, Some(_)) => (),
                 (Owner::Map, None) => gone.push(fact.element(any_value(fact))),
-                // Nobody was told: its heartbeats say it.
+                // These are not announced by requests: the heartbeats of the owner report them.
                 (Owner::Agent(agent), _) if self.says(agent, fact) => (),
                 (Owner::Agent(agent), claim) => {
                     let word = claim.and_then(|(stamp, claim)| {
@@ -193,33 +198,34 @@ impl Maintainer {
                 }
             }
         }
-        // As they were said: of two numbers the later is believed.
+        // In the order in which the claims were made: of two numbers the later one is believed.
         told.sort_by_key(|(stamp, _)| *stamp);
         since.facts = told.into_iter().map(|(_, told)| told).collect();
         since.retracted = text_of(&gone);
         since
     }
 
-    // === of several that act apart, one goes on ===
+    // === partition and heal of several leaders ===
 
-    /// Another central maintainer acts where this one does not reach, or may: from now on it is noted
-    /// what requests change here.
+    /// Marks the start of a possible partition: another leader may be active elsewhere. From now on,
+    /// records which claims requests change, so that they can be merged when the partition heals.
     pub fn part(&mut self) {
         self.beliefs.part();
     }
 
-    /// All that could act elsewhere are here, and nobody has anything to tell.
+    /// Ends the recording without a merge: every replica that could be the leader elsewhere is
+    /// connected again, and has no changes to merge.
     pub fn reunite(&mut self) {
         self.beliefs.reunite();
     }
 
-    /// They meet again, and this one stands down: what requests changed here meanwhile, for the one
-    /// that goes on. What it tells is right from now on.
+    /// Becomes standby after a heal. Returns the changes by requests since [`part`](Maintainer::part),
+    /// for the surviving leader. From now on, the announcements of that leader are authoritative.
     pub fn stand_down(&mut self, now: Moment) -> RequestedSince {
         let changed = match self.beliefs.reunite() {
             None => RequestedSince::default(),
             Some(Untold::These(changed)) => self.words(&changed, now),
-            // Too much is other: all of it, but for what was withdrawn.
+            // Too many claims have changed: all are returned, except withdrawn ones.
             Some(Untold::Any) => {
                 let Requested { facts, retracted, .. } = self.requested(now);
                 RequestedSince { facts, retracted, withdrawn: Vec::new() }
@@ -229,12 +235,12 @@ impl Maintainer {
         changed
     }
 
-    /// They meet again, and this one goes on: takes what requests changed at the other. Of what was
-    /// changed at both, the word that was given here stands.
+    /// Merges the changes that requests made at the other leader, after a heal; this maintainer is the
+    /// surviving leader. Of claims that were changed at both, that of this maintainer is kept.
     ///
     /// # Errors
     ///
-    /// If it is too much; what came before that is taken.
+    /// Returns an error if a limit is exceeded; the changes before it take effect.
     pub fn reconcile(&mut self, changed: &RequestsSince, now: Moment) -> Result<Change, Declined> {
         let RequestsSince { facts, withdrawn, retracted } = changed;
         for fact in retracted {
@@ -267,7 +273,8 @@ impl Maintainer {
         Ok(self.conclude(now))
     }
 
-    /// A claim as it is told, if nobody learns of it from its owner's model or heartbeats.
+    /// Returns a claim in the form to be announced. Returns `None` if the owner's model or heartbeats
+    /// report it, or if it has expired.
     fn told_of(
         &self,
         owner: &AgentId,
@@ -286,23 +293,24 @@ impl Maintainer {
         })
     }
 
-    /// Whether an agent that is here says itself whether a fact is so.
+    /// Whether a known agent reports in its heartbeats whether a fact holds.
     fn says(&self, agent: &AgentId, fact: &FactKey) -> bool {
         self.roster.get(agent).is_some_and(|member| member.owns(fact))
     }
 
-    /// Whether it believes what another tells of requests: who does not need not read it.
+    /// Whether it adopts the changes by requests that another maintainer announces. If not, these
+    /// announcements need not be parsed.
     pub fn follows(&self) -> bool {
         self.follows
     }
 
-    /// Believes what the central maintainer tells of requests: all of it, and nothing that it told
-    /// before. The word of owners who are heard here themselves goes before it. The central
-    /// maintainer that acts knows better than any other.
+    /// Adopts all changes by requests that the central maintainer announces, in place of those
+    /// announced before. Claims of owners with heartbeats that are received here take precedence. Does
+    /// nothing if this maintainer does not follow, because it is the leader itself.
     ///
     /// # Errors
     ///
-    /// If it is too much.
+    /// Returns an error if a limit is exceeded.
     pub fn follow(&mut self, requests: &Requests, now: Moment) -> Result<Change, Declined> {
         if !self.follows {
             return Ok(self.conclude(now));
@@ -310,12 +318,12 @@ impl Maintainer {
         self.adopt(requests, now)
     }
 
-    /// Believes what the central maintainer tells of requests since it told last: the same, but that
-    /// the rest of what it told before stays.
+    /// Adopts the changes by requests that the central maintainer announces since its last
+    /// announcement; those announced before are kept.
     ///
     /// # Errors
     ///
-    /// If it is too much.
+    /// Returns an error if a limit is exceeded.
     pub fn follow_since(
         &mut self,
         requests: &RequestsSince,
@@ -335,14 +343,14 @@ impl Maintainer {
             }
         }
         for (agent, known) in facts {
-            // That it is news is said with it.
+            // The announcement lists changed facts only, so that each of them is news.
             self.believe_told(agent, known, |_, _| true, now)?;
         }
         Ok(self.conclude(now))
     }
 
-    /// Whether this central maintainer stands by, and follows what the one that acts tells of
-    /// requests. When it acts itself, what it was told is its own to tell.
+    /// Sets whether this central maintainer is a standby, which follows the announcements of the
+    /// leader. When it becomes the leader, the requests that it adopted become its own.
     pub fn stands_by(&mut self, stands_by: bool) {
         self.follows = stands_by;
         if !stands_by {
@@ -350,11 +358,11 @@ impl Maintainer {
         }
     }
 
-    /// Believes again, as its own to tell, what requests had changed when it was kept.
+    /// Restores the changes by requests that were kept in the Journals, as its own.
     ///
     /// # Errors
     ///
-    /// If it is too much.
+    /// Returns an error if a limit is exceeded.
     pub fn recall(&mut self, requests: &Requests, now: Moment) -> Result<Change, Declined> {
         let change = self.adopt(requests, now)?;
         self.beliefs.own_told();
@@ -384,7 +392,7 @@ impl Maintainer {
         }
     }
 
-    /// Believes a fact that is told, unless its owner is heard here itself.
+    /// Claims an announced fact, unless the heartbeats of its owner are received here.
     fn believe_told(
         &mut self,
         agent: &AgentId,
@@ -409,8 +417,8 @@ impl Maintainer {
     }
 }
 
-/// Whether it is told otherwise than it was. Saying again what is known would make it newer than
-/// another's word.
+/// Whether an announced claim differs from the known one. Equal claims must be skipped: making a claim
+/// again would make it newer than those of others.
 fn is_other(known: &Claim, told: &Claim) -> bool {
     let is_same_end = match (known.until, told.until) {
         (Some(known), Some(told)) => known.0.abs_diff(told.0) < SAME_END_MS,
@@ -419,7 +427,7 @@ fn is_other(known: &Claim, told: &Claim) -> bool {
     !is_same_end || known.value != told.value
 }
 
-/// A value that a fact may have, where only the term counts.
+/// Returns an arbitrary value for a fact, for cases where only the term counts.
 fn any_value(fact: &FactKey) -> Value {
     match fact.space() {
         Space::Predicate => Value::True,

@@ -1,4 +1,4 @@
-//! What the Domain Maintainer shows: snapshots to plan in, and the state with its provenance.
+//! Outputs of the Domain Maintainer: snapshots to plan in, and the state with its provenance.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -21,57 +21,57 @@ use crate::moment::Moment;
 use crate::roster::Member;
 use crate::snapshot::Snapshot;
 
-/// A fact that somebody claims, and whether it holds.
+/// A claimed fact, and whether it holds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Provenance {
-    /// The fact; of a number, with the value believed, or the first claimed if none is.
+    /// The fact; for a function, with the believed value, or the first claimed one if none is believed.
     pub fact: InitElement,
-    /// Why it does not hold although it is claimed, for a person; `None` if it holds.
+    /// The reason, for a person, why it does not hold although it is claimed; `None` if it holds.
     pub left_out: Option<String>,
-    /// Whose word it is; never empty.
+    /// All claims about it; never empty.
     pub claims: Vec<ClaimedBy>,
 }
 
-/// One owner's word.
+/// The claim of one owner.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClaimedBy {
     /// The owner.
     pub owner: Owner,
-    /// What it says: of a number, with its own value.
+    /// The claimed fact; for a function, with the value that this owner claims.
     pub said: InitElement,
-    /// Which life of the owner said it; 0 for the map and by request.
+    /// Incarnation of the owner that made the claim; 0 for the map and for requests.
     pub incarnation: Incarnation,
-    /// The heartbeat that said it last; 0 if none did.
+    /// Number of the latest heartbeat with the claim; 0 if no heartbeat has made it.
     pub sequence: u64,
-    /// How it came about.
+    /// The origin of the claim.
     pub source: Source,
-    /// How long ago it was said last.
+    /// Time since the claim was made last.
     pub age: Duration,
-    /// How long it will be known, if not until further notice.
+    /// Time until the claim expires; `None` if it does not expire.
     pub left: Option<Duration>,
 }
 
-/// An agent that is here.
+/// The state of a known agent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AgentView {
-    /// Its name.
+    /// The agent's name.
     pub agent: AgentId,
-    /// Which life of it.
+    /// The agent's incarnation.
     pub incarnation: Incarnation,
-    /// Digest of its model and methods.
+    /// Digest of the agent's model and methods.
     pub digest: String,
-    /// Whether its token is lost.
+    /// Whether its liveliness token is lost.
     pub is_masked: bool,
-    /// Whether its heartbeats stopped.
+    /// Whether its heartbeats have stopped.
     pub is_silent: bool,
-    /// How long ago it was heard last.
+    /// Time since its last heartbeat was received.
     pub age: Duration,
-    /// The actions it can be planned with, under its own names for them.
+    /// The actions that it can be planned with, under its own names for them.
     pub actions: Vec<Name>,
 }
 
-/// What was composed when somebody looked last, so that looking again costs less: it stays as it is
-/// while nobody's model changes. Of one maintainer and its copies.
+/// Cache of the composite that was made for the last snapshot. It is reused until a model changes. It
+/// may be used with one maintainer and its clones.
 #[derive(Clone, Debug, Default)]
 pub struct Sight(Option<Seen>);
 
@@ -86,7 +86,7 @@ struct Seen {
 // === impl Maintainer ===
 
 impl Maintainer {
-    /// The domain and the problem as known at `now`, to plan in.
+    /// Returns the domain and the problem at `now`, to plan in.
     pub fn snapshot(&self, now: Moment) -> Snapshot {
         match self.scope {
             Scope::Everything => {
@@ -97,8 +97,8 @@ impl Maintainer {
         }
     }
 
-    /// One owner's word. What a heartbeat said was said again by all that were not read since, because
-    /// they said nothing else.
+    /// Returns the details of a claim. The age of a claim by a heartbeat is measured from the last
+    /// heartbeat received, including equal ones that were not parsed.
     fn claimed_by(&self, fact: &FactKey, claim: (&Owner, &Claim), now: Moment) -> ClaimedBy {
         let claimed = ClaimedBy::new(fact, claim, now);
         let Owner::Agent(agent) = &claimed.owner else { return claimed };
@@ -114,7 +114,7 @@ impl Maintainer {
         }
     }
 
-    /// The composite as it is now.
+    /// Returns the current composite.
     pub(super) fn composed(&self) -> Arc<Composite> {
         match self.scope {
             Scope::Everything => Arc::clone(&self.composite),
@@ -122,15 +122,17 @@ impl Maintainer {
         }
     }
 
-    /// The same as an actuator sees it that acts for the agents of `whole`: itself, and those it
-    /// carries. Their models are known whole; of the others, what is public, and no action.
+    /// Returns the snapshot of an actuator that acts for the agents in `whole`: itself and those it
+    /// carries. Their models are used whole. Of the other agents, the public parts are used, without
+    /// actions.
     ///
-    /// Made when asked for: one maintainer serves all actuators that hear the same.
+    /// Composed at each call: one maintainer serves all actuators that receive the same messages.
     pub fn snapshot_for(&self, whole: &BTreeSet<AgentId>, now: Moment) -> Snapshot {
         self.snapshot_again(&mut Sight::default(), whole, now)
     }
 
-    /// The same, composed only if it is another domain than was seen last.
+    /// Returns the same as [`snapshot_for`](Maintainer::snapshot_for), but composes only if the models
+    /// differ from those in the cache `sight`.
     pub fn snapshot_again(
         &self,
         sight: &mut Sight,
@@ -152,7 +154,8 @@ impl Maintainer {
         self.shown(&composite, &is_whole, self.beliefs.judged(&composite, now))
     }
 
-    /// What is `believed`, in the domain of `composite`, with the methods of those it trusts.
+    /// Returns a snapshot with the facts `believed`, in the domain of `composite`, with the methods of
+    /// the agents for which `trusts` returns `true`.
     fn shown(
         &self,
         composite: &Arc<Composite>,
@@ -189,7 +192,7 @@ impl Maintainer {
         }
     }
 
-    /// What is believed, who can act, and a plan that costs nothing yet.
+    /// Returns the initial state of a problem: total cost 0, the believed facts, and the guards.
     fn init(
         &self,
         composite: &Composite,
@@ -237,7 +240,7 @@ impl Maintainer {
         self.metric.clone().or_else(|| self.shared.map.metric.clone()).or_else(cheapest)
     }
 
-    /// Every fact that somebody claims and that may be known here, in a fixed order.
+    /// Returns every claimed fact that is visible here, in a fixed order.
     pub fn provenance(&self, now: Moment) -> Vec<Provenance> {
         let composite = self.composed();
         { self.beliefs.claims() }
@@ -260,7 +263,8 @@ impl Maintainer {
             .collect()
     }
 
-    /// Why a fact does not hold here although it is claimed, for a person; `None` if it can hold.
+    /// Returns the reason, for a person, why a fact cannot hold here even if it is claimed; `None` if
+    /// it can.
     pub fn misfit(&self, fact: &InitElement) -> Option<String> {
         match Statement::of(fact) {
             Statement::Is(key, value) => self.composed().misfit(&key, value),
@@ -271,8 +275,8 @@ impl Maintainer {
         }
     }
 
-    /// What others than `speaker` say that contradicts a fact: another number, or that what it
-    /// calls false is true.
+    /// Returns the claims of owners other than `speaker` that contradict a fact: another number for a
+    /// function, or a claim that a denied fact is true.
     pub fn contradicting(&self, fact: &InitElement, speaker: &Owner) -> Vec<(Owner, InitElement)> {
         let (key, value) = match Statement::of(fact) {
             Statement::Is(key, value @ Value::Number(_)) => (key, Some(value)),
@@ -287,7 +291,7 @@ impl Maintainer {
             .collect()
     }
 
-    /// The agents that are here, in the order of their names.
+    /// Returns the known agents, sorted by name.
     pub fn agents(&self, now: Moment) -> Vec<AgentView> {
         let composite = self.composed();
         { self.roster.iter() }
@@ -306,9 +310,9 @@ impl Maintainer {
             .collect()
     }
 
-    /// An agent and those it carries, also on each other: an agent is carried by another if its model says
-    /// of the two, in whatever words, something that its own actions do not change, such as
-    /// `(mounted-on ir-1 turtlebot-1)`.
+    /// Returns an agent and the agents that it carries, directly or through others. An agent is carried
+    /// by another if its model contains a fact about the two that its own actions do not change, with
+    /// any predicate, for example `(mounted-on ir-1 turtlebot-1)`.
     pub fn with_carried(&self, agent: &AgentId) -> BTreeSet<AgentId> {
         let mut carried = BTreeSet::from([agent.clone()]);
         let mut added = vec![agent.clone()];
@@ -322,23 +326,23 @@ impl Maintainer {
         carried
     }
 
-    /// Whether the agent's capabilities count for new plans: it told its model, its token is
-    /// here, and its heartbeats come.
+    /// Whether the agent's capabilities count for new plans: it has announced its model, its liveliness
+    /// token is not lost, and its heartbeats arrive.
     pub fn is_present(&self, agent: &AgentId) -> bool {
         self.roster.get(agent).is_some_and(Member::is_present)
     }
 
-    /// Which life of an agent is here, present or not.
+    /// Returns the incarnation of a known agent, present or not; `None` if the agent is unknown.
     pub fn incarnation(&self, agent: &AgentId) -> Option<Incarnation> {
         self.roster.get(agent).map(|member| member.incarnation)
     }
 
-    /// Whether an agent's token is lost.
+    /// Whether the agent's liveliness token is lost.
     pub fn is_masked(&self, agent: &AgentId) -> bool {
         self.roster.get(agent).is_some_and(|member| member.is_masked)
     }
 
-    /// Everything that is left out of the composite, in a fixed order.
+    /// Returns all parts that are left out of the composite, in a fixed order.
     pub fn conflicts(&self) -> Vec<Conflict> {
         match self.scope {
             Scope::Everything => self.conflicts.clone(),
@@ -346,18 +350,19 @@ impl Maintainer {
         }
     }
 
-    /// Counts changes of the set of capabilities.
+    /// Returns the number of changes of the set of capabilities.
     pub fn epoch(&self) -> u64 {
         self.epoch
     }
 
-    /// Counts changes of anything.
+    /// Returns the number of changes of any kind.
     pub fn revision(&self) -> u64 {
         self.revision
     }
 }
 
-/// A fact as a planner reads it: that it is unknown, or has a value, is a fact of its own.
+/// Converts a fact to what a planner reads: that a fact is unknown, or has a value, is a fact of its
+/// own.
 fn in_words(knowledge: &Knowledge, element: InitElement) -> [Option<InitElement>; 2] {
     match element {
         InitElement::Unknown(atom) => [knowledge.unknown(&atom).map(InitElement::Atom), None],

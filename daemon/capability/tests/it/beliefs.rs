@@ -1,4 +1,4 @@
-//! Whose word is believed, how long, and in which order.
+//! Tests which claims are believed, for how long, and in which order.
 
 use acl::Incarnation;
 use capability::{Declined, Moment, Owner};
@@ -21,7 +21,8 @@ fn a_heartbeat_is_complete_for_what_its_agent_owns() {
         - (at turtlebot-1 corridor)
     "#]]
     .assert_eq(&told(&change));
-    // Its speed is part of the model, and no action changes it; where it is, it would say.
+    // The model contains its speed, and no action changes that, so a missing speed is not false. A
+    // missing position is.
     let change = office.beat("turtlebot-1", (1, 2), "", "").expect("a heartbeat");
     expect![[r#"
         epoch 2, revision 4
@@ -29,7 +30,7 @@ fn a_heartbeat_is_complete_for_what_its_agent_owns() {
     "#]]
     .assert_eq(&told(&change));
     assert_eq!(office.known("speed"), "(= (speed turtlebot-1) 0.3)\n(= (speed turtlebot-2) 0.3)");
-    // Once it spoke of its speed, it is complete for that too.
+    // Once a heartbeat has contained its speed, its heartbeats are complete for speeds too.
     office.beat("turtlebot-1", (1, 3), "(= (speed turtlebot-1) 0.1)", "").expect("a heartbeat");
     assert_eq!(office.known("speed"), "(= (speed turtlebot-1) 0.1)\n(= (speed turtlebot-2) 0.3)");
     office.beat("turtlebot-1", (1, 4), "", "").expect("a heartbeat");
@@ -55,10 +56,10 @@ fn late_reports_are_not_believed() {
     assert!(office.admit_life(&turtlebot("turtlebot-1"), 4).is_err());
     assert_eq!(office.known("at"), "(at turtlebot-1 corridor)\n(at turtlebot-2 corridor)");
 
-    // Not even when the new life is gone already.
+    // The former incarnation is still rejected after the new one has left.
     office.maintainer.remove(&agent, Incarnation(5), now);
     assert!(office.admit_life(&turtlebot("turtlebot-1"), 4).is_err());
-    // The same life can come back: it was the network that died.
+    // The same incarnation can return: only the network had failed.
     assert!(office.admit_life(&turtlebot("turtlebot-1"), 5).is_ok());
 }
 
@@ -67,7 +68,8 @@ fn a_new_life_with_the_same_model_needs_no_model() {
     let mut office = robots();
     office.beat("turtlebot-1", (1, 9), "(at turtlebot-1 office2)", "").expect("a heartbeat");
     let change = office.beat("turtlebot-1", (2, 1), "(docked turtlebot-1)", "");
-    // Only what the model says is known of it, and of that not what the heartbeat leaves out.
+    // Of the new incarnation, only the model's facts are known, except those that the heartbeat leaves
+    // out.
     expect![[r#"
         epoch 2, revision 4
         - (at turtlebot-1 office2)
@@ -96,7 +98,7 @@ fn effects_are_believed_until_the_owner_speaks() {
         - (at turtlebot-1 office2)
     "#]]
     .assert_eq(&told(&change.expect("a heartbeat")));
-    // The thermometer never speaks of what it measured: that stays.
+    // The thermometer's heartbeats never contain what it measured: that fact stays.
     let measured = effects("(known-temperature office2)");
     office.maintainer.confirm(&id("t-1"), None, &measured, now).expect("it is here");
     office.beat("t-1", (1, 1), "(located t-1 office2)", "").expect("a heartbeat");
@@ -110,12 +112,12 @@ fn facts_can_be_known_for_a_while() {
     office.beat("t-1", (1, 1), "", known).expect("a heartbeat");
     office.now = Moment(2_000);
     office.beat("t-2", (1, 1), "", known).expect("a heartbeat");
-    // One owner's time is over, another's is not.
+    // The claim of one owner has expired, that of the other has not.
     office.now = Moment(11_000);
     assert_eq!(office.known("known-temperature"), known);
     assert_eq!(told(&office.maintainer.expire(office.now)).matches("known").count(), 0);
     office.now = Moment(12_000);
-    // Nobody plans with it, even before it is expired.
+    // A snapshot does not contain it, even before `expire` is called.
     assert_eq!(office.known("known-temperature"), "");
     let change = office.maintainer.expire(office.now);
     assert_eq!(change.retracted, facts(known));
@@ -148,10 +150,11 @@ fn a_persons_word_about_what_an_agent_answers_for_is_refused() {
     );
     assert!(refused(&mut office, "(not (at turtlebot-1 corridor))").contains("it says"));
     assert!(refused(&mut office, "(= (speed turtlebot-1) 3)").contains("turtlebot-1) 0.3)`"));
-    // What it says itself may be said again, and what nobody answers for is anybody's.
+    // The agent's own fact may be requested again; a fact that no agent is responsible for may be
+    // requested by any owner.
     assert!(office.set("keyboard", &at("corridor")).expect("it is so").is_empty());
     office.set("keyboard", "(known-temperature office2)").expect("nobody answers for it");
-    // Whoever is silent or away answers for nothing.
+    // A silent or masked agent is not responsible for any fact.
     office.mask("turtlebot-1");
     office.set("keyboard", &at("office2")).expect("it is away");
     assert!(office.known("at").contains(&at("office2")));
@@ -165,17 +168,18 @@ fn the_word_of_who_answers_ends_what_anyone_else_made_believed() {
     let mut office = office().with([turtlebot("turtlebot-1"), thermometer("t-1")]);
     let known = "(known-temperature office2)";
     let now = office.now;
-    // The robot says of a room what the thermometer has never spoken of.
+    // The robot claims a fact about a room that the thermometer's heartbeats have never contained.
     office.maintainer.confirm(&id("turtlebot-1"), None, &effects(known), now).expect("here");
     office.beat("t-1", (1, 1), "(located t-1 office2)", "").expect("a heartbeat");
     assert_eq!(office.known("known-temperature"), known);
-    // From now on it answers for it, and what it does not say is not so.
+    // From now on the thermometer is responsible for the fact, and it is false if a heartbeat leaves it
+    // out.
     office.beat("t-1", (1, 2), &format!("(located t-1 office2) {known}"), "").expect("a beat");
     assert_eq!(office.known("known-temperature"), known);
     office.beat("t-1", (1, 3), "(located t-1 office2)", "").expect("a heartbeat");
     assert_eq!(office.known("known-temperature"), "");
     assert!(office.set("keyboard", known).is_err());
-    // The map's word ends where an agent denies it by name.
+    // The map's claim is withdrawn when an agent denies the fact explicitly.
     office.beat("t-1", (1, 4), "(not (connected corridor office2))", "").expect("a heartbeat");
     assert_eq!(office.known("connected"), "");
 }
@@ -207,7 +211,7 @@ fn a_cost_below_zero_is_believed_of_nobody() {
 fn what_one_says_is_so_is_not_taken_back_because_another_is_silent() {
     let mut office = office().with([thermometer("t-1"), thermometer("t-2")]);
     let known = "(known-temperature office2)";
-    // Both have spoken of it, and so both answer for it.
+    // The heartbeats of both have contained the fact, so both are responsible for it.
     office.beat("t-2", (1, 1), known, "").expect("a heartbeat");
     office.beat("t-2", (1, 2), "", "").expect("a heartbeat");
     office.beat("t-1", (1, 1), known, "").expect("a heartbeat");

@@ -1,4 +1,4 @@
-//! Models → one domain and one problem.
+//! Tests that models are composed into one domain and one problem.
 
 use expect_test::{Expect, expect};
 
@@ -283,7 +283,7 @@ fn axioms_come_with_their_predicate() {
             (or (connected ?a ?b) (connected ?b ?a))))
     "#]],
     );
-    // Nobody can claim what is derived.
+    // A derived fact cannot be claimed.
     let change = office.set("a", "(near office2 office2)").expect("a request");
     assert!(change.is_empty(), "{change:?}");
 }

@@ -1,11 +1,10 @@
-//! What cannot be composed is left out, named, and does not stop the rest.
+//! Tests that a part that cannot be composed is left out and named, and does not affect other parts.
 
 use expect_test::{Expect, expect};
 
 use crate::office::{model, office, turtlebot};
 
-/// Admits models of agents `a`, `b`, … with these sections; then what is in conflict, and which
-/// actions are there.
+/// Admits models of the agents `a`, `b`, … with these sections; then checks the conflicts and actions.
 #[track_caller]
 fn check<const N: usize>(sections: [&str; N], expected: Expect) {
     let names = ["a", "b", "c"];
@@ -60,10 +59,10 @@ fn who_was_here_first_stays_after_a_change_of_its_model() {
     expect![[r#"
         predicate `lit` of `b` and `a`: `b` declares `(lit ?r - room)`, which stands; `(lit)` of `a` is left out
     "#]].assert_eq(&office.conflicts());
-    // The one whose word stood is gone: now the other's stands.
+    // The agent with the declaration in force has left: now the declaration of the other is in force.
     office.remove("b");
     assert_eq!(office.conflicts(), "");
-    // And goes on standing.
+    // It stays in force.
     office.admit(&model("b", "(:predicates (lit ?r - room))"));
     expect![[r#"
         predicate `lit` of `a` and `b`: `a` declares `(lit)`, which stands; `(lit ?r - room)` of `b` is left out

@@ -1,4 +1,4 @@
-//! A copy that follows announced changes holds what the maintainer holds.
+//! Tests that a copy that follows announced changes equals the state of the maintainer.
 
 use acl::content::EpochChange;
 use capability::{Change, Follower, Lag, Moment};
@@ -30,7 +30,7 @@ fn a_copy_follows_and_knows_when_it_cannot() {
         follower.follow(&EpochChange::from(change)).expect("in order");
     }
     assert_eq!(sorted(follower.facts()), sorted(office.snapshot().problem.init));
-    // What is known already is passed over.
+    // A change that the copy already has is ignored.
     assert_eq!(follower.follow(&EpochChange::from(&told[0])), Ok(()));
 
     let lost = office.set("keyboard", "(docked turtlebot-1)").expect("a request");

@@ -1,4 +1,4 @@
-//! What exceeds is refused with a reason, and changes nothing.
+//! Tests that input beyond a limit is refused with a reason and changes nothing.
 
 use acl::AgentId;
 use acl::content::Reason;
@@ -59,7 +59,7 @@ fn owners_are_bounded() {
     }
     let declined = office.set("one-more", "(p)").expect_err("a full house");
     assert_eq!(declined, Declined::TooMany { what: "owners of facts", limit: limits::OWNERS_MAX });
-    // Who is here already may speak, and who retracts leaves its place.
+    // A known owner may still claim facts; an owner that retracts its facts makes room for another.
     assert!(office.set("k1", "(p)").is_ok());
     office.remove("k1");
     assert!(office.set("one-more", "(p)").is_ok());

@@ -1,11 +1,11 @@
-//! Composed when somebody looks, or whenever something comes: it is the same.
+//! Tests that composing on request and composing at each input give the same result.
 
 use proptest::prelude::*;
 
 use crate::office::{Office, announcement, model, office, office_of, thermometer, turtlebot};
 
-/// What one agent may say of what another says otherwise; nothing of it is private, so that who
-/// composes everything at once sees the same.
+/// Contradicting sections of models. Nothing in them is private, so that both kinds of maintainer show
+/// the same.
 const WORDS: [&str; 9] = [
     "",
     "(:types drone - mobile-base) (:predicates (aloft ?d - drone))",
@@ -18,7 +18,7 @@ const WORDS: [&str; 9] = [
     "(:objects pole - location)",
 ];
 
-/// One of four agents says one of these things, or goes.
+/// One of four agents announces one of these models, or leaves; or a snapshot is requested.
 #[derive(Clone, Debug)]
 enum Event {
     Says(usize, usize),
@@ -49,7 +49,7 @@ fn tell(office: &mut Office, event: &Event) {
     }
 }
 
-/// Seeds are not kept in files: a failure prints its case, which becomes a test of its own.
+/// Seeds are not kept in files: a failure prints its case, which then becomes a test of its own.
 fn config() -> ProptestConfig {
     ProptestConfig { cases: 512, failure_persistence: None, ..ProptestConfig::default() }
 }
@@ -103,7 +103,7 @@ proptest! {
     }
 }
 
-/// What the next of a kind says of itself, or something that is not of any kind.
+/// Models of the same type of agent, and some models of other types.
 fn kinds(name: &str) -> Vec<String> {
     let flies = |parameter: &str| {
         format!(
@@ -136,8 +136,8 @@ fn kind() -> impl Strategy<Value = (usize, Option<usize>)> {
 proptest! {
     #![proptest_config(config())]
 
-    /// Against one that composes from the start: for it, nobody joins with what it says, but says it
-    /// in place of nothing.
+    /// Compares with a maintainer that never adds incrementally: there each agent joins with an empty
+    /// model, and then changes it.
     #[test]
     fn who_is_added_is_composed_the_same(events in prop::collection::vec(kind(), 1..16)) {
         let (mut added, mut anew) = (office(), office());
@@ -171,7 +171,8 @@ proptest! {
 proptest! {
     #![proptest_config(config())]
 
-    /// Several at once, some of whom cannot be added: what is added before is composed with the rest.
+    /// Several agents join at once, and some of them cannot be added incrementally: those added before
+    /// are composed together with the rest.
     #[test]
     fn who_are_added_together_are_composed_the_same(
         first in prop::collection::vec(0_usize..12, 1..4),
@@ -222,7 +223,7 @@ fn what_stood_stands_while_anyone_says_it_though_nobody_looked() {
         Event::Says(0, 8),
         Event::Says(1, 5),
         Event::Says(2, 8),
-        // Of the two who stay, the other has been here longer.
+        // Of the two that remain, the other one has been present longer.
         Event::Goes(0),
     ] {
         tell(&mut office, &event);

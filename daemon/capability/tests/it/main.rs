@@ -1,4 +1,4 @@
-//! The Domain Maintainer as its callers see it: an office is told things, and is looked at.
+//! Tests of the Domain Maintainer through its public interface, with a small office as example.
 
 mod office;
 

@@ -1,4 +1,4 @@
-//! Names inside and outside.
+//! Tests of the names of actions inside and outside the composite domain.
 
 use crate::office::{Office, ir_sensor, model, office, step, thermometer};
 
@@ -63,7 +63,8 @@ fn names_are_unique_whatever_agents_call_their_actions() {
         act("c", "look", "(and)"),
     ]);
     assert_eq!(office.actions(), "look--a look--a-2 look--c");
-    // A plain name comes to stand where a qualified one is: it gives way.
+    // An action with the plain name `look--c` joins: it is qualified, because another already has that
+    // name.
     let office = office.with([act("d", "look--c", "(and)")]);
     assert_eq!(office.actions(), "look--a look--a-2 look--c look--c--d");
 }

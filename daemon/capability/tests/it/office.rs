@@ -1,4 +1,4 @@
-//! The office of the tests: its ontology, its map, its agents, and one line to tell it anything.
+//! The office that the tests use: its ontology, its map, its agents, and short functions for inputs.
 
 use std::collections::BTreeSet;
 
@@ -25,11 +25,11 @@ const MAP: &str = "
   (:objects office2 - room corridor - location)
   (:init (connected corridor office2) (= (distance corridor office2) 6)) (:goal (and)))";
 
-/// A maintainer, the time, and agents in their first life.
+/// A maintainer, the time, and agents in their first incarnation.
 pub(crate) struct Office {
     pub(crate) maintainer: Maintainer,
     pub(crate) now: Moment,
-    /// Whose eyes it is seen with: the agents known whole; `None` sees everything.
+    /// Agents with models that the snapshots use whole; `None` for all.
     pub(crate) eyes: Option<BTreeSet<AgentId>>,
 }
 
@@ -37,7 +37,7 @@ pub(crate) fn office() -> Office {
     scoped(Scope::Everything, None)
 }
 
-/// An office as `own` sees what is public.
+/// Creates an office with a maintainer of public scope; snapshots are those of `own`.
 pub(crate) fn office_of(own: &str) -> Office {
     scoped(Scope::Public, Some([id(own)].into()))
 }
@@ -56,12 +56,12 @@ pub(crate) fn facts(text: &str) -> Vec<InitElement> {
     pddl::parse_init_elements(text).into_result().expect("facts")
 }
 
-/// `believe`, and of them `(not FACT)` to retract.
+/// Returns effects with these facts; `(not FACT)` retracts a fact.
 pub(crate) fn effects(believe: &str) -> Effects {
     Effects { believe: facts(believe), retract: Vec::new() }
 }
 
-/// Design, section 5.
+/// The example of the design, section 5.
 pub(crate) fn turtlebot(name: &str) -> String {
     format!(
         "(define (agent {name}) (:domain smart-office)
@@ -97,7 +97,7 @@ pub(crate) fn ir_sensor(name: &str, base: &str) -> String {
     )
 }
 
-/// A model with these sections and nothing else.
+/// Returns a model with these sections only.
 pub(crate) fn model(name: &str, sections: &str) -> String {
     format!("(define (agent {name}) (:domain smart-office) {sections})")
 }
@@ -113,7 +113,7 @@ pub(crate) fn announcement(model: &str, incarnation: u64) -> Announcement {
 // === impl Office ===
 
 impl Office {
-    /// Admits models of first lives, one after the other.
+    /// Admits models of first incarnations, one after the other.
     pub(crate) fn with<S: AsRef<str>>(mut self, models: impl IntoIterator<Item = S>) -> Office {
         for model in models {
             self.admit(model.as_ref());
@@ -134,7 +134,8 @@ impl Office {
         self.maintainer.admit(announcement(model, incarnation), self.now)
     }
 
-    /// A heartbeat with `facts`, and `brief` ones that are known for ten seconds.
+    /// Applies a heartbeat with `facts_`, and with the facts in `brief`, which are known for ten
+    /// seconds.
     pub(crate) fn beat(
         &mut self,
         agent: &str,
@@ -181,7 +182,7 @@ impl Office {
         }
     }
 
-    /// What the snapshot believes of `symbol`, one fact per line.
+    /// Returns the facts of `symbol` in the snapshot, one per line.
     pub(crate) fn known(&self, symbol: &str) -> String {
         let about = |element: &&InitElement| match element {
             InitElement::Atom(atom) => atom.predicate == symbol,
@@ -192,7 +193,7 @@ impl Office {
         text_of(&problem.init.iter().filter(about).cloned().collect::<Vec<_>>())
     }
 
-    /// The names of the actions inside.
+    /// Returns the names of the actions inside the composite domain.
     pub(crate) fn actions(&self) -> String {
         let domain = self.snapshot().domain;
         let names: Vec<&str> = domain.actions.iter().map(|action| action.name.spelled()).collect();
@@ -205,7 +206,7 @@ impl Office {
     }
 }
 
-/// A change in few words.
+/// Formats a change in short form.
 pub(crate) fn told(change: &Change) -> String {
     let Change { epoch, revision, epoch_changed, joined, left, believed, retracted } = change;
     let mut text =

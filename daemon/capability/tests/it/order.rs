@@ -1,4 +1,4 @@
-//! Who comes when does not matter, where nobody disagrees.
+//! Tests that the order in which agents join does not matter if none of them contradict each other.
 
 use proptest::prelude::*;
 
@@ -31,7 +31,7 @@ fn check(order: &[String], reference: &Office, office: Office) -> Result<(), Tes
     Ok(())
 }
 
-/// Seeds are not kept in files: a failure prints its case, which becomes a test of its own.
+/// Seeds are not kept in files: a failure prints its case, which then becomes a test of its own.
 fn config() -> ProptestConfig {
     ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() }
 }
@@ -50,8 +50,8 @@ proptest! {
         check(&order, &own().with(models()), own())?;
     }
 
-    /// Whatever came and went, what stays is composed as if it had been alone; only a qualified
-    /// name may be kept.
+    /// After any joining and leaving, the remaining agents are composed as if they had been alone. Only
+    /// qualified names may be kept.
     #[test]
     fn who_left_leaves_nothing(order in Just(models()).prop_shuffle(), stay in 0_usize..8) {
         let mut office = office().with(&order);

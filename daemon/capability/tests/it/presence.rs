@@ -1,4 +1,4 @@
-//! Agents come, fall silent, are masked, and go.
+//! Tests of agents that join, fall silent, are masked, and leave.
 
 use acl::Incarnation;
 use capability::Moment;
@@ -74,7 +74,7 @@ fn silence_masks_until_the_next_heartbeat() {
     assert_eq!(office.maintainer.expire(office.now).left, [id("t-1")]);
     assert_eq!(office.maintainer.next_expiry(), None);
     assert_eq!(office.beat("t-1", (1, 2), "", "").expect("a heartbeat").joined, [id("t-1")]);
-    // A heartbeat on its way does not bring a lost token back.
+    // A heartbeat that was under way does not undo the loss of a token.
     office.mask("t-1");
     assert!(office.beat("t-1", (1, 3), "", "").expect("a heartbeat").joined.is_empty());
 }

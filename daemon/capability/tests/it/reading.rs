@@ -1,4 +1,4 @@
-//! Between the machine and the contents of messages.
+//! Tests of parsing the contents of messages.
 
 use acl::content::{ChangeState, Heartbeat, Method, Methods, ModelAnnouncement};
 use acl::{Deadline, Incarnation};

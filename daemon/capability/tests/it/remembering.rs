@@ -1,4 +1,4 @@
-//! What is remembered of agents that left, for explanations.
+//! Tests that actions of agents that have left are kept for explanations.
 
 use expect_test::expect;
 

@@ -1,5 +1,4 @@
-//! A heartbeat that says what the one before it said is believed without being read, and nobody can
-//! tell.
+//! Tests that skipping heartbeats that equal the one before gives the same result as parsing them all.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -12,7 +11,7 @@ use crate::office::{Office, effects, facts, id, office, office_of, thermometer, 
 
 const AGENTS: [&str; 3] = ["turtlebot-1", "turtlebot-2", "thermometer-1"];
 
-/// What they say: of themselves, of each other, less, more.
+/// The facts of heartbeats: about the agents themselves, about each other, more or fewer.
 const WORDS: [&str; 8] = [
     "",
     "(at turtlebot-1 corridor) (= (speed turtlebot-1) 0.3)",
@@ -26,7 +25,7 @@ const WORDS: [&str; 8] = [
 
 #[derive(Clone, Debug)]
 enum Deed {
-    /// A heartbeat; mostly what was said before.
+    /// A heartbeat, usually equal to the one before.
     Beat {
         who: usize,
         word: Option<usize>,
@@ -59,7 +58,7 @@ fn deed() -> impl Strategy<Value = Deed> {
     ]
 }
 
-/// An office, and whether it reads every heartbeat.
+/// An office, and whether it parses every heartbeat.
 struct House {
     office: Office,
     reads_all: bool,
@@ -135,7 +134,7 @@ fn play(deeds: &[Deed], new: impl Fn() -> Office) -> Result<u32, TestCaseError> 
                 let (sequence, word) = (before + 1, word.unwrap_or(last));
                 said.insert(who, (sequence, word, !passes));
                 if passes {
-                    // Known for a while only: never the same again.
+                    // Facts that expire: such a heartbeat never counts as equal.
                     let beat = |house: &mut House| {
                         house.office.beat(AGENTS[who], (1, sequence), "", WORDS[word]).ok()
                     };
@@ -148,7 +147,8 @@ fn play(deeds: &[Deed], new: impl Fn() -> Office) -> Result<u32, TestCaseError> 
             }
             _ => [&mut reading, &mut repeating].map(|house| house.other(deed)),
         };
-        // What is public counts what may be seen otherwise, and so more of what is read.
+        // With a public scope, the revision also counts changes that may not be visible, and so depends
+        // on the number of parsed heartbeats.
         let counted = reading.office.eyes.is_none();
         let [read, repeated] = changes.map(|change| {
             let change = change?;

@@ -1,4 +1,4 @@
-//! What requests change while the house lives, and how the actuators' own maintainers learn of it.
+//! Tests of changes by requests at run time, and of passing them on to the maintainers of actuators.
 
 use acl::content::{Observation, Requested, RequestedSince};
 use acl::{AgentId, Deadline};
@@ -17,7 +17,7 @@ fn observed(office: &mut Office, who: &str, facts: &str, known_for: &[(&str, u64
     office.maintainer.observe(&id(who), &known, office.now).expect("room");
 }
 
-/// Tells the actuator's own maintainer what the central one has to tell.
+/// Passes all requested changes of the central maintainer on to the actuator's.
 fn tell(central: &Office, local: &mut Office) -> Requested {
     let told = central.maintainer.requested(central.now);
     let requests = Requests::read(&told, local.now).expect("PDDL");
@@ -25,7 +25,7 @@ fn tell(central: &Office, local: &mut Office) -> Requested {
     told
 }
 
-/// Tells it what is new to tell, or all if that is what it takes.
+/// Passes the changes since the last call on to the actuator's maintainer, or all if that is necessary.
 fn tell_news(central: &mut Office, local: &mut Office) -> Option<RequestedSince> {
     let Some(since) = central.maintainer.requested_since(central.now) else {
         tell(central, local);
@@ -82,7 +82,7 @@ fn observers_who_contradict_each_other_are_all_seen_and_the_newest_is_believed()
     let fact = &facts(ontology_has)[0];
     let others = office.maintainer.contradicting(fact, &Owner::Map);
     assert_eq!(others.len(), 2);
-    // Of what somebody saw not to be so, whoever says it is so contradicts.
+    // An observed `(not FACT)` is contradicted by all owners that claim the fact.
     let not = &facts("(not (connected corridor office2))")[0];
     let others = office.maintainer.contradicting(not, &Owner::Agent(id("ann")));
     assert_eq!(others[0].0, Owner::Map);
@@ -151,11 +151,11 @@ fn what_requests_changed_reaches_an_actuators_own_maintainer() {
     assert_eq!(local.known("known-temperature"), "(known-temperature office2)");
     assert_eq!(local.snapshot().problem.metric, slow);
     assert!(local.snapshot().offers().is_empty());
-    // It is told again, and is no news.
+    // Announcing the same again changes nothing.
     let told = Requests::read(&central.maintainer.requested(central.now), local.now);
     let change = local.maintainer.follow(&told.expect("PDDL"), local.now).expect("room");
     assert!(change.is_empty(), "{change:?}");
-    // What is not told any more is not so any more; what it was told keeps its time.
+    // A fact that is no longer announced is withdrawn; one that is announced again keeps its expiry.
     central
         .maintainer
         .set(&ann, &effects("(not (connected office2 corridor))"), now)
@@ -169,7 +169,7 @@ fn what_requests_changed_reaches_an_actuators_own_maintainer() {
     assert_eq!(local.known("known-temperature"), "");
 }
 
-/// Something that happens to requested facts, and whether the actuators are told afterwards.
+/// A change of requested facts, and whether it is announced to the actuators afterwards.
 #[derive(Clone, Copy, Debug)]
 struct Step {
     what: u8,
@@ -193,13 +193,13 @@ fn steps() -> impl Strategy<Value = Vec<Step>> {
     vec(step, 1..60)
 }
 
-/// What the central maintainer and, of what everybody hears, those of the actuators make of it.
+/// Applies a step to the central maintainer; heartbeats and time also to those of the actuators.
 fn happen(step: Step, beat: u64, central: &mut Office, locals: [&mut Office; 2]) {
     let Step { what, who, fact, number, .. } = step;
     let (owner, now) = (Owner::Agent(id(who)), central.now);
     let maintainer = &mut central.maintainer;
     match what {
-        // What somebody else answers for is refused.
+        // If another agent is responsible for the fact, the request is refused.
         0 => drop(maintainer.set(&owner, &effects(fact), now)),
         1 if fact.starts_with("(=") => (),
         1 => {
@@ -223,7 +223,7 @@ fn happen(step: Step, beat: u64, central: &mut Office, locals: [&mut Office; 2])
     }
 }
 
-/// What is claimed, by whom, why, and for how long.
+/// Returns all claims, each with owner, source and expiry.
 fn claims(office: &Office) -> Vec<String> {
     let mut claims = Vec::new();
     for fact in office.maintainer.provenance(office.now) {
@@ -273,7 +273,7 @@ fn news_of_requests_are_as_long_as_what_is_new() {
     let since = tell_news(&mut central, &mut local).expect("no more than facts");
     assert_eq!((since.facts.len(), since.withdrawn.len()), (0, 1));
     assert_eq!(since.withdrawn[0].fact, "(connected room-7 corridor)");
-    // Very much at once is told as a whole.
+    // If very many facts change at once, all of them are announced anew.
     for number in 1_000..2_500 {
         let fact = effects(&format!("(connected room-{number} corridor)"));
         central.maintainer.set(&ann, &fact, now).expect("room");
@@ -312,7 +312,7 @@ fn of_several_words_the_last_is_told_last() {
 fn a_word_that_is_told_does_not_go_before_what_an_owner_says_itself() {
     let mut central = office().with([turtlebot("t")]);
     let mut local = office_of("one").with([turtlebot("t"), thermometer("one")]);
-    // An effect that the robot's own heartbeats speak of is its to tell.
+    // An effect is not announced if the robot's own heartbeats report such facts.
     let moved = effects("(not (at t corridor)) (at t office2)");
     let now = central.now;
     central.maintainer.confirm(&id("t"), None, &moved, now).expect("it is here");
@@ -321,12 +321,12 @@ fn a_word_that_is_told_does_not_go_before_what_an_owner_says_itself() {
     observed(&mut central, "t", "(at t office2)", &[]);
     tell(&central, &mut local);
     assert_eq!(local.known("at"), "(at t corridor)");
-    // What it does not speak of, nobody else would tell.
+    // An effect on facts that its heartbeats do not report is announced.
     let opened = effects("(connected office2 corridor)");
     central.maintainer.confirm(&id("t"), None, &opened, now).expect("it is here");
     tell(&central, &mut local);
     assert!(local.known("connected").contains("(connected office2 corridor)"));
-    // A number that is told again does not go before that of who answers for it.
+    // A number that is announced again does not override that of the agent responsible for it.
     observed(&mut central, "ann", "(= (speed t) 9)", &[]);
     tell(&central, &mut local);
     for office in [&mut central, &mut local] {

@@ -1,11 +1,11 @@
-//! What is unknown is neither true nor false: in the state, in the domain, and after who knew it left.
+//! Tests of unknown facts: in the state, in the domain, and after the agent that knew them has left.
 
 use expect_test::expect;
 use pddl::Condition;
 
 use crate::office::{Office, facts, model, office, office_of};
 
-/// One space between words.
+/// Returns the text with single spaces between words.
 fn words(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
@@ -107,7 +107,7 @@ fn the_words_stay_when_it_becomes_known() {
 
 #[test]
 fn what_only_one_who_left_could_know_is_unknown() {
-    // The other sensor has not spoken of the room.
+    // The heartbeats of the other sensor have not contained facts about the room.
     let mut office = office().with([lamp("a"), lamp("b"), motion("m"), motion("n")]);
     office.beat("a", (1, 1), "(not (shining a))", "").expect("a heartbeat");
     office.beat("b", (1, 1), "(shining b)", "").expect("a heartbeat");
@@ -119,11 +119,11 @@ fn what_only_one_who_left_could_know_is_unknown() {
     office.remove("b");
     assert_eq!(office.known("unknown-lit"), "(unknown-lit office2)");
     assert_eq!(office.known("unknown-shining"), "", "the lamp itself is gone");
-    // It is told, so that others know it, and who is restarted does.
+    // The unknown facts are announced, so that other and restarted maintainers know them.
     let told = office.maintainer.requested(office.now);
     let facts: Vec<_> = told.facts.iter().map(|told| told.fact.as_str()).collect();
     assert_eq!(facts, ["(unknown (lit office2))", "(unknown (motion office2))"]);
-    // Who returns knows it again; somebody may say how it is.
+    // The agent that returns knows the fact again; for the other one, a request sets it.
     office.admit_life(&motion("m"), 2).expect("it is back");
     assert!(!unknown(&office, "motion"));
     let now = office.now;

@@ -1,11 +1,11 @@
-//! MA-PDDL: who acts becomes the first parameter, as it is the first argument of a plan's step; who
-//! may know what is no engine's concern.
+//! MA-PDDL: the acting agent becomes the first parameter, as it is the first argument of a plan's step.
+//! Privacy is removed, because it does not matter to engines.
 
 use std::sync::Arc;
 
 use pddl::{Domain, Privacy, Problem};
 
-/// Takes agents and privacy out.
+/// Removes agents and privacy.
 pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) {
     for action in &mut domain.actions {
         if let Some(agent) = action.agent.take() {

@@ -1,7 +1,7 @@
-//! The sizes that Metric-FF 2.1 was compiled for. Past them it says “increase MAX_PREDICATES” and
-//! ends, or worse; so they are told before it starts.
+//! The sizes that Metric-FF 2.1 is compiled for. For a larger task it prints “increase MAX_PREDICATES”
+//! and ends, or worse; so such a task is refused before Metric-FF is started.
 //!
-//! Those of the ground task (150,000 facts, 500 steps) only Metric-FF itself can tell.
+//! The limits on the ground task (150,000 facts, 500 steps) can only be checked by Metric-FF itself.
 
 use pddl::{Domain, Name, Problem, Span};
 use planner::{Text, Unsupported};
@@ -15,7 +15,7 @@ const TYPES_MAX: usize = 50;
 const ARITY_MAX: usize = 5;
 const PARAMETERS_MAX: usize = 15;
 
-/// Refuses what is too large.
+/// Returns an error if the task is too large.
 pub(super) fn refuse(domain: &Domain, problem: &Problem) -> Result<(), Unsupported> {
     let spans = |names: Vec<&Name>| names.into_iter().map(Name::span).collect::<Vec<_>>();
     let predicates = spans(domain.predicates.iter().map(|it| &it.name).collect());

@@ -1,11 +1,11 @@
 //! Costs as Fast Downward reads them: `(increase (total-cost) N)` or `(… (f ?x))`, once for each
-//! action, N and the values of `f` whole numbers that are not negative.
+//! action, where N and the values of `f` are whole numbers that are not negative.
 //!
-//! - Several costs of one action, sums, weights and fractions become one static function, tabulated
-//!   over the objects it is about, and scaled to whole numbers.
-//! - Numbers that neither a condition nor the metric reads are left out. What they need to be
-//!   applied at all, a value to start from, stays as a static predicate.
-//! - What depends on the state is refused: that is numeric planning.
+//! - Several costs of one action, sums, weights and fractions become one static function. It is
+//!   tabulated over the objects that it depends on, and scaled to whole numbers.
+//! - Numbers that neither a condition nor the metric reads are left out. A change of such a number
+//!   still requires that it has a value; that requirement becomes a static predicate.
+//! - Costs that depend on the state are refused: they would need numeric planning.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -21,19 +21,19 @@ use super::walk;
 
 const TOTAL_COST: &str = "total-cost";
 
-/// Values that one action's costs may have: a million lines of `:init`.
+/// Largest number of values that the costs of one action may have: a million lines of `:init`.
 const TABLE_MAX: usize = 1_000_000;
 
-/// The largest cost that fractions are scaled up to: two thousand such steps fit into the 31 bits
-/// that Fast Downward counts with.
+/// Largest cost that fractions are scaled up to: the sum of two thousand such steps fits into the 31
+/// bits that Fast Downward counts with.
 const SCALED_MAX: f64 = 1e6;
 
-/// The largest whole cost, where nothing needs scaling.
+/// Largest cost if all costs are whole numbers, so that no scaling is needed.
 const WHOLE_MAX: f64 = 1e9;
 
 type Values = BTreeMap<(Name, Vec<Name>), f64>;
 
-/// Leaves no number but costs; whether those compare exactly as they did.
+/// Removes all numbers but costs. Returns whether costs compare exactly as in the task.
 pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Result<bool, Unsupported> {
     let facts = Facts::of(domain, problem)?;
     let mut tables = Vec::new();
@@ -65,36 +65,36 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Result<bool, 
     Ok(scale.is_exact)
 }
 
-/// What the task says of its functions.
+/// The functions of the task and their properties.
 struct Facts {
-    /// What one unit of a function costs; none where there is no metric.
+    /// Cost of one unit of each function; empty if there is no metric.
     weights: BTreeMap<Name, f64>,
-    /// Functions that some action changes.
+    /// Functions that an action changes.
     changed: BTreeSet<Name>,
-    /// Functions that some action gives a value, whatever it was.
+    /// Functions that an action sets to a value that does not depend on the former one.
     assigned: BTreeSet<Name>,
     values: Values,
     objects: BTreeMap<Name, TypeExpr>,
     types: Types,
 }
 
-/// The numeric side of one action.
+/// The numeric part of one action.
 #[derive(Default)]
 struct Numbers {
-    /// What it costs: weights and values.
+    /// The action's costs: weights and values.
     costs: Vec<(f64, Expression)>,
-    /// Fluents that must have a value, or the action does not apply.
+    /// Fluents that must have a value for the action to be applicable.
     needs: Vec<FluentTerm>,
 }
 
-/// What surrounds an effect.
+/// The context of an effect.
 #[derive(Clone, Copy, Default)]
 struct Nesting {
     when: bool,
     forall: bool,
 }
 
-/// The costs of one action, by what its variables stand for.
+/// The costs of one action, by the objects that its variables stand for.
 struct Table {
     variables: Vec<Name>,
     values: BTreeMap<Vec<Name>, f64>,
@@ -126,7 +126,7 @@ impl Facts {
         })
     }
 
-    /// The effect without its numbers, which are kept apart.
+    /// Returns the effect without its numeric changes, which are added to `numbers`.
     fn strip(
         &self,
         effect: Effect,
@@ -157,7 +157,7 @@ impl Facts {
         }
     }
 
-    /// A change of what the metric counts.
+    /// Handles a change of a function that the metric contains.
     fn cost(
         &self,
         assign: &Assign,
@@ -189,7 +189,7 @@ impl Facts {
         Ok(())
     }
 
-    /// A change of what nobody reads. It must be possible, and that is all.
+    /// Handles a change of a function that is never read: it must be possible, but has no other effect.
     fn idle(
         &self,
         assign: &Assign,
@@ -211,7 +211,7 @@ impl Facts {
         Ok(())
     }
 
-    /// `total-cost` always has a value.
+    /// Adds `fluent` to `needs`, except `total-cost`, which always has a value.
     fn need(&self, fluent: &FluentTerm, needs: &mut Vec<FluentTerm>) {
         let is_total_cost = fluent.function == TOTAL_COST && fluent.arguments.is_empty();
         if !is_total_cost && !needs.contains(fluent) {
@@ -219,7 +219,7 @@ impl Facts {
         }
     }
 
-    /// The costs of an action for all objects that its cost is about.
+    /// Returns the costs of an action for all objects that they depend on.
     fn table(
         &self,
         action: &ActionSchema,
@@ -227,7 +227,7 @@ impl Facts {
     ) -> Result<Table, Unsupported> {
         let mut fluents: Vec<&FluentTerm> =
             costs.iter().flat_map(|(_, value)| value.fluents()).collect();
-        // What binds most comes first, so that the rest is only looked up.
+        // The fluent with the most arguments comes first, so that the others are only looked up.
         fluents.sort_by_key(|fluent| std::cmp::Reverse(fluent.arguments.len()));
         let mut variables: Vec<Name> = Vec::new();
         for term in fluents.iter().flat_map(|fluent| &fluent.arguments) {
@@ -244,7 +244,7 @@ impl Facts {
         Ok(table)
     }
 
-    /// Declares `(has'FUNCTION …)` for what some action needs a value of.
+    /// Declares `(has'FUNCTION …)` for all functions that must have a value for some action.
     fn declare_needs(&self, domain: &mut Domain, problem: &mut Problem) {
         let mut needed = BTreeMap::new();
         for action in &domain.actions {
@@ -278,7 +278,7 @@ fn has(function: &Name) -> Name {
     Name::new(&format!("{HAS}{function}"))
 }
 
-/// Adds `(has'FUNCTION …)` to the precondition.
+/// Adds `(has'FUNCTION …)` to the precondition, for all fluents in `needs`.
 fn require(action: &mut ActionSchema, needs: &[FluentTerm]) {
     if needs.is_empty() {
         return;
@@ -303,7 +303,7 @@ fn divides(expression: &Expression) -> bool {
     })
 }
 
-/// The metric as a weighted sum of functions without arguments.
+/// Adds the weights of a metric that is a weighted sum of functions without arguments.
 fn add_weights(
     expression: &Expression,
     weight: f64,
@@ -342,7 +342,7 @@ fn add_weights(
     }
 }
 
-/// Fills one table.
+/// Context for filling one table.
 struct Filling<'f> {
     facts: &'f Facts,
     action: &'f ActionSchema,
@@ -352,7 +352,7 @@ struct Filling<'f> {
 // === impl Filling ===
 
 impl Filling<'_> {
-    /// Binds the variables of the first fluent to all that has a value, and goes on to the others.
+    /// Binds the variables of the first fluent to all objects for which it has a value, and recurses.
     fn fill(
         &self,
         fluents: &[&FluentTerm],
@@ -393,7 +393,7 @@ impl Filling<'_> {
         })
     }
 
-    /// Whether the action takes the object there.
+    /// Whether the object has the type of the action's parameter.
     fn fits(&self, variable: &Name, object: &Name) -> bool {
         let parameter = self.action.parameters.iter().find(|it| it.name == *variable);
         match (parameter, self.facts.objects.get(object)) {
@@ -409,14 +409,14 @@ impl Filling<'_> {
             .costs
             .iter()
             .map(|(weight, value)| Some(weight * evaluate(value, binding, &self.facts.values)?));
-        // Without a value, as after a division by zero, the action does not apply.
+        // Without a value, for example after a division by zero, the action is not applicable.
         let sum = |all: f64, one: Option<f64>| Some(Operator::Add.apply(all, one?));
         let Some(cost) = { values }.try_fold(0.0, sum) else { return Ok(()) };
         if cost < 0.0 {
             return refuse(format!("a negative cost of `{name}`"));
         }
         let key = table.variables.iter().map(|it| binding[it].clone()).collect();
-        // Also of a zero with a sign, which nobody wants to read.
+        // This also removes the sign of a negative zero.
         table.values.insert(key, if cost > 0.0 { cost } else { 0.0 });
         if table.values.len() > TABLE_MAX {
             return refuse(format!("the cost of `{name}`: more than {TABLE_MAX} values"));
@@ -451,7 +451,7 @@ fn evaluate(
     value.is_finite().then_some(value)
 }
 
-/// How costs become whole.
+/// The factor by which costs are made whole.
 struct Scale {
     factor: f64,
     is_exact: bool,
@@ -460,11 +460,11 @@ struct Scale {
 // === impl Scale ===
 
 impl Scale {
-    /// The smallest power of ten that makes all costs whole; otherwise the largest factor that keeps
-    /// them small, and they are rounded.
+    /// Returns the smallest power of ten that makes all costs whole. If there is none, returns the
+    /// largest factor that keeps them small enough; costs are then rounded.
     fn of(costs: impl Iterator<Item = f64> + Clone) -> Scale {
         let largest = costs.clone().fold(0.0, f64::max);
-        // No more than rounding may be missing: a cost that is small is not none.
+        // Allow rounding errors only: a small cost must not become 0.
         let is_whole = |cost: f64| (cost - cost.round()).abs() <= 4.0 * f64::EPSILON * cost;
         if costs.clone().all(is_whole) && largest <= WHOLE_MAX {
             return Scale { factor: 1.0, is_exact: true };
@@ -482,7 +482,7 @@ impl Scale {
     }
 }
 
-/// Says what one action costs.
+/// Declares the cost of one action.
 fn declare_cost(
     domain: &mut Domain,
     problem: &mut Problem,

@@ -1,16 +1,17 @@
-//! From a task to the engine's dialect of it: a smaller language, other names, the same plans.
+//! Translates a task to the engine's dialect: a smaller language with other names, but the same plans.
 //!
-//! Each pass takes something out of the trees that an engine cannot read:
+//! Each pass removes something that an engine cannot read:
 //!
-//! 1. `refuse`: what no pass can take out, by name and place;
-//! 2. `agents`: who acts becomes a first parameter, and privacy is gone (MA-PDDL);
-//! 3. `costs` (Fast Downward): numbers, but for one whole, positive cost for each action;
-//!    `numbers` (Metric-FF): what it reads of arithmetic, one change a fluent;
-//! 4. `types`: `either`, several supertypes;
-//! 5. `names`: every name becomes `a-move`, `o-office1`, … and can be taken back;
-//! 6. `caps` (Metric-FF): the sizes it was compiled for.
+//! 1. `refuse`: refuses what no pass can remove, with its name and place;
+//! 2. `agents`: makes the acting agent a first parameter, and removes privacy (MA-PDDL);
+//! 3. `costs` (Fast Downward): removes numbers, except for one whole, non-negative cost of each action;
+//!    `numbers` (Metric-FF): keeps the arithmetic that it reads, with one change of each fluent;
+//! 4. `types`: removes `either` and several supertypes;
+//! 5. `names`: renames everything to `a-move`, `o-office1`, …, and can translate names back;
+//! 6. `caps` (Metric-FF): checks the sizes that it is compiled for.
 //!
-//! Names that passes invent hold a `'`, which no author's name can, until `names` takes it out.
+//! Names that passes invent contain a `'`, which is not allowed in the names of a task. The pass
+//! `names` removes it.
 
 mod agents;
 mod caps;
@@ -26,17 +27,17 @@ use planner::Unsupported;
 
 pub(crate) use names::Names;
 
-/// What an engine reads.
+/// The dialect of PDDL that an engine reads.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Dialect {
-    /// What it wants to be told that the task needs. Engines refuse flags they do not know, and
-    /// none of them wants fewer than it knows.
+    /// The requirements that are declared for every task. Engines refuse flags that they do not know;
+    /// all of them accept more flags than a task needs.
     requirements: &'static [&'static str],
-    /// Whether it knows numbers, besides costs.
+    /// Whether it supports numbers in addition to costs.
     has_numbers: bool,
-    /// Whether it knows derived predicates.
+    /// Whether it supports derived predicates.
     has_axioms: bool,
-    /// Whether there are sizes that it cannot exceed.
+    /// Whether it has limits on the size of a task.
     has_caps: bool,
 }
 
@@ -45,10 +46,10 @@ pub(crate) struct Dialect {
 pub(crate) struct Lowered {
     pub(crate) domain: String,
     pub(crate) problem: String,
-    /// The way back.
+    /// Translates names of a plan back to those of the task.
     pub(crate) names: Names,
     pub(crate) has_metric: bool,
-    /// Whether costs compare as they did: they were not rounded.
+    /// Whether costs compare exactly as in the task: they were not rounded.
     pub(crate) costs_exact: bool,
 }
 
@@ -67,7 +68,7 @@ impl Dialect {
     };
 }
 
-/// Says a task in a dialect, or says what of it cannot be said there.
+/// Translates a task to a dialect. Returns an error if a part of it has no translation.
 ///
 /// The texts must have passed `check`.
 pub(crate) fn lower(
@@ -99,7 +100,8 @@ pub(crate) fn lower(
     })
 }
 
-/// The text; with an empty `:init`, which the printer leaves out and engines insist on.
+/// Returns the text, with an empty `:init` if need be: the printer leaves it out, but engines require
+/// it.
 fn with_init(problem: &Problem) -> String {
     let text = problem.to_string();
     if problem.init.is_empty() { text.replacen("(:goal", "(:init)\n  (:goal", 1) } else { text }

@@ -1,11 +1,12 @@
-//! Names that every engine can read, and the way back.
+//! Names that every engine can read, and their translation back.
 //!
-//! `Büro@2` is an object: `o-b-ro-2`; the action `move` is `a-move`. The letter tells apart what
-//! engines confuse (types and predicates), and keeps all names clear of the engines' own words. Case
-//! is gone: some engines lower it and some raise it. Two names that come out alike are numbered.
+//! The object `Büro@2` becomes `o-b-ro-2`; the action `move` becomes `a-move`. The letter separates
+//! kinds that engines confuse (types and predicates), and keeps all names different from the engines'
+//! keywords. Case is lost: some engines lower it and some raise it. If two names become equal, they are
+//! numbered.
 //!
-//! On the way every variable gets a name of its own, so that none hides another, conditional effects
-//! lose what is nested in them, and repeated facts are said once.
+//! In addition, every variable gets a name of its own, so that none hides another; nested effects are
+//! moved out of conditional effects; and repeated facts are removed.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::Arc;
@@ -17,13 +18,13 @@ use pddl::{
 
 use super::walk;
 
-/// The one name that engines know.
+/// The only name that has a meaning to engines, and so is kept.
 const TOTAL_COST: &str = "total-cost";
 
-/// What of a long name is kept.
+/// Number of characters of a long name that are kept.
 const LENGTH_MAX: usize = 40;
 
-/// What is named. Different kinds may have one name.
+/// The kind of a named thing. Things of different kinds may have the same name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Kind {
     Type,
@@ -33,16 +34,16 @@ enum Kind {
     Action,
 }
 
-/// The names of a task in its engine's dialect.
+/// The names of a task in the engine's dialect.
 #[derive(Debug, Default)]
 pub(crate) struct Names {
     forth: BTreeMap<(Kind, Name), Name>,
-    /// Actions and objects, which plans speak of.
+    /// Actions and objects, which occur in plans.
     back: BTreeMap<String, Name>,
     taken: BTreeSet<String>,
 }
 
-/// Renames everything.
+/// Renames everything in the task.
 pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Names {
     let mut names = Names::default();
     (domain.name, problem.domain, problem.name) = ("d".into(), "d".into(), "p".into());
@@ -52,7 +53,7 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Names {
     let constants: HashSet<Name> = domain.constants.iter().map(|it| it.name.clone()).collect();
     let objects = Arc::make_mut(&mut problem.objects);
     objects.iter_mut().for_each(|it| names.typed(Kind::Object, &mut it.object));
-    // Said twice, an object is a mistake to engines.
+    // Engines reject an object that is declared twice.
     let mut said = constants;
     objects.retain(|it| said.insert(it.object.name.clone()));
     for predicate in &mut domain.predicates {
@@ -75,7 +76,7 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Names {
     names
 }
 
-/// Parameters of a signature say how many there are.
+/// Renames the parameters of a signature: only their number matters.
 fn plain(parameters: &mut [Typed]) {
     for (index, parameter) in parameters.iter_mut().enumerate() {
         parameter.name = Name::new(&format!("x{}", index + 1));
@@ -85,7 +86,7 @@ fn plain(parameters: &mut [Typed]) {
 // === impl Names ===
 
 impl Names {
-    /// A plan in the task's own names; the error is a name that none of them became.
+    /// Returns a plan with the task's own names. Returns an error with the name if one is not known.
     pub(crate) fn raise(&self, plan: Plan) -> Result<Plan, String> {
         let raise = |name: &Name| {
             self.back.get(name.as_str()).cloned().ok_or_else(|| name.spelled().to_owned())
@@ -111,7 +112,7 @@ impl Names {
         if *name == TOTAL_COST && arity == 0 { name.clone() } else { self.of(Kind::Function, name) }
     }
 
-    /// A name that nothing has yet.
+    /// Returns a new name that is not taken yet.
     fn fresh(&mut self, kind: Kind, name: &Name) -> Name {
         let letter = match kind {
             Kind::Type => 't',
@@ -146,9 +147,10 @@ impl Names {
         TypeExpr { alternatives }
     }
 
-    /// `None` for an action that changes nothing: no plan needs it, and engines stumble over it.
+    /// Returns the renamed action. Returns `None` if it changes nothing: no plan needs it, and engines
+    /// fail on it.
     fn action(&mut self, action: &ActionSchema) -> Option<ActionSchema> {
-        // Overloaded actions are told apart.
+        // Actions with the same name get different ones.
         let name = self.fresh(Kind::Action, &action.name);
         let mut scope = Scope::new(self);
         let parameters = scope.declare(&action.parameters);
@@ -168,7 +170,7 @@ impl Names {
         Derived { predicate, parameters, condition, span: axiom.span }
     }
 
-    /// What is true, once; what has a value, with its last one.
+    /// Returns the true facts, each once, and the assigned fluents, each with its last value.
     fn init(&mut self, problem: &Problem) -> Vec<InitElement> {
         let values = walk::values(problem);
         let mut said = HashSet::new();
@@ -337,8 +339,8 @@ impl<'n> Scope<'n> {
     }
 }
 
-/// A conjunction of literals and numeric changes, each group under its `forall`s, then its `when`s:
-/// the grammar of PDDL has nothing inside of `when`, and some engines hold it to that.
+/// Returns a conjunction of literals and numeric changes, each group within its `forall`s and `when`s:
+/// the grammar of PDDL allows no nesting within `when`, and some engines enforce that.
 fn flat(effect: Effect) -> Effect {
     let mut groups = Vec::new();
     flatten(effect, &mut Vec::new(), &mut Vec::new(), &mut groups);

@@ -1,5 +1,5 @@
-//! Arithmetic as Metric-FF reads it: linear, with two operands to an operator, and one change of a
-//! fluent by an action.
+//! Arithmetic as Metric-FF reads it: linear, with two operands for each operator, and one change of a
+//! fluent for each action.
 
 use std::collections::BTreeSet;
 
@@ -14,7 +14,7 @@ use super::walk;
 
 const TOTAL_COST: &str = "total-cost";
 
-/// Refuses what is not linear, and says the rest as Metric-FF wants it.
+/// Returns an error for arithmetic that is not linear, and rewrites the rest for Metric-FF.
 pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Result<(), Unsupported> {
     refuse_nonlinear(domain, problem)?;
     start_total_cost(domain, problem);
@@ -59,7 +59,7 @@ fn refuse_nonlinear(domain: &Domain, problem: &Problem) -> Result<(), Unsupporte
     first.map_or(Ok(()), Err)
 }
 
-/// 0: constant while a plan runs; 1: linear; 2: neither.
+/// Returns the degree: 0 if constant while a plan runs, 1 if linear, 2 otherwise.
 fn degree(expression: &Expression, changed: &BTreeSet<&Name>) -> u8 {
     let of = |one: &Expression| degree(one, changed);
     match expression {
@@ -79,7 +79,7 @@ fn degree(expression: &Expression, changed: &BTreeSet<&Name>) -> u8 {
     }
 }
 
-/// `total-cost` starts at 0, also where nobody said so or declared it.
+/// Declares `total-cost` with the value 0 if it is used but not declared or has no value.
 fn start_total_cost(domain: &mut Domain, problem: &mut Problem) {
     let is_used = walk::assigns(domain).iter().any(|it| it.fluent.function == TOTAL_COST);
     let metric =
@@ -102,7 +102,7 @@ fn start_total_cost(domain: &mut Domain, problem: &mut Problem) {
     }
 }
 
-/// Several increases and decreases of one fluent, side by side, as one.
+/// Merges several increases and decreases of one fluent into one.
 fn merged(effect: Effect) -> Effect {
     let Effect::And(parts) = effect else { return effect };
     let mut merged: Vec<Effect> = Vec::new();
@@ -160,7 +160,7 @@ fn condition(from: Condition) -> Condition {
     }
 }
 
-/// With the parts of conjunctions side by side, so that equal fluents meet.
+/// Flattens conjunctions, so that changes of one fluent become neighbours.
 fn effect(from: Effect) -> Effect {
     match from {
         Effect::Add(_) | Effect::Delete(_) => from,
@@ -184,7 +184,7 @@ fn effect(from: Effect) -> Effect {
     }
 }
 
-/// `(+ a b c)` as `(+ (+ a b) c)`.
+/// Converts `(+ a b c)` to `(+ (+ a b) c)`.
 fn binary(expression: Expression) -> Expression {
     match expression {
         Expression::Negate(inner) => {

@@ -1,16 +1,17 @@
-//! What no pass can take out of a task: told by name and place before anything is started.
+//! Refuses what no pass can remove from a task, with name and place, before an engine is started.
 
 use pddl::{Condition, Domain, Expression, Problem, Span};
 use planner::{Text, Unsupported};
 
 use super::{Dialect, walk};
 
-/// A refusal.
+/// Creates a refusal.
 pub(super) fn unsupported(feature: impl Into<String>, span: Span, text: Text) -> Unsupported {
     Unsupported { feature: feature.into(), span, text }
 }
 
-/// Refuses time, which neither engine knows, and what this dialect leaves out.
+/// Returns an error if the task has time, which neither engine supports, or a feature that this dialect
+/// lacks.
 pub(super) fn refuse(
     domain: &Domain,
     problem: &Problem,

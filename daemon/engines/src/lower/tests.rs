@@ -1,4 +1,4 @@
-//! What becomes of a task on its way to an engine.
+//! Tests of the translation of tasks to the engines' dialects.
 
 use expect_test::{Expect, expect};
 
@@ -7,7 +7,8 @@ use super::{Dialect, lower};
 const FAST_DOWNWARD: Dialect = Dialect::FAST_DOWNWARD;
 const METRIC_FF: Dialect = Dialect::METRIC_FF;
 
-/// A domain's parts and a problem's parts, in a dialect; both texts, or the refusal and its place.
+/// Translates the sections of a domain and a problem to a dialect; returns both texts, or the refusal
+/// and its place.
 #[track_caller]
 fn check(dialect: Dialect, domain: &str, problem: &str, expected: Expect) {
     let domain_text = format!("(define (domain x) {domain})");

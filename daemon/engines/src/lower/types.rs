@@ -1,9 +1,9 @@
-//! `either` and several supertypes: what engines with one supertype a type cannot say becomes a
-//! static predicate that is true of the type's objects.
+//! Removes `either` and several supertypes: engines allow one supertype for each type, so that other
+//! type expressions become static predicates that hold for their objects.
 //!
 //! `?x - (either a b)` becomes `?x` with `(is'1 ?x)` in the precondition, under the quantifier, or
-//! before the effect. Where a type of the hierarchy has several supertypes or an object several
-//! types, all types become predicates.
+//! before the effect. If a type has several supertypes, or an object several types, all types become
+//! predicates.
 
 use std::sync::Arc;
 
@@ -12,7 +12,8 @@ use pddl::{
     Span, Term, TypeExpr, Typed, Types,
 };
 
-/// Leaves at most one supertype for each type, one type for each object, and no `either`.
+/// Changes the task so that each type has at most one supertype, each object one type, and no `either`
+/// is left.
 pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) {
     let types = Types::of(domain);
     let hierarchy = hierarchy(domain, problem, &types);
@@ -29,7 +30,8 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) {
         axiom.condition = both(guarding, guards.condition(condition));
     }
     problem.goal = guards.condition(std::mem::take(&mut problem.goal));
-    // Predicates and functions are not typed: no engine needs it, and some want no empty types here.
+    // Predicates and functions get no types: no engine needs them, and some reject types without
+    // objects.
     let signatures = domain.predicates.iter_mut().map(|it| &mut it.parameters);
     for parameters in signatures.chain(domain.functions.iter_mut().map(|it| &mut it.parameters)) {
         parameters.iter_mut().for_each(|parameter| parameter.ty = TypeExpr::default());
@@ -42,7 +44,7 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) {
     domain.types = hierarchy.unwrap_or_default();
 }
 
-/// The types, each with one supertype; `None` where they are no tree.
+/// Returns the types, each with one supertype; `None` if they do not form a tree.
 fn hierarchy(domain: &Domain, problem: &Problem, types: &Types) -> Option<Vec<Typed>> {
     let is_single = |typed: &Typed| typed.ty.is_object() || typed.ty.alternatives.len() == 1;
     let objects = problem.objects.iter().map(|it| &it.object);
@@ -66,7 +68,7 @@ fn hierarchy(domain: &Domain, problem: &Problem, types: &Types) -> Option<Vec<Ty
         .collect()
 }
 
-/// The type expressions that became predicates.
+/// The type expressions that have become predicates.
 struct Guards {
     has_types: bool,
     seen: Vec<TypeExpr>,
@@ -75,7 +77,7 @@ struct Guards {
 // === impl Guards ===
 
 impl Guards {
-    /// Takes the types away that cannot stand, and says what must hold instead.
+    /// Removes types that cannot be kept, and returns the conditions that replace them.
     fn of(&mut self, variables: &mut [Typed]) -> Vec<Condition> {
         let mut guarding = Vec::new();
         for variable in variables {
@@ -152,7 +154,7 @@ impl Guards {
         }
     }
 
-    /// Declares the predicates and says of whom they are true.
+    /// Declares the predicates, and adds the objects for which they hold to `:init`.
     fn declare(&self, domain: &mut Domain, problem: &mut Problem, types: &Types) {
         let declared = problem.objects.iter().map(|it| &it.object);
         let objects: Vec<Typed> = domain.constants.iter().chain(declared).cloned().collect();

@@ -1,9 +1,9 @@
-//! What a task consists of, for those that look and do not change.
+//! Read-only iteration over the parts of a task.
 
 use pddl::{Assign, Condition, Domain, Effect, FluentTerm, InitElement, Problem};
 use planner::Text;
 
-/// Every numeric change that actions make.
+/// Returns every numeric change that actions make.
 pub(super) fn assigns(domain: &Domain) -> Vec<&Assign> {
     let parts = domain.actions.iter().flat_map(|action| action.effect.parts());
     let assigns = parts.filter_map(|part| match part {
@@ -13,7 +13,7 @@ pub(super) fn assigns(domain: &Domain) -> Vec<&Assign> {
     assigns.collect()
 }
 
-/// Every condition of the task, the goal among them, and which text it is of.
+/// Calls `look` for every condition of the task, including the goal, with the text that it is in.
 pub(super) fn all_conditions<'t>(
     domain: &'t Domain,
     problem: &'t Problem,
@@ -33,7 +33,8 @@ pub(super) fn all_conditions<'t>(
     problem.goal.parts().for_each(|part| look(part, Text::Problem));
 }
 
-/// The values that `:init` gives; the last one counts, as for the validator.
+/// Returns the values that `:init` gives. If it gives several, the last one counts, as for the
+/// validator.
 pub(super) fn values(
     problem: &Problem,
 ) -> std::collections::BTreeMap<(pddl::Name, Vec<pddl::Name>), f64> {
@@ -44,7 +45,7 @@ pub(super) fn values(
     assigned.map(|(fluent, value)| (ground(fluent), value)).collect()
 }
 
-/// A fluent without variables, as something to look up.
+/// Returns a ground fluent as a key for look-ups.
 pub(super) fn ground(fluent: &FluentTerm) -> (pddl::Name, Vec<pddl::Name>) {
     let objects = fluent.arguments.iter().map(|term| term.name().clone());
     (fluent.function.clone(), objects.collect())

@@ -1,4 +1,4 @@
-//! Every feature of the language, with a plan that an independent validator accepts.
+//! Tests that the plan for every feature of the language is accepted by an independent validator.
 
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -11,7 +11,7 @@ use crate::features::{FEATURES, Feature, Judges, domain_of, texts};
 use crate::following;
 use crate::support::{fast_downward, parse, run, unified_planning};
 
-/// The embedded planner's plan.
+/// Returns the embedded planner's plan.
 fn embedded(feature: &Feature) -> pddl::Plan {
     let (domain, problem) = texts(feature);
     let (domain, problem) = parse(&domain, &problem);
@@ -68,7 +68,7 @@ fn an_independent_validator_accepts_the_plans() {
     assert_eq!(verdicts.len(), judged.len(), "a verdict for each feature");
 }
 
-/// The task in a form that unified-planning can read.
+/// Returns the task in a form that unified-planning can read.
 fn for_unified_planning(feature: &Feature) -> (String, String) {
     let (domain, problem) = texts(feature);
     match feature.by {
@@ -93,7 +93,7 @@ fn fast_downward_follows_the_plans_that_no_other_validator_can_read() {
             run(&installation, &domain, &problem, &options).expect("it can be read").ending
         };
         assert_eq!(ends(&plan.steps), Ending::GoalReached, "{}", feature.name);
-        // It can say no: the plan without its last step.
+        // The validator must reject the plan without its last step.
         let short = &plan.steps[..plan.steps.len() - 1];
         assert!(matches!(ends(short), Ending::Unsolvable { .. }), "{}", feature.name);
     }

@@ -1,7 +1,7 @@
-//! Generated small tasks: what the embedded planner says is what Fast Downward says.
+//! Tests on generated small tasks that the embedded planner and Fast Downward agree.
 //!
-//! Solvable where the other finds a plan, of equal cost where it is proven the cheapest. Every task
-//! comes of its number alone, so a failure can be played again.
+//! They must agree on solvability, and on the cost if it is proved to be the least. Every task follows
+//! from its number, so that a failure can be reproduced.
 
 use std::fmt::Write as _;
 
@@ -10,13 +10,13 @@ use planner::{Cancel, StopReason};
 
 use crate::support::{PATIENCE, fast_downward, parse, run};
 
-/// How many tasks; each kind has a quarter of them.
+/// Number of tasks; a quarter of them is of each kind.
 const TASKS: u64 = 40;
 
-/// What a task has besides STRIPS.
+/// Features of a task in addition to STRIPS.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
-    /// Nothing but costs.
+    /// Costs only.
     Strips,
     /// Negation, disjunction, quantifiers, equality.
     Adl,
@@ -28,7 +28,7 @@ enum Kind {
 
 const KINDS: [Kind; 4] = [Kind::Strips, Kind::Adl, Kind::Conditional, Kind::Derived];
 
-/// A source of numbers, all of which come of the seed (splitmix64), and how many objects a task has.
+/// Random numbers that follow from the seed (splitmix64), and the number of objects of a task.
 struct Dice {
     state: u64,
     objects: u64,
@@ -37,7 +37,8 @@ struct Dice {
 // === impl Dice ===
 
 impl Dice {
-    /// One to four objects: with one, a variable has one value, and much that is lifted is ground.
+    /// Returns one to four: with one object, a variable has one value only, and much that is lifted is
+    /// ground.
     fn new(seed: u64) -> Dice {
         let mut dice = Dice { state: seed, objects: 1 };
         dice.objects = 1 + dice.below(4);
@@ -56,7 +57,7 @@ impl Dice {
         self.below(bound) == 0
     }
 
-    /// A variable of `variables`, or now and then an object.
+    /// Returns one of `variables`, or sometimes an object.
     fn term(&mut self, variables: u64) -> String {
         if variables > 0 && !self.one_in(4) {
             format!("?v{}", self.below(variables))
@@ -80,7 +81,7 @@ impl Dice {
         if is_negative { format!("(not {atom})") } else { atom }
     }
 
-    /// One part of a condition.
+    /// Returns one part of a condition.
     fn part(&mut self, kind: Kind, variables: u64) -> String {
         let own = format!("?v{variables}");
         match (kind, self.below(6)) {
@@ -137,7 +138,7 @@ impl Dice {
         )
     }
 
-    /// A domain and a problem.
+    /// Returns a domain and a problem.
     fn task(&mut self, kind: Kind) -> (String, String) {
         let objects = (0..self.objects)
             .map(|index| format!("o{index} - {} ", if index < 2 { "t" } else { "object" }));
@@ -173,8 +174,8 @@ impl Dice {
     }
 }
 
-/// The first of some tasks that takes the embedded planner more than a step; of every third number
-/// the first at all, as most of what is generated has no plan.
+/// Returns the first of some tasks that takes the embedded planner more than one step. For every third
+/// number, returns the first task without this condition: most generated tasks have no plan.
 fn task(number: u64, kind: Kind) -> (String, String) {
     let wants_steps = !number.is_multiple_of(3);
     let tasks = (0..40).map(|attempt| Dice::new(number * 1_000 + attempt).task(kind));
@@ -188,7 +189,7 @@ fn task(number: u64, kind: Kind) -> (String, String) {
     tasks.next().unwrap_or_else(|| Dice::new(number * 1_000).task(kind))
 }
 
-/// What both say of one task: the least cost, or that there is no plan.
+/// Returns both results for one task: the least cost, or that there is no plan.
 fn compare(installation: &Installation, number: u64) -> Option<(f64, usize)> {
     let kind = KINDS[usize::try_from(number).expect("small") % KINDS.len()];
     let (domain, problem) = task(number, kind);
@@ -231,12 +232,12 @@ fn fast_downward_and_the_embedded_planner_agree_on_ten_thousand_tasks() {
     agree(0..10_000);
 }
 
-/// Holds the answers on so many tasks against each other.
+/// Compares the results for so many tasks.
 fn agree(numbers: std::ops::Range<u64>) {
     let Some(installation) = fast_downward() else { return };
     let tasks = usize::try_from(numbers.end - numbers.start).expect("small");
     let answers: Vec<_> = numbers.map(|number| compare(&installation, number)).collect();
-    // Tasks that are all trivial or all hopeless would show nothing.
+    // Tasks that are all trivial or all unsolvable would prove nothing.
     let solvable = answers.iter().flatten().count();
     let long = answers.iter().flatten().filter(|(_, steps)| *steps > 1).count();
     let figures = format!("{solvable} of {tasks} solvable, {long} in more than one step");

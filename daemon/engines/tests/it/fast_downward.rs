@@ -1,4 +1,4 @@
-//! Fast Downward as it is installed, and a stand-in that lies as programs do.
+//! Tests with the installed Fast Downward, and with a stand-in that returns wrong results.
 
 use engines::{Aim, Ending, Engine, EngineError, Installation, Options};
 
@@ -49,7 +49,7 @@ fn it_plans_for_the_buildings_as_the_embedded_planner_does() {
         let text = |file| repository(&format!("daemon/planner/benches/{building}/{file}.pddl"));
         (text("domain"), text("problem"))
     };
-    // Batteries are numbers.
+    // A battery level is a number, which Fast Downward does not support.
     let (domain, problem) = texts("scenarios/1-temperatures");
     let err = run(&installation, &domain, &problem, &Options::default()).expect_err("numeric");
     let EngineError::Unsupported { unsupported, .. } = &err else { panic!("{err:?}") };
@@ -71,7 +71,7 @@ fn it_plans_for_the_buildings_as_the_embedded_planner_does() {
 fn what_has_no_plan_is_proven() {
     let Some(installation) = fast_downward() else { return };
     for domain in [
-        // Nothing reaches it; something would, if it did not destroy what it needs.
+        // No plan reaches the goal; one would if the action did not delete its own precondition.
         "(define (domain x) (:predicates (p) (q) (r)) (:action go :effect (p)))",
         "(define (domain x) (:predicates (p) (q) (r)) (:action start :effect (p))
            (:action go :precondition (and (p) (not (r))) :effect (q))
@@ -94,9 +94,9 @@ fn costs_are_recomputed_and_not_believed() {
         assert!(!outcome.proven_optimal);
         outcome.plan.and_then(|plan| plan.cost).map(|cost| cost.0)
     };
-    // Of two cost effects it counts the last, and its costs are tenfold here.
+    // Fast Downward counts only the last of two cost effects, and costs are multiplied by ten here.
     assert_eq!(cost(&stand_in("0", "(a-go )\n; cost = 5 (general cost)\n", "")), Some(2.5));
-    // Numbered: the later is the better. Half written: the one before.
+    // Of numbered plans, the last is the best; if that is incomplete, the one before it is used.
     assert_eq!(cost(&stand_in("2", "", "(A-WAIT)\n")), Some(9.0));
     assert_eq!(cost(&stand_in("3", "(a-wait)\n", "(a-go)")), Some(2.5));
     assert_eq!(cost(&stand_in("3", "(a-wait)\n", "(a-go")), Some(9.0));

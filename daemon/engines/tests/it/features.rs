@@ -1,30 +1,31 @@
-//! A small task for every feature of the language: what the planner supports, example by example.
+//! A small task for every feature of the language that the planner supports.
 
-/// A feature, in a task that cannot be solved without it.
+/// A feature, with a task that cannot be solved without it.
 pub(crate) struct Feature {
     pub(crate) name: &'static str,
     /// Sections of the domain.
     pub(crate) domain: &'static str,
     /// Sections of the problem.
     pub(crate) problem: &'static str,
-    /// What the cheapest plan costs; its steps, where there is no metric.
+    /// Cost of the cheapest plan; number of its steps if there is no metric.
     pub(crate) cost: f64,
     pub(crate) by: Judges,
 }
 
-/// Who besides our own validator can be asked.
+/// The external programs that a feature is checked with, in addition to the own validator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Judges {
-    /// unified-planning accepts the plan, and Fast Downward finds one.
+    /// Both: unified-planning accepts the plan, and Fast Downward finds one.
     Both,
-    /// Both, unified-planning once our printer has put the texts in order.
+    /// Both, but unified-planning only reads the texts as the own printer writes them.
     Printed,
-    /// unified-planning alone: Fast Downward knows no numbers.
+    /// Only unified-planning: Fast Downward does not support numbers.
     Validator,
-    /// Fast Downward alone, as unified-planning cannot read this: its cheapest plan costs the same,
-    /// and told to follow ours, step by step, it reaches the goal (`following.rs`).
+    /// Only Fast Downward, because unified-planning cannot read the task. Its cheapest plan has the
+    /// same cost, and with the steps of our plan as its only choice it reaches the goal
+    /// (`following.rs`).
     FastDownward,
-    /// Both, unified-planning by this domain: it says the same in words that it can read.
+    /// Both, but unified-planning reads this domain instead, which means the same.
     Twin(&'static str),
 }
 
@@ -178,7 +179,7 @@ pub(crate) const FEATURES: &[Feature] = &[
     ),
     feature(
         "sums of several cost effects",
-        // unified-planning reads `total-cost` in its own way, and then misses its value.
+        // unified-planning treats `total-cost` specially, and then does not find its value.
         FastDownward,
         12.0,
         "(:requirements :strips :action-costs) (:predicates (q ?x))
@@ -292,13 +293,13 @@ pub(crate) const FEATURES: &[Feature] = &[
     ),
 ];
 
-/// The texts of a feature's task.
+/// Returns the texts of a feature's task.
 pub(crate) fn texts(feature: &Feature) -> (String, String) {
     let problem = format!("(define (problem p) (:domain d) {})", feature.problem);
     (domain_of(feature.domain), problem)
 }
 
-/// The text of a domain with these sections.
+/// Returns the text of a domain with these sections.
 pub(crate) fn domain_of(sections: &str) -> String {
     format!("(define (domain d) {sections})")
 }

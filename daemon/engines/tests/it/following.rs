@@ -1,15 +1,14 @@
-//! Makes a validator of a planner: a task whose only way to the goal is a given plan.
+//! Uses a planner as a validator: makes a task in which a given plan is the only way to the goal.
 //!
-//! Each step of the plan becomes an action of its own, with its arguments fixed, possible once and
-//! in its turn. Whether the goal can be reached then is whether the plan works, by all that the
-//! planner knows of the language.
+//! Each step of the plan becomes an action with fixed arguments that is possible once, in its order.
+//! The goal can be reached exactly if the plan is valid by the planner's semantics.
 
 use pddl::{Atom, Condition, Domain, Effect, Name, PlanStep, Problem, Span, Term};
 
-/// The texts of a domain and a problem that leave the choice between these steps and none.
+/// Returns the texts of a domain and a problem that allow these steps only.
 pub(crate) fn task((domain, problem): &(Domain, Problem), steps: &[PlanStep]) -> (String, String) {
     let (mut domain, mut problem) = (domain.clone(), problem.clone());
-    // Steps name objects, so that the domain has to know them.
+    // Steps name objects, so that the domain must declare them.
     let objects = std::mem::take(&mut problem.objects);
     domain.constants.extend(objects.iter().map(|declared| declared.object.clone()));
     let schemas = std::mem::take(&mut domain.actions);

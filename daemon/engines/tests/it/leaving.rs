@@ -1,4 +1,4 @@
-//! What an engine leaves behind: no process, no file, whoever ends it and however.
+//! Tests that an engine leaves no process and no file, in whatever way it is ended.
 
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read as _};
@@ -15,7 +15,7 @@ use crate::support::{PATIENCE, fake, fast_downward, parse, run};
 const DOMAIN: &str = "(define (domain x) (:predicates (q)) (:action go :effect (q)))";
 const PROBLEM: &str = "(define (problem y) (:domain x) (:init) (:goal (q)))";
 
-/// Thirty lights, and a step for each combination that has to be passed: 2^30 states.
+/// Thirty lights, with an action for each combination that has to be passed: 2^30 states.
 fn endless() -> (String, String) {
     let mut domain = "(define (domain x) (:predicates".to_owned();
     let mut actions = String::new();
@@ -32,14 +32,14 @@ fn endless() -> (String, String) {
     (format!("{domain}){actions})"), problem)
 }
 
-/// A pipe with a name; and what the hanging engine tells it.
+/// A named pipe, to which the hanging engine writes.
 struct Confession {
     _folder: tempfile::TempDir,
     pipe: PathBuf,
     told: mpsc::Receiver<Told>,
 }
 
-/// The first line that was written, then the end of the last writer.
+/// Reads the first line that is written, then waits until the last writer has closed the pipe.
 enum Told {
     Line(String),
     AllDead,
@@ -69,7 +69,7 @@ impl Confession {
         fake(Engine::FastDownward, "hang.sh", &[&pipe])
     }
 
-    /// Waits until the engine hangs; its folder.
+    /// Waits until the engine hangs; returns its folder.
     fn await_folder(&self) -> PathBuf {
         match self.told.recv_timeout(PATIENCE).expect("the engine starts") {
             Told::Line(line) => {
@@ -79,14 +79,14 @@ impl Confession {
         }
     }
 
-    /// Waits until nobody of the engine's lives.
+    /// Waits until no process of the engine is left.
     fn await_death(&self) {
         let told = self.told.recv_timeout(PATIENCE).expect("nobody of the engine's lives");
         assert!(matches!(told, Told::AllDead));
     }
 }
 
-/// Waits until something holds that sends no event.
+/// Waits until a condition holds that sends no event.
 #[track_caller]
 fn eventually(what: &str, holds: impl Fn() -> bool) {
     let deadline = Instant::now() + PATIENCE;
@@ -96,13 +96,13 @@ fn eventually(what: &str, holds: impl Fn() -> bool) {
     }
 }
 
-/// Processes of a group that still run; the dead whom nobody has buried do not count.
+/// Returns the processes of a group that still run; zombies do not count.
 fn alive(group: &str) -> Vec<String> {
     let all = std::fs::read_dir("/proc").expect("/proc").filter_map(Result::ok);
     let stats = all.filter_map(|entry| std::fs::read_to_string(entry.path().join("stat")).ok());
     stats
         .filter(|stat| {
-            // `PID (NAME) STATE PARENT GROUP …`, and a name may hold anything.
+            // The format is `PID (NAME) STATE PARENT GROUP …`, and NAME may contain any character.
             let after = stat.rsplit_once(')').map_or("", |(_, after)| after);
             let fields: Vec<&str> = after.split_whitespace().collect();
             matches!(fields[..], [state, _, of, ..] if of == group && state != "Z" && state != "X")
@@ -139,7 +139,7 @@ fn a_cancelled_engine_ends_and_leaves_nothing() {
     assert!(!folder.exists(), "{}", folder.display());
 }
 
-/// Names the pipe for [`a_process_that_plans`].
+/// Environment variable with the pipe for [`a_process_that_plans`].
 const PIPE: &str = "ALTHING_TEST_PIPE";
 
 #[test]
@@ -155,7 +155,7 @@ fn a_process_that_plans() {
 fn a_process_that_is_killed_takes_its_engine_along() {
     for signal in ["KILL", "TERM", "INT"] {
         let confession = Confession::new();
-        // Whoever runs the tests in the background may have them ignore interrupts.
+        // A shell may let tests in the background ignore interrupts.
         let mut process = Command::new("env")
             .arg("--default-signal=INT")
             .arg(std::env::current_exe().expect("this program"))
@@ -175,7 +175,7 @@ fn a_process_that_is_killed_takes_its_engine_along() {
     }
 }
 
-/// The real one, that tells a file its process group.
+/// The real engine, in a script that writes its process group to a file.
 fn traced(installation: &[&str], file: &Path) -> Installation {
     let file = file.display().to_string();
     fake(Engine::FastDownward, "traced.sh", &[&[file.as_str()], installation].concat())

@@ -1,13 +1,13 @@
-//! The adapter of Metric-FF, on what Metric-FF says.
+//! Tests of the adapter of Metric-FF, on recorded outputs.
 //!
-//! No package registry has Metric-FF, so a stand-in replays its words. They are of the shape of
+//! No package registry has Metric-FF, so that a stand-in replays its output. The format is that of
 //! published logs of version 2.1, with the names of the task below.
 
 use engines::{Ending, Engine, EngineError, Installation, Options};
 
 use crate::support::{fake, repository, run};
 
-/// A painter, an ä, a case that is not kept, and two costs.
+/// A task with names with an `ä` and with upper case, and with two costs.
 const DOMAIN: &str = "(define (domain x) (:predicates (at ?x) (painted ?x))
     (:functions (total-cost) (length ?x ?y))
     (:action Move :parameters (?x ?y) :precondition (at ?x)
@@ -28,7 +28,7 @@ fn problem_for(goal: &str, metric: bool) -> String {
     )
 }
 
-/// Metric-FF saying one thing with costs and another without, and ending with a code.
+/// A stand-in for Metric-FF with one output with costs, another without, and an exit code.
 fn ff(with_costs: &str, without_costs: &str, code: &str) -> Installation {
     fake(Engine::MetricFf, "replay.sh", &[with_costs, without_costs, code])
 }
@@ -48,7 +48,7 @@ fn a_plan_comes_back_in_the_tasks_names_with_a_cost_of_our_own() {
     let steps = "(Move Büro Halle) (paint Halle)";
     let (plan, cost) = solved(&ff("none", "plan.txt", "0"), false);
     assert_eq!((plan.as_str(), cost), (steps, 2.0), "two steps; `REACH-GOAL` is none");
-    // It says 99, in single precision.
+    // The output says 99, in single precision.
     let (plan, cost) = solved(&ff("plan-with-cost.txt", "none", "0"), true);
     assert_eq!((plan.as_str(), cost), (steps, 3.5));
 }

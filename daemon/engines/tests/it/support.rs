@@ -1,4 +1,4 @@
-//! What the tests share: parsing, and engines that are there, or loudly not.
+//! Shared by the tests: parsing, and engines that are installed; if one is missing, this is reported.
 
 #[path = "../../../../tests/support/left_out.rs"]
 mod left_out;
@@ -11,7 +11,7 @@ use engines::{Engine, EngineError, Installation, Options, Outcome, plan};
 use pddl::{Domain, Problem};
 use planner::Cancel;
 
-/// How long anything may take on a machine that is busy with other tests.
+/// Time limit of a test on a machine that is busy with other tests.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(120);
 
 #[track_caller]
@@ -23,7 +23,7 @@ pub(crate) fn parse(domain: &str, problem: &str) -> (Domain, Problem) {
     (domain.value.expect("a domain"), problem.value.expect("a problem"))
 }
 
-/// Fast Downward, if it is installed. With `CI=true` it must be.
+/// Returns Fast Downward if it is installed. With `CI=true` it must be.
 #[track_caller]
 pub(crate) fn fast_downward() -> Option<Installation> {
     match Installation::find(Engine::FastDownward) {
@@ -32,7 +32,7 @@ pub(crate) fn fast_downward() -> Option<Installation> {
     }
 }
 
-/// The Python that has unified-planning, if there is one. With `CI=true` there must be.
+/// Returns a Python that has unified-planning, if there is one. With `CI=true` there must be.
 #[track_caller]
 pub(crate) fn unified_planning() -> Option<PathBuf> {
     let has_it = std::process::Command::new("python3")
@@ -60,7 +60,7 @@ pub(crate) fn run(
     plan(installation, &domain, &problem, options, &Cancel::new())
 }
 
-/// A stand-in for an engine: a shell script of `tests/fake`, with arguments.
+/// Returns a stand-in for an engine: a shell script of `tests/fake`, with arguments.
 pub(crate) fn fake(engine: Engine, script: &str, arguments: &[&str]) -> Installation {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fake");
     let script: [OsString; 2] = ["sh".into(), folder.join(script).into()];
@@ -68,7 +68,7 @@ pub(crate) fn fake(engine: Engine, script: &str, arguments: &[&str]) -> Installa
     Installation::of(engine, script.into_iter().chain(arguments))
 }
 
-/// A file of the repository.
+/// Reads a file of the repository.
 pub(crate) fn repository(path: &str) -> String {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..").join(path);
     std::fs::read_to_string(&path).unwrap_or_else(|err| panic!("{}: {err}", path.display()))
